@@ -149,7 +149,7 @@ def complete(
         features: list[TemplateFit] = []
         wanted = options.features
         if wanted is not None and wanted.stated is not None:
-            features = place_openings(wanted.stated, surfaces, world_from_reference.inverse())
+            features = place_openings(wanted.stated, surfaces, observations, world_from_reference.inverse())
         elif wanted is not None:
             features = find_openings(
                 surfaces,

@@ -26,6 +26,8 @@ KNOWN: dict[str, tuple[str, ...]] = {
 }
 """What may be given of each kind of feature; lengths in the unit of the input."""
 
+_COUNTS, _MOST = ("count", "count_2"), 1000  # of holes, of steps
+
 
 def read_given(path: str | os.PathLike[str], kinds: Sequence[str]) -> dict[str, Given]:
     """Return what a file says of each of some kinds.
@@ -52,6 +54,10 @@ def read_given(path: str | os.PathLike[str], kinds: Sequence[str]) -> dict[str, 
                 raise InputError(f"{source}: {kind}: {name} cannot be given; {_may_be([kind])}")
         merged = {**{n: v for n, v in general.items() if n in KNOWN[kind]}, **own}
         out[kind] = {name: _number(source, name, value) for name, value in merged.items()}
+        for name in set(_COUNTS) & set(out[kind]):
+            if not out[kind][name].is_integer() or not 2 <= out[kind][name] <= _MOST:
+                told = f"must be a whole number from 2 to {_MOST}, got {merged[name]!r}"
+                raise InputError(f"{source}: {name} {told}")
     return out
 
 

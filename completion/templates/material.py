@@ -35,11 +35,12 @@ def of_points(points: FloatArray, *, faces: IntArray | None = None, noise: float
     Raises
     ------
     InputError
-        Fewer than 20 points, or not finite.
+        Fewer than 20 points, not finite, or all at one place.
     """
     held = check_points("points", points)
     if len(held) < _FEWEST:
         raise InputError(f"features need {_FEWEST} points at least, got {len(held)}")
+    _check_extent(held)
     spacing, rough = _spacing_and_noise(held)
     return Measured(held, rough if noise is None else float(noise), spacing, faces=faces)
 
@@ -64,8 +65,14 @@ def of_scans(scans: Sequence[RangeImage], *, sigma_m: float | None = None) -> Me
     if len(back) < _FEWEST:
         raise InputError(f"features need {_FEWEST} points at least, got {len(back)}")
     held = np.concatenate(points)[back]
+    _check_extent(held)
     spacing, _ = _spacing_and_noise(held)
     return Measured(held, float(np.median(noise)), spacing, beams=beams, beam_of_point=back)
+
+
+def _check_extent(points: FloatArray) -> None:
+    if not np.ptp(points, axis=0).any():
+        raise InputError(f"all {len(points)} points lie at one place: there is nothing to find")
 
 
 def _spacing_and_noise(points: FloatArray) -> tuple[float, float]:

@@ -47,14 +47,23 @@ class FeatureRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Input:
-    """What was read: scans, or points with their places in the file."""
+    """What was read: scans, or points, perhaps a mesh's, with their places in the file."""
 
     points: FloatArray
-    scans: tuple[RangeImage, ...] = ()
-    measured: Measured | None = None
+    material: tuple[RangeImage, ...] | Measured
     rows: IntArray | None = None
     n_rows: int = 0
     warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def scans(self) -> tuple[RangeImage, ...]:
+        """The scans; none where it is points."""
+        return () if isinstance(self.material, Measured) else self.material
+
+    @property
+    def faces(self) -> IntArray | None:
+        """The triangles of a mesh."""
+        return self.material.faces if isinstance(self.material, Measured) else None
 
 
 def run_feature(shared: Shared, request: ScanRequest, how: FeatureRequest) -> None:
@@ -69,7 +78,7 @@ def run_feature(shared: Shared, request: ScanRequest, how: FeatureRequest) -> No
         if set(how.kinds) & set(OPENINGS):
             run.will_call(log_likelihoods, 20)
         features = find_features(
-            held.scans or _material(held),
+            held.material,
             how.kinds,
             given=given,
             evaluations=how.evaluations,
@@ -93,11 +102,6 @@ def run_feature(shared: Shared, request: ScanRequest, how: FeatureRequest) -> No
         )
         run.report(page, options)
         run.finish(options, summary_of(features), lines_of(features))
-
-
-def _material(held: _Input) -> Measured:
-    assert held.measured is not None
-    return held.measured
 
 
 def _read(request: ScanRequest, kinds: Sequence[str]) -> _Input:
@@ -125,7 +129,7 @@ def _read(request: ScanRequest, kinds: Sequence[str]) -> _Input:
         measured = of_points(file.points, faces=faces)
     except InputError as error:
         raise InputError(f"{paths[0]}: {error}") from None
-    return _Input(file.points, (), measured, rows=file.rows, n_rows=file.n_rows, warnings=file.warnings)
+    return _Input(file.points, measured, file.rows, n_rows=file.n_rows, warnings=file.warnings)
 
 
 def _write(run: Run, features: Features, held: _Input, how: FeatureRequest) -> None:
@@ -140,8 +144,7 @@ def _write(run: Run, features: Features, held: _Input, how: FeatureRequest) -> N
         "green": _placed(colour[:, 1], held, 0),
         "blue": _placed(colour[:, 2], held, 0),
     }
-    faces = None if held.measured is None else held.measured.faces
-    write_mesh_ply(run.path("features.ply"), _placed(held.points, held, np.nan), faces, told, _LEGEND)
+    write_mesh_ply(run.path("features.ply"), _placed(held.points, held, np.nan), held.faces, told, _LEGEND)
 
 
 def _placed(values: NDArray[Any], held: _Input, without: float) -> NDArray[Any]:

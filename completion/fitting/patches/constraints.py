@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.linalg import qr
@@ -86,10 +86,9 @@ def _told(side: SideName, boundaries: Boundaries) -> tuple[bool, bool]:
     join = boundaries[side].join
     ends = list[bool]()
     for end in ("0", "1"):
-        other = boundaries.get("v" + end if side[0] == "u" else "u" + end)  # type: ignore[call-overload]
-        is_plane = other is not None and isinstance(other.surface, Plane)
-        ends.append(
-            is_plane
-            and (other.join is Join.ORTHOGONAL or (join is Join.TANGENT and other.join is Join.TANGENT))
-        )
+        other = boundaries.get(cast(SideName, ("v" if side[0] == "u" else "u") + end))
+        if other is None or not isinstance(other.surface, Plane):
+            ends.append(False)
+            continue
+        ends.append(other.join is Join.ORTHOGONAL or join is Join.TANGENT is other.join)
     return ends[0], ends[1]

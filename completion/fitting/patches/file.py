@@ -135,9 +135,9 @@ def _surface(held: object, source: str, join: Join) -> tuple[Plane | Cylinder, J
 
 def _numbers(held: object, name: str, source: str) -> Any:
     """A vector of three numbers, or of a radius one."""
-    many = [held] if name == "radius" else held
-    is_good = isinstance(many, list) and len(many) == (1 if name == "radius" else 3)
-    if not is_good or not all(type(one) in (int, float) and np.isfinite(one) for one in many):  # type: ignore[attr-defined]
+    many: list[Any] = [held] if name == "radius" else held if isinstance(held, list) else []
+    is_good = len(many) == (1 if name == "radius" else 3)
+    if not is_good or not all(type(one) in (int, float) and np.isfinite(one) for one in many):
         what = "a number" if name == "radius" else "three numbers"
         raise InputError(f'{source}: "{name}" is {what} (metres), got {held!r}')
     return held

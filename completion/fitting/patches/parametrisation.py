@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -186,7 +186,7 @@ def _named(swaps: bool, mirrors: tuple[bool, bool]) -> dict[SideName, SideName]:
     for name in SIDES:
         letter = name[0] if not swaps else ("v" if name[0] == "u" else "u")
         end = int(name[1]) ^ mirrors[0 if name[0] == "u" else 1]
-        held[name] = f"{letter}{end}"  # type: ignore[assignment]
+        held[name] = cast(SideName, f"{letter}{end}")
     return held
 
 

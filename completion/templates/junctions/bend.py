@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,36 +13,24 @@ from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Side, Status, TemplateFit
 from completion.templates.junctions.alternatives import Alternative
 from completion.templates.junctions.bend_starts import bend_starts
-from completion.templates.junctions.certainty import Certainty, certainty, misfit, sides_of, told_covariance
+from completion.templates.junctions.certainty import sides_of, told_covariance
 from completion.templates.junctions.descent import LEAST_SIGMA, Descended, descend_from
 from completion.templates.junctions.mixture import Mixture, thickness
 from completion.templates.junctions.model import Model
 from completion.templates.junctions.starts import Unit, at_unit
+from completion.templates.junctions.weighing import LEAST_EVIDENCE, Weighed, weigh
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Torus
 
 SHAPE = ("angle", "bend_radius", "tube_radius")
 NAMES = (*SHAPE, "corner_x", "corner_y", "corner_z", "axis_x", "axis_y", "axis_z")
 FACES = ("bend", "tube 1", "tube 2")
-LEAST_EVIDENCE = float(np.log(100.0))  # nats
 _PLAIN = {"plane": 3, "sphere": 4, "cylinder": 5, "torus": 7}
 _ARTICLE = {"plane": "a plane", "sphere": "a sphere", "cylinder": "one cylinder"}
 _VAGUE = 0.3  # of a value, that its standard deviation may be
 _OTHER = 0.15  # of a radius, by which another solution differs
 _TIGHTEST = 0.8  # of the tube's radius, that a bend has
 _LEAST_POINTS = 60
-
-
-class _Elbow(NamedTuple):
-    """A fit at unit RMS and what it was weighed against."""
-
-    found: Descended
-    known: Certainty
-    evidence: float
-    plain: str
-    misfit: str  # why residuals are no noise, "" where they may be
-    rival: str
-    evaluations: int
 
 
 def fit_elbow(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
@@ -71,7 +58,7 @@ def fit_elbow(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
     return _told(elbow, unit, tuple(held))
 
 
-def _fitted(unit: Unit, given: Mapping[str, float]) -> _Elbow | str:
+def _fitted(unit: Unit, given: Mapping[str, float]) -> Weighed | str:
     """The most likely elbow and the plain alternatives, or why there is none."""
     points, reach = unit.points, thickness(unit.points)
     units = {"angle": 0.5, "bend_radius": unit.factor, "tube_radius": unit.factor}
@@ -83,18 +70,11 @@ def _fitted(unit: Unit, given: Mapping[str, float]) -> _Elbow | str:
     if not found:
         return "no bend is wider than the tube"
     best = found[0]
-    known = certainty(best, points, unit.measured.spacing)
-    plain = max(_alternatives(points, best), key=lambda one: one.value(len(points)))
-    cost = 0.5 * best.model.basis.shape[1] * float(np.log(len(points)))
-    evidence = (best.log_likelihood - cost - plain.value(len(points))) / known.excess
-    rival = _rival(found, unit.factor, known.excess)
-    return _Elbow(
+    return weigh(
         best,
-        known,
-        evidence,
-        plain.name,
-        misfit=misfit(best, unit),
-        rival=rival,
+        _alternatives(points, best),
+        unit,
+        rival=lambda excess: _rival(found, unit.factor, excess),
         evaluations=best.evaluations,
     )
 
@@ -135,7 +115,7 @@ def _rival(found: Sequence[Descended], factor: float, excess: float) -> str:
     return ""
 
 
-def _told(elbow: _Elbow, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
+def _told(elbow: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
     """What is told of an elbow, in the unit of the points."""
     found, known = elbow.found, elbow.known
 
@@ -172,7 +152,7 @@ def _told(elbow: _Elbow, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
 
 
 def _judged(
-    elbow: _Elbow, x: FloatArray, covariance: FloatArray, sides: tuple[Side, ...]
+    elbow: Weighed, x: FloatArray, covariance: FloatArray, sides: tuple[Side, ...]
 ) -> tuple[Status, str]:
     """The status and why."""
     if elbow.evidence <= 0:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from completion.fitting.consensus import consensus_surface
@@ -40,10 +42,9 @@ def bend_starts(points: FloatArray, given: FloatArray) -> list[Model]:
     if starts:
         return starts
     try:
-        bend = consensus_surface(sample, normals, "torus", _WITHIN * roughness)
+        bend = cast(Torus, consensus_surface(sample, normals, "torus", _WITHIN * roughness))
     except FitError:
         return []
-    assert isinstance(bend, Torus)
     on = np.abs(bend.distance(sample)) < _WITHIN * roughness
     return _about(bend, sample[on], given)
 
@@ -58,10 +59,9 @@ def _tubes(
         if left.sum() < _LEAST_LEFT:
             break
         try:
-            tube = consensus_surface(sample[left], normals[left], "cylinder", tolerance, held)
+            tube = cast(Cylinder, consensus_surface(sample[left], normals[left], "cylinder", tolerance, held))
         except FitError:
             break
-        assert isinstance(tube, Cylinder)
         across = np.abs(np.einsum("ij,j->i", normals, tube.direction)) < 0.35
         on: BoolArray = left & (np.abs(tube.distance(sample)) < tolerance) & across
         if on.sum() < _LEAST_LEFT // 2:

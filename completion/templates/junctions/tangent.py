@@ -5,24 +5,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Side, Status, TemplateFit
 from completion.templates.junctions.alternatives import alternatives, one_arc
-from completion.templates.junctions.certainty import Certainty, certainty, misfit, sides_of, told_covariance
+from completion.templates.junctions.certainty import Certainty, sides_of, told_covariance
 from completion.templates.junctions.descent import Descended, descend_from, settled
 from completion.templates.junctions.mixture import thickness
 from completion.templates.junctions.model import Model
 from completion.templates.junctions.profiles import tangent_arcs
 from completion.templates.junctions.starts import Unit, at_unit, flat_starts, split_starts
+from completion.templates.junctions.weighing import LEAST_EVIDENCE, Weighed, weigh
 from scenes.checks import BoolArray, FloatArray
 
 NAMES = ("radius_1", "radius_2", "joint_x", "joint_y", "joint_z", "axis_x", "axis_y", "axis_z")
 FACES = ("surface 1", "surface 2")
-LEAST_EVIDENCE = float(np.log(100.0))  # nats
 _FREE = np.array([True, True, True, True, True, False, True, True])
 _SIGNS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
 _VAGUE = 0.3  # of a radius, and of the length of a side, that a standard deviation may be
@@ -31,18 +30,6 @@ _AHEAD = 10.0  # nats before another solution: outliers lie less evenly than is 
 _OTHER = 0.15  # of a radius, by which another solution differs
 _LEAST_POINTS = 30
 _BINS = 12  # along a joint
-
-
-class _Junction(NamedTuple):
-    """A fit at unit RMS and what it was weighed against."""
-
-    found: Descended
-    known: Certainty
-    evidence: float
-    plain: str  # the best that is plainer
-    misfit: str  # why residuals are no noise, "" where they may be
-    rival: str  # another solution that is nearly as likely, "" for none
-    evaluations: int
 
 
 def fit_junction(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
@@ -70,7 +57,7 @@ def fit_junction(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
     return _told(_fitted(unit, held), unit, tuple(held))
 
 
-def _fitted(unit: Unit, given: Mapping[str, float]) -> _Junction:
+def _fitted(unit: Unit, given: Mapping[str, float]) -> Weighed:
     """The most likely junction, and the plain alternatives."""
     points, reach = unit.points, thickness(unit.points)
     single = one_arc(points, reach)
@@ -88,19 +75,11 @@ def _fitted(unit: Unit, given: Mapping[str, float]) -> _Junction:
         starts += [replace(one, shape=np.where(is_held, shape, one.shape)) for shape in shapes]
     found = descend_from(starts, points, reach)
     best = _flattened(found[0], points, is_held)
-    known = certainty(best, points, unit.measured.spacing)
-    others = alternatives(points, reach, single)
-    plain = max(others, key=lambda one: one.value(len(points)))
-    cost = 0.5 * best.model.basis.shape[1] * float(np.log(len(points)))
-    evidence = (best.log_likelihood - cost - plain.value(len(points))) / known.excess
-    rival = _rival(found, unit.factor, known.excess)
-    return _Junction(
+    return weigh(
         best,
-        known,
-        evidence,
-        plain.name,
-        misfit=misfit(best, unit),
-        rival=rival,
+        alternatives(points, reach, single),
+        unit,
+        rival=lambda excess: _rival(found, unit.factor, excess),
         evaluations=found[0].evaluations,
     )
 
@@ -134,7 +113,7 @@ def _rival(found: Sequence[Descended], factor: float, excess: float) -> str:
     return ""
 
 
-def _told(junction: _Junction, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
+def _told(junction: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
     """What is told of a junction, in the unit of the points."""
     found, known = junction.found, junction.known
     model = found.model
@@ -198,7 +177,7 @@ def _joint(local: FloatArray, ends: FloatArray, unit: Unit, deviation: float) ->
 
 
 def _judged(
-    junction: _Junction, x: FloatArray, covariance: FloatArray, sides: tuple[Side, ...], *, local: FloatArray
+    junction: Weighed, x: FloatArray, covariance: FloatArray, sides: tuple[Side, ...], *, local: FloatArray
 ) -> tuple[Status, str]:
     """The status and why."""
     if junction.evidence <= 0:

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -34,8 +35,7 @@ def with_openings(surfaces: Sequence[EditedSurface], features: Sequence[Template
 def _fitted(fit: TemplateFit, number: int) -> FittedOpening:
     corners = np.asarray(fit.geometry["corners"], dtype=np.float64)
     sides: dict[str, Side] = {side.name: side for side in fit.sides}
-    slack = fit.geometry["slack"]
-    assert isinstance(slack, dict)
+    slack = cast(Mapping[str, tuple[float, float]], fit.geometry["slack"])
     off = np.array([slack[name] for name in _ORDER])
     deviation = np.array([sides[name].deviation for name in _ORDER])
     seen = np.array([sides[name].is_seen * sides[name].confirmed / sides[name].total for name in _ORDER])

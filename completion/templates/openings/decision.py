@@ -24,7 +24,7 @@ _FEWEST_SEEN = 2  # sides
 _ON_FACE = 3.0  # standard deviations
 _REVEALED = 10  # points on reveals, from which on they are seen
 _LEAST_AROUND = 0.8  # of a niche's area, that must be wall around it: pictures' frames are less
-_LEAST_NICHE_M = 0.03
+LEAST_NICHE_M = 0.03
 _IS_IMAGE = 0.5  # share of what lies behind that stands before, too
 DOOR_M = 1.6  # height from which on what stands on the floor is a doorway
 _CLOSED_M = 0.15  # depth up to which a door's leaf lies behind its wall
@@ -140,7 +140,7 @@ def _relief(opened: Opened) -> str:
     area = float(np.prod(recess.size))
     if wall < _LEAST_AROUND * area:
         return f"what stands around it is a frame: {wall:.2f} m2 around {area:.2f} m2"
-    shallow = recess.depth < _LEAST_NICHE_M
+    shallow = recess.depth < LEAST_NICHE_M
     return f"it is {1000 * recess.depth:.0f} mm deep: relief" if shallow else ""
 
 

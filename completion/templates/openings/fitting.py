@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.templates.engine.template import Given, Seen, Side
+from completion.templates.engine.template import Given, Side
 from completion.templates.openings.decision import DOOR_M, refuted
 from completion.templates.openings.walls.proposals import CELL_M
 from completion.templates.openings.walls.recess import SIDES, Recess
@@ -26,6 +26,7 @@ from completion.templates.openings.walls.wall import Wall
 from completion.templates.openings.walls.wall_beams import WallBeams, WallFrame
 
 _ROUNDS = 2
+_GAPS, _ABOUT_M = 2.5, 0.3  # distances between beams that a side is sought over, and about it that tell them
 _TRIES, _FAR = 3, 0.7  # to find a side, and the share of the reach within which it counts as found
 _INFLATION = 1.9  # by which deviations of sides were too small, in the median of simulated walls 104 to 109
 _FLOOR_M = 0.15  # between an opening's foot and the floor that it stands on
@@ -41,16 +42,17 @@ def fit_recess(
 
     Of what the sides refute at once neither depth nor turn is sought.
     """
-    floor, reach = floor_of(rough, levels), 2 * CELL_M
+    floor = floor_of(rough, levels)
     recess = rough if floor is None else rough.moved("bottom", floor.value)
     known = {"bottom": floor or Estimate(rough.bottom, np.inf)}
     sides = [side for side in SIDES if side != "bottom" or floor is None]
+    reach = {side: _reach(beams, recess, side) for side in SIDES}
     for side in sides:
         for _ in range(_TRIES):
-            known[side] = fit_side(beams, recess, side, reach)
+            known[side] = fit_side(beams, recess, side, reach[side])
             shift = abs(known[side].value - getattr(recess, side))
             recess = recess.moved(side, known[side].value)
-            if shift < _FAR * reach:  # else it may lie farther on
+            if shift < _FAR * reach[side]:  # else it may lie farther on
                 break
     first = all_sides(beams, recess, known, None if floor is None else floor.value)
     if refuted(first, has_floor=floor is not None):
@@ -58,12 +60,19 @@ def fit_recess(
     total = 0.0
     for _ in range(_ROUNDS):
         recess, known["depth"], _ = fit_depth(beams, recess, given.get("depth"))
-        known["turn"], recess = fit_turn(beams, recess, reach / 2)
+        known["turn"], recess = fit_turn(beams, recess, CELL_M)
         beams, total = beams.turned(known["turn"].value), total + known["turn"].value
         for side in sides:
-            known[side] = fit_side(beams, recess, side, reach / 2)
+            closer = CELL_M if reach[side] <= 2 * CELL_M else reach[side]
+            known[side] = fit_side(beams, recess, side, closer)
             recess = recess.moved(side, known[side].value)
     return recess, known, total
+
+
+def _reach(beams: WallBeams, recess: Recess, side: str) -> float:
+    """How far to both ways a side is sought, metres: farther where beams are wider apart than cells."""
+    gaps = beams.gap[near_side(beams, recess, side, _ABOUT_M)]
+    return max(2 * CELL_M, _GAPS * float(np.quantile(gaps, 0.9))) if len(gaps) else 2 * CELL_M
 
 
 def with_unseen(
@@ -76,7 +85,7 @@ def with_unseen(
     """
     seen, slack = {side.name: side for side in sides}, {side.name: (0.0, 0.0) for side in sides}
     for side in sides:
-        if side.state is not Seen.UNSEEN:
+        if side.is_seen:
             continue
         opposite, size = _OPPOSITE[side.name], given.get(_SIZE[side.name])
         if size is not None and seen[opposite].is_seen:

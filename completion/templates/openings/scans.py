@@ -18,6 +18,7 @@ from completion.segmentation.regions import SegmentationOptions
 from completion.segmentation.relief import typical_relief
 from completion.templates.engine.features import moved_geometry
 from completion.templates.engine.template import Given, Status, TemplateFit
+from completion.templates.openings.decision import LEAST_NICHE_M
 from completion.templates.openings.scene import find_openings, walls_of
 from scenes.checks import FloatArray
 from scenes.run.steps import Steps
@@ -104,8 +105,9 @@ def _why_none(surfaces: Sequence[MergedSurface], observations: Sequence[Observat
     )
     far = float(np.median(away[np.isfinite(away)]))
     sd = float(np.max([seen.noise.deviation(np.array([far]))[0] for seen in observations]))
+    shallow = 1000 * max(_SHALLOW * sd, LEAST_NICHE_M)
     return (
         f"no opening was found in {len(walls)} upright planes, at {far:.1f} m in the median; a leaf less "
-        f"than {1000 * _SHALLOW * sd:.0f} mm behind its wall cannot be told from it there, nor a hole from "
-        "which nothing came back"
+        f"than {shallow:.0f} mm behind its wall cannot be told from it there, nor a hole from which nothing "
+        "came back"
     )

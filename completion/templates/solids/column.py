@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from completion.fitting.consensus import consensus_surface
@@ -71,10 +73,9 @@ def column_starts(local: FloatArray, given: dict[str, float]) -> FloatArray | st
     across = points * [1.0, 1.0, 0.0]  # a cylinder's points, along its axis
     tolerance = 0.01 * float(np.ptp(points[:, :2], axis=0).max())
     try:
-        shaft = consensus_surface(across, normals, "cylinder", tolerance, upright)
+        shaft = cast(Cylinder, consensus_surface(across, normals, "cylinder", tolerance, upright))
     except FitError as error:
         return str(error)
-    assert isinstance(shaft, Cylinder)
     x, y = shaft.point[:2]
     tops = np.percentile(local[:, 2], _TOPS)
     starts = [

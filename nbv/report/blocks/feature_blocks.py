@@ -18,7 +18,7 @@ _WORDS = {Status.FOUND: "found", Status.AMBIGUOUS: "ambiguous", Status.NONE: "re
 _BETWEEN = {"width": ("left", "right"), "height": ("bottom", "top")}
 _NOTHING = 1e-9  # below which a number is rounding
 _UNKNOWN = 100.0  # deviation from which on nothing is known
-_NAMELESS = ("u", "v")  # parameters that only place it
+_PLACING = ("u", "v", "centre", "direction", "corner", "axis", "joint")  # first words of what only places it
 
 
 def feature_blocks(fits: Sequence[TemplateFit]) -> tuple[Text | Table, ...]:
@@ -44,7 +44,7 @@ def size_of(fit: TemplateFit) -> str:
     told = []
     for name, value in zip(fit.names, fit.x, strict=True):
         sd = fit.deviation(name)
-        if name in _NAMELESS or not np.isfinite(value):
+        if name.replace("_", " ").split()[0] in _PLACING or not np.isfinite(value):
             continue
         word = name.replace("_", " ")
         value = 0.0 if abs(value) < _NOTHING else value

@@ -168,10 +168,10 @@ def _embedded(content: Content, views: Sequence[tuple[memoryview, int]]) -> list
         what = f"image {number}"
         uri = image.get("uri")
         if isinstance(uri, str) and uri.startswith("data:"):
-            found.append(_pixels(lambda text=uri: data_bytes(text), what))  # type: ignore[misc]
+            found.append(_pixels(lambda text=uri: data_bytes(text), what))  # type: ignore[misc]  # defaults have no type
         elif "bufferView" in image:
             view = views[entry_number(image, "bufferView", what, most=len(views))][0]
-            found.append(_pixels(lambda held=view: bytes(held), what))  # type: ignore[misc]
+            found.append(_pixels(lambda held=view: bytes(held), what))  # type: ignore[misc]  # defaults have no type
     return found
 
 

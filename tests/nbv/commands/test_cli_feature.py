@@ -60,6 +60,22 @@ def test_completion_uses_what_a_file_found_and_nothing_else(folder) -> None:
     assert counts == {"file": (1, 1), "off": (0, 0)}
 
 
+def test_features_that_are_none_are_refused_before_the_work(folder, tmp_path) -> None:
+    good = json.loads((folder / "out" / "features.json").read_text())
+    for change, text in (
+        ({"corners": [[0, 0, 0]] * 4}, "two corners lie at one place"),
+        ({"corners": [[0, 0, 0]]}, "corners must be four points, got 1"),
+        ({"evidence": "much"}, "evidence must be a number or null"),
+        ({"sides": {}}, "has no sides left, right, bottom, top"),
+        ({"corners": [[x, 0, z] for x, z in ((90, 0), (91, 0), (91, 2), (90, 2))]}, "lies in no wall"),
+    ):
+        bad = tmp_path / "bad.json"
+        bad.write_text(json.dumps({"features": [{**good["features"][0], **change}]}))
+        result = run("complete", folder / "wall.npz", "--no-texture", "--features", bad, "-o", tmp_path / "o")
+        assert result.exit_code == 1, result.output
+        assert text in result.output
+
+
 def test_what_is_known_is_held(folder) -> None:
     (folder / "known.json").write_text(json.dumps({"doorway": {"width": 1.032}}))
     words = ("feature", folder / "wall.npz", "--find", "doorway", "--given", folder / "known.json")
@@ -72,7 +88,9 @@ def test_what_is_known_is_held(folder) -> None:
 def test_failures_are_one_line_that_names_file_cause_and_cure(folder, tmp_path) -> None:
     (tmp_path / "bad.json").write_text('{"doorway": {"colour": 3}}')
     (tmp_path / "none.json").write_text('{"width": -1}')
+    (tmp_path / "half.json").write_text('{"hole-row": {"count": 2.5}}')
     (tmp_path / "empty.xyz").write_text("")
+    np.savetxt(tmp_path / "same.xyz", np.ones((60, 3)))
     wall, flat = folder / "wall.npz", folder / "flat.xyz"
     for words, code, text in (
         ((wall, "--find", "gate"), 2, "'gate' is none of doorway, window"),
@@ -85,6 +103,8 @@ def test_failures_are_one_line_that_names_file_cause_and_cure(folder, tmp_path) 
         ((wall, "--find", "doorway", "--given", tmp_path / "no.json"), 1, "no.json"),
         ((flat, "--find", "doorway"), 1, "--origin"),
         ((tmp_path / "empty.xyz", "--find", "hole-row"), 1, "empty.xyz"),
+        ((tmp_path / "same.xyz", "--find", "hole-row"), 1, "all 60 points lie at one place"),
+        ((flat, "--find", "hole-row", "--given", tmp_path / "half.json"), 1, "whole number from 2 to 1000"),
         ((tmp_path / "none.ply", "--find", "hole-row"), 1, "none.ply"),
         ((wall, "--find", "doorway", "--evaluations", "0"), 2, "--evaluations"),
     ):
