@@ -18,6 +18,7 @@ from completion.extension.adjacency import find_adjacency
 from completion.extension.choice import Choice, is_chosen, numbered_anew
 from completion.extension.claims import overlap_m2, settle_claims
 from completion.extension.extent import find_extent
+from completion.extension.known_faces import extend_face, with_faces
 from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
 from completion.merging.merged_surface import number_pixels
@@ -34,6 +35,7 @@ from completion.result.verification import Verification, held_against
 from completion.segmentation.pipeline import segment
 from completion.templates.engine.template import TemplateFit
 from completion.templates.openings.accepted import with_openings
+from completion.templates.openings.reveals import reveals_of
 from completion.templates.openings.scene import find_openings
 from completion.templates.openings.stated import place_openings
 from completion.texturing.chart_texture import ChartTexture
@@ -161,6 +163,7 @@ def complete(
                 each=lambda work, numbers: steps.each("features", work, numbers),
             )
         known_open = with_openings(related.surfaces, features)
+        faces = reveals_of(features, surfaces, observations, seen.owners, tolerance.flatness_m)
 
         # 6. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
         boundaries = [
@@ -170,7 +173,7 @@ def complete(
         adjacency = find_adjacency(surfaces, boundaries, seen, up)
 
         # 7. Extend: continue each surface that is wanted behind its occluders, as far as it may go and is
-        # probable. Where several claim a place, the most probable one has it.
+        # probable; then the faces of features. Where several claim a place, the most probable one has it.
         def extended(index: int) -> Patch | None:
             said, encloses = related.surfaces[index].edits, bool(adjacency.encloses[index])
             if not said.actions and not is_chosen(
@@ -192,8 +195,19 @@ def complete(
             return patch if said.actions or patch.observed_m2 >= options.min_area_m2 else None
 
         every = steps.each("extend", extended, range(len(surfaces)))
-        chosen, owners = numbered_anew(every, seen.owners)
+        seen = with_faces(seen, faces, len(surfaces))
+
+        def revealed(index: int) -> Patch | None:
+            is_wanted = is_chosen(faces[index].surface.fit.surface, options.only, encloses=False, up=up)
+            patch = extend_face(faces[index], seen, len(surfaces) + index + 1, options.rules())
+            is_large = patch.observed_m2 >= options.min_area_m2 and (patch.provenance >= 0).any()
+            return patch if is_wanted and is_large else None
+
+        of_features = steps.each("faces", revealed, range(len(faces))) if faces else []
+        chosen, owners = numbered_anew([*every, *of_features], seen.owners)
         relations = related.found and related.found.numbered([one is not None for one in every])
+        joint = related.errors.and_own([one.surface.fit.covariance for one in faces])
+        joint = joint.only([one is not None for one in (*every, *of_features)])
         patches = [steps.keep(one) for one in settle_claims(chosen, tolerance.flatness_m)]
 
         # 8. Texture: continue the colour of each surface over its inferred part.
@@ -227,7 +241,7 @@ def complete(
         audit=_together(found, overlap_m2(patches, tolerance.flatness_m)),
         owners=owners,
         flatness_m=tolerance.flatness_m,
-        choice=Choice(options.only, options.min_area_m2, len(every) - len(patches)),
+        choice=Choice(options.only, options.min_area_m2, len(every) + len(of_features) - len(patches)),
         mode=options.mode,
         edits=options.edits,
         world_from_reference=world_from_reference,
@@ -235,7 +249,7 @@ def complete(
         unconfirmed=Unconfirmed.of(regions, merged),
         registration=registration,
         relations=relations,
-        errors=related.errors.only([one is not None for one in every]),
+        errors=joint,
         flattened=tuple(flattened),
         features=tuple(features),
     )

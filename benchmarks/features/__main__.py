@@ -8,11 +8,12 @@ from benchmarks.features.duplex import duplex
 from benchmarks.features.evolution import evolution
 from benchmarks.features.openings import nulls, openings
 from benchmarks.features.patches import patches
+from benchmarks.features.reveals import reveals
 
 FIRST = typer.Option(10_000, "--first", help="Seed of the first; tuning seeds are below 1000.")
 EACH = typer.Option(20, "-n", help="How many of each.")
 app = typer.Typer(add_completion=False)
-for one in (openings, nulls, duplex, patches, evolution):
+for one in (openings, nulls, reveals, duplex, patches, evolution):
     app.command()(one)
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import InitVar, dataclass, field
 from enum import IntEnum
 
@@ -99,6 +101,12 @@ class Scans:
     sights: tuple[Sight, ...] = field(init=False)  # each scan as compiled loops read it
     reach: tuple[Reach, ...] = field(init=False)  # of each scan
     views: Views = field(init=False)  # of all scans
+
+    def numbered(self, owners: Sequence[NDArray[np.int32]]) -> Scans:
+        """Return the same scans with their pixels (rows, columns) numbered by other surfaces."""
+        same = copy(self)
+        object.__setattr__(same, "owners", tuple(owners))
+        return same
 
     @property
     def order(self) -> tuple[tuple[int, bool], ...]:

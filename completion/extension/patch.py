@@ -35,6 +35,7 @@ class Provenance(IntEnum):
     FULL_TURN = 5  # around the back of a cylinder
     USER = 6  # because a person says so
     NO_RETURN = 7  # nothing came back: in the projector's shadow, or with the surface all around
+    FEATURE = 8  # a face of a feature that was fitted whole: the reveal of a window
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +76,8 @@ class Patch:
         Where the mesh of hypothesised cells is cut along continued edges and declared openings.
     verdict : SurfaceEdits
         What a person says of it.
+    feature : int
+        Which feature, from 1, it is a face of; 0 for none.
     """
 
     source: MergedSurface
@@ -93,6 +96,7 @@ class Patch:
     labelling: Labelling
     trims: tuple[Trim, ...]
     verdict: SurfaceEdits
+    feature: int = 0
 
     @property
     def observed(self) -> BoolArray:

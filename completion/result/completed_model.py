@@ -318,7 +318,7 @@ class CompletedModel:
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.
 
-        World coordinates, metres.
+        World coordinates, metres. Of a face of a feature that nobody measured it is the middle.
 
         Raises
         ------
@@ -327,8 +327,10 @@ class CompletedModel:
         """
         if not 1 <= number <= len(self.patches):
             raise InputError(f"there is no surface {number}: there are {len(self.patches)}, counted from 1")
-        point = anchor_point(self.patches[number - 1].source, self.observations)
-        return self.world_from_reference.apply(point)
+        source = self.patches[number - 1].source
+        if not source.n_pixels:
+            return self.world_from_reference.apply(source.fit.surface.from_uv(np.zeros((1, 2))))[0]
+        return self.world_from_reference.apply(anchor_point(source, self.observations))
 
     def observed_mesh(self) -> LabelledPoints:
         """Return all measured points of all scans as one mesh, working frame."""

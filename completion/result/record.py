@@ -291,6 +291,7 @@ def _surface_record(completion: CompletedModel, number: int, surface: DerivedSur
         "hypothesised_m2": patch.hypothesised_m2,
         "cell_m": float(np.sqrt(patch.grid.cell_area)),
         "encloses": patch.limits.encloses,
+        "feature": patch.feature,
         "texture": _texture_record(completion, number),
         "user": {"actions": list(patch.verdict.actions), **asdict(surface.effect)},
         "openings": [

@@ -136,6 +136,20 @@ class JointErrors:
             shares=self.shares[kept],
         )
 
+    def and_own(self, covariances: Sequence[FloatArray]) -> JointErrors:
+        """Return it with further surfaces, of which only their own covariances (k, k) are known."""
+        if not covariances:
+            return self
+        sizes = tuple(len(one) for one in covariances)
+        return replace(
+            self,
+            own=(*self.own, *covariances),
+            shared=replace(self.shared, sizes=(*self.shared.sizes, *sizes)),
+            ranges=(*self.ranges, *(np.zeros((size, 2)) for size in sizes)),
+            freedom=(*self.freedom, *(np.inf for _ in sizes)),
+            shares=np.vstack([self.shares, np.zeros((len(sizes), self.shares.shape[1]))]),
+        )
+
     def _among(self, one: int, other: int) -> FloatArray | None:
         """Covariance (k, l) of two surfaces; None where one was moved and the other not related."""
         related = self.related

@@ -25,7 +25,7 @@ from scenes.scan.range_image import RangeImage
 MEASURED = Category("measured", picture.MEASURED)
 INFERRED = Category("inferred", picture.INFERRED)
 _BLOCK = 1 << 16  # faces whose sightings are found together
-_PROVENANCE_COLOURS = (0, 1, 14, 5, 3, 13, 6, 10)  # of `Provenance`, numbers in the palette of surfaces
+_PROVENANCE_COLOURS = (0, 1, 14, 5, 3, 13, 6, 10, 9)  # of `Provenance`, numbers in the palette of surfaces
 
 
 def provenance_categories() -> tuple[Category, ...]:
