@@ -33,11 +33,11 @@ from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
 from completion.result.verification import Verification, held_against
 from completion.segmentation.pipeline import segment
+from completion.templates.applied.placing import place_features
+from completion.templates.applied.reveals import reveals_of
+from completion.templates.applied.surfaces import with_features
 from completion.templates.engine.template import TemplateFit
-from completion.templates.openings.accepted import with_openings
-from completion.templates.openings.reveals import reveals_of
 from completion.templates.openings.scene import find_openings
-from completion.templates.openings.stated import place_openings
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
 from completion.uncertainty.pipeline import state_fits
@@ -133,10 +133,10 @@ def complete(
         edited = apply_edits(merged, options.edits, observations, world_from_reference, tolerance.flatness_m)
 
         # 4. Relate: say how well each surface is known, infer what they are to each other, and impose that.
-        known = state_fits([one.surface for one in edited], observations, tolerance.flatness_m)
+        told = state_fits([one.surface for one in edited], observations, tolerance.flatness_m)
         related = relate_surfaces(
             edited,
-            known,
+            told,
             observations,
             options.relations if Cue.RELATIONS in options.cues else None,
             options.stated_relations,
@@ -146,12 +146,13 @@ def complete(
         numbered = (number_pixels(surfaces, number, one) for number, one in enumerate(observations))
         seen = Scans(tuple(observations), tuple(map(steps.keep, numbered)), tolerance, keys, steps.spill)
 
-        # 5. Features: fit doorways and windows whole, from the beams that pass through them.
+        # 5. Features: fit doorways and windows whole, from the beams that pass through them; or take the
+        # openings, rows of holes and joints that a person states.
         up = world_from_reference.matrix[2, :3]
         features: list[TemplateFit] = []
         wanted = options.features
         if wanted is not None and wanted.stated is not None:
-            features = place_openings(wanted.stated, surfaces, observations, world_from_reference.inverse())
+            features = place_features(wanted.stated, surfaces, observations, world_from_reference.inverse())
         elif wanted is not None:
             features = find_openings(
                 surfaces,
@@ -162,7 +163,7 @@ def complete(
                 kinds=wanted.kinds,
                 each=lambda work, numbers: steps.each("features", work, numbers),
             )
-        known_open = with_openings(related.surfaces, features)
+        known = with_features(related.surfaces, features)
         faces = reveals_of(features, surfaces, observations, seen.owners, tolerance.flatness_m)
 
         # 6. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
@@ -186,7 +187,7 @@ def complete(
             patch = extend(
                 boundaries[index],
                 extent,
-                known_open[index],
+                known[index],
                 related.stated[index],
                 scans=seen,
                 number=index + 1,

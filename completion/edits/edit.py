@@ -12,6 +12,7 @@ from shapely import Polygon, contains_xy
 
 from completion.boundary.curves import Line
 from completion.boundary.meshing import Trim
+from completion.edits.fitted import FittedHole, FittedJoint, FittedOpening
 from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray, InputError, check_point, check_points, frozen_copy
 from scenes.surfaces.catalogue import Plane, Surface
@@ -122,31 +123,6 @@ class Wish:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FittedOpening:
-    """An opening fitted as a whole and accepted by evidence; working frame, metres.
-
-    Attributes
-    ----------
-    outline : (4, 3) float
-        Corners from the lower left, anticlockwise as seen from the room; sides lead from each to the next.
-    deviation : (4,) float
-        Standard deviation of each side across itself.
-    seen : (4,) float
-        Share of each side that was seen; 0 of one that nobody saw.
-    slack : (4, 2) float
-        How far inwards and outwards a side may be off that nobody saw; 0 of others.
-    number : int
-        Which feature it is, from 1.
-    """
-
-    outline: FloatArray
-    deviation: FloatArray
-    seen: FloatArray
-    slack: FloatArray
-    number: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class SurfaceEdits:
     """What a person says of one surface; working frame, metres."""
 
@@ -155,11 +131,13 @@ class SurfaceEdits:
     wishes: tuple[Wish, ...] = ()  # what is accepted and rejected; later ones prevail
     openings: tuple[FloatArray, ...] = ()  # (n, 3) outlines in which there is nothing
     fitted: tuple[FittedOpening, ...] = ()  # what was fitted as a whole, and nobody said
+    holes: tuple[FittedHole, ...] = ()  # of patterns that were fitted as a whole
+    joints: tuple[FittedJoint, ...] = ()  # where it ends at what it was fitted together with
 
     @property
     def outlines(self) -> tuple[FloatArray, ...]:
         """Outlines (n, 3) of all openings, declared and fitted."""
-        return (*self.openings, *(one.outline for one in self.fitted))
+        return (*self.openings, *(one.outline for one in self.fitted), *(one.outline for one in self.holes))
 
     @property
     def is_joined(self) -> bool:
@@ -197,7 +175,7 @@ class SurfaceEdits:
         return inside
 
     def declared_cells(self, grid: ChartGrid) -> BoolArray:
-        """Cells (rows, columns) whose centre lies in a declared opening."""
+        """Cells (rows, columns) whose centre lies in a declared opening, or a hole of a fitted pattern."""
         return replace(self, fitted=()).open_cells(grid)
 
     def trims(self, grid: ChartGrid) -> tuple[Trim, ...]:

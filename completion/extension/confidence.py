@@ -66,7 +66,7 @@ class Prospects:
     width: FloatArray  # (n,) half width of what is hidden of an upright wall around them, metres; else 0
     known: FloatArray  # (n, 11) `beyond.KNOWN` of those beyond the rectangle; else of no use
     past_end: FloatArray  # (n, 4) `past_end.KNOWN_PAST_END` of those past an end; else of no use
-    is_said: BoolArray  # (n,) whether a person said that it goes on past them
+    is_said: BoolArray  # (n,) whether a person, or a joint, says that it goes on past them
 
     def probability(
         self,
@@ -121,11 +121,11 @@ def prospects(
     base = held * labelling.is_surface[number] + (1 - held) * anywhere
     near = d / float(np.sqrt(observed.sum() * grid.cell_area))
     nothing = np.zeros(len(d))
-    places = grid.centres_uv()[inside]
+    places, set_by = grid.centres_uv()[inside], extent.by_edit | extent.by_feature
     if isinstance(extent.chart, Cylinder):
         ends = PastEnds.of(places[:, 1], extent)
         kind = np.where(ends.side >= 0, Onward.PAST_END, Onward.CYLINDER).astype(np.int8)
-        is_said = (ends.side >= 0) & extent.by_edit[ends.side, 1]
+        is_said = (ends.side >= 0) & set_by[ends.side, 1]
         return Prospects(
             base, kind, near, nothing, np.zeros((len(d), len(KNOWN))), past_end=ends.known, is_said=is_said
         )
@@ -135,7 +135,7 @@ def prospects(
     if extent.encloses and not extent.is_level:
         width = hidden_widths(inside & grid.within(extent.own_low, extent.own_high), grid)[inside]
     kind = np.where(side >= 0, Onward.BEYOND, Onward.WALL_WITHIN if extent.encloses else Onward.OBJECT_WITHIN)
-    is_said = (side >= 0) & extent.by_edit[side % 2, side // 2]
+    is_said = (side >= 0) & set_by[side % 2, side // 2]
     return Prospects(base, kind.astype(np.int8), near, width, known, past_end=past_end, is_said=is_said)
 
 

@@ -72,8 +72,8 @@ class Extent:
         Whether the surface is a level plane, as floors and tables are.
     reach : (2, 2) float
         Chart coordinates past which it goes on too improbably on the low and the high sides, metres.
-    by_edit : (2, 2) bool
-        Which of its ends a person set.
+    by_edit, by_feature : (2, 2) bool
+        Which of its ends a person set, and which the joint of a feature did.
     seen_ends : (2,) float
         Share of the boundary at the low and the high end of a cylinder at which it was seen to end.
     tilt : float
@@ -98,6 +98,7 @@ class Extent:
     is_level: bool = False
     reach: FloatArray = field(default_factory=lambda: np.repeat([[-np.inf], [np.inf]], 2, axis=1))
     by_edit: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
+    by_feature: BoolArray = field(default_factory=lambda: np.zeros((2, 2), dtype=np.bool_))
     seen_ends: FloatArray = field(default_factory=lambda: np.zeros(2))
     tilt: float = 1.0
     radius_sd: float = 0.0
@@ -243,15 +244,27 @@ def with_ends(extent: Extent, planes: Sequence[Plane]) -> Extent:
 
     It lies on their normals' side. Where an enclosing plane is nearer, it ends at that.
     """
+    ended, by_edit = _ended_at(extent, planes)
+    return replace(ended, by_edit=by_edit)
+
+
+def with_joints(extent: Extent, planes: Sequence[Plane]) -> Extent:
+    """Return the extent of a surface that goes on to the joints of features, `planes`, and ends there."""
+    ended, by_feature = _ended_at(extent, planes)
+    return replace(ended, by_feature=by_feature)
+
+
+def _ended_at(extent: Extent, planes: Sequence[Plane]) -> tuple[Extent, BoolArray]:
+    """The extent with ends at planes, and which of the four (2, 2) are."""
     ends, _ = closed_sides(extent.chart, planes, extent.own_low, extent.own_high)
-    by_edit = np.stack([ends[0] > extent.ends[0], ends[1] < extent.ends[1]])
-    return replace(
+    is_new = np.stack([ends[0] > extent.ends[0], ends[1] < extent.ends[1]])
+    ended = replace(
         extent,
         cuts=(*extent.cuts, *planes),
-        ends=np.where(by_edit, ends, extent.ends),
-        end_probability=np.where(by_edit, 1.0, extent.end_probability),
-        by_edit=by_edit,
+        ends=np.where(is_new, ends, extent.ends),
+        end_probability=np.where(is_new, 1.0, extent.end_probability),
     )
+    return ended, is_new
 
 
 def lay_grid(

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from completion.edits.edit import FittedOpening, SurfaceEdits, outline_uv
+from completion.edits.edit import SurfaceEdits, outline_uv
+from completion.edits.fitted import FittedOpening
 from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray
 

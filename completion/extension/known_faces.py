@@ -9,7 +9,7 @@ import numpy as np
 
 from completion.boundary.hidden_regions import divide_hidden, label_regions
 from completion.edits.edit import SurfaceEdits
-from completion.edits.known_face import KnownFace
+from completion.edits.fitted import KnownFace
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Label, Scans
 from completion.evidence.weighing import weigh

@@ -24,7 +24,7 @@ from completion.evidence.field_of_view import ball_around
 from completion.evidence.weighing import weigh
 from completion.extension.beyond import as_far_as_probable
 from completion.extension.confidence import estimate
-from completion.extension.extent import Extent, Mode, lay_grid, with_ends
+from completion.extension.extent import Extent, Mode, lay_grid, with_ends, with_joints
 from completion.extension.fitted_openings import lay_openings
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
 from completion.extension.silence import silent_cells, trust
@@ -83,6 +83,8 @@ def extend(
     # 1. Weigh: what the scans say of each cell of the chart.
     surface, edits, least = edited.surface, edited.edits, LEAST_CONFIDENCE[rules.mode]
     is_said = edits.ends or edits.wishes
+    if edits.joints:
+        extent = with_joints(extent, [one.plane for one in edits.joints])
     extent = with_ends(extent, edits.ends) if is_said else as_far_as_probable(extent, least)
     grid = lay_grid(surface, extent, scans, max_cells=rules.max_cells, cell_m=rules.cell_m)
     predicted_sd = surface.fit.standard_deviation(grid.centres())
@@ -135,7 +137,8 @@ def extend(
     # 9. Provenance: why each cell is in the model.
     provenance = provenance_of(grid, extent, evidence.observed, filled)
     provenance[filled & silent] = Provenance.NO_RETURN
-    by_edit = accepted & ~_connected_cells(probable, measured, grid) | _beyond_edited_ends(grid, extent)
+    provenance[filled & _beyond(grid, extent, extent.by_feature)] = Provenance.FEATURE
+    by_edit = accepted & ~_connected_cells(probable, measured, grid) | _beyond(grid, extent, extent.by_edit)
     by_edit |= edits.is_joined & (provenance == Provenance.BETWEEN)
     provenance[filled & by_edit] = Provenance.USER
     return Patch(
@@ -198,12 +201,12 @@ def _without_openings(
     return filled & ~declared | parted, (*trims, *sides)
 
 
-def _beyond_edited_ends(grid: ChartGrid, extent: Extent) -> BoolArray:
-    """Cells beyond what was measured on the sides where a person set the end."""
+def _beyond(grid: ChartGrid, extent: Extent, sides: BoolArray) -> BoolArray:
+    """Cells beyond what was measured on some sides (2, 2): those where a person or a joint set the end."""
     u, v = grid.axes()
     across, up = (
-        (extent.by_edit[0, axis] & (centre < extent.own_low[axis]))
-        | (extent.by_edit[1, axis] & (centre > extent.own_high[axis]))
+        (sides[0, axis] & (centre < extent.own_low[axis]))
+        | (sides[1, axis] & (centre > extent.own_high[axis]))
         for axis, centre in enumerate((u, v))
     )
     return np.asarray(up[:, None] | across, dtype=np.bool_)

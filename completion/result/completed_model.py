@@ -329,7 +329,8 @@ class CompletedModel:
             raise InputError(f"there is no surface {number}: there are {len(self.patches)}, counted from 1")
         source = self.patches[number - 1].source
         if not source.n_pixels:
-            return self.world_from_reference.apply(source.fit.surface.from_uv(np.zeros((1, 2))))[0]
+            middle: FloatArray = source.fit.surface.from_uv(np.zeros((1, 2)))[0]
+            return self.world_from_reference.apply(middle)
         return self.world_from_reference.apply(anchor_point(source, self.observations))
 
     def observed_mesh(self) -> LabelledPoints:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -12,7 +12,8 @@ from scipy import ndimage
 
 from completion.boundary.curves import Line
 from completion.boundary.edges import Edge
-from completion.edits.edit import FittedOpening, SurfaceEdits, outline_uv
+from completion.edits.edit import SurfaceEdits, outline_uv
+from completion.edits.fitted import FittedHole, FittedOpening
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
 from completion.panels.outline import straight_corners, trace_cells
@@ -89,6 +90,7 @@ def find_openings(patch: Patch) -> list[Opening]:
     within = patch.is_within | solid
     openings = [_declared(patch, outline, through) for outline in patch.verdict.openings]
     openings += [_fitted(patch, one, through) for one in patch.verdict.fitted]
+    openings += [_round(patch, one, through) for one in patch.verdict.holes]
     rest = within & ~solid & ~patch.verdict.open_cells(patch.grid)
     part, _ = ndimage.label((through | unfilled) & rest)
     seen = np.bincount(part[through])
@@ -126,6 +128,14 @@ def _fitted(patch: Patch, fitted: FittedOpening, through: BoolArray) -> Opening:
     inwards, outwards = fitted.slack.T
     sides = Sides(fitted.deviation, inwards, outwards, measured=fitted.seen)
     return Opening(area, min(seen / area, 1.0), fitted.outline, sides, feature=fitted.number)
+
+
+def _round(patch: Patch, hole: FittedHole, through: BoolArray) -> Opening:
+    """A hole of a fitted pattern."""
+    outline = _declared(patch, hole.outline, through)
+    ones = np.ones(len(hole.outline))
+    sides = Sides(hole.deviation * ones, 0 * ones, 0 * ones, measured=hole.seen * ones)
+    return replace(outline, sides=sides, declared=False, feature=hole.number)
 
 
 def _is_closed(hole: BoolArray, solid: BoolArray, within: BoolArray) -> bool:

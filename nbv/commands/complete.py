@@ -27,8 +27,8 @@ from completion.result.flat_scans import whole_flattening
 from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
+from completion.templates.applied.file import read_features
 from completion.templates.engine.options import FITTED, FeatureOptions
-from completion.templates.openings.stated import read_openings
 from completion.texturing.problem import TexturingOptions
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
@@ -94,7 +94,7 @@ class CompleteRequest:
         if self.features == "off":
             return None
         return (
-            FITTED if self.features == "auto" else FeatureOptions(stated=tuple(read_openings(self.features)))
+            FITTED if self.features == "auto" else FeatureOptions(stated=tuple(read_features(self.features)))
         )
 
     @property

@@ -23,7 +23,7 @@ class FeatureOptions:
     given : mapping
         What a person knows of all of them: "width", "height", "depth", metres.
     stated : tuple of TemplateFit, optional
-        Openings that are known (`openings.stated.read_openings`): these are used, and none are sought.
+        Features that are known (`applied.file.read_features`): these are used, and none are sought.
 
     Raises
     ------

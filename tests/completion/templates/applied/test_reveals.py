@@ -13,8 +13,8 @@ from completion.evidence.evidence import Label
 from completion.extension.patch import Provenance
 from completion.observe.observation import observe
 from completion.result.record import completion_record
+from completion.templates.applied.reveals import reveals_of
 from completion.templates.engine.template import Side, Status, TemplateFit
-from completion.templates.openings.reveals import reveals_of
 
 PLAIN = CompletionOptions(texture=False)
 
@@ -45,7 +45,8 @@ def test_inferred_reveals_lie_on_true_ones(case, done):
         places = done.world_from_reference.apply(face.grid.centres())
         side = low[axis] if normal[axis] > 0 else high[axis]
         assert np.abs(places[:, axis] - side).max() < 0.01
-        assert (places >= low - 0.02).all() and (places <= high + 0.02).all()
+        assert (places >= low - 0.02).all()
+        assert (places <= high + 0.02).all()
 
 
 def test_nothing_is_inferred_where_beams_passed_or_nobody_looked(done):
