@@ -220,7 +220,7 @@ def complete(
         typer.Option(
             "--features",
             metavar="auto|off|FILE",
-            help="Doorways and windows fitted whole; off; or those that a features.json found.",
+            help="Doorways and windows fitted whole; off; or what a features.json found, rows of holes too.",
         ),
     ] = "auto",
     flatten: Annotated[
