@@ -9,7 +9,7 @@ import numpy as np
 
 from completion.templates.engine.equations import Gate, equations
 from completion.templates.engine.exploration import REACH, breach, explore
-from completion.templates.engine.judgement import evidence, judged, knowledge
+from completion.templates.engine.judgement import evidence, judged, knowledge, misfit
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.refinement import refine
 from completion.templates.engine.template import Given, Template, TemplateFit
@@ -99,7 +99,8 @@ def fit_template(
     # 3. What is known: covariance, faces, evidence.
     known = knowledge(template, measured, sought, refined)
     nats, plain = evidence(measured, refined, known)
-    status, reason = judged(template, known, nats, plain=plain, breach=found.violation)
+    wrong = misfit(measured, refined)
+    status, reason = judged(template, known, nats, plain=plain, wrong=wrong, breach=found.violation)
     return TemplateFit(
         kind=template.kind,
         status=status,

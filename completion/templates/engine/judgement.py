@@ -22,6 +22,7 @@ from completion.templates.engine.template import Side, Status, Template
 from scenes.checks import FloatArray, IntArray
 
 LEAST_EVIDENCE = float(np.log(100.0))  # nats: one in a hundred
+_SCATTER, _FORM = 5.0, 0.01  # of the noise, and of the size of what is explained: points about true faces
 _UNKNOWN = 0.5  # of the variance between the bounds: who knows no more knows nothing
 
 
@@ -89,12 +90,26 @@ def evidence(measured: Measured, refined: Refined, known: Known) -> tuple[float,
     return (fitted - plain) * step / known.excess - known.cost, name
 
 
+def misfit(measured: Measured, refined: Refined) -> str:
+    """Return what is wrong where points scatter about the faces by more than noise and form explain.
+
+    A template that follows the bulk of a scene beats any plain surface, and is still not there.
+    """
+    size = float(np.linalg.norm(np.ptp(measured.points[refined.inliers], axis=0)))
+    if refined.sigma <= max(_SCATTER * measured.noise, _FORM * size):
+        return ""
+    times = f", {refined.sigma / measured.noise:.0f} times their noise" if measured.noise > 0 else ""
+    return f"points scatter by {refined.sigma:.3g} about its faces{times}"
+
+
 def judged(
-    template: Template, known: Known, evidence: float, *, plain: str, breach: float
+    template: Template, known: Known, evidence: float, *, plain: str, wrong: str, breach: float
 ) -> tuple[Status, str]:
-    """Return the status, and why it is not simply found."""
+    """Return the status, and why it is not simply found; `wrong` is a misfit."""
     if breach > 0:
         return Status.NONE, f"no place obeys the constraints: the best breaks them by {breach:.3g} tolerances"
+    if wrong:
+        return Status.NONE, wrong
     if evidence <= 0:
         return Status.NONE, f"{plain} explains the points as well ({-evidence:.0f} nats better)"
     against = [side for side in known.sides if side.contradicted > side.confirmed]

@@ -49,7 +49,7 @@ def face_sides(
         Within which a point agrees with a face.
     """
     side = max(_TILE * measured.spacing, 4 * tolerance, 1e-12)
-    through, through_faces = _passages(measured, nearest, tolerance)
+    through, through_faces = _passages(measured, measured.points[faces > 0], nearest, tolerance)
     sides = []
     for number, name in enumerate(names, start=1):
         confirmed = _tiles(measured.points[faces == number], side, _LEAST_POINTS)
@@ -66,12 +66,22 @@ def _tiles(points: FloatArray, side: float, least: int) -> set[tuple[int, ...]]:
     return {tuple(cell) for cell in cells[count >= least].tolist()}
 
 
-def _passages(measured: Measured, nearest: Nearest, tolerance: float) -> tuple[FloatArray, IntArray]:
-    """Where beams (m, 3) went through a face and on, and its number (m,); by steps of the distance."""
+def _passages(
+    measured: Measured, explained: FloatArray, nearest: Nearest, tolerance: float
+) -> tuple[FloatArray, IntArray]:
+    """Where beams (m, 3) went through a face and on, and its number (m,); by steps of the distance.
+
+    Of beams that pass the ball round the points (n, 3) that the template explains.
+    """
     beams = measured.beams
-    if beams is None or len(beams.ranges) == 0:
+    if beams is None or len(beams.ranges) == 0 or len(explained) == 0:
         return np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
-    near = np.isfinite(beams.ranges)
+    middle = (explained.min(axis=0) + explained.max(axis=0)) / 2
+    reach = float(np.linalg.norm(explained - middle, axis=1).max())
+    away = middle - beams.origins
+    along = np.einsum("ij,ij->i", away, beams.directions)
+    passes = np.einsum("ij,ij->i", away, away) - np.square(along) <= reach**2
+    near = np.isfinite(beams.ranges) & passes & (along > -reach) & (beams.ranges > along - reach)
     chosen = np.flatnonzero(near)[:: max(1, int(near.sum()) // _N_BEAMS)]
     origins, directions = beams.origins[chosen], beams.directions[chosen]
     end = beams.ranges[chosen] - 4 * tolerance - measured.spacing

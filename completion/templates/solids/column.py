@@ -3,19 +3,13 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
-from completion.fitting.consensus import consensus_surface
-from completion.fitting.held import holding
-from completion.fitting.result import FitError
 from completion.templates.engine.measured import Measured
-from completion.templates.solids.upright import Upright, UprightSample
+from completion.templates.solids.shafts import Shaft
+from completion.templates.solids.upright import Upright
 from scenes.checks import FloatArray, IntArray
-from scenes.surfaces.catalogue import Cylinder
 
-_LEAST_STEEP = 40
 _WIDTHS, _TURNS, _TOPS = (2.2, 2.8, 3.6), (0.2, 1.0), (15, 30, 50)  # radii, radians, percentiles of height
 
 
@@ -63,23 +57,11 @@ class Column:
         return each.min(axis=0), each.argmin(axis=0) + 1
 
 
-def column_starts(local: FloatArray, given: dict[str, float]) -> FloatArray | str:
-    """Return parameters (s, 6) to begin with, by an upright cylinder among points (n, 3), or why none is."""
-    sample = UprightSample.of(local)
-    points, normals = sample.steep
-    if len(points) < _LEAST_STEEP:
-        return f"only {len(points)} points on surfaces that stand upright"
-    upright = holding("cylinder", given.get("radius"), np.array([0.0, 0.0, 1.0]))
-    across = points * [1.0, 1.0, 0.0]  # a cylinder's points, along its axis
-    tolerance = 0.01 * float(np.ptp(points[:, :2], axis=0).max())
-    try:
-        shaft = cast(Cylinder, consensus_surface(across, normals, "cylinder", tolerance, upright))
-    except FitError as error:
-        return str(error)
-    x, y = shaft.point[:2]
-    tops = np.percentile(local[:, 2], _TOPS)
+def column_starts(shaft: Shaft, heights: FloatArray) -> FloatArray:
+    """Return parameters (s, 6) to begin with, by a shaft and the heights (n,) of what lies about it."""
+    tops = np.percentile(heights, _TOPS)
     starts = [
-        [x, y, turn, wide * shaft.radius, top, shaft.radius]
+        [shaft.x, shaft.y, turn, wide * shaft.radius, top, shaft.radius]
         for top in tops
         for wide in _WIDTHS
         for turn in _TURNS

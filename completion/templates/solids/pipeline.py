@@ -12,13 +12,16 @@ from completion.templates.engine.fit import NOTHING, fit_template
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Given, Status, TemplateFit, best_first
 from completion.templates.solids.column import Column, column_starts
+from completion.templates.solids.shafts import Shaft, find_shafts
 from completion.templates.solids.stairs import Flight, Stairs, find_flight, trimmed
-from completion.templates.solids.upright import Upright
+from completion.templates.solids.upright import Upright, UprightSample, levels
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 
 KINDS = ("stairs", "column")
 _UP = (0.0, 0.0, 1.0)
 _LEAST_TREADS = 3
+_ABOUT, _BEYOND = 3.0, 5.0  # radii of a shaft, within which its base lies, and what goes on beyond
+_NOISES, _LEAST_LEVEL = 4.0, 20  # half the thickness of a level, and its points
 
 
 def find_solids(
@@ -116,18 +119,51 @@ def _about_flight(local: FloatArray, flight: Flight) -> BoolArray:
 def _column(
     frame: Upright, measured: Measured, given: Given, *, rng: np.random.Generator, budget: int
 ) -> TemplateFit:
-    """A column among the points."""
-    starts = column_starts(frame.local(measured.points), dict(given))
-    if isinstance(starts, str):
-        return TemplateFit.absent("column", Column.names, len(measured.points), starts)
+    """A column about one of the upright cylinders among the points."""
+    local = frame.local(measured.points)
     known = {name: value for name, value in given.items() if name in Column.names}
-    fit = fit_template(Column(frame), measured, known, rng=rng, budget=budget, starts=starts)
+    sample = UprightSample.closely(local)
+    shafts = find_shafts(sample, measured.spacing, measured.noise, radius=known.get("radius"))
+    if not shafts:
+        return TemplateFit.absent("column", Column.names, len(local), "no upright cylinder was measured")
+    fits = []
+    for shaft in shafts:
+        near = _about_shaft(local, shaft, sample, measured)
+        starts = column_starts(shaft, local[near, 2])
+        one = fit_template(
+            Column(frame), _part(measured, near), known, rng=rng, budget=budget // len(shafts), starts=starts
+        )
+        fits.append(replace(_as_column(one, frame), assignment=_spread(one, near)))
+    return best_first(fits)[0]
+
+
+def _about_shaft(local: FloatArray, shaft: Shaft, sample: UprightSample, measured: Measured) -> BoolArray:
+    """Which points (n, 3) lie about a shaft, without floors and ceilings, which go on beyond."""
+    out = np.hypot(*(sample.flat[:, :2] - shaft[:2]).T) / shaft.radius
+    beyond = sample.flat[(out > _ABOUT) & (out < _BEYOND), 2]
+    width = max(_NOISES * measured.noise, measured.spacing)
+    near: BoolArray = np.hypot(*(local[:, :2] - shaft[:2]).T) < _ABOUT * shaft.radius
+    for height in levels(beyond, width, _LEAST_LEVEL):
+        near &= np.abs(local[:, 2] - height) > width
+    return near
+
+
+def _as_column(fit: TemplateFit, frame: Upright) -> TemplateFit:
+    """The fit with what else a column must show, and its geometry."""
     x, y, _, width, top, radius = fit.x
     if fit.status is not Status.NONE:
         seen = {side.name for side in fit.sides if side.is_seen}
-        if "shaft" not in seen or not any(name.startswith("side") for name in seen):
+        of_base = [name for name in seen if name.startswith("side")]
+        against = [side.name for side in fit.sides if side.contradicted > side.confirmed]
+        if "shaft" not in seen or not of_base:
             reason = f"shaft and base belong to a column: seen were {', '.join(sorted(seen))}"
             fit = replace(fit, status=Status.NONE, reason=reason)
+        elif against:
+            told = f"beams went through {', '.join(against)}"
+            fit = replace(fit, status=Status.NONE, reason=told)
+        elif len(of_base) == 1 and fit.status is Status.FOUND:
+            told = "one side of its base was seen: anything may stand beside a shaft"
+            fit = replace(fit, status=Status.AMBIGUOUS, reason=told)
         elif width < 2 * radius:
             fit = replace(fit, status=Status.NONE, reason="the base is narrower than the shaft")
     place = frame.outside(np.array([[x, y, top]]))

@@ -6,12 +6,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from completion.fitting.oriented import oriented
 from completion.templates.engine.measured import Measured
 from scenes.checks import FloatArray
 
-_N_ORIENTED = 6_000
+_N_ORIENTED, _N_CLOSELY, _N_TREE = 6_000, 20_000, 600_000
+_N_NEIGHBOURS = 16
 _FLAT, _STEEP = np.cos(np.radians(25.0)), np.sin(np.radians(25.0))
 
 
@@ -60,6 +62,16 @@ class UprightSample:
         """Return at most some thousands of the points (n, 3)."""
         sample = local[:: max(1, len(local) // _N_ORIENTED)]
         return cls(sample, oriented(sample, local)[0])
+
+    @classmethod
+    def closely(cls, local: FloatArray) -> UprightSample:
+        """Return more of the points (n, 3), with normals by fewer neighbours, as slender things need."""
+        sample = local[:: max(1, len(local) // _N_CLOSELY)]
+        points = local[:: max(1, len(local) // _N_TREE)]
+        _, nearest = cKDTree(points).query(sample, k=min(_N_NEIGHBOURS, len(points)))
+        around = points[nearest] - points[nearest].mean(axis=1, keepdims=True)
+        _, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", around, around))
+        return cls(sample, vectors[:, :, 0])
 
     @property
     def flat(self) -> FloatArray:
