@@ -36,9 +36,9 @@ def _elbows(first: int = FIRST, n: int = EACH) -> None:
 
 
 @app.command("solids")
-def _solids(first: int = FIRST, n: int = EACH) -> None:
-    """Flights of stairs and columns."""
-    solids.run(first, n)
+def _solids(first: int = FIRST, n: int = EACH, rooms: bool = typer.Option(False, "--rooms")) -> None:
+    """Flights of stairs and columns, among points or in scanned rooms."""
+    (solids.run_rooms if rooms else solids.run)(first, n)
 
 
 if __name__ == "__main__":

@@ -3,10 +3,15 @@
 
 from __future__ import annotations
 
+import time
+from collections import Counter
+
 import numpy as np
 
+from benchmarks.features.solid_rooms import CONTENTS, solid_room
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Status
+from completion.templates.pipeline import find_features
 from completion.templates.solids.pipeline import find_solids
 from tests.completion.templates.solids.solid_points import column_points, stairs_points
 
@@ -41,6 +46,25 @@ def run(first_seed: int, n: int) -> None:
             fit = find_solids(Measured(points, 0.005, _SPACING), [kind], rng=np.random.default_rng(0))[0]
             false += fit.status is Status.FOUND
         print(f"{kind} on {2 * n} floors with walls, boxes or a pole: {false} false", flush=True)
+
+
+def run_rooms(first_seed: int, n: int) -> None:
+    """Print how often a column and stairs are found in scanned rooms, how exactly, and where none are."""
+    for kind in _TRUE:
+        for content in CONTENTS:
+            rows, status, cpu = [], Counter[str](), time.process_time()
+            for seed in range(first_seed, first_seed + n):
+                scan, true = solid_room(seed, content)
+                fit = find_features([scan], [kind], rng=0).fits[0]
+                status[str(fit.status)] += 1
+                if content == kind and fit.status is not Status.NONE:
+                    rows.append([abs(fit.value(name) - value) for name, value in true.items()])
+            said = ", ".join(f"{number} {name}" for name, number in sorted(status.items()))
+            names, off = " and ".join(_TRUE[kind]), ""
+            if rows:
+                off = f"; {names} off by {np.round(1e3 * np.median(rows, axis=0), 1)} mm"
+            each = (time.process_time() - cpu) / n
+            print(f"{kind} in rooms with {content}: {said}{off}; {each:.1f} CPU s each", flush=True)
 
 
 def room_points(rng: np.random.Generator, n: int = 1_500) -> np.ndarray:

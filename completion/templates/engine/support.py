@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Side
@@ -16,7 +17,7 @@ Nearest = Callable[[FloatArray], tuple[FloatArray, IntArray]]
 
 _TILE = 6.0  # typical distances between points
 _LEAST_POINTS = 4  # on a tile that counts
-_N_BEAMS, _N_STEPS = 2_000, 80
+_N_BEAMS, _N_STEPS, _N_SAMPLE = 2_000, 80, 2_000
 
 
 def face_sides(
@@ -30,8 +31,8 @@ def face_sides(
 ) -> tuple[Side, ...]:
     """Return the support of each face.
 
-    Tiles are cubes of six typical distances between points. One is confirmed by four points of the face, and
-    contradicted by beams that went through the face there and on, unless it is confirmed.
+    Tiles are cubes of six typical distances between the points of a face. One is confirmed by four of them,
+    and contradicted by beams that went through the face there and on, unless it is confirmed.
 
     Parameters
     ----------
@@ -48,16 +49,26 @@ def face_sides(
     tolerance : float
         Within which a point agrees with a face.
     """
-    side = max(_TILE * measured.spacing, 4 * tolerance, 1e-12)
     through, through_faces = _passages(measured, measured.points[faces > 0], nearest, tolerance)
     sides = []
     for number, name in enumerate(names, start=1):
-        confirmed = _tiles(measured.points[faces == number], side, _LEAST_POINTS)
+        points = measured.points[faces == number]
+        side = max(_TILE * max(measured.spacing, _spacing(points)), 4 * tolerance, 1e-12)
+        confirmed = _tiles(points, side, _LEAST_POINTS)
         crossed = _tiles(through[through_faces == number], side, 1) - confirmed
         n = len(confirmed) + len(crossed)
         deviation = float(deviations[number - 1])
         sides.append(Side(name, len(confirmed), len(crossed), n, deviation=deviation))
     return tuple(sides)
+
+
+def _spacing(points: FloatArray) -> float:
+    """Typical distance between the points (n, 3) of a face: where beams graze it they lie farther apart."""
+    if len(points) < _LEAST_POINTS:
+        return 0.0
+    some = points[:: max(1, len(points) // _N_SAMPLE)]
+    away, _ = cKDTree(points).query(some, k=_LEAST_POINTS)
+    return float(np.median(away[:, -1]) / np.sqrt(_LEAST_POINTS - 1))
 
 
 def _tiles(points: FloatArray, side: float, least: int) -> set[tuple[int, ...]]:

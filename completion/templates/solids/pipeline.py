@@ -12,14 +12,16 @@ from completion.templates.engine.fit import NOTHING, fit_template
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Given, Status, TemplateFit, best_first
 from completion.templates.solids.column import Column, column_starts
+from completion.templates.solids.flights import Flight, find_flight, trimmed
 from completion.templates.solids.shafts import Shaft, find_shafts
-from completion.templates.solids.stairs import Flight, Stairs, find_flight, trimmed
+from completion.templates.solids.stairs import Stairs
 from completion.templates.solids.upright import Upright, UprightSample, levels
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 
 KINDS = ("stairs", "column")
 _UP = (0.0, 0.0, 1.0)
 _LEAST_TREADS = 3
+_ABOVE_FLOOR = 0.9  # of a rise, below the first tread
 _ABOUT, _BEYOND = 3.0, 5.0  # radii of a shaft, within which its base lies, and what goes on beyond
 _NOISES, _LEAST_LEVEL = 4.0, 20  # half the thickness of a level, and its points
 
@@ -71,14 +73,15 @@ def _stairs(
 ) -> TemplateFit:
     """A flight where structure sees one, fitted to what lies about it."""
     local = frame.local(measured.points)
-    flight = find_flight(local, measured, dict(given))
+    sample = UprightSample.closely(local)
+    flight = find_flight(sample, measured.noise, measured.spacing, dict(given))
     if isinstance(flight, str):
         return TemplateFit.absent("stairs", Stairs.names, len(local), flight)
     known = {name: value for name, value in given.items() if name in Stairs.names}
     if "count" in given:
         flight = flight._replace(n_steps=int(given["count"]))
     for _ in range(2):
-        template, near = Stairs(frame, flight.n_steps, flight.x), _about_flight(local, flight)
+        template, near = Stairs(frame, flight.n_steps, flight.x, flight.sides), _about_flight(local, flight)
         part, start = _part(measured, near), flight.x[None]
         fit = fit_template(template, part, known, rng=rng, budget=budget, starts=start)
         seen = [
@@ -106,13 +109,13 @@ def _stairs(
 
 
 def _about_flight(local: FloatArray, flight: Flight) -> BoolArray:
-    """Which points (n, 3) lie about a flight, a step more on all sides."""
+    """Which points (n, 3) lie about a flight, without the floor that its first riser stands on."""
     heading, forward, height, going, rise = flight.x
     along = local[:, :2] @ [np.cos(heading), np.sin(heading)] - forward
     across = local[:, :2] @ [-np.sin(heading), np.cos(heading)]
     up = local[:, 2] - height
     inside = (along > -going) & (along < (flight.n_steps + 1) * going)
-    inside &= (up > -1.5 * rise) & (up < (flight.n_steps + 0.5) * rise)
+    inside &= (up > -_ABOVE_FLOOR * rise) & (up < (flight.n_steps + 0.5) * rise)
     return np.asarray(inside & (across > flight.sides[0]) & (across < flight.sides[1]))
 
 

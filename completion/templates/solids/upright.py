@@ -66,7 +66,7 @@ class UprightSample:
     @classmethod
     def closely(cls, local: FloatArray) -> UprightSample:
         """Return more of the points (n, 3), with normals by fewer neighbours, as slender things need."""
-        sample = local[:: max(1, len(local) // _N_CLOSELY)]
+        sample = _evenly(local, _N_CLOSELY)
         points = local[:: max(1, len(local) // _N_TREE)]
         _, nearest = cKDTree(points).query(sample, k=min(_N_NEIGHBOURS, len(points)))
         around = points[nearest] - points[nearest].mean(axis=1, keepdims=True)
@@ -83,6 +83,24 @@ class UprightSample:
         """Points (m, 3) of surfaces that stand upright, and their normals (m, 3)."""
         which = np.abs(self.normals[:, 2]) < _STEEP
         return self.points[which], self.normals[which]
+
+
+def _evenly(points: FloatArray, most: int) -> FloatArray:
+    """About so many of the points (n, 3), spread over what was measured: one of each cube."""
+    if len(points) <= most:
+        return points
+    low = points.min(axis=0)
+    side = float(np.ptp(points, axis=0).max()) / np.sqrt(most)
+    first = np.zeros(0, np.int64)
+    for _ in range(4):
+        cubes = np.floor((points - low) / side).astype(np.int64)
+        wide = cubes.max(axis=0) + 1
+        number = (cubes[:, 0] * wide[1] + cubes[:, 1]) * wide[2] + cubes[:, 2]
+        _, first = np.unique(number, return_index=True)
+        if most / 2 <= len(first) <= most:
+            break
+        side *= np.sqrt(len(first) / (0.7 * most))
+    return points[np.sort(first)]
 
 
 def levels(heights: FloatArray, width: float, least: int) -> FloatArray:

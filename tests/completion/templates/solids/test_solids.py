@@ -4,8 +4,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.features.solid_rooms import solid_room
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Status
+from completion.templates.pipeline import find_features
 from completion.templates.solids.pipeline import find_solids
 from completion.templates.solids.upright import levels
 from scenes.checks import InputError
@@ -95,3 +97,18 @@ def test_other_kinds_and_directions_are_refused():
         found(np.zeros((20, 3)), "sphere")
     with pytest.raises(InputError, match="up is a direction"):
         found(np.zeros((20, 3)), "stairs", up=(0, 0, 0))
+
+
+@pytest.mark.parametrize("kind", ["stairs", "column"])
+def test_it_is_found_in_a_scanned_room(kind):
+    scan, true = solid_room(0, kind)
+    fit = find_features([scan], [kind], rng=0).fits[0]
+    assert fit.status is Status.FOUND
+    for name, value in true.items():
+        assert fit.value(name) == pytest.approx(value, abs=4e-3)
+
+
+def test_boxes_in_a_scanned_room_are_no_column_and_no_stairs():
+    scan, _ = solid_room(0, "boxes")
+    found = find_features([scan.thinned(300_000)], ["stairs", "column"], rng=0).found
+    assert not found
