@@ -21,7 +21,7 @@ _SAME = 0.12  # of a rise: how far a patch may be above or below where the row h
 _ASIDE = 0.35  # of a going, how far its middle may be before or behind
 _DEEP = (0.3, 2.0)  # goings: how deep treads are, a nose or what hides them counted
 _SIDES = (2.0, 98.0)  # percentiles of points that a patch spans
-_MARGIN = 0.04  # of the width between them, up to the ends
+_MARGIN = (100.0 / 96.0 - 1) / 2  # of the width between them, up to the ends
 _MOST_MISSED = 1  # steps in turn that nobody saw
 
 

@@ -47,6 +47,5 @@ class Stairs:
         each = np.hstack([np.hypot(v, u - np.clip(u, 0.0, going)), np.hypot(u, v - np.clip(v, -rise, 0.0))])
         numbers = np.hstack([step + 1, step + 1 + self.count])
         best = each.argmin(axis=1)[:, None]
-        return np.hypot(np.take_along_axis(each, best, 1)[:, 0], beside), np.take_along_axis(
-            numbers, best, 1
-        )[:, 0]
+        nearest, number = (np.take_along_axis(one, best, 1)[:, 0] for one in (each, numbers))
+        return np.hypot(nearest, beside), number
