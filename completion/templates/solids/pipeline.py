@@ -10,17 +10,18 @@ import numpy as np
 
 from completion.templates.engine.fit import NOTHING, fit_template
 from completion.templates.engine.measured import Measured
-from completion.templates.engine.template import Given, Status, TemplateFit, best_first
+from completion.templates.engine.template import Given, Status, Template, TemplateFit, best_first
 from completion.templates.solids.column import Column, column_starts
 from completion.templates.solids.flights import Flight, find_flight, trimmed
 from completion.templates.solids.shafts import Shaft, find_shafts
 from completion.templates.solids.stairs import Stairs
 from completion.templates.solids.upright import Upright, UprightSample, levels
-from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.checks import BoolArray, FloatArray, InputError
 
 KINDS = ("stairs", "column")
 _UP = (0.0, 0.0, 1.0)
 _LEAST_TREADS = 3
+_MOST_POINTS = 20_000  # that a template is fitted to
 _ABOVE_FLOOR = 0.9  # of a rise, below the first tread
 _ABOUT, _BEYOND = 3.0, 5.0  # radii of a shaft, within which its base lies, and what goes on beyond
 _NOISES, _LEAST_LEVEL = 4.0, 20  # half the thickness of a level, and its points
@@ -82,8 +83,7 @@ def _stairs(
         flight = flight._replace(n_steps=int(given["count"]))
     for _ in range(2):
         template, near = Stairs(frame, flight.n_steps, flight.x, flight.sides), _about_flight(local, flight)
-        part, start = _part(measured, near), flight.x[None]
-        fit = fit_template(template, part, known, rng=rng, budget=budget, starts=start)
+        fit = _fitted(template, measured, near, known, rng=rng, budget=budget, starts=flight.x[None])
         seen = [
             k for k in range(flight.n_steps) if any(fit.sides[n].is_seen for n in (k, k + flight.n_steps))
         ]
@@ -105,7 +105,7 @@ def _stairs(
     treads = sum(side.is_seen for side in fit.sides[:count])
     if fit.status is Status.FOUND and treads < _LEAST_TREADS:
         fit = replace(fit, status=Status.AMBIGUOUS, reason=f"only {treads} treads were seen")
-    return replace(fit, assignment=_spread(fit, near), geometry=geometry)
+    return replace(fit, geometry=geometry)
 
 
 def _about_flight(local: FloatArray, flight: Flight) -> BoolArray:
@@ -133,10 +133,9 @@ def _column(
     for shaft in shafts:
         near = _about_shaft(local, shaft, sample, measured)
         starts = column_starts(shaft, local[near, 2])
-        one = fit_template(
-            Column(frame), _part(measured, near), known, rng=rng, budget=budget // len(shafts), starts=starts
-        )
-        fits.append(replace(_as_column(one, frame), assignment=_spread(one, near)))
+        each = budget // len(shafts)
+        one = _fitted(Column(frame), measured, near, known, rng=rng, budget=each, starts=starts)
+        fits.append(_as_column(one, frame))
     return best_first(fits)[0]
 
 
@@ -173,14 +172,25 @@ def _as_column(fit: TemplateFit, frame: Upright) -> TemplateFit:
     return replace(fit, geometry={"radius": radius, "axis": frame.turn[2], "centres": place})
 
 
-def _part(measured: Measured, which: BoolArray) -> Measured:
-    """What was measured of some points (n,); all beams."""
-    beam = None if measured.beam_of_point is None else measured.beam_of_point[which]
-    return replace(measured, points=measured.points[which], beam_of_point=beam, faces=None)
-
-
-def _spread(fit: TemplateFit, near: BoolArray) -> IntArray:
-    """The assignment of all points (n,)."""
-    found = np.zeros(len(near), dtype=fit.assignment.dtype)
-    found[near] = fit.assignment
-    return found
+def _fitted(
+    template: Template,
+    measured: Measured,
+    near: BoolArray,
+    known: Given,
+    *,
+    rng: np.random.Generator,
+    budget: int,
+    starts: FloatArray,
+) -> TemplateFit:
+    """A template fitted to some of the points that are near (n,); all near ones are assigned to its faces."""
+    which = np.flatnonzero(near)
+    some = which[:: max(1, len(which) // _MOST_POINTS)]
+    beam = None if measured.beam_of_point is None else measured.beam_of_point[some]
+    part = replace(measured, points=measured.points[some], beam_of_point=beam, faces=None)
+    fit = fit_template(template, part, known, rng=rng, budget=budget, starts=starts)
+    off, _ = template.distance(part.points, fit.x)
+    allowed = float(np.abs(off[fit.assignment > 0]).max(initial=0.0))
+    away, face = template.distance(measured.points[which], fit.x)
+    assignment = np.zeros(len(near), dtype=fit.assignment.dtype)
+    assignment[which] = np.where(np.abs(away) <= allowed, face, 0)
+    return replace(fit, assignment=assignment)

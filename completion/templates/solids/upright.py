@@ -12,7 +12,8 @@ from completion.fitting.oriented import oriented
 from completion.templates.engine.measured import Measured
 from scenes.checks import FloatArray
 
-_N_ORIENTED, _N_CLOSELY, _N_TREE = 6_000, 20_000, 600_000
+_N_ORIENTED, _N_CLOSELY, _N_TREE = 6_000, (20_000, 100_000), 1_000_000
+_SHARE = 0.05  # of all points, that are looked at closely
 _N_NEIGHBOURS = 16
 _FLAT, _STEEP = np.cos(np.radians(25.0)), np.sin(np.radians(25.0))
 
@@ -66,7 +67,7 @@ class UprightSample:
     @classmethod
     def closely(cls, local: FloatArray) -> UprightSample:
         """Return more of the points (n, 3), with normals by fewer neighbours, as slender things need."""
-        sample = _evenly(local, _N_CLOSELY)
+        sample = _evenly(local, int(np.clip(_SHARE * len(local), *_N_CLOSELY)))
         points = local[:: max(1, len(local) // _N_TREE)]
         _, nearest = cKDTree(points).query(sample, k=min(_N_NEIGHBOURS, len(points)))
         around = points[nearest] - points[nearest].mean(axis=1, keepdims=True)
