@@ -10,6 +10,7 @@ import numpy as np
 
 from completion.observe.observation import Observation
 from completion.templates.engine.template import Given, Side, Status, TemplateFit
+from completion.templates.openings.null import false_fit_probability
 from completion.templates.openings.walls.proposals import WallChart
 from completion.templates.openings.walls.recess import FACES, SIDES, Recess, expect
 from completion.templates.openings.walls.sides import Estimate
@@ -35,7 +36,8 @@ NAMES = ("u", "sill", "width", "height", "depth")
 class Opened:
     """A recess as it was fitted, what speaks for it, and how far in and out each side may be off.
 
-    `floor` is the level that it stands on, `lowest` the lowest level that was measured, NaN for none.
+    `floor` is the level that it stands on, `lowest` the lowest level that was measured, NaN for none; `bare`
+    are the seen sides that a mere strip bounds.
     """
 
     frame: WallFrame
@@ -48,6 +50,7 @@ class Opened:
     image_share: float
     wall: Wall
     slack: Mapping[str, tuple[float, float]]
+    bare: tuple[str, ...]
     chart: WallChart | None
 
 
@@ -64,6 +67,7 @@ def decide(
         covariance[NAMES.index(name)] = covariance[:, NAMES.index(name)] = 0.0
     confirmed = sum(side.confirmed for side in opened.sides)
     contradicted = sum(side.contradicted for side in opened.sides)
+    evidence = _BY_TILE * (confirmed - contradicted)
     return TemplateFit(
         kind=kind,
         status=status,
@@ -71,7 +75,8 @@ def decide(
         x=x,
         covariance=covariance,
         sides=opened.sides,
-        evidence=_BY_TILE * (confirmed - contradicted),
+        evidence=evidence,
+        false_fit_probability=false_fit_probability(status, evidence),
         faces=FACES,
         assignment=assignment,
         reason=reason,
@@ -98,7 +103,8 @@ def silent_feature(fit: TemplateFit, share: float) -> TemplateFit:
     geometry = {**fit.geometry, "depth_m": np.nan, "depth_sd_m": np.inf}
     none = np.zeros_like(fit.assignment)
     unknown = replace(fit, x=x, covariance=covariance, geometry=geometry, assignment=none)
-    return replace(unknown, status=Status.AMBIGUOUS, reason=told)
+    chance = false_fit_probability(Status.AMBIGUOUS, fit.evidence)
+    return replace(unknown, status=Status.AMBIGUOUS, reason=told, false_fit_probability=chance)
 
 
 def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
@@ -116,6 +122,12 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
         return kind, told, Status.NONE
     if len(seen) < _FEWEST_SEEN or not {"left", "right"} & set(seen):
         told = f"only its {' and '.join(seen)} side was seen" if seen else "none of its sides was seen"
+        return kind, told, Status.NONE
+    walled = {name for name in seen if name not in opened.bare}
+    if opened.floor is not None:
+        walled -= {"bottom"}
+    if opened.bare and (len(walled) < _FEWEST_SEEN or not {"left", "right"} & walled):
+        told = f"what bounds its {' and '.join(opened.bare)} side is a strip, no wall: beams go on beyond"
         return kind, told, Status.NONE
     if on_reveals < _REVEALED and opened.image_share > _IS_IMAGE and not opened.recess.is_closed:
         told = f"opening or mirror: {opened.image_share:.0%} of what lies behind is the image of what stands"

@@ -7,7 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from benchmarks.features.walls import null_case, opening_case
+from benchmarks.features.null_walls import null_case
+from benchmarks.features.walls import opening_case
 from completion.templates.engine.template import Seen, Status
 from completion.templates.openings.scans import find_openings_of_scans
 from completion.templates.openings.walls.likelihood import log_likelihoods, recesses
@@ -49,7 +50,8 @@ def beams_at(recess, rng, *, noise=0.005, eye=(-0.4, -3.0, 0.1), n=90):
     wall, none = stretch * -eye[1], np.zeros(len(uv), np.int64)
     beams = WallBeams(
         uv, slope, stretch, wall, ranges=wall, deviation=np.full(len(uv), noise),
-        gap=np.full(len(uv), 3 / n), nats=np.zeros(len(uv)), farthest=12.0, scan=none, pixel=none,
+        gap=np.full(len(uv), 3 / n), nats=np.zeros(len(uv)), is_silent=none > 0, farthest=12.0, scan=none,
+        pixel=none,
     )  # fmt: skip
     expected = expected_of(beams, recess)
     ranges = np.where(np.isfinite(expected), expected, rng.uniform(6.0, 12.0, len(uv)))
