@@ -17,11 +17,14 @@ from benchmarks.completion.quantities.comparison import leaf_groups
 from benchmarks.completion.quantities.elements import TrueBuilding
 from completion.templates.engine.template import Seen, Status, TemplateFit
 from completion.templates.pipeline import find_features
+from scenes import RayCaster
 from scenes.checks import FloatArray
+from scenes.files.scene_files import open_scene
 
 _LEAST_M2 = 0.05
 _OFF_M = 0.4  # between a hole's middle plane and the side of its wall
 _RIGHT_M = 0.03
+_IN_REVEAL_M = 0.02  # behind the face of a wall
 _BESIDE_M = 0.6  # of the middle of a leaf: in a room, or outside
 _HOLE_M, _AROUND_M, _BEFORE_M = 0.01, 0.1, 0.35  # grid, margin, and where beams start before the middle
 _HALF_CELL_M = _HOLE_M / 2
@@ -71,6 +74,7 @@ def duplex(
     """Holes of doors and windows, all leaves taken out, from a panorama in each of the largest rooms."""
     truth = TrueBuilding.read(DATA / "buildings/duplex.npz")
     holes = _holes(truth)
+    house = open_scene(DATA / "buildings/duplex.glb", up="y").without(("*Door*", "*Window*")).ray_caster()
     scans = list(house_scans(stations, noise, "panorama"))
     start = time.process_time()
     features = find_features(scans, ("doorway", "window", "niche"), rng=0)
@@ -92,7 +96,7 @@ def duplex(
         told = found[same[0]] if same else doubtful[0] if doubtful and hole.is_outer else None
         if told is None:
             continue
-        errors = _errors(told, hole)
+        errors = _errors(told, house)
         tally[f"{side}, {'found' if same else 'ambiguous'}"].add(errors)
         for name, error, sd in errors:
             if listed and abs(error) > _RIGHT_M:
@@ -100,13 +104,16 @@ def duplex(
     others = [fit for k, fit in enumerate(found) if k not in matched]
     for name, one in tally.items():
         print(f"{name}: {one}")
-    print(f"found elsewhere {len(others)}, ambiguous in all {len(unsure)}, {spent:.0f} s of processors")
-    print(f"(true sides are known to {1000 * _HALF_CELL_M:.0f} mm)")
-    for fit in others:
+    free = [_is_free(fit, house) for fit in others]
+    print(
+        f"found elsewhere {len(others)}, of which beams pass {sum(free)}: holes without a leaf; ambiguous in "
+        f"all {len(unsure)}; {spent:.0f} s of processors"
+    )
+    for fit, is_free in zip(others, free, strict=True):
         corners = np.asarray(fit.geometry["corners"])
-        print(
-            f"   elsewhere: {fit.kind} {np.round(corners.min(axis=0), 2)} {np.round(corners.max(axis=0), 2)}"
-        )
+        at = f"{np.round(corners.min(axis=0), 2)} {np.round(corners.max(axis=0), 2)}"
+        off = [(name, round(1000 * error)) for name, error, _ in _errors(fit, house)]
+        print(f"   elsewhere: {fit.kind} {at}, {'open' if is_free else 'FALSE'}, sides off by mm {off}")
 
 
 def _holes(truth: TrueBuilding) -> list[_Hole]:
@@ -159,19 +166,33 @@ def _lies_in(fit: TemplateFit, hole: _Hole) -> bool:
     return bool(np.prod(shared) > 0.7 * np.prod((end - at)[flat]))
 
 
-def _errors(fit: TemplateFit, hole: _Hole) -> list[tuple[str, float, float]]:
-    """Errors of the sides that were seen, with their deviations, metres."""
-    corners, other = np.asarray(fit.geometry["corners"]), 1 - hole.axis
-    low, high = hole.low, hole.high
-    left_is_low = corners[0, other] < corners[1, other]
-    ends = {
-        "left": (corners[0, other], low[other] if left_is_low else high[other]),
-        "right": (corners[1, other], high[other] if left_is_low else low[other]),
-        "bottom": (corners[0, 2], low[2]),
-        "top": (corners[2, 2], high[2]),
-    }
-    return [
-        (side.name, float(ends[side.name][0] - ends[side.name][1]), max(side.deviation, 1e-6))
-        for side in fit.sides
-        if side.state is Seen.CONFIRMED
-    ]
+def _errors(fit: TemplateFit, house: RayCaster) -> list[tuple[str, float, float]]:
+    """Errors of the sides that were seen, outwards, with their deviations, metres.
+
+    Where a side is, rays say that start within the opening, just behind the wall's face, and go along it.
+    """
+    corners, into = np.asarray(fit.geometry["corners"]), np.asarray(fit.geometry["into"])
+    across, up = corners[1] - corners[0], corners[3] - corners[0]
+    middle = corners.mean(axis=0) + _IN_REVEAL_M * into
+    found = []
+    for side in fit.sides:
+        if side.state is not Seen.CONFIRMED:
+            continue
+        sign = 1.0 if side.name in ("right", "top") else -1.0
+        out, along = (across, up) if side.name in ("left", "right") else (up, across)
+        half = np.linalg.norm(out) / 2
+        starts = middle + np.linspace(-0.35, 0.35, 15)[:, None] * along
+        way = sign * out / np.linalg.norm(out)
+        away = house.first_hit(starts, np.tile(way, (len(starts), 1))).ranges
+        found.append((side.name, float(half - np.median(away)), max(side.deviation, 1e-6)))
+    return found
+
+
+def _is_free(fit: TemplateFit, house: RayCaster) -> bool:
+    """Whether beams straight through an opening meet nothing for half a metre, nearly all over it."""
+    corners, into = np.asarray(fit.geometry["corners"]), np.asarray(fit.geometry["into"])
+    steps = np.linspace(0.02, 0.98, 40)
+    a, b = (grid.ravel()[:, None] for grid in np.meshgrid(steps, steps))
+    places = corners[0] + a * (corners[1] - corners[0]) + b * (corners[3] - corners[0]) - 0.05 * into
+    hits = house.first_hit(places, np.tile(into, (len(places), 1)))
+    return bool((hits.ranges > 0.5).mean() > 0.9)

@@ -147,7 +147,7 @@ def _opened(
         sides=sides,
         floor=floor,
         lowest=min((level.value for level in levels if np.isfinite(level.value)), default=np.nan),
-        image_share=image_share(frame, turned.chosen(recess.holds(turned.uv)), observations),
+        image_share=lambda: image_share(frame, turned.chosen(recess.holds(turned.uv)), observations),
         wall=wall,
         slack=slack,
         bare=(),

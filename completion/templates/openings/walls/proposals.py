@@ -13,12 +13,13 @@ from scipy import ndimage
 from completion.templates.openings.walls.recess import Recess
 from completion.templates.openings.walls.rectangle import CellRectangle, best_rectangle
 from completion.templates.openings.walls.wall_beams import WallBeams
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 
 CELL_M = 0.05
 _MOST_CELLS = 400  # along the longer side of the chart
 _GAPS, _PLACE_M, _SHARE = 1.5, 0.25, 0.75  # distances between beams in a cell, of those that lie closest
 _MOST_NATS = 6.0  # that one cell may say
+_AROUND, _BESIDE = 4, 2.0  # cells along a larger one, and the nats that it may say of those between beams
 _DEAR = 3.0  # nats, where most of a rectangle was not seen
 _LEAST_SEEN = 0.4  # of a rectangle: what boxes hide of the rectangle around all that is seen is less
 _PRICE = 0.1  # nats of each cell of a rectangle: what was not seen is not worth claiming
@@ -39,7 +40,7 @@ class WallChart:
     cell : float
         Side of a cell, metres.
     nats : (rows, columns) float
-        Odds for no wall, clipped; 0 where no beam says anything.
+        Odds for no wall, clipped; where no beam crosses a cell those of the larger cell around it.
     """
 
     corner: FloatArray
@@ -52,10 +53,12 @@ class WallChart:
         low, high = beams.uv.min(axis=0), beams.uv.max(axis=0)
         cell = max(CELL_M, _GAPS * _closest(beams), float((high - low).max()) / _MOST_CELLS)
         shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)[::-1]
-        column, row = np.minimum(((beams.uv - low) / cell).astype(np.int64), shape[::-1] - 1).T
+        place = np.minimum(((beams.uv - low) / cell).astype(np.int64), shape[::-1] - 1)
         odds = np.clip(beams.nats, -_MOST_NATS, _MOST_NATS)
-        nats = np.bincount(row * shape[1] + column, odds, minlength=int(shape.prod())).reshape(shape)
-        return cls(low, cell, np.clip(nats, -_MOST_NATS, _MOST_NATS))
+        nats, is_met = _sums(odds, place, shape)
+        around, _ = _sums(odds, place // _AROUND, shape // _AROUND + 1)
+        whole = np.kron(np.clip(around, -_BESIDE, _BESIDE), np.ones((_AROUND, _AROUND)))
+        return cls(low, cell, np.where(is_met, nats, whole[: shape[0], : shape[1]]))
 
     @property
     def wall_m2(self) -> float:
@@ -74,6 +77,14 @@ class WallChart:
             hull = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32))
             cv2.fillConvexPoly(inside, hull, 1)
         return inside.astype(np.bool_)
+
+
+def _sums(odds: FloatArray, place: IntArray, shape: IntArray) -> tuple[FloatArray, BoolArray]:
+    """Sums of odds (n,) over cells (rows, columns), clipped, and the cells that beams cross."""
+    flat = place[:, 1] * shape[1] + place[:, 0]
+    nats = np.bincount(flat, odds, minlength=int(shape.prod())).reshape(shape)
+    is_met = np.bincount(flat, minlength=int(shape.prod())).reshape(shape) > 0
+    return np.clip(nats, -_MOST_NATS, _MOST_NATS), is_met
 
 
 def _closest(beams: WallBeams) -> float:

@@ -147,12 +147,13 @@ def fit_depth(beams: WallBeams, recess: Recess, given: float | None = None) -> t
             mean, sd, top = _posterior(tiles, depths)
             step = float(np.max(np.diff(depths)[max(np.argmin(np.abs(depths - mean)) - 1, 0) :][:2]))
             half = max(_FIVE_SD * sd, 2 * step, 1e-4)
-            estimate = Estimate(mean, max(sd, _jackknife(tiles, depths)))
-            depths = np.unique(np.clip(mean + np.linspace(-half, half, 41), 0.0, None))
-        best[is_closed] = (top, estimate)
+            tried, depths = depths, np.unique(np.clip(mean + np.linspace(-half, half, 41), 0.0, None))
+        best[is_closed] = (top, Estimate(mean, max(sd, _jackknife(tiles, tried))))
     odds = factor * (best[True][0] - best[False][0])
-    is_closed = odds > 0 and (given is not None or _has_back(beams, recess, best[True][1].value))
-    depth = best[is_closed][1]
+    back = best[True][1]
+    is_closed = odds > 0 and (given is not None or _has_back(beams, recess, back.value))
+    reveals_end = odds > 0 and back.value <= _WALLS_M  # there, though no back does
+    depth = back if is_closed or reveals_end else best[False][1]
     return replace(recess, depth=depth.value, is_closed=is_closed), depth, odds
 
 
@@ -201,6 +202,7 @@ def _jackknife(tiles: FloatArray, places: FloatArray) -> float:
     n = len(tiles)
     if n < 2:
         return 0.0
-    total = tiles.sum(axis=0)
-    means = np.array([_posterior((total - tile)[None], places)[0] for tile in tiles])
+    others = tiles.sum(axis=0) - tiles
+    weights = np.exp(others - others.max(axis=1, keepdims=True)) * np.gradient(places)
+    means = (weights * places).sum(axis=1) / weights.sum(axis=1)
     return float(np.sqrt((n - 1) / n * np.square(means - means.mean()).sum()))
