@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
@@ -24,6 +25,7 @@ _LEVEL = 0.98  # cosine between a floor's normal and up
 _LEAST_POINTS = 500  # of a plane in which openings are sought
 _MOST_POINTS = 20_000
 _LEVEL_POINTS, _FEW_POINTS = 4000, 200  # of a level plane, that say where it is
+_STEP_M = 0.25  # cells of a floor, of which people need three each way
 _SHARED = 0.2  # of the smaller of two holes that cannot both be there
 _SAME_M = 0.15  # between the middles of what is one opening, beside half its width
 
@@ -99,11 +101,12 @@ def floors_of(
     """Return the level planes that people stand on, by `up` (3,).
 
     What stands on a floor is none: seats, beds and tables lie within the outline of a lower level, less than
-    a person's height above it.
+    a person's height above it. Neither is what is narrow, as a sill.
     """
-    levels = [one for one in surfaces if _is_level(one, up)]
     frame = np.linalg.svd(up[None])[2][1:]  # two directions along the ground
-    points = [one.points(observations, _LEVEL_POINTS) for one in levels]
+    sampled = [(one, one.points(observations, _LEVEL_POINTS)) for one in surfaces if _is_level(one, up)]
+    wide = [pair for pair in sampled if _is_wide(pair[1] @ frame.T)]
+    points = [some for _, some in wide]
     height = [float(np.median(some @ up)) for some in points]
     plans = [some @ frame.T for some in points]
     few = [plan[:: max(1, len(plan) // _FEW_POINTS)] for plan in plans]
@@ -111,10 +114,18 @@ def floors_of(
     def stands(k: int) -> bool:
         return any(
             FLOOR_M < height[k] - height[j] < DOOR_M and _share_within(few[k], plans[j]) > 0.5
-            for j in range(len(levels))
+            for j in range(len(wide))
         )
 
-    return [Floor(one.fit, points[k]) for k, one in enumerate(levels) if not stands(k)]
+    return [Floor(one.fit, some) for k, (one, some) in enumerate(wide) if not stands(k)]
+
+
+def _is_wide(plan: FloatArray) -> bool:
+    """Whether places (n, 2) fill a square of three cells somewhere."""
+    column, row = np.floor((plan - plan.min(axis=0)) / _STEP_M).astype(np.int64).T
+    filled = np.zeros((row.max() + 1, column.max() + 1), dtype=np.bool_)
+    filled[row, column] = True
+    return bool(ndimage.binary_erosion(filled, np.ones((3, 3))).any())
 
 
 def _share_within(plan: FloatArray, other: FloatArray) -> float:

@@ -10,6 +10,7 @@ import pytest
 from benchmarks.features.null_walls import null_case
 from benchmarks.features.walls import opening_case
 from completion.templates.engine.template import Seen, Status
+from completion.templates.openings.null import false_fit_probability
 from completion.templates.openings.scans import find_openings_of_scans
 from completion.templates.openings.walls.likelihood import log_likelihoods, recesses
 from completion.templates.openings.walls.recess import Recess, expect
@@ -164,7 +165,7 @@ def test_what_is_given_is_held_and_places_the_side_that_nobody_saw(door):
     assert [found.min(), found.max()] == pytest.approx([case.hole[0], case.hole[2]], abs=0.005)
 
 
-@pytest.mark.parametrize("kind", ["cupboards", "wall end"])
+@pytest.mark.parametrize("kind", ["cupboards", "wall end", "wardrobes", "table"])
 def test_walls_without_openings_have_none(kind):
     fits, doubts = find(null_case(101, kind).scan)
     assert not [fit for fit in fits if fit.status is Status.FOUND]
@@ -175,4 +176,5 @@ def test_walls_without_openings_have_none(kind):
 def test_a_mirror_is_an_opening_or_a_mirror():
     fits, _ = find(null_case(100, "mirror").scan)
     assert fits[0].status is Status.AMBIGUOUS
+    assert fits[0].false_fit_probability == false_fit_probability(Status.AMBIGUOUS, fits[0].evidence)
     assert fits[0].reason.startswith("opening or mirror")
