@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import bdtrc
 
 from completion.observe.observation import Observation
 from completion.templates.engine.template import Given, Side, Status, TemplateFit
@@ -21,12 +22,16 @@ from scenes.checks import FloatArray, IntArray
 _BY_TILE = 4.0  # nats: of a tile that confirms or contradicts
 _LEAST_M = 0.3  # of width and height
 _REFUTED = 0.3  # share of a side's tiles
+_MISTAKEN, _LEVEL = (
+    0.03,
+    0.01,
+)  # of tiles of true sides (a hundredth, in a house), and of a test that they are
 _FEWEST_SEEN = 2  # sides
 _ON_FACE = 3.0  # standard deviations
 _REVEALED = 10  # points on reveals, from which on they are seen
 _LEAST_AROUND = 0.8  # of a niche's area, that must be wall around it: pictures' frames are less
 LEAST_NICHE_M = 0.03
-_IS_IMAGE = 0.6  # of what lies behind stands before, too: of mirrors .86 +- .08, on walls 100 to 107
+_IS_IMAGE = 0.5  # share of what lies behind that stands before, too
 DOOR_M = 1.6  # height from which on what stands on the floor is a doorway
 _CLOSED_M = 0.15  # depth up to which a door's leaf lies behind its wall
 NAMES = ("u", "sill", "width", "height", "depth")
@@ -115,7 +120,8 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
     is_narrow = width < _LEAST_M and {"left", "right"} <= set(seen)
     if is_narrow or (height < _LEAST_M and {"bottom", "top"} <= set(seen)):
         return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", Status.NONE
-    for side in refuted(opened.sides, has_floor=opened.floor is not None):
+    has_floor = opened.floor is not None
+    for side in [*refuted(opened.sides, has_floor=has_floor), *_ended(opened.sides, has_floor=has_floor)]:
         told = f"its {side.name} side is contradicted by {side.contradicted} of {side.total} tiles"
         return kind, told, Status.NONE
     if kind == "niche" and (told := _relief(opened)):
@@ -130,9 +136,14 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
         told = f"what bounds its {' and '.join(opened.bare)} side is a strip, no wall: beams go on beyond"
         return kind, told, Status.NONE
     may_be_image = on_reveals < _REVEALED and not opened.recess.is_closed
-    if may_be_image and (share := opened.image_share()) > _IS_IMAGE:
+    share = opened.image_share() if may_be_image else 0.0
+    if share > _IS_IMAGE:
         told = f"opening or mirror: {share:.0%} of what lies behind is the image of what stands"
         return kind, f"{told} before it, and no reveal was measured", Status.AMBIGUOUS
+    if np.isnan(share):
+        doubt = "; ".join(
+            [*([doubt] if doubt else []), "no reveal and no image is in view: it may be a mirror"]
+        )
     return kind, doubt, Status.FOUND
 
 
@@ -144,6 +155,21 @@ def refuted(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
         if side.contradicted > side.confirmed
         and side.contradicted >= _REFUTED * side.total
         and not (side.name == "bottom" and has_floor)
+    ]
+
+
+def _ended(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
+    """The sides that more tiles contradict than would by mistake: the wall ends there, the opening does not.
+
+    Binomial test, over the tiles that tell.
+    """
+    return [
+        side
+        for side in sides
+        if side.contradicted
+        and bdtrc(side.contradicted - 1, side.contradicted + side.confirmed, _MISTAKEN) < _LEVEL
+        and not (side.name == "bottom" and has_floor)
+        and side.is_seen
     ]
 
 
