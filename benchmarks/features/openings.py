@@ -10,8 +10,10 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.features.walls import KINDS, NULLS, WallCase, null_case, opening_case
+from benchmarks.features.null_walls import NULLS, null_case
+from benchmarks.features.walls import KINDS, WallCase, opening_case
 from completion.templates.engine.template import Seen, Status, TemplateFit
+from completion.templates.openings.null import LEVELS, rank
 from completion.templates.pipeline import find_features
 from scenes.checks import FloatArray
 
@@ -100,22 +102,38 @@ def nulls(
     seeds: Annotated[int, typer.Option("--seeds")] = 50,
     noise: Annotated[float, typer.Option("--noise", help="Metres.")] = 0.005,
     listed: Annotated[bool, typer.Option("--list")] = False,
+    tail: Annotated[bool, typer.Option("--tail", help="The table of templates/openings/null.py.")] = False,
 ) -> None:
     """Walls without openings: how many are found, and what mirrors are called."""
     print("| null | walls | false | ambiguous | greatest evidence |")
     print("|---|---|---|---|---|")
+    every: list[list[TemplateFit]] = []
     for kind in NULLS:
         false = unsure = 0
         most = [0.0]
         for seed in range(first, first + seeds):
             case = null_case(seed, kind, noise)
             fits = find_features([case.scan], KINDS).fits
+            every.append(list(fits))
             false += any(fit.status is Status.FOUND for fit in fits)
             unsure += any(fit.status is Status.AMBIGUOUS for fit in fits)
             most += [fit.evidence for fit in fits]
             if listed and any(fit.status is not Status.NONE for fit in fits):
                 _tell(seed, case, fits)
         print(f"| {kind} | {seeds} | {false} | {unsure} | {max(most):.0f} |", flush=True)
+    if tail:
+        for line in tail_lines(every):
+            print(line)
+
+
+def tail_lines(walls: Sequence[Sequence[TemplateFit]]) -> list[str]:
+    """Return, of walls' fits, how many walls have one as good: by status first, then by evidence."""
+    out = [f"N_WALLS = {len(walls)}"]
+    for status in Status:
+        ranks = [[rank(fit.status, fit.evidence) for fit in fits] for fits in walls]
+        held = [sum(any(one >= rank(status, nats) for one in fits) for fits in ranks) for nats in LEVELS]
+        out.append(f"{status.name}: {tuple(held)}")
+    return out
 
 
 def _rectangle(case: WallCase, fit: TemplateFit) -> tuple[FloatArray, float]:

@@ -1,35 +1,28 @@
 # SPDX-License-Identifier: MIT
-"""Walls by seed: a room whose far wall has one opening behind clutter, or none but what looks like one."""
+"""Walls by seed: a room whose far wall has one opening behind clutter."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 
-from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, SphericalSensor
+from benchmarks.features.wall_rooms import (
+    WOOD,
+    Hole,
+    Size,
+    add_shell,
+    clutter_of,
+    hole_of,
+    room_of,
+    scan_of,
+)
 from scenes.checks import FloatArray
-from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.building import SceneBuilder
 from scenes.world.scene import Scene
 
-Hole = tuple[float, float, float, float]  # y and z of its near and of its far corner
-Null = Literal["plain", "picture", "wall end", "cupboards", "lost patch", "mirror"]
-NULLS: tuple[Null, ...] = ("plain", "picture", "wall end", "cupboards", "lost patch", "mirror")
 KINDS = ("doorway", "window", "niche")
-_GREY = Finish((0.78, 0.77, 0.74))
-_FLOOR, _CEILING, _SIDE = Finish((0.55, 0.50, 0.44)), Finish((0.90, 0.90, 0.88)), Finish((0.70, 0.70, 0.68))
-_REVEAL, _BEYOND = Finish((0.62, 0.62, 0.60)), Finish((0.46, 0.54, 0.62))
-_WOOD = Finish((0.6, 0.5, 0.4))
-_STRAYS = 0.01
-_PANORAMA = SphericalSensor(
-    azimuth_span_deg=110.0, elevation_min_deg=-50.0, elevation_max_deg=40.0, width=880, height=720,
-    name="panorama", max_range_m=20.0,
-)  # fmt: skip
-_CAMERA = PinholeSensor(fov_deg=75.0, width=640, height=480, max_range_m=12.0, name="camera")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,143 +60,22 @@ def opening_case(seed: int, kind: str, hidden: float, noise_m: float = 0.005) ->
     """Return an opening of a kind, about `hidden` of which stands behind boxes."""
     for attempt in range(40):
         rng = np.random.default_rng([20270, seed, KINDS.index(kind), round(100 * hidden), attempt])
-        room, hole, depth = _room(rng), (0.0, 0.0, 0.0, 0.0), float(rng.uniform(0.08, 0.35))
-        hole = _hole(rng, kind, room)
+        room, hole, depth = room_of(rng), (0.0, 0.0, 0.0, 0.0), float(rng.uniform(0.08, 0.35))
+        hole = hole_of(rng, kind, room)
         eye = np.array([rng.uniform(0.8, 1.6), rng.uniform(0.2, 0.8) * room[1], rng.uniform(1.3, 1.7)])
         build = SceneBuilder(f"{kind} {seed}", "room")
-        _add_shell(build, room, [hole], kind, depth, rng)
-        boxes = _clutter(rng, room, hole, eye, hidden)
+        add_shell(build, room, [hole], kind, depth, rng)
+        boxes = clutter_of(rng, room, hole, eye, hidden)
         for number, (low, high) in enumerate(boxes):
-            build.add_box(f"box {number}", low, high, _WOOD)
+            build.add_box(f"box {number}", low, high, WOOD)
         scene = build.finish()
         share, seen = _visible(scene, eye, room, hole)
         if abs(share - hidden) <= 0.1:
-            return WallCase(_scan(scene, eye, room, rng, noise_m), kind, room[0], hole, depth, share, seen)
+            return WallCase(scan_of(scene, eye, room, rng, noise_m), kind, room[0], hole, depth, share, seen)
     raise RuntimeError(f"no clutter hides {hidden:.0%} of {kind} {seed}")
 
 
-def null_case(seed: int, kind: Null, noise_m: float = 0.005) -> WallCase:
-    """Return a wall without an opening, but with what looks like one."""
-    rng = np.random.default_rng([20271, seed, NULLS.index(kind)])
-    room = _room(rng)
-    eye = np.array([rng.uniform(0.8, 1.6), rng.uniform(0.25, 0.75) * room[1], rng.uniform(1.3, 1.7)])
-    build = SceneBuilder(f"{kind} {seed}", "room")
-    hole = _hole(rng, "doorway" if rng.random() < 0.5 else "window", room)
-    if kind == "wall end":
-        end = float(rng.uniform(0.45, 0.7) * room[1])
-        _add_shell(build, room, [], "plain", 0.1, rng, width=end)
-    else:
-        _add_shell(build, room, [], "plain", 0.1, rng)
-    if kind == "picture":
-        for _ in range(3):
-            at = rng.uniform([0.1 * room[1], 0.8], [0.7 * room[1], 1.4])
-            size, thick = rng.uniform(0.3, 1.0, 2), float(rng.uniform(0.01, 0.06))
-            low = np.array([room[0] - thick, *at])
-            build.add_box("picture", low, low + [thick, size[0], size[1]], _WOOD)
-    if kind == "cupboards":
-        gap, high = float(rng.uniform(0.4, 1.0)), float(rng.uniform(1.2, 2.2))
-        middle, deep = float(rng.uniform(0.4, 0.6) * room[1]), float(rng.uniform(0.3, 0.6))
-        for y0, y1 in ((0.1, middle - gap / 2), (middle + gap / 2, room[1] - 0.1)):
-            build.add_box("cupboard", (room[0] - deep, y0, 0.0), (room[0], y1, high), _WOOD)
-    for number, (low, up) in enumerate(_clutter(rng, room, hole, eye, 0.3)):
-        build.add_box(f"box {number}", low, up, _WOOD)
-    scene = build.finish()
-    scan = _scan(scene, eye, room, rng, noise_m)
-    if kind == "mirror":
-        scan = _with_mirror(scan, scene, room, hole, rng.normal(0.0, noise_m, scan.shape))
-    if kind == "lost patch":
-        scan = _without_patch(scan, room, hole)
-    return WallCase(scan, kind, room[0], None, 0.0, 0.0, {})
-
-
-def _room(rng: np.random.Generator) -> tuple[float, float, float]:
-    return float(rng.uniform(3.5, 6.0)), float(rng.uniform(3.4, 5.0)), float(rng.uniform(2.4, 3.0))
-
-
-def _hole(rng: np.random.Generator, kind: str, room: tuple[float, float, float]) -> Hole:
-    width = float(rng.uniform(0.7, 1.1) if kind == "doorway" else rng.uniform(0.6, 1.4))
-    low = 0.0 if kind == "doorway" else float(rng.uniform(0.6, 1.0))
-    high = float(rng.uniform(1.95, 2.15)) if kind == "doorway" else low + float(rng.uniform(0.6, 1.2))
-    start = float(rng.uniform(0.5, room[1] - width - 0.5))
-    return start, low, start + width, high
-
-
-def _add_shell(
-    build: SceneBuilder,
-    room: tuple[float, float, float],
-    holes: list[Hole],
-    kind: str,
-    depth: float,
-    rng: np.random.Generator,
-    *,
-    width: float | None = None,
-) -> None:
-    """Floor, ceiling and walls; the far wall with holes and reveals, another room or nothing behind it."""
-    x, y, z = np.diag(room)
-    build.add_rectangle("floor", np.zeros(3), x, y, _FLOOR)
-    build.add_rectangle("ceiling", z + y, x, -y, _CEILING)
-    build.add_rectangle("wall x=0", np.zeros(3), y, z, _GREY)
-    build.add_rectangle("wall y=0", np.zeros(3), x, z, _SIDE)
-    build.add_rectangle("wall y=far", y, x, z, _SIDE)
-    end = room[1] if width is None else width
-    from_far = [(end - hole[2], hole[1], end - hole[0], hole[3]) for hole in holes]
-    build.add_panel(
-        "wall", (room[0], end, 0.0), (0, -end, 0), z, _GREY, holes=from_far, are_openings=kind != "niche"
-    )
-    deep = np.array([depth, 0.0, 0.0])
-    for y0, z0, y1, z1 in holes:
-        low = np.array([room[0], y0, z0])
-        across, up = np.array([0, y1 - y0, 0.0]), np.array([0, 0, z1 - z0])
-        build.add_rectangle("reveal left", low, deep, up, _REVEAL)
-        build.add_rectangle("reveal right", low + across, deep, up, _REVEAL)
-        build.add_rectangle("reveal top", low + up, deep, across, _REVEAL)
-        build.add_rectangle("reveal bottom", low, deep, across, _REVEAL)
-        if kind == "niche":
-            build.add_rectangle("back", low + deep, across, up, _GREY)
-    if kind != "niche" and (holes or width is not None):
-        away = np.array([rng.uniform(1.5, 5.0), 0.0, 0.0])
-        corner = x + away - y - z * 0.2
-        build.add_rectangle("beyond", corner, 3 * y, 1.6 * z, _BEYOND)
-        build.add_rectangle("floor beyond", x - y, away, 3 * y, _BEYOND)
-
-
-def _clutter(
-    rng: np.random.Generator, room: tuple[float, float, float], hole: Hole, eye: FloatArray, hidden: float
-) -> list[tuple[FloatArray, FloatArray]]:
-    """Boxes before the wall whose shadows from the eye cover about a share of the hole, from one side."""
-    y0, _, y1, z1 = hole
-    share = hidden * rng.uniform(0.9, 1.3)
-    stands = rng.uniform(0.3, 1.0)  # before the wall
-    scale = 1 - stands / (room[0] - eye[0])  # from the wall's plane to that of the box's front
-    boxes = []
-    style = rng.integers(3)
-    if style == 0:  # from below, over the whole width
-        low, high, top = y0 - 0.3, y1 + 0.3, hole[1] + share * (z1 - hole[1])
-        edges = [(low, high, top)]
-    elif style == 1:  # from the side, tall
-        cut = share * (y1 - y0)
-        left = rng.random() < 0.5
-        edges = [(y0 - 0.4, y0 + cut, z1 + 0.1) if left else (y1 - cut, y1 + 0.4, z1 + 0.1)]
-    else:  # two boxes
-        part = share / 2
-        edges = [
-            (y0 - 0.3, y0 + part * 1.4 * (y1 - y0), hole[1] + 0.8 * (z1 - hole[1])),
-            (y0 + 0.3 * (y1 - y0), y1 + 0.3, hole[1] + part * (z1 - hole[1])),
-        ]
-    for low, high, top in edges:
-        ya, yb = (eye[1] + scale * (edge - eye[1]) for edge in (low, high))
-        za = eye[2] + scale * (top - eye[2])
-        front = eye[0] + scale * (room[0] - eye[0])
-        ya, yb = max(ya, 0.02), min(yb, room[1] - 0.02)
-        if yb - ya > 0.05 and za > 0.05:
-            back = min(front + rng.uniform(0.15, 0.4), room[0] - 0.02)
-            boxes.append((np.array([front, ya, 0.0]), np.array([back, yb, min(za, room[2] - 0.05)])))
-    return boxes
-
-
-def _visible(
-    scene: Scene, eye: FloatArray, room: tuple[float, float, float], hole: Hole
-) -> tuple[float, dict[str, float]]:
+def _visible(scene: Scene, eye: FloatArray, room: Size, hole: Hole) -> tuple[float, dict[str, float]]:
     """Share of the hole that is hidden, and of each side that is seen: its inside and its outside."""
     y0, z0, y1, z1 = hole
     caster = scene.ray_caster()
@@ -228,52 +100,3 @@ def _visible(
             both &= reached(*((across, along) if axis == 0 else (along, across)))
         seen[name] = float(both.mean())
     return float(hidden), seen
-
-
-def _scan(
-    scene: Scene,
-    eye: FloatArray,
-    room: tuple[float, float, float],
-    rng: np.random.Generator,
-    noise_m: float,
-) -> RangeImage:
-    """A panorama, or a camera's image, with noise and strays, of a wall that the sensor looks at askew."""
-    sensor: Sensor = _PANORAMA if rng.random() < 0.6 else _CAMERA
-    aim = np.array([room[0], room[1] * rng.uniform(0.35, 0.65), eye[2] if sensor is _PANORAMA else 1.2])
-    pose = Pose.looking_at(eye, aim)
-    scan = scan_scene(
-        scene, pose, sensor, noise=f"gaussian-{1000 * noise_m:g}mm", rng=int(rng.integers(2**31)), truth=False
-    )
-    ranges = scan.ranges.copy()
-    stray = (rng.random(ranges.shape) < _STRAYS) & np.isfinite(ranges)
-    ranges[stray] = rng.uniform(0.5, 8.0, int(stray.sum()))
-    return replace(scan, ranges=ranges)
-
-
-def _without_patch(scan: RangeImage, room: tuple[float, float, float], hole: Hole) -> RangeImage:
-    """The scan without returns from a rectangle of the wall, as dark paint loses them."""
-    points = scan.points()
-    on = np.abs(points[..., 0] - room[0]) < 0.05
-    y0, z0, y1, z1 = hole
-    inside = (points[..., 1] > y0) & (points[..., 1] < y1) & (points[..., 2] > z0) & (points[..., 2] < z1)
-    return replace(scan, ranges=np.where(on & inside, np.inf, scan.ranges))
-
-
-def _with_mirror(
-    scan: RangeImage,
-    scene: Scene,
-    room: tuple[float, float, float],
-    hole: Hole,
-    error: FloatArray,
-) -> RangeImage:
-    """The scan with a mirror on the wall: beams that meet it are reflected, and measure on."""
-    points, (y0, z0, y1, z1) = scan.points(), hole
-    on = (np.abs(points[..., 0] - room[0]) < 0.05) & (points[..., 1] > y0) & (points[..., 1] < y1)
-    on &= (points[..., 2] > z0) & (points[..., 2] < z1)
-    rays = scan.rays()[on]
-    away = (room[0] - scan.origin[0]) / rays[:, 0]
-    places = scan.origin + (away - 1e-4)[:, None] * rays
-    onward = scene.ray_caster().first_hit(places, rays * [-1.0, 1.0, 1.0]).ranges
-    ranges = scan.ranges.copy()
-    ranges[on] = away + onward + error[on]
-    return replace(scan, ranges=ranges)

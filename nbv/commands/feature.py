@@ -169,7 +169,7 @@ def summary_of(features: Features) -> dict[str, Any]:
 
 def lines_of(features: Features) -> list[str]:
     """Return a line for each feature: kind, size, sides seen, evidence; refused ones counted."""
-    from nbv.report.blocks.feature_blocks import size_of
+    from nbv.report.blocks.feature_blocks import chance_of, size_of
 
     lines = []
     for number, fit in enumerate(features.fits, start=1):
@@ -178,6 +178,8 @@ def lines_of(features: Features) -> list[str]:
         seen = sum(side.is_seen for side in fit.sides)
         doubt = f" ({fit.reason})" if fit.reason else ""
         told = f"{seen} of {len(fit.sides)} sides seen, {fit.evidence:.0f} nats"
+        if np.isfinite(fit.false_fit_probability):
+            told += f", false {chance_of(fit)}"
         lines.append(f"{number:3d} {fit.kind} {fit.status}: {size_of(fit)}; {told}{doubt}")
     refused = [fit for fit in features.fits if fit.status is Status.NONE]
     if refused:

@@ -100,14 +100,15 @@ def fit_patch(
 
     # 4. Compare with a patch joined to nothing: what is left of the points there is their error.
     loose = state._replace(around={})
+    off, _ = rms_of(state.patch, feet_of(state.patch, places, state.uv, STEPS), around)
     for _ in range(ON_ALL):
-        loose = next_round(loose, places, smoothing)
+        loose = next_round(loose, places, smoothing, rms=off)
     error, _ = rms_of(loose.patch, feet_of(loose.patch, places, loose.uv, STEPS))
 
     # 5. Free: surfaces move with the controls; then once more with the surfaces where they came to be.
     if free and around:
         state = released(state, places, Freedom(around, size), error**2, smoothing)
-        state = next_round(state, places, smoothing)
+        state = next_round(state, places, smoothing, rms=error)
     state = state._replace(patch=settled(state.patch, state.around))
 
     # 6. Measure residuals and joins, in the unit of the points.

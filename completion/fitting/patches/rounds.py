@@ -25,7 +25,8 @@ _ANNEALED = (1e-3, 1e-5, 1e-5, 1e-6, 1e-7)
 """Smoothing of the first rounds."""
 
 _MOST_ROUNDS, _STILL = 12, 2e-3  # further ones, until the rms falls by a smaller share
-_EVEN = 1e-7  # weight of parameters that run evenly, a point
+_EVEN = 1e-7  # weight of parameters that run evenly, a point, at most
+_EVEN_BY_NOISE = 4e-3  # and of the squared rms at unit size: what is measured better is smoothed less
 _SOME = 20_000  # points
 _FREE_ROUNDS, _RESTS = 15, 0.01  # at most, and shares of a point's error by which surfaces still move
 
@@ -45,21 +46,29 @@ def fitted(state: State, places: FloatArray, smoothing: float) -> State:
     coarse = state._replace(uv=state.uv[::stride])
     for number in range(len(_ANNEALED) + _MOST_ROUNDS):
         weight = _ANNEALED[number] if number < len(_ANNEALED) else 0.0
-        coarse = next_round(coarse, some, max(weight, smoothing), is_first=number == 0, is_stretched=True)
+        coarse = next_round(
+            coarse, some, max(weight, smoothing), rms=last, is_first=number == 0, is_stretched=True
+        )
         rms, _ = rms_of(coarse.patch, feet_of(coarse.patch, some, coarse.uv, 0))
         if number > len(_ANNEALED) and rms > (1 - _STILL) * last:
             break
         last = rms
     state = coarse._replace(uv=nearest_uv(coarse.patch, coarse.uv, places, stride))
     for _ in range(ON_ALL):
-        state = next_round(state, places, smoothing)
+        state = next_round(state, places, smoothing, rms=last)
     return state
 
 
 def next_round(
-    state: State, places: FloatArray, weight: float, *, is_first: bool = False, is_stretched: bool = False
+    state: State,
+    places: FloatArray,
+    weight: float,
+    *,
+    rms: float = np.inf,
+    is_first: bool = False,
+    is_stretched: bool = False,
 ) -> State:
-    """Return the patch after feet, then controls; places (k, 3), smoothed by a weight.
+    """Return the patch after feet, then controls; places (k, 3), smoothed by a weight, off by `rms` so far.
 
     In the first round points are taken to lie where their parameters say. Where it is stretched, sides that
     nothing holds are taken back to where the points end.
@@ -74,9 +83,14 @@ def next_round(
     normal = normal_equations(state.patch.bases, uv, places, normals)
     plate = thin_plate(state.patch.bases) * (weight * len(places) * (BESIDE if is_first else 1.0))
     equations = equations_of(state.patch, {} if is_first else state.around).independent()
-    even = 0.0 * plate if is_first else evenness(state.patch) * (_EVEN * len(places))
+    even = 0.0 * plate if is_first else evenness(state.patch) * (even_weight(rms) * len(places))
     solved = Bordered(csc_array(normal.matrix + plate + even), equations).solve(normal.right, equations.value)
     return state._replace(patch=_with(state.patch, equations.imposed(solved)), uv=uv)
+
+
+def even_weight(rms: float) -> float:
+    """Return the weight of parameters that run evenly, for points that are so far off."""
+    return min(_EVEN, _EVEN_BY_NOISE * rms**2)
 
 
 def released(state: State, places: FloatArray, freedom: Freedom, variance: float, smoothing: float) -> State:
@@ -86,7 +100,7 @@ def released(state: State, places: FloatArray, freedom: Freedom, variance: float
     for _ in range(_FREE_ROUNDS):
         feet = feet_of(state.patch, places, state.uv, STEPS)
         normal = normal_equations(state.patch.bases, feet.uv, places, feet.normals)
-        even = evenness(state.patch) * (_EVEN * len(places))
+        even = evenness(state.patch) * (even_weight(float(np.sqrt(variance))) * len(places))
         form = block_diag([normal.matrix + plate + even, variance * freedom.information], format="csc")
         equations = freedom.equations(state.patch, moved).independent()
         right = np.concatenate([normal.right, np.zeros(freedom.n)])

@@ -86,7 +86,8 @@ class TemplateFit:
     evidence : float
         Log odds against the plain surface, nats.
     false_fit_probability : float
-        Of as much evidence where there is no such feature; NaN where no null was measured.
+        Of one that comes as far, with as much evidence or more, where there is no such feature: the share of
+        simulated nulls, never less than one of them. NaN where no null was measured.
     faces : tuple of str
         What `assignment` numbers, from 1.
     assignment : (n,) int

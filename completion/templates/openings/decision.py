@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import bdtrc
 
 from completion.observe.observation import Observation
 from completion.templates.engine.template import Given, Side, Status, TemplateFit
+from completion.templates.openings.null import false_fit_probability
 from completion.templates.openings.walls.proposals import WallChart
 from completion.templates.openings.walls.recess import FACES, SIDES, Recess, expect
 from completion.templates.openings.walls.sides import Estimate
@@ -20,6 +22,10 @@ from scenes.checks import FloatArray, IntArray
 _BY_TILE = 4.0  # nats: of a tile that confirms or contradicts
 _LEAST_M = 0.3  # of width and height
 _REFUTED = 0.3  # share of a side's tiles
+_MISTAKEN, _LEVEL = (
+    0.03,
+    0.01,
+)  # of tiles of true sides (a hundredth, in a house), and of a test that they are
 _FEWEST_SEEN = 2  # sides
 _ON_FACE = 3.0  # standard deviations
 _REVEALED = 10  # points on reveals, from which on they are seen
@@ -35,7 +41,8 @@ NAMES = ("u", "sill", "width", "height", "depth")
 class Opened:
     """A recess as it was fitted, what speaks for it, and how far in and out each side may be off.
 
-    `floor` is the level that it stands on, `lowest` the lowest level that was measured, NaN for none.
+    `floor` is the level that it stands on, `lowest` the lowest level that was measured, NaN for none; `bare`
+    are the seen sides that a mere strip bounds.
     """
 
     frame: WallFrame
@@ -45,9 +52,10 @@ class Opened:
     sides: tuple[Side, ...]
     floor: float | None
     lowest: float
-    image_share: float
+    image_share: Callable[[], float]
     wall: Wall
     slack: Mapping[str, tuple[float, float]]
+    bare: tuple[str, ...]
     chart: WallChart | None
 
 
@@ -64,6 +72,7 @@ def decide(
         covariance[NAMES.index(name)] = covariance[:, NAMES.index(name)] = 0.0
     confirmed = sum(side.confirmed for side in opened.sides)
     contradicted = sum(side.contradicted for side in opened.sides)
+    evidence = _BY_TILE * (confirmed - contradicted)
     return TemplateFit(
         kind=kind,
         status=status,
@@ -71,7 +80,8 @@ def decide(
         x=x,
         covariance=covariance,
         sides=opened.sides,
-        evidence=_BY_TILE * (confirmed - contradicted),
+        evidence=evidence,
+        false_fit_probability=false_fit_probability(status, evidence),
         faces=FACES,
         assignment=assignment,
         reason=reason,
@@ -98,7 +108,8 @@ def silent_feature(fit: TemplateFit, share: float) -> TemplateFit:
     geometry = {**fit.geometry, "depth_m": np.nan, "depth_sd_m": np.inf}
     none = np.zeros_like(fit.assignment)
     unknown = replace(fit, x=x, covariance=covariance, geometry=geometry, assignment=none)
-    return replace(unknown, status=Status.AMBIGUOUS, reason=told)
+    chance = false_fit_probability(Status.AMBIGUOUS, fit.evidence)
+    return replace(unknown, status=Status.AMBIGUOUS, reason=told, false_fit_probability=chance)
 
 
 def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
@@ -109,7 +120,8 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
     is_narrow = width < _LEAST_M and {"left", "right"} <= set(seen)
     if is_narrow or (height < _LEAST_M and {"bottom", "top"} <= set(seen)):
         return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", Status.NONE
-    for side in refuted(opened.sides, has_floor=opened.floor is not None):
+    has_floor = opened.floor is not None
+    for side in [*refuted(opened.sides, has_floor=has_floor), *_ended(opened.sides, has_floor=has_floor)]:
         told = f"its {side.name} side is contradicted by {side.contradicted} of {side.total} tiles"
         return kind, told, Status.NONE
     if kind == "niche" and (told := _relief(opened)):
@@ -117,9 +129,21 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
     if len(seen) < _FEWEST_SEEN or not {"left", "right"} & set(seen):
         told = f"only its {' and '.join(seen)} side was seen" if seen else "none of its sides was seen"
         return kind, told, Status.NONE
-    if on_reveals < _REVEALED and opened.image_share > _IS_IMAGE and not opened.recess.is_closed:
-        told = f"opening or mirror: {opened.image_share:.0%} of what lies behind is the image of what stands"
+    walled = {name for name in seen if name not in opened.bare}
+    if opened.floor is not None:
+        walled -= {"bottom"}
+    if opened.bare and (len(walled) < _FEWEST_SEEN or not {"left", "right"} & walled):
+        told = f"what bounds its {' and '.join(opened.bare)} side is a strip, no wall: beams go on beyond"
+        return kind, told, Status.NONE
+    may_be_image = on_reveals < _REVEALED and not opened.recess.is_closed
+    share = opened.image_share() if may_be_image else 0.0
+    if share > _IS_IMAGE:
+        told = f"opening or mirror: {share:.0%} of what lies behind is the image of what stands"
         return kind, f"{told} before it, and no reveal was measured", Status.AMBIGUOUS
+    if np.isnan(share):
+        doubt = "; ".join(
+            [*([doubt] if doubt else []), "no reveal and no image is in view: it may be a mirror"]
+        )
     return kind, doubt, Status.FOUND
 
 
@@ -131,6 +155,21 @@ def refuted(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
         if side.contradicted > side.confirmed
         and side.contradicted >= _REFUTED * side.total
         and not (side.name == "bottom" and has_floor)
+    ]
+
+
+def _ended(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
+    """The sides that more tiles contradict than would by mistake: the wall ends there, the opening does not.
+
+    Binomial test, over the tiles that tell.
+    """
+    return [
+        side
+        for side in sides
+        if side.contradicted
+        and bdtrc(side.contradicted - 1, side.contradicted + side.confirmed, _MISTAKEN) < _LEVEL
+        and not (side.name == "bottom" and has_floor)
+        and side.is_seen
     ]
 
 

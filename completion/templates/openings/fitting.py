@@ -29,7 +29,7 @@ _ROUNDS = 2
 _GAPS, _ABOUT_M = 2.5, 0.3  # distances between beams that a side is sought over, and about it that tell them
 _TRIES, _FAR = 3, 0.7  # to find a side, and the share of the reach within which it counts as found
 _INFLATION = 1.9  # by which deviations of sides were too small, in the median of simulated walls 104 to 109
-_FLOOR_M = 0.15  # between an opening's foot and the floor that it stands on
+FLOOR_M = 0.15  # between an opening's foot and the floor that it stands on
 _OPPOSITE = {"left": "right", "right": "left", "bottom": "top", "top": "bottom"}
 _SIZE = {"left": "width", "right": "width", "bottom": "height", "top": "height"}
 _UNKNOWN = Estimate(0.0, np.inf)
@@ -135,5 +135,5 @@ def floor_of(recess: Recess, levels: Sequence[Estimate]) -> Estimate | None:
     """Return the level that an opening stands on, None for none: what is lower than people stands on none."""
     if recess.size[1] < DOOR_M:
         return None
-    near = [level for level in levels if abs(level.value - recess.bottom) <= _FLOOR_M]
+    near = [level for level in levels if abs(level.value - recess.bottom) <= FLOOR_M]
     return min(near, key=lambda level: abs(level.value - recess.bottom), default=None)

@@ -39,7 +39,7 @@ def _said(images: FloatArray, seen: Observation) -> tuple[int, int]:
     place = seen.scan.pixels(images)
     rows, columns = seen.scan.shape
     with np.errstate(invalid="ignore"):
-        row, column = np.floor(place).T
+        row, column = np.rint(place).T
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     flat = (row[inside] * columns + column[inside]).astype(np.int64)
     away = np.linalg.norm(images[inside] - seen.scan.origin, axis=1)

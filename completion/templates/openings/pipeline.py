@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
 from completion.templates.engine.template import Given, Status, TemplateFit
 from completion.templates.openings.decision import Opened, decide, silent_feature
@@ -17,8 +16,8 @@ from completion.templates.openings.mirror import image_share
 from completion.templates.openings.walls.proposals import WallChart, propose
 from completion.templates.openings.walls.recess import Recess
 from completion.templates.openings.walls.sides import Estimate
-from completion.templates.openings.walls.support import all_sides
-from completion.templates.openings.walls.wall import Wall
+from completion.templates.openings.walls.support import all_sides, is_strip
+from completion.templates.openings.walls.wall import Floor, Wall
 from completion.templates.openings.walls.wall_beams import WallBeams, WallFrame, wall_beams
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
@@ -33,7 +32,7 @@ def find_openings_in(
     wall: Wall,
     observations: Sequence[Observation],
     up: FloatArray,
-    floors: Sequence[SurfaceFit],
+    floors: Sequence[Floor],
     given: Given,
 ) -> Iterator[TemplateFit]:
     """Yield the openings that are proposed in a wall, accepted or refused, the most probable first.
@@ -46,8 +45,8 @@ def find_openings_in(
         All scans, in one frame.
     up : (3,) float
         What is up in that frame.
-    floors : sequence of SurfaceFit
-        Level planes, of which one may be the floor before the wall.
+    floors : sequence of Floor
+        Level planes, of which one may be the floor before the wall; no opening goes on above a second one.
     given : mapping
         What a person knows: "width", "height", "depth", "sill" (above the floor), metres.
     """
@@ -61,7 +60,8 @@ def find_openings_in(
     if np.ptp(local, axis=0).min() < _LEAST_WALL_M:
         return
     low, high = local.min(axis=0) - _BESIDE_M, local.max(axis=0) + _BESIDE_M
-    levels = [height_of(frame, floor) for floor in floors]
+    levels = [height_of(frame, floor.fit) for floor in floors]
+    reached = [_meets(frame, floor) for floor in floors]
 
     # 2. Beams: where each crosses the wall's plane, and whether it stopped before, at, or behind it.
     beams = wall_beams(frame, observations, low, high, wall)
@@ -71,32 +71,51 @@ def find_openings_in(
         low, high = corners.min(axis=0) - _BESIDE_M, corners.max(axis=0) + _BESIDE_M
         return wall_beams(frame, observations, low, high, wall, among=beams)
 
-    def opened_in(some: WallBeams, rough: Recess, every: WallBeams) -> Opened:
+    def decided(rough: Recess, every: WallBeams, chart: WallChart, others: Sequence[Recess]) -> TemplateFit:
+        near = closely(rough)
+        some = near.silent_as_open() if every is not beams else near
         opened = _opened(
             wall, frame, (some, every), rough, observations=observations, given=given, levels=levels
         )
-        return replace(opened, chart=chart)
+        turned = some.turned(opened.turn)
+        bare = [
+            side.name
+            for side in opened.sides
+            if side.is_seen
+            and is_strip(turned, opened.recess, side.name, opened.known[side.name], others=others)
+        ]
+        return decide(replace(opened, chart=chart, bare=tuple(bare)), some, observations, given)
 
     # 3. Propose, fit, decide: the rectangles whose beams speak most for no wall, exactly.
     found: list[TemplateFit] = []
-    chart = WallChart.of(beams) if len(beams) else None
-    for rough, _ in propose(chart):
-        near = closely(rough)
-        found.append(decide(opened_in(near, rough, beams), near, observations, given))
+    if len(beams):
+        chart = WallChart.of(beams)
+        proposed = [rough for rough, _ in propose(chart, reached)]
+        found = [decided(rough, beams, chart, _without(proposed, rough)) for rough in proposed]
     yield from found
 
     # 4. Silence: rectangles from which nothing came back may be panes; they are told, and never claimed.
-    silent = ~np.isfinite(beams.ranges)
+    silent = beams.is_silent
     if silent.sum() < _FEWEST_SILENT:
         return
     as_open = beams.silent_as_open()
     chart = WallChart.of(as_open)
-    for rough, _ in propose(chart):
+    proposed = [rough for rough, _ in propose(chart, reached)]
+    for rough in proposed:
         inside = rough.holds(beams.uv)
         share = float(silent[inside].mean()) if inside.any() else 0.0
         if share > _MOSTLY and not any(_overlaps(fit, frame, rough) for fit in found):
-            near = closely(rough).silent_as_open()
-            yield silent_feature(decide(opened_in(near, rough, as_open), near, observations, given), share)
+            yield silent_feature(decided(rough, as_open, chart, _without(proposed, rough)), share)
+
+
+def _without(proposed: Sequence[Recess], rough: Recess) -> list[Recess]:
+    return [one for one in proposed if one is not rough]
+
+
+def _meets(frame: WallFrame, floor: Floor) -> FloatArray:
+    """Where points of a floor that lie before a wall, close to it, meet its plane: u and v (n, 2)."""
+    local = frame.local(floor.points)
+    return np.asarray(local[(local[:, 1] > -_BESIDE_M) & (local[:, 1] < 0)][:, [0, 2]])
 
 
 def _opened(
@@ -128,9 +147,10 @@ def _opened(
         sides=sides,
         floor=floor,
         lowest=min((level.value for level in levels if np.isfinite(level.value)), default=np.nan),
-        image_share=image_share(frame, turned.chosen(recess.holds(turned.uv)), observations),
+        image_share=lambda: image_share(frame, turned.chosen(recess.holds(turned.uv)), observations),
         wall=wall,
         slack=slack,
+        bare=(),
         chart=None,
     )
 

@@ -29,12 +29,13 @@ def feature_blocks(fits: Sequence[TemplateFit]) -> tuple[Text | Table, ...]:
     told = [fit for fit in fits if fit.status is not Status.NONE][:_MOST_ROWS]
     shown = [*told, *refused[:_MOST_REFUSED]]
     rows = tuple(_row(fits.index(fit) + 1, fit) for fit in shown)
-    columns = ("Feature", "Status", "Size", "Sides seen", "Not seen", "#evidence, nats", "Why")
+    columns = ("Feature", "Status", "Size", "Sides seen", "Not seen", "#evidence, nats", "#false", "Why")
     left = len(fits) - len(shown)
     more = f" {count(left, 'more is', 'more are')} in features.json." if left else ""
     note = (
         "Size with one standard deviation. A side is seen where tiles along it confirm it: what bounds it "
-        "was measured just outside, and nothing just inside. A side that nobody saw is not claimed."
+        "was measured just outside, and nothing just inside. A side that nobody saw is not claimed. False: "
+        "how often one as good shows where there is none, of as many simulated nulls as there were."
     )
     return Table(columns, rows), Text(note + more, is_note=True)
 
@@ -60,6 +61,12 @@ def size_of(fit: TemplateFit) -> str:
     return ", ".join([*([f"{number} of them"] if number is not None else []), *told])
 
 
+def chance_of(fit: TemplateFit) -> str:
+    """Return how probably one as good shows where there is no such feature, in percent; - if not known."""
+    chance = fit.false_fit_probability
+    return f"{100 * chance:.2g} %" if np.isfinite(chance) else "-"
+
+
 def _row(number: int, fit: TemplateFit) -> tuple[Cell, ...]:
     seen = [side for side in fit.sides if side.state is Seen.CONFIRMED]
     sides = f"{len(seen)} of {len(fit.sides)}" if len(fit.sides) > 4 else ", ".join(s.name for s in seen)
@@ -71,5 +78,6 @@ def _row(number: int, fit: TemplateFit) -> tuple[Cell, ...]:
         Cell(sides),
         Cell(unseen),
         Cell(f"{fit.evidence:.0f}" if np.isfinite(fit.evidence) else "-"),
+        Cell(chance_of(fit)),
         Cell(fit.reason),
     )

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -13,12 +13,13 @@ from scipy import ndimage
 from completion.templates.openings.walls.recess import Recess
 from completion.templates.openings.walls.rectangle import CellRectangle, best_rectangle
 from completion.templates.openings.walls.wall_beams import WallBeams
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 
 CELL_M = 0.05
-_MOST_CELLS = 200  # along the longer side of the chart
-_GAPS = 1.5  # distances between beams in a cell
+_MOST_CELLS = 400  # along the longer side of the chart
+_GAPS, _PLACE_M, _SHARE = 1.5, 0.25, 0.75  # distances between beams in a cell, of those that lie closest
 _MOST_NATS = 6.0  # that one cell may say
+_AROUND, _BESIDE = 4, 2.0  # cells along a larger one, and the nats that it may say of those between beams
 _DEAR = 3.0  # nats, where most of a rectangle was not seen
 _LEAST_SEEN = 0.4  # of a rectangle: what boxes hide of the rectangle around all that is seen is less
 _PRICE = 0.1  # nats of each cell of a rectangle: what was not seen is not worth claiming
@@ -39,7 +40,7 @@ class WallChart:
     cell : float
         Side of a cell, metres.
     nats : (rows, columns) float
-        Odds for no wall, clipped; 0 where no beam says anything.
+        Odds for no wall, clipped; where no beam crosses a cell those of the larger cell around it.
     """
 
     corner: FloatArray
@@ -48,15 +49,16 @@ class WallChart:
 
     @classmethod
     def of(cls, beams: WallBeams) -> WallChart:
-        """Return the chart that holds all beams; cells are not smaller than beams lie apart."""
+        """Return the chart that holds all beams; cells are not smaller than the closest beams lie apart."""
         low, high = beams.uv.min(axis=0), beams.uv.max(axis=0)
-        gap = float(np.nanquantile(beams.gap, 0.75))
-        cell = max(CELL_M, _GAPS * gap, float((high - low).max()) / _MOST_CELLS)
+        cell = max(CELL_M, _GAPS * _closest(beams), float((high - low).max()) / _MOST_CELLS)
         shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)[::-1]
-        column, row = np.minimum(((beams.uv - low) / cell).astype(np.int64), shape[::-1] - 1).T
+        place = np.minimum(((beams.uv - low) / cell).astype(np.int64), shape[::-1] - 1)
         odds = np.clip(beams.nats, -_MOST_NATS, _MOST_NATS)
-        nats = np.bincount(row * shape[1] + column, odds, minlength=int(shape.prod())).reshape(shape)
-        return cls(low, cell, np.clip(nats, -_MOST_NATS, _MOST_NATS))
+        nats, is_met = _sums(odds, place, shape)
+        around, _ = _sums(odds, place // _AROUND, shape // _AROUND + 1)
+        whole = np.kron(np.clip(around, -_BESIDE, _BESIDE), np.ones((_AROUND, _AROUND)))
+        return cls(low, cell, np.where(is_met, nats, whole[: shape[0], : shape[1]]))
 
     @property
     def wall_m2(self) -> float:
@@ -77,28 +79,72 @@ class WallChart:
         return inside.astype(np.bool_)
 
 
+def _sums(odds: FloatArray, place: IntArray, shape: IntArray) -> tuple[FloatArray, BoolArray]:
+    """Sums of odds (n,) over cells (rows, columns), clipped, and the cells that beams cross."""
+    flat = place[:, 1] * shape[1] + place[:, 0]
+    nats = np.bincount(flat, odds, minlength=int(shape.prod())).reshape(shape)
+    is_met = np.bincount(flat, minlength=int(shape.prod())).reshape(shape) > 0
+    return np.clip(nats, -_MOST_NATS, _MOST_NATS), is_met
+
+
+def _closest(beams: WallBeams) -> float:
+    """The distance between beams, of the scan that sees each place best, that most places come up to."""
+    column, row = np.floor((beams.uv - beams.uv.min(axis=0)) / _PLACE_M).astype(np.int64).T
+    _, place = np.unique(row * (column.max() + 1) + column, return_inverse=True)
+    least = np.full(int(place.max()) + 1, np.inf)
+    np.minimum.at(least, place, beams.gap)
+    return float(np.quantile(least, _SHARE))
+
+
+def _undivided(nats: FloatArray, found: CellRectangle) -> CellRectangle:
+    """The rectangle, or the best part of it where wall divides it from one side to the other.
+
+    Two holes with the wall between them are likelier than one that claims the wall, by as many nats as speak
+    for wall in the strip between; more than a rectangle of its own must be worth.
+    """
+    top, left, bottom, right, _ = found
+    part = nats[top:bottom, left:right]
+    for axis in (0, 1):
+        sums = part.sum(axis=axis)  # of columns, then of rows
+        wall = best_rectangle(-sums[None])
+        if wall.total < _LEAST_NATS:
+            continue
+        before, after = float(sums[: wall.left].sum()), float(sums[wall.right :].sum())
+        first, last = (0, wall.left) if before >= after else (wall.right, len(sums))
+        ends = (
+            (top, left + first, bottom, left + last) if axis == 0 else (top + first, left, top + last, right)
+        )
+        return _undivided(nats, CellRectangle(*ends, total=max(before, after)))
+    return found
+
+
 def _share(is_open: BoolArray, found: CellRectangle) -> float:
     """The share of a rectangle's cells that beams went through."""
     part = is_open[found.top : found.bottom, found.left : found.right]
     return float(part.mean()) if part.size else 1.0
 
 
-def propose(chart: WallChart | None) -> Iterator[tuple[Recess, float]]:
+def propose(chart: WallChart | None, floors: Sequence[FloatArray] = ()) -> Iterator[tuple[Recess, float]]:
     """Yield rectangles in the wall with the odds that they hold, nats, each clear of those before.
 
     That without wall is worth something only within the hull of what was measured of the wall: beyond its
-    ends everything is open.
+    ends everything is open. No opening goes on where `floors` meet the wall, at places (n, 2) each.
     """
     if chart is None:
         return
     values = np.where((chart.nats > 0) & ~chart.hull(), 0.0, chart.nats) - _PRICE
     is_open = chart.nats > 1.0
+    for places in floors:
+        column, row = np.floor((places - chart.corner) / chart.cell).astype(np.int64).T
+        inside = (column >= 0) & (column < values.shape[1]) & (row >= 0) & (row < values.shape[0])
+        values[row[inside], column[inside]] = -_MOST_NATS
     for _ in range(_MOST):
         found = best_rectangle(values)
         if _share(is_open, found) < _LEAST_SEEN:  # two holes, and what nobody saw between them
             found = best_rectangle(np.where(values == -_PRICE, -_DEAR, values))
         if found.total < _LEAST_NATS:
             return
+        found = _undivided(values + _PRICE, found)
         values[found.top : found.bottom, found.left : found.right] = -_PRICE
         left, bottom = chart.corner + chart.cell * np.array([found.left, found.top])
         right, top = chart.corner + chart.cell * np.array([found.right, found.bottom])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from completion.templates.openings.walls.likelihood import log_likelihoods, recesses
-from completion.templates.openings.walls.recess import SIDES, Recess
+from completion.templates.openings.walls.recess import FACES, SIDES, Recess, expect
 from completion.templates.openings.walls.wall_beams import WallBeams
 from scenes.checks import BoolArray, FloatArray
 
@@ -18,6 +18,9 @@ _COARSE, _FINE = 41, 41  # places that are tried
 _FIVE_SD = 5.0
 _NOTHING = 0.4  # of the reach: as wide as that is what says nothing
 _LEAST_STEP_M = 1e-5
+_ON_FACE = 3.0  # deviations of the range
+_END_M = 0.05
+_WALLS_M = 0.5  # walls are thinner: what is deeper is a room
 _PLUMB = np.radians(1.0)
 _DEPTHS_M = np.array([0.0, *np.geomspace(0.01, 1.2, 60)])
 
@@ -144,13 +147,33 @@ def fit_depth(beams: WallBeams, recess: Recess, given: float | None = None) -> t
             mean, sd, top = _posterior(tiles, depths)
             step = float(np.max(np.diff(depths)[max(np.argmin(np.abs(depths - mean)) - 1, 0) :][:2]))
             half = max(_FIVE_SD * sd, 2 * step, 1e-4)
-            estimate = Estimate(mean, max(sd, _jackknife(tiles, depths)))
-            depths = np.unique(np.clip(mean + np.linspace(-half, half, 41), 0.0, None))
-        best[is_closed] = (top, estimate)
+            tried, depths = depths, np.unique(np.clip(mean + np.linspace(-half, half, 41), 0.0, None))
+        best[is_closed] = (top, Estimate(mean, max(sd, _jackknife(tiles, tried))))
     odds = factor * (best[True][0] - best[False][0])
-    is_closed = odds > 0
-    depth = best[is_closed][1]
+    back = best[True][1]
+    is_closed = odds > 0 and (given is not None or _has_back(beams, recess, back.value))
+    reveals_end = odds > 0 and back.value <= _WALLS_M  # there, though no back does
+    depth = back if is_closed or reveals_end else best[False][1]
     return replace(recess, depth=depth.value, is_closed=is_closed), depth, odds
+
+
+def _has_back(beams: WallBeams, recess: Recess, depth: float) -> bool:
+    """Whether most beams that a back should stop end there, no deeper than walls are thick.
+
+    Where nothing comes back there is none, and the wall of a corridor behind a doorway is none either.
+    """
+    if depth > _WALLS_M:
+        return False
+    inside = beams.chosen(recess.holds(beams.uv) & (beams.ranges > beams.wall_range))
+    held = {name: np.array([getattr(recess, name)]) for name in SIDES}
+    left, right = held.pop("left"), held.pop("right")
+    expected, _, face = expect(inside, left, right, **held, depth=np.array([depth]), is_closed=True)
+    off, on_back = inside.ranges - expected[:, 0], face[:, 0] == len(FACES)
+    at = inside.uv + depth * inside.slope  # close to a reveal it may be the reveal's end
+    low, high = recess.corners()[[0, 2]]
+    on_back &= ((at > low + _END_M) & (at < high - _END_M)).all(axis=1)
+    ends = on_back & (np.abs(off) <= _ON_FACE * inside.deviation)
+    return int(ends.sum()) > int((on_back & (off > 0) & ~ends).sum())
 
 
 def _depth_tiles(beams: WallBeams, recess: Recess, depths: FloatArray, is_closed: bool) -> FloatArray:
@@ -179,6 +202,7 @@ def _jackknife(tiles: FloatArray, places: FloatArray) -> float:
     n = len(tiles)
     if n < 2:
         return 0.0
-    total = tiles.sum(axis=0)
-    means = np.array([_posterior((total - tile)[None], places)[0] for tile in tiles])
+    others = tiles.sum(axis=0) - tiles
+    weights = np.exp(others - others.max(axis=1, keepdims=True)) * np.gradient(places)
+    means = (weights * places).sum(axis=1) / weights.sum(axis=1)
     return float(np.sqrt((n - 1) / n * np.square(means - means.mean()).sum()))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Wall: a plane in which openings are sought."""
+"""Wall: a plane in which openings are sought; floor: a level one that people stand on before it."""
 
 from __future__ import annotations
 
@@ -33,3 +33,19 @@ class Wall:
     points: FloatArray
     number: int = 0
     owners: Sequence[NDArray[np.int32]] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Floor:
+    """A level plane that people stand on.
+
+    Attributes
+    ----------
+    fit : SurfaceFit
+        The plane, in the frame of the observations.
+    points : (n, 3) float
+        Some of its measured points.
+    """
+
+    fit: SurfaceFit
+    points: FloatArray

@@ -18,6 +18,7 @@ _LEAST_SLOPE = 0.05  # sine between beam and wall: flatter beams do not say wher
 BLOCKED, STRAY, MEETS = 0.20, 0.01, 0.79  # shares of beams that something stops before, of strays, others
 _NEAR = 6.0  # deviations of the range
 _MOST_PIXELS = 80_000  # of one scan, that are looked at for one wall, and again for one rectangle
+_COARSE = 4  # every so many rows and columns tell where to look
 _MARGIN = 8  # pixels about those of beams that are known
 _NEIGHBOURS = 2  # pixels beside one that goes on which go on too; a stray return has none
 
@@ -75,13 +76,15 @@ class WallBeams:
     wall_range : (n,) float
         Range at which it crosses the plane.
     ranges : (n,) float
-        Range measured; inf where nothing came back.
+        Range measured; inf where nothing came back, or what did says nothing of the wall.
     deviation : (n,) float
         Standard deviation of a range on the wall, metres.
     gap : (n,) float
         Distance on the wall between neighbouring beams, metres.
     nats : (n,) float
         Log odds for no wall where it crosses, against wall; 0 where nothing came back.
+    is_silent : (n,) bool
+        Whether nothing came back.
     farthest : float
         The greatest range, metres.
     scan, pixel : (n,) int
@@ -96,6 +99,7 @@ class WallBeams:
     deviation: FloatArray
     gap: FloatArray
     nats: FloatArray
+    is_silent: BoolArray
     farthest: float
     scan: IntArray
     pixel: IntArray
@@ -110,7 +114,7 @@ class WallBeams:
 
     def silent_as_open(self) -> WallBeams:
         """Return the same with beams from which nothing came back as if they had gone on."""
-        silent = ~np.isfinite(self.ranges)
+        silent = self.is_silent
         ranges = np.where(silent, 0.99 * self.farthest, self.ranges)
         nats = np.where(silent, odds_of(ranges, self.wall_range, self.deviation, self.farthest), self.nats)
         return replace(self, ranges=ranges, nats=nats)
@@ -161,42 +165,61 @@ def wall_beams(
         Some of the beams of a larger window: only pixels about those of them in the window are looked at, and
         so more closely.
     """
-    found = []
+    window, found = (low, high), []
     for number, seen in enumerate(observations):
-        pixels = _pixels(seen.scan.shape, number, (low, high), among)
-        window = low, high
-        one = _of_scan(frame, seen, window, wall=wall, number=number, pixels=pixels)
+        shape = seen.scan.shape
+        if among is not None:
+            inside = (among.scan == number) & ((among.uv > low) & (among.uv < high)).all(axis=1)
+            known = among.pixel[inside]
+        else:
+            known = _reaching(frame, seen, window, wall=wall, number=number)
+        one = _of_scan(frame, seen, window, wall=wall, number=number, pixels=_pixels(shape, known))
         if one is not None:
             found.append(one)
     if not found:
         none, pairs, whole = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
         single = ("stretch", "wall_range", "ranges", "deviation", "gap", "nats")
         return WallBeams(
-            uv=pairs, slope=pairs, farthest=1.0, scan=whole, pixel=whole, **dict.fromkeys(single, none)
+            uv=pairs,
+            slope=pairs,
+            is_silent=whole > 0,
+            farthest=1.0,
+            scan=whole,
+            pixel=whole,
+            **dict.fromkeys(single, none),
         )
     names = [field.name for field in fields(WallBeams) if field.name != "farthest"]
     joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in names}
     return WallBeams(**joined, farthest=max(one.farthest for one in found))
 
 
-def _pixels(
-    shape: tuple[int, int],
-    scan: int,
+def _reaching(
+    frame: WallFrame,
+    seen: Observation,
     window: tuple[FloatArray, FloatArray],
-    among: WallBeams | None,
+    *,
+    wall: Wall,
+    number: int,
 ) -> IntArray:
-    """Flat pixels (rows, columns) of a scan to look at: of all of it, or about known beams in a window."""
-    rows, columns = (0, shape[0]), (0, shape[1])
-    if among is not None:
-        inside = (among.scan == scan) & ((among.uv > window[0]) & (among.uv < window[1])).all(axis=1)
-        if not inside.any():
-            return np.zeros((0, 0), np.int64)
-        row, column = np.divmod(among.pixel[inside], shape[1])
-        rows = max(int(row.min()) - _MARGIN, 0), min(int(row.max()) + _MARGIN, shape[0])
-        columns = max(int(column.min()) - _MARGIN, 0), min(int(column.max()) + _MARGIN, shape[1])
-    size = (rows[1] - rows[0]) * (columns[1] - columns[0])
-    step = max(1, int(np.ceil(np.sqrt(size / _MOST_PIXELS))))
-    return np.arange(*rows, step)[:, None] * shape[1] + np.arange(*columns, step)
+    """Some of a scan's pixels (n,) in a window of a wall that nothing stops before it: others say nothing."""
+    rows, columns = (np.arange(0, size, _COARSE) for size in seen.scan.shape)
+    pixels = rows[:, None] * seen.scan.shape[1] + columns
+    some = _of_scan(frame, seen, window, wall=wall, number=number, pixels=pixels)
+    if some is None:
+        return np.zeros(0, np.int64)
+    return some.pixel[some.ranges > some.wall_range - _NEAR * some.deviation]
+
+
+def _pixels(shape: tuple[int, int], known: IntArray) -> IntArray:
+    """Flat pixels (rows, columns) of a scan to look at: about known ones, thinned where they are many."""
+    if not len(known):
+        return np.zeros((0, 0), np.int64)
+    (top, bottom), (left, right) = (
+        (max(int(one.min()) - _MARGIN, 0), min(int(one.max()) + _MARGIN + 1, size))
+        for one, size in zip(np.divmod(known, shape[1]), shape, strict=True)
+    )
+    step = max(1, int(np.ceil(np.sqrt((bottom - top) * (right - left) / _MOST_PIXELS))))
+    return np.arange(top, bottom, step)[:, None] * shape[1] + np.arange(left, right, step)
 
 
 def _of_scan(
@@ -229,7 +252,8 @@ def _of_scan(
     farthest = float(ranges[valid].max(initial=1.0)) * 1.05
     sd = np.maximum(sd, 1e-6)
     measured = ranges.ravel()[pixel].copy()
-    near = np.abs(np.where(np.isfinite(measured), measured, 0.0) - away) < _NEAR * sd
+    is_silent = ~np.isfinite(measured)
+    near = np.abs(np.where(is_silent, 0.0, measured) - away) < _NEAR * sd
     measured[near & _is_of_another(wall, number, pixel)] = np.inf
     on = np.zeros(shape, dtype=np.bool_)
     on.ravel()[place] = odds_of(measured, away, sd, farthest) > 0
@@ -244,6 +268,7 @@ def _of_scan(
         deviation=sd,
         gap=_gaps(uv.reshape(*shape, 2)).ravel()[place],
         nats=odds_of(measured, away, sd, farthest),
+        is_silent=is_silent,
         farthest=farthest,
         scan=np.full(len(pixel), number),
         pixel=pixel,

@@ -7,8 +7,10 @@ from itertools import product
 import numpy as np
 import pytest
 
-from benchmarks.features.walls import null_case, opening_case
+from benchmarks.features.null_walls import null_case
+from benchmarks.features.walls import opening_case
 from completion.templates.engine.template import Seen, Status
+from completion.templates.openings.null import false_fit_probability
 from completion.templates.openings.scans import find_openings_of_scans
 from completion.templates.openings.walls.likelihood import log_likelihoods, recesses
 from completion.templates.openings.walls.recess import Recess, expect
@@ -49,7 +51,8 @@ def beams_at(recess, rng, *, noise=0.005, eye=(-0.4, -3.0, 0.1), n=90):
     wall, none = stretch * -eye[1], np.zeros(len(uv), np.int64)
     beams = WallBeams(
         uv, slope, stretch, wall, ranges=wall, deviation=np.full(len(uv), noise),
-        gap=np.full(len(uv), 3 / n), nats=np.zeros(len(uv)), farthest=12.0, scan=none, pixel=none,
+        gap=np.full(len(uv), 3 / n), nats=np.zeros(len(uv)), is_silent=none > 0, farthest=12.0, scan=none,
+        pixel=none,
     )  # fmt: skip
     expected = expected_of(beams, recess)
     ranges = np.where(np.isfinite(expected), expected, rng.uniform(6.0, 12.0, len(uv)))
@@ -162,7 +165,7 @@ def test_what_is_given_is_held_and_places_the_side_that_nobody_saw(door):
     assert [found.min(), found.max()] == pytest.approx([case.hole[0], case.hole[2]], abs=0.005)
 
 
-@pytest.mark.parametrize("kind", ["cupboards", "wall end"])
+@pytest.mark.parametrize("kind", ["cupboards", "wall end", "wardrobes", "table"])
 def test_walls_without_openings_have_none(kind):
     fits, doubts = find(null_case(101, kind).scan)
     assert not [fit for fit in fits if fit.status is Status.FOUND]
@@ -173,4 +176,5 @@ def test_walls_without_openings_have_none(kind):
 def test_a_mirror_is_an_opening_or_a_mirror():
     fits, _ = find(null_case(100, "mirror").scan)
     assert fits[0].status is Status.AMBIGUOUS
+    assert fits[0].false_fit_probability == false_fit_probability(Status.AMBIGUOUS, fits[0].evidence)
     assert fits[0].reason.startswith("opening or mirror")
