@@ -21,7 +21,7 @@ from completion.templates.holes.webs import are_joined
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _MARGIN = {ROW: 3, GRID: 1, CIRCLE: 0}  # places beyond what was proposed
-_LEAST, _GREATEST = -6.0, 9.0  # nats of one hole in the choice of a window
+_LEAST, _GREATEST = -9.0, 9.0  # nats of one hole in the choice of a window
 _LOOKS = float(np.log(3.0))  # of a hole that was no candidate: places that it might have had
 _RATIO = 0.15  # of the logs of radii for which that is measured
 _STEPS, _N_ROUNDS = (0.4, 0.2), 8  # spacings that a pattern's holes move at most, and how often

@@ -16,11 +16,12 @@ from completion.templates.holes.candidates import Candidates
 from completion.templates.holes.measuring.survey import Survey
 from completion.templates.holes.patterns import CIRCLE, GRID, ROW, Pattern
 from completion.templates.holes.proposals import ALIKE, Proposal, Search, pairs
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 
 _COUNTS = range(4, 17)  # of a circle
 _WEB = 0.8  # spacings between neighbouring rims at least
 _NEAR = 0.7  # spacings between a third candidate and its place in a grid, and of candidates from places
+_MOST_BEYOND = 4  # places beyond either end of a pattern that are looked at
 _MOST_WIDE = 3  # steps of a grid between its first candidates
 
 
@@ -47,6 +48,28 @@ def matches(pattern: Pattern, found: Candidates, spacing: float) -> tuple[IntArr
     cost = np.where(unlike, np.inf, off + apart)
     places = np.flatnonzero(np.isfinite(cost.min(axis=1)))
     return places, cost[places].argmin(axis=1)
+
+
+def count_range(pattern: Pattern, seen: BoolArray, survey: Survey) -> tuple[int, int]:
+    """Return how many holes a pattern has at least and at most, where `seen` (count,) of them were.
+
+    At least those from the first to the last that were seen. At most as many more as there is room for: an
+    end hole whose place is lost can be counted by nobody.
+    """
+    if pattern.kind == CIRCLE or not seen.any():
+        return pattern.count, pattern.count
+    least = [int(np.ptp(at)) + 1 for at in np.nonzero(seen.reshape(pattern.shape))]
+    (n, m), most = pattern.shape, list(pattern.shape)
+    # the first line beyond each end, the way on, and its shape
+    lines = [((-1, 0), (-1, 0), (1, m)), ((n, 0), (1, 0), (1, m)),
+             ((0, -1), (0, -1), (n, 1)), ((0, m), (0, 1), (n, 1))]  # fmt: skip
+    for number, (first, way, shape) in enumerate(lines if pattern.kind == GRID else lines[:2]):
+        for k in range(_MOST_BEYOND):
+            beyond = pattern.resized((first[0] + k * way[0], first[1] + k * way[1]), shape)
+            if survey.is_no_hole(beyond.centres, np.full(beyond.count, pattern.radius)).any():
+                break
+            most[number // 2] += 1
+    return least[0] * least[1], most[0] * most[1]
 
 
 def _steps(search: Search, survey: Survey) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:

@@ -27,7 +27,7 @@ from scenes.checks import BoolArray, InputError
 _EXACT = 0.05  # spacings: how exactly the holes of a refined pattern are placed
 _MOST_CLIMBED = 12  # lattices through pairs that are moved to where they are most evident
 _MOST = 3  # patterns of one kind in one plate that are refined
-_HOPELESS, _FURTHER = -12.0, 0.0  # nats, before refinement, of the best and of others: what is left out
+_HOPELESS, _FURTHER = -7.0, 0.0  # nats, before refinement, of the best and of others: what is left out
 
 
 def find_holes(
