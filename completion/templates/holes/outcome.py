@@ -40,6 +40,10 @@ def fit_of(
     covariance += np.outer(across, across) * plate.noise**2 / max(int(plate.is_on.sum()), 1)
     probability = false_fit_probability(pattern.kind, weighed.evidence, n_seen=int(weighed.seen.sum()))
     status, reason = _decision(weighed, probability, _spread(refined), survey.spacing)
+    least, most = count_range(pattern, weighed.seen, survey)
+    if status is Status.FOUND and least < most:
+        doubt = f"{least} to {most} holes: nothing was measured where the others would be"
+        reason = f"{reason}; {doubt}" if reason else doubt
     return TemplateFit(
         kind=pattern.kind,
         status=status,
@@ -55,7 +59,7 @@ def fit_of(
         reason=reason,
         geometry={
             "count": pattern.count,
-            "count_range": count_range(pattern, weighed.seen, survey),
+            "count_range": (least, most),
             **({"counts": list(pattern.shape)} if pattern.kind == GRID else {}),
             "centres": plate.space(pattern.centres),
             "radius": pattern.radius,
