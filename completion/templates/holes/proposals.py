@@ -51,7 +51,7 @@ class Search:
         return cls(found, area, spacing, given, cKDTree(found.centres))
 
     def alike(self, one: IntArray | int, two: IntArray) -> BoolArray:
-        """Whether radii of candidates are alike."""
+        """Whether radii of candidates (n,), or of one, and of others (n,) are alike."""
         radii = self.found.radii
         least = ALIKE[0] * self.spacing + ALIKE[1] * np.minimum(radii[one], radii[two])
         return np.asarray(np.abs(radii[one] - radii[two]) < least)
