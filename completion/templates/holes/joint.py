@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from completion.templates.holes.candidates import Candidates
+from completion.templates.holes.candidates import LARGE, Candidates
 from completion.templates.holes.chance import log_chance, log_rarity, looks
 from completion.templates.holes.lattices import matches
 from completion.templates.holes.measuring.openings import Openings
@@ -23,6 +23,7 @@ from scenes.checks import BoolArray, FloatArray, IntArray
 _MARGIN = {ROW: 3, GRID: 1, CIRCLE: 0}  # places beyond what was proposed
 _LEAST, _GREATEST = -9.0, 9.0  # nats of one hole in the choice of a window
 _LOOKS = float(np.log(3.0))  # of a hole that was no candidate: places that it might have had
+_LARGE_LOSS = 3.0  # nats that a large hole loses at most where its pattern places it
 _RATIO = 0.15  # of the logs of radii for which that is measured
 _STEPS, _N_ROUNDS = (0.4, 0.2), 8  # spacings that a pattern's holes move at most, and how often
 _UNKNOWN = -0.5  # nats: a hole that nobody saw is worth less than none
@@ -118,7 +119,11 @@ class Ground:
         other[places] = False
         more = self._rarities(holes[other], pattern.radius).sum()
         freedom = 3 * len(places) - len(pattern.x) - 1
-        loss = float(np.maximum(found.evidence[chosen] - holes[places], 0.0).sum()) - freedom
+        alone = found.evidence[chosen]
+        if pattern.radius > LARGE * self.survey.spacing:
+            # many points on a rim: by how much depends on how exactly it is placed, so like with like
+            alone = np.minimum(alone, holes[places] + freedom / max(len(places), 1) + _LARGE_LOSS)
+        loss = float(np.maximum(alone - holes[places], 0.0).sum()) - freedom
         return float(more - chance - max(loss, 0.0))
 
     def _rarities(self, holes: FloatArray, radius: float) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Given, Status, TemplateFit, best_first
 from completion.templates.holes.bores import assigned, sharpened, walls
-from completion.templates.holes.candidates import candidates
+from completion.templates.holes.candidates import LARGE, candidates
 from completion.templates.holes.joint import Ground, Weighed, climbed, windowed
 from completion.templates.holes.lattices import lattices
 from completion.templates.holes.measuring.openings import openings
@@ -95,7 +95,10 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
                for some in (begun, wide)]  # fmt: skip
     # two circles tell others less exactly than three: patterns through them are moved first
     promising = sorted(weighed[1], key=lambda one: -one.evidence)[:_MOST_CLIMBED]
-    every = weighed[0] + [climbed(one, ground, given) for one in promising]
+    # ... and so are large circles, which many points hold
+    wide_from = LARGE * ground.survey.spacing
+    every = [climbed(one, ground, given) if one.pattern.radius > wide_from else one for one in weighed[0]]
+    every += [climbed(one, ground, given) for one in promising]
     best = list[Weighed]()
     for one in sorted(every, key=lambda one: -one.evidence):
         taken = {number for other in best for number in other.chosen.tolist()}

@@ -109,6 +109,14 @@ def test_two_whole_holes_find_those_of_which_a_part_is_left() -> None:
     assert off(fit, centres) < 0.4
 
 
+def test_large_holes_with_many_points_on_their_rims_are_found_as_they_are() -> None:
+    centres = row(3, 45.0)
+    fit = found(plate(np.random.default_rng(10), centres, 14.0, (180.0, 70.0)), "hole-row")
+    assert (fit.status, fit.geometry["count"]) == (Status.FOUND, 3)
+    assert abs(fit.value("radius") - 14) < 0.2
+    assert off(fit, centres) < 0.2
+
+
 def test_moved_or_in_another_unit_the_same_is_found() -> None:
     measured, before = four()
     turn, shift = Rotation.from_rotvec([0.3, -1.1, 0.7]), np.array([400.0, -900.0, 120.0])
