@@ -12,27 +12,43 @@ from benchmarks.features.reveals import reveals
 
 FIRST = typer.Option(10_000, "--first", help="Seed of the first; tuning seeds are below 1000.")
 EACH = typer.Option(20, "-n", help="How many of each.")
+PARTS = typer.Option(False, "--parts", help="The parts in UNSEEN_DATA, with so much time for each.")
 app = typer.Typer(add_completion=False)
 for one in (openings, nulls, reveals, duplex, patches, evolution):
     app.command()(one)
 
 
 @app.command("holes")
-def _holes(first: int = FIRST, n: int = EACH, null: bool = typer.Option(False, "--null")) -> None:
-    """Rows, grids and bolt circles of holes, or plates without any."""
-    (holes.run_null if null else holes.run)(first, n)
+def _holes(
+    first: int = FIRST, n: int = EACH, null: bool = typer.Option(False, "--null"), on_parts: bool = PARTS
+) -> None:
+    """Rows, grids and bolt circles of holes, or plates without any; or the parts of the data set."""
+    if on_parts:
+        holes.run_parts()
+    else:
+        (holes.run_null if null else holes.run)(first, n)
 
 
 @app.command("junctions")
-def _junctions(first: int = FIRST, n: int = EACH) -> None:
-    """Tangent joints and fillets, by noise and outliers, and what has none."""
-    junctions.run(first, n)
+def _junctions(first: int = FIRST, n: int = EACH, on_parts: bool = PARTS) -> None:
+    """Tangent joints and fillets, by noise and outliers, and what has none; or the parts of the data set."""
+    if on_parts:
+        junctions.run_parts()
+    else:
+        junctions.run(first, n)
 
 
 @app.command("elbows")
 def _elbows(first: int = FIRST, n: int = EACH) -> None:
     """Elbows of pipes, and what has none."""
     junctions.run_elbows(first, n)
+
+
+@app.command("growth")
+def _growth() -> None:
+    """CPU time and peak memory of holes and of junctions, by the number of points."""
+    holes.run_growth()
+    junctions.run_growth()
 
 
 @app.command("solids")

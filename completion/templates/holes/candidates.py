@@ -22,6 +22,7 @@ _EMPTY, _MET = 0.12, 0.3  # of the points expected: most within the disc, least 
 _MOST_PLACES, _MOST, _N_ROUNDS = 300, 60, 6
 _LEAST_EVIDENCE = 3.0  # nats
 _SHRINK = (0.5, 0.25, 0.12)  # spacings: steps of the local search
+LARGE, _WIDENED = 8.0, (1.0, 0.5, 0.25, 0.12)  # spacings from which circles are large, and their steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,33 +119,59 @@ def _coarser(survey: Survey, radius: float) -> tuple[float, FloatArray, FloatArr
 
 def _climbed(survey: Survey, begun: Candidates, is_given: bool) -> Candidates:
     """The candidates moved, step by step, to the most evident circles near them."""
-    centres, radii, evidence = begun.centres.copy(), begun.radii.copy(), begun.evidence.copy()
+    found = begun
     moves = np.concatenate([np.eye(3), -np.eye(3)])
     moves = moves[moves[:, 2] == 0] if is_given else moves
     for step in _SHRINK:
-        length = step * np.maximum(survey.spacing, radii / _CELLS)
-        soft = np.maximum(0.7 * length, survey.plate.noise)
-        evidence = rim_scores(survey, centres, radii, soft).evidence
-        active = np.arange(len(radii))
-        for _ in range(_N_ROUNDS):
-            tried = centres[active, None] + moves[None, :, :2] * length[active, None, None]
-            sizes = np.maximum(
-                radii[active, None] + moves[None, :, 2] * length[active, None], LEAST * survey.spacing
-            )
-            each = np.repeat(soft[active], len(moves))
-            flat = rim_scores(survey, tried.reshape(-1, 2), sizes.ravel(), each)
-            values = flat.evidence.reshape(sizes.shape)
-            best = values.argmax(axis=1)
-            rises = values.max(axis=1) > evidence[active] + 1e-9
-            rows = np.flatnonzero(rises)
-            active, best = active[rows], best[rows]
-            centres[active], radii[active] = tried[rows, best], sizes[rows, best]
-            evidence[active] = values[rows, best]
-            if not len(active):
-                break
-        kept = np.argsort(-evidence, kind="stable")[: max(_MOST, len(evidence) // 2)]
-        distinct = _distinct(Candidates(centres[kept], radii[kept], evidence[kept]), 2 * _MOST)
-        centres, radii, evidence = distinct.centres.copy(), distinct.radii.copy(), distinct.evidence.copy()
+        found = _ascended(survey, found, moves, step)
+        kept = np.argsort(-found.evidence, kind="stable")[: max(_MOST, len(found) // 2)]
+        found = _distinct(Candidates(found.centres[kept], found.radii[kept], found.evidence[kept]), 2 * _MOST)
+    return found if is_given else _grown(survey, found)
+
+
+def _grown(survey: Survey, begun: Candidates) -> Candidates:
+    """The candidates, large ones moved and widened at once.
+
+    A circle in a larger one, which it touches, can neither be moved nor widened by more than its rim is
+    soft, which is little against a large one.
+    """
+    large = np.flatnonzero(begun.radii > LARGE * survey.spacing)
+    if not len(large):
+        return begun
+    found = Candidates(begun.centres[large], begun.radii[large], begun.evidence[large])
+    around = 2 * np.pi * np.arange(8) / 8
+    out = np.column_stack([np.cos(around), np.sin(around), np.ones(8)])
+    moves = np.concatenate([out, -out, np.eye(3), -np.eye(3)])
+    for step in _WIDENED:
+        found = _ascended(survey, found, moves, step)
+    merged = [getattr(begun, name).copy() for name in ("centres", "radii", "evidence")]
+    for whole, part in zip(merged, (found.centres, found.radii, found.evidence), strict=True):
+        whole[large] = part
+    return _distinct(Candidates(*merged), 2 * _MOST)
+
+
+def _ascended(survey: Survey, begun: Candidates, moves: FloatArray, step: float) -> Candidates:
+    """The candidates moved by moves (k, 3) of centre and radius, as long as they become more evident."""
+    centres, radii = begun.centres.copy(), begun.radii.copy()
+    length = step * np.maximum(survey.spacing, radii / _CELLS)
+    soft = np.maximum(0.7 * length, survey.plate.noise)
+    evidence = rim_scores(survey, centres, radii, soft).evidence
+    active = np.arange(len(radii))
+    for _ in range(_N_ROUNDS):
+        tried = centres[active, None] + moves[None, :, :2] * length[active, None, None]
+        sizes = np.maximum(
+            radii[active, None] + moves[None, :, 2] * length[active, None], LEAST * survey.spacing
+        )
+        each = np.repeat(soft[active], len(moves))
+        flat = rim_scores(survey, tried.reshape(-1, 2), sizes.ravel(), each)
+        values = flat.evidence.reshape(sizes.shape)
+        best = values.argmax(axis=1)
+        rows = np.flatnonzero(values.max(axis=1) > evidence[active] + 1e-9)
+        active, best = active[rows], best[rows]
+        centres[active], radii[active] = tried[rows, best], sizes[rows, best]
+        evidence[active] = values[rows, best]
+        if not len(active):
+            break
     return Candidates(centres, radii, evidence)
 
 

@@ -7,11 +7,17 @@ import numpy as np
 from scipy.special import gammaln
 
 from completion.templates.holes.candidates import Candidates
+from completion.templates.holes.measuring.openings import Openings
+from completion.templates.holes.measuring.survey import Survey
 from completion.templates.holes.patterns import CIRCLE, GRID, SYMMETRIES, Pattern
+from completion.templates.holes.rims import rim_scores
 from scenes.checks import FloatArray, IntArray
 
 _COUNTS = 10.0  # counts that a pattern might have had
 _EXACT = 0.1  # spacings: to which a candidate's centre and radius are known at best
+_SINGULAR = -20.0  # log of a determinant against that of parameters that move holes apart from others
+_N_THROWN = 4_000  # places that tell how rare a hole's looks are
+_SOFT = 0.3  # spacings: how exactly they are placed
 
 
 def log_chance(
@@ -41,11 +47,15 @@ def log_chance(
     ways = float(np.log(np.maximum(more, np.arange(1, n + 1))).sum())
     symmetry = SYMMETRIES[pattern.kind] * (pattern.count if pattern.kind == CIRCLE else 1)
     slopes = pattern.slopes[places].reshape(2 * n, p)
-    measure = 0.5 * np.linalg.slogdet(slopes.T @ slopes)[1] + _log_room(pattern, area)
+    sign, determinant = np.linalg.slogdet(slopes.T @ slopes)
+    alone = np.einsum("ij,ij->j", slopes, slopes)
+    if sign <= 0 or determinant < _SINGULAR + np.log(np.maximum(alone, 1e-300)).sum():
+        return np.inf  # these holes do not tell where the others are
+    measure = 0.5 * determinant + _log_room(pattern, area)
     off = found.centres[chosen] - pattern.centres[places]
     freedom = 2 * n - p
     square = float(np.einsum("ij,ij->", off, off)) + freedom * (_EXACT * spacing) ** 2
-    tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1)
+    tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1) if freedom else 0.0
     at_places = ways - np.log(symmetry) + measure + tube - n * np.log(area)
     skipped = gammaln(pattern.count + 1) - gammaln(n + 1) - gammaln(pattern.count - n + 1)
     return float(at_places + _log_alike(found, chosen, spacing) + skipped + np.log(_COUNTS))
@@ -68,3 +78,24 @@ def _log_alike(found: Candidates, chosen: IntArray, spacing: float) -> float:
     square = float(((radii - radii.mean()) ** 2).sum()) + freedom * (_EXACT * spacing) ** 2
     tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1) + 0.5 * np.log(freedom + 1)
     return float(min(tube - freedom * np.log(wide), 0.0))
+
+
+def looks(radius: float, survey: Survey, opened: Openings) -> FloatArray:
+    """Return how much places thrown on a plate look like holes of a radius: log odds (m,), rising.
+
+    Measured on the plate itself, losses and all: a model's log odds say less than how often they occur.
+    Places that are plainly none are left out.
+    """
+    rng = np.random.default_rng(0)
+    corner, extent = survey.corner, np.array(survey.counts.shape) * survey.cell
+    places = corner + extent * rng.uniform(size=(_N_THROWN, 2))
+    places = places[~survey.is_no_hole(places, np.full(_N_THROWN, radius))]
+    radii = np.full(len(places), radius)
+    thrown = rim_scores(survey, places, radii, np.full(len(places), _SOFT * survey.spacing)).evidence
+    return np.asarray(np.sort(thrown + opened.evidence(places, radii, survey.spacing)))
+
+
+def log_rarity(evidence: FloatArray, thrown: FloatArray) -> FloatArray:
+    """Return less the log of the share of places that look (m,) as much like a hole as some do (n,)."""
+    as_many = len(thrown) - np.searchsorted(thrown, evidence, side="left")
+    return np.asarray(np.log(_N_THROWN + 1) - np.log(as_many + 1))

@@ -4,23 +4,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from completion.templates.holes.candidates import Candidates
-from completion.templates.holes.chance import log_chance
+from completion.templates.holes.candidates import LARGE, Candidates
+from completion.templates.holes.chance import log_chance, log_rarity, looks
+from completion.templates.holes.lattices import matches
 from completion.templates.holes.measuring.openings import Openings
 from completion.templates.holes.measuring.survey import Survey
-from completion.templates.holes.patterns import CIRCLE, GRID, ROW, Pattern
+from completion.templates.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, Pattern
 from completion.templates.holes.proposals import Proposal
+from completion.templates.holes.refinement import centres_of
 from completion.templates.holes.rims import rim_scores
 from completion.templates.holes.webs import are_joined
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _MARGIN = {ROW: 3, GRID: 1, CIRCLE: 0}  # places beyond what was proposed
-_LEAST, _GREATEST = -6.0, 9.0  # nats of one hole in the choice of a window
-_MOST_UNMATCHED = 5.0  # nats of a hole that was no candidate
+_LEAST, _GREATEST = -9.0, 9.0  # nats of one hole in the choice of a window
+_LOOKS = float(np.log(3.0))  # of a hole that was no candidate: places that it might have had
+_LARGE_LOSS = 3.0  # nats that a large hole loses at most where its pattern places it
+_RATIO = 0.15  # of the logs of radii for which that is measured
+_STEPS, _N_ROUNDS = (0.4, 0.2), 8  # spacings that a pattern's holes move at most, and how often
 _UNKNOWN = -0.5  # nats: a hole that nobody saw is worth less than none
 _SOFT = 0.2  # spacings: how exactly a proposal's holes are placed
 _SEEN, _FILLED = 1.5, 3.0  # nats from which a hole is seen, or surface fills it
@@ -74,6 +79,7 @@ class Ground:
     opened: Openings
     found: Candidates
     area: float
+    looks: dict[int, FloatArray] = field(default_factory=dict)  # of places thrown, by the log of the radius
 
     def weighed(self, pattern: Pattern, proposal: Proposal | Weighed, soft: float) -> Weighed:
         """Weigh a pattern of which some holes are candidates, its places known to `soft` spacings.
@@ -111,10 +117,25 @@ class Ground:
         chance = log_chance(pattern, places, chosen, found, area=self.area, spacing=self.survey.spacing)
         other = np.ones(pattern.count, dtype=np.bool_)
         other[places] = False
-        more = np.clip(holes[other], _LEAST, _MOST_UNMATCHED).sum()
+        more = self._rarities(holes[other], pattern.radius).sum()
         freedom = 3 * len(places) - len(pattern.x) - 1
-        loss = float(np.maximum(found.evidence[chosen] - holes[places], 0.0).sum()) - freedom
+        alone = found.evidence[chosen]
+        if pattern.radius > LARGE * self.survey.spacing:
+            # many points on a rim: by how much depends on how exactly it is placed, so like with like
+            alone = np.minimum(alone, holes[places] + freedom / max(len(places), 1) + _LARGE_LOSS)
+        loss = float(np.maximum(alone - holes[places], 0.0).sum()) - freedom
         return float(more - chance - max(loss, 0.0))
+
+    def _rarities(self, holes: FloatArray, radius: float) -> FloatArray:
+        """What holes (n,) that were no candidates add: by how rare they are on this plate, once seen."""
+        if not (holes > _SEEN).any():
+            return np.clip(holes, _LEAST, 0.0)
+        size = round(float(np.log(radius / self.survey.spacing)) / _RATIO)
+        if size not in self.looks:
+            as_large = self.survey.spacing * float(np.exp(size * _RATIO))
+            self.looks[size] = looks(as_large, self.survey, self.opened)
+        rare = log_rarity(holes, self.looks[size]) - _LOOKS
+        return np.where(holes > _SEEN, np.maximum(rare, 0.0), np.clip(holes, _LEAST, 0.0))
 
     def holes(self, pattern: Pattern, soft: float) -> tuple[FloatArray, BoolArray, BoolArray]:
         """Log odds, sectors with a rim, and whether filled, of each hole (count,) of a pattern."""
@@ -157,6 +178,41 @@ def windowed(proposal: Proposal | Weighed, ground: Ground, given: Mapping[str, f
     return ground.weighed(kept, Proposal(kept, places, proposal.chosen[inside], 0.0), _SOFT)
 
 
+def climbed(begun: Weighed, ground: Ground, given: Mapping[str, float]) -> Weighed:
+    """Move a pattern to where its holes are most evident together, and weigh it with the candidates there.
+
+    Steps of each parameter and the radius, by which no hole moves more than some share of the spacing.
+    """
+    pattern, spacing = begun.pattern, ground.survey.spacing
+    free = [k for k, name in enumerate((*PARAMETERS[pattern.kind], "radius")) if name not in given]
+    x = np.array([*pattern.x, pattern.radius])
+    farthest = np.append(np.linalg.norm(pattern.slopes, axis=1).max(axis=0), 1.0)
+    for step in _STEPS:
+        moves = np.concatenate([np.diag(sign * step * spacing / farthest)[free] for sign in (1, -1)])
+        now = -np.inf
+        for _ in range(_N_ROUNDS):
+            tried = np.vstack([x, x + moves])
+            values = _together(pattern, tried, ground, step)
+            if values[1:].max() <= max(now, values[0]) + 1e-9:
+                break
+            x, now = tried[1 + values[1:].argmax()], float(values[1:].max())
+    moved = replace(pattern, x=x[:-1], radius=float(x[-1]))
+    places, chosen = matches(moved, ground.found, spacing)
+    if len(places) < _least_seen(pattern):
+        return begun
+    again = windowed(Proposal(moved, places, chosen, 0.0), ground, given)
+    return begun if again is None or again.evidence < begun.evidence else again
+
+
+def _together(pattern: Pattern, tried: FloatArray, ground: Ground, step: float) -> FloatArray:
+    """Evidence (w,) of all holes together of patterns with parameters and radii (w, p + 1)."""
+    centres, n = centres_of(pattern, tried[:, :-1]), pattern.count
+    radii = np.repeat(np.maximum(tried[:, -1], 1e-9), n)
+    soft = np.full(len(radii), max(step * ground.survey.spacing, ground.survey.plate.noise))
+    scores = rim_scores(ground.survey, centres.reshape(-1, 2), radii, soft).evidence
+    return np.asarray(np.clip(scores, 2 * _LEAST, None).reshape(-1, n).sum(axis=1))
+
+
 def _best_window(
     value: FloatArray, kind: str, asked: tuple[float | None, float | None]
 ) -> tuple[int, int, tuple[int, int]] | None:
@@ -179,5 +235,5 @@ def _best_window(
 
 
 def _least_seen(pattern: Pattern) -> int:
-    """How many candidates a pattern needs."""
-    return 4 if pattern.kind == GRID else 3
+    """How many candidates a pattern needs: as many as tell its parameters."""
+    return 3 if pattern.kind == GRID else 2

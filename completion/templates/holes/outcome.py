@@ -9,10 +9,11 @@ import numpy as np
 
 from completion.templates.engine.template import Side, Status, TemplateFit
 from completion.templates.holes.joint import Weighed
+from completion.templates.holes.lattices import count_range
 from completion.templates.holes.measuring.plates import Plate
 from completion.templates.holes.measuring.survey import Survey
 from completion.templates.holes.null import false_fit_probability
-from completion.templates.holes.patterns import GRID, PARAMETERS
+from completion.templates.holes.patterns import GRID, LEAST_SEEN, PARAMETERS
 from completion.templates.holes.refinement import Refined
 from completion.templates.holes.rims import N_SECTORS
 from completion.templates.holes.webs import are_notches, open_sides
@@ -37,8 +38,12 @@ def fit_of(
     across = np.zeros(len(x))
     across[:3] = plate.frame[2]
     covariance += np.outer(across, across) * plate.noise**2 / max(int(plate.is_on.sum()), 1)
-    probability = false_fit_probability(pattern.kind, weighed.evidence)
+    probability = false_fit_probability(pattern.kind, weighed.evidence, n_seen=int(weighed.seen.sum()))
     status, reason = _decision(weighed, probability, _spread(refined), survey.spacing)
+    least, most = count_range(pattern, weighed.seen, survey)
+    if status is Status.FOUND and least < most:
+        doubt = f"{least} to {most} holes: nothing was measured where the others would be"
+        reason = f"{reason}; {doubt}" if reason else doubt
     return TemplateFit(
         kind=pattern.kind,
         status=status,
@@ -54,6 +59,7 @@ def fit_of(
         reason=reason,
         geometry={
             "count": pattern.count,
+            "count_range": (least, most),
             **({"counts": list(pattern.shape)} if pattern.kind == GRID else {}),
             "centres": plate.space(pattern.centres),
             "radius": pattern.radius,
@@ -112,7 +118,7 @@ def _spread(refined: Refined) -> FloatArray:
 def _decision(weighed: Weighed, probability: float, spread: FloatArray, spacing: float) -> tuple[Status, str]:
     """Whether a pattern is believed, and why not, or what is doubtful of it."""
     what, seen = _KIND_NAMES[weighed.pattern.kind], int(weighed.seen.sum())
-    least = 4 if weighed.pattern.kind == GRID else 3
+    least = LEAST_SEEN[weighed.pattern.kind]
     if seen < least:
         return Status.NONE, f"only {seen} holes of the {what} were seen, {least} are needed"
     if probability > _DOUBTFUL:

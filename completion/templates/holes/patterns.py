@@ -11,6 +11,7 @@ from scenes.checks import BoolArray, FloatArray, IntArray
 
 ROW, GRID, CIRCLE = "hole-row", "hole-grid", "bolt-circle"
 KINDS = (ROW, GRID, CIRCLE)
+LEAST_SEEN = {ROW: 3, GRID: 4, CIRCLE: 3}  # holes of a pattern that must be seen
 PARAMETERS = {
     ROW: ("u", "v", "angle", "pitch"),
     GRID: ("u", "v", "angle", "pitch", "pitch_2"),

@@ -11,8 +11,9 @@ import numpy as np
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Given, Status, TemplateFit, best_first
 from completion.templates.holes.bores import assigned, sharpened, walls
-from completion.templates.holes.candidates import candidates
-from completion.templates.holes.joint import Ground, Weighed, windowed
+from completion.templates.holes.candidates import LARGE, candidates
+from completion.templates.holes.joint import Ground, Weighed, climbed, windowed
+from completion.templates.holes.lattices import lattices
 from completion.templates.holes.measuring.openings import openings
 from completion.templates.holes.measuring.plates import Plate, plates
 from completion.templates.holes.measuring.survey import survey
@@ -24,8 +25,9 @@ from completion.templates.holes.refinement import Refined, refine
 from scenes.checks import BoolArray, InputError
 
 _EXACT = 0.05  # spacings: how exactly the holes of a refined pattern are placed
+_MOST_CLIMBED = 12  # lattices through pairs that are moved to where they are most evident
 _MOST = 3  # patterns of one kind in one plate that are refined
-_HOPELESS, _FURTHER = -12.0, 0.0  # nats, before refinement, of the best and of others: what is left out
+_HOPELESS, _FURTHER = -7.0, 0.0  # nats, before refinement, of the best and of others: what is left out
 
 
 def find_holes(
@@ -88,9 +90,17 @@ def _surveyed(plate: Plate, looked_at: Measured, given: Given) -> Ground:
 def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
     """Step 2: lattices through like circles, those that chance explains worst, and of each the best part."""
     begun = proposals(kind, ground.found, ground.area, ground.survey.spacing, given)
-    weighed = [one for one in (windowed(proposal, ground, given) for proposal in begun) if one is not None]
+    wide = lattices(kind, ground.found, ground.survey, given)
+    weighed = [[one for one in (windowed(proposal, ground, given) for proposal in some) if one is not None]
+               for some in (begun, wide)]  # fmt: skip
+    # two circles tell others less exactly than three: patterns through them are moved first
+    promising = sorted(weighed[1], key=lambda one: -one.evidence)[:_MOST_CLIMBED]
+    # ... and so are large circles, which many points hold
+    wide_from = LARGE * ground.survey.spacing
+    every = [climbed(one, ground, given) if one.pattern.radius > wide_from else one for one in weighed[0]]
+    every += [climbed(one, ground, given) for one in promising]
     best = list[Weighed]()
-    for one in sorted(weighed, key=lambda one: -one.evidence):
+    for one in sorted(every, key=lambda one: -one.evidence):
         taken = {number for other in best for number in other.chosen.tolist()}
         if one.evidence > (_FURTHER if best else _HOPELESS) and not taken & set(one.chosen.tolist()):
             best.append(one)

@@ -18,7 +18,7 @@ from scenes.checks import BoolArray, FloatArray, IntArray
 _MULTIPLES = (1, 2, 3)  # pitches between two candidates
 _FARTHEST = 24  # pitches from a candidate
 _NEAR = 0.7  # spacings between a candidate and its place
-_ALIKE = 0.6, 0.05  # spacings and shares of the radius by which radii of candidates differ
+ALIKE = 0.6, 0.05  # spacings and shares of the radius by which radii of candidates differ
 _WEB = 0.8  # spacings between neighbouring rims at least: holes that touch are slots
 _MOST_ON_CIRCLE = 24
 _MOST_TRIED, _MOST = 100, 6
@@ -36,17 +36,24 @@ class Proposal:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Search:
+class Search:
+    """What is searched for patterns: candidates, their tree, the plate, and what is given."""
+
     found: Candidates
     area: float
     spacing: float
     given: Mapping[str, float]
     tree: cKDTree
 
+    @classmethod
+    def of(cls, found: Candidates, area: float, spacing: float, given: Mapping[str, float]) -> Search:
+        """Return the search of some candidates."""
+        return cls(found, area, spacing, given, cKDTree(found.centres))
+
     def alike(self, one: IntArray | int, two: IntArray) -> BoolArray:
-        """Whether radii of candidates are alike."""
+        """Whether radii of candidates (n,), or of one, and of others (n,) are alike."""
         radii = self.found.radii
-        least = _ALIKE[0] * self.spacing + _ALIKE[1] * np.minimum(radii[one], radii[two])
+        least = ALIKE[0] * self.spacing + ALIKE[1] * np.minimum(radii[one], radii[two])
         return np.asarray(np.abs(radii[one] - radii[two]) < least)
 
 
@@ -61,7 +68,7 @@ def proposals(
     """
     if len(found) < _LEAST_SEEN:
         return []
-    search = _Search(found, area, spacing, given, cKDTree(found.centres))
+    search = Search.of(found, area, spacing, given)
     begun = {ROW: _rows, GRID: _grids, CIRCLE: _circles}[kind](search)
     seen, tried = set[tuple[int, ...]](), list[Proposal]()
     ordered = sorted(begun, key=lambda one: -_promise(search, one[0], one[1]))
@@ -81,7 +88,7 @@ def proposals(
     return best[:_MOST]
 
 
-def _promise(search: _Search, pattern: Pattern, places: IntArray) -> float:
+def _promise(search: Search, pattern: Pattern, places: IntArray) -> float:
     """Log odds, roughly, of so many matches in the window of a lattice that they span against chance."""
     i, j = np.divmod(places, pattern.shape[1])
     n = len(places)
@@ -91,7 +98,7 @@ def _promise(search: _Search, pattern: Pattern, places: IntArray) -> float:
     return float(-n * np.log(by_chance) - ways)
 
 
-def _settled(search: _Search, begun: Pattern, places: IntArray, chosen: IntArray) -> Proposal | None:
+def _settled(search: Search, begun: Pattern, places: IntArray, chosen: IntArray) -> Proposal | None:
     """The pattern fitted; candidates that make it more probable by chance are left out, the worst first."""
     held = np.array([name in search.given for name in PARAMETERS[begun.kind]])
     found, best = search.found, None
@@ -132,7 +139,7 @@ def _trimmed(pattern: Pattern, places: IntArray) -> tuple[Pattern, IntArray]:
     return pattern.resized(low, shape), (i - low[0]) * shape[1] + (j - low[1])
 
 
-def _pairs(search: _Search) -> tuple[IntArray, IntArray, FloatArray]:
+def pairs(search: Search) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of like candidates a pitch apart: numbers (m,) twice, and the pitch (m, 2)."""
     one, two = np.triu_indices(len(search.found), 1)
     like = search.alike(one, two)
@@ -147,7 +154,7 @@ def _pairs(search: _Search) -> tuple[IntArray, IntArray, FloatArray]:
     return one[fits], two[fits], pitch[fits]
 
 
-def _matched(search: _Search, places: FloatArray, first: IntArray, reach: FloatArray) -> IntArray:
+def _matched(search: Search, places: FloatArray, first: IntArray, reach: FloatArray) -> IntArray:
     """The candidate (m, k) near each of places (m, k, 2) that is like the first (m,) of its row, else -1."""
     flat = places.reshape(-1, 2)
     _, near = search.tree.query(flat, k=min(3, len(search.found)))
@@ -164,9 +171,9 @@ def _matched(search: _Search, places: FloatArray, first: IntArray, reach: FloatA
 _Begun = Iterator[tuple[Pattern, IntArray, IntArray]]
 
 
-def _rows(search: _Search) -> _Begun:
+def _rows(search: Search) -> _Begun:
     """Rows through pairs, where a third candidate fits."""
-    one, _, pitch = _pairs(search)
+    one, _, pitch = pairs(search)
     if not len(one):
         return
     number = np.arange(-_FARTHEST, _FARTHEST + 1)
@@ -192,9 +199,9 @@ def _runs(numbers: IntArray) -> list[IntArray]:
     return list(np.split(np.arange(len(numbers)), cuts))
 
 
-def _grids(search: _Search) -> _Begun:
+def _grids(search: Search) -> _Begun:
     """Grids through pairs and a third candidate across."""
-    one, _, pitch = _pairs(search)
+    one, _, pitch = pairs(search)
     found = search.found
     span = np.arange(-8, 9)
     i, j = (g.ravel() for g in np.meshgrid(span, span, indexing="ij"))
@@ -229,7 +236,7 @@ def _grids(search: _Search) -> _Begun:
             yield Pattern(GRID, (len(span), len(span)), np.array(x), 0.0), at, match[number, at]
 
 
-def _circles(search: _Search) -> _Begun:
+def _circles(search: Search) -> _Begun:
     """Bolt circles through triples whose angles are shares of a turn."""
     found, longest = search.found, np.sqrt(search.area)
     counts = np.arange(3, _MOST_ON_CIRCLE + 1)

@@ -20,6 +20,7 @@ _TIED = np.column_stack([np.eye(8)[:, :4], np.array([0, 0, 0, 0, 0, 0, 1.0, 1.0]
 _STRAIGHT = np.array([False, True, True, True, False, False, False, False])  # of no curvature
 _EDGE = np.array([True, True, True, True, True, False, True])
 _LEANS = np.array([[0.35], [-0.35]])
+_SHARPEST = np.radians(65.0)  # from a plane: one that leans more is folded, and halves the room of outliers
 
 
 class Alternative(NamedTuple):
@@ -44,12 +45,13 @@ def one_arc(points: FloatArray, reach: float, n_directions: int = N_DIRECTIONS) 
 def alternatives(points: FloatArray, reach: float, single: Descended) -> list[Alternative]:
     """Return what else points (n, 3) at unit RMS may be, beside the one cylinder that was fitted before."""
     flat = descend_from(flat_starts(points, tangent_arcs, np.zeros((1, 2)), _STRAIGHT)[:1], points, reach)[0]
-    sharp = descend_from(flat_starts(points, edge, _LEANS, _EDGE), points, reach)[0]
+    sharp = descend_from(flat_starts(points, edge, _LEANS, _EDGE), points, reach)
     found = [
         Alternative("a plane", flat.log_likelihood, 3),
         Alternative("one cylinder", single.log_likelihood, 5),
-        Alternative("a sharp edge", sharp.log_likelihood, 6),
     ]
+    open_ones = [one for one in sharp if abs(one.model.shape[0]) < _SHARPEST]
+    found += [Alternative("a sharp edge", one.log_likelihood, 6) for one in open_ones[:1]]
     for kind, name, n in (("sphere", "a sphere", 4), ("cone", "a cone", 6)):
         try:
             distances = fit_robust(points, kind).surface.distance(points)

@@ -68,11 +68,14 @@ def descend(
     return model, n_spent
 
 
-def descend_from(starts: Sequence[Model], points: FloatArray, reach: float) -> list[Descended]:
+def descend_from(
+    starts: Sequence[Model], points: FloatArray, reach: float, near: Sequence[Model] = ()
+) -> list[Descended]:
     """Return where several starts lead, the most likely first.
 
     Each goes down by Cauchy's weights at falling scales on 600 of the points; the four most likely go on as
-    mixtures of noise and outliers on all.
+    mixtures of noise and outliers on all. Those that are `near` a solution need no such way down, which may
+    lead them off, and four of them go on as well.
 
     Parameters
     ----------
@@ -86,7 +89,9 @@ def descend_from(starts: Sequence[Model], points: FloatArray, reach: float) -> l
     sample = points[:: max(1, len(points) // _N_SAMPLE)]
     coarse = [_coarse(start, sample, reach) for start in starts]
     coarse.sort(key=lambda one: -one.log_likelihood)
-    fine = [settled(one, points) for one in _distinct(coarse, sample)[:_N_BEST]]
+    begun = sorted((_begun(one, points, reach) for one in near), key=lambda one: -one.log_likelihood)
+    chosen = _distinct(coarse, sample)[:_N_BEST] + _distinct(begun, sample)[:_N_BEST]
+    fine = [settled(one, points) for one in _distinct(chosen, sample)]
     spent = sum(one.evaluations for one in coarse)
     fine.sort(key=lambda one: -one.log_likelihood)
     return [one._replace(evaluations=one.evaluations + spent) for one in fine]
@@ -101,6 +106,13 @@ def _coarse(start: Model, sample: FloatArray, reach: float) -> Descended:
     distances = model.distance(sample)
     mixture = Mixture.of(distances, reach, _CAUCHY[-1], LEAST_SIGMA)
     return Descended(model, mixture, float(mixture.log_densities(distances).sum()), spent)
+
+
+def _begun(start: Model, points: FloatArray, reach: float) -> Descended:
+    """A start as it is, by all points (n, 3)."""
+    distances = start.distance(points)
+    mixture = Mixture.of(distances, reach, _CAUCHY[-1], LEAST_SIGMA)
+    return Descended(start, mixture, float(mixture.log_densities(distances).sum()), 1)
 
 
 def _distinct(found: Sequence[Descended], sample: FloatArray) -> list[Descended]:

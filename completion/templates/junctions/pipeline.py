@@ -63,7 +63,9 @@ def find_junctions(
     """
     _check(kinds, given)
     whole = [_fit(kind, measured, np.arange(len(measured.points)), given, rng=rng) for kind in kinds]
-    at_once = [one for one in whole if one.status is Status.FOUND and (one.assignment > 0).mean() > _WHOLE]
+    # what all points leave open, some of them cannot decide: a patch hides what speaks against it
+    told = [one for one in whole if one.status is not Status.NONE]
+    at_once = [one for one in told if (one.assignment > 0).mean() > _WHOLE]
     if at_once:
         return best_first(at_once)
 

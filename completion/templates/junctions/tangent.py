@@ -24,9 +24,8 @@ NAMES = ("radius_1", "radius_2", "joint_x", "joint_y", "joint_z", "axis_x", "axi
 FACES = ("surface 1", "surface 2")
 _FREE = np.array([True, True, True, True, True, False, True, True])
 _SIGNS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
-_VAGUE = 0.3  # of a radius, and of the length of a side, that a standard deviation may be
-_MANY, _APART = 0.2, 10.0  # share of outliers at which sides must be so many sigma apart at their ends
-_AHEAD = 10.0  # nats before another solution: outliers lie less evenly than is assumed
+_VAGUE, _LOOSE = 0.1, 0.3  # of a radius, and of the length of a side, that a standard deviation may be
+_AHEAD, _EACH = 10.0, 0.015  # nats before another solution, and more for each outlier: these lie less evenly
 _OTHER = 0.15  # of a radius, by which another solution differs
 _LEAST_POINTS = 30
 _BINS = 12  # along a joint
@@ -37,7 +36,7 @@ def fit_junction(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
 
     Curvatures have a sign, so that S-shaped, same-sided and plane junctions are one family (the formula
     stands in `profiles.tangent_arcs`). Starts need no guess: twelve directions in the principal frame, and
-    the one best cylinder split at three places. Points are noise or outliers, each as likely as its
+    the one best cylinder bent at eight places. Points are noise or outliers, each as likely as its
     distance says.
 
     Parameters
@@ -61,7 +60,6 @@ def _fitted(unit: Unit, given: Mapping[str, float]) -> Weighed:
     """The most likely junction, and the plain alternatives."""
     points, reach = unit.points, thickness(unit.points)
     single = one_arc(points, reach)
-    near = single.mixture.weights(single.model.distance(points)) > 0.5
     curvatures = np.array(
         [1 / (given[name] * unit.factor) if name in given else np.nan for name in NAMES[:2]]
     )
@@ -71,15 +69,16 @@ def _fitted(unit: Unit, given: Mapping[str, float]) -> Weighed:
     starts = flat_starts(points, tangent_arcs, shapes, is_free)
     if is_held.any():
         starts += [turned_round(one) for one in starts]
-    for one in split_starts(single.model, points, near, is_free):
-        starts += [replace(one, shape=np.where(is_held, shape, one.shape)) for shape in shapes]
-    found = descend_from(starts, points, reach)
+    near = [replace(one, shape=np.where(is_held, shape, one.shape))
+            for one in split_starts(single.model, points, single.mixture.sigma, is_free)
+            for shape in (shapes if is_held.any() else shapes[:1])]  # fmt: skip
+    found = descend_from(starts, points, reach, near)
     best = _flattened(found[0], points, is_held)
     return weigh(
         best,
         alternatives(points, reach, single),
         unit,
-        rival=lambda excess: _rival(found, unit.factor, excess),
+        rival=lambda excess: _rival(found, unit.factor, len(points), excess),
         evaluations=found[0].evaluations,
     )
 
@@ -101,13 +100,14 @@ def _flattened(found: Descended, points: FloatArray, is_held: BoolArray) -> Desc
     return flat if flat.log_likelihood > found.log_likelihood - worth else found
 
 
-def _rival(found: Sequence[Descended], factor: float, excess: float) -> str:
-    """Another solution that is nearly as likely and has other radii."""
+def _rival(found: Sequence[Descended], factor: float, n: int, excess: float) -> str:
+    """Another solution for n points that is nearly as likely and has other radii."""
     first = np.sort(np.abs(found[0].model.shape))
+    ahead = _AHEAD + _EACH * found[0].mixture.share * n
     for one in found[1:]:
         second = np.sort(np.abs(one.model.shape))
         behind = (found[0].log_likelihood - one.log_likelihood) / excess
-        if behind < _AHEAD and (np.abs(second - first) > _OTHER * first.max()).any():
+        if behind < ahead and (np.abs(second - first) > _OTHER * first.max()).any():
             radii = " and ".join(f"{1 / max(k * factor, 1e-12):.4g}" for k in second[::-1])
             return f"radii {radii} are nearly as likely ({behind:.1f} nats less)"
     return ""
@@ -204,11 +204,6 @@ def _judged(
     if vague:
         return Status.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
     shorter = min(float(np.quantile(local[:, 1], 0.99)), -float(np.quantile(local[:, 1], 0.01)))
-    if sides[2].deviation > _VAGUE * shorter:
+    if sides[2].deviation > _LOOSE * shorter:
         return Status.AMBIGUOUS, "the points hardly tell where the joint lies"
-    model, mixture = junction.found.model, junction.found.mixture
-    factor = 1 / (float(x[0]) * float(np.abs(model.shape).max()))
-    apart = abs(float(model.shape[0] - model.shape[1])) * (factor * shorter) ** 2 / 2
-    if mixture.share > _MANY and apart < _APART * mixture.sigma:
-        return Status.AMBIGUOUS, f"{mixture.share:.0%} outliers, and both sides bend too much alike for that"
     return Status.FOUND, ""

@@ -11,7 +11,7 @@ import pytest
 from completion.templates.holes.candidates import Candidates
 from completion.templates.holes.chance import log_chance
 from completion.templates.holes.null import false_fit_probability
-from completion.templates.holes.patterns import CIRCLE, GRID, KINDS, ROW, Pattern, fitted
+from completion.templates.holes.patterns import CIRCLE, GRID, KINDS, LEAST_SEEN, ROW, Pattern, fitted
 
 PATTERNS = (
     Pattern(ROW, (5, 1), np.array([3.0, -2.0, 0.7, 11.0]), 2.0),
@@ -62,7 +62,11 @@ def test_chance_makes_few_regular_patterns_and_more_of_more_circles() -> None:
 
 def test_of_as_evident_false_patterns_there_are_fewer_but_never_none() -> None:
     for kind in KINDS:
-        shares = [false_fit_probability(kind, evidence) for evidence in (-20.0, 0.0, 3.0, 6.0, 100.0)]
-        assert shares[0] == 1.0
-        assert shares == sorted(shares, reverse=True)
-        assert shares[-1] > 0
+        for n_seen in (LEAST_SEEN[kind], LEAST_SEEN[kind] + 1):
+            shares = [
+                false_fit_probability(kind, evidence, n_seen=n_seen)
+                for evidence in (-20.0, 0.0, 3.0, 6.0, 100.0)
+            ]
+            assert shares[0] == 1.0
+            assert shares == sorted(shares, reverse=True)
+            assert shares[-1] > 0

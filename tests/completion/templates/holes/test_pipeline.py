@@ -89,6 +89,34 @@ def test_a_hole_that_was_lost_is_unseen_and_one_that_is_filled_is_contradicted()
     assert "hole 3 is absent" in fit.reason
 
 
+def test_what_an_end_that_was_lost_leaves_open_is_told() -> None:
+    _, fit = four()
+    assert fit.geometry["count_range"] == (4, 4)
+    centres = row(5, PITCH)
+    whole = plate(np.random.default_rng(6), centres, RADIUS)
+    fit = found(without(whole, centres[:1], 7.5), "hole-row")
+    assert fit.status is Status.FOUND
+    assert fit.geometry["count_range"] == (4, 5)
+    assert "4 to 5 holes" in fit.reason
+
+
+def test_two_whole_holes_find_those_of_which_a_part_is_left() -> None:
+    centres = row(4, PITCH)
+    whole = plate(np.random.default_rng(9), centres, RADIUS)
+    fit = found(without(whole, centres[[0, 2]] + (0.0, 4.0), 5.0), "hole-row")
+    assert fit.status is not Status.NONE
+    assert fit.geometry["count"] == 4
+    assert off(fit, centres) < 0.4
+
+
+def test_large_holes_with_many_points_on_their_rims_are_found_as_they_are() -> None:
+    centres = row(3, 45.0)
+    fit = found(plate(np.random.default_rng(10), centres, 14.0, (180.0, 70.0)), "hole-row")
+    assert (fit.status, fit.geometry["count"]) == (Status.FOUND, 3)
+    assert abs(fit.value("radius") - 14) < 0.2
+    assert off(fit, centres) < 0.2
+
+
 def test_moved_or_in_another_unit_the_same_is_found() -> None:
     measured, before = four()
     turn, shift = Rotation.from_rotvec([0.3, -1.1, 0.7]), np.array([400.0, -900.0, 120.0])

@@ -89,6 +89,21 @@ def test_hiding_a_side_raises_its_deviation_and_never_evidence():
     assert part.evidence < whole.evidence
 
 
+@pytest.mark.parametrize("seed", [103, 104])
+def test_among_many_outliers_a_short_arc_at_the_end_is_not_taken_for_a_side(seed):
+    truth = junction(np.random.default_rng(seed), 1.0, 0.3, is_s_shaped=False)
+    fit = find_junctions(Measured(truth.points, 1.0, 1.5), ["junction"], rng=np.random.default_rng(0))[0]
+    assert fit.status is Status.AMBIGUOUS or abs(fit.value("radius_1") - 25) < 5
+    assert abs(fit.value("radius_1") - 25) < 5 or "nearly as likely" in fit.reason
+
+
+def test_a_folded_edge_does_not_explain_a_fillet_among_outliers():
+    truth = junction(np.random.default_rng(106), 1.0, 0.3, radii=(25.0, np.inf))
+    fit = fit_junction(Measured(truth.points, 1.0, 1.5), {})
+    assert fit.status is Status.FOUND, fit.reason
+    assert abs(fit.value("radius_1") - 25) < 4 * fit.deviation("radius_1")
+
+
 def test_an_elbow_is_measured_from_one_side():
     truth = elbow(np.random.default_rng(17), 0.3, 0.1, n=1000)
     fit = fit_elbow(Measured(truth.points, 0.3, SPACING), {})
