@@ -88,11 +88,12 @@ def _is_bend(model: Model) -> bool:
 def _alternatives(points: FloatArray, best: Descended) -> list[Alternative]:
     """What else the points (n, 3) may be."""
     model, mixture = best.model, best.mixture
-    bend = Torus(model.origin, model.turn[2], float(model.shape[1]), float(model.shape[2]))
+    radius, tube = (float(one) for one in model.shape[1:])
+    bend = Torus(model.origin, model.turn[2], radius, tube) if radius > tube else None
     found = [Alternative("outliers alone", -len(points) * float(np.log(mixture.reach)), 0)]
     for kind, n in _PLAIN.items():
         try:
-            start = bend if kind == "torus" and bend.radius > bend.tube_radius else None
+            start = bend if kind == "torus" else None
             distances = fit_robust(points, kind, start).surface.distance(points)
         except FitError:
             continue

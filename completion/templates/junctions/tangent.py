@@ -27,6 +27,7 @@ _SIGNS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
 _VAGUE, _LOOSE = 0.1, 0.3  # of a radius, and of the length of a side, that a standard deviation may be
 _AHEAD, _EACH = 10.0, 0.015  # nats before another solution, and more for each outlier: these lie less evenly
 _OTHER = 0.15  # of a radius, by which another solution differs
+_MANY, _APART = 0.2, 4.0  # share of outliers from which sides must be so many sigma apart at their ends
 _LEAST_POINTS = 30
 _BINS = 12  # along a joint
 
@@ -206,4 +207,9 @@ def _judged(
     shorter = min(float(np.quantile(local[:, 1], 0.99)), -float(np.quantile(local[:, 1], 0.01)))
     if sides[2].deviation > _LOOSE * shorter:
         return Status.AMBIGUOUS, "the points hardly tell where the joint lies"
+    model, mixture = junction.found.model, junction.found.mixture
+    factor = 1 / (float(x[0]) * float(np.abs(model.shape).max()))
+    apart = abs(float(model.shape[0] - model.shape[1])) * (factor * shorter) ** 2 / 2
+    if mixture.share > _MANY and apart < _APART * mixture.sigma:
+        return Status.AMBIGUOUS, f"{mixture.share:.0%} outliers, and both sides bend too much alike for that"
     return Status.FOUND, ""
