@@ -19,6 +19,7 @@ from scenes.checks import FloatArray, InputError
 from tests.completion.templates.holes.plates import plate, row, without
 
 RADIUS, PITCH = 4.0, 15.0
+_LONG = (110.0, 36.0)  # of a plate
 _BUDGET = 10**7
 
 
@@ -77,16 +78,18 @@ def test_a_blank_plate_and_lost_patches_are_refused() -> None:
 
 
 def test_a_hole_that_was_lost_is_unseen_and_one_that_is_filled_is_contradicted() -> None:
-    centres = row(5, PITCH)
-    whole = plate(np.random.default_rng(6), centres, RADIUS)
+    centres = row(6, PITCH)
+    whole = plate(np.random.default_rng(6), centres, RADIUS, _LONG)
     fit = found(without(whole, centres[2:3], 7.5), "hole-row")
-    assert (fit.status, fit.geometry["count"], fit.unseen) == (Status.FOUND, 5, ("hole 3",))
+    assert (fit.status, fit.geometry["count"], fit.unseen) == (Status.FOUND, 6, ("hole 3",))
     assert "hole 3 is unseen" in fit.reason
-    gap = plate(np.random.default_rng(7), np.delete(centres, 2, axis=0), RADIUS)
+    gap = plate(np.random.default_rng(7), np.delete(centres, 2, axis=0), RADIUS, _LONG)
     fit = found(gap, "hole-row")
     assert fit.status is Status.FOUND
-    assert fit.sides[2].state is Seen.CONTRADICTED
-    assert "hole 3 is absent" in fit.reason
+    absent = [k for k, side in enumerate(fit.sides) if side.state is Seen.CONTRADICTED]
+    assert len(absent) == 1
+    assert np.asarray(fit.geometry["centres"])[absent[0], :2] == pytest.approx(centres[2], abs=0.5)
+    assert f"hole {absent[0] + 1} is absent" in fit.reason
 
 
 def test_what_an_end_that_was_lost_leaves_open_is_told() -> None:
@@ -110,9 +113,9 @@ def test_two_whole_holes_find_those_of_which_a_part_is_left() -> None:
 
 
 def test_large_holes_with_many_points_on_their_rims_are_found_as_they_are() -> None:
-    centres = row(3, 45.0)
-    fit = found(plate(np.random.default_rng(10), centres, 14.0, (180.0, 70.0)), "hole-row")
-    assert (fit.status, fit.geometry["count"]) == (Status.FOUND, 3)
+    centres = row(4, 45.0)
+    fit = found(plate(np.random.default_rng(10), centres, 14.0, (220.0, 60.0)), "hole-row")
+    assert (fit.status, fit.geometry["count"]) == (Status.FOUND, 4)
     assert abs(fit.value("radius") - 14) < 0.2
     assert off(fit, centres) < 0.2
 
