@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from completion.templates.engine.template import Status, TemplateFit
 from scenes.checks import FloatArray
 
-_FROM_GEOMETRY = ("corners", "depth_m", "count", "centres", "radius", "radii", "joint", "axis")
+_FROM_GEOMETRY = ("corners", "depth_m", "count", "count_range", "centres", "radius", "radii", "joint", "axis")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
