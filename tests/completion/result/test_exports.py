@@ -11,6 +11,7 @@ import trimesh
 from shapely import Polygon
 
 from completion.boundary.curves import Line
+from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
 from completion.panels.cell_polygons import polygons_of_cells
 from completion.panels.straightening import Guide, straightened
@@ -128,7 +129,7 @@ def test_e57_keeps_scans_and_marks_what_is_inferred(room, tmp_path):
     assert names[0] == "west"
     assert all(name.startswith("inferred ") for name in names[1:])
     assert told["format"] == INFERRED
-    assert set(told["provenance"]) == {str(k) for k in range(8)}
+    assert set(told["provenance"]) == {str(why.value) for why in Provenance}
     assert {f"unseen:{name}" for name in ("surface", "provenance", "confidence", "sd")} <= set(fields)
     clouds = list(inferred_points(room))
     assert len(names) == 1 + len(clouds)

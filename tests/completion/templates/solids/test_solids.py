@@ -102,7 +102,8 @@ def test_other_kinds_and_directions_are_refused():
 @pytest.mark.parametrize("kind", ["stairs", "column"])
 def test_it_is_found_in_a_scanned_room(kind):
     scan, true = solid_room(0, kind)
-    fit = find_features([scan], [kind], rng=0).fits[0]
+    few = scan.thinned(300_000) if kind == "column" else scan
+    fit = find_features([few], [kind], rng=0).fits[0]
     assert fit.status is Status.FOUND
     for name, value in true.items():
         assert fit.value(name) == pytest.approx(value, abs=4e-3)
@@ -110,5 +111,5 @@ def test_it_is_found_in_a_scanned_room(kind):
 
 def test_boxes_in_a_scanned_room_are_no_column_and_no_stairs():
     scan, _ = solid_room(0, "boxes")
-    found = find_features([scan.thinned(300_000)], ["stairs", "column"], rng=0).found
+    found = find_features([scan.thinned(150_000)], ["stairs", "column"], rng=0).found
     assert not found
