@@ -162,6 +162,7 @@ def complete(
                 given=wanted.given,
                 kinds=wanted.kinds,
                 each=lambda work, numbers: steps.each("features", work, numbers),
+                is_assigned=False,
             )
         known = with_features(related.surfaces, features)
         faces = reveals_of(features, surfaces, observations, seen.owners, tolerance.flatness_m)
@@ -196,7 +197,7 @@ def complete(
             return patch if said.actions or patch.observed_m2 >= options.min_area_m2 else None
 
         every = steps.each("extend", extended, range(len(surfaces)))
-        seen = with_faces(seen, faces, len(surfaces))
+        seen = with_faces(seen, faces, len(surfaces), steps.keep) if faces else seen
 
         def revealed(index: int) -> Patch | None:
             is_wanted = is_chosen(faces[index].surface.fit.surface, options.only, encloses=False, up=up)
@@ -205,7 +206,7 @@ def complete(
             return patch if is_wanted and is_large else None
 
         of_features = steps.each("faces", revealed, range(len(faces))) if faces else []
-        chosen, owners = numbered_anew([*every, *of_features], seen.owners)
+        chosen, owners = numbered_anew([*every, *of_features], seen.owners, steps.keep)
         relations = related.found and related.found.numbered([one is not None for one in every])
         joint = related.errors.and_own([one.surface.fit.covariance for one in faces])
         joint = joint.only([one is not None for one in (*every, *of_features)])

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,20 +68,20 @@ def is_chosen(surface: Surface, only: Sequence[str], *, encloses: bool, up: Floa
 
 
 def numbered_anew(
-    patches: Sequence[Patch | None], owners: Sequence[NDArray[np.int32]]
+    patches: Sequence[Patch | None], owners: Sequence[NDArray[np.int32]], keep: Callable[[Any], Any]
 ) -> tuple[list[Patch], tuple[NDArray[np.int32], ...]]:
     """Return the patches that there are, and the owners of pixels by their numbers.
 
     `owners`, (rows, columns) for each scan, number the surfaces from 1 with those that are None. What is said
-    to hide a patch goes by the new numbers, too.
+    to hide a patch goes by the new numbers, too. `keep` puts what is made where arrays of its size are kept.
     """
     kept = np.array([patch is not None for patch in patches], dtype=np.bool_)
     if kept.all():
         return [patch for patch in patches if patch is not None], tuple(owners)
     numbers = np.append(0, np.where(kept, np.cumsum(kept), 0)).astype(np.int32)
     left = [
-        replace(patch, evidence=replace(patch.evidence, occluder=numbers[patch.evidence.occluder]))
+        keep(replace(patch, evidence=replace(patch.evidence, occluder=numbers[patch.evidence.occluder])))
         for patch in patches
         if patch is not None
     ]
-    return left, tuple(numbers[owner] for owner in owners)
+    return left, tuple(keep(numbers[owner]) for owner in owners)

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.boundary.hidden_regions import divide_hidden, label_regions
 from completion.edits.edit import SurfaceEdits
@@ -18,6 +19,9 @@ from completion.extension.patch import Patch, Provenance, in_hull
 from completion.extension.pipeline import LEAST_CONFIDENCE, ExtensionRules
 from completion.observe.observation import Observation
 from scenes.checks import FloatArray
+from scenes.run.mapping import trim
+
+Owners = NDArray[np.int32]
 
 GOES_ON = 0.95
 """Probability that a reveal whose side and depth are known is there."""
@@ -25,16 +29,27 @@ GOES_ON = 0.95
 _FEWEST_CELLS = 3  # across a face
 
 
-def with_faces(scans: Scans, faces: Sequence[KnownFace], n_surfaces: int) -> Scans:
-    """Return the scans with the pixels of faces numbered on from those of `n_surfaces` surfaces."""
-    if not faces:
-        return scans
-    owners = []
+def with_faces(
+    scans: Scans, faces: Sequence[KnownFace], n_surfaces: int, keep: Callable[[Owners], Owners]
+) -> Scans:
+    """Return the scans with the pixels of faces numbered on from those of `n_surfaces` surfaces.
+
+    `keep` puts the numbers (rows, columns) of a scan where arrays of its size are kept.
+    """
+    owners = list(scans.owners)
     for scan, before in enumerate(scans.owners):
+        measured = [
+            (number, face.surface.pixels[scan].flat)
+            for number, face in enumerate(faces, start=n_surfaces + 1)
+            if len(face.surface.pixels[scan])
+        ]
+        if not measured:
+            continue
         owner = before.copy()
-        for number, face in enumerate(faces, start=n_surfaces + 1):
-            owner.ravel()[face.surface.pixels[scan].flat] = number
-        owners.append(owner)
+        for number, flat in measured:
+            owner.ravel()[flat] = number
+        owners[scan] = keep(owner)
+        trim()
     return scans.numbered(owners)
 
 

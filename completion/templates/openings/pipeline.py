@@ -34,6 +34,8 @@ def find_openings_in(
     up: FloatArray,
     floors: Sequence[Floor],
     given: Given,
+    *,
+    is_assigned: bool = True,
 ) -> Iterator[TemplateFit]:
     """Yield the openings that are proposed in a wall, accepted or refused, the most probable first.
 
@@ -49,6 +51,8 @@ def find_openings_in(
         Level planes, of which one may be the floor before the wall; no opening goes on above a second one.
     given : mapping
         What a person knows: "width", "height", "depth", "sill" (above the floor), metres.
+    is_assigned : bool
+        Whether they say which face each pixel is of: a number for every pixel of every scan.
     """
     # 1. Frame: u to the right as seen from the room, v up, y into the wall.
     plane = wall.fit.surface
@@ -84,7 +88,8 @@ def find_openings_in(
             if side.is_seen
             and is_strip(turned, opened.recess, side.name, opened.known[side.name], others=others)
         ]
-        return decide(replace(opened, chart=chart, bare=tuple(bare)), some, observations, given)
+        fit = decide(replace(opened, chart=chart, bare=tuple(bare)), some, observations, given)
+        return fit if is_assigned else replace(fit, assignment=np.zeros(0, np.int64))
 
     # 3. Propose, fit, decide: the rectangles whose beams speak most for no wall, exactly.
     found: list[TemplateFit] = []

@@ -41,6 +41,7 @@ def find_openings(
     given: Given | None = None,
     kinds: Sequence[str] = OPENINGS,
     each: Each | None = None,
+    is_assigned: bool = True,
 ) -> list[TemplateFit]:
     """Return doorways, windows and niches of upright planes, found ones first, refused ones last.
 
@@ -60,6 +61,8 @@ def find_openings(
         Which are wanted. A hole whose foot nobody saw may be a doorway or a window, whatever it is called.
     each : callable, optional
         Applies a function to all numbers, on threads for example.
+    is_assigned : bool
+        Whether they say which face each pixel is of: a number for every pixel of every scan.
     """
     walls = {number for number, _ in walls_of(surfaces, up)}
     floors = floors_of(surfaces, observations, up)
@@ -70,7 +73,7 @@ def find_openings(
             return []
         points = surface.points(observations, _MOST_POINTS)
         wall = Wall(surface.fit, points, number + 1, owners)
-        return list(find_openings_in(wall, observations, up, floors, given or {}))
+        return list(find_openings_in(wall, observations, up, floors, given or {}, is_assigned=is_assigned))
 
     numbers = range(len(surfaces))
     found = [of_wall(number) for number in numbers] if each is None else each(of_wall, numbers)

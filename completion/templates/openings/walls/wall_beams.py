@@ -12,6 +12,7 @@ from scipy import ndimage
 from completion.observe.observation import Observation
 from completion.templates.openings.walls.wall import Wall
 from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
 _LEAST_SLOPE = 0.05  # sine between beam and wall: flatter beams do not say where they cross it
@@ -176,6 +177,7 @@ def wall_beams(
         one = _of_scan(frame, seen, window, wall=wall, number=number, pixels=_pixels(shape, known))
         if one is not None:
             found.append(one)
+        trim()
     if not found:
         none, pairs, whole = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
         single = ("stretch", "wall_range", "ranges", "deviation", "gap", "nats")
