@@ -89,9 +89,9 @@ def main(arguments: list[str] | None = None) -> None:
     figure, sides = plt.subplots(1, 2, figsize=(11, 5))
     for axes, kind, points, noise in (
         (sides[0], "junction", bracket(rng), 0.05),
-        (sides[1], "elbow", pipe(rng), 0.5),
+        (sides[1], "elbow", pipe(np.random.default_rng(0)), 0.5),
     ):
-        found = find_junctions(Measured(points, noise, 1.5), [kind], rng=rng)
+        found = find_junctions(Measured(points, noise, 1.5), [kind], rng=np.random.default_rng(0))
         found = [fit for fit in found if fit.status is Status.FOUND]
         for fit in found:
             print(f"{fit.kind}: {told(fit)}, {fit.evidence:.0f} nats")
