@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -19,6 +20,8 @@ from scenes.surfaces.catalogue import Plane, Surface
 
 Action = Literal["accept", "reject", "merge", "split", "end", "opening"]
 ACTIONS: tuple[Action, ...] = get_args(Action)
+
+_LEAST_SIDE_M = 1e-9  # of an outline
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,8 +139,13 @@ class SurfaceEdits:
 
     @property
     def outlines(self) -> tuple[FloatArray, ...]:
-        """Outlines (n, 3) of all openings, declared and fitted."""
-        return (*self.openings, *(one.outline for one in self.fitted), *(one.outline for one in self.holes))
+        """Outlines (n, 3) with corners, of declared and fitted openings."""
+        return (*self.openings, *(one.outline for one in self.fitted))
+
+    @property
+    def of_features(self) -> SurfaceEdits:
+        """Those of it that features say, and no person."""
+        return SurfaceEdits(fitted=self.fitted, holes=self.holes, joints=self.joints)
 
     @property
     def is_joined(self) -> bool:
@@ -172,23 +180,31 @@ class SurfaceEdits:
         inside = np.zeros(grid.shape, dtype=np.bool_)
         for outline in self.outlines:
             inside |= _area(grid, outline)
+        for hole in self.holes:
+            box, within = hole.within(grid)
+            inside[box] |= within > 0
         return inside
 
     def declared_cells(self, grid: ChartGrid) -> BoolArray:
         """Cells (rows, columns) whose centre lies in a declared opening, or a hole of a fitted pattern."""
         return replace(self, fitted=()).open_cells(grid)
 
-    def trims(self, grid: ChartGrid) -> tuple[Trim, ...]:
-        """Sides of declared and fitted openings, where the mesh of inferred cells is cut."""
-        trims = []
+    def trims(self, grid: ChartGrid) -> Iterator[Trim]:
+        """Yield the sides of declared and fitted openings, where the mesh of inferred cells is cut."""
         for outline in self.outlines:
             corners = outline_uv(grid.surface, outline)
             sign = -1.0 if Polygon(corners).exterior.is_ccw else 1.0
             for shift in _turns(grid):
                 for start, end in zip(corners + shift, np.roll(corners, -1, axis=0) + shift, strict=True):
-                    if not np.allclose(start, end, rtol=0, atol=1e-9):
-                        trims.append(_side(grid, start, end, sign))
-        return tuple(trim for trim in trims if trim.cells.any())
+                    side = _side(grid, start, end, sign)
+                    if side is not None and side.cells.any():
+                        yield side
+        for hole in self.holes:
+            box, within = hole.within(grid)
+            cells = np.zeros(grid.shape, dtype=np.bool_)
+            cells[box] = np.abs(within) <= _half_diagonal(grid)
+            if cells.any():
+                yield Trim(hole.rim(grid.surface), -1.0, cells)
 
 
 def outline_uv(chart: Surface, outline: FloatArray) -> FloatArray:
@@ -216,12 +232,18 @@ def _area(grid: ChartGrid, outline: FloatArray | None) -> BoolArray:
     return inside
 
 
-def _side(grid: ChartGrid, start: FloatArray, end: FloatArray, sign: float) -> Trim:
-    """One side of an outline as a cut through the cells that it crosses."""
+def _half_diagonal(grid: ChartGrid) -> float:
+    return float(np.hypot(*grid.cell)) / 2
+
+
+def _side(grid: ChartGrid, start: FloatArray, end: FloatArray, sign: float) -> Trim | None:
+    """One side of an outline as a cut through the cells that it crosses; None of no length."""
     length = float(np.linalg.norm(end - start))
+    if length <= _LEAST_SIDE_M:
+        return None
     line = Line(start, (end - start) / length)
     uv = grid.centres_uv()
-    half = float(np.hypot(*grid.cell)) / 2
+    half = _half_diagonal(grid)
     along = line.along(uv)
     near = (np.abs(line.across(uv)) <= half) & (along >= -half) & (along <= length + half)
     return Trim(line, sign, near)

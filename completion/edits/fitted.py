@@ -5,9 +5,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from completion.boundary.curves import Circle
+from completion.evidence.chart_grid import ChartGrid
 from completion.merging.merged_surface import MergedSurface
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Plane
+from scenes.surfaces.catalogue import Plane, Surface
+
+_CORNERS = 48  # of a round hole's outline
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +47,12 @@ class FittedHole:
 
     Attributes
     ----------
-    outline : (n, 3) float
-        Corners along its rim, as if it had so many.
+    centre : (3,) float
+        Its middle.
+    axis : (3,) float
+        Across the plate.
+    radius : float
+        Of all holes of the pattern.
     deviation : float
         Standard deviation of its place, in the direction in which it is known worst.
     seen : float
@@ -51,10 +61,36 @@ class FittedHole:
         Which feature it is of, from 1.
     """
 
-    outline: FloatArray
+    centre: FloatArray
+    axis: FloatArray
+    radius: float
     deviation: float
     seen: float
     number: int
+
+    @property
+    def outline(self) -> FloatArray:
+        """Corners (n, 3) along its rim, as if it had so many."""
+        angle = np.linspace(0.0, 2 * np.pi, _CORNERS, endpoint=False)
+        return Plane(self.centre, self.axis).from_uv(
+            self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        )
+
+    def rim(self, chart: Surface) -> Circle:
+        """Its rim in the chart of the plane that it lies in."""
+        return Circle(chart.to_uv(self.centre[None])[0], self.radius)
+
+    def within(self, grid: ChartGrid) -> tuple[tuple[slice, slice], FloatArray]:
+        """How far within its rim the cells of a box of a grid about it lie, metres; and the box."""
+        rim, most = self.rim(grid.surface), np.array(grid.shape[::-1])
+        reach = self.radius + grid.cell
+        low, high = (
+            np.clip(np.floor((rim.centre + sign * reach - grid.corner) / grid.cell), 0, most)
+            for sign in (-1, 1)
+        )
+        columns, rows = (slice(int(low[axis]), int(high[axis]) + 1) for axis in (0, 1))
+        u, v = grid.axes()
+        return (rows, columns), rim.across(np.stack(np.meshgrid(u[columns], v[rows]), axis=-1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -191,12 +191,12 @@ def _without_openings(
     grid: ChartGrid, evidence: Evidence, filled: BoolArray, edits: SurfaceEdits, trims: tuple[Trim, ...]
 ) -> tuple[BoolArray, tuple[Trim, ...]]:
     """Take declared openings out: whole cells, and by cuts through those that their sides cross."""
-    sides = edits.trims(grid)
-    if not sides:
-        return filled, trims
     declared = edits.open_cells(grid)
-    crossed = np.logical_or.reduce([side.cells for side in sides])
     around = ndimage.binary_dilation(filled & ~declared, np.ones((3, 3)))
+    sides = [side for side in edits.trims(grid) if (side.cells & around).any()]
+    if not sides:
+        return filled & ~declared, trims
+    crossed = np.logical_or.reduce([side.cells for side in sides])
     parted = crossed & declared & around & (evidence.labels == Label.OCCLUDED) & ~evidence.observed
     return filled & ~declared | parted, (*trims, *sides)
 

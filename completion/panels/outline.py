@@ -13,6 +13,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from completion.boundary.continuation import Cue
+from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Label
 from completion.extension.patch import Patch
@@ -174,17 +175,21 @@ def _provenances(
         hidden = (progress >= -beside) & (progress <= abs(stretch.end - stretch.start) + beside)
         result[hidden & (np.abs(stretch.curve.across(uv)) <= beside)] = str(stretch.provenance)
     result[at_cuts] = str(Cue.ARCHITECTURAL)
-    result[_near(patch, uv, patch.verdict.ends) | _near_openings(patch)[row, column]] = "user"
+    said, fitted = patch.verdict, patch.verdict.of_features
+    joints = [joint.plane for joint in fitted.joints]
+    of_feature = _near(patch, uv, joints) | _near_openings(patch, fitted)[row, column] | (patch.feature > 0)
+    result[of_feature] = "feature"
+    by_person = SurfaceEdits(openings=said.openings)
+    result[_near(patch, uv, said.ends) | _near_openings(patch, by_person)[row, column]] = "user"
     return np.where(patch.hypothesised[row, column], result, "measured")
 
 
-def _near_openings(patch: Patch) -> BoolArray:
-    """Cells (rows, columns) within about a cell of a declared opening."""
+def _near_openings(patch: Patch, said: SurfaceEdits) -> BoolArray:
+    """Cells (rows, columns) within about a cell of an opening that is said."""
     crossed = np.zeros(patch.grid.shape, dtype=np.bool_)
-    sides = [trim.cells for trim in patch.verdict.trims(patch.grid)]
-    if not sides:
-        return crossed
-    return np.asarray(ndimage.binary_dilation(np.logical_or.reduce(sides), np.ones((3, 3))), dtype=np.bool_)
+    for side in said.trims(patch.grid):
+        crossed |= side.cells
+    return np.asarray(ndimage.binary_dilation(crossed, np.ones((3, 3))), dtype=np.bool_)
 
 
 def _near(patch: Patch, uv: FloatArray, others: Sequence[Surface]) -> BoolArray:

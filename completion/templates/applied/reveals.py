@@ -19,7 +19,9 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
-_ORDER = ("bottom", "right", "top", "left")  # sides from each corner to the next
+AROUND = ("bottom", "right", "top", "left")
+"""Sides of an opening from each of its corners to the next."""
+
 _LEAST_DEPTH_M = 0.02  # a sheet has no reveals
 _ON_FACE = 3.0  # standard deviations
 _TILT = float(np.radians(5.0))
@@ -114,7 +116,7 @@ def _outlines(fit: TemplateFit, number: int, surfaces: Sequence[MergedSurface]) 
     into = np.asarray(fit.geometry.get("into", -wall.normal_direction), dtype=np.float64)
     corners = np.asarray(fit.geometry["corners"], dtype=np.float64)
     sides = {side.name: side for side in fit.sides}
-    for name, start, end in zip(_ORDER, corners, np.roll(corners, -1, axis=0), strict=True):
+    for name, start, end in zip(AROUND, corners, np.roll(corners, -1, axis=0), strict=True):
         is_floor = name == "bottom" and fit.kind == "doorway"
         if not sides[name].is_seen or is_floor:
             continue

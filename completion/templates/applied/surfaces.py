@@ -12,11 +12,9 @@ import numpy as np
 from completion.edits.application import EditedSurface
 from completion.edits.fitted import FittedHole, FittedJoint, FittedOpening
 from completion.templates.applied.file import PATTERNS
+from completion.templates.applied.reveals import AROUND
 from completion.templates.engine.template import Side, Status, TemplateFit
 from scenes.surfaces.catalogue import Plane
-
-_CORNERS = 48  # of a round hole's outline
-_ORDER = ("bottom", "right", "top", "left")  # sides from each corner to the next
 
 
 def with_features(surfaces: Sequence[EditedSurface], features: Sequence[TemplateFit]) -> list[EditedSurface]:
@@ -46,19 +44,17 @@ def with_features(surfaces: Sequence[EditedSurface], features: Sequence[Template
 def _holes(fit: TemplateFit, number: int) -> Iterator[FittedHole]:
     """The holes of a pattern that were seen, all of one radius."""
     radius, axis = float(str(fit.geometry["radius"])), np.asarray(fit.geometry["axis"])
-    angle = np.linspace(0.0, 2 * np.pi, _CORNERS, endpoint=False)
-    plane = Plane(np.zeros(3), axis)
-    rim = plane.from_uv(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
     for centre, side in zip(np.asarray(fit.geometry["centres"]), fit.sides, strict=True):
         if side.is_seen:
-            yield FittedHole(centre + rim, side.deviation, side.confirmed / side.total, number)
+            seen = side.confirmed / side.total
+            yield FittedHole(centre, axis, radius, side.deviation, seen=seen, number=number)
 
 
 def _fitted(fit: TemplateFit, number: int) -> FittedOpening:
     corners = np.asarray(fit.geometry["corners"], dtype=np.float64)
     sides: dict[str, Side] = {side.name: side for side in fit.sides}
     slack = cast(Mapping[str, tuple[float, float]], fit.geometry["slack"])
-    off = np.array([slack[name] for name in _ORDER])
-    deviation = np.array([sides[name].deviation for name in _ORDER])
-    seen = np.array([sides[name].is_seen * sides[name].confirmed / sides[name].total for name in _ORDER])
+    off = np.array([slack[name] for name in AROUND])
+    deviation = np.array([sides[name].deviation for name in AROUND])
+    seen = np.array([sides[name].is_seen * sides[name].confirmed / sides[name].total for name in AROUND])
     return FittedOpening(corners, deviation, seen, off, number)
