@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,15 @@ def check_point(name: str, point: object) -> FloatArray:
     if not np.isfinite(checked).all():
         raise InputError(f"{name} is {checked.tolist()}; give finite coordinates")
     return checked
+
+
+def check_coordinates(value: object) -> FloatArray:
+    """Return what a document holds as coordinates as an array of any shape; raise InputError for text."""
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        text = value if isinstance(value, str) or not isinstance(value, Sequence) else list(value)
+        raise InputError(f"expected coordinates such as [x, y, z], got {text!r}") from error
 
 
 def check_direction(name: str, vector: object) -> FloatArray:

@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from completion.edits.edit import ACTIONS, Anchor, Edit
-from scenes.checks import InputError
+from scenes.checks import InputError, check_coordinates
 from scenes.formats.documents import read_json
 from scenes.formats.guard import reading
 from scenes.surfaces.plane import Plane
@@ -86,7 +84,9 @@ def anchors_of(surfaces: object) -> dict[int, Anchor]:
         raise InputError('its "surfaces" are no list; leave them as unseen complete wrote them')
     try:
         return {
-            int(one["id"]): Anchor(_numbers(one["anchor"]), _kind(one.get("kind")), f"surface {one['id']}")
+            int(one["id"]): Anchor(
+                check_coordinates(one["anchor"]), _kind(one.get("kind")), f"surface {one['id']}"
+            )
             for one in surfaces
         }
     except (KeyError, TypeError, AttributeError) as error:
@@ -117,7 +117,7 @@ def _edit(one: object, anchors: Mapping[int, Anchor], source: str) -> Edit:
             action=action,
             surfaces=tuple(named_anchor(name, anchors, source) for name in surfaces),
             cut=_cut(one),
-            outline=_numbers(one["outline"]) if "outline" in one else None,
+            outline=check_coordinates(one["outline"]) if "outline" in one else None,
             source=source,
         )
     except InputError as error:
@@ -131,9 +131,9 @@ def named_anchor(name: object, anchors: Mapping[int, Anchor], source: str) -> An
     Raises InputError, with where it was said: a number that the file does not list, no such point.
     """
     if isinstance(name, dict):
-        return Anchor(_numbers(name.get("point")), _kind(name.get("kind")))
+        return Anchor(check_coordinates(name.get("point")), _kind(name.get("kind")))
     if not isinstance(name, int) or isinstance(name, bool):
-        return Anchor(_numbers(name))
+        return Anchor(check_coordinates(name))
     if name in anchors:
         return anchors[name]
     cure = f"it lists {', '.join(map(str, anchors))}" if anchors else (
@@ -145,25 +145,16 @@ def named_anchor(name: object, anchors: Mapping[int, Anchor], source: str) -> An
 
 def _cut(one: Mapping[str, Any]) -> Plane | Any | None:
     if "line" in one:
-        return _numbers(one["line"])
+        return check_coordinates(one["line"])
     if "plane" not in one:
         return None
     plane = one["plane"]
     if not isinstance(plane, dict) or not {"point", "normal"} <= plane.keys():
         raise InputError(f'a plane is {{"point": [x, y, z], "normal": [x, y, z]}}, got {plane!r}')
-    return Plane(_numbers(plane["point"]), _numbers(plane["normal"]))
+    return Plane(check_coordinates(plane["point"]), check_coordinates(plane["normal"]))
 
 
 def _kind(value: object) -> str | None:
     if value is not None and not isinstance(value, str):
         raise InputError(f'the "kind" of a surface is a text such as "plane", got {value!r}')
     return value
-
-
-def _numbers(value: object) -> Any:
-    """An array of what should be coordinates."""
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        text = value if isinstance(value, str) or not isinstance(value, Sequence) else list(value)
-        raise InputError(f"expected coordinates such as [x, y, z], got {text!r}") from error

@@ -81,7 +81,7 @@ class FittedHole:
         return Circle(chart.to_uv(self.centre[None])[0], self.radius)
 
     def within(self, grid: ChartGrid) -> tuple[tuple[slice, slice], FloatArray]:
-        """How far within its rim the cells of a box of a grid about it lie, metres; and the box."""
+        """A box of a grid about it, and how far within its rim those cells (rows, columns) lie, metres."""
         rim, most = self.rim(grid.surface), np.array(grid.shape[::-1])
         reach = self.radius + grid.cell
         low, high = (

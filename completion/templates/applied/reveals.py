@@ -118,7 +118,7 @@ def _outlines(fit: TemplateFit, number: int, surfaces: Sequence[MergedSurface]) 
     sides = {side.name: side for side in fit.sides}
     for name, start, end in zip(AROUND, corners, np.roll(corners, -1, axis=0), strict=True):
         is_floor = name == "bottom" and fit.kind == "doorway"
-        if not sides[name].is_seen or is_floor:
+        if not sides[name].is_seen or is_floor or not np.isfinite(sides[name].deviation):
             continue
         along = end - start
         length = float(np.linalg.norm(along))

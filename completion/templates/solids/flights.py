@@ -33,12 +33,6 @@ class Flight(NamedTuple):
     sides: FloatArray  # (2,) least and greatest place across the way
 
 
-class _Row(NamedTuple):
-    """Patches that are steps of one flight."""
-
-    members: tuple[tuple[int, int], ...]  # patch and step of each, ascending
-
-
 def find_flight(sample: UprightSample, noise: float, spacing: float, given: dict[str, float]) -> Flight | str:
     """Return the flight that most level patches belong to, or why none is.
 
@@ -60,10 +54,10 @@ def find_flight(sample: UprightSample, noise: float, spacing: float, given: dict
     heights = np.array([float(np.median(one[:, 2])) for one in patches])
     middles = np.array([(one[:, :2].min(axis=0) + one[:, :2].max(axis=0)) / 2 for one in patches])
     row = _longest_row(patches, heights, middles, max(4 * noise, 0.7 * spacing), given)
-    if len(row.members) < _LEAST_STEPS:
-        told = f"{len(patches)} level patches, of which {len(row.members)} rise and move on equally"
+    if len(row) < _LEAST_STEPS:
+        told = f"{len(patches)} level patches, of which {len(row)} rise and move on equally"
         return f"{told}; a flight has {_LEAST_STEPS}"
-    number, step = (np.array(some) for some in zip(*row.members, strict=True))
+    number, step = (np.array(some) for some in zip(*row, strict=True))
     rise = given.get("rise", float(np.median(np.diff(heights[number]) / np.diff(step))))
     move = np.median(np.diff(middles[number], axis=0) / np.diff(step)[:, None], axis=0)
     going = given.get("going", float(np.linalg.norm(move)))
@@ -102,9 +96,9 @@ def _patches(flat: FloatArray, thick: float) -> list[FloatArray]:
 
 def _longest_row(
     patches: list[FloatArray], heights: FloatArray, middles: FloatArray, thick: float, given: dict[str, float]
-) -> _Row:
-    """The row with the most patches less misses."""
-    best, most = _Row(()), 0
+) -> list[tuple[int, int]]:
+    """Patch and step of each in the row with the most patches less misses, ascending."""
+    best, most = list[tuple[int, int]](), 0
     for i in range(len(patches)):
         for j in range(len(patches)):
             rise, move = heights[j] - heights[i], middles[j] - middles[i]
@@ -117,7 +111,7 @@ def _longest_row(
             members = [one for one in members if _is_deep(patches[one[0]], move, going)]
             score = len(members) - (members[-1][1] + 1 - len(members))
             if score > most:
-                best, most = _Row(tuple(members)), score
+                best, most = members, score
     return best
 
 

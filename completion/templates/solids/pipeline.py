@@ -74,7 +74,7 @@ def _stairs(
 ) -> TemplateFit:
     """A flight where structure sees one, fitted to what lies about it."""
     local = frame.local(measured.points)
-    sample = UprightSample.closely(local)
+    sample = UprightSample.of(local)
     flight = find_flight(sample, measured.noise, measured.spacing, dict(given))
     if isinstance(flight, str):
         return TemplateFit.absent("stairs", Stairs.names, len(local), flight)
@@ -125,7 +125,7 @@ def _column(
     """A column about one of the upright cylinders among the points."""
     local = frame.local(measured.points)
     known = {name: value for name, value in given.items() if name in Column.names}
-    sample = UprightSample.closely(local)
+    sample = UprightSample.of(local)
     shafts = find_shafts(sample, measured.spacing, measured.noise, radius=known.get("radius"))
     if not shafts:
         return TemplateFit.absent("column", Column.names, len(local), "no upright cylinder was measured")

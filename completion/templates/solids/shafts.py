@@ -78,11 +78,11 @@ def _peaks(flat: FloatArray, way: FloatArray, radius: float) -> Iterator[Shaft]:
     centres = np.concatenate([flat - radius * way, flat + radius * way])
     low = centres.min(axis=0)
     for shift in (0.0, 0.5):
-        cells = np.floor((centres - low) / (_CELL * radius) + shift).astype(np.int64)
-        _, member, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+        column, row = np.floor((centres - low) / (_CELL * radius) + shift).astype(np.int64).T
+        _, member, count = np.unique(column * (row.max() + 1) + row, return_inverse=True, return_counts=True)
         for number in np.argsort(-count, kind="stable")[:_PEAKS]:
             if count[number] >= _LEAST_POINTS:
-                middle = centres[member.ravel() == number].mean(axis=0)
+                middle = centres[member == number].mean(axis=0)
                 yield Shaft(float(middle[0]), float(middle[1]), radius)
 
 

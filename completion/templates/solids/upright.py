@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.fitting.oriented import oriented
 from completion.templates.engine.measured import Measured
 from scenes.checks import FloatArray
 
-_N_ORIENTED, _N_CLOSELY, _N_TREE = 6_000, (20_000, 100_000), 1_000_000
-_SHARE = 0.05  # of all points, that are looked at closely
+_SHARE, _N_SAMPLE = 0.05, (20_000, 100_000)  # of all points, that are looked at; at least and at most
+_N_TREE = 1_000_000  # among which neighbours are sought
 _N_NEIGHBOURS = 16
 _FLAT, _STEEP = np.cos(np.radians(25.0)), np.sin(np.radians(25.0))
 
@@ -60,14 +59,8 @@ class UprightSample:
 
     @classmethod
     def of(cls, local: FloatArray) -> UprightSample:
-        """Return at most some thousands of the points (n, 3)."""
-        sample = local[:: max(1, len(local) // _N_ORIENTED)]
-        return cls(sample, oriented(sample, local)[0])
-
-    @classmethod
-    def closely(cls, local: FloatArray) -> UprightSample:
-        """Return more of the points (n, 3), with normals by fewer neighbours, as slender things need."""
-        sample = _evenly(local, int(np.clip(_SHARE * len(local), *_N_CLOSELY)))
+        """Return some of the points (n, 3), spread evenly, with normals by their nearest neighbours."""
+        sample = _evenly(local, int(np.clip(_SHARE * len(local), *_N_SAMPLE)))
         points = local[:: max(1, len(local) // _N_TREE)]
         _, nearest = cKDTree(points).query(sample, k=min(_N_NEIGHBOURS, len(points)))
         around = points[nearest] - points[nearest].mean(axis=1, keepdims=True)

@@ -151,10 +151,17 @@ def test_features_of_other_scans_are_refused(plate, pipe, tmp_path):
         ("hole-row", "centres", [[0, 0]], "centres"),
         ("hole-row", "radius", 0.0, "radius above 0"),
         ("hole-row", "sides", {}, "a side for each of its 3 holes"),
+        ("hole-row", "radius", float("nan"), "it holds NaN"),
+        ("hole-row", "centres", "middle", "expected coordinates"),
+        ("hole-row", "centres", [[1e300, 0, 0]], "stay within"),
         ("hole-row", "axis", [0, 0, 0], "axis has length"),
-        ("elbow", "joint", [[0, 0, 0]], "joint must be two points"),
+        ("hole-row", "axis", {}, "expected coordinates"),
+        ("elbow", "joint", [[0, 0, 0]], "joint must be two places"),
+        ("elbow", "joint", [[1, 0, 0], [1, 0, 0]], "joint must be two places"),
         ("elbow", "radii", [1.0], "radii must be"),
         ("elbow", "centres", None, "centres"),
+        ("elbow", "centres", [], "centres"),
+        ("elbow", "centres", [[0, 0, 0]], "off its joint"),
     ],
 )
 def test_files_that_lack_something_are_refused(plate, pipe, tmp_path, kind, name, value, said):
