@@ -13,7 +13,6 @@ from completion.boundary.continuation import Cue
 from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import apply_edits
 from completion.evidence.evidence import Scans
-from completion.evidence.registration.pipeline import register
 from completion.extension.adjacency import find_adjacency
 from completion.extension.choice import Choice, is_chosen, numbered_anew
 from completion.extension.claims import overlap_m2, settle_claims
@@ -27,6 +26,7 @@ from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.key_frames import find_key_frames
 from completion.observe.observation import observe
 from completion.options import CompletionOptions
+from completion.registration.correction import register
 from completion.relations.surfaces import relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
 from completion.result.completion import Completion

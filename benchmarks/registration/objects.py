@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.registration.rooms import overlap
-from completion.registration.candidates.motions import STILL, composed, inverse
+from completion.registration.motions import STILL, composed, inverse
 from completion.registration.pipeline import LEVEL, register_scans
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor

@@ -14,14 +14,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.registration.rooms import Room, is_right, overlap
-from completion.registration.candidates.motions import STILL
-from completion.registration.candidates.station_view import StationView
-from completion.registration.grouping import Group
 from completion.registration.hypotheses import Hypothesis, find_hypotheses
-from completion.registration.images import with_images
-from completion.registration.network import settle_group
+from completion.registration.motions import STILL
+from completion.registration.network import Group, settle_group
 from completion.registration.pipeline import LEVEL
-from completion.registration.verdict import Verdict, judge
+from completion.registration.station_view import StationView
+from completion.registration.verdict import Verdict, judge, with_images
 from scenes.checks import FloatArray, IntArray
 from scenes.scan.range_image import RangeImage
 

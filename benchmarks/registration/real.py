@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.completion.ledger.sources import REAL
 from benchmarks.registration.rooms import is_right, overlap
-from completion.registration.candidates.motions import STILL, composed, inverse
+from completion.registration.motions import STILL, composed, inverse
 from completion.registration.pipeline import LEVEL, register_scans
 from completion.registration.registered import Registered
 from scenes.checks import FloatArray

@@ -15,10 +15,9 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from completion.registration.candidates.motions import composed
-from completion.registration.candidates.station_view import StationView
-from completion.registration.grouping import Group
-from completion.registration.network import settle_group
+from completion.registration.motions import composed
+from completion.registration.network import Group, settle_group
+from completion.registration.station_view import StationView
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
 from scenes.checks import FloatArray

@@ -3,20 +3,298 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from completion.observe.sensor_modes import N_MODES, displacements
-from completion.registration.adjustment import adjusted
-from completion.registration.candidates.motions import composed, in_units, inverse, moved
-from completion.registration.candidates.station_view import StationView
-from completion.registration.grouping import Group
-from completion.registration.links import Link, links_of, normal_equations, solved
-from completion.registration.refinement import Equations
-from scenes.checks import FloatArray
+from completion.registration.hypotheses import MIDDLE_M, VIOLATION, Hypothesis, best_of, distinct, scores_of
+from completion.registration.motions import STILL, composed, in_units, inverse, moved
+from completion.registration.refinement import (
+    INDEPENDENT,
+    Equations,
+    Link,
+    Placed,
+    links_of,
+    normal_equations,
+    solved,
+)
+from completion.registration.station_view import StationView
+from completion.registration.verdict import Judgement, Verdict, is_approved, judge
+from scenes.checks import BoolArray, FloatArray, IntArray
+
+Pair = tuple[int, int]
+_Scans = tuple[int, ...]
+Hypotheses = Mapping[Pair, Sequence[Hypothesis]]
+"""By the numbers of two scans, the smaller first: motions of the second into the frame of the first."""
+
+_N_TRIED = 8  # candidates of a joint placement that are refined
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Scans that are placed to each other: by the number of each its pose (3, 4) in the group's frame."""
+
+    poses: Mapping[int, FloatArray]
+
+    @property
+    def scans(self) -> tuple[int, ...]:
+        """The numbers of its scans, in order. In one run no two groups have the same."""
+        return tuple(sorted(self.poses))
+
+    def placed(self, views: Sequence[StationView]) -> list[Placed]:
+        """Return its scans where they stand."""
+        return [Placed(views[number], pose) for number, pose in self.poses.items()]
+
+    def joined(self, other: Group, motion: FloatArray) -> Group:
+        """Return both together; `motion` (3, 4) leads out of the other's frame."""
+        poses = {**self.poses, **{number: composed(motion, pose) for number, pose in other.poses.items()}}
+        return Group(dict(sorted(poses.items())))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Joint:
+    """What is known of two groups' pose to each other."""
+
+    hypotheses: Sequence[Hypothesis]
+    judgement: Judgement
+
+    @property
+    def lead(self) -> float:
+        """By how much the best one leads; below zero where nothing is claimed."""
+        if self.judgement.verdict is not Verdict.REGISTERED:
+            return -1.0
+        second = self.hypotheses[1].score if len(self.hypotheses) > 1 else 0.0
+        return self.hypotheses[0].score - max(second, 0.0)
+
+
+def group_scans(
+    views: Sequence[StationView],
+    pairs: Hypotheses,
+    level: float,
+    settled: Callable[[Group], Group],
+    groups: Iterable[Group] = (),
+) -> list[Group]:
+    """Return the scans in groups, each with the poses that were claimed.
+
+    All scans begin by themselves, but for `groups` that are given. Of all pairs of groups those join whose
+    best motion leads most, among those that may be claimed at `level`: motions come from the hypotheses of
+    all pairs of scans across, and all scans across judge them. After each, `settled` brings a group's scans
+    together by all that they share.
+    """
+    standing = list(groups)
+    known = {number for group in standing for number in group.poses}
+    standing += [Group({number: STILL}) for number in range(len(views)) if number not in known]
+    joints: dict[tuple[_Scans, _Scans], _Joint] = {}
+    while len(standing) > 1:
+        for one, two in combinations(standing, 2):
+            if (one.scans, two.scans) not in joints:
+                joints[one.scans, two.scans] = _joint(one, two, views, pairs, level)
+        ranked = sorted(
+            ((joints[one.scans, two.scans].lead, one, two) for one, two in combinations(standing, 2)),
+            key=lambda each: (-each[0], each[1].scans, each[2].scans),
+        )
+        lead, one, two = ranked[0]
+        if lead < 0:
+            break
+        joined = settled(one.joined(two, joints[one.scans, two.scans].hypotheses[0].motion))
+        standing = sorted(
+            [*(group for group in standing if group is not one and group is not two), joined],
+            key=lambda group: group.scans,
+        )
+    return standing
+
+
+def _joint(one: Group, two: Group, views: Sequence[StationView], pairs: Hypotheses, level: float) -> _Joint:
+    """Judge the motions of one group to another that pairs of their scans propose."""
+    stay, move = one.placed(views), two.placed(views)
+    motions = [
+        composed(composed(pose_a, motion), inverse(pose_b))
+        for a, pose_a in one.poses.items()
+        for b, pose_b in two.poses.items()
+        for motion in _motions(pairs, a, b)
+    ]
+    if not motions:
+        return _Joint((), judge((), level))
+    if len(one.poses) == len(two.poses) == 1:
+        (a,), (b,) = one.poses, two.poses
+        found: Sequence[Hypothesis] = pairs[a, b]
+    else:
+        several = np.array(motions)
+        scores = scores_of(stay, move, several, MIDDLE_M, VIOLATION)
+        found = best_of(stay, move, distinct(several, scores, move, _N_TRIED))
+        alike = [
+            composed(composed(pose_a, motion), inverse(pose_b))
+            for a, pose_a in one.poses.items()
+            for b, pose_b in two.poses.items()
+            for motion in _motions(_alike(pairs), a, b)
+        ]
+        found = _with_images_told(found, alike, move)
+    return _Joint(found, judge(found, level))
+
+
+def _alike(pairs: Hypotheses) -> Hypotheses:
+    """Of each pair the poses that are images of each other."""
+    return {
+        pair: [several[0], *(one for one in several if one.is_image)]
+        for pair, several in pairs.items()
+        if any(one.is_image for one in several)
+    }
+
+
+def _with_images_told(
+    found: Sequence[Hypothesis], alike: Sequence[FloatArray], move: Sequence[Placed]
+) -> list[Hypothesis]:
+    """The hypotheses of two groups; those that are images of the first one, for some pair across, say so."""
+    if not alike:
+        return list(found)
+
+    def is_alike(motion: FloatArray) -> bool:
+        return any(len(distinct(np.array([motion, one]), np.zeros(2), move, 2)) == 1 for one in alike)
+
+    told = is_alike(found[0].motion)
+    return [
+        replace(one, is_image=told and k > 0 and is_approved(one) and is_alike(one.motion))
+        for k, one in enumerate(found)
+    ]
+
+
+def _motions(pairs: Hypotheses, a: int, b: int) -> list[FloatArray]:
+    """The motions (3, 4) of scan b into the frame of scan a that are proposed."""
+    if a < b:
+        return [one.motion for one in pairs.get((a, b), ())]
+    return [inverse(one.motion) for one in pairs.get((b, a), ())]
+
+
+_ALIKE, _SAME_M = np.cos(np.radians(5.0)), 0.03  # of a facet and the plane that it lies in
+_LEAST = 12  # facets of two planes that meet, of one surface
+_N_ROUNDS_PLANES, _STILL_PLANES = 8, 1e-7
+
+Surface = list[tuple[int, int]]
+"""By the places of scans in their group, and the numbers of their planes: the planes that are one surface."""
+
+
+def adjusted(
+    poses: Sequence[FloatArray], views: Sequence[StationView], links: Sequence[Link]
+) -> list[FloatArray]:
+    """Return poses (3, 4) of n scans that their planes and themselves make most probable; the first stays.
+
+    Facets that met and lie in no plane that both scans share count by pairs, as they do without planes.
+    """
+    labels = [_labels(one, poses, views) for one in links]
+    surfaces = _surfaces(links, labels)
+    surface_of = {member: number for number, several in enumerate(surfaces) for member in several}
+    besides = [
+        _without(one, ~_are_shared(one, told, surface_of)) for one, told in zip(links, labels, strict=True)
+    ]
+    fixed, pull = normal_equations(besides, len(poses))
+    now, change = list(poses), np.zeros(6 * len(poses))
+    for _ in range(_N_ROUNDS_PLANES):
+        matrix, vector = fixed.copy(), pull + fixed @ change
+        for several in surfaces:
+            _add(matrix, vector, several, now, views)
+        step = -solved(matrix[6:, 6:], vector[6:])
+        change[6:] += step
+        for k, one in enumerate(step.reshape(-1, 6), start=1):
+            now[k] = moved(now[k], one, now[k][:, 3])
+        if np.abs(step).max(initial=0.0) < _STILL_PLANES:
+            break
+    return now
+
+
+def _labels(link: Link, poses: Sequence[FloatArray], views: Sequence[StationView]) -> IntArray:
+    """The plane of either scan (2, m) that each place where they met lies in; -1 for none."""
+    found = []
+    for k in (link.first, link.second):
+        planes, pose = views[k].planes, poses[k]
+        places = (link.equations.places - pose[:, 3]) @ pose[:, :3]
+        normals = link.equations.growth[:, 3:] @ pose[:, :3]
+        off = np.abs(places @ planes.normals.T - planes.heights)
+        off[np.abs(normals @ planes.normals.T) < _ALIKE] = np.inf
+        if not off.shape[1]:
+            found.append(np.full(len(places), -1))
+            continue
+        best = off.argmin(axis=1)
+        found.append(np.where(off[np.arange(len(off)), best] < _SAME_M, best, -1))
+    return np.array(found)
+
+
+def _surfaces(links: Sequence[Link], labels: Sequence[IntArray]) -> list[Surface]:
+    """The planes that are one surface, since facets of them met, of two scans at least each."""
+    met: dict[tuple[tuple[int, int], tuple[int, int]], int] = defaultdict(int)
+    for link, (one, two) in zip(links, labels, strict=True):
+        pairs, counts = np.unique(
+            np.stack([one, two])[:, (one >= 0) & (two >= 0)], axis=1, return_counts=True
+        )
+        for (p, q), count in zip(pairs.T.tolist(), counts.tolist(), strict=True):
+            if count >= _LEAST:
+                met[(link.first, p), (link.second, q)] += count
+    nodes = sorted({node for pair in met for node in pair})
+    number = {node: k for k, node in enumerate(nodes)}
+    ends = np.array([[number[one], number[two]] for one, two in met]).reshape(-1, 2)
+    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(nodes), len(nodes)))
+    count, component = connected_components(graph, directed=False) if nodes else (0, np.zeros(0))
+    return [[node for node, own in zip(nodes, component, strict=True) if own == k] for k in range(count)]
+
+
+def _are_shared(link: Link, told: IntArray, surface_of: dict[tuple[int, int], int]) -> BoolArray:
+    """Whether each place (m,) where two scans met lies in planes that are one surface."""
+    one, two = (
+        np.array([surface_of.get((k, p), -1) for p in own.tolist()], dtype=np.int64)
+        for k, own in zip((link.first, link.second), told, strict=True)
+    )
+    return np.asarray((one >= 0) & (one == two))
+
+
+def _without(link: Link, kept: BoolArray) -> Link:
+    """A link with some of its equations alone."""
+    equations = type(link.equations)(*(values[kept] for values in link.equations))
+    return link._replace(equations=equations, growth=link.growth[kept])
+
+
+def _add(
+    matrix: FloatArray,
+    vector: FloatArray,
+    several: Surface,
+    poses: Sequence[FloatArray],
+    views: Sequence[StationView],
+) -> None:
+    """Add what planes that are one surface tell of turns and shifts, the surface being where it fits best.
+
+    A pixel x of a scan at pose (R, t) is off by n . (R x + t) + d. A turn w about the scan's place and
+    a shift s change that by w . (R x x n) + s . n, another surface by its own (n, d) . (R x + t, 1).
+    """
+    scatters = {}
+    for k, plane in several:
+        lift = np.eye(4)
+        lift[:3] = poses[k]
+        share = min(1.0, INDEPENDENT / max(views[k].planes.n_pixels, 1))
+        scatters[k, plane] = share * lift @ views[k].planes.scatter[plane] @ lift.T
+    total = np.sum(list(scatters.values()), axis=0)
+    middle = total[:3, 3] / total[3, 3]
+    axes = np.linalg.eigh(total[:3, :3] - total[3, 3] * np.outer(middle, middle))[1]
+    normal = axes[:, 0]
+    surface = np.append(normal, -normal @ middle)
+    free = np.eye(4)[:, 1:]  # what another surface adds to (n, d)
+    free[:3, :2] = axes[:, 1:]
+    sides = np.zeros((len(matrix), 3))
+    for (k, _), scatter in scatters.items():
+        growth = np.zeros((4, 6))
+        growth[:3, :3] = np.cross(np.eye(3), normal)
+        growth[3, :3] = np.cross(normal, poses[k][:, 3])
+        growth[3, 3:] = normal
+        columns = slice(6 * k, 6 * k + 6)
+        matrix[columns, columns] += growth.T @ scatter @ growth
+        vector[columns] += growth.T @ scatter @ surface
+        sides[columns] += growth.T @ scatter @ free
+    matrix -= sides @ np.linalg.solve(free.T @ total @ free, sides.T)
+
 
 _GATES_M = (0.15, 0.1, 0.05)
 _N_ROUNDS = 15

@@ -6,13 +6,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import combinations
 
-from completion.registration.candidates.motions import in_units
-from completion.registration.candidates.station_view import StationView, unit_of
-from completion.registration.grouping import Group, group_scans
 from completion.registration.hypotheses import Hypothesis, find_hypotheses
-from completion.registration.images import with_images
-from completion.registration.network import settle_group
+from completion.registration.motions import in_units
+from completion.registration.network import Group, group_scans, settle_group
 from completion.registration.registered import Registered, held_poses, verdicts_of
+from completion.registration.station_view import StationView, unit_of
+from completion.registration.verdict import with_images
 from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress, Steps

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import anchor_point
 from completion.edits.edit import Edit
-from completion.evidence.registration.registration import Registration
 from completion.extension.choice import Choice
 from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
@@ -26,6 +25,7 @@ from completion.panels.pipeline import build_panels
 from completion.panels.rest.pipeline import PixelMesh, light_rest
 from completion.panels.sheet import Sheet
 from completion.panels.straightening import surface_polygon
+from completion.registration.correction import Registration
 from completion.relations.surfaces import FoundRelations
 from completion.result.audit import AuditResult
 from completion.result.doubts import doubts_of

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from completion.evidence.registration.registration import Registration
-from completion.evidence.registration.scan_pair import ScanPair
 from completion.extension.patch import Patch
 from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
+from completion.registration.correction import Registration, ScanPair
 from completion.relations.engine.relation import Status, kind_text
 from completion.relations.surfaces import FoundRelations
 

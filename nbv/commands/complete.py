@@ -18,7 +18,7 @@ from completion.observe.tiles import solve_plane
 from completion.observe.tolerance import EvidenceOptions
 from completion.options import CompletionOptions
 from completion.pipeline import complete, verify_first
-from completion.registration.agreement import count_agreement
+from completion.registration.facets import count_agreement
 from completion.relations.engine.relation import Status
 from completion.relations.options import BUILT
 from completion.relations.stated import read_scan_relations

@@ -8,10 +8,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from completion.registration.agreement import count_agreement
+from completion.registration.facets import count_agreement
 from completion.registration.pipeline import LEVEL, check_poses, register_scans
-from completion.registration.record import registration_record
-from completion.registration.registered import Registered
+from completion.registration.registered import Registered, registration_record
 from completion.registration.verdict import Verdict
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count

@@ -8,9 +8,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from completion.evidence.registration.registration import Registration
 from completion.exchange.dimensions.pipeline import DecisionSheet
 from completion.extension.patch import Patch
+from completion.registration.correction import Registration
 from completion.result.completion import Completion
 from completion.templates.engine.template import Status
 from nbv.report.blocks.decision_blocks import decision_sections

@@ -18,9 +18,8 @@ from benchmarks.completion.scores.other_scans import score_by_others
 from benchmarks.completion.together.surfaces import Compared, compare_surfaces
 from benchmarks.completion.truth.samples import sample
 from completion import CompletionOptions, complete
-from completion.evidence.registration.pipeline import register
-from completion.evidence.registration.scan_pair import ScanPair
 from completion.observe.observation import observe
+from completion.registration.correction import ScanPair, register
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from completion.registration.candidates.motions import composed
+from completion.registration.motions import composed
 from completion.registration.network import Network
 from completion.registration.registered import PairVerdict
 from nbv.report.figures.plots import Plot, Theme, drawn_plot

@@ -4,13 +4,10 @@
 import numpy as np
 import pytest
 
-from completion.registration.adjustment import adjusted
-from completion.registration.candidates.motions import composed, inverse, moved
-from completion.registration.candidates.plane_sums import PlaneSums
-from completion.registration.candidates.station_view import StationView
-from completion.registration.grouping import Group
-from completion.registration.links import links_of
-from completion.registration.network import _if_alike, settle_group
+from completion.registration.motions import composed, inverse, moved
+from completion.registration.network import Group, _if_alike, adjusted, settle_group
+from completion.registration.refinement import links_of
+from completion.registration.station_view import PlaneSums, StationView
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
 from scenes.pose import Pose

@@ -4,9 +4,9 @@
 from itertools import combinations
 from types import SimpleNamespace
 
-from completion.registration import grouping
-from completion.registration.candidates.motions import STILL
-from completion.registration.grouping import Group, group_scans
+from completion.registration import network
+from completion.registration.motions import STILL
+from completion.registration.network import Group, group_scans
 from completion.registration.verdict import Judgement, Verdict
 
 
@@ -19,9 +19,9 @@ def test_each_two_groups_are_judged_by_themselves(monkeypatch):
         verdict = Verdict.NO_OVERLAP if 0 in one.scans else Verdict.REGISTERED
         lead = 1.0 / (one.scans[0] + two.scans[0])
         best = SimpleNamespace(motion=STILL, score=lead)
-        return grouping._Joint([best], Judgement(verdict, ""))
+        return network._Joint([best], Judgement(verdict, ""))
 
-    monkeypatch.setattr(grouping, "_joint", joint)
+    monkeypatch.setattr(network, "_joint", joint)
     found = group_scans([None] * 9, {}, 0.01, lambda group: Group(dict(group.poses)))
     assert [one.scans for one in found] == [(0,), tuple(range(1, 9))]
     asked = set(combinations([(k,) for k in range(9)], 2))

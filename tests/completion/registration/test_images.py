@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from completion.registration.candidates.motions import inverse
-from completion.registration.candidates.station_view import StationView
 from completion.registration.hypotheses import find_hypotheses
-from completion.registration.images import shifts_onto_itself, with_images
+from completion.registration.motions import inverse
 from completion.registration.pipeline import register_scans
-from completion.registration.verdict import Verdict, trust_of
+from completion.registration.station_view import StationView
+from completion.registration.verdict import Verdict, shifts_onto_itself, trust_of, with_images
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.pose import Pose

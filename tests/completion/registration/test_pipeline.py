@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.registration.candidates.station_view import unit_of
 from completion.registration.pipeline import check_poses, register_scans
-from completion.registration.record import registration_record
+from completion.registration.registered import registration_record
+from completion.registration.station_view import unit_of
 from completion.registration.verdict import Verdict
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor

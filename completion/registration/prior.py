@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from completion.evidence.registration.facets import Facets
-from completion.evidence.registration.meetings import Meetings, meet
 from completion.evidence.sight import Sight
+from completion.registration.facets import Facets, Meetings, meet
 from scenes.checks import FloatArray
 
 Pair = tuple[int, int]

@@ -6,14 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from completion.evidence.registration import pipeline
-from completion.evidence.registration.facets import facets_of
-from completion.evidence.registration.pipeline import register
-from completion.evidence.registration.registration import Registration
-from completion.evidence.registration.settling import settle
 from completion.evidence.sight import sight_of
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
+from completion.registration import correction
+from completion.registration.correction import Registration, register
+from completion.registration.facets import facets_of
+from completion.registration.prior import settle
 from scenes.files.scan_files import read_scan
 from scenes.pose import Pose
 from tests.helpers.crate_scans import misplaced, scan
@@ -108,7 +107,7 @@ def test_scans_that_share_nothing_say_nothing():
 
 
 def test_scans_beyond_those_that_settle_together_settle_among_them(monkeypatch):
-    monkeypatch.setattr(pipeline, "_TOGETHER", 3)
+    monkeypatch.setattr(correction, "_TOGETHER", 3)
     bad = misplaced(scan(3), 0.5, 0.03, 2)
     scans = [scan(0), scan(1), scan(2), bad]
     found = register([observe(one, WORLD) for one in scans], (0, 1, 2), stated_m=0.005)

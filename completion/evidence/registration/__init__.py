@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Registration: how well the poses of scans agree with what the scans measured."""

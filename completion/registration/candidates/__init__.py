@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Candidates: what registration compares of a scan, and the poses that two scans propose."""

@@ -1,0 +1,338 @@
+# SPDX-License-Identifier: MIT
+"""Correction: whether poses agree with what scans measured, and the motions that make them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from completion.evidence.field_of_view import Ball, Views
+from completion.evidence.sight import Sight, sight_of
+from completion.observe.observation import Observation
+from completion.observe.rays import rays_of
+from completion.observe.tolerance import EvidenceOptions
+from completion.observe.triple import triple
+from completion.registration.facets import Facets, Meetings, facets_of, meet
+from completion.registration.prior import LEAST_MEETINGS, Links, Pair, Settling, link, meet_all, settle
+from scenes.checks import FloatArray
+from scenes.pose import Pose
+from scenes.run.mapping import trim
+from scenes.run.spill import NO_SPILL, NoSpill, Spill
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """What n scans say of their poses.
+
+    Attributes
+    ----------
+    motions : (n, 4, 4) float
+        By which each was moved, working frame; the identity where poses are kept.
+    moved_m : (n,) float
+        Root mean square by which that shifted what each measured, along the normals, metres.
+    left_m : (n,) float
+        How far each pose may still be off along the normals of what it measured, two standard deviations,
+        metres; NaN where no other scan measured the same.
+    pairs : tuple of ScanPair
+        Those that measured the same surfaces.
+    stated_m : float
+        How far poses were said to be off, metres.
+    """
+
+    motions: FloatArray
+    moved_m: FloatArray
+    left_m: FloatArray
+    pairs: tuple[ScanPair, ...]
+    stated_m: float
+
+    @property
+    def is_moved(self) -> bool:
+        """Whether any scan was moved."""
+        return bool((self.moved_m > 0).any())
+
+    def applied(self, observations: Sequence[Observation], errors_m: FloatArray) -> list[Observation]:
+        """Return the scans, moved, with the errors (n,) of their poses, metres."""
+        return [
+            replace(_moved_scan(seen, motion), pose_error_m=error)
+            for seen, motion, error in zip(observations, self.motions, errors_m.tolist(), strict=True)
+        ]
+
+    def seen_from_first(self, observations: Sequence[Observation]) -> tuple[Observation, ...]:
+        """Return scans that were moved as the first one sees them: in the frame in which it did not move."""
+        back = np.linalg.inv(self.motions[0])
+        return tuple(_moved_scan(seen, back) for seen in observations)
+
+    def moved_world(self, number: int, world_from_reference: Pose) -> Pose:
+        """Return by how much a scan moved in the world, seen from the first one."""
+        if np.array_equal(self.motions[number], self.motions[0]):
+            return Pose.identity()
+        motion = np.linalg.inv(self.motions[0]) @ self.motions[number]
+        return world_from_reference @ Pose(motion) @ world_from_reference.inverse()
+
+
+def _moved_scan(seen: Observation, motion: FloatArray) -> Observation:
+    """A scan moved, to the bit where it is not."""
+    if np.array_equal(motion, np.eye(4)):
+        return seen
+    scan = seen.scan.restated(world_from_sensor=Pose(motion) @ seen.scan.world_from_sensor)
+    return replace(seen, scan=scan, rays=rays_of(scan))
+
+
+_NORMAL = 1.4826  # standard deviations of a normal distribution to its median absolute deviation
+
+
+@dataclass(frozen=True, slots=True)
+class ScanPair:
+    """What two scans that measured the same surfaces say of each other's poses.
+
+    Attributes
+    ----------
+    first, second : int
+        Their numbers, from 0.
+    overlap_m2 : float
+        Area that both measured, square metres.
+    offset_m : float
+        Root mean square, along the normals of what both measured, by which the poses as given set the scans
+        apart: the rigid motion alone, which range noise and things that moved have no part in.
+    offset_sd_m : float
+        Standard deviation of that.
+    left_m : float
+        The same for the poses as they were used: what is not known of the motion, and offsets beyond noise
+        that no motion explains.
+    contradicted_m2 : float
+        Area that one measured and that the other's beams went through, by more than noise allows and with the
+        poses as given.
+    depth_m : float
+        Median distance along the normal by which those beams went on; 0 without any.
+    still_contradicted_m2 : float
+        The same area with the poses as they were used: what moved, or is measured wrongly.
+    """
+
+    first: int
+    second: int
+    overlap_m2: float
+    offset_m: float
+    offset_sd_m: float
+    left_m: float
+    contradicted_m2: float
+    depth_m: float
+    still_contradicted_m2: float
+
+    def left_alone(self) -> ScanPair:
+        """Return what they say where no scan was moved."""
+        left = float(np.hypot(self.offset_m, self.left_m))
+        return replace(self, left_m=left, still_contradicted_m2=self.contradicted_m2)
+
+
+def scan_pairs(
+    facets: Sequence[Facets], sights: Sequence[Sight], pairs: Sequence[Pair], settled: Settling
+) -> list[ScanPair]:
+    """Return a pair of scans for each two of which enough facets met, moved as they settled.
+
+    Parameters
+    ----------
+    facets, sights : sequences
+        Of each scan.
+    pairs : sequence of (int, int)
+        Which scans' facets (the second) are held against which scan (the first).
+    settled : Settling
+        The motions from the poses as given.
+    """
+    found, asked = [], set(pairs)
+    still = np.tile(np.eye(4), (len(facets), 1, 1))
+    for i, j in sorted({(min(pair), max(pair)) for pair in pairs}):
+        both = [pair for pair in ((i, j), (j, i)) if pair in asked]
+        given = dict(meet_all(facets, sights, both, still))
+        used = dict(meet_all(facets, sights, both, settled.motions))
+        links = [link(pair, given[pair], facets, still, settled.pivots) for pair in both]
+        after = [link(pair, used[pair], facets, settled.motions, settled.pivots) for pair in both]
+        if sum(len(one.offset) for one in after) < LEAST_MEETINGS:
+            continue
+        if sum(len(one.offset) for one in links) < LEAST_MEETINGS:
+            links = after
+        offset, sd = _spread(both, links, settled)
+        known = float(np.hypot(sd, _excess(after)))
+        passed, depth = _passed(facets, given)
+        still_passed, _ = _passed(facets, used)
+        found.append(
+            ScanPair(
+                first=i,
+                second=j,
+                overlap_m2=sum(float(facets[k].area[used[h, k].met].sum()) for h, k in both) / len(both),
+                offset_m=offset,
+                offset_sd_m=sd,
+                left_m=known,
+                contradicted_m2=passed,
+                depth_m=depth,
+                still_contradicted_m2=still_passed,
+            )
+        )
+    return found
+
+
+def _spread(both: Sequence[Pair], links: Sequence[Links], settled: Settling) -> tuple[float, float]:
+    """How far the motions shift the facets of two scans apart, root mean square, and its deviation."""
+    parts = [settled.between(pair, one) for pair, one in zip(both, links, strict=True)]
+    shift, variance = (np.concatenate(several) for several in zip(*parts, strict=True))
+    return float(np.sqrt(np.mean(np.square(shift)))), float(np.sqrt(np.mean(variance)))
+
+
+def _excess(links: Sequence[Links]) -> float:
+    """By how much offsets are larger than noise makes them, robust, metres."""
+    offset = np.concatenate([one.offset for one in links])
+    deviation = np.concatenate([one.deviation for one in links])
+    spread = _NORMAL * float(np.median(np.abs(offset)))
+    return float(np.sqrt(max(spread**2 - float(np.mean(np.square(deviation))), 0.0)))
+
+
+def _passed(facets: Sequence[Facets], meetings: Mapping[Pair, Meetings]) -> tuple[float, float]:
+    """Area of facets that beams of the other scan went through, square metres, and how far these went on."""
+    area, depths = 0.0, [np.zeros(0)]
+    for (_, j), one in meetings.items():
+        passed = one.depth > 0
+        area += float(facets[j].area[passed].sum())
+        depths.append(one.depth[passed])
+    depth: FloatArray = np.concatenate(depths)
+    return area, float(np.median(depth)) if len(depth) else 0.0
+
+
+_SURE = 3.0  # standard deviations by which poses are to be off before they are moved
+_NOTICED_M = 0.001  # and metres: surfaces are no flatter
+_BOUND = 2.0  # standard deviations within which a pose is taken to be known
+_PARTNERS = 8  # scans that each one is held against, those that it shares most with
+_THINNED = 8  # facets of which one tells what scans share
+_TOGETHER = 64  # scans that settle together; the others then settle, each by itself, among these
+_STILL: FloatArray = np.eye(4)[:3].copy()
+
+
+def register(
+    observations: Sequence[Observation],
+    keys: Sequence[int],
+    *,
+    stated_m: float,
+    moves: bool = True,
+    spill: Spill | NoSpill = NO_SPILL,
+) -> Registration:
+    """Measure how far the poses of scans contradict what they measured, and move scans so that they agree.
+
+    Flat tiles of each scan are held against those of the scans that it shares most with. What a rigid motion
+    of each scan brings together was the poses' error: scans are moved by it where it is more than a
+    millimetre and more than three standard deviations in some pair of them, otherwise all poses stay as they
+    are, to the bit. What moved between two scans does not come together; it is counted as contradicted area.
+
+    Parameters
+    ----------
+    observations : sequence of Observation
+        The scans.
+    keys : sequence of int
+        Numbers of the key frames. Up to 64 of them settle together, and the others among these.
+    stated_m : float
+        How far poses were said to be off, metres.
+    moves : bool
+        Whether scans may be moved at all.
+    spill : Spill or NoSpill
+        Where facets are kept.
+    """
+    n = len(observations)
+    still = np.tile(np.eye(4), (n, 1, 1))
+    if n < 2:
+        return Registration(still, np.zeros(n), np.full(n, np.nan), (), stated_m)
+    held, motions, shifts = _Held.of(observations, spill), still.copy(), np.zeros(n)
+    together = tuple(range(n)) if n <= _TOGETHER else tuple(keys)[:: -(-len(keys) // _TOGETHER)]
+    groups = []
+    for some in (together, *((number,) for number in range(n) if number not in together)):
+        group = held.settled(some, together, motions)
+        motions[[*some]], shifts[[*some]] = (one[: len(some)] for one in group.found)
+        groups.append(group)
+        trim()
+    pairs = [one for group in groups for one in held.pairs(group)]
+    is_off = any(one.offset_m > max(_NOTICED_M, _SURE * one.offset_sd_m) for one in pairs)
+    if moves and is_off:
+        return Registration(motions, shifts, _left(pairs, n), tuple(pairs), stated_m)
+    pairs = [one.left_alone() for one in pairs]
+    return Registration(still, np.zeros(n), _left(pairs, n), tuple(pairs), stated_m)
+
+
+def _left(pairs: Sequence[ScanPair], n: int) -> FloatArray:
+    """How far each of n poses may still be off by the pairs that it is in, metres; NaN without any.
+
+    A pose that is off disagrees with all others, one that is right with those alone that are off: it is as
+    far off as its best pair says.
+    """
+    left = np.full(n, np.nan)
+    for one in pairs:
+        for number in (one.first, one.second):
+            left[number] = np.fmin(left[number], _BOUND * one.left_m)
+    return left
+
+
+class _Group(NamedTuple):
+    """Some scans that settle, and behind them those that they are held against, settled before."""
+
+    scans: tuple[int, ...]
+    pairs: tuple[Pair, ...]  # by their place in the group
+    settled: Settling
+
+    @property
+    def found(self) -> tuple[FloatArray, FloatArray]:
+        """The motions (n, 4, 4) of the scans, and the shifts (n,) of what they measured, metres."""
+        return self.settled.motions, self.settled.shifts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Held:
+    """The facets of all scans, and how each scan sees a place."""
+
+    facets: tuple[Facets, ...]
+    sights: tuple[Sight, ...]
+
+    @classmethod
+    def of(cls, observations: Sequence[Observation], spill: Spill | NoSpill) -> _Held:
+        """Return the facets of scans, kept where `spill` keeps them."""
+        tolerance, facets = EvidenceOptions().tolerance(), []
+        for seen in observations:
+            facets.append(spill.keep(facets_of(seen)))
+            trim()
+        return cls(tuple(facets), tuple(sight_of(seen, tolerance) for seen in observations))
+
+    def settled(self, scans: Sequence[int], others: Sequence[int], motions: FloatArray) -> _Group:
+        """Settle scans among others, whose `motions` (n, 4, 4) are known where these are not among them."""
+        pairs = self._partners(scans, others)
+        several = (*scans, *sorted({number for pair in pairs for number in pair} - set(scans)))
+        place = {number: k for k, number in enumerate(several)}
+        own = tuple((place[i], place[j]) for i, j in pairs)
+        known = {place[number]: motions[number] for number in several[len(scans) :]}
+        return _Group(several, own, settle(*self._of(several), own, known))
+
+    def pairs(self, group: _Group) -> list[ScanPair]:
+        """Return what the scans of a group say of each other's poses, moved as they settled."""
+        found = scan_pairs(*self._of(group.scans), group.pairs, group.settled)
+        numbers = [sorted((group.scans[one.first], group.scans[one.second])) for one in found]
+        return [
+            replace(one, first=first, second=second)
+            for one, (first, second) in zip(found, numbers, strict=True)
+        ]
+
+    def _of(self, scans: Sequence[int]) -> tuple[list[Facets], list[Sight]]:
+        return [self.facets[k] for k in scans], [self.sights[k] for k in scans]
+
+    def _partners(self, scans: Sequence[int], others: Sequence[int]) -> list[Pair]:
+        """The pairs of scans and those of the others that they share most with, both ways round."""
+        views = Views.of((self.sights[k].eye for k in others), np.zeros(len(others)))
+        found: set[Pair] = set()
+        for scan in scans:
+            own, shared = self.facets[scan], []
+            if not len(own.centre):
+                continue
+            low, high = own.centre.min(axis=0), own.centre.max(axis=0)
+            ball = Ball(triple((low + high) / 2), float(np.linalg.norm(high - low)) / 2)
+            for other in (others[k] for k in np.flatnonzero(views.may_see(ball)).tolist()):
+                if other != scan:
+                    met = meet(own, _STILL, self.sights[other], self.facets[other], _THINNED).met
+                    shared.append((-_THINNED * int(met.sum()), other))
+            best = [other for count, other in sorted(shared)[:_PARTNERS] if -count >= LEAST_MEETINGS]
+            found |= {pair for other in best for pair in ((scan, other), (other, scan))}
+        return sorted(found)
