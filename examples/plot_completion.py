@@ -2,9 +2,10 @@
 """The gallery of completions: before and after, of built-in scenes and of real scans.
 
 Run it with `python examples/plot_completion.py [NAME...] [-o FOLDER]`: it completes one scan of each scene,
-writes its picture into FOLDER/pictures and, when no names are given, the page `completion-gallery.md` into
-FOLDER (default: docs). Real scans are read from UNSEEN_DATA (default ../shared/data) and left out where it is
-absent; of them the shape alone is drawn, for pictures of others' data stay out of the docs.
+writes its picture into FOLDER/pictures and, when no names are given, the page
+`results/completion-gallery.md` into FOLDER (default: docs). Real scans are read from UNSEEN_DATA (default
+../shared/data) and left out where it is absent; of them the shape alone is drawn, for
+pictures of others' data stay out of the docs.
 """
 
 import argparse
@@ -228,13 +229,16 @@ def main(given: Sequence[str] | None = None) -> None:
             sections[type(scene)].append(section_of(scene, picture, line))
     if not asked.names and len(sections[Real]) > 1:
         text = "\n\n".join(part for parts in sections.values() for part in parts)
-        (asked.out / "completion-gallery.md").write_text(text + "\n", "utf-8")
+        (asked.out / "results").mkdir(exist_ok=True)
+        (asked.out / "results" / "completion-gallery.md").write_text(text + "\n", "utf-8")
 
 
 def section_of(scene: BuiltIn | Real, picture: str, line: str) -> str:
     """The part of the page about one scene."""
     origin = f" Scan: {scene.origin}." if isinstance(scene, Real) else ""
-    return f"### {scene.name}\n\n![{scene.look_for}](pictures/{picture})\n\n{scene.look_for} {line}{origin}"
+    return (
+        f"### {scene.name}\n\n![{scene.look_for}](../pictures/{picture})\n\n{scene.look_for} {line}{origin}"
+    )
 
 
 HEAD = """<!-- Written by `python examples/plot_completion.py`; do not edit. -->
@@ -253,7 +257,7 @@ REAL_HEAD = """## Real scans
 
 Measured, and completed with what is inferred in blue; measured area is grey, for shape alone is drawn. All
 real scans by an earlier version and by this one, with what is wrong counted: [before and
-after](completion-before-after.md)."""
+after](real-scans.md)."""
 
 if __name__ == "__main__":
     main()

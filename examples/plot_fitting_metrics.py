@@ -2,7 +2,7 @@
 """What a metric does to a fitted cylinder: radius of four fits on partial arcs, as a table and a picture.
 
 Run it with `python examples/plot_fitting_metrics.py [--trials N] [--docs FOLDER] [--workers N]`: it writes
-`fitting-metrics.md` and `pictures/fitting_metrics.png` into the folder (default: docs). The cylinder has
+`results/fitting-metrics.md` and `pictures/fitting_metrics.png` into FOLDER (default: docs). The cylinder has
 radius 60 mm and length 100 mm, 10,000 points spread evenly over an arc, in an oblique pose. Noise is radial,
 or along the parallel rays of a far scanner that looks at the middle of the arc. 2,000 trials a row by
 default; and robust fits to 100 clouds of which 30 % are outliers.
@@ -279,7 +279,7 @@ def document(rows: Sequence[Row], outliers: str, trials: int) -> str:
         f"R = 60 mm, L = 100 mm, {N_POINTS:,} points. Mean ± standard deviation of R in mm; in brackets the "
         "mean half axes of the ellipse where they differ. u(R) is what a fit predicts from one cloud; with "
         "the true model bias / sd is near 0 and sd / u near 1. What it means: [fitting.md](fitting.md).\n",
-        "![Bias and spread of the radius against the arc](pictures/fitting_metrics.png)\n",
+        "![Bias and spread of the radius against the arc](../pictures/fitting_metrics.png)\n",
     ]
     for noise, title in zip(NOISES, ("Noise along the normal", "Noise along the ray"), strict=True):
         part = table([row for row in rows if row.noise == noise])
@@ -308,7 +308,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         seeds = [(0, len(ROWS), k) for k in range(min(given.trials, N_OUTLIER_TRIALS))]
         outliers = outlier_line(list(pool.map(outlier_trial, seeds)))
         print(outliers)
-    (given.docs / "fitting-metrics.md").write_text(document(rows, outliers, given.trials), encoding="utf-8")
+    (given.docs / "results").mkdir(exist_ok=True)
+    (given.docs / "results" / "fitting-metrics.md").write_text(
+        document(rows, outliers, given.trials), encoding="utf-8"
+    )
     picture(rows, given.docs / "pictures" / "fitting_metrics.png")
 
 

@@ -3,7 +3,7 @@
 
 Run it with `python examples/plot_flattening.py [SCAN] [--docs FOLDER] [-o FOLDER]`: it draws generated
 walls that the method was not tuned on into FOLDER/pictures (default: docs), the pictures of
-docs/flattening.md. With SCAN, an organised scan or `FOLDER#k` for the k-th frame of an RGB-D folder, it
+docs/how-it-works/flattening.md. With SCAN, an organised scan or `FOLDER#k` for a frame of an RGB-D folder, it
 flattens the planes found in its mesh instead, prints a line a plane and what became of the mesh, and draws
 it into `-o` (default: out/flattening). Pictures of others' data stay out of the docs.
 """

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""The page docs/inference-study.md: how many views completion saves, after them and while they are planned.
+"""The page docs/results/inference-study.md: how many views completion saves.
 
 Run it with `python examples/plot_inference_study.py [--docs FOLDER] [--starts N] [--cases NAME ...]`: it
 measures all anew, draws FOLDER/pictures/inference_study.png and puts its tables between the marks of
-FOLDER/inference-study.md (default: docs), whose text a person writes.
+FOLDER/results/inference-study.md (default: docs), whose text a person writes.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from nbv.scanning.sensors.sensor import Sensor
 from nbv.scanning.sensors.sensor_profile import load_sensor
 from scenes import RangeImage, Scene, builtin_scene
 
-PAGE, PICTURE = "inference-study.md", "inference_study.png"
+PAGE, PICTURE = "results/inference-study.md", "inference_study.png"
 CASES = {
     "two_occluders": ("two_occluders", "generic60"),
     "office": ("office", "generic60"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The flight of stairs of docs/own-templates.md: its points, coloured by the face that the fit gives them.
+"""The flight of stairs of docs/guides/own-templates.md: its points, coloured by fitted face.
 
 Run it with `python examples/plot_own_template.py [--docs FOLDER]`: it runs the page's own code and writes
 own_template.png into FOLDER/pictures (default: docs).
@@ -21,7 +21,7 @@ _COLOURS = {0: ("#c8c8c8", "no face"), 1: ("#2b6cb0", "treads"), 2: ("#c05621", 
 
 def page_names() -> dict[str, object]:
     """What the Python blocks of the page define, after they ran."""
-    text = (ROOT / "docs/own-templates.md").read_text("utf-8")
+    text = (ROOT / "docs/guides/own-templates.md").read_text("utf-8")
     names: dict[str, object] = {}
     for block in re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
         exec(compile(block, "own-templates.md", "exec"), names)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""The page docs/paper-study.md: tables and pictures of the study of the paper (score_paper_study.py).
+"""The page docs/results/paper-study.md: tables and pictures of the study of the paper (score_paper_study.py).
 
 Run it with `python examples/plot_paper_study.py [--docs FOLDER] [--starts N] [--spacing M] [--threads N]`: it
 measures all anew, draws the pictures into FOLDER/pictures, and puts its tables between the marks of
-FOLDER/paper-study.md (default: docs), whose text a person writes. Few starts and coarse samples are quick.
+FOLDER/results/paper-study.md (default: docs), whose text a person writes.
+Few starts and coarse samples are quick.
 """
 
 import argparse
@@ -43,7 +44,7 @@ from scenes import Pose, Scene, builtin_scene
 Results = Mapping[tuple[str, int], Result]
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGE, VIEWS, STATIONS = "paper-study.md", "paper_study_views.png", "paper_study_stations.png"
+PAGE, VIEWS, STATIONS = "results/paper-study.md", "paper_study_views.png", "paper_study_stations.png"
 COLOURS = {90: "#0072B2", 75: "#00805F", 60: "#C64F00", 45: "#882255"}  # told apart by all kinds of eyes
 HEIGHT_COLOURS = ("#DCE9F5", "#9CC3E4", "#3F85BE", "#0B3C66")  # the lowest stations lightest
 INK, GREY, PALE, WALL = "#22313A", "#5D6970", "#E4E9EC", "#C9D1D6"
@@ -257,7 +258,8 @@ def main(arguments: list[str] | None = None) -> None:
         results[sensor] = measure(problem, STUDIES)
         page = put(page, f"views, {sensor}", table(results[sensor], STUDIES))
         page = put(page, f"tail, {sensor}", tail(results[sensor], (ONLINE, OFFLINE)))
-    (given.docs / "pictures").mkdir(parents=True, exist_ok=True)
+    for folder in ("pictures", "results"):
+        (given.docs / folder).mkdir(parents=True, exist_ok=True)
     draw_views(results, given.docs / "pictures" / VIEWS)
     draw_stations(room, results, given.docs / "pictures" / STATIONS)
     own.write_text(page, "utf-8")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The pictures of docs/scanner.md: what each parameter of the scanner does, one picture for each.
+"""The pictures of docs/guides/scanner.md: what each parameter of the scanner does, one picture for each.
 
 Run it with `python examples/plot_scanner.py [--docs FOLDER] [--scale 1.0]`; a small scale is quick.
 """

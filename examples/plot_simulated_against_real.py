@@ -2,7 +2,7 @@
 """A real scan against simulated ones: the pipe and the floor of pumpA.e57, fitted, and scanned again.
 
 Run it with `python examples/plot_simulated_against_real.py [--data FOLDER] [--docs FOLDER]`; it writes the
-picture of docs/simulated-against-real.md and prints its table. The data are those of CONTRIBUTING.md.
+picture of docs/results/simulated-against-real.md and prints its table. The data are those of CONTRIBUTING.md.
 """
 
 import argparse

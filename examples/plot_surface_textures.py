@@ -2,9 +2,10 @@
 """Textures of completed surfaces in their charts: what was measured, what was synthesised, and the truth.
 
 Run it with `python examples/plot_surface_textures.py [NAME...] [-o FOLDER]`: it writes a picture of each
-chart into FOLDER/pictures and, when no names are given, the page `surface-textures.md` into FOLDER (default:
-docs), with a table of how far inferred colour is from what other frames of real scans saw. Real scans are
-read from UNSEEN_DATA (default ../shared/data) and left out where it is absent.
+chart into FOLDER/pictures and, when no names are given, the page
+`results/surface-textures.md` into FOLDER (default: docs), with a table of how far inferred colour
+is from what other frames of real scans saw. Real scans are read from UNSEEN_DATA (default
+../shared/data) and left out where it is absent.
 """
 
 import argparse
@@ -276,11 +277,12 @@ def main(given: Sequence[str] | None = None) -> None:
             continue
         line = plot_chart(chart, pictures)
         print(f"{chart.name}: {line}", flush=True)
-        title = f"## {chart.name}\n\n![{chart.look_for}](pictures/chart_{chart.name}.png)"
+        title = f"## {chart.name}\n\n![{chart.look_for}](../pictures/chart_{chart.name}.png)"
         parts.append(f"{title}\n\n{chart.look_for} {line}")
     if not asked.names:
         parts += [COLOUR_HEAD, colour_table(), FINDINGS]
-        (asked.out / "surface-textures.md").write_text("\n\n".join(parts) + "\n", "utf-8")
+        (asked.out / "results").mkdir(exist_ok=True)
+        (asked.out / "results" / "surface-textures.md").write_text("\n\n".join(parts) + "\n", "utf-8")
 
 
 HEAD = """<!-- Written by `python examples/plot_surface_textures.py`; do not edit. -->

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of docs/texture.md: before, hole, fill and where each pixel came from; and the rows of its table.
+"""Pictures of docs/results/texture.md: before, hole, fill, source of each pixel; and its table.
 
     python examples/plot_textures.py [--docs docs] [--quick]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The study of docs/view-planning.md: how many views a room with occluders takes when it is known.
+"""The study of docs/results/planning.md: how many views a room with occluders takes when it is known.
 
 Run it with `python examples/plot_view_planning.py [--docs FOLDER] [--steps N] [--finest M] [--quick]`; it
 prints the tables of the page and makes its pictures. Few steps and coarse samples are quick; `--quick` takes

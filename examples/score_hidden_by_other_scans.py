@@ -2,7 +2,8 @@
 """Real scans: one frame completed alone, scored by what registered frames saw behind its occluders.
 
 Run it with `python examples/score_hidden_by_other_scans.py [-o FOLDER] [--pictures FOLDER]`: it writes
-`hidden-by-other-scans.md` into the one, and a picture of every frame into the other: blue is right, orange
+`results/hidden-by-other-scans.md` into the one, and a picture of every frame into the other: blue is right,
+orange
 wrong, yellow unknown, grey not counted. The data are read from UNSEEN_DATA (default ../shared/data).
 """
 
@@ -114,7 +115,8 @@ def main(given: Sequence[str] | None = None) -> None:
                     buffers.append(buffer_line(data, frame, result))
                     picture.quantize(64).save(asked.pictures / f"{data.name}-{frame}.png", optimize=True)
     parts = [HEAD, TABLE + "\n".join(rows), BUFFER_HEAD, BUFFER_TABLE + "\n".join(buffers), FINDINGS]
-    (asked.out / "hidden-by-other-scans.md").write_text("\n\n".join(parts) + "\n", "utf-8")
+    (asked.out / "results").mkdir(exist_ok=True)
+    (asked.out / "results" / "hidden-by-other-scans.md").write_text("\n\n".join(parts) + "\n", "utf-8")
 
 
 HEAD = """<!-- Written by `python examples/score_hidden_by_other_scans.py`; do not edit. -->

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Flatten generated walls and print the table of docs/flattening.md.
+"""Flatten generated walls and print the table of docs/results/flattening.md.
 
 Run it with `python -m benchmarks.flattening [--held-out] [--seeds FIRST:END] [--null N]`: walls of the
 layouts and ripples on which the method was tuned, or of others; with `--null N` instead the p values of N

@@ -340,7 +340,7 @@ def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
     """Write one scan by suffix, atomically.
 
     `.npz` (lossless, with truth), `.ply .pcd .ptx .e57 .las .laz`, and `.xyz .txt .asc .csv` as text;
-    docs/formats.md says what each keeps and to which precision.
+    docs/guides/formats.md says what each keeps and to which precision.
 
     Raises
     ------

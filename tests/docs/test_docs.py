@@ -2,6 +2,7 @@
 """The documentation: every link leads somewhere, and every public name has an entry."""
 
 import importlib
+import inspect
 import re
 
 import pytest
@@ -70,3 +71,43 @@ def test_every_public_name_says_what_it_is(package):
         text = getattr(face, name).__doc__ or ""
         assert text.strip(), name
         assert not text.startswith(f"{name}("), f"{name}: only the signature that dataclasses make"
+
+
+def docstrings_of(value):
+    """The docstrings that the site shows of a public name: its own, and those of its public members."""
+    texts = [inspect.getdoc(value) or ""]
+    if inspect.isclass(value):
+        members = [getattr(value, name) for name in vars(value) if not name.startswith("_")]
+        texts += [
+            inspect.getdoc(member) or "" for member in members if callable(member) or is_property(member)
+        ]
+    return texts
+
+
+def is_property(member):
+    """Whether it is a property or slot, whose docstring is shown."""
+    return isinstance(member, property) or inspect.isdatadescriptor(member)
+
+
+def substitutions_of(docstring):
+    """Words between bars outside literals, which reStructuredText takes for undefined substitutions."""
+    plain = re.sub(r"``.*?``|`[^`\n]*`|>>> .*|::\n\n(?: +.*\n)+", "", docstring)
+    return re.findall(r"(?<![\w|])\|(?![\s|])[^|\n]*(?<!\s)\|(?![\w|])", plain)
+
+
+@pytest.mark.parametrize("package", ["scenes", "texture", "completion", "nbv"])
+def test_no_docstring_of_the_site_holds_an_undefined_substitution(package):
+    face = importlib.import_module(package)
+    texts = [(name, text) for name in face.__all__ for text in docstrings_of(getattr(face, name))]
+    assert [(name, marks) for name, text in texts if (marks := substitutions_of(text))] == []
+
+
+def test_undefined_substitutions_are_found():
+    assert substitutions_of("Metres, and |cosine| of incidence.") == ["|cosine|"]
+    assert substitutions_of("`|a|, |b| <= 1`, ``|x|``, `int | None`, a | b | c, 'auto|off|FILE'") == []
+
+
+def test_guides_are_short_and_the_documentation_too():
+    words = {page: len(page.read_text("utf-8").split()) for page in ROOT.glob("docs/**/*.md")}
+    assert [page.name for page, n in words.items() if page.parent.name == "guides" and n > 1500] == []
+    assert sum(n for page, n in words.items() if page.parent.name != "results") <= 45_000

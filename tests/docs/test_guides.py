@@ -12,22 +12,28 @@ from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.study.spec import read_study
 from tests.helpers.data_paths import ROOT
 
-GUIDES = [
-    ROOT / "README.md",
-    *(
-        ROOT / "docs" / f"{name}.md"
-        for name in ("first-steps", "guide-study", "guide-completion", "guide-coverage")
-    ),
-    ROOT / "docs" / "coming-from.md",
-    ROOT / "docs" / "own-templates.md",
-    ROOT / "docs" / "junctions.md",
-]
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+
+
+def name_of(page):
+    """Its path from the root, for ids of tests."""
+    return page.relative_to(ROOT).as_posix()
 
 
 def blocks_of(page, language):
     """The fenced blocks of a language, in order."""
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL)
+
+
+NOT_RUN = {
+    "cluster": "it needs a scheduler",
+    "studies": "it reads a study file of the reader's",
+}
+"""Pages whose Python is not run, with the reason."""
+
+PROGRAMS = [page for page in PAGES if blocks_of(page, "python") and page.stem not in NOT_RUN]
+WITH_TOML = [page for page in PAGES if blocks_of(page, "toml") and page.stem != "studies"]
+"""Its files are beside the study of the page; tests/nbv/study reads it."""
 
 
 def commands_of(page):
@@ -40,20 +46,18 @@ def commands_of(page):
     return [line for line in typed if line.startswith("unseen ")]
 
 
-@pytest.mark.parametrize("page", GUIDES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PROGRAMS, ids=name_of)
 def test_python_blocks_run_in_order(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    blocks = blocks_of(page, "python")
-    assert blocks
-    for block in blocks:
+    for block in blocks_of(page, "python"):
         exec(compile(block, page.name, "exec"), names)
     if page.name == "README.md":
         assert "in observed free space 0.0 m2" in capsys.readouterr().out
         assert (tmp_path / "out/readme/completed.glb").stat().st_size > 1000
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_command_lines_parse(page):
     commands = typer.main.get_command(app).commands
     for line in commands_of(page):
@@ -75,7 +79,7 @@ def test_wrong_command_lines_are_found(tmp_path):
         test_command_lines_parse(page)
 
 
-@pytest.mark.parametrize("page", GUIDES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", WITH_TOML, ids=name_of)
 def test_toml_is_accepted(page, tmp_path):
     for number, block in enumerate(blocks_of(page, "toml")):
         file = tmp_path / f"{number}.toml"

@@ -47,8 +47,8 @@ def test_a_pair_shows_what_is_inferred_and_counts_small_surfaces(script, tmp_pat
 
 
 def test_the_page_shows_its_pictures():
-    page = (ROOT / "docs/completion-before-after.md").read_text("utf-8")
-    pictures = [part.split(")")[0] for part in page.split("](pictures/")[1:]]
+    page = (ROOT / "docs/results/real-scans.md").read_text("utf-8")
+    pictures = [part.split(")")[0] for part in page.split("](../pictures/")[1:]]
     assert len(pictures) == 6
     for picture in pictures:
         assert (ROOT / "docs/pictures" / picture).stat().st_size < 150_000

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The script behind docs/building-study.md, in a small house: what it counts, who needs fewer stations."""
+"""The script behind docs/results/building-study.md, in a small house: its counts and order."""
 
 import importlib.util
 import sys

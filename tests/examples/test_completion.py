@@ -30,8 +30,8 @@ def test_a_scene_asked_for_has_a_picture_and_no_page(tmp_path, monkeypatch, caps
 
 
 def test_the_page_shows_every_scene():
-    page = (ROOT / "docs/completion-gallery.md").read_text("utf-8")
-    pictures = [part.split(")")[0] for part in page.split("](pictures/")[1:]]
+    page = (ROOT / "docs/results/completion-gallery.md").read_text("utf-8")
+    pictures = [part.split(")")[0] for part in page.split("](../pictures/")[1:]]
     assert len(pictures) == 15
     for picture in pictures:
         assert (ROOT / "docs/pictures" / picture).stat().st_size < 150_000

@@ -46,7 +46,7 @@ def test_the_study_runs_with_few_trials(study, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(study, "N_POINTS", 2000)
     monkeypatch.setattr(study.os, "environ", {})
     study.main(["--trials", "3", "--docs", str(tmp_path)])
-    text = (tmp_path / "fitting-metrics.md").read_text()
+    text = (tmp_path / "results/fitting-metrics.md").read_text()
     assert text.startswith("<!-- Written by `python examples/plot_fitting_metrics.py --trials 3`")
     rows = [line for line in text.splitlines() if line.startswith("| ") and " / 0." in line]
     assert len(rows) == 14

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The scripts behind docs/online-planning.md, made small: their tables are whole, and order the planners."""
+"""The scripts behind docs/results/planning.md, made small: their tables are whole, and order the planners."""
 
 import importlib.util
 

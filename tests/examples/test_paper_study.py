@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The study of docs/paper-study.md: its planners keep their order, its page holds its tables and pictures."""
+"""The study of docs/results/paper-study.md: planners keep their order, the page its tables."""
 
 import importlib.util
 import re
@@ -137,7 +137,7 @@ def test_tables_go_between_their_marks_alone(plot, page):
 def test_the_page_shows_both_pictures_and_a_row_for_every_share(plot, score):
     page = (plot.DOCS / plot.PAGE).read_text("utf-8")
     for name in (plot.VIEWS, plot.STATIONS):
-        assert f"](pictures/{name})" in page
+        assert f"](../pictures/{name})" in page
         assert (plot.DOCS / "pictures" / name).stat().st_size < 250_000
     for requirement in score.ANGLES.values():
         for share in score.SHARES:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The pictures of docs/scanner.md: coarse ones are made in no time, and the page shows every one of them."""
+"""The pictures of docs/guides/scanner.md: coarse ones are quick, and the page shows all."""
 
 import importlib.util
 
@@ -23,10 +23,10 @@ def test_every_picture_is_made_and_shown(gallery, tmp_path, capsys):
     gallery.main(["--docs", str(tmp_path), "--scale", "0.15"])
     names = capsys.readouterr().out.split()
     assert len(names) == len(gallery.PICTURES)
-    page = (ROOT / "docs/scanner.md").read_text("utf-8")
+    page = (ROOT / "docs/guides/scanner.md").read_text("utf-8")
     for name in names:
         with Image.open(tmp_path / "pictures" / name) as picture:
             assert picture.size[0] > 900
             assert len(np.unique(np.asarray(picture.convert("L")))) > 10
-        assert f"](pictures/{name})" in page
+        assert f"](../pictures/{name})" in page
         assert (ROOT / "docs/pictures" / name).is_file()

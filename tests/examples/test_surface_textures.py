@@ -31,7 +31,7 @@ def test_a_chart_asked_for_has_a_picture_and_no_page(tmp_path, monkeypatch, caps
 
 
 def test_the_page_shows_every_chart():
-    page = (ROOT / "docs/surface-textures.md").read_text("utf-8")
+    page = (ROOT / "docs/results/surface-textures.md").read_text("utf-8")
     for name in ("textured_cylinder", "wall_with_window", "cape_tunnel"):
-        assert f"](pictures/chart_{name}.png)" in page
+        assert f"](../pictures/chart_{name}.png)" in page
         assert (ROOT / f"docs/pictures/chart_{name}.png").stat().st_size < 400_000

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The pictures of docs/texture.md: small ones are made in no time, and the page shows every one of them."""
+"""The pictures of docs/results/texture.md: small ones are quick, and the page shows all."""
 
 import importlib.util
 import sys
@@ -27,9 +27,9 @@ def test_every_picture_is_made_and_shown(gallery, tmp_path, capsys):
     made = [line for line in lines if line in gallery.PICTURES]
     has_data = data_path("textures/ambientcg_Bricks.webp").exists()
     assert made == list(gallery.PICTURES)[: 3 if has_data else 2]
-    page = (ROOT / "docs/texture.md").read_text("utf-8")
+    page = (ROOT / "docs/results/texture.md").read_text("utf-8")
     for name in gallery.PICTURES:
-        assert f"](pictures/{name})" in page
+        assert f"](../pictures/{name})" in page
         assert (ROOT / "docs/pictures" / name).stat().st_size < 250_000
     for name in made:
         with Image.open(tmp_path / "pictures" / name) as picture:

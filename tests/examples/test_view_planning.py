@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The study of docs/view-planning.md: its plans meet all samples, its page shows every picture."""
+"""The study of docs/results/planning.md: its plans meet all samples, its page shows every picture."""
 
 import importlib.util
 
@@ -62,7 +62,7 @@ def test_the_largest_number_has_room_above_it(study, tmp_path, monkeypatch):
 
 
 def test_the_page_shows_every_picture():
-    page = (ROOT / "docs/view-planning.md").read_text("utf-8")
+    page = (ROOT / "docs/results/planning.md").read_text("utf-8")
     for name in ("patches", "spacing", "occluders"):
-        assert f"](pictures/view_planning_{name}.png)" in page
+        assert f"](../pictures/view_planning_{name}.png)" in page
         assert (ROOT / f"docs/pictures/view_planning_{name}.png").is_file()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Mutated files: every reader reads or refuses what mutations make of its valid files (docs/fuzzing.md)."""
+"""Mutated files: every reader reads or refuses them (docs/how-it-works/robustness.md)."""
 
 from functools import cache
 from pathlib import Path

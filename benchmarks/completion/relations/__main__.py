@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`python -m benchmarks.completion.relations calibration`: the tables of docs/relations.md."""
+"""`python -m benchmarks.completion.relations calibration`: the tables of docs/results/relations.md."""
 
 from __future__ import annotations
 

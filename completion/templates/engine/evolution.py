@@ -2,7 +2,7 @@
 """Evolution: an anytime search by differential evolution, for objectives that beams or votes make jump.
 
 Where residuals are smooth, least squares is faster and better: evolve only to find where to begin, and
-`polish` what was found. When it pays: docs/evolution.md.
+`polish` what was found. When it pays: docs/how-it-works/features.md.
 """
 
 from __future__ import annotations

@@ -135,7 +135,7 @@ Limit = Annotated[
         "--limit",
         metavar="NAME=NUMBER",
         help="How large what a file holds may be, like faces=200M; repeat it.",
-        show_default="see docs/bad-input.md",
+        show_default="see docs/guides/bad-input.md",
     ),
 ]
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="A mesh file, or builtin:NAME.")]

@@ -50,7 +50,7 @@ class Intensity:
         Parameters
         ----------
         ranges, cosine : (...,) float
-            Metres, inf where nothing was met, and |cosine| of incidence.
+            Metres, inf where nothing was met, and the absolute cosine of incidence.
         reflectivity : float or (...,) float
             0..1.
         """

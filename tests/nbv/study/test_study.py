@@ -99,7 +99,9 @@ def test_what_a_study_file_may_not_say(tmp_path, old, new, said):
 
 
 def test_the_page_on_studies_shows_one_that_can_be_read(tmp_path):
-    blocks = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "studies.md").read_text("utf-8"), re.DOTALL)
+    blocks = re.findall(
+        r"```toml\n(.*?)```", (ROOT / "docs" / "guides" / "studies.md").read_text("utf-8"), re.DOTALL
+    )
     (tmp_path / "study.toml").write_text(blocks[0])
     spec = read_study(tmp_path / "study.toml")
     assert spec.scenes[0].scene == str(tmp_path / "hall.glb")
@@ -116,7 +118,7 @@ def test_ready_made_studies_open(study_file):
         len(part) for part in (spec.scenes, spec.sensors, spec.requirements, spec.planners, spec.seeds)
     ]
     assert len(cases) == np.prod(n_parts)
-    assert f"`{study_file.name}`" in (ROOT / "docs" / "studies.md").read_text("utf-8")
+    assert f"`{study_file.name}`" in (ROOT / "docs" / "guides" / "studies.md").read_text("utf-8")
 
 
 def test_a_file_that_is_none_is_refused(tmp_path):

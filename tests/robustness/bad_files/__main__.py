@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""All bad files, tried: `python -m tests.robustness.bad_files`; `--write` puts them into docs/bad-input.md.
+"""All bad files, tried: `python -m tests.robustness.bad_files`; `--write` puts them into
+docs/results/robustness.md.
 
 Any other words pick the cases whose title holds them.
 """

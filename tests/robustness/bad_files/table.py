@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Table: what came of all cases, by class and reader, as docs/bad-input.md shows it."""
+"""Table: what came of all cases, by class and reader, as docs/results/robustness.md shows it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from tests.robustness.bad_files.case import CLASSES, Case, Outcome
 from tests.robustness.bad_files.trial import ROOT, Tried
 
-PAGE = ROOT / "docs" / "bad-input.md"
+PAGE = ROOT / "docs" / "results" / "robustness.md"
 BEGIN, END = (
     "<!-- counted: python -m tests.robustness.bad_files --write -->",
     "<!-- end of what is counted -->",

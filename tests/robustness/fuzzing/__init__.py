@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Fuzzing: valid files of every kind, spoilt in every way, given to every reader; see docs/fuzzing.md."""
+"""Fuzzing: mutated files of every kind for every reader; see docs/how-it-works/robustness.md."""

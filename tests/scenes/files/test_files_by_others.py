@@ -55,7 +55,7 @@ EXPECTED = {
     "range/open3d_other_formats/SUN_depth.png": "depth image; bits turned: sun3d in camera.json",
     "range/open3d_other_formats/TUM_depth.png": "depth image in 1/5000 m",
 }
-"""What `unseen info` is to say, in the words of docs/formats.md."""
+"""What `unseen info` is to say, in the words of docs/results/files-by-others.md."""
 
 WORDS = {
     "; y is up": "suggests that y is up",
@@ -123,7 +123,7 @@ def test_no_file_is_left_out() -> None:
 
 @requires_data
 def test_the_documentation_repeats_this_table() -> None:
-    page = (ROOT / "docs" / "formats.md").read_text("utf-8")
+    page = (ROOT / "docs" / "results" / "files-by-others.md").read_text("utf-8")
     for name, words in EXPECTED.items():
         assert f"| `{name}` | {words} |" in page
 

@@ -195,7 +195,7 @@ SCANS = {
     ".npz": 0.0, ".ply": 0.0, ".e57": 1e-14, ".pcd": 7e-7, ".ptx": 2e-9, ".las": 8.7e-6, ".laz": 8.7e-6,
     ".xyz": 2e-9, ".txt": 2e-9, ".asc": 2e-9, ".csv": 2e-9,
 }  # fmt: skip
-"""Error of a point 5 m from the sensor, metres; docs/formats.md repeats it."""
+"""Error of a point 5 m from the sensor, metres; docs/guides/formats.md repeats it."""
 KEEPS_HEADER = set(SCANS) - {".ptx"}
 
 
