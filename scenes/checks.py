@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -162,3 +163,17 @@ def frozen_copy(array: Any, dtype: Any = None) -> Any:
     copy = np.array(array, dtype=dtype, copy=True)
     copy.setflags(write=False)
     return copy
+
+
+def freeze_arrays(value: Any) -> None:
+    """Make the arrays that a frozen dataclass holds read-only; called in its `__post_init__`.
+
+    They are shown, not copied: whoever makes a value gives its arrays away. Values that are made of a user's
+    arrays take a `frozen_copy` instead.
+    """
+    for field in fields(value):
+        array = getattr(value, field.name)
+        if isinstance(array, np.ndarray) and array.flags.writeable:
+            shown = array.view()
+            shown.setflags(write=False)
+            object.__setattr__(value, field.name, shown)

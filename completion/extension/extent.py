@@ -24,7 +24,7 @@ from completion.extension.bounds import (
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.segmentation.regions import observed_arc
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
@@ -102,6 +102,9 @@ class Extent:
     seen_ends: FloatArray = field(default_factory=lambda: np.zeros(2))
     tilt: float = 1.0
     radius_sd: float = 0.0
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     def window(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corners (2,) of the rectangle of the chart in which a continuation is considered.

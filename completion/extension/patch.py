@@ -21,7 +21,7 @@ from completion.evidence.evidence import Evidence
 from completion.extension.extent import Extent
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, freeze_arrays
 
 
 class Provenance(IntEnum):
@@ -97,6 +97,9 @@ class Patch:
     trims: tuple[Trim, ...]
     verdict: SurfaceEdits
     feature: int = 0
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     @property
     def observed(self) -> BoolArray:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from completion.fitting.charts.axial_charts import chart_of
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, freeze_arrays
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
 
 Shape = Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus"]
@@ -61,6 +61,9 @@ class SurfaceFit:
     inliers: BoolArray | None = None
     metric: str = "euclidean"
     held: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     @property
     def degrees_of_freedom(self) -> int:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.relations.engine.relation import KINDS, RelationKind
-from scenes.checks import FloatArray, InputError, check_direction
+from scenes.checks import FloatArray, InputError, check_direction, frozen_copy
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -61,7 +61,7 @@ class RelationOptions:
         if self.round_length_m is not None and not 0 < self.round_length_m < np.inf:
             raise InputError(f"round_length_m must be a positive number, got {self.round_length_m}")
         if self.up is not None:
-            object.__setattr__(self, "up", check_direction("up", self.up))
+            object.__setattr__(self, "up", frozen_copy(check_direction("up", self.up)))
 
     @property
     def built_sd(self) -> FloatArray:

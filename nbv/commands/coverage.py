@@ -31,9 +31,9 @@ from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.standing.candidates import Standing, find_standing, samples_that_count
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.visibility import facing
-from scenes.files.scan_files import Units
 from scenes.files.scan_request import ScanRequest, read_request
 from scenes.files.scene_files import open_scene
+from scenes.formats.format import Units
 from scenes.formats.meshes.ply import write_mesh_ply
 from scenes.formats.trajectory import read_poses
 from scenes.mesh.orientation import Axis

@@ -20,7 +20,7 @@ from completion.fitting.selection import Selection, select
 from nbv.commands.process.run import Shared, running
 from scenes.checks import InputError
 from scenes.files.point_files import PointCloud, read_points
-from scenes.files.scan_files import Units
+from scenes.formats.format import Units
 from scenes.run.atomic import json_text, write_bytes, write_json
 
 _PLACES = 9  # along u and along v, at which a patch's deviation is told

@@ -25,7 +25,7 @@ from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count
 from scenes.checks import InputError
 from scenes.files.part_files import PartFile, read_part_file
-from scenes.files.scan_files import Units
+from scenes.formats.format import Units
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

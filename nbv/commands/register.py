@@ -17,12 +17,10 @@ from nbv.run.wording import count
 from nbv.scans.registering import copies_of, copies_told, doubts_of_poses
 from scenes.files.scan_files import split_index, write_scan, write_scans
 from scenes.files.scan_request import GivenScans, ScanRequest, read_request
+from scenes.formats.registry import written_suffixes
 from scenes.pose import Pose
 from scenes.run.atomic import write_json
 from scenes.scan.range_image import RangeImage
-
-_WRITTEN = (".npz", ".ply", ".pcd", ".ptx", ".e57", ".las", ".laz", ".xyz", ".txt", ".asc", ".csv")
-"""Suffixes of files that scans with poses are written to as they came; others become .npz."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -125,7 +123,7 @@ def _write_posed(folder: Path, given: GivenScans, poses: Sequence[Pose | None]) 
         name = base.name if number is None else f"{base.stem}-{number}{base.suffix}"
         if base.suffix.lower() == ".e57" and name not in taken:
             write_scans(own, target / name)
-        elif base.suffix.lower() in _WRITTEN and len(own) == 1 and name not in taken:
+        elif base.suffix.lower() in written_suffixes() and len(own) == 1 and name not in taken:
             write_scan(own[0], target / name)
         else:
             stem = Path(name).stem

@@ -18,7 +18,7 @@ from nbv.run.showing import show_report
 from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
-from scenes.checks import BoolArray, FloatArray, frozen_copy
+from scenes.checks import BoolArray, FloatArray, freeze_arrays, frozen_copy
 
 if TYPE_CHECKING:
     from nbv.scanning.view import View
@@ -81,6 +81,9 @@ class FaceCoverage:
     best_cosine: FloatArray
     n_views: FloatArray
     state: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 @dataclass(frozen=True, slots=True)

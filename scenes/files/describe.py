@@ -11,12 +11,13 @@ import numpy as np
 
 from scenes.checks import InputError
 from scenes.files.describe_scans import describe_points, describe_poses, describe_scans
-from scenes.files.part_files import is_mesh_ply
-from scenes.files.point_files import POINT_SUFFIXES, TEXT_SUFFIXES
-from scenes.files.scan_files import MESH_SUFFIXES, SCAN_SUFFIXES, Intrinsics, Units, open_scans, split_index
+from scenes.files.scan_files import open_scans, split_index
 from scenes.files.scene_files import open_scene
+from scenes.formats.format import Intrinsics, Units
 from scenes.formats.guard import check_file
 from scenes.formats.image import open_image
+from scenes.formats.meshes.mesh_file import MESH_SUFFIXES, is_mesh
+from scenes.formats.registry import format_of, point_suffixes, text_suffixes
 from scenes.formats.rgbd.rgbd import depth_warnings, suspected_encoding
 from scenes.mesh.orientation import Axis, axis_in_file, suggest_up
 from scenes.run.atomic import to_plain
@@ -24,7 +25,6 @@ from scenes.world.scene import Scene
 
 _IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm")
 _POSES = (".txt", ".log", ".json", ".tum")
-_KNOWN = {*SCAN_SUFFIXES, *POINT_SUFFIXES, *_IMAGES, *_POSES}
 _LOOKS = {
     b"PK": "is an archive; unpack it first",
     b"%P": "is a PDF",
@@ -72,15 +72,20 @@ def describe(
     text = os.fspath(path)
     base, number = split_index(text)
     suffix = base.suffix.lower()
-    if text.startswith("builtin:") or suffix in MESH_SUFFIXES or is_mesh_ply(base):
+    if text.startswith("builtin:") or is_mesh(base):
         return _plain(_describe_scene(open_scene(text, up=up, units=units), text, up))
-    if not base.is_dir() and check_file(base) and suffix not in _KNOWN:
+    if (
+        not base.is_dir()
+        and check_file(base)
+        and format_of(suffix) is None
+        and suffix not in (*_IMAGES, *_POSES)
+    ):
         raise InputError(f"{base}: {_stranger(base)}")
     if suffix in _IMAGES:
         return _plain(describe_image(base))
     if suffix in _POSES and (poses := describe_poses(base, units)):
         return _plain(poses)
-    if suffix in _POSES and suffix not in POINT_SUFFIXES:
+    if suffix in _POSES and suffix not in point_suffixes():
         raise InputError(f"{base}: {_stranger(base)}")
     try:
         source = open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale)
@@ -88,7 +93,7 @@ def describe(
             raise InputError(f"{text}: there are {len(source.readers)} scans, counted from 1")
         return _plain(describe_scans(source, number, units))
     except InputError as error:
-        if base.is_dir() or suffix not in POINT_SUFFIXES:
+        if base.is_dir() or suffix not in point_suffixes():
             raise
         return _plain(_described_points(text, units, error))
 
@@ -99,7 +104,7 @@ def _described_points(text: str, units: Units, error: InputError) -> dict[str, A
     try:
         found = describe_points(text, units)
     except InputError as trouble:
-        if base.suffix.lower() not in TEXT_SUFFIXES:
+        if base.suffix.lower() not in text_suffixes():
             raise error from None
         cause = str(trouble).removeprefix(f"{base}: ")
         raise InputError(f"{base}: is text that holds neither poses nor points: {cause}") from trouble
@@ -117,9 +122,9 @@ def _stranger(path: Path) -> str:
     for mark, words in _LOOKS.items():
         looks = words if start.lstrip().startswith(mark) else looks
     return (
-        f"{looks}, of no kind that is known here; known: meshes (.glb .gltf .obj .ply .stl .off), scans and "
-        "points (.npz .ply .pcd .ptx .e57 .las .laz .xyz .csv .pts), RGB-D folders, trajectories, images, "
-        "and what unseen writes (its JSON with the manifest beside it)"
+        f"{looks}, of no kind that is known here; known: meshes ({' '.join(MESH_SUFFIXES)}), scans and "
+        f"points ({' '.join(point_suffixes())}), RGB-D folders, trajectories, images, and what unseen writes "
+        "(its JSON with the manifest beside it)"
     )
 
 

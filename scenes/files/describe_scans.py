@@ -11,8 +11,9 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.files.point_files import read_points
-from scenes.files.scan_files import METRES_PER_UNIT, ScanSource, Units, split_index
+from scenes.files.scan_files import ScanSource, split_index
 from scenes.files.scene_files import units_doubt
+from scenes.formats.format import METRES_PER_UNIT, Units
 from scenes.formats.scans.grid_fit import SPHERICAL_LIMIT_PX
 from scenes.formats.trajectory import read_poses
 from scenes.run.mapping import trim

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import InputError, check_point
-from scenes.files.scan_files import MESH_SUFFIXES, Units
 from scenes.files.scene_files import load_scene
+from scenes.formats.format import Units
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.pose import Pose
 from scenes.scan.projection import SphericalProjection
@@ -22,18 +21,6 @@ from scenes.world.scene import Scene
 
 _WIDTH, _HEIGHT = 1800, 900  # pixels all round, a fifth of a degree
 _LEAST_PIXELS = 1_000  # that meet the mesh from a place
-_HEADER = 1 << 14  # bytes of a PLY file that tell whether it has faces
-_FACES = re.compile(rb"^element\s+face\s+([0-9]+)", re.MULTILINE)
-
-
-def is_mesh(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a mesh by its suffix; a PLY file, where its header has faces."""
-    file = Path(path)
-    if file.suffix.lower() != ".ply" or not file.is_file():
-        return file.suffix.lower() in MESH_SUFFIXES
-    with file.open("rb") as held:
-        found = _FACES.search(held.read(_HEADER))
-    return found is not None and int(found[1]) > 0
 
 
 def scan_mesh(

@@ -4,21 +4,20 @@
 from __future__ import annotations
 
 import os
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, freeze_arrays
 from scenes.files.point_files import read_points
-from scenes.files.scan_files import Units, split_index
+from scenes.files.scan_files import split_index
 from scenes.files.scene_files import load_scene
-from scenes.formats.meshes.mesh_file import MESH_SUFFIXES
+from scenes.formats.format import Units
+from scenes.formats.meshes.mesh_file import is_mesh
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 _LARGE_M = 20.0  # diagonal of a part beyond which its unit is doubted
-_HEAD = 1 << 22  # bytes within which a PLY header ends
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +48,9 @@ class PartFile:
     rows: IntArray | None = None
     warnings: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
 
 def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile:
     """Read points, as `read_points` does, or a mesh, as `load_scene` does: a PLY file with faces is one.
@@ -56,7 +58,7 @@ def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile
     Raises InputError: an unusable file; the message names file, cause and cure.
     """
     source, number = split_index(path)
-    if number is None and (_is_mesh(source)):
+    if number is None and is_mesh(source):
         return _from_mesh(source, units)
     cloud = read_points(path, units)
     normals = cloud.normals
@@ -73,24 +75,11 @@ def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile
     )
 
 
-def is_mesh_ply(path: Path) -> bool:
-    """Tell whether a file is PLY with faces; organised scans and clouds have none."""
-    if path.suffix.lower() != ".ply" or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        head = file.read(_HEAD).partition(b"end_header")[0]
-    return re.search(rb"element\s+face\s+[1-9]", head) is not None
-
-
-def _is_mesh(path: Path) -> bool:
-    return is_mesh_ply(path) or (path.suffix.lower() != ".ply" and path.suffix.lower() in MESH_SUFFIXES)
-
-
 def _from_mesh(path: Path, units: Units) -> PartFile:
     """A mesh; the labels of its vertices where a PLY file holds them for as many."""
     mesh = load_scene(path, units=units, mode="object").mesh
     label = None
-    if is_mesh_ply(path):
+    if path.suffix.lower() == ".ply":
         label = read_points(path, units).label
         label = label if label is not None and len(label) == len(mesh.vertices) else None
     return PartFile(

@@ -4,31 +4,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError, IntArray, check_point, frozen_copy, usable_rows
-from scenes.files.scan_files import ScanSource, Units, check_units, itself, open_scans, split_index
-from scenes.formats.arrays import open_arrays
-from scenes.formats.e57.e57 import E57File
+from scenes.files.scan_files import check_own_unit, check_units, open_scans, split_index
+from scenes.formats.format import Units, points_of
 from scenes.formats.guard import check_file, reading
-from scenes.formats.las.las import read_las_points
-from scenes.formats.scans.cloud import RawPoints, joined
-from scenes.formats.scans.npz import scans_in
-from scenes.formats.scans.pcd import read_pcd_points
-from scenes.formats.scans.point_table import read_point_table
-from scenes.formats.scans.ptx import PtxFile
-from scenes.formats.scans.scan_ply import is_scan_ply, read_ply_points
-from scenes.scan.colour import colour_bytes
-from scenes.scan.range_image import RangeImage
+from scenes.formats.registry import format_of, point_suffixes
+from scenes.formats.scans.cloud import RawPoints
 
-TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".ds", ".pts", ".asc")
 _MOST_LABEL = 2**31 - 1
-POINT_SUFFIXES = (*TEXT_SUFFIXES, ".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".ptx")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +85,7 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
     Parameters
     ----------
     path : str or path
-        `.xyz .txt .csv .pts .asc .ds` (text), `.ply .pcd .las .laz .e57 .npz .ptx`, or an RGB-D folder. Scans
+        `.xyz .txt .csv .pts .asc .ds` (text), `.ply .pcd .las .laz .e57 .npz .ptx .3d`, or an RGB-D folder. Scans
         give all their valid points in world coordinates, those of several scans one after the other. An
         `.npz` holds `points` (n, 3) and perhaps `normals` and `label` (n,), or a scan. Labels of surfaces are
         also read from text with a column, and PLY with a property, of that name.
@@ -114,11 +101,20 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
     source, number = split_index(path)
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
-    raw = (
-        _from_scans(open_scans(source).read(number))
-        if source.is_dir()
-        else _from_file(check_file(source), number)
-    )
+    if source.is_dir():  # its scans come in metres
+        raw, metres = points_of(open_scans(source).read(number, units=units)), 1.0
+    else:
+        known = format_of(check_file(source).suffix)
+        if known is None or known.points is None:
+            raise InputError(
+                f"{source}: cannot read points from {source.suffix.lower() or 'a file without suffix'}; "
+                f"known: {', '.join(point_suffixes())}, RGB-D folders"
+            )
+        if known.unit is not None:
+            check_own_unit(source, known.name, known.unit, units)
+            metres = 1.0
+        with reading(source, f"points in {source.suffix[1:].upper()} format"):
+            raw = known.points(source, number)
     name = source.name if number is None else f"{source.name}#{number}"
     cloud = _cloud(raw, metres, name)
     if not len(cloud.points):
@@ -160,74 +156,3 @@ def _labels(label: FloatArray, name: str) -> IntArray:
             f"(first {whole[strange[0]]:g}); rename the column `label` if it holds something else"
         )
     return whole.astype(np.int64)
-
-
-def _from_file(file: Path, number: int | None) -> RawPoints:
-    """Read a file by its suffix."""
-    suffix = file.suffix.lower()
-    if suffix not in POINT_SUFFIXES:
-        raise InputError(
-            f"{file}: cannot read points from {suffix or 'a file without suffix'}; known: "
-            f"{', '.join(POINT_SUFFIXES)}, RGB-D folders"
-        )
-    readers: dict[str, Callable[[], RawPoints]] = {
-        ".e57": partial(_from_several, E57File, file, number),
-        ".ptx": partial(_from_several, PtxFile, file, number),
-        ".npz": partial(_from_npz, file, number),
-    }
-    with reading(file, f"points in {suffix[1:].upper()} format"):
-        if suffix in readers:
-            return readers[suffix]()
-        if number not in (None, 1):
-            raise InputError(f"holds one cloud, so there is no #{number}")
-        if suffix in TEXT_SUFFIXES:
-            table = read_point_table(file)
-            return RawPoints(table.points, table.normals, warnings=table.warnings, label=table.label)
-        if suffix == ".ply":
-            if is_scan_ply(file):
-                return _from_scans(open_scans(file).read())
-            return read_ply_points(file)
-        if suffix == ".pcd":
-            return read_pcd_points(file)
-        return read_las_points(file)
-
-
-def _from_scans(scans: Sequence[RangeImage]) -> RawPoints:
-    """All valid points of organised scans, in the world."""
-    found = []
-    for scan in scans:
-        colour = None if scan.colour is None else colour_bytes(scan.colour[scan.valid])
-        found.append(RawPoints(scan.points()[scan.valid], origins=scan.origin, colour=colour))
-    return joined(found)
-
-
-def _from_several(opened: Callable[[Path], E57File | PtxFile], file: Path, number: int | None) -> RawPoints:
-    """All valid points of the scans of a file, structured or not, or of the one that is picked."""
-    scans = opened(file)
-    n_scans = len(scans)
-    if number is not None and not 1 <= number <= n_scans:
-        raise InputError(f"there is no #{number}: there are {n_scans} scans, counted from 1")
-    wanted = range(n_scans) if number is None else [number - 1]
-    return joined([scans.points(index) for index in wanted])
-
-
-def _from_npz(file: Path, number: int | None) -> RawPoints:
-    """Arrays `points`, `normals` and `label`, or else a scan."""
-    with open_arrays(file) as arrays:
-        if "points" not in arrays.files:
-            readers = tuple(partial(itself, scan) for scan in scans_in(arrays, file.stem))
-            return _from_scans(ScanSource(file, "npz", readers).read(number))
-        if number not in (None, 1):
-            raise InputError(f"holds one cloud, so there is no #{number}")
-        points = np.asarray(arrays["points"], dtype=np.float64)
-        normals = np.asarray(arrays["normals"], np.float64) if "normals" in arrays.files else None
-        label = np.asarray(arrays["label"], np.float64).ravel() if "label" in arrays.files else None
-    if points.ndim < 2 or points.shape[-1] != 3 or (normals is not None and normals.shape != points.shape):
-        shape = "" if normals is None else f" and normals {normals.shape}"
-        raise InputError(
-            f"expected points with shape (n, 3) and normals of the same, got {points.shape}{shape}"
-        )
-    points = points.reshape(-1, 3)
-    if label is not None and len(label) != len(points):
-        raise InputError(f"holds {len(label)} labels for {len(points)} points; give one a point")
-    return RawPoints(points, None if normals is None else normals.reshape(-1, 3), label=label)

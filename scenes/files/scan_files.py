@@ -4,29 +4,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.formats.e57.e57 import E57File
-from scenes.formats.e57.e57_writer import write_e57
+from scenes.formats.format import METRES_PER_UNIT, Intrinsics, ScanReader, Units
 from scenes.formats.guard import check_file, reading
-from scenes.formats.las.las import read_las_scan, write_las
+from scenes.formats.meshes.mesh_file import MESH_SUFFIXES
+from scenes.formats.registry import format_of, scan_suffixes, written_suffixes
 from scenes.formats.rgbd.rgbd import read_frame
 from scenes.formats.rgbd.rgbd_layout import open_rgbd
 from scenes.formats.rgbd.rgbd_writer import Layout, write_rgbd
 from scenes.formats.scans.cloud import NO_RAYS
-from scenes.formats.scans.npz import read_npz, write_npz
-from scenes.formats.scans.pcd import read_pcd, write_pcd
-from scenes.formats.scans.ptx import PtxFile, write_ptx
-from scenes.formats.scans.scan_ply import read_scan_ply, write_scan_ply
-from scenes.formats.scans.scan_text import read_scan_text, write_scan_text
-from scenes.formats.scans.uos import SUFFIX as UOS_SUFFIX
 from scenes.formats.scans.uos import is_uos, open_uos, read_uos
 from scenes.formats.trajectory import poses_at, read_poses
 from scenes.pose import Pose
@@ -36,16 +29,7 @@ from scenes.scan.pixels import scaled
 from scenes.scan.range_image import RangeImage
 from scenes.scan.saturation import without_saturated
 
-Units = Literal["mm", "cm", "m", "in"]
-Intrinsics = tuple[float, float, float, float]
-_OWN_UNITS: tuple[Units, ...] = ("m", "cm")  # of 3DTK's files: not said, or what they are in
-_KNOWN_CODES = ("npz", "rgbd")  # kinds that tell numbers for no return otherwise
 _FEW = 8  # scans that are read together into memory; of more, the pixels are in files
-METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
-_TEXT_SUFFIXES = (".xyz", ".txt", ".csv", ".asc")
-_LAS_SUFFIXES = (".las", ".laz")
-SCAN_SUFFIXES = (".npz", ".ply", ".pcd", ".ptx", ".e57", UOS_SUFFIX, *_LAS_SUFFIXES, *_TEXT_SUFFIXES)
-MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".stl", ".off")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +48,16 @@ class ScanSource:
         False when frames of a folder have no poses.
     times : tuple of float, optional
         When each was taken, seconds, where a folder tells.
-    units : tuple of str
-        Which units may be said of it; where the format has its own, the readers give metres.
+    unit : str, optional
+        Of its lengths, where the format fixes one; the readers give metres then.
     """
 
     path: Path
     kind: str
-    readers: tuple[Callable[[], RangeImage], ...]
+    readers: tuple[ScanReader, ...]
     registered: bool = True
     times: tuple[float, ...] | None = None
-    units: tuple[Units, ...] = ("mm", "cm", "m", "in")
+    unit: Units | None = None
 
     def read(
         self,
@@ -106,11 +90,10 @@ class ScanSource:
 
         Raises InputError: other units than the format's own.
         """
-        if units not in self.units:
-            raise InputError(
-                f"{self.path}: {self.kind} is in {self.units[-1]} by its format; leave out --units"
-            )
-        return scan if self.units == _OWN_UNITS else in_metres(scan, units)
+        if self.unit is None:
+            return in_metres(scan, units)
+        check_own_unit(self.path, self.kind, self.unit, units)
+        return scan
 
 
 def spill_for(n_scans: int) -> Spill | NoSpill:
@@ -143,54 +126,40 @@ def open_scans(
         times = tuple(frame.time for frame in folder.frames if frame.time is not None)
         timed = times if len(times) == len(readers) else None
         kind = f"rgbd ({folder.layout})"
-        return ScanSource(source, kind, _guarded(source, kind, readers), folder.registered, timed)
+        return ScanSource(
+            source, kind, _guarded(source, kind, readers, marks_misses=True), folder.registered, timed
+        )
     check_file(source)
     suffix = source.suffix.lower()
-    if suffix not in SCAN_SUFFIXES:
+    known = format_of(suffix)
+    if known is None or known.scans is None:
         raise InputError(f"{source}: {_refusal(suffix)}")
-    kind = suffix[1:]
+    kind = known.name or suffix[1:]
     with reading(source, f"{kind.upper()} scan"):
-        return ScanSource(source, kind, _guarded(source, kind, _readers(source, suffix, intrinsics)))
+        readers = known.scans(source, intrinsics)
+    return ScanSource(
+        source, kind, _guarded(source, kind, readers, marks_misses=known.marks_misses), unit=known.unit
+    )
 
 
 def _open_3dtk(source: Path) -> ScanSource:
-    found = open_uos(source)
-    readers = [partial(read_uos, found, k) for k in range(len(found.scans))]
-    return ScanSource(source, "3dtk", _guarded(source, "3dtk", readers), found.registered, units=_OWN_UNITS)
+    folder = open_uos(source)
+    readers = [partial(read_uos, folder, k) for k in range(len(folder.scans))]
+    guarded = _guarded(source, "3dtk", readers, marks_misses=False)
+    return ScanSource(source, "3dtk", guarded, folder.registered, unit="cm")
 
 
 def _guarded(
-    source: Path, kind: str, readers: Sequence[Callable[[], RangeImage]]
-) -> tuple[Callable[[], RangeImage], ...]:
+    source: Path, kind: str, readers: Sequence[ScanReader], *, marks_misses: bool
+) -> tuple[ScanReader, ...]:
     """The readers, of which none raises anything but InputError, nor takes full numbers for ranges."""
 
-    def guarded(reader: Callable[[], RangeImage]) -> RangeImage:
+    def guarded(reader: ScanReader) -> RangeImage:
         with reading(source, f"{kind} scan"):
             scan = reader()
-            return scan if kind.startswith(_KNOWN_CODES) else without_saturated(scan)
+            return scan if marks_misses else without_saturated(scan)
 
     return tuple(partial(guarded, reader) for reader in readers)
-
-
-def _readers(source: Path, suffix: str, intrinsics: Intrinsics | None) -> list[Callable[[], RangeImage]]:
-    """One reader a scan of the file."""
-    if suffix == ".npz":
-        return [partial(itself, scan) for scan in read_npz(source)]
-    if suffix in (".e57", ".ptx"):
-        opened = E57File(source) if suffix == ".e57" else PtxFile(source)
-        return [partial(opened.scan, k) for k in range(len(opened))]
-    if suffix == ".pcd":
-        return [partial(read_pcd, source, intrinsics)]
-    if suffix in _LAS_SUFFIXES:
-        return [partial(read_las_scan, source)]
-    if suffix in _TEXT_SUFFIXES:
-        return [partial(read_scan_text, source)]
-    return [partial(read_scan_ply, source)]
-
-
-def itself(scan: RangeImage) -> RangeImage:
-    """Return a scan that was read already: its own reader."""
-    return scan
 
 
 def _refusal(suffix: str) -> str:
@@ -200,9 +169,9 @@ def _refusal(suffix: str) -> str:
             f"{suffix} is a mesh, not a scan; say where scanners stood in it, --origin X,Y,Z, or simulate a "
             "scan with `unseen scan SCENE -o FILE.npz`"
         )
-    if suffix == ".pts":
+    if format_of(suffix) is not None:
         return NO_RAYS
-    known = ", ".join(SCAN_SUFFIXES)
+    known = ", ".join(scan_suffixes())
     return f"cannot read scans from {suffix or 'a file without suffix'}; known: {known}, RGB-D folders"
 
 
@@ -255,6 +224,12 @@ def read_scans(
     check_units(units)
     base, number = split_index(path)
     return open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale).read(number, poses, units)
+
+
+def check_own_unit(path: Path, kind: str, unit: Units, given: Units) -> None:
+    """Raise InputError where another unit is given than the one that a format fixes; metres is none given."""
+    if given not in ("m", unit):
+        raise InputError(f"{path}: {kind} is in {unit} by its format; leave out --units")
 
 
 def check_units(units: Units) -> float:
@@ -348,21 +323,12 @@ def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
         Another suffix, a folder that does not exist, a missing extra, or what the format cannot hold.
     """
     target = Path(path)
-    writers: dict[str, Callable[[RangeImage, Path], None]] = {
-        ".npz": write_npz,
-        ".ply": write_scan_ply,
-        ".pcd": write_pcd,
-        ".ptx": write_ptx,
-        ".e57": lambda one, file: write_e57([one], file),
-        **dict.fromkeys(_LAS_SUFFIXES, write_las),
-        **dict.fromkeys(_TEXT_SUFFIXES, write_scan_text),
-    }
-    writer = writers.get(target.suffix.lower())
-    if writer is None:
+    known = format_of(target.suffix)
+    if known is None or known.write is None:
         suffix = target.suffix or "a name without suffix"
-        raise InputError(f"{target}: cannot write scans to {suffix}; known: {', '.join(writers)}")
+        raise InputError(f"{target}: cannot write scans to {suffix}; known: {', '.join(written_suffixes())}")
     with np.errstate(invalid="ignore"):
-        writer(scan, target)
+        known.write([scan], target)
 
 
 def write_scans(
@@ -385,11 +351,12 @@ def write_scans(
         Another suffix with more than one scan, or what the format cannot hold.
     """
     target = Path(path)
-    if target.suffix.lower() == ".e57":
-        write_e57(scans, target)
-    elif target.suffix == "":
+    known = format_of(target.suffix)
+    if target.suffix == "":
         write_rgbd(scans, target, layout)
     elif len(scans) == 1:
         write_scan(scans[0], target)
+    elif known is not None and known.write is not None:
+        known.write(scans, target)
     else:
         raise InputError(f"{target}: holds one scan, not {len(scans)}; write an .e57 file or a folder")

@@ -12,9 +12,11 @@ import numpy as np
 
 from scenes.checks import InputError
 from scenes.files.describe_scans import scan_warnings
-from scenes.files.mesh_stations import is_mesh, scan_mesh
+from scenes.files.mesh_stations import scan_mesh
 from scenes.files.point_files import read_points
-from scenes.files.scan_files import ScanSource, Units, check_units, open_scans, spill_for, split_index
+from scenes.files.scan_files import ScanSource, check_units, open_scans, spill_for, split_index
+from scenes.formats.format import Units
+from scenes.formats.meshes.mesh_file import is_mesh
 from scenes.formats.scans.station import scan_from_station
 from scenes.formats.trajectory import read_poses
 from scenes.mesh.orientation import world_from_file_up

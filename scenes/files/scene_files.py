@@ -12,7 +12,8 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.files.scan_files import Units, check_units
+from scenes.files.scan_files import check_units
+from scenes.formats.format import Units
 from scenes.formats.guard import reading
 from scenes.formats.meshes.glb import glb_of
 from scenes.formats.meshes.mesh_file import check_mesh_suffix, read_mesh_file

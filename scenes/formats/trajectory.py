@@ -180,7 +180,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
     ['9.png', '10.png', 'a2.png']
     """
     parts = re.split(r"(\d+)", name)
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts]
 
 
 def is_colmap(text: str) -> bool:

@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Literal, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_points, check_vectors
+from scenes.checks import (
+    BoolArray,
+    FloatArray,
+    InputError,
+    check_faces,
+    check_points,
+    check_vectors,
+    freeze_arrays,
+)
 from scenes.rays.local_mesh import LocalMesh, local_mesh
 from scenes.run.memory import in_blocks
 
@@ -50,6 +58,9 @@ class Hits:
     barycentric: FloatArray
     incidence_cosine: FloatArray
     n_not_finite: int
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     @property
     def hit(self) -> BoolArray:

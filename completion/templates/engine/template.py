@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from completion.templates.engine.measured import Measured
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, freeze_arrays
 
 _LEAST_TILES = 2  # that confirm a side which counts as seen
 
@@ -120,6 +120,9 @@ class TemplateFit:
     reason: str = ""
     geometry: Mapping[str, object] = field(default_factory=dict)
     held: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     @classmethod
     def absent(cls, kind: str, names: tuple[str, ...], n: int, reason: str) -> TemplateFit:

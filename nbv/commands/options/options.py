@@ -15,8 +15,8 @@ import typer
 from nbv.commands.process.run import Shared
 
 if TYPE_CHECKING:
-    from scenes.files.scan_files import Units
     from scenes.files.scan_request import ScanRequest
+    from scenes.formats.format import Units
     from scenes.scan.upright import SignedAxis
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import ColourArray, FloatArray
+from scenes.checks import ColourArray, FloatArray, freeze_arrays
 
 INFERRED = "unseen inferred points 1"
 """Format that the description of such a cloud names."""
@@ -46,6 +46,9 @@ class InferredPoints:
     confidence: FloatArray
     sd: FloatArray
     legend: dict[str, str]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     def columns(self) -> dict[str, Any]:
         """Return one array a field."""

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.formats.e57.e57 import content_guid
+from scenes.formats.e57.e57 import E57File, content_guid
 from scenes.formats.e57.e57_inferred import EXTENSION, InferredPoints, field_node
+from scenes.formats.format import Format, each_cloud, each_scan
 from scenes.formats.guard import import_extra
 from scenes.formats.header import scan_header
 from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR
@@ -179,3 +180,6 @@ def _write_columns(lib: Any, image_file: Any, points: Any, columns: dict[str, An
     writer = points.writer(buffers)
     writer.write(n_points)
     writer.close()
+
+
+FORMAT = Format(suffixes=(".e57",), points=each_cloud(E57File), scans=each_scan(E57File), write=write_e57)

@@ -13,6 +13,7 @@ import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.formats.documents import parse_json
+from scenes.formats.format import Format, one_cloud, one_scan, write_single
 from scenes.formats.guard import import_extra
 from scenes.formats.header import scan_header
 from scenes.formats.las.las_header import check_las
@@ -181,3 +182,11 @@ def _add_records(laspy: Any, header: Any, text: bytes) -> None:
     for number, start in enumerate(range(0, len(text), _RECORD_BYTES), start=1):
         part = text[start : start + _RECORD_BYTES]
         header.vlrs.append(laspy.VLR(_USER, number, "pose and projection", part))
+
+
+FORMAT = Format(
+    suffixes=(".las", ".laz"),
+    points=one_cloud(read_las_points),
+    scans=one_scan(read_las_scan),
+    write=write_single(write_las),
+)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import logging
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,15 @@ from scenes.formats.meshes.gltf import read_gltf
 from scenes.formats.meshes.gltf_structure import Contents, check_gltf
 from scenes.formats.meshes.obj import check_obj, plain_obj
 from scenes.formats.meshes.off import read_off
-from scenes.formats.meshes.ply_structure import check_ply
+from scenes.formats.meshes.ply_structure import check_ply, has_faces
 from scenes.formats.meshes.stl import check_stl, stl_origin
 from scenes.formats.references import Beside, check_references
+from scenes.formats.registry import format_of
 from scenes.run.file_limits import check_limit
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
 # What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
-_SCAN_SUFFIXES = (".npz", ".e57", ".ptx", ".pcd", ".las", ".laz")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +46,13 @@ class MeshFile:
     warnings: tuple[str, ...]
 
 
+def is_mesh(path: str | PathLike[str]) -> bool:
+    """Tell whether a file is a mesh by its suffix, or a PLY whose header announces faces."""
+    file = Path(path)
+    suffix = file.suffix.lower()
+    return has_faces(file) if suffix == ".ply" else suffix in MESH_SUFFIXES
+
+
 def check_mesh_suffix(path: Path) -> Path:
     """Return `path` when it is a file that ends like a mesh.
 
@@ -54,13 +62,13 @@ def check_mesh_suffix(path: Path) -> Path:
     suffix = file.suffix.lower()
     if suffix in MESH_SUFFIXES:
         return file
-    if suffix in _SCAN_SUFFIXES:
+    if (known := format_of(suffix)) is not None and not known.is_text:
         raise InputError(
             f"{file}: {file.suffix} holds a scan or points, not a scene; give scans with --scans, "
             "or complete them (unseen complete)"
         )
-    known = ", ".join(one[1:] for one in MESH_SUFFIXES)
-    raise InputError(f"{file}: cannot read meshes from {suffix or 'a file without suffix'}; known: {known}")
+    names = ", ".join(name[1:] for name in MESH_SUFFIXES)
+    raise InputError(f"{file}: cannot read meshes from {suffix or 'a file without suffix'}; known: {names}")
 
 
 def read_mesh_file(file: Path) -> MeshFile:

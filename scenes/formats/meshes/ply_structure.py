@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -51,6 +52,17 @@ def check_ply(data: bytes) -> int:
     if not {"x", "y", "z"} <= {name for name, _, _ in vertex.properties} or vertex.lists:
         raise InputError("its vertices need x, y, z, and no lists")
     return _check_text(data[start:], elements) if order == "" else _check_binary(data, start, elements, order)
+
+
+def has_faces(path: Path) -> bool:
+    """Tell whether a file is PLY whose header announces faces; organised scans and clouds have none."""
+    try:
+        with path.open("rb") as file:
+            lines, _ = header_lines(file.read(_MAX_HEADER))
+    except (OSError, InputError):
+        return False
+    rows = [line.split() for line in lines if line.startswith("element")]
+    return any(row[1:2] == ["face"] and row[2:3] not in ([], ["0"]) for row in rows)
 
 
 def header_lines(data: bytes) -> tuple[list[str], int]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
 from scenes.formats.header import (
     described,
     not_finite_warnings,
@@ -54,6 +54,9 @@ class RawPoints:
     colour: ColourArray | None = None
     warnings: tuple[str, ...] = ()
     label: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 def joined(parts: Sequence[RawPoints]) -> RawPoints:

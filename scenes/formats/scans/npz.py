@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from scenes.checks import InputError, check_point
 from scenes.formats.arrays import ArrayFile, open_arrays
 from scenes.formats.documents import parse_json
+from scenes.formats.format import Format, check_single, loaded, picked, points_of, write_single
 from scenes.formats.header import scan_from_header, scan_header
+from scenes.formats.scans.cloud import RawPoints
 from scenes.formats.scans.station import scan_from_station
 from scenes.formats.trajectory import rounded_pose
 from scenes.run.atomic import atomic_path, json_text
@@ -119,3 +121,36 @@ def _of_beams(arrays: ArrayFile, name: str) -> RangeImage:
     if sigma.size != 1 or not (np.isfinite(sigma).all() and sigma.min() >= 0):
         raise InputError(f"sigma_m is {sigma.tolist()}; give one number of metres from 0 on")
     return scan.restated(sigma_m=float(sigma.reshape(())))
+
+
+def read_npz_points(path: Path, number: int | None) -> RawPoints:
+    """Return arrays `points`, `normals` and `label` (n,), or the points of all scans or of scan `number`.
+
+    Raises InputError: arrays of other shapes, or what `read_npz` refuses.
+    """
+    with open_arrays(path) as arrays:
+        if "points" not in arrays.files:
+            scans = scans_in(arrays, path.stem)
+            return points_of([scans[index] for index in picked(len(scans), number)])
+        check_single(number)
+        points = np.asarray(arrays["points"], dtype=np.float64)
+        normals = np.asarray(arrays["normals"], np.float64) if "normals" in arrays.files else None
+        label = np.asarray(arrays["label"], np.float64).ravel() if "label" in arrays.files else None
+    if points.ndim < 2 or points.shape[-1] != 3 or (normals is not None and normals.shape != points.shape):
+        shape = "" if normals is None else f" and normals {normals.shape}"
+        raise InputError(
+            f"expected points with shape (n, 3) and normals of the same, got {points.shape}{shape}"
+        )
+    points = points.reshape(-1, 3)
+    if label is not None and len(label) != len(points):
+        raise InputError(f"holds {len(label)} labels for {len(points)} points; give one a point")
+    return RawPoints(points, None if normals is None else normals.reshape(-1, 3), label=label)
+
+
+FORMAT = Format(
+    suffixes=(".npz",),
+    points=read_npz_points,
+    scans=lambda path, _: loaded(read_npz(path)),
+    write=write_single(write_npz),
+    marks_misses=True,
+)

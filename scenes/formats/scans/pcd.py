@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, InputError
+from scenes.formats.format import Format, one_cloud, write_single
 from scenes.formats.guard import import_extra
 from scenes.formats.header import (
     described,
@@ -221,3 +223,11 @@ def write_pcd(scan: RangeImage, path: Path) -> None:
     cloud.save(buffer, module.Encoding.BINARY)
     comments = [".PCD v0.7 - Point Cloud Data file format", *to_comments(scan_header(scan))]
     write_bytes(path, "".join(f"# {line}\n" for line in comments).encode("ascii") + buffer.getvalue())
+
+
+FORMAT = Format(
+    suffixes=(".pcd",),
+    points=one_cloud(read_pcd_points),
+    scans=lambda path, intrinsics: [partial(read_pcd, path, intrinsics)],
+    write=write_single(write_pcd),
+)

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, freeze_arrays
 
 _COMMENT = re.compile(r"[ \t]*(?:#|//|%|!)[^\n]*")
 TEXT_TAG = "# unseen "  # begins the line that holds pose and projection of a scan of ours
+_EMPTY_FIELD = re.compile(r"(?m)(?:^|(?<=\t)) *(?=\t)")  # of tab-separated text
 _NAME = re.compile(r"[a-z]+")
 _SHOWN = 200  # characters of names in a warning
 _MAX_HEADER = 200  # lines; a file without a point in that many is no point file
@@ -40,6 +41,9 @@ class PointTable:
     normals: FloatArray | None
     warnings: tuple[str, ...]
     label: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +99,10 @@ def _decode(path: Path) -> str:
 
 def _clean(text: str) -> str:
     """Return the text without quotes, decimal commas and separators other than blanks; empty fields NaN."""
-    text = text.replace('"', "").replace("\t", " ")
-    if _has_decimal_commas(text):
+    text = text.replace('"', "")
+    has_decimal_commas = _has_decimal_commas(text.replace("\t", " "))
+    text = _with_empty_fields(text).replace("\t", " ")
+    if has_decimal_commas:
         text = text.replace(",", ".")
     for separator in ",;":
         if separator not in text:
@@ -105,6 +111,23 @@ def _clean(text: str) -> str:
         text = re.sub(rf"{separator}(?= *{separator})", f"{separator} nan ", text)
         text = text.replace(separator, " ")
     return text
+
+
+def _with_empty_fields(text: str) -> str:
+    """Return tab-separated text with NaN for its empty fields.
+
+    Where lines differ in their tabs but not in their fields, tabs align columns and no field is empty.
+    """
+    if not _EMPTY_FIELD.search(text):
+        return text
+    lines = [line.rstrip() for line in text.split("\n")]
+    rows = [line for line in lines if "\t" in line and _COMMENT.sub("", line).strip()]
+    is_aligned = len({row.count("\t") for row in rows}) > 1 and len({len(row.split()) for row in rows}) == 1
+    if is_aligned or not rows:
+        return text
+    if all(row.lstrip(" ").startswith("\t") for row in rows):  # indented
+        lines = [line.lstrip() for line in lines]
+    return "\n".join(_EMPTY_FIELD.sub(" nan ", line) for line in lines)
 
 
 def _has_decimal_commas(text: str) -> bool:

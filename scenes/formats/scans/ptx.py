@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.formats.format import Format, each_cloud, each_scan, write_single
 from scenes.formats.guard import check_size
 from scenes.formats.header import checked_bytes, not_finite_warnings
 from scenes.formats.scans.cloud import RawPoints
@@ -199,3 +200,8 @@ def write_ptx(scan: RangeImage, path: Path) -> None:
         file.write(f"{columns}\n{rows}\n")
         file.writelines(" ".join(map(repr, row)) + "\n" for row in [*header, *transform])
         np.savetxt(file, np.hstack(table), fmt=form)
+
+
+FORMAT = Format(
+    suffixes=(".ptx",), points=each_cloud(PtxFile), scans=each_scan(PtxFile), write=write_single(write_ptx)
+)

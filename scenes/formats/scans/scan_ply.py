@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.formats.format import Format, check_single, one_scan, points_of, write_single
 from scenes.formats.header import (
     checked_bytes,
     from_comments,
@@ -23,6 +24,7 @@ from scenes.formats.meshes.ply_structure import TYPES, header_lines
 from scenes.formats.scans.cloud import RawPoints
 from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
+from scenes.scan.saturation import without_saturated
 
 _SENSOR_AXES = ("sensor_x", "sensor_y", "sensor_z")
 
@@ -178,3 +180,13 @@ def _read_binary(data: bytes, start: int, vertices: _Vertices) -> dict[str, Floa
         raise InputError(f"has {len(data) - start} bytes for {vertices.n} vertices of {dtype.itemsize} bytes")
     table = np.frombuffer(data, dtype, vertices.n, start)
     return {name: table[name].astype(np.float64) for name in vertices.names}
+
+
+def _points(path: Path, number: int | None) -> RawPoints:
+    check_single(number)
+    return points_of([without_saturated(read_scan_ply(path))]) if is_scan_ply(path) else read_ply_points(path)
+
+
+FORMAT = Format(
+    suffixes=(".ply",), points=_points, scans=one_scan(read_scan_ply), write=write_single(write_scan_ply)
+)

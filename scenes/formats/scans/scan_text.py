@@ -11,9 +11,10 @@ import numpy as np
 
 from scenes.checks import InputError
 from scenes.formats.documents import parse_json
+from scenes.formats.format import Format, one_cloud, one_scan, write_single
 from scenes.formats.header import checked_bytes, scan_header
-from scenes.formats.scans.cloud import NO_RAYS, Cloud, cloud_of, scan_of
-from scenes.formats.scans.point_table import TEXT_TAG
+from scenes.formats.scans.cloud import NO_RAYS, Cloud, RawPoints, cloud_of, scan_of
+from scenes.formats.scans.point_table import TEXT_TAG, read_point_table
 from scenes.run.atomic import atomic_path, to_plain
 from scenes.scan.range_image import RangeImage
 
@@ -78,3 +79,20 @@ def _whole(values: Any) -> Any:
     if not (np.abs(values) < _MOST_PIXELS).all() or (values != np.floor(values)).any():
         raise InputError("its rows and columns are not all integers: was the file edited?")
     return values.astype(np.int64)
+
+
+def _points(path: Path) -> RawPoints:
+    table = read_point_table(path)
+    return RawPoints(table.points, table.normals, warnings=table.warnings, label=table.label)
+
+
+FORMAT = (
+    Format(
+        suffixes=(".xyz", ".txt", ".csv", ".asc"),
+        points=one_cloud(_points),
+        scans=one_scan(read_scan_text),
+        write=write_single(write_scan_text),
+        is_text=True,
+    ),
+    Format(suffixes=(".pts", ".ds"), points=one_cloud(_points), is_text=True),
+)

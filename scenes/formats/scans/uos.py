@@ -11,13 +11,16 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.formats.documents import read_text
+from scenes.formats.format import Format, one_cloud, one_scan, points_of
 from scenes.formats.guard import check_file, reading
+from scenes.formats.scans.cloud import RawPoints
 from scenes.formats.scans.point_table import read_point_table
 from scenes.formats.scans.station import scan_from_station
 from scenes.formats.trajectory import natural_key
 from scenes.pose import Pose
 from scenes.run.file_limits import check_limit
 from scenes.scan.range_image import RangeImage
+from scenes.scan.saturation import without_saturated
 
 SUFFIX = ".3d"
 _METRES = 0.01
@@ -114,3 +117,14 @@ def _rotation(about_x: float, about_y: float, about_z: float) -> FloatArray:
         step[other, one], step[one, other] = sines[axis], -sines[axis]
         turned = turned @ step
     return turned
+
+
+def _scan(path: Path) -> RangeImage:
+    return read_uos(open_uos(path), 0)
+
+
+def _points(path: Path) -> RawPoints:
+    return points_of([without_saturated(_scan(path))])
+
+
+FORMAT = Format(name="3dtk", suffixes=(SUFFIX,), points=one_cloud(_points), scans=one_scan(_scan), unit="cm")

@@ -6,8 +6,10 @@ import pytest
 import trimesh
 
 from scenes.checks import InputError
-from scenes.files.mesh_stations import is_mesh, scan_mesh
+from scenes.files.mesh_stations import scan_mesh
+from scenes.files.part_files import read_part_file
 from scenes.files.scan_request import ScanRequest, read_request
+from scenes.formats.meshes.mesh_file import is_mesh
 from scenes.scan.range_image import MESH_SENSOR
 
 
@@ -30,6 +32,25 @@ def test_a_mesh_is_told_from_points_by_its_header(room, tmp_path):
     assert not is_mesh(points)
     assert is_mesh(tmp_path / "absent.glb")
     assert not is_mesh(tmp_path / "absent.ply")
+
+
+def test_words_in_a_comment_make_no_mesh_and_a_long_header_hides_none(tmp_path):
+    """One answer for scans, parts and `unseen info`: that of the header's own lines."""
+    cloud = tmp_path / "cloud.ply"
+    head = "ply\nformat ascii 1.0\ncomment made of element face 5\nelement vertex 3\n"
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    cloud.write_text(f"{head}{axes}end_header\n0 0 0\n1 0 0\n0 1 0\n")
+    assert not is_mesh(cloud)
+    assert read_part_file(cloud).mesh is None
+    mesh = tmp_path / "mesh.ply"
+    long = "".join(f"comment {'x' * 200} {number}\n" for number in range(100))
+    faces = "element face 1\nproperty list uchar int vertex_indices\n"
+    mesh.write_text(
+        f"ply\nformat ascii 1.0\n{long}element vertex 3\n{axes}{faces}end_header\n"
+        "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    )
+    assert is_mesh(mesh)
+    assert read_part_file(mesh).mesh is not None
 
 
 def test_it_is_seen_from_each_place(room):

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes.checks import InputError
-from scenes.files.point_files import POINT_SUFFIXES, PointCloud, read_points
+from scenes.files.point_files import PointCloud, read_points
 from scenes.files.scan_files import read_scan, write_scan, write_scans
 from scenes.formats.meshes.ply import write_mesh_ply
+from scenes.formats.registry import point_suffixes
 from scenes.formats.scans.ptx import PtxFile
 from scenes.pose import Pose
 from scenes.run.file_limits import limits
@@ -73,6 +74,22 @@ def test_every_layout_gives_the_same_points(tmp_path: Path, layout: str) -> None
     assert cloud.normals is None
     assert cloud.warnings == ()
     assert cloud.name == "cloud.txt"
+
+
+def test_an_empty_field_between_tabs_is_none_and_moves_no_column(tmp_path: Path) -> None:
+    text = "x\ty\tz\tintensity\n1\t2\t3\t4\n5\t\t7\t9\n\t6\t7\t8\n4\t5\t6\t\n"
+    cloud = read_text(tmp_path, text)
+    np.testing.assert_array_equal(cloud.points, [[1, 2, 3], [4, 5, 6]])
+    assert "2 of 4 points are not finite" in cloud.warnings[0]
+    with pytest.raises(InputError, match="no finite point"):
+        read_text(tmp_path, "5\t\t7\t9\n")
+
+
+@pytest.mark.parametrize(
+    "text", ["1.25\t\t2\t3\n-1\t2\t\t3\n5\t6\t7\n", "\t1.25\t2\t3\n\t-1\t2\t3\n\t5\t6\t7\n"]
+)
+def test_tabs_that_align_or_indent_columns_are_no_fields(tmp_path: Path, text: str) -> None:
+    np.testing.assert_array_equal(read_text(tmp_path, text).points, [[1.25, 2, 3], [-1, 2, 3], [5, 6, 7]])
 
 
 def test_utf_16_of_windows_tools_is_read(tmp_path: Path) -> None:
@@ -359,7 +376,7 @@ def test_las_that_announces_too_much_is_refused(tmp_path: Path) -> None:
         read_points(tmp_path / "c.las")
 
 
-@pytest.mark.parametrize("suffix", POINT_SUFFIXES)
+@pytest.mark.parametrize("suffix", point_suffixes())
 def test_damaged_files_are_one_input_error_that_names_them(tmp_path: Path, suffix: str) -> None:
     (tmp_path / f"broken{suffix}").write_bytes(bytes(range(256)) * 3)
     with pytest.raises(InputError, match=rf"broken\{suffix}"):

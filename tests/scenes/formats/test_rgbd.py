@@ -188,6 +188,7 @@ def test_unusable_camera_files_are_named(tmp_path: Path, text: str) -> None:
 def test_natural_order() -> None:
     names = ["10.png", "9.png", "a2.png", "a10.png", "1.png"]
     assert sorted(names, key=natural_key) == ["1.png", "9.png", "10.png", "a2.png", "a10.png"]
+    assert sorted(["m².png", "m1.png"], key=natural_key) == ["m1.png", "m².png"]  # no decimal digit
 
 
 def test_a_trajectory_with_times_serves_the_frames_nearest_to_them(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from scenes.checks import FloatArray, InputError
 from scenes.files.describe import describe
+from scenes.files.point_files import read_points
 from scenes.files.scan_files import read_scan, read_scans
 from scenes.formats.scans.uos import read_uos_pose
 from tests.helpers.data_paths import data_path, requires_data
@@ -112,3 +113,15 @@ def test_the_arcade_keeps_its_points_and_its_grid() -> None:
         points = scan.points()[scan.valid]
         level, _ = np.histogram(points[:, 2], bins=np.arange(-1, 3, 0.1))
         assert np.argmax(level) in (5, 6)  # the floor, .4 m below the scanner
+
+
+def test_points_are_in_metres_whatever_is_said_of_the_unit(tmp_path: Path) -> None:
+    """A folder and a file of it, with its own unit or none; another one is refused by both."""
+    write(tmp_path / "dat", 0, box_in_cm(), "0 0 0\n0 0 0\n")
+    (scan,) = read_scans(tmp_path / "dat")
+    expected = scan.points()[scan.valid]
+    for path in (tmp_path / "dat", tmp_path / "dat" / "scan000.3d"):
+        for units in ("m", "cm"):
+            np.testing.assert_allclose(read_points(path, units).points, expected, atol=1e-9)
+        with pytest.raises(InputError, match="3dtk is in cm by its format; leave out --units"):
+            read_points(path, "mm")
