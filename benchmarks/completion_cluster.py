@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmarks.stations import take_scans
-from scenes.files.scan_files import write_scan
+from scenes.io.scan_files import write_scan
 
 _POLL_S = 0.2
 

@@ -21,8 +21,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pye57
 
-from scenes.files.scan_files import read_scan, write_scan
-from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR
+from scenes.io.grid_fit import SCANNER_FROM_SENSOR
+from scenes.io.scan_files import read_scan, write_scan
 from scenes.pose import Pose
 from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import SphericalProjection

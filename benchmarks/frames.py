@@ -37,9 +37,9 @@ from completion import CompletionOptions, complete
 from nbv import PinholeSensor, scan_scene
 from scenes import Pose, RayCaster
 from scenes.checks import FloatArray
-from scenes.files.scan_request import ScanRequest, read_request
-from scenes.files.scene_files import open_scene
-from scenes.formats.rgbd.rgbd_writer import write_rgbd
+from scenes.io.rgbd_writer import write_rgbd
+from scenes.io.scan_request import ScanRequest, read_request
+from scenes.io.scene_files import open_scene
 from scenes.mesh.orientation import Axis
 from scenes.run.mapping import trim
 from scenes.run.spill import Spill

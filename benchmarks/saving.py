@@ -26,8 +26,8 @@ from completion.result.completion import Completion, placed
 from completion.result.record import completion_record
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
-from scenes.files.scan_files import read_scans
-from scenes.formats.meshes.ply import write_meshes_ply
+from scenes.io.ply import write_meshes_ply
+from scenes.io.scan_files import read_scans
 from scenes.pose import Pose
 from scenes.run.atomic import write_json
 from scenes.scan.range_image import RangeImage

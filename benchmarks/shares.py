@@ -23,7 +23,7 @@ from nbv.scanning.view import View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.standing.candidates import Standing, counted, find_standing, samples_that_count
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.morton import morton_order
 from scenes.mesh.orientation import Axis

@@ -27,7 +27,7 @@ from benchmarks.growth import peak, print_growth
 from completion import CompletionOptions, complete
 from nbv import SphericalSensor, scan_scene
 from scenes import Pose, RangeImage, RayCaster, Scene
-from scenes.files.scan_files import read_scan, write_scan
+from scenes.io.scan_files import read_scan, write_scan
 from scenes.world.building import Finish, SceneBuilder
 
 SIZE = np.array([5.0, 4.0, 2.7])

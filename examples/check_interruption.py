@@ -28,7 +28,7 @@ import numpy as np
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scanning.view import View
-from scenes.files.scan_files import write_scan
+from scenes.io.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 

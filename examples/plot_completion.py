@@ -25,7 +25,7 @@ from nbv.report.page.page import Gallery
 from nbv.report.pictures.camera import Camera, aside_cameras
 from nbv.report.pictures.completion_shots import ModelDrawings
 from scenes import Pose, RangeImage, builtin_scene
-from scenes.files.scan_request import ScanRequest, read_request
+from scenes.io.scan_request import ScanRequest, read_request
 
 _GAP, _WIDTH = 12, 600
 _COLOURS = 160  # of a picture's palette

@@ -19,7 +19,7 @@ from plot_parts import shaft
 from completion import Part, model_part
 from completion.exchange.step.measured import edges_of, triangles_of
 from completion.parts.step_export import outcome_lines, step_model
-from scenes.files.part_files import read_part_file
+from scenes.io.part_files import read_part_file
 from scenes.scan.palette import surface_rgb
 
 ROOT = Path(__file__).resolve().parents[1]

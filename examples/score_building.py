@@ -38,7 +38,7 @@ from nbv.visibility.standing.site import Site
 from nbv.visibility.standing.site_options import SiteOptions
 from scenes import Scene
 from scenes.checks import BoolArray, FloatArray
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 
 DATA = Path(os.environ.get("UNSEEN_DATA", "../shared/data"))
 SHARES = (0.95, 0.99)

@@ -29,7 +29,7 @@ from nbv.visibility.requirement import SightLimits
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.viewpoints import Candidates, viewing_sphere
 from nbv.visibility.visibility import lines_of_sight
-from scenes.files.scene_files import load_scene
+from scenes.io.scene_files import load_scene
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: MIT
 from .checks import InputError as InputError
-from .files.point_files import PointCloud as PointCloud
-from .files.point_files import read_points as read_points
-from .files.scan_files import read_scan as read_scan
-from .files.scan_files import read_scans as read_scans
-from .files.scan_files import write_scan as write_scan
-from .files.scan_files import write_scans as write_scans
-from .files.scene_files import load_scene as load_scene
-from .files.scene_files import open_scene as open_scene
-from .files.scene_files import save_scene as save_scene
-from .formats.scans.station import scan_from_station as scan_from_station
+from .io.point_files import PointCloud as PointCloud
+from .io.point_files import read_points as read_points
+from .io.scan_files import read_scan as read_scan
+from .io.scan_files import read_scans as read_scans
+from .io.scan_files import write_scan as write_scan
+from .io.scan_files import write_scans as write_scans
+from .io.scene_files import load_scene as load_scene
+from .io.scene_files import open_scene as open_scene
+from .io.scene_files import save_scene as save_scene
+from .io.station import scan_from_station as scan_from_station
 from .mesh.labelled_mesh import Appearance as Appearance
 from .mesh.labelled_mesh import LabelledMesh as LabelledMesh
 from .pose import Pose as Pose

@@ -19,7 +19,7 @@ from completion.templates.engine.template import Seen, Status, TemplateFit
 from completion.templates.pipeline import find_features
 from scenes import RayCaster
 from scenes.checks import FloatArray
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 
 _LEAST_M2 = 0.05
 _OFF_M = 0.4  # between a hole's middle plane and the side of its wall

@@ -10,8 +10,8 @@ from typing import Any
 
 from completion.edits.edit import ACTIONS, Anchor, Edit
 from scenes.checks import InputError, check_coordinates
-from scenes.formats.documents import read_json
-from scenes.formats.guard import reading
+from scenes.io.documents import read_json
+from scenes.io.guard import reading
 from scenes.surfaces.plane import Plane
 
 _FIELDS = {

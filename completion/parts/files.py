@@ -19,7 +19,7 @@ from completion.relations.frames import frame_records
 from completion.relations.record import FORMAT as RELATIONS_FORMAT
 from completion.relations.record import freedom_record, relation_records, surface_record
 from scenes.checks import IntArray
-from scenes.formats.meshes.ply import write_mesh_ply
+from scenes.io.ply import write_mesh_ply
 from scenes.run.atomic import make_folder, write_bytes, write_json
 from scenes.run.staged_outputs import Stage, locked
 from scenes.scan.palette import surface_bytes

@@ -15,8 +15,8 @@ from completion.edits.edit import Anchor
 from completion.edits.file import anchors_of, named_anchor
 from completion.relations.engine.relation import KINDS, VALUED, Relation, RelationKind
 from scenes.checks import InputError
-from scenes.formats.documents import parse_json, read_text
-from scenes.formats.guard import reading
+from scenes.io.documents import parse_json, read_text
+from scenes.io.guard import reading
 
 FORMAT = "unseen-relations/1"
 _ANGLES = ("angle", "half_angle")

@@ -26,11 +26,10 @@ from completion.result.polygons import polygons_record
 from completion.result.record import ObservedDetail, completion_record, inferred_points, model_parts
 from completion.result.verification import Verification
 from scenes.checks import InputError
-from scenes.formats.e57.e57_inferred import InferredPoints
-from scenes.formats.e57.e57_writer import write_e57
-from scenes.formats.meshes.glb import glb_of
-from scenes.formats.meshes.obj import write_obj
-from scenes.formats.meshes.ply import PlyMesh, write_meshes_ply
+from scenes.io.e57_writer import InferredPoints, write_e57
+from scenes.io.gltf import glb_of
+from scenes.io.obj import write_obj
+from scenes.io.ply import PlyMesh, write_meshes_ply
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.atomic import make_folder, write_bytes, write_json, write_text
 from scenes.run.staged_outputs import Stage, locked

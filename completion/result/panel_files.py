@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from completion.panels.fold_edge import FoldEdge, turned
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray
-from scenes.formats.meshes.ply import write_mesh_ply
+from scenes.io.ply import write_mesh_ply
 
 
 def write_panels_ply(path: str | PathLike[str], completion: CompletedModel, legend: Sequence[str]) -> None:

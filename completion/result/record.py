@@ -23,7 +23,7 @@ from completion.result.panel_files import panels_record
 from completion.result.verification import Finding, Verification, counterpart
 from completion.templates.engine.features import feature_record, moved_geometry
 from scenes.checks import ColourArray, InputError
-from scenes.formats.e57.e57_inferred import InferredPoints
+from scenes.io.e57_writer import InferredPoints
 from scenes.mesh.blocks import in_blocks
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart

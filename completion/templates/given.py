@@ -12,7 +12,7 @@ import numpy as np
 
 from completion.templates.engine.template import Given
 from scenes.checks import InputError
-from scenes.formats.documents import read_json
+from scenes.io.documents import read_json
 
 KNOWN: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("doorway", "window", "niche"), ("width", "height", "depth")),

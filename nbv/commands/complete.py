@@ -34,7 +34,7 @@ from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
 from nbv.scans.registering import placed_of, register_request
 from nbv.scans.remote_completion import complete_by_workers
-from scenes.files.scan_request import ScanRequest, read_request
+from scenes.io.scan_request import ScanRequest, read_request
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

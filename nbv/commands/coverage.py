@@ -31,11 +31,11 @@ from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.standing.candidates import Standing, find_standing, samples_that_count
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.visibility import facing
-from scenes.files.scan_request import ScanRequest, read_request
-from scenes.files.scene_files import open_scene
-from scenes.formats.format import Units
-from scenes.formats.meshes.ply import write_mesh_ply
-from scenes.formats.trajectory import read_poses
+from scenes.io.format import Units
+from scenes.io.ply import write_mesh_ply
+from scenes.io.scan_request import ScanRequest, read_request
+from scenes.io.scene_files import open_scene
+from scenes.io.trajectory import read_poses
 from scenes.mesh.orientation import Axis
 from scenes.run.atomic import write_json, write_text
 from scenes.scan.range_image import RangeImage

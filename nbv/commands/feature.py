@@ -21,10 +21,10 @@ from completion.templates.openings.walls.likelihood import log_likelihoods
 from completion.templates.pipeline import find_features
 from nbv.commands.process.run import Run, Shared, running
 from scenes.checks import FloatArray, InputError, IntArray
-from scenes.files.part_files import read_part_file
-from scenes.files.scan_request import ScanRequest, read_request
-from scenes.formats.meshes.mesh_file import is_mesh
-from scenes.formats.meshes.ply import write_mesh_ply
+from scenes.io.mesh_file import is_mesh
+from scenes.io.part_files import read_part_file
+from scenes.io.ply import write_mesh_ply
+from scenes.io.scan_request import ScanRequest, read_request
 from scenes.run.atomic import write_json
 from scenes.scan.palette import surface_bytes
 from scenes.scan.range_image import RangeImage

@@ -19,8 +19,8 @@ from completion.fitting.result import FitError, Metric, Shape, SurfaceFit, infla
 from completion.fitting.selection import Selection, select
 from nbv.commands.process.run import Shared, running
 from scenes.checks import InputError
-from scenes.files.point_files import PointCloud, read_points
-from scenes.formats.format import Units
+from scenes.io.format import Units
+from scenes.io.point_files import PointCloud, read_points
 from scenes.run.atomic import json_text, write_bytes, write_json
 
 _PLACES = 9  # along u and along v, at which a patch's deviation is told

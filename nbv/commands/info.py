@@ -8,9 +8,9 @@ from typing import Any
 
 from nbv.commands.description.outputs import describe_output, with_states
 from nbv.commands.process.run import Shared, running
-from scenes.files.describe import describe
-from scenes.files.scan_files import split_index
-from scenes.formats.format import Units
+from scenes.io.describe import describe
+from scenes.io.format import Units
+from scenes.io.scan_files import split_index
 from scenes.mesh.orientation import Axis
 from scenes.run.atomic import write_json
 

@@ -24,8 +24,8 @@ from completion.relations.stated import StatedRelation, read_part_relations
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count
 from scenes.checks import InputError
-from scenes.files.part_files import PartFile, read_part_file
-from scenes.formats.format import Units
+from scenes.io.format import Units
+from scenes.io.part_files import PartFile, read_part_file
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

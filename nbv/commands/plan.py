@@ -33,9 +33,9 @@ from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import load_candidates
 from nbv.visibility.visibility import facing
 from nbv.visibility.zones import Box, Zones
-from scenes.files.scan_request import GivenScans, ScanRequest, read_request
-from scenes.files.scene_files import open_scene
-from scenes.formats.format import Units
+from scenes.io.format import Units
+from scenes.io.scan_request import GivenScans, ScanRequest, read_request
+from scenes.io.scene_files import open_scene
 from scenes.mesh.orientation import Axis
 from scenes.run.atomic import write_json
 from scenes.scan.range_image import RangeImage

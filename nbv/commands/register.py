@@ -15,9 +15,9 @@ from completion.registration.verdict import Verdict
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count
 from nbv.scans.registering import copies_of, copies_told, doubts_of_poses
-from scenes.files.scan_files import split_index, write_scan, write_scans
-from scenes.files.scan_request import GivenScans, ScanRequest, read_request
-from scenes.formats.registry import written_suffixes
+from scenes.io.registry import written_suffixes
+from scenes.io.scan_files import split_index, write_scan, write_scans
+from scenes.io.scan_request import GivenScans, ScanRequest, read_request
 from scenes.pose import Pose
 from scenes.run.atomic import write_json
 from scenes.scan.range_image import RangeImage

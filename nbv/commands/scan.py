@@ -15,11 +15,11 @@ from nbv.run.wording import count
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor_profile import load_profile
 from scenes.checks import InputError
-from scenes.files.scan_files import split_index, write_scan, write_scans
-from scenes.files.scene_files import open_scene
-from scenes.formats.format import Units
-from scenes.formats.rgbd.rgbd_writer import check_no_other_frames
-from scenes.formats.trajectory import read_poses
+from scenes.io.format import Units
+from scenes.io.rgbd_writer import check_no_other_frames
+from scenes.io.scan_files import split_index, write_scan, write_scans
+from scenes.io.scene_files import open_scene
+from scenes.io.trajectory import read_poses
 from scenes.mesh.orientation import Axis
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage

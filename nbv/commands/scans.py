@@ -34,8 +34,8 @@ from nbv.visibility.instances import with_aperture
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import allowed, load_candidates
 from scenes.checks import InputError
-from scenes.files.scan_request import read_request
-from scenes.formats.meshes.ply import write_mesh_ply
+from scenes.io.ply import write_mesh_ply
+from scenes.io.scan_request import read_request
 from scenes.run.atomic import write_json, write_text
 from scenes.scan.range_image import RangeImage
 

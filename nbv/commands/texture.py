@@ -17,7 +17,7 @@ from PIL import Image, ImageOps
 
 from nbv.commands.process.run import Shared, running
 from scenes.checks import InputError
-from scenes.formats.image import open_image
+from scenes.io.image import open_image
 from scenes.run.atomic import write_bytes
 from scenes.run.memory import require
 from texture.engine.scan_kernels import find_candidates

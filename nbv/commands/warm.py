@@ -21,8 +21,8 @@ from nbv.commands.process.run import Shared
 from nbv.commands.scan import Stand, run_scan
 from nbv.commands.texture import run_texture
 from nbv.visibility.standing.site import find_site
-from scenes.files.scan_request import ScanRequest
-from scenes.files.scene_files import open_scene
+from scenes.io.scan_request import ScanRequest
+from scenes.io.scene_files import open_scene
 
 _ROOM = "builtin:two_occluders"
 _SENSOR = """

@@ -25,8 +25,8 @@ from nbv.visibility.standing.site import Site
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import EVERYWHERE, Zones, zones_from_json
 from scenes.checks import InputError, check_number
-from scenes.formats.documents import read_json
-from scenes.formats.guard import one_line
+from scenes.io.documents import read_json
+from scenes.io.guard import one_line
 from scenes.pose import Pose
 from scenes.run.atomic import make_folder, write_json
 from scenes.run.staged_outputs import Stage

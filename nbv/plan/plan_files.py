@@ -12,7 +12,7 @@ import numpy as np
 
 from nbv.run.csv_table import csv_text
 from nbv.scanning.view import View
-from scenes.formats.trajectory import write_timed_poses
+from scenes.io.trajectory import write_timed_poses
 from scenes.pose import Pose
 from scenes.run.atomic import write_text
 

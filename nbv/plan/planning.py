@@ -29,7 +29,7 @@ from nbv.visibility.viewpoints import Candidates, allowed
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import InputError, check_kind, check_rng
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Mode, Scene

@@ -16,7 +16,7 @@ from completion.registration.registered import Registered
 from completion.registration.verdict import Verdict
 from nbv.run.wording import count
 from scenes.checks import FloatArray, InputError
-from scenes.files.scan_request import GivenScans, ScanRequest, read_request, turn_to_z
+from scenes.io.scan_request import GivenScans, ScanRequest, read_request, turn_to_z
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress
 from scenes.scan.range_image import RangeImage

@@ -18,8 +18,8 @@ from completion.options import CompletionOptions
 from completion.pipeline import complete, complete_first
 from nbv.run.workers import Share, cluster
 from scenes.checks import InputError
-from scenes.files.scan_files import split_index
-from scenes.files.scan_request import ScanRequest, read_request
+from scenes.io.scan_files import split_index
+from scenes.io.scan_request import ScanRequest, read_request
 from scenes.run.journal import FileJournal
 from scenes.run.mapping import mapped_in
 from scenes.run.memory import memory_limit

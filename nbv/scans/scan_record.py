@@ -13,8 +13,8 @@ import numpy as np
 from nbv.run.wording import letters, square_metres
 from nbv.scans.scan_coverage import ScanCoverage
 from scenes.checks import InputError
-from scenes.formats.documents import read_json
-from scenes.formats.guard import one_line
+from scenes.io.documents import read_json
+from scenes.io.guard import one_line
 from scenes.pose import Pose
 
 _SAME = 1e-6  # metres, and of a rotation matrix: two records of one pose

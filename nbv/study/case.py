@@ -24,8 +24,8 @@ from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry,
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.standing.candidates import Standing, counted, find_standing, samples_that_count
 from scenes.checks import InputError
-from scenes.files.scene_files import open_scene
-from scenes.formats.documents import read_json
+from scenes.io.documents import read_json
+from scenes.io.scene_files import open_scene
 from scenes.run.atomic import json_text, make_folder, write_json
 from scenes.world.scene import Scene
 

@@ -26,8 +26,8 @@ from completion.result.record import completion_record, display_mesh, model_part
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.checks import InputError
-from scenes.formats.meshes.glb import glb_of
-from scenes.formats.meshes.ply import read_mesh_ply
+from scenes.io.gltf import glb_of
+from scenes.io.ply import read_mesh_ply
 from scenes.pose import Pose
 from scenes.run import mapping, spill
 from scenes.run.atomic import json_text

@@ -8,7 +8,7 @@ import pytest
 
 from completion import Completion, CompletionOptions, complete
 from completion.evidence.evidence import Label
-from scenes.files.scan_files import read_scan
+from scenes.io.scan_files import read_scan
 from scenes.surfaces.catalogue import Cylinder, Plane
 from tests.helpers.data_paths import data_path, requires_data
 

@@ -49,7 +49,7 @@ sys.path.insert(0, {root!r})
 from pathlib import Path
 from tests.robustness.bad_files.trial import all_cases
 from tempfile import mkdtemp
-import scenes.formats.e57.e57, scenes.formats.las.las, pye57
+import scenes.io.e57, scenes.io.las, pye57
 cases = [case for case in all_cases() if case.kind == 7]
 folders = [Path(mkdtemp(prefix="within-")) for _ in cases]
 paths = [case.write(folder) for case, folder in zip(cases, folders)]
@@ -79,7 +79,7 @@ def test_nothing_outside_is_opened() -> None:
 
 
 def test_the_page_lists_every_limit() -> None:
-    from scenes.run.file_limits import LIMIT_NAMES
+    from scenes.io.limits import LIMIT_NAMES
 
     text = Path(ROOT, "docs", "guides", "bad-input.md").read_text("utf-8")
     assert [name for name in LIMIT_NAMES if f"| `{name}` |" not in text] == []

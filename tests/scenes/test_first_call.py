@@ -23,7 +23,7 @@ HEAVY = (
 
 
 @pytest.mark.parametrize(
-    "module", ["scenes.files.scan_files", "scenes.files.describe", "texture.surface.surface_fill"]
+    "module", ["scenes.io.scan_files", "scenes.io.describe", "texture.surface.surface_fill"]
 )
 def test_no_large_library_loads_before_it_is_needed(module):
     code = f"import sys, {module}; print([name for name in {HEAVY} if name in sys.modules])"

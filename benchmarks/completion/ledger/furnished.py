@@ -16,7 +16,7 @@ from benchmarks.frames import walk
 from nbv import scan_scene
 from scenes import RangeImage, RayCaster
 from scenes.checks import FloatArray
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.mesh.orientation import Axis
 
 _EYE_M = 1.5  # above the floor

@@ -17,7 +17,7 @@ from benchmarks.completion.scenes.houses.house import House, random_house
 from benchmarks.frames import walk
 from nbv import PinholeSensor, scan_scene
 from scenes import RangeImage, RayCaster, read_scan
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.mesh.orientation import Axis
 
 DATA = Path(os.environ.get("UNSEEN_DATA", Path(__file__).resolve().parents[4] / "shared" / "data"))

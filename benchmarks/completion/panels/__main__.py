@@ -28,7 +28,7 @@ from completion import Completion, CompletionOptions, complete
 from nbv import PinholeSensor, scan_scene
 from scenes import RangeImage, builtin_scene, read_scan
 from scenes.checks import FloatArray
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.pose import Pose
 from scenes.world.scene import Scene
 

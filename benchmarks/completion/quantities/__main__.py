@@ -25,7 +25,7 @@ from nbv import PinholeSensor, scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
 from scenes import RangeImage
 from scenes.checks import FloatArray
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.pose import Pose
 
 _PANORAMA = SphericalSensor(

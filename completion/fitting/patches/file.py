@@ -14,8 +14,8 @@ import numpy as np
 from completion.fitting.patches.boundary import Boundary, Join, check_boundaries
 from completion.fitting.patches.patch import SIDES, SideName
 from scenes.checks import InputError
-from scenes.formats.documents import read_json
-from scenes.formats.guard import reading
+from scenes.io.documents import read_json
+from scenes.io.guard import reading
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 _KNOWN = (*SIDES, "free", "controls", "note")

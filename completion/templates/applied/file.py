@@ -14,7 +14,7 @@ from completion.templates.engine.options import OPENINGS
 from completion.templates.engine.template import Seen, Side, Status, TemplateFit
 from completion.templates.openings.walls.recess import SIDES
 from scenes.checks import FloatArray, InputError, check_coordinates, check_direction, check_places
-from scenes.formats.documents import read_json
+from scenes.io.documents import read_json
 
 PATTERNS = ("hole-row", "hole-grid", "bolt-circle")
 JOINTS = ("junction", "elbow")

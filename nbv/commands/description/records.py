@@ -10,8 +10,8 @@ from typing import Any
 
 from nbv.run.manifest import manifest_path
 from scenes.checks import InputError
-from scenes.formats.documents import parse_json, read_text
-from scenes.formats.guard import reading
+from scenes.io.documents import parse_json, read_text
+from scenes.io.guard import reading
 
 Content = Mapping[str, Any]
 

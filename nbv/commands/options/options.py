@@ -15,8 +15,8 @@ import typer
 from nbv.commands.process.run import Shared
 
 if TYPE_CHECKING:
-    from scenes.files.scan_request import ScanRequest
-    from scenes.formats.format import Units
+    from scenes.io.format import Units
+    from scenes.io.scan_request import ScanRequest
     from scenes.scan.upright import SignedAxis
 
 
@@ -50,7 +50,7 @@ def parse_limits(given: Iterable[str], option: str) -> Mapping[str, int]:
     >>> parse_limits(["faces=200M", "file_bytes=8GiB"], "--limit")
     {'faces': 200000000, 'file_bytes': 8589934592}
     """
-    from scenes.run.file_limits import LIMIT_NAMES  # numpy comes with it, and is not needed to show help
+    from scenes.io.limits import LIMIT_NAMES  # numpy comes with it, and is not needed to show help
 
     found: dict[str, int] = {}
     for text in given:
@@ -255,7 +255,7 @@ def asked_scans(
     up: SignedAxis = "z",
 ) -> ScanRequest:
     """Return the scans that a command is given; what cannot be read is a usage error."""
-    from scenes.files.scan_request import ScanRequest
+    from scenes.io.scan_request import ScanRequest
 
     camera = None if intrinsics is None else parse_numbers(intrinsics, 4, "--intrinsics")
     stood = tuple(parse_numbers(text, 3, "--origin") for text in origin or ())

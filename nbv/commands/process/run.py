@@ -31,7 +31,7 @@ class Shared:
     """Options that every command has.
 
     `out` is the folder or file to write, the command's default when not given; `max_memory` are bytes, and
-    `limits` those of what files may hold that are not the defaults, by name; see `scenes.run.file_limits`.
+    `limits` those of what files may hold that are not the defaults, by name; see `scenes.io.limits`.
     """
 
     out: Path | None = None
@@ -144,7 +144,7 @@ def running(
     """
     from nbv.run.manifest import Inputs, Stopwatch
     from scenes.checks import InputError
-    from scenes.run.file_limits import limits
+    from scenes.io.limits import limits
     from scenes.run.memory import memory_limit
     from scenes.run.staged_outputs import Stage, locked
 

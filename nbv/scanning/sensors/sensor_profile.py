@@ -22,8 +22,8 @@ from nbv.scanning.effects.quantisation import Quantisation
 from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, SphericalSensor
 from nbv.scanning.sensors.triangulation import LineSensor, TriangulationSensor
 from scenes.checks import MOST_M, InputError
-from scenes.formats.documents import parse_toml, read_toml
-from scenes.formats.guard import check_size, reading
+from scenes.io.documents import parse_toml, read_toml
+from scenes.io.guard import check_size, reading
 
 _KINDS: dict[str, type[Any]] = {
     kind.kind: kind for kind in (PinholeSensor, SphericalSensor, LineSensor, TriangulationSensor)

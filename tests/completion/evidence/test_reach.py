@@ -20,7 +20,7 @@ from completion.extension.bounds import farthest_hidden
 from completion.observe.observation import observe
 from completion.observe.rays import deviation_at
 from completion.observe.triple import triple
-from scenes.files.scan_files import read_scan
+from scenes.io.scan_files import read_scan
 from scenes.pose import Pose
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import RangeImage

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 from completion.exchange.drawing.svg import svg_of
 from completion.exchange.ifc.pipeline import ifc_of
 from nbv.cli import app
-from scenes.files.scan_files import write_scan
+from scenes.io.scan_files import write_scan
 from tests.helpers.completion_examples import completed, example
 
 

@@ -14,7 +14,7 @@ from completion.fitting.result import FitError
 from completion.fitting.robust import tukey_weights
 from completion.fitting.selection import select, weigh
 from scenes.checks import FloatArray
-from scenes.files.scan_files import read_scan
+from scenes.io.scan_files import read_scan
 from scenes.surfaces.catalogue import surfaces_close
 from tests.completion.fitting.test_laws import SURFACES, sampled
 from tests.helpers.data_paths import data_path, requires_data

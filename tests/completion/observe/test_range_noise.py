@@ -4,7 +4,7 @@ import pytest
 
 from completion.observe.range_noise import RangeNoise, estimate_noise
 from nbv.scanning.effects.quantisation import Quantisation
-from scenes.files.scan_files import read_scan
+from scenes.io.scan_files import read_scan
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage

@@ -15,7 +15,7 @@ from completion.panels.fold_edge import meeting_covariance, turned
 from completion.panels.healing import edges_of, vertices_within_edges
 from completion.panels.sheet import Sheet, spread_provenance
 from completion.pipeline import complete
-from scenes.formats.meshes.ply import read_mesh_ply
+from scenes.io.ply import read_mesh_ply
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.pose import Pose
 from tests.helpers.completion_examples import example

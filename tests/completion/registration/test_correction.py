@@ -13,7 +13,7 @@ from completion.registration import correction
 from completion.registration.correction import Registration, register
 from completion.registration.facets import facets_of
 from completion.registration.prior import settle
-from scenes.files.scan_files import read_scan
+from scenes.io.scan_files import read_scan
 from scenes.pose import Pose
 from tests.helpers.crate_scans import misplaced, scan
 from tests.helpers.data_paths import data_path, requires_data

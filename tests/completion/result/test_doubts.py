@@ -13,7 +13,7 @@ from completion.merging.unconfirmed import Unconfirmed
 from completion.result.record import completion_record
 from nbv.cli import app
 from nbv.report.completion_report import pose_sections
-from scenes.files.scan_files import write_scan
+from scenes.io.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage

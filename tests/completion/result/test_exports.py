@@ -19,10 +19,10 @@ from completion.pipeline import complete
 from completion.result.polygons import polygons_record
 from completion.result.record import inferred_points, model_parts
 from scenes.checks import InputError
-from scenes.files.point_files import read_points
-from scenes.files.scan_files import read_scans
-from scenes.files.scene_files import load_scene
-from scenes.formats.e57.e57_inferred import INFERRED
+from scenes.io.e57_writer import INFERRED
+from scenes.io.point_files import read_points
+from scenes.io.scan_files import read_scans
+from scenes.io.scene_files import load_scene
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

@@ -19,7 +19,7 @@ from nbv.run.wording import square_metres
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.checks import InputError
-from scenes.files.scan_files import write_scan
+from scenes.io.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

@@ -18,7 +18,7 @@ from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
-from scenes.files.scan_files import read_scan
+from scenes.io.scan_files import read_scan
 from scenes.surfaces.catalogue import Cylinder
 from tests.helpers.data_paths import data_path, requires_data
 

@@ -15,7 +15,7 @@ from completion.segmentation.regions import Region, SegmentationOptions
 from completion.segmentation.relief import typical_relief
 from completion.segmentation.seams import find_seams
 from scenes.checks import IntArray
-from scenes.files.scan_request import ScanRequest, read_request
+from scenes.io.scan_request import ScanRequest, read_request
 from scenes.scan.range_image import RangeImage
 from tests.helpers.completion_examples import example
 from tests.helpers.data_paths import data_path, requires_data

@@ -19,8 +19,8 @@ from completion.texturing.problem import choose_samples, distance_to
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.checks import InputError
-from scenes.files.scene_files import load_scene
-from scenes.formats.meshes.glb import glb_of
+from scenes.io.gltf import glb_of
+from scenes.io.scene_files import load_scene
 from scenes.pose import Pose
 from scenes.world.building import Finish, SceneBuilder
 from scenes.world.builtin import brick

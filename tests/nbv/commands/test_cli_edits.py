@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from nbv.cli import app
 from nbv.report.page.page import Page
-from scenes.files.scan_files import write_scan
+from scenes.io.scan_files import write_scan
 from tests.helpers.completion_examples import example
 
 

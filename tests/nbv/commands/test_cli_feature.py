@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from benchmarks.features.walls import opening_case
 from nbv.cli import app
-from scenes.files.point_files import read_points
-from scenes.formats.scans.npz import write_npz
+from scenes.io.npz import write_npz
+from scenes.io.point_files import read_points
 
 CASE = opening_case(102, "doorway", 0.3)
 

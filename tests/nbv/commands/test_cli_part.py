@@ -9,7 +9,7 @@ import trimesh
 from typer.testing import CliRunner
 
 from nbv.cli import app
-from scenes.formats.meshes.ply import read_mesh_ply, write_mesh_ply
+from scenes.io.ply import read_mesh_ply, write_mesh_ply
 from tests.helpers.wall_examples import corner_mesh, panelled, wall_mesh
 
 N = 900

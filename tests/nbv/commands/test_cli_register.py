@@ -12,7 +12,7 @@ from nbv.cli import app
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor
 from nbv.scans.registering import copies_of, copies_told
-from scenes.files.scan_files import read_scans, write_scan, write_scans
+from scenes.io.scan_files import read_scans, write_scan, write_scans
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from nbv.plan.plan import read_plan
-from scenes.files.scan_files import read_scan
-from scenes.files.scan_request import ScanRequest, read_request
-from scenes.formats.meshes.ply import read_mesh_ply
+from scenes.io.ply import read_mesh_ply
+from scenes.io.scan_files import read_scan
+from scenes.io.scan_request import ScanRequest, read_request
 from tests.nbv.commands.test_cli import assert_fails_in_one_line, contents, run, succeed
 
 ROOM = "builtin:two_occluders"

@@ -12,7 +12,7 @@ import completion.result.openings as openings
 import completion.texturing.chart_texture as atlas
 import nbv.report.completion_report  # noqa: F401 - so that all the command uses is loaded
 from nbv.cli import app
-from scenes.files.scan_files import write_scan
+from scenes.io.scan_files import write_scan
 from tests.helpers.completion_examples import example
 
 

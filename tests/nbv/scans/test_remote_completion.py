@@ -25,8 +25,8 @@ from nbv.scanning.view import View
 from nbv.scans import remote_completion
 from nbv.scans.remote_completion import CompletionTask
 from scenes.checks import InputError
-from scenes.files.scan_files import write_scan
-from scenes.files.scan_request import ScanRequest, read_request
+from scenes.io.scan_files import write_scan
+from scenes.io.scan_request import ScanRequest, read_request
 from scenes.pose import Pose
 from scenes.run.journal import NO_JOURNAL, FileJournal
 from scenes.run.shared_journal import Claims

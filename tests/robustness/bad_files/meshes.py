@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from scenes.files.scene_files import load_scene
+from scenes.io.scene_files import load_scene
 from tests.robustness.bad_files.case import Case, Outcome, cut
 
 SIDE = np.array([[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0], [0, 0, 2], [4, 0, 2]], float)

@@ -12,8 +12,8 @@ import numpy as np
 
 from completion.fitting.pipeline import fit
 from completion.fitting.result import FitError
-from scenes.files.point_files import read_points
-from scenes.files.scene_files import units_doubt
+from scenes.io.point_files import read_points
+from scenes.io.scene_files import units_doubt
 from tests.robustness.bad_files import scans
 from tests.robustness.bad_files.case import Case, Outcome, cut
 from tests.robustness.bad_files.meshes import folder_called

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from scenes.files.describe_scans import scan_warnings
-from scenes.files.scan_files import read_scans, write_scan
-from scenes.formats.e57.e57_structure import _CHECKSUM, _PAGE
+from scenes.io.describe import scan_warnings
+from scenes.io.e57_structure import _CHECKSUM, _PAGE
+from scenes.io.scan_files import read_scans, write_scan
 from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt
 from scenes.scan.projection import PinholeProjection
@@ -405,7 +405,7 @@ def stations() -> list[Pose]:
 
 
 def write_poses(path: Path, poses: Sequence[Pose]) -> None:
-    from scenes.formats.trajectory import write_poses as write
+    from scenes.io.trajectory import write_poses as write
 
     write(path, poses)
 

@@ -17,10 +17,10 @@ from typing import Any
 
 INSTRUMENTED = (
     "scenes.formats",
-    "scenes.files.scene_files",
-    "scenes.files.scan_files",
-    "scenes.files.point_files",
-    "scenes.files.describe",
+    "scenes.io.scene_files",
+    "scenes.io.scan_files",
+    "scenes.io.point_files",
+    "scenes.io.describe",
 )
 """Modules whose branches are counted; none that numba compiles."""
 

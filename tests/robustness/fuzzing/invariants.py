@@ -12,7 +12,7 @@ import numpy as np
 from completion.edits.edit import Edit
 from nbv.plan.plan import Plan
 from nbv.visibility.viewpoints import Candidates
-from scenes.files.point_files import PointCloud
+from scenes.io.point_files import PointCloud
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.scan.colour import unit_colour

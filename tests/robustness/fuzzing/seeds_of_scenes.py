@@ -10,11 +10,11 @@ import numpy as np
 from PIL import Image
 
 from nbv.scanning.sensors.sensor_profile import load_sensor
-from scenes.formats.meshes.glb import glb_of
-from scenes.formats.meshes.obj import write_obj
-from scenes.formats.meshes.off import write_off
-from scenes.formats.meshes.ply import write_mesh_ply
-from scenes.formats.meshes.stl import write_stl
+from scenes.io.gltf import glb_of
+from scenes.io.obj import write_obj
+from scenes.io.off import write_off
+from scenes.io.ply import write_mesh_ply
+from scenes.io.stl import write_stl
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart
 from tests.robustness.fuzzing.case import Case

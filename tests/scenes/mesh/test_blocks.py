@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from scenes.formats.meshes.glb import glb_of
+from scenes.io.gltf import glb_of
 from scenes.mesh.blocks import Blocks, in_blocks
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.mesh.mesh_parts import MeshPart

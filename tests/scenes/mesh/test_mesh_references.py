@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 
 from scenes.checks import InputError
-from scenes.files.scene_files import load_scene
-from scenes.formats.references import check_references, within_folder
-from scenes.run.file_limits import limits
+from scenes.io.limits import limits
+from scenes.io.references import check_references, within_folder
+from scenes.io.scene_files import load_scene
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"
 OUTSIDE = ["../secret.png", "/secret.png", "C:\\secret.png", "http://host/secret.png", "a/../../secret.png"]

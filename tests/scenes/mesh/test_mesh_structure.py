@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.files.scene_files import load_scene
-from scenes.formats.meshes.gltf_structure import data_bytes
-from scenes.formats.meshes.obj import check_obj, plain_obj
-from scenes.formats.meshes.ply_structure import check_ply
+from scenes.io.gltf import data_bytes
+from scenes.io.obj import check_obj, plain_obj
+from scenes.io.ply import check_ply
+from scenes.io.scene_files import load_scene
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.mesh_doubts import mesh_doubts
 from tests.robustness.bad_files import meshes
@@ -220,7 +220,7 @@ def test_binary_lists_of_two_lengths_are_refused() -> None:
 
 def test_decoders_print_nothing(tmp_path: Path) -> None:
     path = meshes.write_ply(tmp_path, meshes.SIDE, meshes.FACES, "comment TextureFile gone.png\n")
-    code = f"from scenes.files.scene_files import load_scene; print(load_scene({str(path)!r}).warnings)"
+    code = f"from scenes.io.scene_files import load_scene; print(load_scene({str(path)!r}).warnings)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert "1 texture is missing" in done.stdout
     assert done.stderr == ""

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenes.files.scan_files import in_metres, read_scan, write_scan
+from scenes.io.scan_files import in_metres, read_scan, write_scan
 from scenes.pose import Pose
 from scenes.run import mapping, packing
 from scenes.run.mapping import is_mapped

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.files.describe_scans import scan_warnings
-from scenes.files.point_files import read_points
-from scenes.files.scan_files import read_scan, read_scans
-from scenes.formats.e57.e57_structure import check_e57
-from scenes.formats.header import range_warnings
-from scenes.formats.rgbd.rgbd import depth_warnings
-from scenes.formats.scans.station import scan_from_station
+from scenes.io.describe import scan_warnings
+from scenes.io.e57_structure import check_e57
+from scenes.io.header import range_warnings
+from scenes.io.point_files import read_points
+from scenes.io.rgbd import depth_warnings
+from scenes.io.scan_files import read_scan, read_scans
+from scenes.io.station import scan_from_station
 from scenes.pose import Pose, rotation_of
 from scenes.scan.convention import convention_doubt
 from scenes.scan.range_image import RangeImage

@@ -11,8 +11,8 @@ from nbv import PinholeSensor, scan_scene
 from nbv.cli import app
 from scenes import Pose, builtin_scene
 from scenes.checks import InputError
-from scenes.files.scan_files import read_scans, write_scan
-from scenes.files.scan_request import ScanRequest, read_request
+from scenes.io.scan_files import read_scans, write_scan
+from scenes.io.scan_request import ScanRequest, read_request
 from scenes.scan.range_image import RangeImage
 from scenes.scan.upright import upright
 from tests.helpers.data_paths import data_path, requires_data

@@ -17,7 +17,7 @@ from benchmarks.completion.scenes.houses.furniture.seats import chair
 from benchmarks.completion.scenes.houses.furniture.solids import quads
 from nbv.scanning.scanner import scan_scene
 from scenes.checks import BoolArray, FloatArray, InputError
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.mesh.orientation import Axis
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.formats.guard import import_extra
+from scenes.io.guard import import_extra
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import perpendicular
 

@@ -11,7 +11,7 @@ from nbv.visibility.standing.bounding import bounding_surface
 from nbv.visibility.standing.site import find_site
 from nbv.visibility.standing.site_options import SiteOptions
 from scenes.checks import InputError
-from scenes.files.scene_files import load_scene
+from scenes.io.scene_files import load_scene
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.world.builtin import builtin_scene
 from scenes.world.scene import Scene

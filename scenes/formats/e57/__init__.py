@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""E57: structured laser scans, read, checked and written."""

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""LAS and LAZ: point clouds, checked, read and written."""

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""RGB-D folders: colour and depth images with a trajectory."""

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Scan formats: organised points, text and clouds as range images."""

@@ -1,0 +1,426 @@
+# SPDX-License-Identifier: MIT
+"""E57: structured terrestrial laser scans, read with pye57 some points at a time."""
+
+from __future__ import annotations
+
+import hashlib
+import uuid
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.io.cloud import RawPoints
+from scenes.io.documents import parse_json
+from scenes.io.e57_structure import check_e57
+from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fit_grid, lie_on_rays, organised_scan
+from scenes.io.guard import check_size, import_extra
+from scenes.io.header import (
+    FORMAT,
+    described,
+    not_finite_warnings,
+    projection_from_dict,
+)
+from scenes.io.station import scan_from_station
+from scenes.pose import Pose, rotation_of
+from scenes.run.mapping import allocate, release
+from scenes.scan.pixels import copied, finite_points, ranges_of, row_blocks
+from scenes.scan.range_image import RangeImage
+
+_CHUNK = 100_000  # points: read as fast as more, in 5 MB
+_COLOURS = tuple(f"color{name}" for name in ("Red", "Green", "Blue"))
+_CARTESIAN = tuple(f"cartesian{axis}" for axis in "XYZ")
+_LIGHT = "intensity"
+_PIXELS = ("rowIndex", "columnIndex")
+_SPHERICAL = tuple(f"spherical{part}" for part in ("Range", "Azimuth", "Elevation"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointChunk:
+    """The valid ones among some consecutive points of a scan.
+
+    Attributes
+    ----------
+    points : (n, 3) float32 or float64
+        In the scanner's frame, metres, finite and not zero; float32 where the file has them so.
+    pixels : (2, n) int64
+        Rows and columns of the grid, as in the file; (0, n) where there is none.
+    colour : (n, 3) uint8, optional
+        sRGB.
+    intensity : (n,) float32, optional
+        On the instrument's scale.
+    n_read, n_bad : int
+        Points of the file that this stands for, and how many of them are not finite.
+    """
+
+    points: NDArray[Any]
+    pixels: NDArray[np.int64]
+    colour: ColourArray | None
+    intensity: NDArray[np.float32] | None
+    n_read: int
+    n_bad: int
+
+
+def point_chunks(file: Any, index: int, *, places_alone: bool = False) -> Iterator[PointChunk]:
+    """Yield the points of scan `index` of an open pye57 file, at most `_CHUNK` of them at a time.
+
+    With `places_alone` without colour and intensity, which is faster.
+
+    Raises InputError: without coordinates; what the library raises: damaged.
+    """
+    module = import_extra("pye57", "e57")
+    header = file.get_header(index)
+    fields = [field for field in header.point_fields if field in module.e57.SUPPORTED_POINT_FIELDS]
+    fields = [field for field in fields if field not in (*_COLOURS, _LIGHT) or not places_alone]
+    kind = np.float32 if _is_single(header.points, fields, module.libe57) else np.float64
+    held, buffers = file.make_buffers(fields, min(_CHUNK, max(header.point_count, 1)))
+    with closing(header.points.reader(buffers)) as reader:
+        while n_read := reader.read():
+            yield _valid({field: column[:n_read] for field, column in held.items()}, n_read, kind)
+
+
+def _is_single(points: Any, names: list[str], lib: Any) -> bool:
+    """Tell whether a file has its coordinates in single precision."""
+    record = lib.StructureNode(points.prototype())
+    nodes = [record[name] for name in names if name in _CARTESIAN]
+    return bool(nodes) and all(
+        isinstance(node, lib.FloatNode) and node.precision() == lib.E57_SINGLE for node in nodes
+    )
+
+
+def _valid(data: dict[str, Any], n_read: int, kind: Any) -> PointChunk:
+    """The valid points of some columns of numbers, which are copied."""
+    points = _points(data)
+    finite, kept = finite_points(points), (points[:, 0] != 0) | (points[:, 1] != 0) | (points[:, 2] != 0)
+    kept &= finite
+    state = data.get("cartesianInvalidState" if _CARTESIAN[0] in data else "sphericalInvalidState")
+    if state is not None:
+        kept &= state == 0
+    grid = _PIXELS if all(name in data for name in _PIXELS) else ()
+    has_colour = all(name in data for name in _COLOURS)
+    return PointChunk(
+        points=points[kept].astype(kind),
+        pixels=np.array([data[name][kept] for name in grid], np.int64).reshape(len(grid), kept.sum()),
+        colour=np.stack([data[name][kept] for name in _COLOURS], axis=-1) if has_colour else None,
+        intensity=data[_LIGHT][kept] if _LIGHT in data else None,
+        n_read=n_read,
+        n_bad=int((~finite).sum()),
+    )
+
+
+def _points(data: dict[str, Any]) -> FloatArray:
+    """Points (n, 3) in the scanner's frame."""
+    if _CARTESIAN[0] in data:
+        return np.stack([data[name] for name in _CARTESIAN], axis=-1)
+    if _SPHERICAL[0] in data:
+        reach, azimuth, elevation = (data[name] for name in _SPHERICAL)
+        across = reach * np.cos(elevation)
+        sides = [across * np.cos(azimuth), across * np.sin(azimuth), reach * np.sin(elevation)]
+        return np.stack(sides, axis=-1)
+    raise InputError("has neither cartesian nor spherical coordinates")
+
+
+if TYPE_CHECKING:
+    from scenes.scan.projection import Projection
+    from scenes.scan.ray_grid import RayGrid
+
+_SENSOR_FROM_SCANNER = SCANNER_FROM_SENSOR.inverse()
+_MOST_INDEX = 2**31
+_SPARSE, _FEW = 1000, 1_000_000  # pixels for each point, and in all cases, beyond which no image is made
+_CHUNKS_HELD = 10  # that memory holds pixels of: columns lie side by side in the same pages
+
+
+@dataclass(slots=True)
+class Survey:
+    """What is seen of points that pass: their number, and the least and largest row and column."""
+
+    n_kept: int = 0
+    n_read: int = 0
+    n_bad: int = 0
+    low: NDArray[np.int64] = field(default_factory=lambda: np.full(2, _MOST_INDEX))
+    high: NDArray[np.int64] = field(default_factory=lambda: np.zeros(2, np.int64))
+
+    def see(self, chunk: PointChunk) -> None:
+        """Count the points of a chunk that has pixels."""
+        self.n_kept, self.n_read = self.n_kept + len(chunk.points), self.n_read + chunk.n_read
+        self.n_bad += chunk.n_bad
+        self.low = np.minimum(self.low, chunk.pixels.min(axis=1, initial=_MOST_INDEX))
+        self.high = np.maximum(self.high, chunk.pixels.max(axis=1, initial=0))
+
+
+class _BeyondError(Exception):
+    """A point has a pixel beyond what was announced."""
+
+
+def gridded(
+    chunks: Callable[..., Iterable[PointChunk]],
+    announced: Survey,
+    pose: Pose,
+    name: str,
+    ours: dict[str, Any] | None,
+) -> RangeImage:
+    """Return the scan of the points that `chunks` gives, anew each time, from a scanner at `pose`.
+
+    Pixels are the file's own indices where a header says that it is of ours, less their minima where none
+    does. Of several returns of a pixel the first is kept. Points on the rays of a known projection are held
+    as ranges alone. The bounds that are `announced` save a look at the points; where they are none, or are
+    wrong, that look is taken.
+
+    Raises InputError: no valid point, indices that are damaged, no projection that explains the points.
+    """
+    projection = None if ours is None else projection_from_dict(ours["projection"])
+    if projection is not None:
+        announced.low, announced.high = np.zeros(2, np.int64), np.array(projection.shape) - 1
+    size = [int(n) for n in announced.high - announced.low + 1]
+    if min(size) > 0 and size[0] * size[1] <= _SPARSE * announced.n_kept + _FEW:
+        try:
+            return _gridded(chunks, announced, projection, pose, name=name, ours=ours)
+        except _BeyondError:
+            pass
+    seen = Survey()
+    for chunk in chunks(places_alone=True):
+        seen.see(chunk)
+    if not seen.n_kept:
+        raise InputError(f"{name}: has no valid point")
+    if projection is not None and (seen.high >= projection.shape).any():
+        raise InputError(
+            f"its rows and columns reach {seen.high.tolist()}, its header says {projection.shape}"
+        )
+    bounds = seen if projection is None else announced
+    rows, columns = (int(n) for n in bounds.high - bounds.low + 1)
+    check_size(rows, columns)
+    if rows * columns > _SPARSE * seen.n_kept + _FEW:
+        raise InputError(f"{seen.n_kept} points in a grid of {rows} x {columns}: are its indices damaged?")
+    return _gridded(chunks, bounds, projection, pose, name=name, ours=ours)
+
+
+def _gridded(
+    chunks: Callable[..., Iterable[PointChunk]],
+    bounds: Survey,
+    projection: Projection | None,
+    pose: Pose,
+    name: str,
+    ours: dict[str, Any] | None,
+) -> RangeImage:
+    """The scan of points whose pixels are within bounds, which are those of a projection that is known."""
+    rays = None if projection is None else projection.ray_grid()
+    held = _images(chunks(), bounds, rays) if rays is not None else None
+    is_on_rays = held is not None
+    if held is None:
+        held = _images(chunks(), bounds, None)
+    if held is None or not held.images:
+        raise InputError(f"{name}: has no valid point")
+    images, seen = held.images, held.seen
+    if projection is None:
+        images = {key: _cropped(image, bounds, seen) for key, image in images.items()}
+    about: dict[str, Any] = {key: images.get(key) for key in ("colour", "intensity")} | {"name": name}
+    about["world_from_sensor"] = pose @ SCANNER_FROM_SENSOR
+    place = images["place"]
+    if projection is not None and is_on_rays:
+        scan = RangeImage(place, projection, **about)
+    else:
+        scan = organised_scan(place, projection or fit_grid(place).projection, **about)
+    n_more = seen.n_kept - held.n_filled
+    several = (f"{n_more} further returns of pixels with several were left out",) if n_more else ()
+    warnings = not_finite_warnings(seen.n_bad, seen.n_read) + several
+    scan = described(scan, ours)
+    return scan.restated(warnings=warnings) if warnings else scan
+
+
+def _cropped(image: NDArray[Any], bounds: Survey, seen: Survey) -> NDArray[Any]:
+    """The part of an image, whose pixels are within bounds, that has points."""
+    first, last = seen.low - bounds.low, seen.high - bounds.low + 1
+    rows, columns = slice(first[0], last[0]), slice(first[1], last[1])
+    part: NDArray[Any] = image[rows, columns]
+    if part.flags.c_contiguous:
+        return part
+    copy: NDArray[Any] = copied(part)
+    copy.setflags(write=False)
+    return copy
+
+
+class _Held(NamedTuple):
+    """Read-only images by name, what was seen of the points in them, and how many pixels have one."""
+
+    images: dict[str, NDArray[Any]]
+    seen: Survey
+    n_filled: int
+
+
+def _images(chunks: Iterable[PointChunk], bounds: Survey, rays: RayGrid | None) -> _Held | None:
+    """Sort points, and what else they have, into images of the pixels within bounds.
+
+    "place" is the points of the sensor's frame, NaN for none; or with `rays` their ranges, inf for none, and
+    nothing is returned when a point lies beside its ray. "colour", bytes, and "intensity" are black and 0
+    for none. Raises _BeyondError: a pixel is not within bounds.
+    """
+    images, seen, shape = dict[str, Any](), Survey(), tuple(int(n) for n in bounds.high - bounds.low + 1)
+    check_size(*shape)
+    filled = np.zeros(shape[0] * shape[1], np.bool_)
+    for number, chunk in enumerate(chunks, start=1):
+        seen.see(chunk)
+        if seen.n_kept and ((seen.low < bounds.low).any() or (seen.high > bounds.high).any()):
+            raise _BeyondError
+        row, column = chunk.pixels - bounds.low[:, None]
+        place: NDArray[Any] = _SENSOR_FROM_SCANNER.apply(chunk.points)
+        if rays is not None:
+            place, points = ranges_of(place), place
+            if not (np.isfinite(place).all() and lie_on_rays(points, place, rays.at(row, column))):
+                return None
+        found = {"place": place, "colour": chunk.colour, "intensity": chunk.intensity}
+        known = {name: values for name, values in found.items() if values is not None}
+        if not images:
+            kinds = {"place": np.float64 if rays else chunk.points.dtype, "colour": np.uint8}
+            images = {
+                name: allocate((*shape, *one.shape[1:]), kinds.get(name, np.float32))
+                for name, one in known.items()
+            }
+        pixel = row * shape[1] + column
+        new = ~filled[pixel]
+        filled[pixel] = True
+        for name, values in known.items():  # backwards: the first of several is written last
+            images[name].reshape(-1, *values.shape[1:])[pixel[new][::-1]] = values[new][::-1]
+        if number % _CHUNKS_HELD == 0:
+            release(*images.values())
+    if not seen.n_kept:
+        return _Held({}, seen, 0)
+    for rows in row_blocks(shape, *images.values()):
+        images["place"][rows][~filled.reshape(shape)[rows]] = np.nan if rays is None else np.inf
+    for image in images.values():
+        image.setflags(write=False)
+    return _Held(images, seen, int(np.count_nonzero(filled)))
+
+
+INFERRED = "unseen inferred points 1"
+"""Format that the description of a cloud of inferred points names."""
+_CURE = (
+    "it is an unstructured cloud, so which ray saw which point is lost; "
+    "export the scan as structured (gridded) E57, with rowIndex and columnIndex, or say where the scanner "
+    "stood (--origin X,Y,Z)"
+)
+
+
+class E57File:
+    """The scans of an E57 file, which stays open as long as this; clouds of inferred points are none.
+
+    Raises InputError: no E57, damaged, or the extra is missing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        module = import_extra("pye57", "e57")
+        check_e57(path)
+        self._stem, self._file = path.stem, module.E57(str(path))
+        headers = enumerate(map(self._file.get_header, range(self._file.scan_count)))
+        self._own = [k for k, header in headers if INFERRED not in _text(header, "description")]
+
+    def __len__(self) -> int:
+        return len(self._own)
+
+    def scan(self, index: int) -> RangeImage:
+        """Return scan `index` (from 0).
+
+        Pixel (row, column) of the image is the file's own rowIndex, columnIndex, less their minima; rows may
+        run upwards. Azimuths of columns and elevations of rows are estimated from the points, unless a file
+        of ours states them, and the measured points are kept. A scan without a pose stands at the origin,
+        upright. An unstructured scan with a pose becomes the spherical image that `scan_from_station` makes
+        of its points.
+
+        Raises InputError: unstructured and without a pose, damaged (checksum), or a grid that no projection
+        explains.
+        """
+        header = self._file.get_header(self._own[index])
+        name = _text(header, "name")
+        missing = {"rowIndex", "columnIndex"} - set(header.point_fields)
+        if missing and header.has_pose():
+            return _projected(self.points(index), name or self._stem)
+        if missing:
+            names = " and no ".join(sorted(missing, reverse=True))
+            raise InputError(f"scan {index + 1} has no {names}: {_CURE}")
+        name = name or (f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem)
+        chunks, ours = (
+            partial(point_chunks, self._file, self._own[index]),
+            _ours(_text(header, "description")),
+        )
+        return gridded(chunks, _announced(header), _read_pose(header), name, ours)
+
+    def points(self, index: int) -> RawPoints:
+        """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
+
+        Structured or not; a scan without pose and grid may have been merged from several, so that its place
+        is None.
+
+        Raises InputError: damaged, or without coordinates.
+        """
+        header = self._file.get_header(self._own[index])
+        pose, is_one_scan = _read_pose(header), header.has_pose() or "rowIndex" in header.point_fields
+        world, colour = np.empty((header.point_count, 3)), np.empty((header.point_count, 3), np.uint8)
+        n_kept = n_read = n_bad = 0
+        has_colour = True
+        for chunk in point_chunks(self._file, self._own[index]):
+            part = slice(n_kept, n_kept + len(chunk.points))
+            world[part] = pose.apply(chunk.points)
+            if chunk.colour is None:
+                has_colour = False
+            else:
+                colour[part] = chunk.colour
+            n_kept, n_read, n_bad = part.stop, n_read + chunk.n_read, n_bad + chunk.n_bad
+        return RawPoints(
+            world[:n_kept],
+            origins=pose.translation if is_one_scan else None,
+            colour=colour[:n_kept] if has_colour else None,
+            warnings=not_finite_warnings(n_bad, n_read),
+        )
+
+
+def _projected(cloud: RawPoints, name: str) -> RangeImage:
+    """An unstructured scan as the image that a scanner at its pose's place would have taken."""
+    scan = scan_from_station(cloud.points, cloud.origins, name, cloud.colour)
+    return scan.restated(warnings=cloud.warnings)
+
+
+def _announced(header: Any) -> Survey:
+    """Rows and columns as the file's header tells them; none where it does not."""
+    found = Survey(header.point_count)
+    if "indexBounds" in header.scan_fields:
+        bounds = header["indexBounds"]
+        names = [[f"{axis}{end}" for axis in ("row", "column")] for end in ("Minimum", "Maximum")]
+        if all(bounds.isDefined(name) for pair in names for name in pair):
+            low, high = ([int(bounds[name].value()) for name in pair] for pair in names)
+            found.low, found.high = np.array(low), np.array(high)
+    return found
+
+
+def _ours(description: str) -> dict[str, Any] | None:
+    """Return the header that `write_e57` put into the description, None for foreign files."""
+    if FORMAT not in description:
+        return None
+    return parse_json(description, dict)
+
+
+def _text(header: Any, field: str) -> str:
+    return str(header[field].value()) if field in header.scan_fields else ""
+
+
+def _read_pose(header: Any) -> Pose:
+    """World from scanner; identity where the file has none."""
+    if not header.has_pose():
+        return Pose.identity()
+    node = header["pose"]
+    rotation, translation = np.eye(3), np.zeros(3)
+    if node.isDefined("rotation"):
+        quaternion = np.array([node["rotation"][part].value() for part in "xyzw"], dtype=np.float64)
+        rotation = rotation_of(quaternion, "its pose")
+    if node.isDefined("translation"):
+        translation = np.array([node["translation"][part].value() for part in "xyz"], dtype=np.float64)
+    return Pose.from_parts(rotation, translation)
+
+
+def content_guid(*parts: bytes) -> str:
+    """Return an E57 guid that depends on the content alone, so that the same scan gives the same bytes."""
+    return "{" + str(uuid.UUID(bytes=hashlib.sha256(b"".join(parts)).digest()[:16])) + "}"

@@ -1,0 +1,425 @@
+# SPDX-License-Identifier: MIT
+"""glTF: read within its folder and held against the bytes that are there; GLB, written y up."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from scenes.checks import FloatArray, InputError
+from scenes.io.documents import parse_json
+from scenes.io.guard import check_file
+from scenes.io.image import check_image
+from scenes.io.limits import check_limit, check_unpacked
+from scenes.io.references import within_folder
+from scenes.mesh.appearance import linear_from_srgb
+from scenes.mesh.mesh_parts import MeshPart, local_origin
+
+_JSON, _BINARY = 0x4E4F534A, 0x004E4942  # what a chunk of a GLB holds
+Content = Mapping[str, Any]
+_DEEPEST = 256  # nodes within each other: a drawing program's own limit lies below
+_PARTS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gltf:
+    """A file's JSON and its buffers' bytes."""
+
+    content: dict[str, Any]
+    buffers: tuple[memoryview, ...]
+
+
+def read_gltf(file: Path) -> Gltf:
+    """Return what a glTF file holds, not yet checked beyond its lengths.
+
+    Raises InputError: truncated, not JSON, or a buffer that is missing, shorter than announced or outside the
+    folder.
+    """
+    data = memoryview(file.read_bytes())
+    binary: memoryview | None = None
+    if file.suffix.lower() == ".glb":
+        data, binary = _chunks(data)
+    content = parse_json(bytes(data), dict)
+    entries = content.get("buffers", [])
+    if not isinstance(entries, list):
+        raise InputError("its buffers are no list")
+    return Gltf(content, tuple(_buffer(entry, k, file, binary) for k, entry in enumerate(entries)))
+
+
+def _chunks(data: memoryview) -> tuple[memoryview, memoryview | None]:
+    """JSON and binary chunk of a GLB."""
+    if len(data) < 20 or bytes(data[:4]) != b"glTF":
+        raise InputError("not a GLB file: it does not begin with glTF and a header")
+    _, version, length = struct.unpack_from("<4sII", data)
+    if version != 2:
+        raise InputError(f"is GLB of version {version}; 2 is known")
+    if length != len(data):
+        raise InputError(f"truncated or damaged GLB: {length:,} bytes announced, {len(data):,} present")
+    found: dict[int, memoryview] = {}
+    at = 12
+    while at + 8 <= length:
+        size, kind = struct.unpack_from("<II", data, at)
+        if at + 8 + size > length:
+            raise InputError(
+                f"truncated or damaged GLB: a chunk of {size:,} bytes at byte {at} of {length:,}"
+            )
+        found.setdefault(kind, data[at + 8 : at + 8 + size])
+        at += 8 + size
+    if _JSON not in found:
+        raise InputError("is a GLB file without JSON")
+    return found[_JSON], found.get(_BINARY)
+
+
+def _buffer(entry: Any, number: int, file: Path, binary: memoryview | None) -> memoryview:
+    length = entry.get("byteLength") if isinstance(entry, dict) else None
+    if isinstance(length, bool) or not isinstance(length, int) or length < 0:
+        raise InputError(f"buffer {number} has the byteLength {length!r}")
+    uri = entry.get("uri")
+    if uri is None:
+        if number or binary is None:
+            raise InputError(f"buffer {number} has no bytes: no uri, and no binary part")
+        held = binary
+    elif not isinstance(uri, str):
+        raise InputError(f"buffer {number} has a uri that is no text")
+    elif uri.startswith("data:"):
+        held = memoryview(data_bytes(uri))
+    else:
+        path = within_folder(file.parent, uri)
+        if not path.is_file():
+            raise InputError(f"its buffer {uri!r} is missing; put it beside the file")
+        held = memoryview(check_file(path).read_bytes())
+    if length > len(held):
+        raise InputError(f"buffer {number} is cut short: {length:,} bytes announced, {len(held):,} present")
+    return held[:length]
+
+
+def data_bytes(text: str) -> bytes:
+    """Return the bytes of a `data:` address.
+
+    Raises InputError: not in base 64.
+    """
+    head, _, body = text.partition(",")
+    if not head.endswith(";base64"):
+        raise InputError("holds a data: address that is not in base 64")
+    try:
+        return base64.b64decode(body, validate=True)
+    except binascii.Error as error:
+        raise InputError(f"holds a data: address that is damaged: {error}") from error
+
+
+def placed_meshes(content: Content, n_meshes: int) -> dict[int, int]:
+    """Return how often each of `n_meshes` meshes is placed in the scene that is shown.
+
+    Raises InputError: a node that hangs on two others or in a circle, too deep, moved by what are no numbers,
+    or with a mesh that is not there.
+    """
+    nodes, scenes = entry_list(content, "nodes"), entry_list(content, "scenes")
+    if not scenes:
+        return {}
+    shown = scenes[entry_number(content, "scene", "it", 0, most=len(scenes))]
+    times: dict[int, int] = {}
+    seen: set[int] = set()
+    level, depth = _numbers(shown, "nodes", "its scene", len(nodes)), 0
+    while level:
+        depth += 1
+        if depth > _DEEPEST:
+            raise InputError(f"its nodes lie within each other more than {_DEEPEST} deep")
+        below: list[int] = []
+        for number in level:
+            if number in seen:
+                raise InputError(f"node {number} hangs on two others, or in a circle")
+            seen.add(number)
+            _check_node(nodes[number], number)
+            below += _numbers(nodes[number], "children", f"node {number}", len(nodes))
+            if "mesh" in nodes[number]:
+                mesh = entry_number(nodes[number], "mesh", f"node {number}", most=n_meshes)
+                times[mesh] = times.get(mesh, 0) + 1
+        level = below
+    return times
+
+
+def _numbers(entry: Any, name: str, what: str, most: int) -> list[int]:
+    held = entry.get(name, []) if isinstance(entry, dict) else None
+    if not isinstance(held, list):
+        raise InputError(f"{what} has no list of {name}")
+    return [entry_number({name: one}, name, what, most=most) for one in held]
+
+
+def _check_node(node: Any, number: int) -> None:
+    """Raise where what moves a node is no list of numbers of the right length."""
+    if not isinstance(node, dict):
+        raise InputError(f"node {number} is no object")
+    for name, length in _PARTS.items():
+        values = node.get(name, [0.0] * length)
+        if not isinstance(values, list) or len(values) != length or not all(map(_is_number, values)):
+            raise InputError(f"node {number} has a {name} that is not {length} numbers")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def entry_list(content: Content, name: str) -> list[Any]:
+    """Return a list of the JSON, empty where it has none; InputError for other things and long lists."""
+    held = content.get(name, [])
+    if not isinstance(held, list):
+        raise InputError(f"its {name} are no list")
+    check_limit("entries", len(held), f"its {name}")
+    return held
+
+
+def entry_number(
+    entry: Any, name: str, what: str, default: int | None = None, most: int | None = None
+) -> int:
+    """Return an integer entry of 0 or more, and below `most` where that is given."""
+    if not isinstance(entry, dict):
+        raise InputError(f"{what} is no object")
+    value = entry.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise InputError(f"{what} has the {name} {value!r}; an integer of 0 or more is needed")
+    if most is not None and value >= most:
+        raise InputError(f"{what} names {name} {value}, but there are {most}")
+    return value
+
+
+_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_texture_", "EXT_texture_webp", "KHR_mesh_quantization")
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What a mesh file holds when all goes well: faces as they are placed, and pixels of textures in it."""
+
+    faces: int
+    texels: int = 0
+
+
+def check_gltf(content: Content, buffers: Sequence[memoryview]) -> Contents:
+    """Check a glTF's JSON against the bytes of its buffers.
+
+    Raises InputError: another version, a required extension that is not known, a number that lies, a face
+    with a corner that is not there, nodes in a circle or in two places, or more than the limits allow.
+    """
+    _check_version(content)
+    views = [_view(entry, k, buffers) for k, entry in enumerate(entry_list(content, "bufferViews"))]
+    arrays = [_Array(entry, k, views) for k, entry in enumerate(entry_list(content, "accessors"))]
+    held = sum(len(buffer) for buffer in buffers)
+    check_unpacked(sum(array.n_bytes for array in arrays), held, "its accessors")
+    for array in arrays:
+        array.check()
+    faces, points = _meshes(content, arrays)
+    placed = placed_meshes(content, len(faces))
+    check_limit("points", sum(times * points[k] for k, times in placed.items()), "its vertices as placed")
+    n_faces = sum(times * faces[k] for k, times in placed.items())
+    check_limit("faces", n_faces, "its faces as placed")
+    return Contents(n_faces, sum(_embedded(content, views)))
+
+
+def _check_version(content: Content) -> None:
+    version = content.get("asset", {}).get("version") if isinstance(content.get("asset"), dict) else None
+    if not isinstance(version, str) or not version.startswith("2."):
+        raise InputError(f"is glTF of version {version!r}; 2.0 is known")
+    for name in entry_list(content, "extensionsRequired"):
+        if not str(name).startswith(_HARMLESS):
+            raise InputError(f"needs the extension {str(name)[:60]}, which is not known; save it without")
+
+
+def _view(entry: Any, number: int, buffers: Sequence[memoryview]) -> tuple[memoryview, int]:
+    """Bytes of a buffer view, and its stride, 0 where it has none."""
+    what = f"bufferView {number}"
+    buffer = buffers[entry_number(entry, "buffer", what, most=len(buffers))]
+    start, length = entry_number(entry, "byteOffset", what, 0), entry_number(entry, "byteLength", what)
+    if start + length > len(buffer):
+        raise InputError(f"{what} ends at byte {start + length}, its buffer has {len(buffer)}")
+    return buffer[start : start + length], entry_number(entry, "byteStride", what, 0)
+
+
+class _Array:
+    """An accessor: an array within a buffer view."""
+
+    def __init__(self, entry: Any, number: int, views: Sequence[tuple[memoryview, int]]) -> None:
+        self.what = f"accessor {number}"
+        self.count = entry_number(entry, "count", self.what)
+        if entry.get("type") not in _WIDTHS or entry.get("componentType") not in _TYPES:
+            kind = f"{entry.get('componentType')!r} {entry.get('type')!r}"
+            raise InputError(f"{self.what} has the unknown type {kind}")
+        if "sparse" in entry or "bufferView" not in entry:
+            cause = "is sparse" if "sparse" in entry else "has no bytes (no bufferView)"
+            raise InputError(f"{self.what} {cause}, which is not known; save it without")
+        self.width, self.dtype = _WIDTHS[entry["type"]], np.dtype(_TYPES[entry["componentType"]])
+        self._bytes, stride = views[entry_number(entry, "bufferView", self.what, most=len(views))]
+        self._start = entry_number(entry, "byteOffset", self.what, 0)
+        self._stride = stride or self.width * self.dtype.itemsize
+
+    @property
+    def n_bytes(self) -> int:
+        """What it unpacks to."""
+        return self.count * self.width * self.dtype.itemsize
+
+    def check(self) -> None:
+        """Raise where it ends beyond its view."""
+        own = self.width * self.dtype.itemsize
+        end = self._start + max(self.count - 1, 0) * self._stride + own * (self.count > 0)
+        if end > len(self._bytes) or self._stride < own:
+            raise InputError(
+                f"{self.what} of {self.count:,} entries ends at byte {end:,} of {len(self._bytes):,}"
+            )
+
+    def indices(self) -> np.ndarray[Any, Any]:
+        """Its numbers, as corners of faces."""
+        packed = np.frombuffer(self._bytes, np.uint8)[self._start :]
+        rows = np.lib.stride_tricks.as_strided(packed, (self.count, self.dtype.itemsize), (self._stride, 1))
+        return np.ascontiguousarray(rows).view(self.dtype).reshape(-1)
+
+
+def _meshes(content: Content, arrays: Sequence[_Array]) -> tuple[list[int], list[int]]:
+    """Faces and vertices of each mesh."""
+    faces, points = [], []
+    for number, mesh in enumerate(entry_list(content, "meshes")):
+        what = f"mesh {number}"
+        if not isinstance(mesh, dict) or not isinstance(mesh.get("primitives"), list):
+            raise InputError(f"{what} has no list of primitives")
+        held = [_primitive(one, f"{what}, primitive {k}", arrays) for k, one in enumerate(mesh["primitives"])]
+        faces.append(sum(one[0] for one in held))
+        points.append(sum(one[1] for one in held))
+    return faces, points
+
+
+def _primitive(entry: Any, what: str, arrays: Sequence[_Array]) -> tuple[int, int]:
+    """Faces and vertices of one primitive."""
+    attributes = entry.get("attributes") if isinstance(entry, dict) else None
+    if not isinstance(attributes, dict):
+        raise InputError(f"{what} has no attributes")
+    named = {name: arrays[entry_number(attributes, name, what, most=len(arrays))] for name in attributes}
+    if "POSITION" not in named or named["POSITION"].width != 3:
+        raise InputError(f"{what} has no POSITION of three coordinates")
+    n_points, mode = named["POSITION"].count, entry_number(entry, "mode", what, _TRIANGLES)
+    for name, array in named.items():
+        if array.count != n_points:
+            raise InputError(f"{what} has {n_points} positions and {array.count} of {name}")
+    if mode == _FAN:
+        raise InputError(f"{what} is a fan of triangles, which is not known; save it as plain triangles")
+    n_corners = n_points
+    if "indices" in entry:
+        array = arrays[entry_number(entry, "indices", what, most=len(arrays))]
+        if array.width != 1 or array.dtype.kind != "u":
+            raise InputError(f"{what} has indices that are no list of unsigned integers")
+        n_corners = _check_corners(array, n_points, what)
+    if mode not in (_TRIANGLES, _STRIP):
+        return 0, n_points
+    if mode == _TRIANGLES and n_corners % 3:
+        raise InputError(f"{what} has {n_corners} corners, which make no whole number of triangles")
+    return (n_corners // 3 if mode == _TRIANGLES else max(n_corners - 2, 0)), n_points
+
+
+def _check_corners(array: _Array, n_points: int, what: str) -> int:
+    corners = array.indices()
+    bad = np.flatnonzero(corners >= n_points)
+    if len(bad):
+        raise InputError(
+            f"{what}: face {bad[0] // 3} names vertex {corners[bad[0]]}, but there are {n_points} vertices "
+            f"({len(np.unique(bad // 3))} such faces)"
+        )
+    return array.count
+
+
+def _embedded(content: Content, views: Sequence[tuple[memoryview, int]]) -> list[int]:
+    """Pixels of the images that are within the file."""
+    found = []
+    for number, image in enumerate(entry_list(content, "images")):
+        what = f"image {number}"
+        uri = image.get("uri")
+        if isinstance(uri, str) and uri.startswith("data:"):
+            found.append(_pixels(lambda text=uri: data_bytes(text), what))  # type: ignore[misc]  # defaults have no type
+        elif "bufferView" in image:
+            view = views[entry_number(image, "bufferView", what, most=len(views))][0]
+            found.append(_pixels(lambda held=view: bytes(held), what))  # type: ignore[misc]  # defaults have no type
+    return found
+
+
+def _pixels(data: Callable[[], bytes], what: str) -> int:
+    try:
+        return check_image(data())
+    except InputError as error:
+        raise InputError(f"{what} {error}") from error
+
+
+_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # z up to glTF's y up
+
+
+def glb_of(parts: Sequence[MeshPart]) -> bytes:
+    """Return parts as binary glTF, a node for each, y up and moved to its place by the node's transform.
+
+    Parts that name a block of space hang from the node of that block.
+    """
+    if not any(len(part.faces) for part in parts):
+        return empty_glb()
+    import trimesh  # slow to load: only where a mesh is written
+
+    scene = trimesh.Scene(base_frame="world")
+    transform = node_transform(np.vstack([part.vertices for part in parts]))
+    origin = (np.linalg.inv(_Y_UP) @ transform)[:3, 3]
+    for block in dict.fromkeys(part.block for part in parts if part.block):
+        scene.graph.update(frame_to=block, frame_from="world", matrix=np.eye(4))
+    pages: dict[int, tuple[str, Image.Image]] = {}
+    for part in parts:
+        mesh = trimesh.Trimesh(part.vertices - origin, part.faces, process=False)
+        if part.image is not None:
+            if id(part.image) not in pages:
+                pages[id(part.image)] = f"texture {len(pages) + 1}", Image.fromarray(part.image)
+            material = _material(part, *pages[id(part.image)])
+            mesh.visual = trimesh.visual.TextureVisuals(uv=part.uv, material=material)
+        elif part.colour is not None:
+            mesh.visual.vertex_colors = part.colour
+        scene.add_geometry(
+            mesh,
+            node_name=part.name,
+            geom_name=part.name,
+            parent_node_name=part.block or None,
+            transform=transform,
+        )
+    data: bytes = scene.export(file_type="glb")
+    return data
+
+
+def node_transform(vertices: FloatArray) -> FloatArray:
+    """Return the (4, 4) transform to glTF's y up of vertices written less `local_origin(vertices)`."""
+    placed = np.eye(4)
+    placed[:3, 3] = local_origin(vertices)
+    transform: FloatArray = _Y_UP @ placed
+    return transform
+
+
+def empty_glb() -> bytes:
+    """A binary glTF with a scene in which nothing stands (trimesh writes none)."""
+    text = json.dumps({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{}]}).encode()
+    text += b" " * (-len(text) % 4)
+    chunk = struct.pack("<I4s", len(text), b"JSON") + text
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk
+
+
+def _material(part: MeshPart, name: str, page: Image.Image) -> Any:
+    """A texture with its mean tint, which glTF holds in linear light; parts that look alike share it."""
+    tint = np.full(3, 1.0) if part.colour is None else linear_from_srgb(part.colour.mean(axis=0) / 255)
+    factor = None if (tint > 0.999).all() else [*(round(float(c) * 255) for c in tint), 255]
+    from trimesh.visual.material import PBRMaterial  # slow to load: only where a mesh is written
+
+    return PBRMaterial(
+        name=name,
+        baseColorTexture=page,
+        baseColorFactor=factor,
+        metallicFactor=0.0,
+        roughnessFactor=1.0,
+        doubleSided=True,
+    )

@@ -1,0 +1,358 @@
+# SPDX-License-Identifier: MIT
+"""LAS and LAZ: point clouds, checked before a decoder believes them, read and written with laspy."""
+
+from __future__ import annotations
+
+import io
+import math
+import struct
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.io.cloud import NO_RAYS, Cloud, RawPoints, cloud_of, scan_of
+from scenes.io.documents import parse_json
+from scenes.io.format import Format, one_cloud, one_scan, write_single
+from scenes.io.guard import import_extra
+from scenes.io.header import scan_header
+from scenes.io.limits import check_limit, check_unpacked
+from scenes.run.atomic import json_text, write_bytes
+from scenes.run.standard_error import libraries_muted
+from scenes.scan.range_image import RangeImage
+
+_START = 375  # bytes of the longest header, LAS 1.4
+_EXTENDED_LENGTH = 20  # where an extended record tells its length
+_LEAST_VLR, _LEAST_EVLR, _LEAST_CHUNK = (
+    54,
+    60,
+    2,
+)  # least bytes of a record, an extended one, a packed chunk's entry and data
+_PACKED = 0xC0  # bits of the point format that say the points are compressed
+_VLR = struct.Struct("<H16sHH32s")
+_RECORD = struct.Struct("<HHBBHIIqqH")
+_LASZIP_USER, _ID = b"laszip encoded", 22204
+_CHUNKED, _LAYERED = 2, 3  # compressors; of the latter a chunk's streams are announced by their sizes
+_N_LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of point, colour, colour with near infrared, wave packet
+_EXTRA_BYTES = 14  # has a layer for each byte
+_POINTS = {_CHUNKED: {6: 20}, _LAYERED: {10: 30}}  # bytes of the first item, by its kind
+_MORE = {_CHUNKED: {7: 8, 8: 6, 9: 29, 0: None}, _LAYERED: {11: 6, 12: 8, 13: 29, _EXTRA_BYTES: None}}
+
+
+def check_las(path: Path) -> None:
+    """Raise InputError where a LAS or LAZ file announces more than it can hold.
+
+    Decoders allocate what the header says; some end the process when that fails.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        start = file.read(_START)
+        if len(start) < 227 or start[:4] != b"LASF":
+            raise InputError("not a LAS file: it does not begin with LASF and a header")
+        offset, n_records = struct.unpack_from("<II", start, 96)
+        point_format, length, count = struct.unpack_from("<BHI", start, 104)
+        _check_steps(struct.unpack_from("<6d", start, 131))
+        n_extended = first_extended = 0
+        if start[25] >= 4 and len(start) >= 255:
+            first_extended, n_extended, count = struct.unpack_from("<QIQ", start, 235)
+        if offset > size or n_records * _LEAST_VLR > offset:
+            raise InputError(f"damaged: {n_records} records before points at byte {offset} of {size}")
+        if n_extended and (first_extended > size or n_extended * _LEAST_EVLR > size):
+            raise InputError(f"damaged: {n_extended} records from byte {first_extended} of {size}")
+        _check_extended(file, first_extended, n_extended, size)
+        is_packed, unpacked = bool(point_format & _PACKED), count * length
+        if is_packed:
+            file.seek(offset)
+            _check_chunks(file, size)
+            check_chunks(import_extra("lazrs", "las"), file, size, length, count)
+    if not is_packed and unpacked > size - offset:
+        raise InputError(f"truncated: {count:,} points of {length} bytes announced, {size} bytes present")
+    check_limit("points", count, "its points")
+    check_unpacked(unpacked, size, "it")
+
+
+def _check_steps(numbers: tuple[float, ...]) -> None:
+    """Look at the steps in which coordinates are counted, and at where they are counted from."""
+    if not all(map(math.isfinite, numbers)) or 0.0 in numbers[:3]:
+        raise InputError(f"damaged: its coordinates count in steps of {numbers[:3]} from {numbers[3:]}")
+
+
+def _check_extended(file: BinaryIO, start: int, n_records: int, size: int) -> None:
+    """Look at the lengths of the records behind the points."""
+    for number in range(1, n_records + 1):
+        file.seek(start + _EXTENDED_LENGTH)
+        length = int.from_bytes(file.read(8), "little")
+        start += _LEAST_EVLR + length
+        if start > size:
+            raise InputError(f"truncated: extended record {number} ends at byte {start:,} of {size}")
+
+
+def _check_chunks(file: BinaryIO, size: int) -> None:
+    """Look at the table of packed chunks, whose place stands before the points."""
+    pointer = file.read(8)
+    if len(pointer) < 8:
+        raise InputError("truncated: there are no packed points")
+    (where,) = struct.unpack("<q", pointer)
+    if where == -1:  # written without seeking: the place stands at the end
+        file.seek(size - 8)
+        (where,) = struct.unpack("<q", file.read(8))
+    if not 0 <= where <= size - 8:
+        raise InputError(f"damaged: its table of chunks is at byte {where} of {size}")
+    file.seek(where)
+    _, n_chunks = struct.unpack("<II", file.read(8))
+    if n_chunks * _LEAST_CHUNK > size:
+        raise InputError(f"damaged: {n_chunks} chunks announced in {size} bytes")
+
+
+@dataclass(frozen=True, slots=True)
+class _Packing:
+    """What LASzip's record says: how points are packed, and of which items each consists."""
+
+    data: bytes
+    compressor: int
+    point_bytes: int
+    n_layers: int
+
+
+def check_chunks(lazrs: Any, file: BinaryIO, size: int, length: int, count: int) -> None:
+    """Raise InputError where packed points announce more than the file can hold.
+
+    The header of the file of `size` bytes has been checked, and says that there are `count` points of
+    `length` bytes; the module `lazrs` knows the packed table of chunks.
+    """
+    file.seek(94)
+    header_size, offset, n_records = struct.unpack("<HII", file.read(10))
+    packing = _packing(file, header_size, n_records, length)
+    file.seek(offset)
+    chunks = lazrs.read_chunk_table(file, lazrs.LazVlr(packing.data))
+    start = offset + 8
+    if start + sum(n_bytes for _, n_bytes in chunks) > size:
+        raise InputError(f"truncated: its chunks take more than the {size - start} bytes that are present")
+    if sum(n_points for n_points, _ in chunks) < count:
+        raise InputError(f"truncated: {count:,} points announced, its {len(chunks)} chunks hold less")
+    for _, n_bytes in chunks if packing.compressor == _LAYERED else ():
+        _check_layers(file, start, n_bytes, packing)
+        start += n_bytes
+
+
+def _packing(file: BinaryIO, start: int, n_records: int, length: int) -> _Packing:
+    """Find and check LASzip's record."""
+    records = _records(file, start, n_records)
+    data = next((data for user, number, data in records if (user, number) == (_LASZIP_USER, _ID)), b"")
+    if len(data) < _RECORD.size:
+        raise InputError("damaged: there is no record that says how its points are packed")
+    compressor, *_, n_items = _RECORD.unpack_from(data)
+    if compressor not in (_CHUNKED, _LAYERED):
+        raise InputError(f"its points are packed in way {compressor}; 2 and 3, in chunks, are known")
+    if n_items < 1 or len(data) < _RECORD.size + 6 * n_items:
+        raise InputError(
+            f"damaged: its points are packed as {n_items} items in a record of {len(data)} bytes"
+        )
+    items = [struct.unpack_from("<HHH", data, _RECORD.size + 6 * k) for k in range(n_items)]
+    point_bytes = sum(n_bytes for _, n_bytes, _ in items)
+    if point_bytes != length or not _are_known(items, compressor):
+        raise InputError(f"damaged: a point has {length} bytes, its packed items {items} have {point_bytes}")
+    n_layers = sum(n_bytes if kind == _EXTRA_BYTES else _N_LAYERS.get(kind, 0) for kind, n_bytes, _ in items)
+    return _Packing(data, compressor, point_bytes, n_layers)
+
+
+def _are_known(items: list[tuple[int, int, int]], compressor: int) -> bool:
+    """Tell whether these are a point and what may follow it, each of its own length and no kind twice."""
+    kinds = [kind for kind, *_ in items]
+    known: dict[int, int | None] = {**_POINTS[compressor], **_MORE[compressor]}
+    lengths = all(kind in known and known[kind] in (None, n_bytes) for kind, n_bytes, _ in items)
+    return lengths and kinds[0] in _POINTS[compressor] and len(set(kinds)) == len(kinds)
+
+
+def _records(file: BinaryIO, start: int, n_records: int) -> Iterator[tuple[bytes, int, bytes]]:
+    """User, number and data of every record before the points."""
+    file.seek(start)
+    for _ in range(n_records):
+        head = file.read(_VLR.size)
+        if len(head) < _VLR.size:
+            return
+        _, user, number, n_bytes, _ = _VLR.unpack(head)
+        yield user.rstrip(b"\0"), number, file.read(n_bytes)
+
+
+def _check_layers(file: BinaryIO, start: int, n_bytes: int, packing: _Packing) -> None:
+    """Look at the sizes of a chunk's layers, which stand behind its first point and its number of points."""
+    head = packing.point_bytes + 4 + 4 * packing.n_layers
+    file.seek(start + packing.point_bytes + 4)
+    sizes = struct.unpack(f"<{packing.n_layers}I", file.read(4 * packing.n_layers)) if head <= n_bytes else ()
+    if head > n_bytes or head + sum(sizes) > n_bytes:
+        raise InputError(f"damaged: layers of {sum(sizes):,} bytes in a chunk of {n_bytes:,}")
+
+
+_STEPS_M = (1e-5, 1e-4, 1e-3, 1e-2)  # coordinates are 32-bit counts of such a step, from an offset
+_USER, _RECORD_BYTES = "unseen", 65_000  # our header goes in records of at most so many bytes
+_MOST = 65_535
+_CHUNK = 100_000  # points that are read at a time
+_COLOURS = ("red", "green", "blue")
+_FORMAT_WITH_COLOUR, _FORMAT_WITHOUT = 7, 6
+_SCALE = "intensity_per_count"
+_PANIC = "PanicException"  # what Rust's lazrs raises when it stumbles, which is no Exception
+
+
+def read_las_points(path: Path) -> RawPoints:
+    """Return the points of a LAS or LAZ file, without those marked as withheld.
+
+    Raises InputError: more points announced than can be held; laspy is not installed.
+    """
+    with _opened(path) as file:
+        n_points, n_kept = file.header.point_count, 0
+        has_colour, largest = "red" in file.header.point_format.dimension_names, 0
+        points, wide = np.empty((n_points, 3)), np.empty((n_points if has_colour else 0, 3), np.uint16)
+        for part in _chunks(file):
+            kept = ~np.asarray(part.withheld, dtype=np.bool_)
+            held = slice(n_kept, n_kept + int(kept.sum()))
+            points[held] = _columns(part, "xyz", np.float64)[kept]
+            if has_colour:
+                colours = _columns(part, _COLOURS, np.uint16)
+                wide[held], largest = colours[kept], max(largest, int(colours.max()))
+            n_kept = held.stop
+    n_left = n_points - n_kept
+    warnings = (f"{n_left} points are marked withheld and were left out",) if n_left else ()
+    colour = _narrow(wide[:n_kept], largest) if largest else None
+    return RawPoints(points[:n_kept], colour=colour, warnings=warnings)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A reader of the file; what its decoder raises inside is an InputError."""
+    laspy = import_extra("laspy", "las")
+    try:
+        check_las(path)
+        with libraries_muted():
+            opened = laspy.open(path, laz_backend=laspy.LazBackend.Lazrs)
+        with opened:
+            yield opened
+    except BaseException as error:
+        if type(error).__name__ != _PANIC:
+            raise
+        raise InputError(f"damaged: its packed points cannot be unpacked: {error}") from error
+
+
+def _chunks(opened: Any) -> Iterator[Any]:
+    """The points of a file that was just opened, some at a time."""
+    while True:
+        with libraries_muted():
+            part = opened.read_points(_CHUNK)
+        if not len(part):
+            return
+        yield part
+
+
+def _columns(part: Any, names: Iterable[str], kind: Any) -> Any:
+    """Some numbers (n, k) of a chunk of points."""
+    return np.stack([np.asarray(part[name], kind) for name in names], axis=-1)
+
+
+def _narrow(wide: Any, largest: int) -> ColourArray:
+    """8-bit colours of 16-bit ones, of which the largest of all tells whether they use more than 8."""
+    return np.asarray(wide if largest < 256 else wide >> 8, dtype=np.uint8)
+
+
+def read_las_scan(path: Path) -> RangeImage:
+    """Return the scan of a file that `write_las` wrote.
+
+    Raises InputError: any other file: it does not say where the scanner stood, nor which ray saw which point.
+    """
+    with _opened(path) as file:
+        header = _read_header(file.header)
+        if header is None:
+            raise InputError(NO_RAYS)
+        largest = 0
+        if _COLOURS[0] in file.header.point_format.dimension_names:
+            largest = max(
+                (int(_columns(part, _COLOURS, np.uint16).max()) for part in _chunks(file)), default=0
+            )
+    with _opened(path) as file:
+        parts = (_part(part, header, largest) for part in _chunks(file))
+        return scan_of(header, file.header.point_count, parts)
+
+
+def _part(part: Any, header: Mapping[str, Any], largest: int) -> Cloud:
+    """A chunk of points whose largest colour is `largest`."""
+    row, column = (np.asarray(part[name], dtype=np.int64) for name in ("row", "column"))
+    light = None
+    if _SCALE in header:
+        light = (np.asarray(part["intensity"], np.float64) * header[_SCALE]).astype(np.float32)
+    colour = _narrow(_columns(part, _COLOURS, np.uint16), largest) if largest else None
+    return Cloud(_columns(part, "xyz", np.float64), row, column, colour, light)
+
+
+def _read_header(held: Any) -> Mapping[str, Any] | None:
+    """The header that we wrote, None in files of others."""
+    parts = [vlr for vlr in held.vlrs if vlr.user_id == _USER]
+    names = set(held.point_format.dimension_names)
+    if not parts or not {"row", "column"} <= names:
+        return None
+    text = b"".join(vlr.record_data_bytes() for vlr in sorted(parts, key=lambda vlr: int(vlr.record_id)))
+    return parse_json(text, dict)
+
+
+def write_las(scan: RangeImage, path: Path) -> None:
+    """Write the returns of `scan` as LAS 1.4, or as LAZ by the suffix, in world coordinates.
+
+    Coordinates are rounded to the finest step of 0.01 mm to 1 cm that holds them, from an offset beside
+    their middle; colours are exact; intensities are scaled to 16 bits. Each point has its `row` and `column`,
+    and records of the user "unseen" hold pose and projection, so that the scan can be read back.
+
+    Raises InputError: a scan without returns, or of more than 20,000 km.
+    """
+    laspy = import_extra("laspy", "las")
+    cloud = cloud_of(scan)
+    header = laspy.LasHeader(
+        point_format=_FORMAT_WITHOUT if cloud.colour is None else _FORMAT_WITH_COLOUR, version="1.4"
+    )
+    header.creation_date = None  # the same scan gives the same bytes
+    header.system_identifier, header.generating_software = "", _USER
+    header.offsets = np.floor(cloud.points.mean(axis=0))
+    header.scales = np.full(3, _step(cloud.points - header.offsets))
+    for name in ("row", "column"):
+        header.add_extra_dim(laspy.ExtraBytesParams(name=name, type=np.uint32))
+    told = scan_header(scan)
+    if cloud.intensity is not None:
+        told[_SCALE] = max(float(cloud.intensity.max()), 1e-30) / _MOST
+    _add_records(laspy, header, json_text(told, indent=None).encode())
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = cloud.points.T
+    data.row, data.column = cloud.row, cloud.column
+    data.return_number = data.number_of_returns = np.ones(len(cloud.points), np.uint8)
+    if cloud.intensity is not None:
+        data.intensity = np.rint(np.clip(cloud.intensity / told[_SCALE], 0, _MOST)).astype(np.uint16)
+    if cloud.colour is not None:
+        data.red, data.green, data.blue = cloud.colour.astype(np.uint16).T * 257
+    packed = path.suffix.lower() == ".laz"
+    whole = io.BytesIO()
+    data.write(whole, do_compress=packed, laz_backend=laspy.LazBackend.Lazrs)
+    write_bytes(path, whole.getvalue())
+
+
+def _step(offsets: FloatArray) -> float:
+    """The finest step that holds the coordinates in 32 bits."""
+    largest = float(np.abs(offsets).max())
+    for step in _STEPS_M:
+        if largest < step * (2**31 - 1):
+            return step
+    raise InputError(f"points up to {largest:.3g} m apart do not fit into LAS; use .npz")
+
+
+def _add_records(laspy: Any, header: Any, text: bytes) -> None:
+    """Put our header into variable length records, which are limited in size."""
+    for number, start in enumerate(range(0, len(text), _RECORD_BYTES), start=1):
+        part = text[start : start + _RECORD_BYTES]
+        header.vlrs.append(laspy.VLR(_USER, number, "pose and projection", part))
+
+
+FORMAT = Format(
+    suffixes=(".las", ".laz"),
+    points=one_cloud(read_las_points),
+    scans=one_scan(read_las_scan),
+    write=write_single(write_las),
+)

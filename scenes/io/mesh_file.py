@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: MIT
+"""Mesh files: each checked before trimesh reads it, which then opens nothing outside its folder."""
+
+from __future__ import annotations
+
+import io
+import logging
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from scenes.checks import InputError
+from scenes.io.gltf import Contents, check_gltf, read_gltf
+from scenes.io.guard import check_file
+from scenes.io.limits import check_limit
+from scenes.io.obj import check_obj, plain_obj
+from scenes.io.off import read_off
+from scenes.io.ply import check_ply, has_faces
+from scenes.io.references import Beside, check_references
+from scenes.io.registry import format_of
+from scenes.io.stl import check_stl, stl_origin
+
+MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+# What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshFile:
+    """A mesh file.
+
+    Attributes
+    ----------
+    placed : trimesh.Scene
+        Its geometries and where they are placed, in the file's frame and unit.
+    n_faces : int
+        Triangles that it holds by its own structure, as placed.
+    warnings : tuple of str
+        What it names and is not there.
+    """
+
+    placed: Any
+    n_faces: int
+    warnings: tuple[str, ...]
+
+
+def is_mesh(path: str | PathLike[str]) -> bool:
+    """Tell whether a file is a mesh by its suffix, or a PLY whose header announces faces."""
+    file = Path(path)
+    suffix = file.suffix.lower()
+    return has_faces(file) if suffix == ".ply" else suffix in MESH_SUFFIXES
+
+
+def check_mesh_suffix(path: Path) -> Path:
+    """Return `path` when it is a file that ends like a mesh.
+
+    Raises InputError otherwise; for files of scans with the cure.
+    """
+    file = check_file(path)
+    suffix = file.suffix.lower()
+    if suffix in MESH_SUFFIXES:
+        return file
+    if (known := format_of(suffix)) is not None and not known.is_text:
+        raise InputError(
+            f"{file}: {file.suffix} holds a scan or points, not a scene; give scans with --scans, "
+            "or complete them (unseen complete)"
+        )
+    names = ", ".join(name[1:] for name in MESH_SUFFIXES)
+    raise InputError(f"{file}: cannot read meshes from {suffix or 'a file without suffix'}; known: {names}")
+
+
+def read_mesh_file(file: Path) -> MeshFile:
+    """Check and read a mesh file of one of `MESH_SUFFIXES`.
+
+    Raises InputError: whatever its structure gets wrong, a file that it names outside its folder, or more
+    than the limits allow.
+    """
+    suffix = file.suffix.lower()
+    data, held = b"", Contents(0)
+    if suffix in (".glb", ".gltf"):
+        gltf = read_gltf(file)
+        beside = check_references(file, gltf.content)
+        held = check_gltf(gltf.content, gltf.buffers)
+    else:
+        beside = check_references(file)
+    if suffix == ".obj":
+        data = plain_obj(file.read_bytes())
+        held = Contents(check_obj(data))
+    elif suffix == ".ply":
+        data = file.read_bytes()
+        held = Contents(check_ply(data))
+    elif suffix == ".stl":
+        held = Contents(check_stl(file))
+    check_limit("texels", beside.texels + held.texels, "texels of its textures")
+    if suffix == ".off":
+        placed = _read_off(file)
+        return MeshFile(placed, sum(len(one.faces) for one in placed.geometry.values()), beside.warnings)
+    import trimesh  # slow to load: only where a mesh is read
+
+    stream = io.BytesIO(data or file.read_bytes())
+    placed = trimesh.load_scene(
+        stream, file_type=suffix[1:], resolver=Beside(file), process=False, split_objects=True
+    )
+    if suffix == ".stl":
+        placed.apply_translation(stl_origin(file))
+    return MeshFile(placed, held.faces, beside.warnings)
+
+
+def _read_off(file: Path) -> Any:
+    """An OFF file, which is read here since trimesh leaves its colours out."""
+    import trimesh  # slow to load: only where a mesh is read
+
+    off = read_off(file)
+    colours = {"vertex_colors": off.vertex_colour, "face_colors": off.face_colour}
+    return trimesh.Scene({file.name: trimesh.Trimesh(off.vertices, off.faces, process=False, **colours)})

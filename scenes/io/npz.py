@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: MIT
+"""NPZ scans: everything a range image holds, without loss; never a pickle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import InputError, check_point
+from scenes.io.arrays import ArrayFile, open_arrays
+from scenes.io.cloud import RawPoints
+from scenes.io.documents import parse_json
+from scenes.io.format import Format, check_single, loaded, picked, points_of, write_single
+from scenes.io.header import scan_from_header, scan_header
+from scenes.io.station import scan_from_station
+from scenes.io.trajectory import rounded_pose
+from scenes.run.atomic import atomic_path, json_text
+from scenes.scan.projection import PinholeProjection
+from scenes.scan.range_image import TRUTH_CHANNELS, RangeImage, ScanTruth
+
+_OPTIONAL = ("colour", "sensor_points", "intensity")
+
+
+def write_npz(scan: RangeImage, path: Path) -> None:
+    """Write `scan` losslessly.
+
+    Keys: `header` (JSON: format, projection, pose, sigma, noise, name), `ranges` along the ray in metres,
+    and where known `colour`, `sensor_points`, `intensity` and the truth of a simulated scan: `truth_face`,
+    `truth_surface`, `truth_ranges`, `truth_incidence` (radians), `truth_n_rays`, and for other readers, since
+    they follow from the rest, `truth_points` (world coordinates) and `truth_range_error` (metres).
+    """
+    arrays: dict[str, Any] = {"header": np.array(json_text(scan_header(scan), indent=None))}
+    arrays["ranges"] = scan.ranges
+    arrays |= {name: getattr(scan, name) for name in _OPTIONAL if getattr(scan, name) is not None}
+    if scan.truth is not None:
+        known = [name for name in TRUTH_CHANNELS if getattr(scan.truth, name) is not None]
+        arrays |= {f"truth_{name}": getattr(scan.truth, name) for name in known}
+        arrays |= {"truth_points": scan.true_points(), "truth_range_error": scan.range_error()}
+    with atomic_path(path) as temporary:
+        np.savez_compressed(temporary, allow_pickle=False, **arrays)
+
+
+def read_npz(path: Path) -> list[RangeImage]:
+    """Return the scans of a file of ours or of mere beams (one), or with `range_tenth_mm` (several)."""
+    with open_arrays(path) as arrays:
+        return scans_in(arrays, path.stem)
+
+
+def scans_in(arrays: ArrayFile, stem: str) -> list[RangeImage]:
+    """Return the scans of an open file of that name, as `read_npz`."""
+    if "header" in arrays.files and "ranges" in arrays.files:
+        return [_read_ours(arrays)]
+    if {"range_tenth_mm", "world_from_sensor", "intrinsics"} <= set(arrays.files):
+        return _read_tenth_mm(arrays, stem)
+    if {"origin", "directions", "ranges"} <= set(arrays.files):
+        return [_of_beams(arrays, stem)]
+    keys = ", ".join(sorted(arrays.files)) or "nothing"
+    raise InputError(
+        f"holds {keys}, which is no scan; expected header and ranges, or origin, directions and ranges, or "
+        "range_tenth_mm, world_from_sensor and intrinsics"
+    )
+
+
+def _read_ours(arrays: ArrayFile) -> RangeImage:
+    """One scan written by `write_npz`."""
+    truth = None
+    if "truth_face" in arrays.files:
+        known = [name for name in TRUTH_CHANNELS if f"truth_{name}" in arrays.files]
+        truth = ScanTruth(**{name: _pixels(arrays, f"truth_{name}") for name in known})
+    optional: dict[str, Any] = {name: _pixels(arrays, name) for name in _OPTIONAL if name in arrays.files}
+    return scan_from_header(
+        parse_json(str(arrays["header"]), dict), _pixels(arrays, "ranges"), truth=truth, **optional
+    )
+
+
+def _pixels(arrays: ArrayFile, name: str) -> NDArray[Any]:
+    """Pixels that nobody else has, and which need not be copied."""
+    found = arrays[name]
+    found.setflags(write=False)
+    return found
+
+
+def _read_tenth_mm(arrays: ArrayFile, stem: str) -> list[RangeImage]:
+    """Several pinhole scans: ranges along the ray in 0.1 mm, 0 = none; poses; shared intrinsics."""
+    ranges, poses = arrays["range_tenth_mm"], arrays["world_from_sensor"]
+    fx, fy, cx, cy = (float(value) for value in arrays["intrinsics"])
+    if ranges.ndim != 3 or poses.shape != (len(ranges), 4, 4):
+        raise InputError(f"range_tenth_mm has shape {ranges.shape}, world_from_sensor {poses.shape}")
+    camera = PinholeProjection(width=ranges.shape[2], height=ranges.shape[1], fx=fx, fy=fy, cx=cx, cy=cy)
+    return [
+        RangeImage(image / 1e4, camera, rounded_pose(pose), name=f"{stem}#{k}")
+        for k, (image, pose) in enumerate(zip(ranges, poses, strict=True), start=1)
+    ]
+
+
+def _of_beams(arrays: ArrayFile, name: str) -> RangeImage:
+    """A scan of mere beams: `origin` (3,), `directions` (n, 3), `ranges` (n,), perhaps `sigma_m`.
+
+    World coordinates, metres. Directions have any length; ranges that are not finite brought nothing back.
+    The image is made as of points; pixels without one had no return.
+    """
+    origin = check_point("origin", arrays["origin"])
+    directions, ranges = (np.asarray(arrays[key], dtype=np.float64) for key in ("directions", "ranges"))
+    if directions.ndim != 2 or directions.shape[1] != 3 or ranges.shape != (len(directions),):
+        raise InputError(
+            f"directions have shape {directions.shape}, ranges {ranges.shape}; expected (n, 3) and (n,)"
+        )
+    length = np.linalg.norm(directions, axis=1)
+    wrong = ~(np.isfinite(length) & (length > 0))
+    if wrong.any():
+        raise InputError(f"{int(wrong.sum())} of {len(wrong)} directions are not finite or have no length")
+    back = np.isfinite(ranges) & (ranges > 0)
+    points = origin + directions[back] / length[back, None] * ranges[back, None]
+    scan = scan_from_station(points, origin, name)
+    if "sigma_m" not in arrays.files:
+        return scan
+    sigma = np.asarray(arrays["sigma_m"], dtype=np.float64)
+    if sigma.size != 1 or not (np.isfinite(sigma).all() and sigma.min() >= 0):
+        raise InputError(f"sigma_m is {sigma.tolist()}; give one number of metres from 0 on")
+    return scan.restated(sigma_m=float(sigma.reshape(())))
+
+
+def read_npz_points(path: Path, number: int | None) -> RawPoints:
+    """Return arrays `points`, `normals` and `label` (n,), or the points of all scans or of scan `number`.
+
+    Raises InputError: arrays of other shapes, or what `read_npz` refuses.
+    """
+    with open_arrays(path) as arrays:
+        if "points" not in arrays.files:
+            scans = scans_in(arrays, path.stem)
+            return points_of([scans[index] for index in picked(len(scans), number)])
+        check_single(number)
+        points = np.asarray(arrays["points"], dtype=np.float64)
+        normals = np.asarray(arrays["normals"], np.float64) if "normals" in arrays.files else None
+        label = np.asarray(arrays["label"], np.float64).ravel() if "label" in arrays.files else None
+    if points.ndim < 2 or points.shape[-1] != 3 or (normals is not None and normals.shape != points.shape):
+        shape = "" if normals is None else f" and normals {normals.shape}"
+        raise InputError(
+            f"expected points with shape (n, 3) and normals of the same, got {points.shape}{shape}"
+        )
+    points = points.reshape(-1, 3)
+    if label is not None and len(label) != len(points):
+        raise InputError(f"holds {len(label)} labels for {len(points)} points; give one a point")
+    return RawPoints(points, None if normals is None else normals.reshape(-1, 3), label=label)
+
+
+FORMAT = Format(
+    suffixes=(".npz",),
+    points=read_npz_points,
+    scans=lambda path, _: loaded(read_npz(path)),
+    write=write_single(write_npz),
+    marks_misses=True,
+)

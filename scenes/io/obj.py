@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: MIT
+"""OBJ: its text held against the vertices that are there; written with materials and textures beside it."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from scenes.checks import InputError
+from scenes.io.limits import check_limit
+from scenes.mesh.mesh_parts import MeshPart
+from scenes.run.atomic import write_bytes, write_text
+
+_INDENTED = re.compile(rb"(?m)^[ \t]+(?=[a-z#])")
+_KEYWORD = re.compile(rb"(?m)^(v|vn|vt|f|o|g|usemtl|mtllib)[ \t]*\t[ \t]*")
+_CONTINUED = re.compile(rb"\\\r?\n")
+_COMMENT = re.compile(rb"(?m)^((?:v|vn|vt|f)[ ][^#\n]*)#[^\n]*")
+_WIDTHS = {b"v": (3, 8), b"vt": (1, 3), b"vn": (3, 3)}  # numbers of a line: fewest, most
+_NAMES = {0: "vertex", 1: "texture coordinate", 2: "normal"}
+_KEYS = (b"v", b"vt", b"vn")
+_UNSAFE = re.compile(r"[^\w.-]+")
+
+
+def plain_obj(data: bytes) -> bytes:
+    """Return the text of an OBJ file with one line an entry, not indented, its keyword before one blank."""
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    for pattern, instead in ((_CONTINUED, b" "), (_INDENTED, b""), (_KEYWORD, rb"\1 "), (_COMMENT, rb"\1")):
+        data = pattern.sub(instead, data)
+    return data
+
+
+def check_obj(text: bytes) -> int:
+    """Return how many triangles a plain OBJ text holds, its polygons cut into fans.
+
+    Raises InputError: a vertex that is not numbers, a face of fewer than three corners or with a corner that
+    is not there, or faces written in ways that are easily taken for each other; lines are numbered.
+    """
+    counts = dict.fromkeys(_KEYS, 0)
+    kept: dict[bytes, list[bytes]] = {key: [] for key in _KEYS}
+    faces: dict[tuple[int, int, bool], tuple[list[int], list[bytes]]] = {}
+    before: list[int] = []  # vertices before the first face that counts from the end
+    for number, line in enumerate(text.split(b"\n"), start=1):
+        key, _, rest = line.partition(b" ")
+        if key in counts:
+            counts[key] += 1
+            kept[key].append(rest)
+        elif key == b"f":
+            words = rest.split()
+            plain = rest.replace(b"/", b" ")
+            kind = (len(words), len(plain.split()), b"//" in rest)
+            lines = faces.setdefault(kind, ([], []))
+            lines[0].append(number)
+            lines[1].append(plain)
+            if b"-" in rest and not before:
+                before = [counts[one] for one in _KEYS]
+        elif key.startswith(b"f") and not key.isalpha():
+            raise InputError(f"line {number} begins with {key[:20].decode('latin-1')!r}, which is no face")
+    if before and before != [counts[key] for key in _KEYS]:
+        raise InputError("has faces that count from the end, and vertices after them; save it without")
+    check_limit("points", counts[b"v"], "its vertices")
+    for key in _KEYS:
+        _check_vertices(key, kept[key])
+    return _check_faces(faces, [counts[key] for key in _KEYS])
+
+
+def _check_vertices(key: bytes, lines: Sequence[bytes]) -> None:
+    """Raise where lines of one kind are no rows of numbers."""
+    if not lines:
+        return
+    fewest, most = _WIDTHS[key]
+    widths = {len(line.split()) for line in lines}
+    if min(widths) < fewest or max(widths) > most:
+        raise InputError(f"has {key.decode()} lines of {min(widths)} to {max(widths)} numbers")
+    for width in widths:
+        rows = [line for line in lines if len(line.split()) == width] if len(widths) > 1 else lines
+        try:
+            np.loadtxt([row.decode("latin-1") for row in rows], comments=None)
+        except ValueError as error:
+            raise InputError(f"its {key.decode()} lines cannot be read: {error}") from error
+
+
+def _check_faces(faces: dict[tuple[int, int, bool], tuple[list[int], list[bytes]]], counts: list[int]) -> int:
+    total = 0
+    by_width: dict[int, tuple[int, int, bool]] = {}
+    for kind, (numbers, lines) in faces.items():
+        n_corners, width, skips = kind
+        if n_corners < 3:
+            raise InputError(f"line {numbers[0]} is a face of {n_corners} corners; three are needed")
+        each = width // n_corners
+        if width % n_corners or each > 3 or (skips and each != 2):
+            raise InputError(f"line {numbers[0]} is a face whose corners are written in different ways")
+        if by_width.setdefault(width, kind) != kind:
+            raise InputError(
+                f"line {numbers[0]} is a face written in another way than one before; save it as triangles"
+            )
+        total += len(numbers) * (n_corners - 2)
+        check_limit("faces", total, "its faces")
+        try:
+            table = np.loadtxt([line.decode("latin-1") for line in lines], np.int64, ndmin=2, comments=None)
+        except (ValueError, OverflowError) as error:
+            raise InputError(f"its faces cannot be read: {error}") from error
+        for part in range(each):
+            what = 2 if skips and part == 1 else part
+            _check_range(table[:, part::each], counts[what], _NAMES[what], numbers)
+    return total
+
+
+def _check_range(table: NDArray[np.int64], count: int, name: str, lines: list[int]) -> None:
+    bad = ((table == 0) | (np.abs(table) > count)).any(axis=1)
+    if bad.any():
+        first = int(np.argmax(bad))
+        wrong = table[first][(table[first] == 0) | (np.abs(table[first]) > count)][0]
+        raise InputError(
+            f"line {lines[first]}: its face names {name} {wrong}, but they count from 1 to {count} "
+            f"({int(bad.sum())} such faces)"
+        )
+
+
+def write_obj(parts: Sequence[MeshPart], path: Path, comments: Sequence[str] = ()) -> list[Path]:
+    """Write parts in world coordinates as OBJ in double precision; return all files that were written.
+
+    A part with a texture has a material that names `STEM_1.png` and so on, STEM that of the .obj file; one of
+    a single colour has a material of that colour. Where a part has several, all vertices have theirs after
+    the coordinates, since readers know no mixture. The tint of a texture is left out. Comments are lines at
+    the head.
+    """
+    images, number_of = _numbered_images(parts)
+    files = [path.with_name(f"{path.stem}_{number}.png") for number in range(1, len(images) + 1)]
+    materials: dict[str, str] = {}
+    lines = [f"# {comment}" for comment in comments]
+    body: list[str] = []
+    n_vertices = n_uv = 0
+    coloured = any(part.colour is not None and _material(part, number_of) is None for part in parts)
+    for part in sorted(parts, key=lambda one: _material(one, number_of) is not None):
+        material = _material(part, number_of)
+        body += [f"o {_UNSAFE.sub('_', part.name)}", *_vertex_lines(part, coloured=coloured)]
+        if material is not None:
+            image = None if part.image is None else files[number_of[id(part.image)]].name
+            materials[material] = _material_lines(material, part, image)
+            body.append(f"usemtl {material}")
+        if part.uv is not None:
+            body += [f"vt {u!r} {v!r}" for u, v in part.uv.astype(np.float64).tolist()]
+        body += _face_lines(part, n_vertices + 1, n_uv + 1)
+        n_vertices += len(part.vertices)
+        n_uv += 0 if part.uv is None else len(part.uv)
+    library = path.with_suffix(".mtl")
+    if materials:
+        lines.append(f"mtllib {library.name}")
+    for file, image in zip(files, images, strict=True):
+        write_bytes(file, _png(image))
+    if materials:
+        write_text(library, "\n".join(materials.values()))
+    write_text(path, "\n".join([*lines, *body]) + "\n")
+    return [path, *([library] if materials else []), *files]
+
+
+def _numbered_images(parts: Iterable[MeshPart]) -> tuple[list[Any], dict[int, int]]:
+    """The distinct images, and the number of each by its identity."""
+    images: list[Any] = []
+    number_of: dict[int, int] = {}
+    for part in parts:
+        if part.image is not None and id(part.image) not in number_of:
+            number_of[id(part.image)] = len(images)
+            images.append(part.image)
+    return images, number_of
+
+
+def _tint(part: MeshPart) -> tuple[int, ...] | None:
+    """The one colour of a part, None where it has none or several."""
+    if part.colour is None or (part.colour != part.colour[:1]).any():
+        return None
+    return tuple(int(channel) for channel in part.colour[0])
+
+
+def _material(part: MeshPart, number_of: dict[int, int]) -> str | None:
+    """Name of a part's material."""
+    tint = _tint(part)
+    if part.image is not None:
+        return f"texture_{number_of[id(part.image)] + 1}"
+    return None if tint is None else "colour_{:02x}{:02x}{:02x}".format(*tint)
+
+
+def _material_lines(name: str, part: MeshPart, image: str | None) -> str:
+    colour = (255, 255, 255) if part.image is not None else _tint(part) or (255, 255, 255)
+    red, green, blue = (repr(channel / 255) for channel in colour)
+    text = f"newmtl {name}\nKa 0 0 0\nKd {red} {green} {blue}\nKs 0 0 0\nillum 1\n"
+    return text if image is None else f"{text}map_Kd {image}\n"
+
+
+def _vertex_lines(part: MeshPart, *, coloured: bool) -> list[str]:
+    if part.colour is None or not coloured:
+        return [f"v {x!r} {y!r} {z!r}" for x, y, z in part.vertices.tolist()]
+    table = np.hstack([part.vertices, part.colour / 255.0])
+    return [f"v {' '.join(map(repr, row))}" for row in table.tolist()]
+
+
+def _face_lines(part: MeshPart, first: int, first_uv: int) -> list[str]:
+    corners = (part.faces + first).tolist()
+    if part.uv is None:
+        return [f"f {a} {b} {c}" for a, b, c in corners]
+    shift = first_uv - first
+    return [f"f {a}/{a + shift} {b}/{b + shift} {c}/{c + shift}" for a, b, c in corners]
+
+
+def _png(image: Any) -> bytes:
+    data = io.BytesIO()
+    Image.fromarray(image).save(data, "PNG")
+    return data.getvalue()

@@ -1,0 +1,473 @@
+# SPDX-License-Identifier: MIT
+"""PLY: point clouds and triangle meshes with any properties; what a header announces is checked first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from shutil import copyfileobj
+from tempfile import SpooledTemporaryFile
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import FloatArray, InputError, check_faces, check_vectors
+from scenes.io.guard import check_file, reading
+from scenes.io.limits import check_limit
+from scenes.run.atomic import atomic_path
+
+TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
+    "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_MAX_HEADER = 1 << 22  # bytes
+_NO_HEADER = "not a PLY file: no header from 'ply' to 'end_header'"
+
+
+@dataclass(slots=True)
+class _Element:
+    """An element: its rows, and its properties as (name, type of a list's length or "", type)."""
+
+    name: str
+    count: int
+    properties: list[tuple[str, str, str]] = field(default_factory=list)
+
+    @property
+    def lists(self) -> int:
+        return sum(bool(length) for _, length, _ in self.properties)
+
+
+def check_ply(data: bytes) -> int:
+    """Return how many triangles the bytes of a PLY mesh hold, its polygons cut into fans.
+
+    Raises InputError: no PLY; another number of rows, bytes or numbers than announced; polygons with
+    different numbers of corners in a binary file.
+    """
+    order, elements, start = _parse_header(data)
+    for element in elements:
+        check_limit(
+            "faces" if element.name == "face" else "points", element.count, f"its {element.name} rows"
+        )
+    names = {element.name for element in elements}
+    if "vertex" not in names:
+        raise InputError("has no vertices")
+    vertex = next(element for element in elements if element.name == "vertex")
+    if not {"x", "y", "z"} <= {name for name, _, _ in vertex.properties} or vertex.lists:
+        raise InputError("its vertices need x, y, z, and no lists")
+    return _check_text(data[start:], elements) if order == "" else _check_binary(data, start, elements, order)
+
+
+def has_faces(path: Path) -> bool:
+    """Tell whether a file is PLY whose header announces faces; organised scans and clouds have none."""
+    try:
+        with path.open("rb") as file:
+            lines, _ = header_lines(file.read(_MAX_HEADER))
+    except (OSError, InputError):
+        return False
+    rows = [line.split() for line in lines if line.startswith("element")]
+    return any(row[1:2] == ["face"] and row[2:3] not in ([], ["0"]) for row in rows)
+
+
+def header_lines(data: bytes) -> tuple[list[str], int]:
+    """Return a PLY's header lines but the first, and where rows begin.
+
+    Raises InputError: there is no header, or no line end after it.
+    """
+    end = data.find(b"end_header", 0, _MAX_HEADER)
+    start = data.find(b"\n", end) + 1
+    if not data.startswith(b"ply") or end < 0 or start == 0:
+        raise InputError(_NO_HEADER)
+    return data[:end].decode("utf-8", errors="replace").splitlines()[1:], start
+
+
+def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
+    lines, stop = header_lines(data)
+    encoding, elements = "", []
+    for line in lines:
+        words = line.split()
+        if words[:1] == ["format"] and len(words) > 1:
+            encoding = words[1]
+        elif words[:1] == ["element"]:
+            if len(words) != 3 or not (words[2].isascii() and words[2].isdigit()):
+                raise InputError(f"its header has the line {line.strip()[:60]!r}, which announces no element")
+            elements.append(_Element(words[1], int(words[2])))
+        elif words[:1] == ["property"]:
+            if not elements:
+                raise InputError(f"its header has the line {line.strip()[:60]!r} before any element")
+            elements[-1].properties.append(_property(words, line))
+    if encoding not in _ORDERS:
+        raise InputError(f"has the unknown format {encoding[:40]!r}; known: {', '.join(_ORDERS)}")
+    return _ORDERS[encoding], elements, stop
+
+
+def _property(words: list[str], line: str) -> tuple[str, str, str]:
+    if len(words) == 5 and words[1] == "list" and {words[2], words[3]} <= TYPES.keys():
+        return words[4], TYPES[words[2]], TYPES[words[3]]
+    if len(words) == 3 and words[1] in TYPES:
+        return words[2], "", TYPES[words[1]]
+    raise InputError(f"its header has the line {line.strip()[:60]!r}, which is no property")
+
+
+def _check_text(body: bytes, elements: list[_Element]) -> int:
+    """Check a text file, a row a line."""
+    lines = body.decode("ascii", errors="replace").rstrip().splitlines()
+    announced = sum(element.count for element in elements)
+    if len(lines) != announced:
+        said = ", ".join(f"{element.count} of {element.name}" for element in elements)
+        raise InputError(f"announces {announced} rows ({said}), {len(lines)} follow: is it cut, or edited?")
+    at = n_faces = 0
+    for element in elements:
+        rows = lines[at : at + element.count]
+        if element.lists:
+            n_faces += _check_lists(element, rows, at)
+        elif rows:
+            _check_numbers(element, rows, at)
+        at += element.count
+    return n_faces
+
+
+def _check_numbers(element: _Element, rows: list[str], at: int) -> None:
+    needed = len(element.properties)
+    try:
+        width = np.loadtxt(rows, ndmin=2, comments=None).shape[1]
+    except ValueError as error:
+        raise InputError(f"{element.name} rows cannot be read: {error}") from error
+    if width != needed:
+        raise InputError(f"row {at + 1} after the header has {width} numbers, a {element.name} has {needed}")
+
+
+def _check_lists(element: _Element, rows: list[str], at: int) -> int:
+    """Check rows with lists, and return the triangles where they are faces."""
+    n_faces = 0
+    for number, row in enumerate(rows, start=at + 1):
+        words, place, corners = row.split(), 0, 0
+        try:
+            for name, length, _ in element.properties:
+                held = int(words[place]) if length else 1
+                if held < 0 or place + held + bool(length) > len(words):
+                    raise IndexError
+                if length and name.startswith("vertex_ind"):
+                    corners = held
+                    list(map(int, words[place + 1 : place + 1 + held]))
+                place += held + bool(length)
+        except (ValueError, IndexError) as error:
+            raise InputError(f"row {number} after the header, {row[:60]!r}, is no {element.name}") from error
+        if place != len(words):
+            raise InputError(
+                f"row {number} after the header has {len(words)} numbers, {place} were announced"
+            )
+        n_faces += _triangles(element, corners, number)
+    return n_faces
+
+
+def _triangles(element: _Element, corners: int, number: int) -> int:
+    if element.name != "face":
+        return 0
+    if corners < 3:
+        raise InputError(f"row {number} after the header is a face of {corners} corners; three are needed")
+    return corners - 2
+
+
+def _check_binary(data: bytes, start: int, elements: list[_Element], order: str) -> int:
+    """Check a binary file, in which all lists of one property have one length."""
+    n_faces, at = 0, start
+    for element in elements:
+        dtype, lengths = _row(data, at, element, order)
+        end = at + element.count * dtype.itemsize
+        if end > len(data):
+            raise InputError(
+                f"truncated: {element.count:,} of {element.name} take {end - at:,} bytes, "
+                f"{len(data) - at:,} present"
+            )
+        rows = np.frombuffer(data, dtype, element.count, at)
+        for name, length in lengths.items():
+            if (rows[f"{name} length"] != length).any():
+                raise InputError(
+                    f"its {element.name} rows have lists of different lengths (polygons of different numbers "
+                    "of corners), or it is damaged; save it with triangles alone, or as text"
+                )
+            if name.startswith("vertex_ind") and element.count:
+                n_faces += element.count * _triangles(element, length, 1)
+        at = end
+    if at != len(data):
+        raise InputError(f"has {len(data) - at:,} bytes more than it announces: is its header damaged?")
+    return n_faces
+
+
+def _row(data: bytes, at: int, element: _Element, order: str) -> tuple[np.dtype[np.void], dict[str, int]]:
+    """The type of a row, the lengths of its lists as they stand in the first one."""
+    fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]] = []
+    lengths: dict[str, int] = {}
+    for name, length, kind in element.properties:
+        if length:
+            place = at + np.dtype(fields).itemsize
+            end = place + np.dtype(length).itemsize
+            held = np.frombuffer(data[place:end], order + length)
+            lengths[name] = int(held[0]) if len(held) and element.count else 0
+            if not 0 <= lengths[name] <= len(data):
+                raise InputError(f"its first {element.name} has a list of {lengths[name]} entries")
+            fields += [(f"{name} length", order + length), (name, order + kind, (lengths[name],))]
+        else:
+            fields.append((name, order + kind))
+    try:
+        return np.dtype(fields), lengths
+    except ValueError as error:
+        raise InputError(f"its {element.name} rows cannot be laid out: {error}") from error
+
+
+_COUNT, _CORNERS = "#", "#corners"  # of a face, in tables: no property can have such a name
+_HELD = 1 << 24  # bytes of a file that are in memory at a time
+_NAME_OF_TYPE = {kind: name for name, kind in reversed(TYPES.items())}  # the older name of each
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlyMesh:
+    """A PLY file's vertices, triangles and the rest.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float
+        As in the file; for files of ours world coordinates in metres.
+    faces : (m, 3) int32
+        Empty for a point cloud.
+    vertex_properties : dict of (n,) arrays
+        Everything but x, y, z, by name, in the file's order.
+    face_properties : dict of (m,) arrays
+        Everything but the corners, by name, in the file's order.
+    comments : tuple of str
+        Texts of the `comment` and `obj_info` lines.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int32]
+    vertex_properties: dict[str, NDArray[Any]] = field(default_factory=dict)
+    face_properties: dict[str, NDArray[Any]] = field(default_factory=dict)
+    comments: tuple[str, ...] = ()
+
+
+def write_mesh_ply(
+    path: str | PathLike[str],
+    vertices: FloatArray,
+    faces: NDArray[Any] | None = None,
+    vertex_properties: Mapping[str, NDArray[Any]] | None = None,
+    comments: Sequence[str] = (),
+    *,
+    face_properties: Mapping[str, NDArray[Any]] | None = None,
+) -> None:
+    """Write a triangle mesh, or a point cloud, as binary little-endian PLY, atomically.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    vertices : (n, 3) float
+        Written as double, NaN allowed.
+    faces : (m, 3) int, optional
+        Without it, or with none, the file is a point cloud.
+    vertex_properties : dict of (n,) arrays, optional
+        Written after x, y, z in their order; the type follows the array: uint8 is uchar, int32 and int64
+        int, float32 float, float64 double. Colours are `red`, `green`, `blue` as uint8.
+    comments : sequence of str
+        One `comment` line each.
+    face_properties : dict of (m,) arrays, optional
+        Written after the corners; types as for vertices.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes or types, faces out of range, a comment with a line end.
+    """
+    whole = PlyMesh(
+        np.asarray(vertices),
+        np.zeros((0, 3), np.int32) if faces is None else np.asarray(faces),
+        dict(vertex_properties or {}),
+        dict(face_properties or {}),
+    )
+    write_meshes_ply(path, [whole], comments)
+
+
+def write_meshes_ply(
+    path: str | PathLike[str], parts: Iterable[PlyMesh], comments: Sequence[str] = ()
+) -> None:
+    """Write parts as one mesh, one after the other, none of which is held longer; see `write_mesh_ply`.
+
+    All have the same properties. Triangles of a part are numbered from its first vertex on, and may have
+    corners in later parts.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes or types, faces out of range, a comment with a line end.
+    """
+    target, n_points, n_faces, most = Path(path), 0, 0, -1
+    dtype, face_dtype = np.dtype([]), np.dtype([])
+    with atomic_path(target) as temporary, ExitStack() as stack:
+        folder = temporary.parent
+        tables, corners = (
+            stack.enter_context(SpooledTemporaryFile(max_size=_HELD, dir=str(folder))) for _ in range(2)
+        )
+        for part in parts:
+            table, faces = _table(part), check_faces(part.faces, np.iinfo(np.int32).max)
+            if n_points and len(table) and table.dtype != dtype:
+                raise InputError(f"parts of a PLY file have properties {dtype.names}, {table.dtype.names}")
+            dtype = table.dtype if len(table) or not dtype.names else dtype
+            most = max(most, int(faces.max(initial=-1)) + n_points)
+            tables.write(table.view(np.uint8).data)
+            rows = _face_table(faces + np.int32(n_points), part.face_properties)
+            face_dtype = rows.dtype if len(rows) or not face_dtype.names else face_dtype
+            corners.write(rows.view(np.uint8).data)
+            n_points, n_faces = n_points + len(table), n_faces + len(faces)
+        if most >= n_points:
+            raise InputError(f"a face has the corner {most}, but there are {n_points} vertices")
+        with temporary.open("wb") as file:
+            file.write(_header_text(dtype, n_points, face_dtype, n_faces, comments).encode("utf-8"))
+            for spooled in (tables, corners):
+                spooled.seek(0)
+                copyfileobj(spooled, file, _HELD)
+
+
+def _table(part: PlyMesh) -> NDArray[Any]:
+    """The vertices with their properties, as the file holds them."""
+    points = check_vectors("vertices", part.vertices)
+    columns: dict[str, NDArray[Any]] = {axis: points[:, i] for i, axis in enumerate("xyz")}
+    for name, values in part.vertex_properties.items():
+        columns[name] = _as_column(f"vertex property {name}", name, values, len(points))
+    dtype = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
+    table = np.empty(len(points), dtype)
+    for name, column in columns.items():
+        table[name] = column
+    return table
+
+
+def _as_column(what: str, name: str, values: NDArray[Any], n: int) -> NDArray[Any]:
+    column = np.asarray(values)
+    if column.shape != (n,):
+        raise InputError(f"expected {what} with shape ({n},), got {column.shape}")
+    if not name.isidentifier():
+        raise InputError(f"{what.removesuffix(name)}name {name!r} has characters that PLY does not allow")
+    if column.dtype == np.bool_:
+        return column.astype(np.uint8)
+    if column.dtype.kind in "iu" and column.dtype.itemsize == 8:
+        if len(column) and not -(2**31) <= int(column.min()) <= int(column.max()) < 2**31:
+            raise InputError(f"{what} exceeds 32 bits, the largest integer of PLY")
+        return column.astype(np.int32)
+    if column.dtype.str[1:] not in _NAME_OF_TYPE:
+        raise InputError(f"{what} has type {column.dtype}, which PLY does not know")
+    return column
+
+
+def _header_text(
+    dtype: np.dtype[Any], n_points: int, face_dtype: np.dtype[Any], n_faces: int, comments: Sequence[str]
+) -> str:
+    lines = ["ply", "format binary_little_endian 1.0"]
+    for comment in comments:
+        if "\n" in comment or "\r" in comment:
+            raise InputError(f"a PLY comment is one line, got {comment!r}")
+        lines.append(f"comment {comment}")
+    lines.append(f"element vertex {n_points}")
+    lines += _property_lines(dtype, dtype.names or ())
+    own = (face_dtype.names or ())[2:]
+    if n_faces or own:
+        lines += [f"element face {n_faces}", "property list uchar int vertex_indices"]
+        lines += _property_lines(face_dtype, own)
+    return "\n".join([*lines, "end_header\n"])
+
+
+def _property_lines(dtype: np.dtype[Any], names: Sequence[str]) -> list[str]:
+    return [f"property {_NAME_OF_TYPE[dtype[name].str[1:]]} {name}" for name in names]
+
+
+def _face_table(faces: NDArray[np.int32], properties: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    columns = {
+        name: _as_column(f"face property {name}", name, values, len(faces))
+        for name, values in properties.items()
+    }
+    own = [(name, column.dtype.newbyteorder("<")) for name, column in columns.items()]
+    table = np.empty(len(faces), dtype=[(_COUNT, "u1"), (_CORNERS, "<i4", (3,)), *own])
+    table[_COUNT], table[_CORNERS] = 3, faces
+    for name, column in columns.items():
+        table[name] = column
+    return table
+
+
+def read_mesh_ply(path: str | PathLike[str]) -> PlyMesh:
+    """Read a binary little-endian PLY of points or triangles with any scalar vertex properties.
+
+    This reads what `write_mesh_ply` writes, all properties included; foreign meshes, ASCII and big-endian
+    files are opened with `scenes.io.scene_files.load_scene`.
+
+    Raises InputError: not such a file, truncated, or faces that are no triangles.
+    """
+    file = check_file(Path(path))
+    with reading(file, "a binary PLY file"):
+        return _read(file)
+
+
+@dataclass(slots=True)
+class _Rows:
+    name: str
+    count: int
+    properties: list[str] = field(default_factory=list)  # names of the scalar ones
+    fields: list[Any] = field(default_factory=list)  # of a row, as numpy has them
+
+
+def _read(path: Path) -> PlyMesh:
+    data = path.read_bytes()
+    elements, comments, offset = _table_header(data)
+    vertices, of_vertices, of_faces = np.zeros((0, 3)), {}, {}
+    faces = np.zeros((0, 3), np.int32)
+    for element in elements:
+        dtype = np.dtype(element.fields)
+        needed = element.count * dtype.itemsize
+        if offset + needed > len(data):
+            raise InputError(
+                f"truncated: {element.count} of {element.name} take {needed} bytes, {len(data) - offset} left"
+            )
+        table = np.frombuffer(data, dtype, element.count, offset)
+        offset += needed
+        if element.name == "vertex":
+            vertices = np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+            of_vertices = {name: table[name].copy() for name in element.properties if name not in "xyz"}
+        elif element.name == "face":
+            if (table[_COUNT] != 3).any():
+                raise InputError("has faces that are no triangles")
+            faces = table[_CORNERS].astype(np.int32)
+            of_faces = {name: table[name].copy() for name in element.properties}
+    return PlyMesh(vertices, check_faces(faces, len(vertices)), of_vertices, of_faces, comments)
+
+
+def _table_header(data: bytes) -> tuple[list[_Rows], tuple[str, ...], int]:
+    """Elements, comments and where the data begin."""
+    lines, start = header_lines(data)
+    elements: list[_Rows] = []
+    comments: list[str] = []
+    for line in lines:
+        words = line.split()
+        if line.startswith(("comment ", "obj_info ")):
+            comments.append(line.split(" ", 1)[1])
+        elif words[:1] == ["format"] and words[1] != "binary_little_endian":
+            raise InputError(f"is in {words[1]} format; binary_little_endian was expected")
+        elif words[:1] == ["element"]:
+            if int(words[2]) < 0:
+                raise InputError(f"announces {words[2]} of {words[1]}")
+            elements.append(_Rows(words[1], int(words[2])))
+        elif words[:2] == ["property", "list"]:
+            count, index = _type_of(words[2]), _type_of(words[3])
+            elements[-1].fields += [(_COUNT, count), (_CORNERS, index, (3,))]
+        elif words[:1] == ["property"]:
+            elements[-1].properties.append(words[2])
+            elements[-1].fields.append((words[2], _type_of(words[1])))
+    return elements, tuple(comments), start
+
+
+def _type_of(word: str) -> str:
+    """The type of a property, as numpy calls it."""
+    if word not in TYPES:
+        raise InputError(f"has a property of the unknown type {word[:40]!r}")
+    return "<" + TYPES[word]

@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: MIT
+"""Scan files: reads and writes organised scans by suffix, one scan of several by PATH#k."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from scenes.checks import InputError
+from scenes.io.cloud import NO_RAYS
+from scenes.io.format import METRES_PER_UNIT, Intrinsics, ScanReader, Units
+from scenes.io.guard import check_file, reading
+from scenes.io.mesh_file import MESH_SUFFIXES
+from scenes.io.registry import format_of, scan_suffixes, written_suffixes
+from scenes.io.rgbd import open_rgbd, read_frame
+from scenes.io.rgbd_writer import Layout, write_rgbd
+from scenes.io.trajectory import poses_at, read_poses
+from scenes.io.uos import is_uos, open_uos, read_uos
+from scenes.pose import Pose
+from scenes.run.mapping import trim
+from scenes.run.spill import NoSpill, Spill
+from scenes.scan.pixels import scaled
+from scenes.scan.range_image import RangeImage
+from scenes.scan.saturation import without_saturated
+
+_FEW = 8  # scans that are read together into memory; of more, the pixels are in files
+
+
+@dataclass(frozen=True, slots=True)
+class ScanSource:
+    """A file or folder of scans, opened but not read.
+
+    Attributes
+    ----------
+    path : Path
+        Without `#k`.
+    kind : str
+        The suffix: "npz", "e57" and so on, or "rgbd (plain)" and the like.
+    readers : tuple of functions
+        One a scan, in natural order; each reads and returns its scan, or raises InputError.
+    registered : bool
+        False when frames of a folder have no poses.
+    times : tuple of float, optional
+        When each was taken, seconds, where a folder tells.
+    unit : str, optional
+        Of its lengths, where the format fixes one; the readers give metres then.
+    """
+
+    path: Path
+    kind: str
+    readers: tuple[ScanReader, ...]
+    registered: bool = True
+    times: tuple[float, ...] | None = None
+    unit: Units | None = None
+
+    def read(
+        self,
+        number: int | None = None,
+        poses: str | os.PathLike[str] | Sequence[Pose] | None = None,
+        units: Units = "m",
+        spill: Spill | NoSpill | None = None,
+    ) -> list[RangeImage]:
+        """Return all scans, or scan `number` from 1; poses and units as for `read_scans`.
+
+        Their arrays are where `spill` keeps them; unless given, that is as `spill_for` says.
+
+        Raises InputError: damaged, no such scan, several frames without poses, or poses of another number.
+        """
+        picked = _pick(self, number)
+        given = _given_poses(poses, self, picked)
+        if given is None and not self.registered and len(picked) > 1:
+            raise InputError(
+                f"{self.path}: {len(picked)} frames without poses; give --poses FILE, put a pose.txt there, "
+                "or pick one frame with PATH#k"
+            )
+        where = spill_for(len(picked)) if spill is None else spill
+        scans = [kept(self.readers[k](), where) for k in picked]
+        if given is not None:
+            scans = [scan.restated(world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
+        return [self.in_metres(scan, units) for scan in scans]
+
+    def in_metres(self, scan: RangeImage, units: Units) -> RangeImage:
+        """Return a scan of it, whose lengths are in `units`, in metres.
+
+        Raises InputError: other units than the format's own.
+        """
+        if self.unit is None:
+            return in_metres(scan, units)
+        check_own_unit(self.path, self.kind, self.unit, units)
+        return scan
+
+
+def spill_for(n_scans: int) -> Spill | NoSpill:
+    """Return where the arrays of so many scans are kept: of more than eight, on disk."""
+    return Spill() if n_scans > _FEW else NoSpill()
+
+
+def kept(scan: RangeImage, spill: Spill | NoSpill) -> RangeImage:
+    """Return a scan with its arrays where they are kept; the memory of those on disk is free."""
+    held = spill.keep(scan)
+    trim()
+    return held
+
+
+def open_scans(
+    path: str | os.PathLike[str], *, intrinsics: Intrinsics | None = None, depth_scale: float | None = None
+) -> ScanSource:
+    """Open a file or folder of scans; the pixels are read when a reader is called.
+
+    Raises InputError: nothing there, empty, damaged, or of no known kind.
+    """
+    source = Path(path)
+    if not source.exists():
+        raise InputError(f"{source}: no such file or folder")
+    if is_uos(source):
+        return _open_3dtk(source)
+    if source.is_dir():
+        folder = open_rgbd(source)
+        readers = [partial(read_frame, folder, k, intrinsics, depth_scale) for k in range(len(folder.frames))]
+        times = tuple(frame.time for frame in folder.frames if frame.time is not None)
+        timed = times if len(times) == len(readers) else None
+        kind = f"rgbd ({folder.layout})"
+        return ScanSource(
+            source, kind, _guarded(source, kind, readers, marks_misses=True), folder.registered, timed
+        )
+    check_file(source)
+    suffix = source.suffix.lower()
+    known = format_of(suffix)
+    if known is None or known.scans is None:
+        raise InputError(f"{source}: {_refusal(suffix)}")
+    kind = known.name or suffix[1:]
+    with reading(source, f"{kind.upper()} scan"):
+        opened = known.scans(source, intrinsics)
+    return ScanSource(
+        source, kind, _guarded(source, kind, opened, marks_misses=known.marks_misses), unit=known.unit
+    )
+
+
+def _open_3dtk(source: Path) -> ScanSource:
+    folder = open_uos(source)
+    readers = [partial(read_uos, folder, k) for k in range(len(folder.scans))]
+    guarded = _guarded(source, "3dtk", readers, marks_misses=False)
+    return ScanSource(source, "3dtk", guarded, folder.registered, unit="cm")
+
+
+def _guarded(
+    source: Path, kind: str, readers: Sequence[ScanReader], *, marks_misses: bool
+) -> tuple[ScanReader, ...]:
+    """The readers, of which none raises anything but InputError, nor takes full numbers for ranges."""
+
+    def guarded(reader: ScanReader) -> RangeImage:
+        with reading(source, f"{kind} scan"):
+            scan = reader()
+            return scan if marks_misses else without_saturated(scan)
+
+    return tuple(partial(guarded, reader) for reader in readers)
+
+
+def _refusal(suffix: str) -> str:
+    """Why a suffix is no scan, and the cure."""
+    if suffix in MESH_SUFFIXES:
+        return (
+            f"{suffix} is a mesh, not a scan; say where scanners stood in it, --origin X,Y,Z, or simulate a "
+            "scan with `unseen scan SCENE -o FILE.npz`"
+        )
+    if format_of(suffix) is not None:
+        return NO_RAYS
+    known = ", ".join(scan_suffixes())
+    return f"cannot read scans from {suffix or 'a file without suffix'}; known: {known}, RGB-D folders"
+
+
+def split_index(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
+    """Split `PATH#k` into the path and k, None without; a file whose own name ends in #k is left whole.
+
+    Examples
+    --------
+    >>> split_index("house.e57#2")
+    (PosixPath('house.e57'), 2)
+    """
+    text = os.fspath(path)
+    before, mark, number = text.rpartition("#")
+    if not mark or Path(text).exists():
+        return Path(text), None
+    if not (number.isascii() and number.isdigit()):
+        raise InputError(f"{text}: after # comes the number of a scan, from 1; got {number!r}")
+    return Path(before), int(number)
+
+
+def read_scans(
+    path: str | os.PathLike[str],
+    *,
+    intrinsics: Intrinsics | None = None,
+    depth_scale: float | None = None,
+    poses: str | os.PathLike[str] | Sequence[Pose] | None = None,
+    units: Units = "m",
+) -> list[RangeImage]:
+    """Return all scans of a file or folder, or the one that `PATH#k` names.
+
+    Parameters
+    ----------
+    path : str or path
+        `.npz .ply .pcd .ptx .e57 .3d .las .laz .xyz .csv` or a folder (RGB-D, 3DTK); `#k` counts from 1 in
+        natural order. Files of mere points are scans where they tell the place of the scanner: ours do.
+    intrinsics : (fx, fy, cx, cy), optional
+        Pixels; goes before what a file or folder says. Used by folders and .pcd.
+    depth_scale : float, optional
+        Depth values a unit, for folders.
+    poses : file or sequence of Pose, optional
+        `world_from_sensor` of each scan of `path` (all of them, or as many as are picked).
+    units : "mm", "cm", "m" or "in"
+        Unit of the lengths in the file, poses included.
+
+    Raises
+    ------
+    InputError
+        Unusable input, several frames without poses, or poses of another number.
+    """
+    check_units(units)
+    base, number = split_index(path)
+    return open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale).read(number, poses, units)
+
+
+def check_own_unit(path: Path, kind: str, unit: Units, given: Units) -> None:
+    """Raise InputError where another unit is given than the one that a format fixes; metres is none given."""
+    if given not in ("m", unit):
+        raise InputError(f"{path}: {kind} is in {unit} by its format; leave out --units")
+
+
+def check_units(units: Units) -> float:
+    """Return the metres of a unit.
+
+    Raises InputError: an unknown one.
+    """
+    if units not in METRES_PER_UNIT:
+        raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
+    return METRES_PER_UNIT[units]
+
+
+def _pick(source: ScanSource, number: int | None) -> list[int]:
+    n_scans = len(source.readers)
+    if n_scans == 0:
+        raise InputError(f"{source.path}: holds no scan")
+    if number is None:
+        return list(range(n_scans))
+    if not 1 <= number <= n_scans:
+        raise InputError(f"{source.path}#{number}: there are {n_scans} scans, counted from 1")
+    return [number - 1]
+
+
+def _given_poses(
+    poses: str | os.PathLike[str] | Sequence[Pose] | None, source: ScanSource, picked: list[int]
+) -> list[Pose] | None:
+    """The poses of the picked scans: one each, or for all of them; of a trajectory with times the nearest."""
+    if poses is None:
+        return None
+    n_scans = len(source.readers)
+    found = read_poses(Path(poses)) if isinstance(poses, str | os.PathLike) else list(poses)
+    if isinstance(poses, str | os.PathLike) and source.times is not None and len(found) != n_scans:
+        return poses_at(Path(poses), [source.times[k] for k in picked])
+    if len(found) == n_scans:
+        return [found[k] for k in picked]
+    if len(found) == len(picked):
+        return found
+    raise InputError(f"{len(found)} poses for {n_scans} scans; give one pose a scan")
+
+
+def read_scan(
+    path: str | os.PathLike[str],
+    *,
+    intrinsics: Intrinsics | None = None,
+    depth_scale: float | None = None,
+    poses: str | os.PathLike[str] | Sequence[Pose] | None = None,
+    units: Units = "m",
+) -> RangeImage:
+    """Return the one scan of a file, or the one that `PATH#k` names; parameters as for `read_scans`.
+
+    Raises
+    ------
+    InputError
+        As `read_scans`, and when there are several and none was picked.
+    """
+    check_units(units)
+    base, number = split_index(path)
+    source = open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale)
+    n_scans = len(source.readers)
+    if number is None and n_scans > 1:
+        raise InputError(f"{base}: holds {n_scans} scans; pick one with {base}#1 to {base}#{n_scans}")
+    return source.read(number, poses, units)[0]
+
+
+def in_metres(scan: RangeImage, units: Units) -> RangeImage:
+    """Return `scan` with all its lengths, which are in `units`, in metres."""
+    factor = METRES_PER_UNIT[units]
+    if factor == 1.0:
+        return scan
+    pose = scan.world_from_sensor
+    truth = scan.truth
+    return replace(
+        scan,
+        ranges=scaled(scan.ranges, factor),
+        sensor_points=None if scan.sensor_points is None else scaled(scan.sensor_points, factor),
+        world_from_sensor=Pose.from_parts(pose.rotation, pose.translation * factor),
+        sigma_m=None if scan.sigma_m is None else scan.sigma_m * factor,
+        truth=None if truth is None else replace(truth, ranges=scaled(truth.ranges, factor)),
+    )
+
+
+def write_scan(scan: RangeImage, path: str | os.PathLike[str]) -> None:
+    """Write one scan by suffix, atomically.
+
+    `.npz` (lossless, with truth), `.ply .pcd .ptx .e57 .las .laz`, and `.xyz .txt .asc .csv` as text;
+    docs/guides/formats.md says what each keeps and to which precision.
+
+    Raises
+    ------
+    InputError
+        Another suffix, a folder that does not exist, a missing extra, or what the format cannot hold.
+    """
+    target = Path(path)
+    known = format_of(target.suffix)
+    if known is None or known.write is None:
+        suffix = target.suffix or "a name without suffix"
+        raise InputError(f"{target}: cannot write scans to {suffix}; known: {', '.join(written_suffixes())}")
+    with np.errstate(invalid="ignore"):
+        known.write([scan], target)
+
+
+def write_scans(
+    scans: Sequence[RangeImage], path: str | os.PathLike[str], *, layout: Layout = "plain"
+) -> None:
+    """Write several scans to one `.e57` file, or pinhole scans of one camera to an RGB-D folder.
+
+    Parameters
+    ----------
+    scans : sequence of RangeImage
+        What to write.
+    path : str or path
+        A file by its suffix; a name without suffix is a folder.
+    layout : "plain", "tum" or "redwood"
+        Of a folder; see `scenes.io.rgbd_writer.write_rgbd`.
+
+    Raises
+    ------
+    InputError
+        Another suffix with more than one scan, or what the format cannot hold.
+    """
+    target = Path(path)
+    known = format_of(target.suffix)
+    if target.suffix == "":
+        write_rgbd(scans, target, layout)
+    elif len(scans) == 1:
+        write_scan(scans[0], target)
+    elif known is not None and known.write is not None:
+        known.write(scans, target)
+    else:
+        raise InputError(f"{target}: holds one scan, not {len(scans)}; write an .e57 file or a folder")

@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: MIT
+"""Scans of several files in one world, with their poses; of a mesh, what scanners would have seen."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenes.checks import InputError, check_point
+from scenes.io.describe import scan_warnings
+from scenes.io.format import Units
+from scenes.io.mesh_file import is_mesh
+from scenes.io.point_files import read_points
+from scenes.io.scan_files import ScanSource, check_units, open_scans, spill_for, split_index
+from scenes.io.scene_files import load_scene
+from scenes.io.station import scan_from_station
+from scenes.io.trajectory import read_poses
+from scenes.mesh.orientation import Axis, world_from_file_up
+from scenes.pose import Pose
+from scenes.scan.convention import convention_doubt
+from scenes.scan.projection import SphericalProjection
+from scenes.scan.range_image import MESH_SENSOR, RangeImage
+from scenes.scan.upright import SignedAxis, upright
+from scenes.world.scene import Scene
+
+_WIDTH, _HEIGHT = 1800, 900  # pixels all round, a fifth of a degree
+_LEAST_PIXELS = 1_000  # that meet the mesh from a place
+
+
+def scan_mesh(
+    path: str | os.PathLike[str], origins: Sequence[Sequence[float]], units: Units = "m", up: str = "z"
+) -> list[RangeImage]:
+    """Return a scan of a mesh from each place: all round, 1,800 x 900 pixels, without noise of its own.
+
+    A mesh does not say which beams made it. These are those that a scanner would have had: what a maker
+    closed by a guess counts as measured, and what looks into the open through a hole is not known.
+
+    Parameters
+    ----------
+    path : str or path
+        The mesh, in any format that `load_scene` reads; its axes stay as they are.
+    origins : sequence of (3,) float
+        Where scanners stand, in the file's frame, metres.
+    units : str
+        Of the file.
+    up : str
+        Its axis that is up, where that is known to be x, y or z.
+
+    Raises
+    ------
+    InputError
+        An unusable mesh; a place that is not finite, or from where hardly any of it is seen.
+    """
+    upwards: Axis = "x" if up == "x" else "y" if up == "y" else "z"
+    scene, from_file = load_scene(path, up=upwards, units=units), world_from_file_up(upwards)
+    projection = SphericalProjection.regular(_WIDTH, _HEIGHT, 360.0, (-90.0, 90.0))
+    told = (
+        f"{Path(path).name} is a mesh, cast at by {_WIDTH} x {_HEIGHT} rays from each place given: what its "
+        "maker closed counts as measured, and no measured beam vetoes what is inferred"
+    )
+    scans = []
+    for number, origin in enumerate(origins, start=1):
+        place = from_file.apply(check_point(f"place {number}", origin)[None])[0]
+        scan = _seen_from(scene, Pose.looking_at(place, place + [1.0, 0.0, 0.0]), projection)
+        n_met = int(scan.valid.sum())
+        if n_met < _LEAST_PIXELS:
+            raise InputError(
+                f"{path}: from {', '.join(f'{value:g}' for value in origin)} only {n_met} of "
+                f"{scan.ranges.size} rays meet the mesh; give places inside of rooms, and the file's --units"
+            )
+        scan = scan.transformed(from_file.inverse())
+        name = scene.name if len(origins) == 1 else f"{scene.name} {number}"
+        scans.append(replace(scan, name=name, warnings=(*scene.warnings, told) if number == 1 else ()))
+    return scans
+
+
+def _seen_from(scene: Scene, pose: Pose, projection: SphericalProjection) -> RangeImage:
+    rays = pose.rotate(projection.directions().reshape(-1, 3)).reshape(*projection.shape, 3)
+    hits = scene.ray_caster().first_hit(pose.translation[None], rays)
+    ranges = np.where(np.isfinite(hits.ranges), hits.ranges, np.inf)
+    return RangeImage(ranges.reshape(projection.shape), projection, pose, sensor=MESH_SENSOR)
+
+
+@dataclass(frozen=True, slots=True)
+class ScanRequest:
+    """Scans and how to read them.
+
+    Attributes
+    ----------
+    paths : tuple of str
+        Files, folders, `PATH#k`.
+    intrinsics : tuple of float, optional
+        fx, fy, cx, cy in pixels.
+    depth_scale : float, optional
+        Depth values a unit.
+    poses : str, optional
+        A file with one pose a scan, in the order of the paths.
+    units : str
+        Unit of the files.
+    origins : tuple of (x, y, z)
+        Where the scanner stood for each path, metres; when given, files are read as mere points, and a mesh
+        is seen from all these places.
+    up : str
+        The axis of the files that is up, "x" to "-z", or "auto": estimated (`scenes.scan.upright`).
+    """
+
+    paths: tuple[str, ...]
+    intrinsics: tuple[float, ...] | None = None
+    depth_scale: float | None = None
+    poses: str | None = None
+    units: Units = "m"
+    origins: tuple[tuple[float, ...], ...] = ()
+    up: SignedAxis = "z"
+
+    @property
+    def inputs(self) -> list[str]:
+        """What the manifest lists."""
+        return [*self.paths, *([self.poses] if self.poses else [])]
+
+    @property
+    def title(self) -> str:
+        """What a report on these scans is about."""
+        names = [Path(path).name for path in self.paths]
+        return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+
+    def options(self) -> dict[str, Any]:
+        """Return the options for manifest and report; files by name."""
+        return {
+            "scans": [Path(path).name for path in self.paths],
+            "intrinsics": self.intrinsics,
+            "depth_scale": self.depth_scale,
+            "poses": None if self.poses is None else Path(self.poses).name,
+            "units": self.units,
+            "origins": self.origins,
+            "up": self.up,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GivenScans:
+    """Scans in one world, and what is to be told of them.
+
+    Attributes
+    ----------
+    scans : tuple of RangeImage
+        All of them, lengths in metres.
+    doubts : tuple of str
+        What is doubtful about the scans, each with its scan's name, and about their poses.
+    instruments : tuple of str
+        Which sensors took them, and the effects that were active, as far as the files say so.
+    paths : tuple of str
+        The path of each scan, as it was given.
+    """
+
+    scans: tuple[RangeImage, ...]
+    doubts: tuple[str, ...]
+    instruments: tuple[str, ...]
+    paths: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """What each scan is called: its path, numbered where the path holds several."""
+        found = []
+        for number, path in enumerate(self.paths):
+            several = self.paths.count(path) > 1
+            found.append(f"{path}#{self.paths[:number].count(path) + 1}" if several else path)
+        return found
+
+    @classmethod
+    def of(cls, scans: Sequence[RangeImage]) -> GivenScans:
+        """Look at scans."""
+        doubts = [f"{scan.name}: {text}" for scan in scans for text in scan_warnings(scan)]
+        convention = convention_doubt(scans)
+        instruments = {": ".join(part for part in (scan.sensor, scan.noise) if part) for scan in scans}
+        return cls(
+            tuple(scans),
+            tuple([*doubts, convention] if convention else doubts),
+            tuple(sorted(text or "not known" for text in instruments)),
+        )
+
+
+def read_request(request: ScanRequest, up: SignedAxis | None = None, *, posed: bool = True) -> GivenScans:
+    """Return all scans of a request, each file opened once, in a world whose z is up.
+
+    Parameters
+    ----------
+    request : ScanRequest
+        The files, and how to read them.
+    up : "auto" or an axis, "x" to "-z", optional
+        The axis of the files that is up, instead of what the request says.
+    posed : bool
+        Whether several scans must have poses; without, each is in a world of its own.
+
+    Raises
+    ------
+    InputError
+        Unusable files; several scans whose poses are not known, unless `posed` is off; no such axis.
+    """
+    scene = next((path for path in request.paths if path.startswith("builtin:")), None)
+    if scene is not None:
+        raise InputError(
+            f"{scene} is a scene, not a scan; take a scan of it first: "
+            f"unseen scan {scene} --at X,Y,Z --look X,Y,Z -o scan.npz"
+        )
+    if request.origins:
+        scans = _read_clouds(request)
+        paths = list(request.paths) * (len(scans) // len(request.paths))
+    else:
+        scans, paths = _read_scans(request, posed=posed)
+    turn, told = turn_to_z(scans, request.up if up is None else up, of_points=bool(request.origins))
+    stays = np.array_equal(turn.matrix, np.eye(4))
+    given = GivenScans.of(scans if stays else [scan.transformed(turn) for scan in scans])
+    given = replace(given, paths=tuple(paths))
+    return replace(given, doubts=(*given.doubts, told)) if told else given
+
+
+def turn_to_z(scans: Sequence[RangeImage], up: SignedAxis, *, of_points: bool) -> tuple[Pose, str]:
+    """Return the turn of a world of scans after which z is up, and a word about it where it was estimated."""
+    if up in ("x", "y", "z"):
+        return world_from_file_up(up), ""
+    return upright(scans, up, of_points=of_points)
+
+
+def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage], list[str]]:
+    """Return the scans of each path with the poses that it or the request says, and the path of each."""
+    check_units(request.units)
+    parts = [split_index(path) for path in request.paths]
+    camera = None
+    if request.intrinsics is not None:
+        fx, fy, cx, cy = request.intrinsics
+        camera = (fx, fy, cx, cy)
+    given: list[str | list[Pose] | None] = [request.poses] * len(parts)
+    opened: dict[Path, ScanSource] = {}
+
+    def source_of(base: Path) -> ScanSource:
+        if base not in opened:
+            opened[base] = open_scans(base, intrinsics=camera, depth_scale=request.depth_scale)
+        return opened[base]
+
+    counts = [len(source_of(base).readers) if number is None else 1 for base, number in parts]
+    if request.poses is not None and len(parts) > 1:
+        found = read_poses(Path(request.poses))
+        if sum(counts) != len(found):
+            raise InputError(
+                f"{request.poses}: {len(found)} poses for {sum(counts)} scans; give one pose a scan"
+            )
+        given = [found[end - n : end] for end, n in zip(np.cumsum(counts), counts, strict=True)]
+    scans: list[RangeImage] = []
+    spill = spill_for(sum(counts))
+    for (base, number), poses in zip(parts, given, strict=True):
+        scans += source_of(base).read(number, poses, request.units, spill)
+    registered = request.poses is not None or all(source.registered for source in opened.values())
+    at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
+    if posed and len(scans) > 1 and (not registered or at_origin):
+        raise InputError(
+            f"{len(scans)} scans without poses cannot be joined; give --poses FILE with one line a scan "
+            "(tx ty tz qx qy qz qw, world from sensor), find poses by `unseen register`, or complete them "
+            "one by one"
+        )
+    paths = [path for path, count in zip(request.paths, counts, strict=True) for _ in range(count)]
+    return scans, paths
+
+
+def _read_mesh(request: ScanRequest) -> list[RangeImage]:
+    """Return what is seen of the one mesh that was given from each place that was said."""
+    if len(request.paths) > 1:
+        raise InputError(
+            f"{request.paths[0]} and {len(request.paths) - 1} more: give one mesh alone, with --origin X,Y,Z "
+            "for each place where a scanner stood"
+        )
+    return scan_mesh(request.paths[0], request.origins, request.units, request.up)
+
+
+def _read_clouds(request: ScanRequest) -> list[RangeImage]:
+    """Return the points of each path as a scan from the place that was said; a mesh from all places."""
+    if any(is_mesh(path) for path in request.paths):
+        return _read_mesh(request)
+    if len(request.origins) != len(request.paths):
+        raise InputError(
+            f"{len(request.origins)} places for {len(request.paths)} scans; give --origin X,Y,Z once a scan"
+        )
+    if request.poses is not None:
+        raise InputError(f"{request.poses}: poses are for files that tell their own rays; leave out --origin")
+    scans = []
+    for path, origin in zip(request.paths, request.origins, strict=True):
+        cloud = read_points(path, request.units)
+        try:
+            scan = scan_from_station(cloud.points, origin, cloud.name, cloud.colour)
+            scans.append(scan.restated(warnings=cloud.warnings))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+    return scans

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: MIT
+"""Scene files: a mesh becomes a Scene, with textures, names and warnings, and is written again."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+import numpy as np
+
+from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.io.format import Units
+from scenes.io.gltf import glb_of
+from scenes.io.guard import reading
+from scenes.io.mesh_file import check_mesh_suffix, read_mesh_file
+from scenes.io.obj import write_obj
+from scenes.io.off import write_off
+from scenes.io.ply import write_mesh_ply
+from scenes.io.scan_files import check_units
+from scenes.io.stl import write_stl
+from scenes.mesh.appearance import GeometryLook, join_looks, look_of
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.mesh.mesh_doubts import mesh_doubts
+from scenes.mesh.mesh_parts import parts_of
+from scenes.mesh.orientation import Axis, axis_in_file, decide_mode, suggest_up, world_from_file_up
+from scenes.run.atomic import write_bytes
+from scenes.world.scene import Mode, Scene
+
+_NAMELESS = re.compile(
+    r"^\d+$|_[0-9a-f]{6}$"
+)  # node numbers, and what trimesh draws at random for parts of one
+SMALL_M, LARGE_M = 0.05, 1e3  # diagonals beyond which the unit is doubted
+
+
+def open_scene(
+    spec: str | os.PathLike[str], *, up: Axis = "z", units: Units = "m", mode: Mode | None = None
+) -> Scene:
+    """Return `builtin:NAME`, or the scene of a mesh file.
+
+    Parameters
+    ----------
+    spec : str or path
+        What the command line takes as SCENE.
+    up, units, mode
+        Of mesh files, as for `load_scene`; built-in scenes know their own.
+
+    Raises
+    ------
+    InputError
+        As `builtin_scene` and `load_scene`.
+    """
+    text = os.fspath(spec)
+    if not text.startswith("builtin:"):
+        return load_scene(text, up=up, units=units, mode=mode)
+    from scenes.world.builtin import builtin_scene  # scikit-image is slow to import and not needed for files
+
+    return builtin_scene(text.removeprefix("builtin:"))
+
+
+def load_scene(
+    path: str | os.PathLike[str], *, up: Axis = "z", units: Units = "m", mode: Mode | None = None
+) -> Scene:
+    """Read a mesh file: GLB, glTF, OBJ + MTL, PLY, STL or OFF.
+
+    Every placed geometry of the file, of an OBJ every object and material, becomes one surface with its name;
+    its true surface is unknown (None). Textures, vertex and face colours are kept; base colours multiply.
+    Which side of a face is outside is told by the order of its corners; normals in the file do not count.
+
+    Parameters
+    ----------
+    path : str or path
+        The file. Materials and textures beside it are only read from within its folder.
+    up : "x", "y" or "z"
+        Axis of the file that is up; it becomes the world's z.
+    units : "mm", "cm", "m" or "in"
+        Unit of the file's coordinates.
+    mode : "room" or "object", optional
+        How to scan it; decided from the geometry when not given (see `scenes.mesh.orientation.decide_mode`).
+
+    Raises
+    ------
+    InputError
+        Missing, empty, damaged, no faces, vertices that are not finite, or a material, texture or buffer that
+        is named outside the file's folder.
+    """
+    if up not in get_args(Axis):
+        raise InputError(f"unknown up axis {up!r}; known: x, y, z")
+    metres = check_units(units)
+    file = check_mesh_suffix(Path(path))
+    with reading(file, "a mesh"):
+        held = read_mesh_file(file)
+        placed = held.placed
+        parts = [part for node in placed.graph.nodes_geometry if (part := _part(placed, node)) is not None]
+        mesh, names = _join(file, parts)
+        if len(mesh.faces) != held.n_faces:
+            raise InputError(f"holds {held.n_faces} faces, of which {len(mesh.faces)} can be read")
+        doubts = mesh_doubts(mesh)
+        mesh = LabelledMesh(
+            world_from_file_up(up).apply(mesh.vertices * metres),
+            mesh.faces,
+            mesh.face_surface,
+            mesh.appearance,
+        )
+        kind = decide_mode(mesh) if mode is None else mode
+        warnings = (*held.warnings, *doubts, *_warnings(mesh, kind, up))
+        return Scene(
+            mesh=mesh,
+            surfaces=(None,) * len(names),
+            surface_names=names,
+            name=file.stem,
+            mode=kind,
+            warnings=warnings,
+        )
+
+
+class _Part(NamedTuple):
+    """One placed geometry: name, world vertices, faces and what it looks like."""
+
+    name: str
+    vertices: FloatArray
+    faces: Any
+    look: GeometryLook
+
+
+def _part(placed: Any, node: str) -> _Part | None:
+    """Return a node's geometry in the file's world frame, None for points and lines."""
+    transform, key = placed.graph[node]
+    geometry = placed.geometry[key]
+    if np.shape(getattr(geometry, "faces", ()))[1:] != (3,):
+        return None
+    matrix = np.asarray(transform, dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # what is not finite is counted later
+        vertices = np.asarray(geometry.vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    faces, look = np.asarray(geometry.faces), look_of(geometry)
+    if np.linalg.det(matrix[:3, :3]) < 0:  # mirrored by its transform: keep the outside outside
+        faces, look = faces[:, ::-1], look.reversed()
+    return _Part(str(key) if _NAMELESS.search(str(node)) else str(node), vertices, faces, look)
+
+
+def _join(file: Path, parts: list[_Part]) -> tuple[LabelledMesh, tuple[str, ...]]:
+    """Return all parts as one mesh, and the surfaces' names."""
+    if not any(len(part.faces) for part in parts):
+        raise InputError(
+            f"{file}: holds no faces; a scene needs triangles (a point cloud is a scan, not a scene)"
+        )
+    vertices = np.vstack([part.vertices for part in parts])
+    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+    if bad:
+        raise InputError(f"{file}: {bad} of {len(vertices)} vertices are not finite; repair the file first")
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    faces = np.vstack([part.faces + start for part, start in zip(parts, starts, strict=True)])
+    labels = np.repeat(np.arange(len(parts), dtype=np.int32), [len(part.faces) for part in parts])
+    appearance = join_looks([part.look for part in parts])
+    return LabelledMesh(vertices, faces, labels, appearance), _unique_names([part.name for part in parts])
+
+
+def _unique_names(names: list[str]) -> tuple[str, ...]:
+    """Number repeated names from their second occurrence on."""
+    seen: dict[str, int] = {}
+    unique = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        unique.append(name if seen[name] == 1 else f"{name} {seen[name]}")
+    return tuple(unique)
+
+
+def _warnings(mesh: LabelledMesh, mode: Mode, up: Axis) -> list[str]:
+    """What a user should know before scanning."""
+    found = []
+    diagonal = float(np.linalg.norm(np.diff(mesh.bounds(), axis=0)))
+    doubt = units_doubt(diagonal)
+    suggested = suggest_up(mesh, mode)
+    if suggested not in (None, "z"):
+        axis = axis_in_file(suggested, up)
+        found.append(f"the geometry suggests that {axis} is up, not {up}; give --up {axis} if so")
+    return [*found, doubt] if doubt else found
+
+
+def units_doubt(diagonal_m: float) -> str:
+    """Return a warning when a diagonal looks like another unit, "" otherwise."""
+    if diagonal_m < SMALL_M:
+        return f"the diagonal is {diagonal_m:.3g} m; if the file is not in metres give --units"
+    if diagonal_m > LARGE_M:
+        return f"the diagonal is {diagonal_m:.3g} m; if the file is in mm, cm or in give --units"
+    return ""
+
+
+def save_scene(scene: Scene, path: str | os.PathLike[str]) -> list[Path]:
+    """Write a scene by suffix, atomically; return the files that were written.
+
+    `.glb` is y up by its nodes' transforms, as glTF asks (read it with `up="y"`), textured, a node a surface.
+    `.obj` has an object a surface, materials and textures beside it. `.ply` and `.off` hold colours at the
+    vertices, textures sampled there. `.stl` holds the geometry alone. All but GLB and STL are in double
+    precision; these two are in single precision about an origin near the geometry (`local_origin`).
+
+    Raises
+    ------
+    InputError
+        Another suffix, or a folder that does not exist.
+    """
+    target = Path(path)
+    mesh, names = scene.mesh, scene.surface_names
+    writers: dict[str, Callable[[], list[Path] | None]] = {
+        ".glb": lambda: write_bytes(target, glb_of(parts_of(mesh, names))),
+        ".obj": lambda: write_obj(parts_of(mesh, names), target),
+        ".ply": lambda: _write_ply(mesh, names, target),
+        ".stl": lambda: write_stl(mesh, target),
+        ".off": lambda: write_off(target, *_painted(mesh)),
+    }
+    writer = writers.get(target.suffix.lower())
+    if writer is None:
+        suffix = target.suffix or "a name without suffix"
+        raise InputError(f"{target}: cannot write scenes to {suffix}; known: {', '.join(writers)}")
+    return writer() or [target]
+
+
+def _painted(mesh: LabelledMesh) -> tuple[FloatArray, Any, ColourArray | None]:
+    """Vertices, faces and colours (n, 3) at the vertices; corners that differ in colour are parted."""
+    if mesh.appearance is None:
+        return mesh.vertices, mesh.faces, None
+    faces = np.repeat(np.arange(len(mesh.faces), dtype=np.int32), 3)
+    looked_up = mesh.appearance.colour(faces, np.tile(np.eye(3), (len(mesh.faces), 1)))
+    colour = np.rint(looked_up * 255).clip(0, 255).astype(np.uint8)
+    corner = mesh.faces.ravel()
+    key = np.column_stack([corner, colour]).astype(np.int64)
+    _, first, index = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    return mesh.vertices[corner[first]], index.reshape(-1, 3), colour[first]
+
+
+def _write_ply(mesh: LabelledMesh, names: Sequence[str], path: Path) -> None:
+    """PLY in double precision; the surfaces' names are in comments."""
+    vertices, faces, colour = _painted(mesh)
+    properties = {} if colour is None else dict(zip(("red", "green", "blue"), colour.T, strict=True))
+    lines = [f"surface {number} {' '.join(name.split())}" for number, name in enumerate(names)]
+    write_mesh_ply(path, vertices, faces, properties, lines)

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: MIT
+"""Trajectories: files of poses, one a frame: plain, TUM, Redwood, matrices, JSON and COLMAP."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from scenes.checks import FloatArray, InputError, check_finite
+from scenes.io.documents import parse_json, read_text
+from scenes.io.guard import reading
+from scenes.pose import Pose, quaternion_of, rotation_of
+from scenes.run.atomic import write_text
+
+TIME_GAP_S = 0.02  # the TUM benchmark's own limit for what belongs together
+_ROUNDING = 1e-3  # matrices of files: float32 chains and five printed digits stay below this
+_FORMS = (
+    "known: lines of tx ty tz qx qy qz qw, TUM lines with a timestamp before them, Redwood .log blocks, "
+    "4x4 matrices, four lines each, lines of their first 12 (KITTI) or all 16 numbers, JSON lists of 4x4 "
+    "matrices, and images.txt of COLMAP"
+)
+_COLMAP = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
+_WORDS = len(_COLMAP.split())
+
+
+def read_poses(path: Path) -> list[Pose]:
+    """Return the poses of a file, `world_from_sensor`, in the file's order.
+
+    Plain lines hold `tx ty tz qx qy qz qw`, TUM lines a timestamp before that; a Redwood .log holds blocks
+    of one line of integers and four of a matrix; other files four lines a matrix, as of 7-Scenes, or one
+    line, all of it or its first three rows, as of KITTI; JSON a list of 4x4 matrices, or a `plan.json`.
+    `images.txt` of COLMAP is turned from sensor-from-world to world-from-sensor, its images in the natural
+    order of their names.
+
+    Raises InputError: none of these, or a pose that is not rigid; named with its number.
+    """
+    with reading(path, "a file of poses"):
+        text = read_text(path)
+        if path.suffix.lower() == ".json":
+            return _number_checked(_json_matrices(text))
+        if is_colmap(text):
+            return _number_checked(colmap_matrices(text))
+        rows = _number_rows(text)
+        if rows and {len(row) for row in rows} == {4}:
+            return _number_checked(_square_matrices(rows))
+        if rows and {len(row) for row in rows} in ({12}, {16}):
+            return _number_checked([_filled_matrix(row) for row in rows])
+        if rows and len(rows[0]) == 3 and len(rows) % 5 == 0:
+            return _number_checked(_redwood_matrices(rows))
+        return _number_checked([_matrix(row[-7:], k) for k, row in enumerate(_equal_rows(rows), start=1)])
+
+
+def rounded_pose(matrix: FloatArray) -> Pose:
+    """Return the rigid pose nearest to a matrix (4, 4), which may be off by rounding (1e-3) but no more."""
+    mended = np.array(matrix, dtype=np.float64)
+    if mended.shape == (4, 4) and np.isfinite(mended).all():
+        rotation = mended[:3, :3]
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = np.abs(rotation.T @ rotation - np.eye(3)).max()
+        if error <= _ROUNDING:
+            u, _, vt = np.linalg.svd(rotation)
+            mended[:3, :3] = u @ vt
+    return Pose(mended)
+
+
+def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
+    """Return the timestamps (n,) in seconds and the poses of a TUM trajectory.
+
+    Raises InputError: no TUM trajectory, a time that is not finite, or a pose that is not rigid.
+    """
+    with reading(path, "a TUM trajectory"):
+        rows = _equal_rows(_number_rows(read_text(path)))
+        if not rows or len(rows[0]) != 8:
+            raise InputError("expected lines of timestamp tx ty tz qx qy qz qw")
+        times = check_finite("timestamps", np.array([row[0] for row in rows]), "correct them first")
+        return times, _number_checked([_matrix(row[1:], k) for k, row in enumerate(rows, start=1)])
+
+
+def poses_at(path: Path, times: Sequence[float]) -> list[Pose]:
+    """Return the poses of a TUM trajectory nearest to `times` in seconds, at most 20 ms away.
+
+    Raises InputError: no TUM trajectory, or a time without a pose.
+    """
+    stamps, poses = read_timed_poses(path)
+    near = [int(np.argmin(np.abs(stamps - time))) for time in times]
+    far = [time for time, k in zip(times, near, strict=True) if abs(stamps[k] - time) > TIME_GAP_S]
+    if far:
+        raise InputError(
+            f"{path}: {len(far)} of {len(times)} frames have no pose within {TIME_GAP_S:g} s, the first at "
+            f"{far[0]:.6f}; pick frames with PATH#k, or give one pose a frame"
+        )
+    return [poses[k] for k in near]
+
+
+def _number_rows(text: str) -> list[list[float]]:
+    """The numbers of each line, without blank lines and comments."""
+    lines = (line.split("#", 1)[0].replace(",", " ").split() for line in text.splitlines())
+    return [[float(word) for word in words] for words in lines if words]
+
+
+def _equal_rows(rows: list[list[float]]) -> list[list[float]]:
+    wrong = [number for number, row in enumerate(rows, start=1) if len(row) not in (7, 8)]
+    if wrong:
+        raise InputError(f"line {wrong[0]} holds {len(rows[wrong[0] - 1])} numbers; {_FORMS}")
+    return rows
+
+
+def _matrix(numbers: Sequence[float], number: int) -> FloatArray:
+    """4x4 matrix of tx ty tz qx qy qz qw of the pose `number`; the quaternion's length may be rounded."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation_of(numbers[3:], f"pose {number}")
+    matrix[:3, 3] = numbers[:3]
+    return matrix
+
+
+def _square_matrices(rows: list[list[float]]) -> list[FloatArray]:
+    """Blocks of four lines of four numbers."""
+    if len(rows) % 4:
+        raise InputError(f"{len(rows)} lines of four numbers are no whole number of 4x4 matrices")
+    return [np.array(rows[start : start + 4]) for start in range(0, len(rows), 4)]
+
+
+def _filled_matrix(row: list[float]) -> FloatArray:
+    """A matrix of its 12 or 16 numbers, row by row."""
+    numbers = row if len(row) == 16 else [*row, 0.0, 0.0, 0.0, 1.0]
+    return np.array(numbers).reshape(4, 4)
+
+
+def _redwood_matrices(rows: list[list[float]]) -> list[FloatArray]:
+    for start in range(0, len(rows), 5):
+        if any(len(row) != 4 for row in rows[start + 1 : start + 5]):
+            raise InputError(f"pose {start // 5 + 1} of this .log is no four lines of four numbers")
+    return [np.array(rows[start + 1 : start + 5]) for start in range(0, len(rows), 5)]
+
+
+def _json_matrices(text: str) -> list[FloatArray]:
+    """Matrices of a list, or of the views of a plan."""
+    if text.lstrip().startswith("{"):
+        views = parse_json(text, dict).get("views")
+        if not isinstance(views, list):
+            raise InputError(f'its object has no list "views"; {_FORMS}')
+        return [np.array(view["world_from_sensor"], dtype=np.float64) for view in views]
+    return [np.array(matrix, dtype=np.float64) for matrix in parse_json(text, list)]
+
+
+def _number_checked(matrices: Sequence[FloatArray]) -> list[Pose]:
+    poses = []
+    for number, matrix in enumerate(matrices, start=1):
+        try:
+            poses.append(rounded_pose(matrix))
+        except InputError as error:
+            raise InputError(f"pose {number} is not usable: {error}") from error
+    return poses
+
+
+def write_poses(path: Path, poses: Sequence[Pose]) -> None:
+    """Write plain lines `tx ty tz qx qy qz qw`, world from sensor, one a pose."""
+    write_text(path, "".join(f"{_line(pose)}\n" for pose in poses))
+
+
+def write_timed_poses(path: Path, times: Sequence[float] | FloatArray, poses: Sequence[Pose]) -> None:
+    """Write a TUM trajectory, `timestamp tx ty tz qx qy qz qw` a line: times (n,), s; world from sensor."""
+    lines = [f"{float(time)!r} {_line(pose)}\n" for time, pose in zip(times, poses, strict=True)]
+    write_text(path, "".join(["# timestamp tx ty tz qx qy qz qw (world from sensor, metres)\n", *lines]))
+
+
+def _line(pose: Pose) -> str:
+    return " ".join(repr(float(number)) for number in [*pose.translation, *quaternion_of(pose.rotation)])
+
+
+def natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Return the key under which names are in natural order.
+
+    Examples
+    --------
+    >>> sorted(["10.png", "9.png", "a2.png"], key=natural_key)
+    ['9.png', '10.png', 'a2.png']
+    """
+    parts = re.split(r"(\d+)", name)
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts]
+
+
+def is_colmap(text: str) -> bool:
+    """Tell whether the first line that is no comment begins the list of images of a COLMAP model."""
+    for line in text.splitlines():
+        if line.strip() and not line.startswith("#"):
+            words = line.split()
+            return len(words) >= _WORDS and not _is_number(words[_WORDS - 1])
+    return False
+
+
+def colmap_matrices(text: str) -> list[FloatArray]:
+    """Return world-from-sensor matrices (4, 4), in the natural order of the images' names.
+
+    COLMAP's own poses go from the world to the camera, and its unit is that of the model, which is arbitrary
+    unless it was scaled; its camera frame is ours.
+
+    Raises InputError: a line that is no image, or a quaternion that is no rotation.
+    """
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    while lines and not lines[0].strip():
+        lines.pop(0)
+    images = {}
+    for number, line in enumerate(lines[::2], start=1):
+        words = line.split(maxsplit=_WORDS - 1)
+        if not words:
+            continue
+        if len(words) < _WORDS:
+            raise InputError(f"image {number} has {len(words)} words; expected {_COLMAP}")
+        images[words[-1]] = _inverted([float(word) for word in words[1:8]], words[-1])
+    return [images[name] for name in sorted(images, key=natural_key)]
+
+
+def _inverted(numbers: list[float], name: str) -> FloatArray:
+    """World from sensor, of a quaternion w x y z and a translation that go the other way."""
+    w, x, y, z = numbers[:4]
+    back = rotation_of([x, y, z, w], f"image {name!r}").T
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = back, -back @ np.array(numbers[4:])
+    return matrix
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
