@@ -178,7 +178,7 @@ def test_files_that_are_not_there_empty_or_unknown(tmp_path: Path) -> None:
         read_points(tmp_path / "none.xyz")
     with pytest.raises(InputError, match="is empty"):
         read_text(tmp_path, "")
-    with pytest.raises(InputError, match=r"cannot read points from \.stl; known: \.xyz"):
+    with pytest.raises(InputError, match=r"cannot read points from \.stl; known: \.npz"):
         read_text(tmp_path, "solid", "part.stl")
     with pytest.raises(InputError, match="unknown units 'ft'; known: mm, cm, m, in"):
         read_text(tmp_path, "1 2 3\n", units="ft")
