@@ -16,7 +16,7 @@ from random import Random
 from typing import Any
 
 INSTRUMENTED = (
-    "scenes.formats",
+    "scenes.io",
     "scenes.io.scene_files",
     "scenes.io.scan_files",
     "scenes.io.point_files",
