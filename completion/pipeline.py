@@ -26,7 +26,7 @@ from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.key_frames import find_key_frames
 from completion.observe.observation import observe
 from completion.options import CompletionOptions
-from completion.registration.correction import register
+from completion.registration.pipeline import correct_poses
 from completion.relations.surfaces import relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
 from completion.result.completion import Completion
@@ -108,7 +108,7 @@ def complete(
         keys = find_key_frames(observations)
         registration = steps.one(
             "registration",
-            lambda: register(
+            lambda: correct_poses(
                 observations,
                 keys,
                 stated_m=stated.registration_m,

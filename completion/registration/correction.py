@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from completion.evidence.field_of_view import Ball, Views
 from completion.evidence.sight import Sight, sight_of
@@ -15,12 +17,16 @@ from completion.observe.observation import Observation
 from completion.observe.rays import rays_of
 from completion.observe.tolerance import EvidenceOptions
 from completion.observe.triple import triple
-from completion.registration.facets import Facets, Meetings, facets_of, meet
+from completion.registration.facets import Facets, Meetings, count_agreement, facets_of, meet
+from completion.registration.hypotheses import FINE_M, VIOLATION
+from completion.registration.motions import STILL
 from completion.registration.prior import LEAST_MEETINGS, Links, Pair, Settling, link, meet_all, settle
-from scenes.checks import FloatArray
+from completion.registration.station_view import sample_of
+from completion.registration.verdict import LEAST_SCORE
+from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.run.mapping import trim
-from scenes.run.spill import NO_SPILL, NoSpill, Spill
+from scenes.run.spill import NoSpill, Spill
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +46,8 @@ class Registration:
         Those that measured the same surfaces.
     stated_m : float
         How far poses were said to be off, metres.
+    refused : frozenset of (int, int)
+        Pairs that no motion brings together which their beams approve; the smaller number first.
     """
 
     motions: FloatArray
@@ -47,11 +55,32 @@ class Registration:
     left_m: FloatArray
     pairs: tuple[ScanPair, ...]
     stated_m: float
+    refused: frozenset[Pair] = frozenset()
 
     @property
     def is_moved(self) -> bool:
         """Whether any scan was moved."""
         return bool((self.moved_m > 0).any())
+
+    @property
+    def groups(self) -> tuple[tuple[int, ...], ...]:
+        """Scans that beams hold together, two or more a group; groups stay to each other as they came."""
+        return tuple(one for one in self._components() if len(one) > 1)
+
+    @property
+    def parts(self) -> tuple[tuple[int, ...], ...]:
+        """All scans in groups that contradict each other; one group of all where no pair is refused."""
+        return self._components() if self.refused else (tuple(range(len(self.motions))),)
+
+    def _components(self) -> tuple[tuple[int, ...], ...]:
+        n = len(self.motions)
+        held = [(one.first, one.second) for one in self.pairs if (one.first, one.second) not in self.refused]
+        ends = np.array(held, dtype=np.int64).reshape(-1, 2)
+        graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
+        component = connected_components(graph, directed=False)[1]
+        return tuple(
+            tuple(np.flatnonzero(component == k).tolist()) for k in dict.fromkeys(component.tolist())
+        )
 
     def applied(self, observations: Sequence[Observation], errors_m: FloatArray) -> list[Observation]:
         """Return the scans, moved, with the errors (n,) of their poses, metres."""
@@ -205,59 +234,34 @@ _BOUND = 2.0  # standard deviations within which a pose is taken to be known
 _PARTNERS = 8  # scans that each one is held against, those that it shares most with
 _THINNED = 8  # facets of which one tells what scans share
 _TOGETHER = 64  # scans that settle together; the others then settle, each by itself, among these
-_STILL: FloatArray = np.eye(4)[:3].copy()
 
 
-def register(
-    observations: Sequence[Observation],
-    keys: Sequence[int],
-    *,
-    stated_m: float,
-    moves: bool = True,
-    spill: Spill | NoSpill = NO_SPILL,
-) -> Registration:
-    """Measure how far the poses of scans contradict what they measured, and move scans so that they agree.
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjusted:
+    """Scans moved so that their facets come together, and what each pair says of that.
 
-    Flat tiles of each scan are held against those of the scans that it shares most with. What a rigid motion
-    of each scan brings together was the poses' error: scans are moved by it where it is more than a
-    millimetre and more than three standard deviations in some pair of them, otherwise all poses stay as they
-    are, to the bit. What moved between two scans does not come together; it is counted as contradicted area.
-
-    Parameters
+    Attributes
     ----------
-    observations : sequence of Observation
-        The scans.
-    keys : sequence of int
-        Numbers of the key frames. Up to 64 of them settle together, and the others among these.
-    stated_m : float
-        How far poses were said to be off, metres.
-    moves : bool
-        Whether scans may be moved at all.
-    spill : Spill or NoSpill
-        Where facets are kept.
+    motions : (n, 4, 4) float
+        Of each scan, working frame.
+    shifts : (n,) float
+        Root mean square by which each motion shifts the scan's facets along their normals, metres.
+    pairs : tuple of ScanPair
+        Those whose facets took part.
     """
-    n = len(observations)
-    still = np.tile(np.eye(4), (n, 1, 1))
-    if n < 2:
-        return Registration(still, np.zeros(n), np.full(n, np.nan), (), stated_m)
-    held, motions, shifts = _Held.of(observations, spill), still.copy(), np.zeros(n)
-    together = tuple(range(n)) if n <= _TOGETHER else tuple(keys)[:: -(-len(keys) // _TOGETHER)]
-    groups = []
-    for some in (together, *((number,) for number in range(n) if number not in together)):
-        group = held.settled(some, together, motions)
-        motions[[*some]], shifts[[*some]] = (one[: len(some)] for one in group.found)
-        groups.append(group)
-        trim()
-    pairs = [one for group in groups for one in held.pairs(group)]
-    is_off = any(one.offset_m > max(_NOTICED_M, _SURE * one.offset_sd_m) for one in pairs)
-    if moves and is_off:
-        return Registration(motions, shifts, _left(pairs, n), tuple(pairs), stated_m)
-    pairs = [one.left_alone() for one in pairs]
-    return Registration(still, np.zeros(n), _left(pairs, n), tuple(pairs), stated_m)
+
+    motions: FloatArray
+    shifts: FloatArray
+    pairs: tuple[ScanPair, ...]
+
+    @property
+    def is_off(self) -> bool:
+        """Whether the poses as they came are off by more than the flatness of surfaces and chance explain."""
+        return any(one.offset_m > max(_NOTICED_M, _SURE * one.offset_sd_m) for one in self.pairs)
 
 
-def _left(pairs: Sequence[ScanPair], n: int) -> FloatArray:
-    """How far each of n poses may still be off by the pairs that it is in, metres; NaN without any.
+def deviations_left(pairs: Sequence[ScanPair], n: int) -> FloatArray:
+    """Return how far each pose may still be off (n,) by the pairs that it is in, metres; NaN without any.
 
     A pose that is off disagrees with all others, one that is right with those alone that are off: it is as
     far off as its best pair says.
@@ -276,21 +280,16 @@ class _Group(NamedTuple):
     pairs: tuple[Pair, ...]  # by their place in the group
     settled: Settling
 
-    @property
-    def found(self) -> tuple[FloatArray, FloatArray]:
-        """The motions (n, 4, 4) of the scans, and the shifts (n,) of what they measured, metres."""
-        return self.settled.motions, self.settled.shifts
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Held:
-    """The facets of all scans, and how each scan sees a place."""
+class PosedScans:
+    """The facets of scans with poses, and how each scan sees a place."""
 
     facets: tuple[Facets, ...]
     sights: tuple[Sight, ...]
 
     @classmethod
-    def of(cls, observations: Sequence[Observation], spill: Spill | NoSpill) -> _Held:
+    def of(cls, observations: Sequence[Observation], spill: Spill | NoSpill) -> PosedScans:
         """Return the facets of scans, kept where `spill` keeps them."""
         tolerance, facets = EvidenceOptions().tolerance(), []
         for seen in observations:
@@ -298,16 +297,73 @@ class _Held:
             trim()
         return cls(tuple(facets), tuple(sight_of(seen, tolerance) for seen in observations))
 
-    def settled(self, scans: Sequence[int], others: Sequence[int], motions: FloatArray) -> _Group:
-        """Settle scans among others, whose `motions` (n, 4, 4) are known where these are not among them."""
-        pairs = self._partners(scans, others)
+    def partners(self, keys: Sequence[int]) -> list[tuple[tuple[int, ...], list[Pair]]]:
+        """Return scans that settle at once, and the pairs by which they do, in the order of settling.
+
+        Up to 64 of the `keys` settle together, and all other scans, each by itself, among these.
+        """
+        n = len(self.facets)
+        together = tuple(range(n)) if n <= _TOGETHER else tuple(keys)[:: -(-len(keys) // _TOGETHER)]
+        alone = ((number,) for number in range(n) if number not in together)
+        return [(scans, self._partners(scans, together)) for scans in (together, *alone)]
+
+    def adjusted(
+        self, partners: Sequence[tuple[tuple[int, ...], list[Pair]]], refused: Set[Pair]
+    ) -> Adjusted:
+        """Return the scans moved so that the facets of all partners come together but those `refused`."""
+        n, pairs = len(self.facets), []
+        motions, shifts = np.tile(np.eye(4), (n, 1, 1)), np.zeros(n)
+        for scans, several in partners:
+            group = self._settle(scans, [one for one in several if _in_order(one) not in refused], motions)
+            motions[[*scans]] = group.settled.motions[: len(scans)]
+            shifts[[*scans]] = group.settled.shifts[: len(scans)]
+            pairs += self._pairs(group)
+            trim()
+        return Adjusted(motions, shifts, tuple(pairs))
+
+    def contradicted(self, adjusted: Adjusted) -> set[Pair]:
+        """Return the pairs whose beams approve the poses as adjusted less than the poses as they came.
+
+        Beams may lose what makes a pose worth a word (`LEAST_SCORE`), summed over the pairs of a scan, before
+        any pair is contradicted: a correction by several scans costs some pair a little.
+        """
+        numbers = [(one.first, one.second) for one in adjusted.pairs]
+        still = np.tile(np.eye(4), (len(self.facets), 1, 1))
+        samples = [sample_of(one.normal) for one in self.facets]
+        before, after = (self._scores(numbers, motions, samples) for motions in (still, adjusted.motions))
+        losses = {pair: before[pair] - after[pair] for pair in numbers}
+        by_scan = [sum(loss for pair, loss in losses.items() if k in pair) for k in range(len(self.facets))]
+        worse = {k for k, loss in enumerate(by_scan) if loss > LEAST_SCORE}
+        if not worse:
+            return set()
+        among = {pair: loss for pair, loss in losses.items() if worse & {*pair}}
+        return {pair for pair, loss in among.items() if loss > LEAST_SCORE} or {
+            max(among, key=among.__getitem__)
+        }
+
+    def _scores(
+        self, pairs: Sequence[Pair], motions: FloatArray, samples: Sequence[IntArray]
+    ) -> dict[Pair, float]:
+        """Of each pair the facets that agree less those that beams contradict, as in `Hypothesis.score`."""
+        scores, back = dict.fromkeys(pairs, 0.0), np.linalg.inv(motions)
+        for pair in pairs:
+            for i, j in (pair, pair[::-1]):
+                motion = np.ascontiguousarray((back[i] @ motions[j])[None, :3])
+                agree, violated, _ = count_agreement(
+                    self.facets[j], samples[j], motion, self.sights[i], self.facets[i], FINE_M
+                )[0]
+                scores[pair] += float(agree - VIOLATION * violated) / max(len(samples[j]), 1)
+        return scores
+
+    def _settle(self, scans: Sequence[int], pairs: Sequence[Pair], motions: FloatArray) -> _Group:
+        """Settle scans by pairs with others, whose `motions` (n, 4, 4) are known where not among them."""
         several = (*scans, *sorted({number for pair in pairs for number in pair} - set(scans)))
         place = {number: k for k, number in enumerate(several)}
         own = tuple((place[i], place[j]) for i, j in pairs)
         known = {place[number]: motions[number] for number in several[len(scans) :]}
         return _Group(several, own, settle(*self._of(several), own, known))
 
-    def pairs(self, group: _Group) -> list[ScanPair]:
+    def _pairs(self, group: _Group) -> list[ScanPair]:
         """Return what the scans of a group say of each other's poses, moved as they settled."""
         found = scan_pairs(*self._of(group.scans), group.pairs, group.settled)
         numbers = [sorted((group.scans[one.first], group.scans[one.second])) for one in found]
@@ -331,8 +387,12 @@ class _Held:
             ball = Ball(triple((low + high) / 2), float(np.linalg.norm(high - low)) / 2)
             for other in (others[k] for k in np.flatnonzero(views.may_see(ball)).tolist()):
                 if other != scan:
-                    met = meet(own, _STILL, self.sights[other], self.facets[other], _THINNED).met
+                    met = meet(own, STILL, self.sights[other], self.facets[other], _THINNED).met
                     shared.append((-_THINNED * int(met.sum()), other))
             best = [other for count, other in sorted(shared)[:_PARTNERS] if -count >= LEAST_MEETINGS]
             found |= {pair for other in best for pair in ((scan, other), (other, scan))}
         return sorted(found)
+
+
+def _in_order(pair: Pair) -> Pair:
+    return min(pair), max(pair)

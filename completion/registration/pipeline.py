@@ -6,6 +6,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import combinations
 
+import numpy as np
+
+from completion.observe.key_frames import find_key_frames
+from completion.observe.observation import Observation, observe
+from completion.observe.tolerance import REGISTRATION_M
+from completion.registration.correction import PosedScans, Registration, ScanPair, deviations_left
 from completion.registration.hypotheses import Hypothesis, find_hypotheses
 from completion.registration.motions import in_units
 from completion.registration.network import Group, group_scans, settle_group
@@ -14,6 +20,7 @@ from completion.registration.station_view import StationView, unit_of
 from completion.registration.verdict import with_images
 from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
+from scenes.run.spill import NO_SPILL, NoSpill, Spill
 from scenes.run.steps import Progress, Steps
 from scenes.scan.range_image import RangeImage
 
@@ -96,13 +103,69 @@ def register_scans(
         return Registered(tuple(networks), verdicts, tuple(views), level=level).in_metres(unit)
 
 
+def correct_poses(
+    observations: Sequence[Observation],
+    keys: Sequence[int],
+    *,
+    stated_m: float,
+    moves: bool = True,
+    spill: Spill | NoSpill = NO_SPILL,
+) -> Registration:
+    """Register scans that come with poses: the prior is that these are right but for some scans.
+
+    Scans are moved where that brings together what they measured, by more than a millimetre and more than
+    three standard deviations in some pair, and where their beams approve the poses so corrected no less than
+    those that came. Otherwise poses stay as they are, to the bit. Scans that no motion brings together which
+    their beams approve are of different groups, which stay to each other as they came. What moved between two
+    scans does not come together either; it is counted as contradicted area.
+
+    Parameters
+    ----------
+    observations : sequence of Observation
+        The n scans, in one frame by their poses.
+    keys : sequence of int
+        Numbers of the key frames. Up to 64 of them settle together, and the others among these.
+    stated_m : float
+        How far poses were said to be off, metres.
+    moves : bool
+        Whether scans may be moved at all.
+    spill : Spill or NoSpill
+        Where facets are kept.
+    """
+    n = len(observations)
+    still = np.tile(np.eye(4), (n, 1, 1))
+    if n < 2:
+        return Registration(still, np.zeros(n), np.full(n, np.nan), (), stated_m)
+    # 1. View: the facets of each scan. 2. Propose: the poses that came, of scans that share most.
+    scans = PosedScans.of(observations, spill)
+    partners = scans.partners(keys)
+    # 3. Refine all scans together. 4. Judge: beams refuse pairs that came together only for it; refine again.
+    refused: dict[tuple[int, int], ScanPair] = {}
+    adjusted = scans.adjusted(partners, refused.keys())
+    while adjusted.is_off and (worse := scans.contradicted(adjusted)):
+        refused |= {pair: one for one in adjusted.pairs if (pair := (one.first, one.second)) in worse}
+        adjusted = scans.adjusted(partners, refused.keys())
+    # 5. Settle: how far each pose may still be off, by the pairs that hold; poses that are right stay.
+    is_moved = moves and adjusted.is_off
+    held = adjusted.pairs if is_moved else tuple(one.left_alone() for one in adjusted.pairs)
+    apart = tuple(one.left_alone() for one in refused.values())
+    return Registration(
+        motions=adjusted.motions if is_moved else still,
+        moved_m=adjusted.shifts if is_moved else np.zeros(n),
+        left_m=deviations_left(held, n),
+        pairs=tuple(sorted((*held, *apart), key=lambda one: (one.first, one.second))) if apart else held,
+        stated_m=stated_m,
+        refused=frozenset(refused),
+    )
+
+
 def check_poses(
     scans: Sequence[RangeImage], *, n_threads: int | None = None, progress: Progress | None = None
 ) -> Registered:
-    """Hold the poses that scans came with against what their beams say; no pose is changed.
+    """Compare the poses that scans came with to what their beams say; no pose is changed.
 
-    Scans whose beams hardly contradict each other's are of one group; the verdict of every pair stands beside
-    its overlap and its contradictions.
+    Groups and contradictions are those of `correct_poses`, which `complete` asks; the verdict of every pair
+    stands beside its overlap and its contradictions.
 
     Raises
     ------
@@ -116,4 +179,9 @@ def check_poses(
         views = steps.each("facets", lambda scan: StationView.of(scan, unit_m=unit), scans, remember=False)
         first = scans[0].world_from_sensor.inverse()
         poses = [in_units((first @ scan.world_from_sensor).matrix[:3], unit) for scan in scans]
-        return held_poses(views, poses).in_metres(unit)
+        observations = steps.each(
+            "noise", lambda scan: observe(scan, scans[0].world_from_sensor), scans, remember=False
+        )
+        keys = find_key_frames(observations)
+        checked = correct_poses(observations, keys, stated_m=REGISTRATION_M, moves=False)
+        return held_poses(views, poses, checked).in_metres(unit)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from completion.registration.correction import Registration
 from completion.registration.hypotheses import Hypothesis, judged
 from completion.registration.motions import STILL, composed, in_units, inverse
 from completion.registration.network import Edge, Group, Hypotheses, Network
@@ -84,6 +85,8 @@ class Registered:
         Accepted probability of a false claim; None where poses were only checked.
     unit_m : float
         The unit of the views, metres.
+    checked : Registration or None
+        What `complete` makes of the poses that scans came with; None where no pose was checked.
     """
 
     networks: tuple[Network, ...]
@@ -91,6 +94,7 @@ class Registered:
     views: tuple[StationView, ...]
     level: float | None
     unit_m: float = 1.0
+    checked: Registration | None = None
 
     def in_metres(self, unit_m: float) -> Registered:
         """Return the same in metres whose poses and alternatives were in units of `unit_m`."""
@@ -158,7 +162,7 @@ class Registered:
         The first scan of each group stays where it says that it is: groups know nothing of each other.
         """
         poses: list[Pose | None] = [None] * len(scans)
-        for network in self.groups:
+        for network in self.networks if self.level is None else self.groups:
             first, *others = network.group.poses
             world = poses[first] = scans[first].world_from_sensor
             for number in others:
@@ -217,27 +221,105 @@ def verdicts_of(
     return tuple(found)
 
 
-def held_poses(views: Sequence[StationView], poses: Sequence[FloatArray]) -> Registered:
+def held_poses(
+    views: Sequence[StationView], poses: Sequence[FloatArray], checked: Registration
+) -> Registered:
     """Return what beams say of n poses (3, 4) in the frame of the first scan, as they are.
 
-    All scans are one group, and no pose has a covariance.
+    Groups are those that `checked` leaves together, all scans where it refuses no pair. No pose has a
+    covariance.
     """
-    n, motions = len(views), dict(enumerate(poses))
     pairs, edges = [], []
-    for i, j in combinations(range(n), 2):
-        motion = composed(inverse(motions[i]), motions[j])
+    for i, j in combinations(range(len(views)), 2):
+        motion = composed(inverse(poses[i]), poses[j])
         held = judged([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
         verdict, reason = Verdict.REGISTERED, "beams hardly contradict the poses"
-        if held.score <= LEAST_SCORE and held.violate < MOST_VIOLATED:
-            verdict, reason = Verdict.NO_OVERLAP, "in these poses they share too little to tell"
-        elif held.violate >= MOST_VIOLATED:
+        if held.violate >= MOST_VIOLATED:
             verdict = Verdict.AMBIGUOUS
             reason = f"beams contradict {100 * held.violate:.1f} % of what these poses put in view"
+        elif (i, j) in checked.refused:
+            verdict = Verdict.AMBIGUOUS
+            reason = "what both measured lies apart, and beams approve no motion that brings it together"
+        elif held.score <= LEAST_SCORE:
+            verdict, reason = Verdict.NO_OVERLAP, "in these poses they share too little to tell"
         else:
             edges.append(Edge((i, j), 0, float("nan")))
         pairs.append(PairVerdict.of_pose((i, j), held, verdict, reason))
-    network = Network(Group(motions), np.full((6 * n, 6 * n), np.nan), tuple(edges))
-    return Registered((network,), tuple(pairs), tuple(views), None)
+    networks = tuple(
+        Network(
+            Group({k: composed(inverse(poses[part[0]]), poses[k]) for k in part}),
+            np.full((6 * len(part), 6 * len(part)), np.nan),
+            tuple(one for one in edges if {*one.scans} <= {*part}),
+        )
+        for part in checked.parts
+    )
+    return Registered(networks, tuple(pairs), tuple(views), None, checked=checked)
+
+
+_SURE = 3.0  # standard deviations by which poses are off that are worth a warning
+_CONTRADICTED_SHARE, _CONTRADICTED_M2 = 0.1, 0.1  # of what two scans measured, worth a warning from both on
+
+
+def pose_doubts(registration: Registration, names: Sequence[str] | None = None) -> list[str]:
+    """Return what scans say against the poses that they came with, where that is more than was expected.
+
+    Scans have `names`, or numbers from 1.
+    """
+    doubts, stated = [], registration.stated_m
+    off = [one for one in registration.pairs if one.offset_m > max(stated, _SURE * one.offset_sd_m)]
+    if off:
+        worst = max(off, key=lambda one: one.offset_m)
+        more = (
+            f", and {len(off) - 1} more pairs by more than the {1000 * stated:.3g} mm stated"
+            if off[1:]
+            else ""
+        )
+        doubts.append(
+            f"poses contradict what was measured: {_named([worst.first, worst.second], names)} lie "
+            f"{1000 * worst.offset_m:.0f} mm apart where both measured the same{more}; "
+            f"{_cure(registration, names)}"
+        )
+    passed = [
+        one
+        for one in registration.pairs
+        if one.still_contradicted_m2 > max(_CONTRADICTED_M2, _CONTRADICTED_SHARE * one.overlap_m2)
+        and (one.first, one.second) not in registration.refused
+    ]
+    if passed:
+        worst = max(passed, key=lambda one: one.still_contradicted_m2)
+        more = f"; so it is with {len(passed) - 1} more pairs" if passed[1:] else ""
+        doubts.append(
+            f"{_named([worst.first, worst.second], names)} contradict each other: beams of one went through "
+            f"{worst.still_contradicted_m2:.2g} m2 that the other measured, where both see "
+            f"{worst.overlap_m2:.2g} m2 alike{more}; did something move between them?"
+        )
+    return doubts
+
+
+def _cure(registration: Registration, names: Sequence[str] | None) -> str:
+    """What was done about poses that are off."""
+    cures = []
+    if registration.refused:
+        groups = " | ".join(_named(part, names) for part in registration.parts)
+        cures.append(
+            "beams approve no motion that brings all together, so these groups stay to each other as they "
+            f"came: {groups}"
+        )
+    if registration.is_moved:
+        cures.append(
+            f"the scans were moved by up to {1000 * registration.moved_m.max():.0f} mm so that they agree "
+            "(--keep-poses keeps them)"
+        )
+    elif not registration.refused:
+        cures.append("they were kept: surfaces that several scans measured are no more exact than that")
+    return "; ".join(cures)
+
+
+def _named(scans: Sequence[int], names: Sequence[str] | None) -> str:
+    """Scans in words."""
+    each = [str(k + 1) for k in scans] if names is None else [names[k] for k in scans]
+    text = " and ".join([", ".join(each[:-1]), each[-1]] if each[1:] else each)
+    return text if names is not None else f"scan{'s' if each[1:] else ''} {text}"
 
 
 FORMAT = "unseen-registration/1"

@@ -157,7 +157,7 @@ class StationView:
             seen=seen,
             facets=facets,
             sight=sight_of(seen, EvidenceOptions().tolerance()),
-            sample=apart[_sample(facets.normal[apart])],
+            sample=apart[sample_of(facets.normal[apart])],
             planes=planes,
             directions=_directions(planes),
             radius_m=radius,
@@ -181,8 +181,8 @@ def unit_of(scans: Sequence[RangeImage]) -> float:
     return min(1.0, float(np.median(spreads)) / _LEAST_SPREAD_M) if spreads else 1.0
 
 
-def _sample(normals: FloatArray) -> IntArray:
-    """Numbers (k,) of facets with these normals (m, 3): half evenly over the image, half over what they face.
+def sample_of(normals: FloatArray) -> IntArray:
+    """Return numbers (k,) of facets by normals (m, 3), half evenly over the image, half over what they face.
 
     The first see what most of the scan is, the second let furniture have its say against walls.
     """

@@ -10,16 +10,16 @@ import numpy as np
 from completion.extension.patch import Patch
 from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
-from completion.registration.correction import Registration, ScanPair
+from completion.registration.correction import Registration
+from completion.registration.registered import pose_doubts
 from completion.relations.engine.relation import Status, kind_text
 from completion.relations.surfaces import FoundRelations
 
 _ROUGH_M = 0.01  # root mean square from which residuals are centimetres
 _TIMES = 3.0  # the range noise, beyond which it does not explain them
 _NAMED = 5  # surfaces that are named; more are counted
+_SURE = 3.0  # standard deviations by which relations move a surface that are worth a warning
 _FEW_PX = 1000  # of a surface that are looked at
-_SURE = 3.0  # standard deviations by which poses are off that are told of
-_CONTRADICTED_SHARE, _CONTRADICTED_M2 = 0.1, 0.1  # of what two scans measured, told of from both on
 
 
 def doubts_of(
@@ -41,7 +41,7 @@ def doubts_of(
         for number, patch in enumerate(patches, start=1)
         if patch.source.fit.rms >= _ROUGH_M and (times := _times_noise(patch, observations)) >= _TIMES
     ]
-    told += _of_poses(registration)
+    told += pose_doubts(registration)
     told += _of_relations(relations)
     if unconfirmed.n_regions:
         told.append(
@@ -78,47 +78,6 @@ def _numbered(places: Sequence[int], numbers: Sequence[int]) -> str:
         f"surface {numbers[place]}" if numbers[place] else "a surface without number" for place in places
     ]
     return " and ".join(names)
-
-
-def _of_poses(registration: Registration) -> list[str]:
-    """What the scans say of their poses, where that is more than was expected."""
-    told, stated = [], registration.stated_m
-    off = [one for one in registration.pairs if one.offset_m > max(stated, _SURE * one.offset_sd_m)]
-    if off:
-        worst = max(off, key=lambda one: one.offset_m)
-        more = (
-            f", and {len(off) - 1} more pairs by more than the {1000 * stated:.3g} mm stated"
-            if off[1:]
-            else ""
-        )
-        cure = (
-            f"the scans were moved by up to {1000 * registration.moved_m.max():.0f} mm so that they agree "
-            "(--keep-poses keeps them)"
-            if registration.is_moved
-            else "they were kept: surfaces that several scans measured are no more exact than that"
-        )
-        told.append(
-            f"poses contradict what was measured: {_both(worst)} lie {1000 * worst.offset_m:.0f} mm apart "
-            f"where both measured the same{more}; {cure}"
-        )
-    passed = [
-        one
-        for one in registration.pairs
-        if one.still_contradicted_m2 > max(_CONTRADICTED_M2, _CONTRADICTED_SHARE * one.overlap_m2)
-    ]
-    if passed:
-        worst = max(passed, key=lambda one: one.still_contradicted_m2)
-        more = f"; so it is with {len(passed) - 1} more pairs" if passed[1:] else ""
-        told.append(
-            f"{_both(worst)} contradict each other: beams of one went through "
-            f"{worst.still_contradicted_m2:.2g} m2 that the other measured, where both see "
-            f"{worst.overlap_m2:.2g} m2 alike{more}; did something move between them?"
-        )
-    return told
-
-
-def _both(pair: ScanPair) -> str:
-    return f"scans {pair.first + 1} and {pair.second + 1}"
 
 
 def _of_scan(seen: Observation) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from completion.registration.network import Network
 from completion.registration.pipeline import register_scans
-from completion.registration.registered import Registered
+from completion.registration.registered import Registered, pose_doubts
 from completion.registration.verdict import Verdict
 from nbv.run.wording import count
 from scenes.checks import FloatArray, InputError
@@ -181,11 +181,12 @@ def doubts_of_poses(found: Registered, names: Sequence[str]) -> list[str]:
     """What is not known of the poses, a sentence each."""
     told = []
     if found.level is None:
-        return [
+        told += [
             f"{names[one.scans[0]]} and {names[one.scans[1]]}: {one.reason}"
             for one in found.pairs
             if one.verdict is Verdict.AMBIGUOUS
         ]
+        return told + ([] if found.checked is None else pose_doubts(found.checked, names))
     for number, name in enumerate(names):
         if found.group_of(number) is None:
             told.append(f"{name} has no pose: {_why_alone(found, number)}")

@@ -10,9 +10,12 @@ from completion.evidence.sight import sight_of
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.registration import correction
-from completion.registration.correction import Registration, register
+from completion.registration.correction import Registration
 from completion.registration.facets import facets_of
+from completion.registration.pipeline import check_poses, correct_poses, register_scans
 from completion.registration.prior import settle
+from completion.registration.registered import pose_doubts
+from completion.registration.verdict import Verdict
 from scenes.io.scan_files import read_scan
 from scenes.pose import Pose
 from tests.helpers.crate_scans import misplaced, scan
@@ -24,7 +27,7 @@ SIZES = ((0.1, 0.005), (0.2, 0.02), (0.5, 0.02), (1.0, 0.05))  # degrees, metres
 
 def registered(scans, **options) -> Registration:
     observations = [observe(one, WORLD) for one in scans]
-    return register(observations, range(len(scans)), stated_m=0.005, **options)
+    return correct_poses(observations, range(len(scans)), stated_m=0.005, **options)
 
 
 @cache
@@ -110,7 +113,7 @@ def test_scans_beyond_those_that_settle_together_settle_among_them(monkeypatch):
     monkeypatch.setattr(correction, "_TOGETHER", 3)
     bad = misplaced(scan(3), 0.5, 0.03, 2)
     scans = [scan(0), scan(1), scan(2), bad]
-    found = register([observe(one, WORLD) for one in scans], (0, 1, 2), stated_m=0.005)
+    found = correct_poses([observe(one, WORLD) for one in scans], (0, 1, 2), stated_m=0.005)
     now = Pose(np.linalg.inv(found.motions[0]) @ found.motions[3]) @ bad.world_from_sensor
     assert apart(scan(3), now @ scan(3).world_from_sensor.inverse()) < 0.003
     assert {one.second for one in found.pairs} == {1, 2, 3}
@@ -126,7 +129,9 @@ def test_dining_room_poses_are_told_to_be_centimetres_off_by_pair():
         )
         for k in range(1, 6)
     ]
-    found = register([observe(one, scans[0].world_from_sensor) for one in scans], range(5), stated_m=0.005)
+    found = correct_poses(
+        [observe(one, scans[0].world_from_sensor) for one in scans], range(5), stated_m=0.005
+    )
     assert len(found.pairs) == 10
     offset = {(one.first, one.second): one.offset_m for one in found.pairs}
     assert 0.04 < offset[0, 4] < 0.09
@@ -146,3 +151,64 @@ def test_of_scans_that_share_nothing_no_pose_is_taken_to_be_off_without_end():
     found = settle(facets, sights, [])
     assert np.array_equal(found.motions, np.tile(np.eye(4), (2, 1, 1)))
     assert np.abs(found.covariance).max() < 10.0  # metres and radians, squared
+
+
+def check_agreement(scans, corrected, free):
+    """Hold poses as corrected and as found from any start to three deviations of each other, by groups."""
+    for network in free.groups:
+        first, *others = network.group.poses
+        for k in others:
+            held = [Pose(corrected.motions[i]) @ scans[i].world_from_sensor for i in (first, k)]
+            pose = Pose(np.vstack([network.group.poses[k], [0, 0, 0, 1]]))
+            apart = pose.inverse() @ held[0].inverse() @ held[1]
+            facets = facets_of(observe(scans[k].restated(world_from_sensor=WORLD), WORLD))
+            shift = np.einsum("ij,ij->i", apart.apply(facets.centre) - facets.centre, facets.normal)
+            deviation = np.hypot(free.pose_deviation(k), corrected.left_m[k] / 2)
+            assert np.sqrt(np.mean(np.square(shift))) < 3 * deviation
+
+
+def test_scans_with_poses_and_without_come_to_the_same_groups_and_poses():
+    scans = [scan(0), scan(1), misplaced(scan(2), 1.0, 0.05, 0)]
+    corrected, free = registered(scans), register_scans(scans)
+    assert corrected.groups == tuple(tuple(one.group.poses) for one in free.groups) == ((0, 1, 2),)
+    assert not corrected.refused
+    check_agreement(scans, corrected, free)
+
+
+@pytest.fixture(scope="module")
+def photographs():
+    """Frames with poses up to 18 cm off; warped photographs show that correcting by 315 mm is worse."""
+    return [read_scan(data_path(f"range/nvblox_3dmatch#{k}")) for k in range(1, 6)]
+
+
+@pytest.fixture(scope="module")
+def corrected_photographs(photographs):
+    observations = [observe(one, photographs[0].world_from_sensor) for one in photographs]
+    return correct_poses(observations, range(5), stated_m=0.005)
+
+
+@requires_data
+def test_frames_that_no_motion_brings_together_are_two_groups_that_stay(photographs, corrected_photographs):
+    assert corrected_photographs.groups == ((0, 1, 2), (3, 4))
+    assert corrected_photographs.refused == {(i, j) for i in range(3) for j in (3, 4)}
+    assert not corrected_photographs.is_moved
+    (doubt,) = pose_doubts(corrected_photographs)
+    assert doubt.startswith("poses contradict what was measured: scans 3 and 5 lie 180 mm apart")
+    assert doubt.endswith("stay to each other as they came: scans 1, 2 and 3 | scans 4 and 5")
+    checked = check_poses(photographs)
+    assert tuple(tuple(one.group.poses) for one in checked.groups) == corrected_photographs.groups
+    across = {one.scans for one in checked.pairs if one.verdict is Verdict.AMBIGUOUS}
+    assert across == corrected_photographs.refused
+    assert pose_doubts(checked.checked) == [doubt]
+    for pose, scan_given in zip(checked.world_poses(photographs), photographs, strict=True):
+        np.testing.assert_allclose(pose.matrix, scan_given.world_from_sensor.matrix, atol=1e-9)
+
+
+@pytest.mark.long
+@requires_data
+def test_frames_are_the_same_two_groups_from_any_start(photographs, corrected_photographs):
+    free = register_scans(photographs)
+    assert tuple(tuple(one.group.poses) for one in free.groups) == corrected_photographs.groups
+    across = {one.scans for one in free.pairs if one.verdict is not Verdict.REGISTERED}
+    assert across == corrected_photographs.refused
+    check_agreement(photographs, corrected_photographs, free)
