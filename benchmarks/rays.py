@@ -22,7 +22,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from scenes.mesh.morton import morton_order
+from scenes.mesh.blocks import morton_order
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.scan.projection import PinholeProjection

@@ -24,8 +24,8 @@ from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.standing.candidates import Standing, counted, find_standing, samples_that_count
 from scenes.io.scene_files import open_scene
+from scenes.mesh.blocks import morton_order
 from scenes.mesh.labelled_mesh import LabelledMesh
-from scenes.mesh.morton import morton_order
 from scenes.mesh.orientation import Axis
 from scenes.world.scene import Scene
 

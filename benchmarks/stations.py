@@ -28,7 +28,7 @@ from completion import CompletionOptions, complete
 from nbv import SphericalSensor, scan_scene
 from scenes import Pose, RangeImage, RayCaster, Scene
 from scenes.io.scan_files import read_scan, write_scan
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.builtin import Finish, SceneBuilder
 
 SIZE = np.array([5.0, 4.0, 2.7])
 WALL = 0.12

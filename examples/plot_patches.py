@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.colors import LightSource
 
 from completion import Boundary, fit_patch
-from completion.fitting.patches.result import measured_join
+from completion.fitting.patches.pipeline import measured_join
 from scenes.surfaces.catalogue import Plane
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -20,7 +20,7 @@ from completion import Part, model_part
 from completion.exchange.step.measured import edges_of, triangles_of
 from completion.parts.step_export import outcome_lines, step_model
 from scenes.io.part_files import read_part_file
-from scenes.scan.palette import surface_rgb
+from scenes.scan.colour import surface_rgb
 
 ROOT = Path(__file__).resolve().parents[1]
 LIGHT = np.array([0.4, -0.5, 0.77])

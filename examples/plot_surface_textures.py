@@ -30,8 +30,7 @@ from nbv.scanning.effects.effects import named_effects
 from scenes import Pose, RangeImage, builtin_scene, read_scan
 from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import PinholeProjection
-from scenes.world.building import Finish, SceneBuilder
-from scenes.world.builtin import brick
+from scenes.world.builtin import Finish, SceneBuilder, brick
 
 DATA = Path(os.environ.get("UNSEEN_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 _BLUE, _GAP, _HEIGHT = np.array([60, 110, 235]), 12, 420

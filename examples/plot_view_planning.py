@@ -41,7 +41,7 @@ from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import room_lattice, sensor_directions
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes import Scene, builtin_scene
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.builtin import Finish, SceneBuilder
 
 BENCH = Path(os.environ.get("UNSEEN_BENCH", Path(__file__).parents[2] / "shared" / "bench"))
 CONE = PinholeSensor(fov_deg=60, width=320, height=320, name="cone of 60 deg", aperture="circular")

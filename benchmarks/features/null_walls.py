@@ -12,7 +12,7 @@ from benchmarks.features.wall_rooms import WOOD, Hole, Size, add_shell, clutter_
 from benchmarks.features.walls import WallCase
 from scenes.checks import FloatArray
 from scenes.scan.range_image import RangeImage
-from scenes.world.building import SceneBuilder
+from scenes.world.builtin import SceneBuilder
 from scenes.world.scene import Scene
 
 Null = Literal[

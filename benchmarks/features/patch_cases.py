@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from completion.fitting.patches.boundary import Boundary, Join
+from completion.fitting.patches.joins import Boundary, Join
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, Plane

@@ -11,10 +11,9 @@ import typer
 
 from benchmarks.features.patch_cases import END, FLOOR, KINDS, WALL, PatchCase, case_of
 from completion.fitting.euclidean import fit_plane
-from completion.fitting.patches.boundary import Boundary, Join
-from completion.fitting.patches.feet import feet_of
-from completion.fitting.patches.pipeline import fit_patch
-from completion.fitting.patches.result import PatchFit
+from completion.fitting.patches.joins import Boundary, Join
+from completion.fitting.patches.pipeline import PatchFit, fit_patch
+from completion.fitting.patches.rounds import feet_of
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 

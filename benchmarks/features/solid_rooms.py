@@ -12,7 +12,7 @@ from nbv.scanning.sensors.sensor import SphericalSensor
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.builtin import Finish, SceneBuilder
 
 Content = Literal["column", "stairs", "pole", "boxes"]
 CONTENTS: tuple[Content, ...] = ("column", "stairs", "pole", "boxes")

@@ -19,7 +19,7 @@ from benchmarks.features.wall_rooms import (
 )
 from scenes.checks import FloatArray
 from scenes.scan.range_image import RangeImage
-from scenes.world.building import SceneBuilder
+from scenes.world.builtin import SceneBuilder
 from scenes.world.scene import Scene
 
 KINDS = ("doorway", "window", "niche")

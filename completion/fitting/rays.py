@@ -12,13 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.fitting.charts.axial_charts import chart_of
-from completion.fitting.charts.chart import Chart
-from completion.fitting.charts.held_chart import HeldChart
+from completion.fitting.chart import Chart, chart_of
 from completion.fitting.degeneracy import undetermined
-from completion.fitting.euclidean import normalised
-from completion.fitting.held import Held
-from completion.fitting.polish import Cloud, Normal
+from completion.fitting.euclidean import Cloud, Normal, normalised
+from completion.fitting.held import Held, HeldChart
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.robust import TUKEY, scale_within, tukey_variance, tukey_weights
 from scenes.checks import BoolArray, FloatArray

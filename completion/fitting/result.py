@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from completion.fitting.charts.axial_charts import chart_of
+from completion.fitting.chart import chart_of
 from scenes.checks import BoolArray, FloatArray, InputError, freeze_arrays
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
 

@@ -5,21 +5,166 @@ For a direction W the algebraic circular fit is linear least squares in the mome
 costs the same for any number of points (Eberly, Fitting 3D data with a cylinder). The hemisphere is searched
 at about 600 Fibonacci directions and the best are refined. A cone adds height and its square to the
 regressors of the squared radius or, where it is blunt, has the squared height for dependent variable; an
-elliptic cylinder adds the section's two other quadratic forms. Tori begin from `revolution`.
+elliptic cylinder adds the section's two other quadratic forms.
+
+Tori begin from axes that all normals meet. With Pluecker coordinates (n, p x n) of the normal at p and (c, m)
+of the axis, p x n . c + n . m = 0: linear in the axis, so that it is an eigenvector (Pottmann and Randrup
+1998, Rotational and helical surface approximation for reverse engineering). About the axis the surface is its
+meridian, and a torus' meridian a circle.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from completion.fitting.charts.axial_charts import ConeChart, CylinderChart, EllipticChart
-from completion.fitting.charts.chart import Chart, SphereChart, axis_frame, turned_frame
-from completion.fitting.charts.paraboloid import LEAST_CURVATURE, Paraboloid
+from completion.fitting.chart import (
+    Chart,
+    ConeChart,
+    CylinderChart,
+    EllipticChart,
+    SphereChart,
+    TorusChart,
+    axis_frame,
+    turned_frame,
+)
 from completion.fitting.quadrics import moments
-from completion.fitting.revolution import torus_about, torus_starts
 from scenes.checks import FloatArray
+
+_N_TREE = 50_000
+N_NEIGHBOURS = 24
+
+
+def oriented(sample: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
+    """Normals (m, 3), without a side, of sample points by their neighbours, and the typical roughness."""
+    thinned = points[:: max(1, len(points) // _N_TREE)]
+    _, nearest = cKDTree(thinned).query(sample, k=min(N_NEIGHBOURS, len(thinned)))
+    around = thinned[nearest]
+    around = around - around.mean(axis=1, keepdims=True)
+    values, vectors = np.linalg.eigh(np.einsum("mki,mkj->mij", around, around) / (around.shape[1] - 3))
+    extent = float(np.sqrt(np.einsum("ij,ij->", sample - sample.mean(axis=0), sample - sample.mean(axis=0))))
+    roughness = float(np.median(np.sqrt(np.maximum(values[:, 0], 0.0))))
+    return vectors[:, :, 0], max(roughness, 1e-9 * extent / np.sqrt(len(sample)))
+
+
+LEAST_CURVATURE = 1e-6  # in units of the points' inverse RMS radius
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Paraboloid:
+    """The paraboloid over the plane of points, least squares in their heights.
+
+    Attributes
+    ----------
+    foot : (3,) float
+        Where it stands over the points' middle, which is the origin.
+    normal : (3,) float
+        Unit vector at the foot.
+    curvatures : (2,) float
+        Principal ones, the smaller first; positive where it bends towards the normal.
+    directions : (3, 2) float
+        Unit vectors in the plane, in which it curves so.
+    """
+
+    foot: FloatArray
+    normal: FloatArray
+    curvatures: FloatArray
+    directions: FloatArray
+
+    @classmethod
+    def of(cls, unit: FloatArray) -> Paraboloid:
+        """Fit it to points (n, 3) whose middle is the origin."""
+        _, vectors = np.linalg.eigh(unit.T @ unit)
+        x, y, z = vectors[:, 2] @ unit.T, vectors[:, 1] @ unit.T, vectors[:, 0] @ unit.T
+        basis = np.column_stack([np.ones(len(x)), x, y, x * x / 2, x * y, y * y / 2])
+        level, slope_x, slope_y, xx, xy, yy = np.linalg.lstsq(basis, z, rcond=None)[0]
+        curvatures, turns = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+        normal = vectors @ np.array([1.0, -slope_y, -slope_x])
+        across = np.stack([vectors[:, [2, 1]] @ turns[:, k] for k in range(2)], axis=1)
+        return cls(level * vectors[:, 0], normal / np.linalg.norm(normal), curvatures, across)
+
+
+_N_ORIENTED = 1_000
+_TUBE_ANGLES_DEG = (0.0, 20.0, 45.0, 70.0, 85.0, 95.0, 110.0, 135.0, 160.0, 180.0)
+_LEAST_NEIGHBOURS = 12  # points from which normals by their neighbours mean something
+
+
+def rotation_axes(points: FloatArray, normals: FloatArray, n_best: int = 3) -> list[tuple[FloatArray, ...]]:
+    """Axes that the normals (n, 3) at points (n, 3) nearly meet: each a point (3,) and a unit vector (3,).
+
+    The points are near the unit ball. Of a plane, a sphere or a cylinder any line does in some family; the
+    best of the linear complexes come first.
+    """
+    lines = np.hstack([np.cross(points, normals), normals])
+    _, vectors = np.linalg.eigh(lines.T @ lines)
+    found: list[tuple[FloatArray, ...]] = []
+    for vector in vectors.T[:n_best]:
+        along, moment = vector[:3], vector[3:]
+        length = float(np.linalg.norm(along))
+        if length > 1e-6:
+            axis = along / length
+            found.append((np.cross(axis, moment / length), axis))
+    return found
+
+
+def torus_starts(unit: FloatArray) -> list[TorusChart]:
+    """Tori to polish from, about axes and by curvature, for points (n, 3) near the unit ball."""
+    found = _osculating(unit)
+    if len(unit) >= _LEAST_NEIGHBOURS:
+        places = np.unique(np.linspace(0, len(unit) - 1, _N_ORIENTED).astype(np.int64))
+        normals, _ = oriented(unit[places], unit)
+        for point, axis in rotation_axes(unit[places], normals, 4):
+            found = [*torus_about(unit[places], point, axis), *found]
+    _, principal = np.linalg.eigh(unit.T @ unit)
+    for axis in principal.T:
+        found += torus_about(unit, np.zeros(3), axis)
+    return found
+
+
+def torus_about(points: FloatArray, point: FloatArray, axis: FloatArray) -> list[TorusChart]:
+    """The torus about an axis through `point` (3,) along a unit `axis` (3,) with the meridian's circle."""
+    offset = points - point
+    height = offset @ axis
+    from_axis = np.linalg.norm(offset - height[:, None] * axis, axis=1)
+    basis = np.column_stack([2 * from_axis, 2 * height, np.ones(len(points))])
+    radius, level, rest = np.linalg.lstsq(basis, from_axis**2 + height**2, rcond=None)[0]
+    tube2 = float(rest + radius**2 + level**2)
+    if radius <= 1e-6 or tube2 <= 1e-12:
+        return []
+    return [TorusChart(point + level * axis, axis_frame(axis), float(radius), float(np.sqrt(tube2)))]
+
+
+def _osculating(unit: FloatArray) -> list[TorusChart]:
+    """Tori that touch the points' paraboloid and curve there as it does, one for each place on the tube.
+
+    At an angle a from the outermost circle the curvatures are 1 / r and cos(a) / (R + r cos(a)).
+    """
+    touching = Paraboloid.of(unit)
+    foot, normal, curvatures = touching.foot, touching.normal, touching.curvatures
+    found: list[TorusChart] = []
+    for tube in (0, 1):
+        bent, other = float(curvatures[tube]), float(curvatures[1 - tube])
+        if abs(bent) < LEAST_CURVATURE:
+            continue
+        outward = -np.sign(bent) * normal  # away from the tube's middle
+        radius, ratio = 1 / abs(bent), other / bent
+        along = touching.directions[:, tube]
+        along = along - outward * (along @ outward)
+        along = along / np.linalg.norm(along)
+        for angle in np.radians(_TUBE_ANGLES_DEG):
+            cosine, sine = float(np.cos(angle)), float(np.sin(angle))
+            ring = radius * cosine * (1 / ratio - 1) if abs(ratio) > 1e-3 else 1e3 * radius
+            if ring <= 0.2 * radius:
+                continue
+            for side in (along, -along):
+                axis, level_out = sine * outward + cosine * side, cosine * outward - sine * side
+                centre = foot - radius * outward - ring * level_out
+                found.append(TorusChart(centre, axis_frame(axis), min(ring, 1e3), radius))
+    return found
+
 
 _N_DIRECTIONS = 600
 _N_ZOOMS = 6

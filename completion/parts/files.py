@@ -22,7 +22,7 @@ from scenes.checks import IntArray
 from scenes.io.ply import write_mesh_ply
 from scenes.run.atomic import make_folder, write_bytes, write_json
 from scenes.run.staged_outputs import Stage, locked
-from scenes.scan.palette import surface_bytes
+from scenes.scan.colour import surface_bytes
 
 FORMAT = "unseen-part/1"
 _LEGEND = ["surface 0 none"]

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.fitting.charts.chart import axis_frame
+from completion.fitting.chart import axis_frame
 from completion.observe.observation import Beams, Observation
 from completion.observe.rays import Noise, Rays, deviation_at, ray_at
 from completion.observe.refits.packed_surfaces import pack

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from completion.fitting.charts.chart import axis_frame
+from completion.fitting.chart import axis_frame
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
 from scenes.checks import FloatArray, IntArray

@@ -26,7 +26,7 @@ from scenes.io.part_files import read_part_file
 from scenes.io.ply import write_mesh_ply
 from scenes.io.scan_request import ScanRequest, read_request
 from scenes.run.atomic import write_json
-from scenes.scan.palette import surface_bytes
+from scenes.scan.colour import surface_bytes
 from scenes.scan.range_image import RangeImage
 
 _LEGEND = ("unseen: feature and face number what features.json lists, from 1; 0 for none",)

@@ -11,9 +11,8 @@ import typer
 
 from completion.exchange.step.curves.kernel import kernel
 from completion.exchange.step.freeform.patch_face import patch_step
-from completion.fitting.patches.file import PatchRequest, read_boundaries
-from completion.fitting.patches.pipeline import fit_patch
-from completion.fitting.patches.result import PatchFit
+from completion.fitting.patches.joins import PatchRequest, read_boundaries
+from completion.fitting.patches.pipeline import PatchFit, fit_patch
 from completion.fitting.pipeline import fit
 from completion.fitting.result import FitError, Metric, Shape, SurfaceFit, inflated, surface_parameters
 from completion.fitting.selection import Selection, select

@@ -38,8 +38,7 @@ from nbv.report.pictures.picture import Picture, picture_of, range_colours, segm
 from nbv.report.viewer.completion_view import completion_view
 from nbv.run.wording import count, square_metres
 from scenes.run.mapping import trim
-from scenes.scan.colour import colour_bytes
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import colour_bytes, surface_colour
 from scenes.scan.thumbnail import standing
 
 _MOST_SCANS = 3  # of which pictures are shown

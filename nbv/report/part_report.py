@@ -16,7 +16,7 @@ from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, 
 from nbv.report.pictures.part_shots import PartDrawing, height_pictures, part_pictures
 from nbv.report.viewer.part_view import part_view, shown_part
 from nbv.run.wording import count
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import surface_colour
 
 _MOST_ROWS, _MOST_DIGITS = 200, 5
 _SHOWN_SD = 3.0  # of the ripple, at which the colours of heights end

@@ -15,7 +15,7 @@ from nbv.report.figures.registration_plan import alternative_plan, registration_
 from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.pictures.picture import Picture
 from nbv.run.wording import count
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import surface_colour
 from scenes.scan.range_image import RangeImage
 
 _MOST_ROWS, _MOST_GROUPS, _MOST_DOUBTFUL = 300, 20, 6

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from nbv.visibility.strata import cut_strata, pair_up
 from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.mesh.blocks import morton_order
 from scenes.mesh.labelled_mesh import LabelledMesh
-from scenes.mesh.morton import morton_order
 
 WISHED_SAMPLES = 20_000
 

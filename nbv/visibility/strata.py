@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from nbv.visibility.cutting import cut_triangles
 from scenes.checks import FloatArray
+from scenes.mesh.blocks import morton_order
 from scenes.mesh.labelled_mesh import LabelledMesh
-from scenes.mesh.morton import morton_order
 
 _GOLDEN = 1.32471795724474602596  # plastic number: x^3 = x + 1, base of the R2 sequence
 _R2 = np.array([1 / _GOLDEN, 1 / _GOLDEN**2])

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.cloud import RawPoints
 from scenes.io.documents import parse_json
 from scenes.io.e57_structure import check_e57
+from scenes.io.format import RawPoints
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fit_grid, lie_on_rays, organised_scan
 from scenes.io.guard import check_size, import_extra
 from scenes.io.header import (

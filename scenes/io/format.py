@@ -1,18 +1,157 @@
 # SPDX-License-Identifier: MIT
-"""A format of points and scans: its suffixes, and how its files are read and written."""
+"""Formats of points and scans: suffixes, readers and writers, and clouds as files hold them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
-from scenes.checks import InputError
-from scenes.io.cloud import RawPoints, joined
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
+from scenes.io.grid_fit import organised_scan
+from scenes.io.header import (
+    described,
+    not_finite_warnings,
+    pose_from_header,
+    projection_from_dict,
+)
+from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
+
+NO_RAYS = (
+    "holds points without a pixel grid or sensor position, so no ray can be traced; say where the scanner "
+    "stood (--origin X,Y,Z), or export the scan as structured .e57, .ptx, or organised .pcd"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawPoints:
+    """Points as a file holds them.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+        In the world, NaN where the file says so.
+    normals : (n, 3) float, optional
+        As in the file.
+    origins : (3,) or (n, 3) float, optional
+        Where the scanner stood, once or for each point; None where the file does not tell.
+    colour : (n, 3) uint8, optional
+        sRGB.
+    warnings : tuple of str
+        What was left out or assumed.
+    label : (n,) float, optional
+        What the file calls the surface of each point, as in the file.
+    """
+
+    points: FloatArray
+    normals: FloatArray | None = None
+    origins: FloatArray | None = None
+    colour: ColourArray | None = None
+    warnings: tuple[str, ...] = ()
+    label: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+def joined(parts: Sequence[RawPoints]) -> RawPoints:
+    """Return the points of several scans one after the other; what not all of them know is left out."""
+    points = np.concatenate([np.zeros((0, 3)), *(part.points for part in parts)])
+    stood = [np.broadcast_to(part.origins, part.points.shape) for part in parts if part.origins is not None]
+    colour = [part.colour for part in parts if part.colour is not None]
+    return RawPoints(
+        points,
+        None,
+        np.concatenate(stood) if stood and len(stood) == len(parts) else None,
+        np.concatenate(colour) if colour and len(colour) == len(parts) else None,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """The returns of a scan, row by row.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+        World coordinates, metres.
+    row, column : (n,) int64
+        The pixel of each.
+    colour : (n, 3) uint8, optional
+        sRGB.
+    intensity : (n,) float32, optional
+        On the instrument's scale.
+    """
+
+    points: FloatArray
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    colour: ColourArray | None = None
+    intensity: NDArray[np.float32] | None = None
+
+
+def cloud_of(scan: RangeImage) -> Cloud:
+    """Return the returns of a scan.
+
+    Raises InputError: there is none: a file of points cannot hold an empty grid.
+    """
+    if not scan.valid.any():
+        raise InputError(f"scan {scan.name!r} has no return; a file of points would be empty, use .npz")
+    row, column = np.nonzero(scan.valid)
+    return Cloud(
+        points=scan.points()[scan.valid],
+        row=row,
+        column=column,
+        colour=None if scan.colour is None else colour_bytes(scan.colour[scan.valid]),
+        intensity=None if scan.intensity is None else scan.intensity[scan.valid],
+    )
+
+
+def scan_of(header: Mapping[str, Any], n_points: int, parts: Iterable[Cloud]) -> RangeImage:
+    """Return the scan that a cloud of `n_points` with that header was made of, given part after part.
+
+    Raises InputError: pixels outside the image that the header describes, or two points in one.
+    """
+    projection, pose = projection_from_dict(header["projection"]), pose_from_header(dict(header))
+    rows, columns = projection.shape
+    if rows * columns > 1000 * n_points + 1_000_000:
+        raise InputError(f"{n_points} points in a grid of {rows} x {columns}: is its header damaged?")
+    points, seen = allocate((rows, columns, 3), np.float64, np.nan), np.zeros((rows, columns), np.bool_)
+    colour = light = None
+    sensor_from_world, n_bad = pose.inverse(), 0
+    for part in parts:
+        pixel = part.row * columns + part.column
+        inside = (part.row >= 0) & (part.row < rows) & (part.column >= 0) & (part.column < columns)
+        at = part.row, part.column
+        if not inside.all() or seen[at].any() or len(np.unique(pixel)) < len(pixel):
+            raise InputError(
+                f"its points do not each have a pixel of their own in {rows} x {columns}: was the file "
+                "edited? say where the scanner stood (--origin X,Y,Z)"
+            )
+        seen[at], points[at] = True, sensor_from_world.apply(part.points)
+        n_bad += int((~np.isfinite(part.points).all(axis=1)).sum())
+        if part.colour is not None:
+            colour = allocate((rows, columns, 3), np.uint8) if colour is None else colour
+            colour[at] = part.colour
+        if part.intensity is not None:
+            light = allocate((rows, columns), np.float32) if light is None else light
+            light[at] = part.intensity
+        release(points, colour, light)
+    for image in (points, colour, light):
+        if image is not None:
+            image.setflags(write=False)
+    scan = organised_scan(
+        points, projection, world_from_sensor=pose, colour=colour, name="scan", intensity=light
+    )
+    return described(scan, dict(header)).restated(warnings=not_finite_warnings(n_bad, n_points))
+
 
 Units = Literal["mm", "cm", "m", "in"]
 Intrinsics = tuple[float, float, float, float]

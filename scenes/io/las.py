@@ -5,25 +5,63 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import struct
+import sys
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.cloud import NO_RAYS, Cloud, RawPoints, cloud_of, scan_of
 from scenes.io.documents import parse_json
-from scenes.io.format import Format, one_cloud, one_scan, write_single
+from scenes.io.format import (
+    NO_RAYS,
+    Cloud,
+    Format,
+    RawPoints,
+    cloud_of,
+    one_cloud,
+    one_scan,
+    scan_of,
+    write_single,
+)
 from scenes.io.guard import import_extra
 from scenes.io.header import scan_header
 from scenes.io.limits import check_limit, check_unpacked
 from scenes.run.atomic import json_text, write_bytes
-from scenes.run.standard_error import libraries_muted
 from scenes.scan.range_image import RangeImage
+
+_ONE_AT_A_TIME = Lock()  # the descriptor is the whole process's
+
+
+@contextmanager
+def libraries_muted() -> Iterator[None]:
+    """Drop what is written to file descriptor 2; what it says, the caller raises as an error of one line.
+
+    Rust prints a panic and its trace there before Python hears of it.
+    """
+    with _ONE_AT_A_TIME:
+        with suppress(OSError, ValueError):  # there may be none
+            sys.stderr.flush()
+        try:
+            kept = os.dup(2)
+        except OSError:
+            yield
+            return
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nowhere, 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(nowhere)
+            os.close(kept)
+
 
 _START = 375  # bytes of the longest header, LAS 1.4
 _EXTENDED_LENGTH = 20  # where an extended record tells its length

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from scenes.checks import InputError, check_point
 from scenes.io.arrays import ArrayFile, open_arrays
-from scenes.io.cloud import RawPoints
 from scenes.io.documents import parse_json
-from scenes.io.format import Format, check_single, loaded, picked, points_of, write_single
+from scenes.io.format import Format, RawPoints, check_single, loaded, picked, points_of, write_single
 from scenes.io.header import scan_from_header, scan_header
 from scenes.io.station import scan_from_station
 from scenes.io.trajectory import rounded_pose

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, InputError
-from scenes.io.cloud import RawPoints
-from scenes.io.format import Format, one_cloud, write_single
+from scenes.io.format import Format, RawPoints, one_cloud, write_single
 from scenes.io.grid_fit import fit_grid, organised_scan
 from scenes.io.guard import check_size, import_extra
 from scenes.io.header import (

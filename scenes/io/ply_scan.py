@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.cloud import RawPoints
-from scenes.io.format import Format, check_single, one_scan, points_of, write_single
+from scenes.io.format import Format, RawPoints, check_single, one_scan, points_of, write_single
 from scenes.io.header import (
     checked_bytes,
     from_comments,

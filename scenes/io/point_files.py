@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError, IntArray, check_point, frozen_copy, usable_rows
-from scenes.io.cloud import RawPoints
-from scenes.io.format import Units, points_of
+from scenes.io.format import RawPoints, Units, points_of
 from scenes.io.guard import check_file, reading
 from scenes.io.registry import format_of, point_suffixes
 from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index

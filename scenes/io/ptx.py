@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.cloud import RawPoints
-from scenes.io.format import Format, each_cloud, each_scan, write_single
+from scenes.io.format import Format, RawPoints, each_cloud, each_scan, write_single
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fit_grid, organised_scan
 from scenes.io.guard import check_size
 from scenes.io.header import checked_bytes, not_finite_warnings

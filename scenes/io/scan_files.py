@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.io.cloud import NO_RAYS
-from scenes.io.format import METRES_PER_UNIT, Intrinsics, ScanReader, Units
+from scenes.io.format import METRES_PER_UNIT, NO_RAYS, Intrinsics, ScanReader, Units
 from scenes.io.guard import check_file, reading
 from scenes.io.mesh_file import MESH_SUFFIXES
 from scenes.io.registry import format_of, scan_suffixes, written_suffixes

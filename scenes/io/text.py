@@ -13,9 +13,18 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError, freeze_arrays
-from scenes.io.cloud import NO_RAYS, Cloud, RawPoints, cloud_of, scan_of
 from scenes.io.documents import parse_json
-from scenes.io.format import Format, one_cloud, one_scan, write_single
+from scenes.io.format import (
+    NO_RAYS,
+    Cloud,
+    Format,
+    RawPoints,
+    cloud_of,
+    one_cloud,
+    one_scan,
+    scan_of,
+    write_single,
+)
 from scenes.io.header import checked_bytes, scan_header
 from scenes.run.atomic import atomic_path, to_plain
 from scenes.scan.range_image import RangeImage

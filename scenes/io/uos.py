@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.cloud import RawPoints
 from scenes.io.documents import read_text
-from scenes.io.format import Format, one_cloud, one_scan, points_of
+from scenes.io.format import Format, RawPoints, one_cloud, one_scan, points_of
 from scenes.io.guard import check_file, reading
 from scenes.io.limits import check_limit
 from scenes.io.station import scan_from_station

@@ -204,7 +204,7 @@ class RayCaster:
             off it by the caller. A segment that is not finite counts as blocked; one without length as free.
         coherent : bool, optional
             Whether consecutive segments lie close together, as those from one point to points in
-            `scenes.mesh.morton.morton_order` do; as for `first_hit`.
+            `scenes.mesh.blocks.morton_order` do; as for `first_hit`.
 
         Raises
         ------

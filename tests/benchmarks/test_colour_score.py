@@ -9,7 +9,7 @@ from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.builtin import Finish, SceneBuilder
 
 
 def scan_of_wall(colour: tuple[float, float, float]) -> RangeImage:

@@ -13,7 +13,7 @@ from benchmarks.completion.truth.truth import TrueModel, true_charts
 from nbv.scanning.scanner import scan_scene
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-from scenes.world.building import SceneBuilder
+from scenes.world.builtin import SceneBuilder
 from tests.helpers.evaluation_examples import CAMERA, EYE, GREY
 
 

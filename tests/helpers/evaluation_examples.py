@@ -13,7 +13,7 @@ from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.builtin import Finish, SceneBuilder
 from scenes.world.scene import Scene
 
 GREY = Finish((0.5, 0.5, 0.5))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.completion.relations.figure_one import plane_fit
-from completion.fitting.charts.chart import axis_frame
+from completion.fitting.chart import axis_frame
 from completion.fitting.result import SurfaceFit
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane

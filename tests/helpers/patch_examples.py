@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from completion.fitting.patches.boundary import Boundary, Join
+from completion.fitting.patches.joins import Boundary, Join
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 WALL, FLOOR, END = Plane((0, 0, 0), (1, 0, 0)), Plane((0, 0, 0), (0, 0, 1)), Plane((0, 0, 0), (0, 1, 0))

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.checks import FloatArray
-from scenes.world.building import Finish, SceneBuilder
-from scenes.world.builtin import PLASTER
+from scenes.world.builtin import PLASTER, Finish, SceneBuilder
 
 _TRIES = 40
 _GAP_M = 0.12

@@ -12,8 +12,7 @@ from benchmarks.completion.scenes.cases import Case
 from benchmarks.completion.scenes.furnishing import Footprint, furnish
 from benchmarks.completion.scenes.stations import stations
 from scenes.checks import FloatArray
-from scenes.world.building import Finish, SceneBuilder
-from scenes.world.builtin import PLASTER, brick, grass, gravel
+from scenes.world.builtin import PLASTER, Finish, SceneBuilder, brick, grass, gravel
 
 Break = Literal["niche", "step", "hidden door", "ending cylinder"]
 BREAKS: tuple[Break, ...] = ("niche", "step", "hidden door", "ending cylinder")

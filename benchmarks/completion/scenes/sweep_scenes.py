@@ -12,8 +12,7 @@ from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scanning.view import View
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
-from scenes.world.building import Finish, SceneBuilder
-from scenes.world.builtin import PLASTER
+from scenes.world.builtin import PLASTER, Finish, SceneBuilder
 
 CAMERA = PinholeSensor(fov_deg=62.7, width=480, height=360, max_range_m=12.0, name="sweep camera")
 WIDEST_DEG = 172.0  # more of a column than this one view does not see

@@ -14,7 +14,7 @@ from nbv.scanning.sensors.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from scenes.checks import FloatArray
 from scenes.pose import Pose
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.builtin import Finish, SceneBuilder
 
 FAINTEST = 0.2
 """Light of the weakest echo, on the scale of `Intensity`: black things never return."""

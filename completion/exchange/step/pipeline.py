@@ -23,7 +23,7 @@ from completion.exchange.step.seams import Seams
 from completion.exchange.step.shells import sewn
 from completion.exchange.step.step_file import NamedFace, step_bytes
 from scenes.checks import InputError
-from scenes.scan.palette import surface_bytes
+from scenes.scan.colour import surface_bytes
 
 _MOST_TOLD = 3
 _SMALL, _SMALL_SHARE = (12, 30, 100), 0.02  # points, and share of all, of a region that may be left out

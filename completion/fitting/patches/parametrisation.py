@@ -16,7 +16,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from completion.fitting.patches.boundary import Boundaries
+from completion.fitting.patches.joins import Boundaries
 from completion.fitting.patches.patch import SIDES, SideName
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder

@@ -4,22 +4,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csc_array
 
-from completion.fitting.patches.boundary import Boundaries, Boundary, check_boundaries
-from completion.fitting.patches.constraints import equations_of
-from completion.fitting.patches.doubts import BEYOND, doubts_of
-from completion.fitting.patches.feet import feet_of
-from completion.fitting.patches.freedom import Freedom
+from completion.fitting.patches.joins import (
+    Boundaries,
+    Boundary,
+    Equations,
+    Join,
+    check_boundaries,
+    equations_of,
+)
 from completion.fitting.patches.parametrisation import parametrised, span_about
-from completion.fitting.patches.patch import SideName, SplinePatch
-from completion.fitting.patches.result import PatchFit, measured_join
+from completion.fitting.patches.patch import SideName, SplinePatch, products, side_places
 from completion.fitting.patches.rounds import (
     ON_ALL,
     STEPS,
+    Bordered,
+    Freedom,
     State,
+    feet_of,
     fitted,
     information,
     next_round,
@@ -30,6 +37,141 @@ from completion.fitting.patches.rounds import (
 from completion.fitting.result import FitError
 from scenes.checks import FloatArray, InputError, check_points
 from scenes.surfaces.catalogue import Cylinder, Plane
+
+N_MEASURED = 400
+"""Places along a boundary at which its join is measured."""
+
+_CHUNK = 256  # places whose deviations are solved for at once
+
+
+class MeasuredJoin(NamedTuple):
+    """How well a patch meets a surface along a boundary."""
+
+    angle: float  # radians, the largest from tangent or orthogonal; NaN where it is connected alone
+    gap: float  # the largest distance, in the unit of the points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatchFit:
+    """A free-form patch fitted to points between surfaces.
+
+    Attributes
+    ----------
+    patch : SplinePatch
+        The surface, in the unit of the points.
+    boundaries : mapping
+        By side, what it is joined to; surfaces that were free as they came out.
+    rms : float
+        Root mean square of the points' distances across the patch, over the degrees of freedom.
+    unconstrained_rms : float
+        The same of a patch of as many controls that is joined to nothing.
+    n : int
+        Points that took part.
+    joins : mapping
+        By side, the largest angle and gap at `N_MEASURED` places.
+    information : (k, k) sparse
+        Of the controls' coordinates, for points of unit variance, the smoothing included.
+    equations : Equations
+        Those that hold them.
+    warnings : tuple of str
+        What is doubtful.
+    """
+
+    patch: SplinePatch
+    boundaries: Boundaries
+    rms: float
+    unconstrained_rms: float
+    n: int
+    joins: Mapping[SideName, MeasuredJoin]
+    information: csc_array
+    equations: Equations
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def ratio(self) -> float:
+        """The rms over that of a patch joined to nothing."""
+        return self.rms / self.unconstrained_rms if self.unconstrained_rms > 0 else 1.0
+
+    def deviation(self, uv: FloatArray) -> FloatArray:
+        """Return the standard deviation (k,) of the patch along its normal at parameters (k, 2).
+
+        For points whose errors are independent and as large as `rms`, between surfaces that are exact.
+
+        Raises
+        ------
+        InputError
+            Parameters of another shape, or outside of [0, 1].
+        """
+        places = np.asarray(uv, dtype=np.float64)
+        if places.ndim != 2 or places.shape[1] != 2 or not ((places >= 0) & (places <= 1)).all():
+            raise InputError(f"expected parameters with shape (k, 2) in [0, 1], got {places.shape}")
+        solver, found = Bordered(self.information, self.equations), list[FloatArray]()
+        for low in range(0, len(places), _CHUNK):
+            some = places[low : low + _CHUNK]
+            held = products(self.patch.bases, some).toarray()
+            wide = (held[:, :, None] * self.patch.normals(some)[:, None]).reshape(len(some), -1)
+            found.append(np.einsum("ij,ji->i", wide, solver.solve(wide.T)))
+        return np.asarray(self.rms * np.sqrt(np.maximum(np.concatenate([np.zeros(0), *found]), 0.0)))
+
+
+def measured_join(patch: SplinePatch, side: SideName, boundary: Boundary) -> MeasuredJoin:
+    """Return how well a patch meets a surface, by its points and normals, not by the equations."""
+    places = side_places(side, np.linspace(0.0, 1.0, N_MEASURED))
+    at = patch.at(places)
+    gap = float(np.abs(boundary.surface.distance(at)).max())
+    if boundary.join is Join.CONNECTED:
+        return MeasuredJoin(np.nan, gap)
+    own, other = patch.normals(places), boundary.surface.normal(at)
+    sine, cosine = np.linalg.norm(np.cross(own, other), axis=1), np.abs(np.einsum("ij,ij->i", own, other))
+    off = np.arctan2(sine, cosine) if boundary.join is Join.TANGENT else np.arctan2(cosine, sine)
+    return MeasuredJoin(float(off.max()), gap)
+
+
+BEYOND = 3.0
+"""Residuals (rms) from a boundary, from which on a point lies beyond it."""
+
+_MANY = 0.05  # share of the points that lie beyond
+_OFF_CYLINDER, _OFF_PLANE, _WORSE = 1e-6, 1e-9, 1.05  # radians, radians, ratio of rms
+_GRID, _EDGE = 81, 0.02  # places along each side at which folds are looked for, a strip apart
+
+
+def doubts_of(found: PatchFit, beyond: float) -> tuple[str, ...]:
+    """Return what is doubtful of a patch, of whose points a share lies `beyond` its boundaries."""
+    doubts = list[str]()
+    if beyond > _MANY:
+        doubts.append(
+            f"{100 * beyond:.0f} % of the points lie beyond the boundaries: are the surfaces where they are "
+            "said to be?"
+        )
+    if _is_folded(found.patch):
+        doubts.append("the patch is folded: a surface cuts through the points, or they are no single sheet")
+    for side, one in found.boundaries.items():
+        angle = found.joins[side].angle
+        if isinstance(one.surface, Cylinder) and angle > _OFF_CYLINDER:
+            doubts.append(
+                f"{side} is {angle:.1e} rad off its cylinder: more controls along it follow it closer"
+            )
+        elif isinstance(one.surface, Plane) and angle > _OFF_PLANE:
+            doubts.append(f"{side} is {angle:.1e} rad off its plane: the patch has no width there")
+    if found.ratio > _WORSE:
+        doubts.append(
+            f"the points' rms is {found.ratio:.2f} times that of a patch joined to nothing: they contradict "
+            "a join, or a surface is not where it is said to be"
+        )
+    return tuple(doubts)
+
+
+def _is_folded(patch: SplinePatch) -> bool:
+    """Whether normals turn round between neighbours of a fine grid."""
+    places = np.linspace(_EDGE, 1.0 - _EDGE, _GRID)
+    uv = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
+    normals = patch.normals(uv).reshape(_GRID, _GRID, 3)
+    turned = (
+        np.einsum("ijk,ijk->ij", *pair)
+        for pair in ((normals[1:], normals[:-1]), (normals[:, 1:], normals[:, :-1]))
+    )
+    return any(bool((one < 0).any()) for one in turned)
+
 
 _SMOOTHING = 1e-9
 """Weight of the thin plate, a point: of a patch as large as its points scatter, far below their errors."""

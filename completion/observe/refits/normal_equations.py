@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.fitting.charts.chart import axis_frame
+from completion.fitting.chart import axis_frame
 from completion.observe.observation import Beams
 from completion.observe.rays import Noise, Rays, deviation_at, ray_at
 from completion.observe.triple import Triple

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.fitting.charts.chart import axis_frame
+from completion.fitting.chart import axis_frame
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Beams, Observation
 from completion.observe.pixel_set import ScanPixels

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.fitting.charts.axial_charts import chart_of
-from completion.fitting.charts.chart import Chart
-from completion.fitting.polish import Cloud, normal_equations, polished
+from completion.fitting.chart import Chart, chart_of
+from completion.fitting.euclidean import Cloud, normal_equations, polished
 from completion.fitting.result import FitError
-from completion.fitting.revolution import rotation_axes, torus_about
+from completion.fitting.starts import rotation_axes, torus_about
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface
 

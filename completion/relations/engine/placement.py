@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.fitting.charts.chart import axis_frame
+from completion.fitting.chart import axis_frame
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 

@@ -7,10 +7,10 @@ from typing import cast
 
 import numpy as np
 
-from completion.fitting.consensus import consensus_surface
 from completion.fitting.held import holding
-from completion.fitting.oriented import oriented
 from completion.fitting.result import FitError
+from completion.fitting.robust import consensus_surface
+from completion.fitting.starts import oriented
 from completion.templates.junctions.model import Model
 from completion.templates.junctions.profiles import elbow
 from scenes.checks import BoolArray, FloatArray

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.fitting.oriented import oriented
+from completion.fitting.starts import oriented
 from completion.templates.engine.refinement import inflation, neighbour_cells
 from completion.templates.engine.support import face_sides
 from completion.templates.engine.template import Side

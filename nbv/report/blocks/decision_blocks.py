@@ -10,7 +10,7 @@ from completion.exchange.dimensions.dimension import Dimension
 from completion.exchange.dimensions.pipeline import DecisionSheet
 from nbv.report.page.page import Cell, Section, State, Table, Text
 from nbv.run.wording import count
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import surface_colour
 
 _MOST_ROWS = 60
 _STATES: dict[Advice, State] = {"rely": "measured", "check": "unknown", "do not build": "inferred"}

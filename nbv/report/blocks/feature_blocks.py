@@ -10,7 +10,7 @@ import numpy as np
 from completion.templates.engine.template import Seen, Status, TemplateFit
 from nbv.report.page.page import Cell, State, Table, Text
 from nbv.run.wording import count
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import surface_colour
 
 _MOST_ROWS, _MOST_REFUSED = 80, 12
 _STATES: dict[Status, State] = {Status.FOUND: "measured", Status.AMBIGUOUS: "unknown", Status.NONE: ""}

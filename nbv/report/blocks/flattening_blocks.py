@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from completion.flattening.flat import FlatSurface, Region, RegionKind
 from nbv.report.page.page import Block, Cell, Table, Text
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import surface_colour
 
 _MOST_ROWS, _MOST_AREAS = 100, 40
 _LEAST_P = 1e-6

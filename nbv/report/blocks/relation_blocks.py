@@ -13,7 +13,7 @@ from completion.relations.graph import RelationGraph
 from completion.relations.record import Misfit, misfit_of
 from nbv.report.page.page import Block, Cell, Section, Table, Text
 from nbv.run.wording import count
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import surface_colour
 
 _MOST_ROWS = 40  # of each kind of status
 FAULT_SD = 3.0

@@ -27,7 +27,7 @@ from nbv.scans.state_mesh import FRONTIER, SHADOW, STATES, StateMesh
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.pose import Pose
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import surface_colour
 
 _WIDTH = 760
 _THICK_M = 0.15  # half the height over which seen voxels are drawn

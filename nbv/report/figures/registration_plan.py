@@ -13,7 +13,7 @@ from completion.registration.network import Network
 from completion.registration.registered import PairVerdict
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
 from scenes.checks import FloatArray
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import surface_colour
 
 _SIZE, _SMALL = (6.2, 6.2), (3.6, 3.6)  # inches
 _SPREAD = 3.0  # median sizes of residuals at which colours end

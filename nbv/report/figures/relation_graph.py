@@ -15,7 +15,7 @@ from completion.relations.frames import shared_directions
 from completion.relations.graph import RelationGraph
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
 from scenes.checks import FloatArray
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import surface_colour
 
 MOST_SURFACES = 60
 """Surfaces, of which more are too many for a drawing."""

@@ -14,8 +14,7 @@ from completion.templates.engine.features import Features
 from completion.templates.engine.template import Seen, Status, TemplateFit
 from nbv.report.pictures.picture import Picture, picture_of, range_colours
 from scenes.checks import FloatArray
-from scenes.scan.colour import colour_bytes
-from scenes.scan.palette import surface_bytes
+from scenes.scan.colour import colour_bytes, surface_bytes
 from scenes.scan.range_image import RangeImage
 
 SEEN_COLOURS = {Seen.CONFIRMED: (40, 160, 70), Seen.CONTRADICTED: (200, 40, 40), Seen.UNSEEN: (230, 150, 20)}

@@ -12,7 +12,7 @@ from nbv.report.pictures.drawing import MeshDrawing, SeenFaces
 from nbv.report.pictures.picture import Picture, height_colours, picture_of
 from scenes.checks import FloatArray, IntArray
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
-from scenes.scan.palette import surface_bytes
+from scenes.scan.colour import surface_bytes
 
 _WIDTH, _TRIAL_WIDTH = 760, 96
 _HEIGHTS_DEG = (38.0, -38.0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scenes.checks import BoolArray, FloatArray
-from scenes.scan.palette import surface_rgb
+from scenes.scan.colour import surface_rgb
 
 # Blue and orange (Okabe and Ito's palette) stay apart under all common kinds of colour blindness; unknown
 # area is hatched as well, and modelled area, a lighter tone of measured, is dotted, so that they survive a

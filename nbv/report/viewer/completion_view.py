@@ -38,7 +38,7 @@ from nbv.scans.scan_map import with_known_noise
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance
 from scenes.run.mapping import trim
-from scenes.scan.palette import surface_rgb
+from scenes.scan.colour import surface_rgb
 from scenes.scan.range_image import RangeImage
 
 _PIECES = 40_000  # into which recognised surface is cut, about

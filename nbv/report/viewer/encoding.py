@@ -20,7 +20,7 @@ from nbv.report.viewer.block import Lines, Marker, Viewer, best_camera, focus
 from nbv.report.viewer.byte_packing import Packer, add_images, by_appearance, corner_keys, skin_entry
 from nbv.report.viewer.layers import Classes, Layer, Numbers, Sightings
 from scenes.checks import FloatArray
-from scenes.mesh.morton import morton_order
+from scenes.mesh.blocks import morton_order
 from scenes.run.mapping import trim
 
 _FINEST_M = 0.00025  # step of the coordinates in large scenes; small ones have 2^16 steps

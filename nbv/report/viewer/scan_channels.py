@@ -19,7 +19,7 @@ from nbv.scans.scan_map import with_known_noise
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
-from scenes.scan.palette import surface_rgb
+from scenes.scan.colour import surface_rgb
 from scenes.scan.range_image import RangeImage
 
 MEASURED = Category("measured", picture.MEASURED)

@@ -34,7 +34,7 @@ from nbv.visibility.reachability import REASONS
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import Appearance
-from scenes.scan.palette import surface_rgb
+from scenes.scan.colour import surface_rgb
 from scenes.world.scene import Scene
 
 _SAMPLES_A_FACE = 1.0

@@ -9,7 +9,7 @@ from completion.extension.insets import find_insets
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.pose import Pose
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.builtin import Finish, SceneBuilder
 
 GREY = Finish((0.5, 0.5, 0.5))
 CAMERA = PinholeSensor(fov_deg=75, width=240, height=180)

@@ -4,10 +4,9 @@
 import numpy as np
 import pytest
 
-from completion.fitting.consensus import consensus_surface
 from completion.fitting.pipeline import fit
 from completion.fitting.result import FitError
-from completion.fitting.robust import fit_robust
+from completion.fitting.robust import consensus_surface, fit_robust
 from completion.fitting.selection import select, weigh
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cylinder, Torus

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.fitting.charts.axial_charts import chart_of
-from completion.fitting.euclidean import normalised
+from completion.fitting.chart import chart_of
+from completion.fitting.euclidean import normal_equations, normalised
 from completion.fitting.pipeline import fit
-from completion.fitting.polish import normal_equations
 from completion.fitting.result import FitError
 from completion.fitting.robust import tukey_weights
 from completion.fitting.selection import select, weigh

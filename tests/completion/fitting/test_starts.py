@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from completion.fitting.charts.axial_charts import ConeChart, CylinderChart
-from completion.fitting.charts.chart import axis_frame
+from completion.fitting.chart import ConeChart, CylinderChart, axis_frame
 from completion.fitting.starts import cones_along, starts
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Sphere
 

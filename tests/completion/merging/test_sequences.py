@@ -16,7 +16,7 @@ from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from nbv import PinholeSensor, scan_scene
 from scenes import Pose, RayCaster
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.builtin import Finish, SceneBuilder
 
 N_FRAMES = 12
 

@@ -36,8 +36,7 @@ from scenes.checks import InputError
 from scenes.mesh.triangle_distance import distances
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
-from scenes.world.building import Finish, SceneBuilder
-from scenes.world.builtin import builtin_scene
+from scenes.world.builtin import Finish, SceneBuilder, builtin_scene
 
 ROOM = builtin_scene("two_occluders")
 SENSOR = PinholeSensor(fov_deg=60, width=120, height=120)

@@ -29,7 +29,7 @@ from nbv.scanning.scanner import scan_scene
 from nbv.visibility.samples import sample_surface
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
-from scenes.scan.palette import surface_colour
+from scenes.scan.colour import surface_colour
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 from scenes.scan.thumbnail import upright

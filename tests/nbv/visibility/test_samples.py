@@ -6,8 +6,8 @@ import pytest
 
 from nbv.visibility.samples import SurfaceSamples, default_spacing, sample_surface
 from scenes.checks import InputError
+from scenes.mesh.blocks import morton_order
 from scenes.mesh.labelled_mesh import LabelledMesh
-from scenes.mesh.morton import morton_order
 
 TRIANGLES = LabelledMesh(
     np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0], [0, 0, 0.01], [1e-3, 0, 0.01]], dtype=float),

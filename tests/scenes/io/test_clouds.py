@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.io.cloud import Cloud, cloud_of, scan_of
+from scenes.io.format import Cloud, cloud_of, scan_of
 from scenes.io.header import scan_header
 from scenes.io.las import read_las_points
 from scenes.io.limits import limits

@@ -16,9 +16,8 @@ from scenes.checks import InputError
 from scenes.io.gltf import data_bytes
 from scenes.io.obj import check_obj, plain_obj
 from scenes.io.ply import check_ply
-from scenes.io.scene_files import load_scene
+from scenes.io.scene_files import load_scene, mesh_doubts
 from scenes.mesh.labelled_mesh import LabelledMesh
-from scenes.mesh.mesh_doubts import mesh_doubts
 from tests.robustness.bad_files import meshes
 from tests.robustness.bad_files.trial import ROOT
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 
 from scenes.checks import InputError
-from scenes.mesh.morton import morton_order
+from scenes.mesh.blocks import morton_order
 from tests.helpers.strategies import law, seeds
 
 

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from completion.extension.patch import Provenance
 from scenes.pose import Pose
-from scenes.run.packing import PackingError, pack, unpack
+from scenes.run.journal import PackingError, pack, unpack
 from scenes.surfaces.plane import Plane
 
 NUMBERS = st.floats() | st.integers() | st.booleans() | st.none() | st.text()

@@ -15,9 +15,10 @@ import pytest
 
 from scenes.io.scan_files import in_metres, read_scan, write_scan
 from scenes.pose import Pose
-from scenes.run import mapping, packing
+from scenes.run import journal as packing
+from scenes.run import mapping
+from scenes.run.journal import pack, unpack
 from scenes.run.mapping import is_mapped
-from scenes.run.packing import pack, unpack
 from scenes.scan import pixels
 from scenes.scan.range_image import TRUTH_CHANNELS, RangeImage
 from tests.helpers.scan_examples import PROJECTIONS, assert_same_scan, example_scan

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.catalogue import Cylinder, Plane
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.builtin import Finish, SceneBuilder
 from scenes.world.scene import Scene
 from tests.helpers.strategies import EPS, directions, law, vectors
 

@@ -11,7 +11,7 @@ from completion.exchange.step.curves.kernel import kernel, kernel_point
 from completion.exchange.step.step_file import NamedFace, step_bytes
 from completion.fitting.patches.patch import SplinePatch
 from scenes.checks import FloatArray
-from scenes.scan.palette import surface_bytes
+from scenes.scan.colour import surface_bytes
 
 _MM = 1000.0
 _TOLERANCE = 1e-6  # mm

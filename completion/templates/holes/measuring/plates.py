@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.fitting.oriented import oriented
 from completion.fitting.robust import tukey_weights
+from completion.fitting.starts import oriented
 from completion.templates.engine.measured import Measured
 from scenes.checks import BoolArray, FloatArray
 

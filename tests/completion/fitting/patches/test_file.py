@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from completion import read_boundaries
-from completion.fitting.patches.boundary import Join
+from completion.fitting.patches.joins import Join
 from scenes.checks import InputError
 
 FLOOR = {"shape": "plane", "parameters": {"point": [0, 0, 0], "normal": [0, 0, 2]}}

@@ -5,12 +5,9 @@ import numpy as np
 import pytest
 from scipy.linalg import null_space
 
-from completion.fitting.patches.basis import basis
-from completion.fitting.patches.boundary import Boundary, Join, check_boundaries
-from completion.fitting.patches.constraints import equations_of
-from completion.fitting.patches.joining import join_equations
-from completion.fitting.patches.least_squares import Bordered, normal_equations, thin_plate
-from completion.fitting.patches.patch import SplinePatch
+from completion.fitting.patches.joins import Boundary, Join, check_boundaries, equations_of, join_equations
+from completion.fitting.patches.patch import SplinePatch, basis
+from completion.fitting.patches.rounds import Bordered, normal_equations, thin_plate
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.patch_examples import BLEND, END, FLOOR, WALL

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from completion import fit_patch, fit_plane
-from completion.fitting.patches.boundary import Boundary, Join
+from completion.fitting.patches.joins import Boundary, Join
 from completion.fitting.result import FitError
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Plane
