@@ -29,6 +29,7 @@ types: .venv/dev
 # what is long by nature (CONTRIBUTING.md), before an issue is resolved
 test-long: .venv/dev
 	$(PYTEST) -m long
+	$(MAKE) --no-print-directory docs
 	$(BIN)/python examples/gallery.py
 	$(BIN)/python -m tests.robustness.fuzzing --files $(N) --seconds $(SECONDS)
 
