@@ -36,15 +36,10 @@ test-long: .venv/dev
 install: .venv/dev
 
 bench: .venv/bench
-	$(BIN)/python benchmarks/rays.py
-	$(BIN)/python benchmarks/scans.py
-	$(BIN)/python benchmarks/textures.py
-	$(BIN)/python benchmarks/reports.py
-	$(BIN)/python benchmarks/e57_reading.py
-	$(BIN)/python -m benchmarks.saving
-	$(BIN)/python -m benchmarks.stations
-	$(BIN)/python benchmarks/cluster.py
-	$(BIN)/python -m pytest benchmarks --benchmark-only
+	for suite in $(SUITES); do $(BIN)/python -m benchmarks run $$suite || exit 1; done
+
+# all suites: python -m benchmarks list
+SUITES ?= rays texture-speed e57 saving stations frames segmentation
 
 # so long at most, and so many files for each reader; half the time again where atheris is installed
 SECONDS ?= 300

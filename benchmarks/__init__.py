@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Benchmarks: what is measured side by side, outside the wheel."""
+"""Benchmarks of occluded structure: cases of known truth, metrics, methods, and one runner."""

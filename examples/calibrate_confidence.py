@@ -17,10 +17,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks.completion.ledger.entries import is_there
-from benchmarks.completion.ledger.sources import DATA, WALKS, Flat, Known
-from benchmarks.completion.scenes.cases import hypothesis_of
-from benchmarks.completion.scenes.rooms import random_case
+from benchmarks.cases.frames import DATA, WALKS, Flat, Known
+from benchmarks.cases.rooms import hypothesis_of, random_case
+from benchmarks.metrics.other_scans import is_there
 from completion import CompletionOptions, Patch, complete
 from completion.evidence.evidence import Label
 from completion.extension.beyond import KNOWN, WEIGHTS

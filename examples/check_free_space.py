@@ -11,8 +11,8 @@ made a violation larger.
 import sys
 from dataclasses import dataclass
 
-from benchmarks.completion.cases.free_space import Violation, violation_of
-from benchmarks.completion.scenes.clutter import random_clutter
+from benchmarks.cases.clutter import random_clutter
+from benchmarks.metrics.free_space import Violation, violation_of
 from completion import CompletionOptions, complete
 
 

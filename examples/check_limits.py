@@ -43,21 +43,11 @@ planners = [{method = "nbv", views = 2}]
 
 @dataclass(frozen=True)
 class Ending:
-    """How a run ended.
+    """How a run ended."""
 
-    Attributes
-    ----------
-    code : int
-        Exit code, negative for a signal; None-like 999 for one that hung.
-    said : str
-        Its standard error.
-    peak_bytes : int
-        Largest resident memory.
-    """
-
-    code: int
-    said: str
-    peak_bytes: int
+    code: int  # exit code, negative for a signal; None-like 999 for one that hung
+    said: str  # its standard error
+    peak_bytes: int  # largest resident memory
 
     @property
     def kind(self) -> str:

@@ -11,8 +11,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from benchmarks.features.evolution import AT, ENGINES, measured
-from benchmarks.features.evolution_cases import CASES, PartCase
+from benchmarks.suites.evolution import AT, CASES, ENGINES, PartCase, measured
 
 ROOT = Path(__file__).resolve().parents[1]
 SHOWN = {

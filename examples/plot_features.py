@@ -10,7 +10,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.features.walls import opening_case
+from benchmarks.cases.walls import opening_case
 from completion import find_features
 from nbv.commands.feature import lines_of
 from nbv.report.pictures.feature_shots import scan_shots

@@ -18,8 +18,8 @@ import numpy as np
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from benchmarks.flattening.study import score
-from benchmarks.flattening.walls import make_wall
+from benchmarks.cases.relief import make_wall
+from benchmarks.suites.flattening import score
 from completion.boundary.range_mesh import mesh_range_image
 from completion.flattening.flat import RegionKind
 from completion.flattening.meshes.crossings import new_crossings

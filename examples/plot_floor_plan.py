@@ -8,7 +8,7 @@ FOLDER/pictures/floor_plan.png (default: docs) and prints what the rules of thum
 import argparse
 from pathlib import Path
 
-from benchmarks.completion.scenes.houses.house import random_house
+from benchmarks.cases.houses.house import random_house
 from nbv import load_sensor, plan_views, sample_surface
 from nbv.plan.rules import compare_with_rules
 from nbv.report.blocks.rooms import rule_sentences

@@ -13,7 +13,7 @@ import numpy as np
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from benchmarks.features.hole_plates import plate
+from benchmarks.cases.plates import plate
 from completion.templates.engine.template import Seen
 from completion.templates.holes.patterns import KINDS
 from completion.templates.holes.pipeline import find_holes

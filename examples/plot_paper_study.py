@@ -230,10 +230,7 @@ def draw_box(axes: Axes, corners: NDArray[np.float64]) -> None:
 def put(page: str, name: str, text: str) -> str:
     """Return the page with `text` between the marks of this name.
 
-    Raises
-    ------
-    ValueError
-        The page has no such marks, or several.
+    Raises ValueError: the page has no such marks, or several.
     """
     marks = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end of {name} -->)", re.DOTALL)
     changed, n = marks.subn(lambda found: f"{found[1]}\n{text}\n\n{found[2]}", page)

@@ -113,20 +113,13 @@ def along_ray_mm(scan: RangeImage, pixels: np.ndarray) -> np.ndarray:
 class Found:
     """Spreads of one scan in mm, by bins of incidence (pipe) and of range (floor).
 
-    Attributes
-    ----------
-    radial, along : list of float
-        On the pipe, across its surface and along the ray.
-    floor : list of float
-        On the floor, along the ray.
-    form : float
-        Of the floor about its plane.
+    `radial`, `along`: on the pipe, across its surface and along the ray.
     """
 
     radial: list[float]
     along: list[float]
-    floor: list[float]
-    form: float
+    floor: list[float]  # on the floor, along the ray
+    form: float  # of the floor about its plane
 
 
 INCIDENCE = np.array([10, 20, 30, 40, 50, 60, 70, 80])

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from benchmarks.completion.cases.study import office_cases
-from benchmarks.completion.scores.colour import ColourScore, score_colour
+from benchmarks.cases.rooms import office_cases
+from benchmarks.metrics.other_scans import ColourScore, score_colour
 from completion import Completion, complete
 from completion.observe.observation import observe
 from completion.texturing.chart_texture import ChartTexture

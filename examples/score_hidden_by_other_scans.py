@@ -16,10 +16,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from benchmarks.completion.scenes.cases import hypothesis_of
-from benchmarks.completion.scores.buffers import BUFFERS_M
-from benchmarks.completion.scores.other_scans import HiddenScore, score_by_others
-from benchmarks.completion.truth.samples import sample
+from benchmarks.cases.rooms import hypothesis_of
+from benchmarks.metrics.inferred import sample
+from benchmarks.metrics.other_scans import BUFFERS_M, HiddenScore, score_by_others
 from completion import CompletionOptions, complete
 from completion.extension.extent import Mode
 from scenes import RangeImage, read_scan

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.completion.scores.colour import score_colour
+from benchmarks.metrics.other_scans import score_colour
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.pose import Pose

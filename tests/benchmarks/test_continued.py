@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.completion.scenes.cases import hypothesis_of
-from benchmarks.completion.scores.continued import continued_area
+from benchmarks.cases.rooms import hypothesis_of
+from benchmarks.metrics.continued import continued_area
 from completion import CompletionOptions, complete
 from completion.extension.patch import Provenance
 from nbv import PinholeSensor, scan_scene
@@ -33,6 +33,7 @@ def test_area_counts_for_the_thing_that_it_is_continued_from() -> None:
         continued_area(completed, hypothesis, [blind], is_wall)
 
 
+@pytest.mark.long
 def test_backs_of_round_things_are_counted_apart() -> None:
     scene = builtin_scene("drum_and_post")
     pose = Pose.looking_at((0.6, 0.6, 1.5), (3.0, 2.4, 0.8))

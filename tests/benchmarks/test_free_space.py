@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.completion.cases.free_space import meet, violation_of
-from benchmarks.completion.scenes.clutter import random_clutter
+from benchmarks.cases.clutter import random_clutter
+from benchmarks.metrics.free_space import meet, violation_of
 from completion import CompletionOptions, complete
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import LabelledPoints
@@ -29,6 +29,7 @@ def load_script():
     return script
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n_rooms", [8, pytest.param(30, marks=pytest.mark.long)])
 def test_nothing_is_inferred_in_free_space_and_no_scan_adds_any(n_rooms, capsys) -> None:
     assert load_script().main(n_rooms, 5000) == 0

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.completion.scores.hoover import score_regions
+from benchmarks.metrics.regions import score_regions
 from scenes.checks import InputError
 
 

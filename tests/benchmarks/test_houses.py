@@ -7,21 +7,23 @@ import numpy as np
 import pytest
 import shapely
 
-from benchmarks.completion.ledger.__main__ import chosen
-from benchmarks.completion.ledger.entries import is_there
-from benchmarks.completion.ledger.sources import HELD_OUT_HOUSES, HOUSES, REAL, Flat
-from benchmarks.completion.scenes.houses.catalogue import AMIDST, AMIDST_BY_USE, AT_WALLS, USES
-from benchmarks.completion.scenes.houses.frames import (
+from benchmarks.cases.frames import HELD_OUT_HOUSES, HOUSES, REAL, Flat
+from benchmarks.cases.houses.furnishing import AMIDST, AMIDST_BY_USE, AT_WALLS, USES
+from benchmarks.cases.houses.house import (
     FARTHEST_M,
+    KINDS,
     NEAREST_M,
+    House,
     frames,
+    random_house,
+    random_thing,
     station,
     without_mirrors,
 )
-from benchmarks.completion.scenes.houses.furniture.solids import volume
-from benchmarks.completion.scenes.houses.house import House, random_house
-from benchmarks.completion.scenes.houses.plan import random_plan
-from benchmarks.completion.scenes.houses.things import KINDS, random_thing
+from benchmarks.cases.houses.plan import random_plan
+from benchmarks.cases.houses.solids import volume
+from benchmarks.metrics.other_scans import is_there
+from benchmarks.suites.ledger import chosen
 
 SEEDS = (0, 6, 14, 21)  # four rooms, slopes with a skylight, crammed, stairs
 
@@ -45,10 +47,12 @@ def digest(house: House) -> str:
     return found.hexdigest()
 
 
+@pytest.mark.long
 def test_a_seed_gives_the_same_bytes_and_others_give_others() -> None:
     assert digest(random_house(1)) == digest(random_house(1)) != digest(random_house(2))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted({*AT_WALLS, *AMIDST}))
 def test_pieces_are_closed_and_seen_from_outside(name: str) -> None:
     for seed in range(6):
@@ -73,6 +77,7 @@ def test_rooms_have_the_sizes_that_are_promised() -> None:
             assert 2.2 <= room.ceilings[0, 2] <= 3.5
 
 
+@pytest.mark.long
 def test_no_face_is_seen_from_behind(house, taken) -> None:
     normals = house.scene.mesh.face_normals()
     for scan in taken:
@@ -83,6 +88,7 @@ def test_no_face_is_seen_from_behind(house, taken) -> None:
         assert (towards > 1e-6).mean() < 1e-3
 
 
+@pytest.mark.long
 def test_floor_is_below_and_walls_are_behind_all_that_stands_in_a_room(house) -> None:
     """From below, and from the middle of the walls, nothing is met before the room's own faces."""
     rng = np.random.default_rng(0)
@@ -120,6 +126,7 @@ def pieces(house: House) -> dict[str, np.ndarray]:
     return {name: mesh.corners[np.isin(mesh.face_surface, own)] for name, own in found.items()}
 
 
+@pytest.mark.long
 def test_furniture_stays_in_its_room(house) -> None:
     for name, corners in pieces(house).items():
         room, places = house.plan.rooms[int(name.split()[1])], corners.reshape(-1, 3)
@@ -140,6 +147,7 @@ def winding(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return angle.sum(axis=1) / (2 * np.pi)
 
 
+@pytest.mark.long
 def test_pieces_do_not_stand_in_each_other(house) -> None:
     solid = {name: corners for name, corners in pieces(house).items() if len(corners) < 3000}
     bounds = {
@@ -156,6 +164,7 @@ def test_pieces_do_not_stand_in_each_other(house) -> None:
                 assert (winding(at, solid[other]) > 0.5).sum() <= 6, (one, other)
 
 
+@pytest.mark.long
 def test_frames_see_surface_within_reach_from_where_a_person_stands(house, taken) -> None:
     assert len(taken) == 5
     for scan in taken:
@@ -168,6 +177,7 @@ def test_frames_see_surface_within_reach_from_where_a_person_stands(house, taken
     assert max(abs(look[2]) for look in looks) > 0.1, "not only straight ahead"
 
 
+@pytest.mark.long
 def test_a_station_sees_all_around_with_its_noise(house) -> None:
     scan = station(house, width=240)
     assert 0.002 <= scan.sigma_m <= 0.005
@@ -176,6 +186,7 @@ def test_a_station_sees_all_around_with_its_noise(house) -> None:
     assert scan.valid.mean() > 0.75
 
 
+@pytest.mark.long
 def test_nothing_comes_back_from_mirrors() -> None:
     house = random_house(1)
     scan = frames(house, 1, 64)[0]

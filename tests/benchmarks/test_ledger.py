@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.completion.ledger.entries import Entry, outcome
-from benchmarks.completion.ledger.sources import RealFrames, Walk, groups
-from benchmarks.completion.ledger.table import bin_of, row, rows_by, table
+from benchmarks.cases.frames import RealFrames, Walk, groups
+from benchmarks.suites.ledger import Entry, bin_of, outcome, rows_by, table
+from benchmarks.suites.ledger import pooled as pool
 from completion import CompletionOptions
 from nbv.scanning.scanner import scan_scene
 from scenes.pose import Pose
@@ -45,7 +45,7 @@ def test_surfaces_are_pooled_and_drawn_anew() -> None:
     entries = [
         replace(ENTRY, surface=k, right_m2=float(k % 4 > 0), wrong_m2=float(k % 4 == 0)) for k in range(40)
     ]
-    pooled = row("all", [*entries, replace(ENTRY, surface=99, right_m2=0, wrong_m2=0, unknown_m2=9)])
+    pooled = pool("all", [*entries, replace(ENTRY, surface=99, right_m2=0, wrong_m2=0, unknown_m2=9)])
     assert (pooled.n_surfaces, pooled.right_m2, pooled.wrong_m2) == (40, 30, 10)
     assert pooled.unknown_m2 == pytest.approx(17)
     assert pooled.precision == 0.75
@@ -54,10 +54,10 @@ def test_surfaces_are_pooled_and_drawn_anew() -> None:
     assert pooled.low == pytest.approx(0.75 - 0.137, abs=0.03)
     assert pooled.high == pytest.approx(0.75 + 0.137, abs=0.03)
     assert table([pooled]).splitlines()[-1].endswith("| off |")  # more than .05 beside the precision
-    blind = row("none", [replace(ENTRY, unknown_m2=4.0)])
+    blind = pool("none", [replace(ENTRY, unknown_m2=4.0)])
     assert not blind.decides
     assert table([blind]).splitlines()[-1].endswith("| decides nothing |")
-    assert np.isnan(row("nothing", []).precision)
+    assert np.isnan(pool("nothing", []).precision)
 
 
 def test_entries_are_sorted_into_bins() -> None:

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.completion.quantities.comparison import Pair, areas, openings, rooms, thicknesses, walls
-from benchmarks.completion.quantities.elements import TrueBuilding
+from benchmarks.cases.buildings import TrueBuilding
+from benchmarks.suites.buildings import Pair, areas, openings, rooms, thicknesses, walls
 from completion.exchange.building.parts import BuildingParts
 from tests.helpers.exchange_examples import UTM, box
 from tests.helpers.exchange_houses import HIGH_M, PARTITION_M, completed_house, house, house_parts
@@ -49,6 +49,7 @@ def test_an_empty_model_has_nothing_right(truth):
     assert list(rooms(truth, nothing)) == []
 
 
+@pytest.mark.long
 def test_a_completed_house_is_right(truth):
     parts = house_parts(noise="none")
     moved = [replace(face, frame=_home(face.frame)) for face in parts.faces]

@@ -4,16 +4,23 @@
 import numpy as np
 import pytest
 
-from benchmarks.completion.scores.calibration import Reliability, deviation_bins, no_reliability, summary
-from benchmarks.completion.scores.other_scans import score_by_others
-from benchmarks.completion.scores.score import Score, score
-from benchmarks.completion.scores.splits import PairCounts, merge_counts
-from benchmarks.completion.truth.hypothesis import Hypothesis, continued_surfaces
-from benchmarks.completion.truth.samples import sample
-from benchmarks.completion.truth.sight import Sight, sight_of
-from benchmarks.completion.truth.strata import Stratum, strata_of
-from benchmarks.completion.truth.tally import HEADLINE, TOLERANCES_M, Tally
-from benchmarks.completion.truth.truth import TrueModel
+from benchmarks.metrics.completion import Score, score
+from benchmarks.metrics.inferred import (
+    HEADLINE,
+    TOLERANCES_M,
+    Hypothesis,
+    PairCounts,
+    Reliability,
+    Tally,
+    continued_surfaces,
+    deviation_bins,
+    merge_counts,
+    no_reliability,
+    sample,
+    summary,
+)
+from benchmarks.metrics.other_scans import score_by_others
+from benchmarks.metrics.truth import Sight, Stratum, TrueModel, sight_of, strata_of
 from nbv.scanning.scanner import scan_scene
 from scenes.checks import InputError
 from scenes.pose import Pose

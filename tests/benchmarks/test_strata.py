@@ -6,10 +6,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from benchmarks.completion.truth.cells import TrueCells, look, pieces
-from benchmarks.completion.truth.sight import Sight
-from benchmarks.completion.truth.strata import Stratum, strata_of
-from benchmarks.completion.truth.truth import TrueModel, true_charts
+from benchmarks.metrics.truth import (
+    Sight,
+    Stratum,
+    TrueCells,
+    TrueModel,
+    look,
+    pieces,
+    strata_of,
+    true_charts,
+)
 from nbv.scanning.scanner import scan_scene
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage

@@ -1,37 +1,33 @@
 # SPDX-License-Identifier: MIT
 """Summaries pool areas before they divide, their intervals hold, and completions become hypotheses."""
 
-import importlib.util
 import json
-import sys
 
 import numpy as np
 import pytest
 
-from benchmarks.completion.cases.study import mode_methods, tasks_of
-from benchmarks.completion.cases.task import evaluate
-from benchmarks.completion.pages.bootstrap import difference_interval, interval, quantiles
-from benchmarks.completion.pages.summary import headline, summarise
-from benchmarks.completion.pages.tables import (
+from benchmarks.cases.rooms import Case, hypothesis_of
+from benchmarks.metrics.bootstrap import difference_interval, interval, quantiles
+from benchmarks.metrics.completion import score
+from benchmarks.metrics.inferred import Tally, total
+from benchmarks.store import Store
+from benchmarks.suites.completion import evaluate, mode_methods, tasks_of
+from benchmarks.suites.summary import (
     confidence_table,
     figures_table,
+    headline,
     outside_table,
     reasons_table,
     strata_table,
+    summarise,
 )
-from benchmarks.completion.scenes.cases import Case, hypothesis_of
-from benchmarks.completion.scores.score import score
-from benchmarks.completion.truth.tally import Tally, total
 from completion import CompletionOptions, complete
 from nbv.scanning.effects.effects import NO_EFFECTS
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scanning.view import View
 from scenes.checks import InputError
-from scenes.pose import Pose
-from scenes.scan.range_image import RangeImage
 from scenes.world.builtin import builtin_scene
 from tests.helpers.completion_examples import VIEWS
-from tests.helpers.data_paths import ROOT
 from tests.helpers.evaluation_examples import plain_wall
 
 SENSOR = PinholeSensor(fov_deg=65, width=120, height=100)
@@ -109,10 +105,11 @@ def test_scores_do_not_depend_on_threads() -> None:
         assert getattr(one.areas, name).tobytes() == getattr(two.areas, name).tobytes()
 
 
+@pytest.mark.long
 def test_rooms_that_break_the_prior_are_summarised_apart() -> None:
     cases = [chair_case(), chair_case(breaks=True)]
     tasks = tasks_of(cases, "none", mode_methods(["standard"]), 0)
-    outcomes = [outcome for outcome, _cost in evaluate(tasks)]
+    outcomes = list(evaluate(tasks, Store()))
     record = summarise(outcomes)
     json.dumps(record, allow_nan=False)
     rows = record["rows"]
@@ -135,32 +132,3 @@ def test_rooms_that_break_the_prior_are_summarised_apart() -> None:
     assert "| S7 where it breaks |" in text
     assert "| S5 out of frame |" in text
     assert all(len({row.count("|") for row in part.splitlines()}) == 1 for part in (strata_table(record),))
-
-
-class SimulatedSet:
-    """Two scans of the chair in place of real frames."""
-
-    name, n_frames = "simulated", 2
-
-    def scan(self, number: int) -> RangeImage:
-        eye = [(0.5, -2.2, 1.5), (-1.2, -1.6, 1.4)][number - 1]
-        view = View(Pose.looking_at(eye, (0.0, 0.8, 0.7)), SENSOR)
-        return Case("chair", builtin_scene("chair_before_wall"), (view,)).scans(NO_EFFECTS, 0)[0]
-
-
-def test_the_gallery_script_scores_frames_by_each_other(tmp_path, monkeypatch) -> None:
-    path = ROOT / "examples/score_hidden_by_other_scans.py"
-    spec = importlib.util.spec_from_file_location("score_hidden_by_other_scans", path)
-    assert spec is not None and spec.loader is not None  # noqa: PT018
-    script = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, spec.name, script)
-    spec.loader.exec_module(script)
-    monkeypatch.setattr(script, "SETS", (SimulatedSet(),))
-    script.main(["-o", str(tmp_path), "--pictures", str(tmp_path)])
-    page = (tmp_path / "hidden-by-other-scans.md").read_text()
-    assert page.count("| simulated frame 1 |") == 4  # three modes, and the row of buffers
-    assert page.count("| simulated frame 2 |") == 2
-    assert (tmp_path / "simulated-1.png").stat().st_size > 1000
-    first = next(line for line in page.splitlines() if "frame 1 | standard" in line)
-    precision = float(first.split("|")[3])
-    assert precision > 0.9

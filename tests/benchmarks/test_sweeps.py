@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Sweep scenes hide what they say; radii, noise and mixed pixels are what they are called."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from benchmarks.completion.cases.sweeps import SWEEPS
-from benchmarks.completion.cases.task import Bench, Task
-from benchmarks.completion.pages.sweep_page import Found, sweep_plot, sweep_record, sweep_table
-from benchmarks.completion.scenes.sweep_scenes import table_case, wall_case
-from benchmarks.completion.scores.radii import radius_errors
+from benchmarks.cases.sweeps import table_case, wall_case
+from benchmarks.metrics.completion import radius_errors
+from benchmarks.suites.completion import SWEEPS, Bench, Task
+from benchmarks.suites.summary import sweep_record, sweep_table
 from completion import CompletionOptions
 from nbv.scanning.effects.effects import NO_EFFECTS
 from nbv.scanning.sensors.sensor import PinholeSensor
@@ -24,12 +21,12 @@ METHODS = {"standard": CompletionOptions(texture=False)}
 def measured(name: str, level: float, seed: int) -> dict[str, float]:
     """What each case at a level of a sweep measures."""
     values = {}
-    for trial in SWEEPS[name].trials(level, seed, METHODS):
-        case = with_few_pixels(trial.task.case)
-        task = Task(case, METHODS, "none", trial.task.effects, 0, trial.task.measure)
-        cells = case.cells(case.scans(NO_EFFECTS, 0))
-        assert task.measure is not None
-        values[trial.part] = task.measure(task, cells)
+    cases, _, effects, measure = SWEEPS[name].at(level, seed)
+    assert measure is not None
+    for kind, whole in cases.items():
+        case = with_few_pixels(whole)
+        task = Task(case, METHODS, "none", effects, 0, measure)
+        values[kind] = measure(task, case.cells(case.scans(NO_EFFECTS, 0)))
     return values
 
 
@@ -60,8 +57,8 @@ def test_scenes_come_from_their_seed() -> None:
 
 def test_noise_is_what_the_level_says() -> None:
     for level, sigma in ((0, 0.0), (5, 0.005)):
-        (trial,) = SWEEPS["noise"].trials(level, 0, METHODS)
-        scan = with_few_pixels(trial.task.case).scans(trial.task.effects, 0)[0]
+        cases, _, effects, _ = SWEEPS["noise"].at(level, 0)
+        scan = with_few_pixels(cases["rooms"]).scans(effects, 0)[0]
         assert scan.truth is not None
         stray = (scan.ranges - scan.truth.ranges)[scan.valid]
         assert stray.std() == pytest.approx(sigma, rel=4 / np.sqrt(2 * stray.size))
@@ -70,10 +67,10 @@ def test_noise_is_what_the_level_says() -> None:
 def test_wider_beams_mix_more_pixels() -> None:
     shares = []
     for level in (0, 1, 4):
-        (trial,) = SWEEPS["mixed-pixels"].trials(level, 1, METHODS)
-        task = replace(trial.task, case=with_few_pixels(trial.task.case))
-        assert task.measure is not None
-        shares.append(task.measure(task, ()))
+        cases, name, effects, measure = SWEEPS["mixed-pixels"].at(level, 1)
+        assert measure is not None
+        task = Task(with_few_pixels(cases["rooms"]), METHODS, name, effects, 1000)
+        shares.append(measure(task, ()))
     assert shares[0] == 0
     assert 0 < shares[1] < shares[2] < 30
 
@@ -91,22 +88,22 @@ def test_radii_of_cylinders_are_compared_and_missed_ones_are_infinite() -> None:
     assert radius_errors(case.model, scans, [floor, wide, true], continues).tolist() == pytest.approx([0.003])
     assert radius_errors(case.model, scans, [floor], continues[:1]).tolist() == [np.inf]
     assert len(radius_errors(case.model, scans, [floor], continues[:1], min_pixels=10**6)) == 0
-    exact = Bench.of(Task(case, METHODS, "none", NO_EFFECTS, 0), None).outcome("standard")[0]
+    exact = Bench.of(Task(case, METHODS, "none", NO_EFFECTS, 0), None).outcome("standard")
     assert exact.radius_m.tolist() == pytest.approx([0], abs=1e-4)
 
 
-def test_a_sweep_is_a_table_and_a_plot() -> None:
+@pytest.mark.long
+def test_a_sweep_is_a_table() -> None:
     sweep = SWEEPS["arc"]
     results = []
     for level in sweep.levels[3:5]:
         task = Task(small_column(level), METHODS, "none", NO_EFFECTS, 0, lambda _task, _cells: 99.0)
-        results.append(Found("column", level, Bench.of(task, None).outcome("standard")[0]))
+        results.append(("column", level, Bench.of(task).outcome("standard")))
     record = sweep_record(sweep, results)
     table = sweep_table(record, "column").splitlines()
     assert len(table) == 4
     assert {row.count("|") for row in table} == {table[0].count("|")}
     assert table[2].startswith("| 100 | 99.0 (99.0..99.0) | 1 |")
-    assert sweep_plot(record).light.startswith(b"\x89PNG")
 
 
 def test_views_of_sweeps_see_all_that_is_scored() -> None:

@@ -8,7 +8,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 import completion
-from benchmarks.completion.cases.free_space import violation_of
+from benchmarks.metrics.free_space import violation_of
 from completion import (
     Completion,
     CompletionOptions,

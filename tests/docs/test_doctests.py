@@ -8,7 +8,7 @@ import pytest
 
 from tests.helpers.data_paths import ROOT
 
-PACKAGES = ("scenes", "texture", "completion", "nbv", "benchmarks/completion")
+PACKAGES = ("scenes", "texture", "completion", "nbv", "benchmarks")
 FILES = sorted(
     file
     for package in PACKAGES

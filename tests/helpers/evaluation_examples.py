@@ -5,9 +5,8 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.completion.truth.cells import TrueCells, look
-from benchmarks.completion.truth.hypothesis import Hypothesis, mesh_of_cells
-from benchmarks.completion.truth.truth import TrueModel, true_charts
+from benchmarks.metrics.inferred import Hypothesis, mesh_of_cells
+from benchmarks.metrics.truth import TrueCells, TrueModel, look, true_charts
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.checks import BoolArray, FloatArray

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.completion.relations.figure_one import plane_fit
+from benchmarks.cases.planes import plane_fit
 from completion.fitting.chart import axis_frame
 from completion.fitting.result import SurfaceFit
 from scenes.pose import Pose

@@ -3,8 +3,8 @@
 
 from dataclasses import replace
 
-from benchmarks.completion.scenes.cases import Case
-from benchmarks.completion.scenes.sweep_scenes import column_case
+from benchmarks.cases.rooms import Case
+from benchmarks.cases.sweeps import column_case
 from nbv.scanning.sensors.sensor import PinholeSensor
 from nbv.scanning.view import View
 

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.flattening.ripples import smooth
+from benchmarks.cases.relief import smooth
 from completion.fitting.result import SurfaceFit
 from scenes.surfaces.catalogue import Plane
 

@@ -4,8 +4,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.completion.scenes.houses.furniture.parts import Part, scene_of
-from benchmarks.completion.scenes.houses.furniture.solids import box, quads
+from benchmarks.cases.houses.solids import Part, box, quads, scene_of
 from completion import CompletionOptions, complete
 from completion.boundary.frame_lines import frame_normals
 from completion.evidence.evidence import Label

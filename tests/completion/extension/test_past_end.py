@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.completion.scenes.houses.furniture.parts import Part, scene_of
-from benchmarks.completion.scenes.houses.furniture.solids import box, capsule, quads, tube
+from benchmarks.cases.houses.solids import Part, box, capsule, quads, scene_of, tube
 from completion import CompletionOptions, complete
 from completion.extension.extent import Extent
 from completion.extension.past_end import KNOWN_PAST_END, PAST_END, PastEnds, probability_past_end

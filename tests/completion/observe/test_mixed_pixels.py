@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.completion.scenes.rooms import random_case
+from benchmarks.cases.rooms import random_case
 from completion import CompletionOptions, complete
 from completion.observe.mixed_pixels import find_mixed
 from completion.observe.observation import Observation, observe

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.completion.silence.desks import desk_case, kinect
+from benchmarks.cases.desks import desk_case, kinect
 from completion.observe.shadow import NO_SHADOW, Devices, Shadow, find_shadow, is_shadowed, shadow_of
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor

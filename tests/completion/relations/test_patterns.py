@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.completion.relations.pattern_study import mirror_part, random_part, row_part
+from benchmarks.suites.relations_of_parts import mirror_part, random_part, row_part
 from completion.fitting.result import SurfaceFit
 from completion.relations.engine.constraint import Frame, constrain
 from completion.relations.engine.placement import place

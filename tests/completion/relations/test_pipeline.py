@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.completion.relations.figure_one import BASE, BORE, SIDE, WIDE, figure_one
+from benchmarks.cases.planes import BASE, BORE, SIDE, WIDE, figure_one
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.result import SurfaceFit
 from completion.relations.engine.constraint import constrain

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.flattening.ripples import smooth
+from benchmarks.cases.relief import smooth
 from completion import CompletionOptions, complete
 from completion.flattening.options import FlatteningOptions
 from completion.result.record import completion_record

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from tests.helpers.bench_frames import frames, judged, prepared, segmented
+from benchmarks.cases.segmented import frames, judged, prepared, segmented
 from tests.helpers.data_paths import requires_bench
 
 pytestmark = requires_bench

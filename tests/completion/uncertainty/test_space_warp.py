@@ -3,8 +3,8 @@
 
 import numpy as np
 
-from benchmarks.completion.relations.figure_one import figure_one
-from benchmarks.completion.relations.warp_study import warped
+from benchmarks.cases.planes import figure_one
+from benchmarks.suites.relations import warped
 from completion.parts.pipeline import doubt_of_warp, model_part
 from completion.relations.engine.relation import Status
 from completion.relations.pipeline import infer

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.features.walls import opening_case
+from benchmarks.cases.walls import opening_case
 from nbv.cli import app
 from scenes.io.npz import write_npz
 from scenes.io.point_files import read_points

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.parts import evaluate, overlaps, parts, read_part
+from benchmarks.suites.parts import evaluate, overlaps, parts, read_part
 from completion.parts.division.pipeline import segment_part
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.features.hole_plates import SIZE
-from benchmarks.features.hole_scans import mesh
+from benchmarks.cases.plates import SIZE, mesh
 from completion import CompletionOptions, complete
 from completion.extension.patch import Provenance
 from completion.templates.applied.file import read_features

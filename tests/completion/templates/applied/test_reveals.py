@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.features.walls import opening_case
+from benchmarks.cases.walls import opening_case
 from completion import CompletionOptions, complete
 from completion.evidence.evidence import Label
 from completion.extension.patch import Provenance

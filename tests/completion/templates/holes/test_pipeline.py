@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.features.hole_scans import mesh
+from benchmarks.cases.plates import mesh
 from completion.templates.engine.measured import Beams, Measured
 from completion.templates.engine.template import Seen, Status, TemplateFit
 from completion.templates.holes.patterns import KINDS

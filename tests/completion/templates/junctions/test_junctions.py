@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.features.junction_points import elbow, junction, plain
+from benchmarks.cases.junctions import elbow, junction, plain
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Seen, Status
 from completion.templates.junctions import pipeline

@@ -7,8 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from benchmarks.features.null_walls import null_case
-from benchmarks.features.walls import opening_case
+from benchmarks.cases.walls import null_case, opening_case
 from completion.templates.engine.template import Seen, Status
 from completion.templates.openings.null import false_fit_probability
 from completion.templates.openings.scans import find_openings_of_scans

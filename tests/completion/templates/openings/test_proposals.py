@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.features.openings import tail_lines
+from benchmarks.suites.openings import tail_lines
 from completion.templates.engine.template import Status
 from completion.templates.openings.null import LEVELS, N_WALLS, WALLS_AS_GOOD, false_fit_probability
 from completion.templates.openings.scene import floors_of

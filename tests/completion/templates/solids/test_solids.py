@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.features.solid_rooms import solid_room
+from benchmarks.cases.solids import solid_room
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Status
 from completion.templates.pipeline import find_features

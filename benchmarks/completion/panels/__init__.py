@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Benchmark of the light model: its folds and facets against the truth, and other programs."""

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Relations: how often true ones are rejected, and what they bring where little was seen."""

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Scores: inferred surface held against the truth."""

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Parts as STEP against their clouds: validity, solids, volumes, relations that were claimed."""

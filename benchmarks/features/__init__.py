@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Features against their truth: openings, holes, junctions, patches."""

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Flattening against the truth: generated walls with relief, under generated ripple."""

@@ -1,0 +1,525 @@
+# SPDX-License-Identifier: MIT
+"""A duplex house: areas, thicknesses, openings, volumes and relations against its own elements."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from benchmarks.cases.buildings import LEAVES, STEP_M, Side, TrueBuilding
+from benchmarks.cases.frames import DATA
+from benchmarks.cases.sensors import SENSORS
+from benchmarks.run import head, suite
+from completion import CompletionOptions, complete
+from completion.exchange.building.bodies import Body
+from completion.exchange.building.faces import PlaneFace
+from completion.exchange.building.parts import BuildingParts
+from completion.exchange.building.rooms import Room
+from completion.relations.surfaces import FoundRelations
+from completion.result.completed_model import CompletedModel
+from nbv.scanning.effects.effects import Effects
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, SphericalSensor
+from nbv.visibility.standing.site import find_site
+from nbv.visibility.standing.site_options import SiteOptions
+from scenes import RayCaster
+from scenes.checks import FloatArray
+from scenes.files.scene_files import open_scene
+from scenes.pose import Pose
+from scenes.scan.range_image import RangeImage
+from scenes.surfaces.catalogue import Plane, Surface
+from scenes.world.scene import Scene
+
+_NEAR_M = 0.02  # between a true side and a face that is its model
+_SEEN_M = 0.06  # between a place and the nearest measured point, where it counts as seen
+_WALL_HIGH_M, _LEAST_SEEN = 2.0, 0.1  # of walls whose thickness could be told
+_PLAN_M, _PLAN_ABOVE_M = 0.02, 2.54  # step of the plan of rooms; its height above floors, above windows
+HOLE_M, _AROUND_M, _THROUGH_M, _BESIDE_M = 0.01, 0.1, 0.45, 0.1
+_ANOTHER_M = 0.3  # from the plan up to what is no ceiling of the storey
+_ROOFED = 0.5  # share of a room that has a ceiling
+_LEAST_HOLE_M2, _LEAST_ROOM_M2 = 0.3, 1.0
+_SAMPLES = 400
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A quantity: what it is of, what is true, what the model says (0 for nothing), and how much was seen."""
+
+    kind: str
+    true: float
+    said: float
+    seen: float = 1.0
+
+    @property
+    def error(self) -> float:
+        """Relative."""
+        return abs(self.said - self.true) / self.true
+
+    @property
+    def is_right(self) -> bool:
+        """Whether it is within 5 %."""
+        return self.error <= 0.05
+
+
+def areas(sides: Sequence[Side], parts: BuildingParts, measured: FloatArray) -> Iterator[Pair]:
+    """Areas of true sides; the model's are those of its faces in the same plane within their rectangle."""
+    tree = cKDTree(measured)
+    for side in sides:
+        covered = np.zeros(len(side.places), dtype=np.bool_)
+        for face in parts.faces:
+            covered |= _is_on(face, side)
+        said = float(covered.sum()) * STEP_M**2
+        yield Pair("wall", side.area_m2, said, _seen(tree, side))
+
+
+def _seen(tree: cKDTree, side: Side) -> float:
+    """Share of what rooms show of a side that has a measured point near it."""
+    near, _ = tree.query(side.places[side.is_shown], distance_upper_bound=_SEEN_M)
+    return float(np.isfinite(near).mean())
+
+
+def _is_on(face: PlaneFace, side: Side) -> np.ndarray:
+    """Which places of a side a face covers."""
+    if face.frame.normal @ side.normal < np.cos(np.radians(2.0)):
+        return np.zeros(len(side.places), dtype=np.bool_)
+    near = np.abs(face.frame.height(side.places)) < _NEAR_M
+    found = np.zeros(len(side.places), dtype=np.bool_)
+    if near.any():
+        found[near] = shapely.contains_xy(face.area, face.frame.flat(side.places[near]))
+    return found
+
+
+def thicknesses(truth: TrueBuilding, bodies: Sequence[Body], rng: np.random.Generator) -> Iterator[Pair]:
+    """Thicknesses of bodies; true is how far the first elements from both sides are apart (median)."""
+    for body in bodies:
+        low, high = np.reshape(body.area.bounds, (2, 2))
+        uv = rng.uniform(low, high, (20 * _SAMPLES, 2))
+        uv = uv[shapely.contains_xy(body.area, uv)][:_SAMPLES]
+        off = 0.03
+        fronts, backs = (body.frame.place(uv, w) for w in (off, -body.thickness_m - off))
+        ways = np.tile(body.frame.normal, (len(uv), 1))
+        there, back = truth.shell.first_hit(fronts, -ways), truth.shell.first_hit(backs, ways)
+        known = there.hit & back.hit
+        true = body.thickness_m + 2 * off - there.ranges[known] - back.ranges[known]
+        yield Pair(body.kind, float(np.median(true)) if known.any() else np.inf, body.thickness_m)
+
+
+def walls(
+    truth: TrueBuilding, sides: Sequence[Side], parts: BuildingParts, measured: FloatArray
+) -> Iterator[Pair]:
+    """True walls of which both sides were seen, with the thickness that is said of most of them."""
+    tree = cKDTree(measured)
+    for number in sorted({side.element for side in sides}):
+        own = [side for side in sides if side.element == number]
+        box = truth.box(number)
+        if len(own) < 2 or box[1, 2] - box[0, 2] < _WALL_HIGH_M:
+            continue
+        seen = [_seen(tree, one) for one in own]
+        said, best = 0.0, 0
+        for body in (one for one in parts.bodies if one.kind == "wall"):
+            inside = sum(int(_is_in(body, side).sum()) for side in own)
+            if inside > best:
+                said, best = body.thickness_m, inside
+        if min(seen) >= _LEAST_SEEN:
+            yield Pair("wall", float(np.ptp(box, axis=0)[:2].min()), said, min(seen))
+
+
+def _is_in(body: Body, side: Side) -> np.ndarray:
+    """Which places that a side shows lie on either face of a body."""
+    places = side.places[side.is_shown]
+    depth = -body.frame.height(places)
+    near = (np.abs(depth) < _NEAR_M) | (np.abs(depth - body.thickness_m) < _NEAR_M)
+    return np.asarray(near & shapely.contains_xy(body.area, body.frame.flat(places)))
+
+
+def openings(truth: TrueBuilding, parts: BuildingParts) -> Iterator[Pair]:
+    """Holes that doors and windows leave in walls; the model's area is the median of those that are there.
+
+    Doors and windows that touch leave one hole.
+    """
+    for axis, box in leaf_groups(truth):
+        area = len(hole_places(truth, box, axis)) * HOLE_M**2
+        if area < _LEAST_HOLE_M2:
+            continue
+        other, said = 1 - axis, []
+        for one in (opening for face in parts.faces for opening in face.openings):
+            middle = one.points.mean(axis=0)
+            is_flat = np.ptp(one.points[:, axis]) < 0.05 and abs(middle - box.mean(axis=0))[axis] < _THROUGH_M
+            if is_flat and (np.abs(middle - box.mean(axis=0))[[other, 2]] < 0.3).all():
+                said.append(float(shapely.Polygon(one.points[:, [other, 2]]).area))
+        kind = "inner" if _has_rooms_on_both_sides(truth, box, axis) else "outer"
+        yield Pair(kind, area, float(np.median(said)) if said else 0.0)
+
+
+def _has_rooms_on_both_sides(truth: TrueBuilding, box: FloatArray, axis: int) -> bool:
+    """Whether there are walls all around both places before a hole."""
+    places = np.tile(box.mean(axis=0), (2, 1)) + np.outer([-0.6, 0.6], np.eye(3)[axis])
+    ways = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    hits = truth.closed.first_hit(np.repeat(places, len(ways), axis=0), np.tile(ways, (2, 1)))
+    return bool(hits.hit.all())
+
+
+def leaf_groups(truth: TrueBuilding) -> list[tuple[int, FloatArray]]:
+    """Boxes (2, 3) around doors and windows that touch, with the axis across their wall; no skylights."""
+    found: list[tuple[int, FloatArray]] = []
+    for number, name in enumerate(truth.classes):
+        if not name.startswith(LEAVES) or not (truth.element == number).any():
+            continue
+        box = truth.box(number)
+        axis = int(np.argmin(np.ptp(box, axis=0)))
+        if axis == 2:
+            continue
+        beside = [
+            k
+            for k, (along, other) in enumerate(found)
+            if along == axis
+            and (box[0] - _BESIDE_M < other[1]).all()
+            and (other[0] - _BESIDE_M < box[1]).all()
+        ]
+        boxes = [box, *(found[k][1] for k in beside)]
+        found = [one for k, one in enumerate(found) if k not in beside]
+        found.append((axis, np.stack([np.min(boxes, axis=(0, 1)), np.max(boxes, axis=(0, 1))])))
+    return found
+
+
+def hole_places(truth: TrueBuilding, box: FloatArray, axis: int) -> FloatArray:
+    """Places (n, 3), one for each square of a grid, where beams get through along an axis, around a box."""
+    other, middle = 1 - axis, box.mean(axis=0)
+    steps = [np.arange(box[0, k] - _AROUND_M, box[1, k] + _AROUND_M, HOLE_M) for k in (other, 2)]
+    places = np.empty((len(steps[0]) * len(steps[1]), 3))
+    places[:, [other, 2]] = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    places[:, axis] = middle[axis]
+    free = np.ones(len(places), dtype=np.bool_)
+    for sign in (-1.0, 1.0):
+        hits = truth.shell.first_hit(places, np.tile(sign * np.eye(3)[axis], (len(places), 1)))
+        free &= ~hits.hit | (hits.ranges > _THROUGH_M)
+    up = truth.shell.first_hit(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
+    is_slab = np.array([one == "IfcSlab" for one in truth.classes])[truth.shell_element[up.face]]
+    free &= ~(up.hit & (up.ranges < 0.15) & is_slab)  # within the slab, below the door
+    return places[free]
+
+
+def rooms(truth: TrueBuilding, parts: BuildingParts) -> Iterator[tuple[Pair, Pair]]:
+    """Floor areas and volumes of true rooms: what is connected in the plan above doors and windows.
+
+    Heights are those of rays up and down. A stairwell belongs to each storey between its floor and its
+    ceiling, and what is below a skylight ends at the ceiling.
+    """
+    low, high = truth.vertices.min(axis=0), truth.vertices.max(axis=0)
+    steps = [np.arange(low[k], high[k], _PLAN_M) for k in (0, 1)]
+    for k, storey in enumerate(parts.storeys):
+        places = np.empty((len(steps[0]), len(steps[1]), 3))
+        places[:, :, :2] = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
+        places[:, :, 2] = storey.elevation_m + _PLAN_ABOVE_M
+        label = _connected(truth, places)
+        flat = places.reshape(-1, 3)
+        up, down = (
+            truth.shell.first_hit(flat, np.tile([0.0, 0.0, sign], (len(flat), 1))) for sign in (1.0, -1.0)
+        )
+        above = (storey.ceiling_m if storey.ceiling_m is not None else np.inf) - flat[:, 2]
+        rise = np.where(up.hit & (up.ranges < _ANOTHER_M), up.ranges, above)
+        height = rise + np.minimum(down.ranges, _PLAN_ABOVE_M)
+        roofed = (
+            np.array([one == "IfcCovering" for one in truth.classes])[truth.shell_element[up.face]] & up.hit
+        )
+        for one in np.flatnonzero(np.bincount(label) * _PLAN_M**2 >= _LEAST_ROOM_M2).tolist():
+            own = label == one
+            area = float(own.sum()) * _PLAN_M**2
+            if roofed[own].mean() < _ROOFED:
+                continue
+            said = _said_of(parts, k, flat[own])
+            area_said, volume_said = (said.area_m2, said.volume_m3 or 0.0) if said else (0.0, 0.0)
+            volume = float(height[own].sum()) * _PLAN_M**2
+            yield Pair("floor", area, area_said), Pair("room", volume, volume_said)
+
+
+def _connected(truth: TrueBuilding, places: FloatArray) -> NDArray[np.int32]:
+    """Numbers (n,) of the parts of a plan (rows, columns, 3) between whose cells no wall lies, from 0."""
+    index = np.arange(places.shape[0] * places.shape[1]).reshape(places.shape[:2])
+    links = []
+    for axis, (near, far) in enumerate(((index[:-1], index[1:]), (index[:, :-1], index[:, 1:]))):
+        starts = places.reshape(-1, 3)[near.ravel()]
+        hits = truth.closed.first_hit(starts, np.tile(np.eye(3)[axis], (len(starts), 1)))
+        free = ~(hits.hit & (hits.ranges < _PLAN_M))
+        links.append(np.column_stack([near.ravel()[free], far.ravel()[free]]))
+    pairs = np.concatenate(links)
+    graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(index.size,) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def _said_of(parts: BuildingParts, storey: int, places: FloatArray) -> Room | None:
+    """The model's closed room that most of some places lie in; None of none."""
+    best, said = len(places) // 2, None
+    for room in parts.rooms:
+        if room.storey == storey and room.closed:
+            inside = int(shapely.contains_xy(room.outline, places[:, :2]).sum())
+            if inside > best:
+                best, said = inside, room
+    return said
+
+
+_PANORAMA = SphericalSensor(
+    azimuth_span_deg=360.0, elevation_min_deg=-60.0, elevation_max_deg=60.0, width=1080, height=360,
+    name="panorama", max_range_m=12.0,
+)  # fmt: skip
+_CAMERA = PinholeSensor(fov_deg=90.0, width=640, height=480, max_range_m=8.0, name="camera")
+_SEEN = 0.5
+
+
+@suite("quantities")
+def quantities(
+    stations: int = 14,
+    noise: str = "gaussian-2mm",
+    sensor: str = "panorama",
+    listed: bool = False,
+) -> Iterator[str]:
+    """Areas, thicknesses, openings and volumes of a duplex house against its own elements."""
+    truth = TrueBuilding.read(DATA / "buildings/duplex.npz")
+    start = time.process_time()
+    scans = list(house_scans(stations, noise, sensor))
+    done = complete(scans, CompletionOptions(texture=False), rng=0)
+    parts = done.building()
+    yield f"{len(scans)} scans, {len(parts.faces)} planes, {time.process_time() - start:.0f} s of processors"
+    measured = np.concatenate([scan.points()[scan.valid][::4] for scan in scans])
+    yield from head("", "within 5 %", "of", "told", "off, median", "90 %")
+    for name, pairs in _groups(truth, parts, measured):
+        yield _row(name, pairs)
+        for pair in pairs if listed else ():
+            yield f"    {pair.kind}: {pair.said:.4f} of {pair.true:.4f}, seen {pair.seen:.2f}"
+
+
+def _groups(
+    truth: TrueBuilding, parts: BuildingParts, measured: FloatArray
+) -> Iterator[tuple[str, list[Pair]]]:
+    sides = list(truth.sides())
+    found = list(areas(sides, parts, measured))
+    yield "sides of walls, at least half seen, area", [pair for pair in found if pair.seen >= _SEEN]
+    yield "sides of walls, less seen, area", [pair for pair in found if 0 < pair.seen < _SEEN]
+    holes = list(openings(truth, parts))
+    yield "openings between rooms, area", [pair for pair in holes if pair.kind == "inner"]
+    yield "openings to the outside, area", [pair for pair in holes if pair.kind == "outer"]
+    yield "walls seen from both sides, thickness", list(walls(truth, sides, parts, measured))
+    told = list(thicknesses(truth, parts.bodies, np.random.default_rng(0)))
+    yield "thicknesses told, of walls", [pair for pair in told if pair.kind == "wall"]
+    yield "thicknesses told, of slabs", [pair for pair in told if pair.kind == "slab"]
+    levels, volumes = zip(*rooms(truth, parts), strict=True)
+    yield "rooms, floor area", list(levels)
+    yield "rooms, volume", list(volumes)
+
+
+def _row(name: str, pairs: Sequence[Pair]) -> str:
+    found = [pair for pair in pairs if pair.said > 0]
+    errors = np.array([pair.error for pair in found])
+    told = " | ".join(f"{100 * np.quantile(errors, q):.2f} %" if len(errors) else "-" for q in (0.5, 0.9))
+    return f"| {name} | {sum(pair.is_right for pair in pairs)} | {len(pairs)} | {len(found)} | {told} |"
+
+
+def house_scans(n: int, noise: str, sensor: str) -> Iterator[RangeImage]:
+    """Scans from the middle of rooms: a panorama in each, or eight frames of a camera."""
+    scene = open_scene(DATA / "buildings/duplex.glb", up="y").without(("*Door*", "*Window*"))
+    caster = scene.ray_caster()
+    for k, place in enumerate(station_places(scene, n)):
+        turns = (0.3,) if sensor == "panorama" else np.radians(20.0 + 45.0 * np.arange(8))
+        for j, turn in enumerate(turns):
+            down = 0.0 if sensor == "panorama" else (-0.35, 0.25)[j % 2]
+            pose = Pose.looking_at(place, place + np.array([np.cos(turn), np.sin(turn), down]))
+            chosen = _PANORAMA if sensor == "panorama" else _CAMERA
+            yield scan_scene(scene, pose, chosen, noise=noise, rng=100 * k + j, truth=False, caster=caster)
+
+
+_HEIGHT_M = 1.6
+_REACH_M = 0.15  # around a measured point, within which its true face is looked for
+_N_SAMPLE = 300
+_N_TRIED = 40  # of them, whose plane may be the one of most
+_PURE = 0.8  # of a surface's points that must lie on one true plane
+_SAME_ANGLE, _SAME_M = np.radians(0.05), 1e-3
+
+
+@suite("building-relations")
+def building_relations(stations: int = 8, sensor: list[int] | None = None) -> Iterator[str]:
+    """Relations of a duplex house from several stations: true and false ones, errors of planes.
+
+    A line for each of `sensors`, by their places in `SENSORS`.
+    """
+    scene = open_scene(DATA / "buildings/duplex.glb", up="y").without(("*Door*",))
+    places = station_places(scene, stations)
+    truth = _Truth.of(scene)
+    yield from head(
+        "sensor",
+        "scans",
+        "planes",
+        "mixed",
+        "parallel",
+        "right angles",
+        "in one plane",
+        "false",
+        "angle off, deg, alone",
+        "related",
+        "place off, mm, alone",
+        "related",
+    )
+    for number in [k - 1 for k in sensor or range(1, 1 + len(SENSORS))]:
+        errors = SENSORS[number]
+        scans = [
+            errors.applied(scan, 1000 * number + k)
+            for k, scan in enumerate(_scans(truth, places, is_camera=errors.is_camera))
+        ]
+        done = complete(scans, CompletionOptions(texture=False), rng=0)
+        assert done.relations is not None
+        score = _scored(done, done.relations, truth)
+        yield f"| {errors.name} | {len(scans)} | {score} |"
+
+
+def station_places(scene: Scene, n: int) -> FloatArray:
+    """Places (n, 3) to stand in the middle of the rooms with most of them, metres."""
+    site = find_site(scene, SiteOptions(heights_m=(_HEIGHT_M,)), turns=True)
+    largest = [room for room, _ in Counter(site.position_room.tolist()).most_common(n)]
+    middles = []
+    for room in largest:
+        own = site.positions[site.position_room == room]
+        middles.append(own[np.argmin(np.linalg.norm(own - np.median(own, axis=0), axis=1))])
+    return np.array(middles)
+
+
+def _scans(truth: _Truth, places: FloatArray, *, is_camera: bool) -> Iterator[RangeImage]:
+    """A panorama at each place, or four images of a camera, without errors."""
+    sensor: Sensor = _CAMERA if is_camera else _PANORAMA
+    for place in places:
+        for turn in np.radians((20.0, 110.0, 200.0, 290.0)) if is_camera else (0.3,):
+            pose = Pose.looking_at(place, place + np.array([np.cos(turn), np.sin(turn), -0.1 * is_camera]))
+            yield scan_scene(truth.scene, pose, sensor, effects=Effects(), truth=False, caster=truth.caster)
+
+
+@dataclass(frozen=True)
+class _Score:
+    """What became of true pairs and false ones, and how far planes are off."""
+
+    n_planes: int
+    n_mixed: int
+    held: dict[str, tuple[int, int]]  # of each kind how many true pairs hold, of how many
+    n_false: int
+    angle_deg: tuple[float, float]
+    place_mm: tuple[float, float]
+
+    def __str__(self) -> str:
+        kinds = " | ".join(f"{some} of {every}" for some, every in self.held.values())
+        angle, place = (f"{one:.3f} | {other:.3f}" for one, other in (self.angle_deg, self.place_mm))
+        return f"{self.n_planes} | {self.n_mixed} | {kinds} | {self.n_false} | {angle} | {place}"
+
+
+def _scored(done: CompletedModel, found: FoundRelations, truth: _Truth) -> _Score:
+    """Compare the relations with those of the true planes that the surfaces were measured on."""
+    true, n_planes, samples = dict[int, Plane](), 0, dict[int, FloatArray]()
+    for k, number in enumerate(found.numbers):
+        fitted = found.before[k].surface
+        if not isinstance(fitted, Plane) or not number:
+            continue
+        n_planes += 1
+        samples[k] = done.patches[number - 1].source.points(done.observations, _N_SAMPLE)
+        plane = truth.plane(samples[k], fitted, done.world_from_reference)
+        if plane is not None:
+            true[k] = plane
+    n = len(found.numbers)
+    turned, one_plane = _joined(found, n, ("parallel", "coplanar")), _joined(found, n, ("coplanar",))
+    square = {
+        frozenset(int(turned[number]) for number in one.surfaces)
+        for one in found.graph.relations
+        if one.kind == "perpendicular" and one.holds
+    }
+    held = {"parallel": [0, 0], "perpendicular": [0, 0], "coplanar": [0, 0]}
+    n_false = 0
+    for one, two in combinations(sorted(true), 2):
+        angle = _between(true[one], true[two])
+        says_parallel = turned[one] == turned[two]
+        says_right = frozenset((int(turned[one]), int(turned[two]))) in square
+        is_parallel, is_right = angle < _SAME_ANGLE, abs(angle - np.pi / 2) < _SAME_ANGLE
+        apart = abs(float(true[one].distance(true[two].point[None])[0]))
+        is_one, says_one = is_parallel and apart < _SAME_M, one_plane[one] == one_plane[two]
+        for name, is_so, says in (
+            ("parallel", is_parallel, says_parallel),
+            ("perpendicular", is_right, says_right),
+            ("coplanar", is_one, says_one),
+        ):
+            held[name][1] += is_so
+            held[name][0] += is_so and says
+            n_false += says and not is_so
+    angles, places = [], []
+    for fits in (found.before, found.graph.fits):
+        surfaces = [(fits[k].surface, plane, samples[k]) for k, plane in true.items()]
+        angles.append([_between(surface, plane) for surface, plane, _ in surfaces])
+        places.append([_off(surface, plane, at) for surface, plane, at in surfaces])
+    return _Score(
+        n_planes=n_planes,
+        n_mixed=n_planes - len(true),
+        held={name: (some, every) for name, (some, every) in held.items()},
+        n_false=n_false,
+        angle_deg=(float(np.degrees(np.median(angles[0]))), float(np.degrees(np.median(angles[1])))),
+        place_mm=(1e3 * float(np.median(places[0])), 1e3 * float(np.median(places[1]))),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Truth:
+    """A mesh and its ray caster."""
+
+    scene: Scene
+    caster: RayCaster
+
+    @classmethod
+    def of(cls, scene: Scene) -> _Truth:
+        return cls(scene, RayCaster(scene.mesh.vertices, scene.mesh.faces))
+
+    def plane(self, points: FloatArray, fitted: Plane, world: Pose) -> Plane | None:
+        """The plane, working frame, that most points (n, 3) were measured on; None for a mixture."""
+        places, normal = world.apply(points), world.rotate(fitted.normal_direction[None])[0]
+        faces, off = [], []
+        for side in (1.0, -1.0):
+            ways = np.repeat(-side * normal[None], len(places), axis=0)
+            hits = self.caster.first_hit(places - _REACH_M * ways, ways)
+            faces.append(hits.face)
+            off.append(np.abs(hits.ranges - _REACH_M))
+        nearer = np.argmin(off, axis=0)
+        face = np.array(faces)[nearer, np.arange(len(places))]
+        face = face[np.min(off, axis=0) < _REACH_M]
+        corners = self.scene.mesh.vertices[self.scene.mesh.faces[face]]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        unit = across / np.linalg.norm(across, axis=1, keepdims=True)
+        unit *= np.where(unit @ normal < 0, -1.0, 1.0)[:, None]
+        told = np.column_stack([unit / _SAME_ANGLE, np.einsum("ij,ij->i", unit, corners[:, 0]) / _SAME_M])
+        for one in range(min(len(told), _N_TRIED)):
+            alike = np.abs(told - told[one]).max(axis=1) < 1.0
+            if np.count_nonzero(alike) >= _PURE * len(points):
+                return Plane(corners[one, 0], unit[one]).transformed(world.inverse())
+        return None
+
+
+def _off(surface: Surface, plane: Plane, points: FloatArray) -> float:
+    """How far a surface is off the true plane in the mean, where points (n, 3) were measured, metres."""
+    at = points - plane.distance(points)[:, None] * plane.normal_direction
+    return float(np.abs(surface.distance(at)).mean())
+
+
+def _joined(found: FoundRelations, n: int, kinds: tuple[str, ...]) -> NDArray[np.int32]:
+    """The groups (n,) into which relations of some kinds that hold join the surfaces."""
+    pairs = np.array(
+        [one.surfaces for one in found.graph.relations if one.kind in kinds and one.holds], dtype=np.int64
+    ).reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def _between(one: Surface, two: Plane) -> float:
+    """Angle between the normals of two planes without their signs, radians."""
+    assert isinstance(one, Plane)
+    across = np.cross(one.normal_direction, two.normal_direction)
+    return float(np.arctan2(np.linalg.norm(across), abs(one.normal_direction @ two.normal_direction)))
