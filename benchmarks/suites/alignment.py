@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.cases.pairs import CAMERA, OBJECTS, Room, Thing, is_right, is_right_of_objects, overlap
 from benchmarks.run import head, suite
-from completion.registration.candidates.motions import composed
-from completion.registration.candidates.station_view import StationView
-from completion.registration.grouping import Group
-from completion.registration.network import settle_group
+from completion.registration.motions import composed
+from completion.registration.network import Group, settle_group
 from completion.registration.pipeline import LEVEL, register_scans
+from completion.registration.station_view import StationView
 from completion.registration.verdict import Verdict
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import SphericalSensor

@@ -28,15 +28,13 @@ from benchmarks.cases.pairs import (
 )
 from benchmarks.run import head, row, suite
 from benchmarks.store import each
-from completion.registration.candidates.motions import STILL, composed, inverse
-from completion.registration.candidates.station_view import StationView
-from completion.registration.grouping import Group
 from completion.registration.hypotheses import find_hypotheses
-from completion.registration.images import with_images
-from completion.registration.network import settle_group
+from completion.registration.motions import STILL, composed, inverse
+from completion.registration.network import Group, settle_group
 from completion.registration.pipeline import LEVEL, register_scans
 from completion.registration.registered import Registered
-from completion.registration.verdict import Verdict, judge
+from completion.registration.station_view import StationView
+from completion.registration.verdict import Verdict, judge, with_images
 from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage

@@ -19,10 +19,9 @@ from benchmarks.run import head, suite
 from benchmarks.store import each
 from benchmarks.suites.ledger import CELL_M
 from completion import CompletionOptions, complete
-from completion.evidence.registration.pipeline import register
-from completion.evidence.registration.scan_pair import ScanPair
 from completion.extension.patch import Patch
 from completion.observe.observation import observe
+from completion.registration.correction import ScanPair, register
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose
