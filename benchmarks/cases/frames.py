@@ -24,7 +24,7 @@ from benchmarks.cases.houses.house import (
 from nbv import PinholeSensor, scan_scene
 from scenes import RangeImage, RayCaster, read_scan
 from scenes.checks import FloatArray
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.mesh.orientation import Axis
 from scenes.pose import Pose
 

@@ -13,7 +13,7 @@ from benchmarks.cases.rooms import random_case
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensors.sensor import PinholeSensor
 from scenes.checks import FloatArray
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage

@@ -34,7 +34,7 @@ from nbv.visibility.standing.site import find_site
 from nbv.visibility.standing.site_options import SiteOptions
 from scenes import RayCaster
 from scenes.checks import FloatArray
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Plane, Surface

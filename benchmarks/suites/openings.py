@@ -25,7 +25,7 @@ from completion.templates.openings.null import LEVELS, rank
 from completion.templates.pipeline import find_features
 from scenes import RayCaster
 from scenes.checks import FloatArray
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 
 _RIGHT_M = 0.03
 _SEEN = 0.3  # share of a side that must be in sight for it to be asked for

@@ -28,9 +28,9 @@ from completion.result.record import completion_record
 from nbv import PinholeSensor, SphericalSensor, scan_scene
 from scenes import Pose, RangeImage, RayCaster
 from scenes.checks import FloatArray
-from scenes.files.scan_files import read_scan, read_scans, write_scan
-from scenes.formats.meshes.ply import write_meshes_ply
-from scenes.formats.scans.grid_fit import SCANNER_FROM_SENSOR
+from scenes.io.grid_fit import SCANNER_FROM_SENSOR
+from scenes.io.ply import write_meshes_ply
+from scenes.io.scan_files import read_scan, read_scans, write_scan
 from scenes.mesh.morton import morton_order
 from scenes.run.atomic import write_json
 from scenes.scan.colour import colour_bytes

@@ -25,7 +25,7 @@ from nbv.visibility.standing.candidates import Standing, counted, find_standing,
 from nbv.visibility.standing.site import find_site
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.visibility import orient, visible_from_positions
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.morton import morton_order
 from scenes.mesh.orientation import Axis

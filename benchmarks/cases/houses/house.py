@@ -37,7 +37,7 @@ from nbv.visibility.standing.columns import cut_columns
 from nbv.visibility.standing.floors import find_floors
 from nbv.visibility.standing.partition import find_rooms
 from scenes.checks import BoolArray, FloatArray, InputError
-from scenes.files.scene_files import open_scene
+from scenes.io.scene_files import open_scene
 from scenes.mesh.orientation import Axis
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
