@@ -21,7 +21,8 @@ from benchmarks.suites.ledger import CELL_M
 from completion import CompletionOptions, complete
 from completion.extension.patch import Patch
 from completion.observe.observation import observe
-from completion.registration.correction import ScanPair, register
+from completion.registration.correction import ScanPair
+from completion.registration.pipeline import correct_poses
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose
@@ -211,7 +212,7 @@ def settled(source: Source) -> Sequence[RangeImage]:
         return source.frames
     home = source.frames[0].world_from_sensor
     seen = [observe(one, home) for one in source.frames]
-    found = register(seen, range(len(seen)), stated_m=source.registration_m)
+    found = correct_poses(seen, range(len(seen)), stated_m=source.registration_m)
     return [
         one.restated(world_from_sensor=found.moved_world(k, home) @ one.world_from_sensor)
         for k, one in enumerate(source.frames)
