@@ -27,8 +27,7 @@ from scenes.rays.raycast import RayCaster
 from scenes.run.atomic import json_text
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.surface import Opening
-from scenes.world.building import Finish, SceneBuilder
-from scenes.world.builtin import PLASTER, brick, builtin_scene, grass, gravel
+from scenes.world.builtin import PLASTER, Finish, SceneBuilder, brick, builtin_scene, grass, gravel
 from scenes.world.scene import Scene
 
 UNSCORED = ("outside",)  # what is seen through openings

@@ -13,7 +13,7 @@ from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, SphericalSensor
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-from scenes.world.building import Finish, SceneBuilder
+from scenes.world.builtin import Finish, SceneBuilder
 from scenes.world.scene import Scene
 
 Hole = tuple[float, float, float, float]  # y and z of its near and of its far corner

@@ -21,10 +21,9 @@ from benchmarks.store import each
 from benchmarks.suites.holes import exact_parts
 from benchmarks.suites.parts import Part
 from completion.fitting.euclidean import fit_plane
-from completion.fitting.patches.boundary import Boundary, Join
-from completion.fitting.patches.feet import feet_of
-from completion.fitting.patches.pipeline import fit_patch
-from completion.fitting.patches.result import PatchFit
+from completion.fitting.patches.joins import Boundary, Join
+from completion.fitting.patches.pipeline import PatchFit, fit_patch
+from completion.fitting.patches.rounds import feet_of
 from completion.templates.engine.measured import Measured
 from completion.templates.engine.template import Status, TemplateFit
 from completion.templates.junctions.pipeline import find_junctions

@@ -31,7 +31,7 @@ from scenes.checks import FloatArray
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR
 from scenes.io.ply import write_meshes_ply
 from scenes.io.scan_files import read_scan, read_scans, write_scan
-from scenes.mesh.morton import morton_order
+from scenes.mesh.blocks import morton_order
 from scenes.run.atomic import write_json
 from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import PinholeProjection, SphericalProjection

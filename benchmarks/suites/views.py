@@ -26,8 +26,8 @@ from nbv.visibility.standing.site import find_site
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes.io.scene_files import open_scene
+from scenes.mesh.blocks import morton_order
 from scenes.mesh.labelled_mesh import LabelledMesh
-from scenes.mesh.morton import morton_order
 from scenes.mesh.orientation import Axis
 from scenes.world.builtin import builtin_scene
 from scenes.world.scene import Scene
