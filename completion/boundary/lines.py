@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 MIN_POINTS = 8
 """Points of a run: fewer say nothing about a direction."""
@@ -46,7 +46,7 @@ def best_line(uv: FloatArray, step: FloatArray, left: BoolArray) -> tuple[FloatA
     return line, members
 
 
-@compiled
+@inlined
 def near_line(line: FloatArray, uv: FloatArray, step: FloatArray, least: float) -> BoolArray:
     """Which points (n, 2) lie on a line (4,) as far as their steps (n, 2) tell, or within `least` metres."""
     near = np.empty(len(uv), np.bool_)
@@ -110,14 +110,14 @@ def in_runs(line: FloatArray, uv: FloatArray, step: FloatArray, members: BoolArr
     return kept
 
 
-@compiled
+@inlined
 def _slack(line: FloatArray, right: float, up: float) -> float:
     """How far a point with this step may lie from a line (4,)."""
     across = abs(line[2] * up - line[3] * right)
     return float(SLACK[0] * across + SLACK[1] * np.sqrt(right * right + up * up))
 
 
-@compiled
+@inlined
 def _voted(uv: FloatArray, step: FloatArray, vote: BoolArray) -> tuple[FloatArray, float]:
     """The line with the most votes of the points that `vote` (n,) marks, and how wide its slot is.
 

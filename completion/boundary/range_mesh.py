@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 
 def mesh_range_image(
@@ -64,14 +64,14 @@ def _join(
     return n_away
 
 
-@compiled
+@inlined
 def _distance(one: FloatArray, other: FloatArray) -> float:
     """Distance of two points (3,)."""
     x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
     return sqrt(x * x + y * y + z * z)
 
 
-@compiled
+@inlined
 def _volume(origin: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     """Six times the signed volume of the pyramid over a triangle, positive seen counter-clockwise."""
     x, y, z = origin[0] - a[0], origin[1] - a[1], origin[2] - a[2]

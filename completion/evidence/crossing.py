@@ -58,7 +58,7 @@ def _least_excess(eye: Eye, sigma: float, sd: float) -> float:
     return float(eye.n_sigma * np.sqrt(sigma * sigma + across) + eye.registration_m)
 
 
-@compiled
+@inlined
 def _across_plane(
     eye: Eye, noise: Noise, form: Form, reach: Reach, part: Rectangle, least_sd: float
 ) -> BoolArray:
@@ -96,7 +96,7 @@ def _across_plane(
     return found
 
 
-@compiled
+@inlined
 def _across_cylinder(eye: Eye, form: Form, reach: Reach, part: Rectangle, least_sd: float) -> BoolArray:
     """Tiles that no plane parts from the cylinder between two heights, with the sensor on the tiles' side.
 

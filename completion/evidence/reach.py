@@ -153,7 +153,7 @@ def farthest_along(boxes: NDArray[np.float32], row: int, column: int, direction:
     return float(total)
 
 
-@compiled
+@inlined
 def progress_of(reach: Reach, toward: Triple) -> FloatArray:
     """How far each tile (rows, columns) gets in a direction at most, metres."""
     rows, columns = reach.far.shape

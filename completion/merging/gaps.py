@@ -16,7 +16,7 @@ from completion.observe.rays import deviation_at
 from completion.observe.triple import triple
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Surface
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _N_ENDS = 40  # points of either part that bridges start from
 _N_STEPS = 24
@@ -103,7 +103,7 @@ def _has_strip(
     return False
 
 
-@compiled
+@inlined
 def _is_closed(
     scans: Packed,
     order: NDArray[np.int64],

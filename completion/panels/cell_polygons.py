@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _PARTS = 10_000  # of a cell's side, to which corners are rounded
 
@@ -112,7 +112,7 @@ def _rings(
     return chain[:n_chained], size[:n_rings]
 
 
-@compiled
+@inlined
 def _leftmost(
     edge: int,
     begin: NDArray[np.int64],

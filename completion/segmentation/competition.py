@@ -12,7 +12,7 @@ from completion.observe.refits.packed_surfaces import gap_to
 from completion.observe.tiles import Tiles
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _SEAM = 1.0  # cost of a neighbour on another surface, in units of a squared residual
 _FLAT = 3.0  # misfit of tiles whose normal counts
@@ -123,7 +123,7 @@ def _settle(
                     length += 1
 
 
-@compiled
+@inlined
 def _best_label(
     labels: NDArray[np.int32],
     models: FloatArray,

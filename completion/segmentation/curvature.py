@@ -17,7 +17,7 @@ from completion.segmentation.growing import Cluster, deviations, flood, tile_cut
 from completion.segmentation.regions import SegmentationOptions, observed_arc
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _SIGNIFICANT = 5.0  # standard deviations of the curvature, inflated for correlated residuals
 _RING = 1.3  # growth by the smooth tiles around that makes a patch a narrow one
@@ -162,7 +162,7 @@ def _pixels(where: NDArray[np.int64], side: int, step: int, ranges: FloatArray) 
     return result[:n]
 
 
-@compiled
+@inlined
 def _term(
     ray: Triple,
     r: float,

@@ -12,7 +12,7 @@ from completion.observe.refits.packed_surfaces import pack_plane, tangent_plane
 from completion.observe.tiles import Tiles, solve_plane
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import BoolArray, FloatArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _N_ROUNDS = 12
 CHI2_3 = 16.27  # 99.9 % quantile for three parameters
@@ -92,13 +92,13 @@ def with_smooth_ring(members: BoolArray, free: BoolArray, tiles: Tiles, max_angl
     return np.asarray(_with_smooth_ring(members, free, tiles.plane, tiles.centre, tiles.normal_sd, max_angle))
 
 
-@compiled
+@inlined
 def _dot(a: FloatArray, b: FloatArray) -> float:
     """The inner product of two vectors of three; numpy's own would allocate in the innermost loop."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-@compiled
+@inlined
 def quadratic(a: FloatArray, x: float, y: float, z: float) -> float:
     """The quadratic form with packed symmetric matrix `a`, shape (6,), at x, y, z."""
     squares = a[0] * x * x + a[3] * y * y + a[5] * z * z

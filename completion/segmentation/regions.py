@@ -17,7 +17,7 @@ from completion.observe.tolerance import FLATNESS_M
 from completion.observe.triple import plus
 from scenes.checks import FloatArray, check_options
 from scenes.surfaces.catalogue import Cylinder, Surface
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -111,7 +111,7 @@ def split_parts(
     return np.take(number, parts), surfaces
 
 
-@compiled
+@inlined
 def _root(parent: NDArray[np.int32], number: int) -> int:
     """The root of a number's tree; its branch is halved on the way."""
     while parent[number] != number:

@@ -18,6 +18,7 @@ from scipy.sparse import csr_array
 
 from nbv.cover.instance import CoverInstance, Indices
 from scenes.checks import BoolArray
+from texture.engine.compiled import inlined
 
 Bits = NDArray[np.uint64]
 _WORD = 64  # bits
@@ -170,7 +171,7 @@ def _supersets(
     return gone
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _lies_in(small: Bits, large: Bits) -> bool:
     """Tell whether one bit set lies in another."""
     n_outside = 0

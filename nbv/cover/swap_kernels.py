@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray
+from texture.engine.compiled import inlined
 
 Indices = NDArray[np.int64]
 
@@ -101,7 +102,7 @@ def put_in(state: SwapState, candidate: int) -> None:
     state.alone[candidate] = own
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def take_out(state: SwapState, candidate: int) -> None:
     """Give a chosen candidate up."""
     state.sizes[CHOSEN] -= 1
@@ -124,7 +125,7 @@ def take_out(state: SwapState, candidate: int) -> None:
     state.score[candidate] = own
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _close_gap(state: SwapState, sample: int) -> None:
     """Take a sample from the gaps; nobody gains by it any more."""
     state.sizes[GAPS] -= 1
@@ -137,7 +138,7 @@ def _close_gap(state: SwapState, sample: int) -> None:
         state.score[state.candidates[at]] -= penalty
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _open_gap(state: SwapState, sample: int) -> None:
     """Add a sample to the gaps; those who see it would gain it."""
     state.gap[sample] = state.sizes[GAPS]
@@ -148,7 +149,7 @@ def _open_gap(state: SwapState, sample: int) -> None:
         state.score[state.candidates[at]] += penalty
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _share(state: SwapState, sample: int, change: float) -> None:
     """Change the scores of those chosen that see a sample which just enough of them see."""
     if state.fold == 1:
@@ -183,7 +184,7 @@ def search(state: SwapState, draws: FloatArray, enough: int) -> None:
         _raise_penalties(state)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _missing(state: SwapState) -> float:
     missing = 0.0
     for at in range(state.sizes[GAPS]):
@@ -191,7 +192,7 @@ def _missing(state: SwapState) -> float:
     return missing
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _least_useful(state: SwapState, never: int) -> int:
     """Return the chosen candidate of the lowest score, the longest unmoved of equals; `never` one of them."""
     best = int(state.chosen[0])
@@ -204,7 +205,7 @@ def _least_useful(state: SwapState, never: int) -> int:
     return best
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _most_useful(state: SwapState, gap: int, never: int) -> int:
     """Return the best candidate that sees a gap, the longest unmoved of equals; `never` where it is alone."""
     best = never
@@ -218,7 +219,7 @@ def _most_useful(state: SwapState, gap: int, never: int) -> int:
     return best
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _raise_penalties(state: SwapState) -> None:
     """Let all gaps count for more; those who see them score higher."""
     for at in range(state.sizes[GAPS]):

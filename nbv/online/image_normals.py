@@ -10,6 +10,7 @@ from numba import njit
 
 from scenes.checks import FloatArray
 from scenes.scan.range_image import RangeImage
+from texture.engine.compiled import inlined
 
 _MOST_BEND = (
     0.3  # the middle of three neighbours may lie off the middle by half of this share of their distance
@@ -97,7 +98,7 @@ def _fill(
             cosine[r, c] = abs(slope)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _slope(
     points: FloatArray, row: int, column: int, axis: int, half: int, sigma_m: float, step: FloatArray
 ) -> None:
@@ -136,7 +137,7 @@ def _slope(
             step[k] = np.nan
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _bend(points: FloatArray, row: int, column: int, axis: int, half: int) -> tuple[float, float]:
     """Return how far the middle of three pixels lies off, doubled, and how far apart the ends are, metres."""
     bend = chord = 0.0
@@ -147,7 +148,7 @@ def _bend(points: FloatArray, row: int, column: int, axis: int, half: int) -> tu
     return np.sqrt(bend), np.sqrt(chord)
 
 
-@njit(cache=True, nogil=True)
+@inlined
 def _point(points: FloatArray, row: int, column: int, axis: int, step: int, k: int) -> float:
     """Coordinate `k` of the pixel so many steps along an image direction."""
     if axis == 0:

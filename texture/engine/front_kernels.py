@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 from texture.engine.kernels import CanvasArrays, make_findings, make_terms, visit_pixel
 from texture.engine.scan_kernels import SampleArrays
 from texture.sampling.randomness import GOLDEN, Purpose
@@ -136,18 +136,18 @@ def advance(canvas: CanvasArrays, front: FrontArrays, visits: IntArray) -> int:
     return n_filled
 
 
-@compiled
+@inlined
 def _first_word(key: np.uint64, purpose: int, round_number: int) -> np.uint64:
     """Return what the words of one purpose and round begin with (`texture.sampling.randomness`)."""
     return _mix(key + np.uint64(GOLDEN) * np.uint64(1 + _N_PURPOSES * round_number + purpose))
 
 
-@compiled
+@inlined
 def _word(first: np.uint64, pixel: int) -> np.uint64:
     return _mix(first + np.uint64(GOLDEN) * np.uint64(pixel + 1))
 
 
-@compiled
+@inlined
 def _mix(word: np.uint64) -> np.uint64:
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

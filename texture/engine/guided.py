@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 from texture.engine.kernels import CanvasArrays, pick_one, write_pixel
 from texture.engine.scan_kernels import MISSING, SampleArrays
 from texture.sampling.sample import BoolArray, IntArray
@@ -95,7 +95,7 @@ def fill_guided(
         write_pixel(sample, canvas, row, column, guesses[chosen], error)
 
 
-@compiled
+@inlined
 def _read_window(
     sample: SampleArrays,
     canvas: CanvasArrays,
@@ -130,7 +130,7 @@ def _read_window(
     return n_terms, total
 
 
-@compiled
+@inlined
 def _list_guesses(
     sample: SampleArrays,
     canvas: CanvasArrays,

@@ -11,7 +11,7 @@ import numpy as np
 from numba import int64, uint64
 from numpy.typing import NDArray
 
-from texture.engine.compiled import LANES, TERMS_PER_STEP, compiled, read_number, take_number
+from texture.engine.compiled import LANES, TERMS_PER_STEP, compiled, inlined, read_number, take_number
 from texture.engine.scan_kernels import N_BUCKETS, Findings, SampleArrays, Terms, find_candidates
 from texture.sampling.sample import BoolArray, IntArray
 
@@ -81,7 +81,7 @@ def fill_visits(
         n_waiting = n_left
 
 
-@compiled
+@inlined
 def visit_pixel(
     sample: SampleArrays,
     canvas: CanvasArrays,
@@ -103,7 +103,7 @@ def visit_pixel(
         write_pixel(sample, canvas, row, column, found.centres[chosen], error)
 
 
-@compiled
+@inlined
 def _is_ready(canvas: CanvasArrays, pixel: int, turn: int, turns: IntArray, done: IntArray) -> bool:
     """Say whether all earlier turns within a pixel's window are over."""
     for row in canvas.row_reach[pixel // canvas.unfilled.shape[1]]:
@@ -114,7 +114,7 @@ def _is_ready(canvas: CanvasArrays, pixel: int, turn: int, turns: IntArray, done
     return True
 
 
-@compiled
+@inlined
 def make_terms(canvas: CanvasArrays) -> Terms:
     """Return room for the terms of a template, and a step more."""
     n_pixels, n_channels = canvas.row_reach.shape[1] ** 2, canvas.levels.shape[2]
@@ -130,7 +130,7 @@ def make_terms(canvas: CanvasArrays) -> Terms:
     )
 
 
-@compiled
+@inlined
 def make_findings(sample: SampleArrays) -> Findings:
     """Return room for all centres of a sample."""
     n = len(sample.blocks) * LANES
@@ -140,7 +140,7 @@ def make_findings(sample: SampleArrays) -> Findings:
     return Findings(np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.float32), sums)
 
 
-@compiled
+@inlined
 def _read_template(canvas: CanvasArrays, row: int, column: int, terms: Terms) -> int:
     """Write the known pixels of the window and their colours; return how many."""
     window = canvas.row_reach.shape[1]
@@ -157,7 +157,7 @@ def _read_template(canvas: CanvasArrays, row: int, column: int, terms: Terms) ->
     return n_known
 
 
-@compiled
+@inlined
 def list_continuations(
     sample: SampleArrays, canvas: CanvasArrays, row: int, column: int, guesses: IntArray
 ) -> int:
@@ -176,7 +176,7 @@ def list_continuations(
     return n_guesses
 
 
-@compiled
+@inlined
 def pick_one(word: np.uint64, n_choices: int) -> int:
     """Return word * n_choices / 2**64, as `texture.sampling.randomness.pick`."""
     n, half = uint64(n_choices), uint64(32)
@@ -184,7 +184,7 @@ def pick_one(word: np.uint64, n_choices: int) -> int:
     return int((uint64(word >> half) * n + low) >> half)
 
 
-@compiled
+@inlined
 def write_pixel(
     sample: SampleArrays, canvas: CanvasArrays, row: int, column: int, centre: int, error: float
 ) -> None:

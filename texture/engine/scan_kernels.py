@@ -12,7 +12,7 @@ import numpy as np
 from numba import int64
 from numpy.typing import NDArray
 
-from texture.engine.compiled import LANES, TERMS_PER_STEP, add_step, compiled
+from texture.engine.compiled import LANES, TERMS_PER_STEP, add_step, compiled, inlined
 from texture.sampling.sample import FloatArray, IntArray
 
 MISSING = np.float32(1e12)  # level where the sample has none: one difference exceeds every real distance
@@ -79,7 +79,7 @@ def find_candidates(
     return _keep_near(found, n_found), largest
 
 
-@compiled
+@inlined
 def _list_terms(sample: SampleArrays, terms: Terms, n_known: int, reach: int) -> tuple[int, int]:
     """Write the terms of known pixels at most `reach` from the centre; return how many, and their weight."""
     window, n_channels = len(sample.weights), len(sample.means)
@@ -118,7 +118,7 @@ def _list_terms(sample: SampleArrays, terms: Terms, n_known: int, reach: int) ->
     return n_terms, total
 
 
-@compiled
+@inlined
 def _scan(sample: SampleArrays, terms: Terms, n_terms: int, guesses: IntArray, found: Findings) -> int:
     """Write the centres that offer all of the template and are at most 1.1 times as far as the nearest."""
     allowance = 1.1 * (1 + 3 * _ROUNDING * (n_terms + TERMS_PER_STEP))
@@ -167,7 +167,7 @@ def _scan(sample: SampleArrays, terms: Terms, n_terms: int, guesses: IntArray, f
     return int(n_near)
 
 
-@compiled
+@inlined
 def _measure(sample: SampleArrays, terms: Terms, n_terms: int, centre: int, bound: float) -> float:
     """Return the distance of one centre, or what it is when it exceeds the bound."""
     total = 0.0
@@ -179,7 +179,7 @@ def _measure(sample: SampleArrays, terms: Terms, n_terms: int, centre: int, boun
     return float(total) if sample.levels[centre] != MISSING else NO_BOUND
 
 
-@compiled
+@inlined
 def _measure_exactly(
     sample: SampleArrays, terms: Terms, n_terms: int, centre: int, estimate: np.float32
 ) -> int:
@@ -193,7 +193,7 @@ def _measure_exactly(
     return total
 
 
-@compiled
+@inlined
 def _keep_near(found: Findings, n_found: int) -> int:
     """Keep what is at most 1.1 times as far as the nearest; return how many."""
     nearest = found.distances[:n_found].min() if n_found else 0
@@ -205,7 +205,7 @@ def _keep_near(found: Findings, n_found: int) -> int:
     return n_near
 
 
-@compiled
+@inlined
 def _measure_all(sample: SampleArrays, terms: Terms, n_terms: int, found: Findings) -> int:
     """Write all centres and their distances, missing counterparts as differences of 255; return how many."""
     n_found = 0

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _SPAN = 2.0  # cells of the search in usual faces
 _MOST = 64  # cells along each axis that one face is entered in
@@ -87,7 +87,7 @@ def _mark(
                     crossing[other] = True
 
 
-@compiled
+@inlined
 def _cross(points: FloatArray, faces: NDArray[np.int32], one: int, other: int) -> bool:
     """Whether an edge of one face runs through the other."""
     for k in range(3):
@@ -98,7 +98,7 @@ def _cross(points: FloatArray, faces: NDArray[np.int32], one: int, other: int) -
     return False
 
 
-@compiled
+@inlined
 def _pierces(points: FloatArray, face: NDArray[np.int32], start: int, end: int) -> bool:
     """Whether an edge runs through a face: its ends on either side, the face's edges around it."""
     a, b, c, p, q = points[face[0]], points[face[1]], points[face[2]], points[start], points[end]
@@ -109,7 +109,7 @@ def _pierces(points: FloatArray, face: NDArray[np.int32], start: int, end: int) 
     return (first > 0 and second > 0 and third > 0) or (first < 0 and second < 0 and third < 0)
 
 
-@compiled
+@inlined
 def _volume(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> float:
     """Six times the signed volume of a tetrahedron; 0 where it is no more than rounding."""
     x, y, z = b[0] - a[0], b[1] - a[1], b[2] - a[2]

@@ -14,7 +14,7 @@ from completion.observe.refits.packed_surfaces import gap_to, pack
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Surface
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 _BLOCK = 10  # pixels: neighbours within so many have residuals alike
 _LEAST_BLOCKS = 8
@@ -98,7 +98,7 @@ def _add_blocks(
         first = last
 
 
-@compiled
+@inlined
 def _sort_band(
     pixels: NDArray[np.int32],
     labels: NDArray[np.int32],

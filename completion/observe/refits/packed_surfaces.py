@@ -7,7 +7,7 @@ import numpy as np
 
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
-from texture.engine.compiled import compiled
+from texture.engine.compiled import inlined
 
 
 def pack_plane(w: FloatArray) -> FloatArray:
@@ -48,7 +48,7 @@ def unpack(model: FloatArray, centre: FloatArray, origin: FloatArray) -> Surface
     return Cylinder(point, direction, float(model[7]), None, bool(model[8] < 0))
 
 
-@compiled
+@inlined
 def tangent_plane(model: FloatArray, c: FloatArray, w: FloatArray) -> bool:
     """Write the tangent plane w (3,) of a model (9,) nearest to c (3,): w . x = 1; False if it faces away."""
     if model[0] == 0.0:
@@ -71,7 +71,7 @@ def tangent_plane(model: FloatArray, c: FloatArray, w: FloatArray) -> bool:
     return True
 
 
-@compiled
+@inlined
 def gap_to(
     models: FloatArray, k: int, x: float, y: float, z: float, r: float, normal: FloatArray
 ) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.checks import FloatArray, IntArray
-from texture.engine.compiled import compiled
+from texture.engine.compiled import compiled, inlined
 
 N_TERMS = 6  # 1, x, y, x^2, xy, y^2
 _RIDGE = 1e-12  # of the number of neighbours: places that determine no paraboloid
@@ -105,7 +105,7 @@ def _residuals(
     return rms
 
 
-@compiled
+@inlined
 def _terms(
     points: FloatArray, other: int, one: int, axes: FloatArray, scale: FloatArray, terms: FloatArray
 ) -> float:
