@@ -151,6 +151,13 @@ def check_options(options: object, **bounds: tuple[float, float]) -> None:
             check_number(field, value, least, most)
 
 
+def read_only_view(array: FloatArray) -> FloatArray:
+    """Return the same numbers as an array that cannot be written through: one type for a compiled loop."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def frozen_copy(array: Any, dtype: Any = None) -> Any:
     """Return a read-only copy of `array`, so that a value that holds it cannot change.
 

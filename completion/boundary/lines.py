@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from texture.engine.compiled import compiled, inlined
+from texture.engine.compiled import compiled, inlined, sort_order
 
 MIN_POINTS = 8
 """Points of a run: fewer say nothing about a direction."""
@@ -21,7 +21,6 @@ _LEAST_LENGTH = 3.0  # steps of a run
 _REFITS = 2  # of a line, with the weights that it gives itself
 
 
-@compiled
 def best_line(uv: FloatArray, step: FloatArray, left: BoolArray) -> tuple[FloatArray, BoolArray]:
     """Return the line that most of the points `left` (n,) agree with, in runs, and those points (n,).
 
@@ -46,7 +45,7 @@ def best_line(uv: FloatArray, step: FloatArray, left: BoolArray) -> tuple[FloatA
     return line, members
 
 
-@inlined
+@compiled
 def near_line(line: FloatArray, uv: FloatArray, step: FloatArray, least: float) -> BoolArray:
     """Which points (n, 2) lie on a line (4,) as far as their steps (n, 2) tell, or within `least` metres."""
     near = np.empty(len(uv), np.bool_)
@@ -87,27 +86,50 @@ def line_through(uv: FloatArray, step: FloatArray, chosen: BoolArray) -> FloatAr
 @compiled
 def in_runs(line: FloatArray, uv: FloatArray, step: FloatArray, members: BoolArray) -> BoolArray:
     """Which members (n,) stand in a run along a line (4,) of enough points, over three steps long."""
-    index = np.flatnonzero(members)
-    kept = np.zeros(len(members), np.bool_)
-    along, size = np.empty(len(index)), np.empty(len(index))
-    for k in range(len(index)):
+    index = _marked(members)
+    n, kept = len(index), np.zeros(len(members), np.bool_)
+    along, size = np.empty(n), np.empty(n)
+    for k in range(n):
         i = index[k]
         along[k] = (uv[i, 0] - line[0]) * line[2] + (uv[i, 1] - line[1]) * line[3]
         size[k] = np.sqrt(step[i, 0] ** 2 + step[i, 1] ** 2)
-    order = np.argsort(along, kind="mergesort")
+    order = np.empty(n, np.int64)
+    sort_order(along, order, np.empty(n, np.int64))
     first = 0
-    for k in range(1, len(order) + 1):
-        if k < len(order):
+    for k in range(1, n + 1):
+        if k < n:
             gap = GAP * max(size[order[k]], size[order[k - 1]])
             if along[order[k]] - along[order[k - 1]] <= gap:
                 continue
-        run = order[first:k]
         if k - first >= MIN_POINTS:
-            length = along[run[-1]] - along[run[0]]
-            if length > _LEAST_LENGTH * np.median(size[run]):
-                kept[index[run]] = True
+            sizes = np.empty(k - first)
+            for at in range(first, k):
+                sizes[at - first] = size[order[at]]
+            if along[order[k - 1]] - along[order[first]] > _LEAST_LENGTH * _median(sizes):
+                for at in range(first, k):
+                    kept[index[order[at]]] = True
         first = k
     return kept
+
+
+@inlined
+def _marked(members: BoolArray) -> NDArray[np.int64]:
+    """The indices (k,) of those that are marked."""
+    index, n = np.empty(len(members), np.int64), 0
+    for i in range(len(members)):
+        if members[i]:
+            index[n] = i
+            n += 1
+    return index[:n]
+
+
+@inlined
+def _median(values: FloatArray) -> float:
+    """The median of numbers (n,)."""
+    n, order = len(values), np.empty(len(values), np.int64)
+    sort_order(values, order, np.empty(n, np.int64))
+    middle = values[order[n // 2]]
+    return middle if n % 2 else (values[order[n // 2 - 1]] + middle) / 2
 
 
 @inlined
@@ -117,19 +139,21 @@ def _slack(line: FloatArray, right: float, up: float) -> float:
     return float(SLACK[0] * across + SLACK[1] * np.sqrt(right * right + up * up))
 
 
-@inlined
+@compiled
 def _voted(uv: FloatArray, step: FloatArray, vote: BoolArray) -> tuple[FloatArray, float]:
     """The line with the most votes of the points that `vote` (n,) marks, and how wide its slot is.
 
     Every point (n, 2), with its step (n, 2), votes for an offset in each direction (Duda & Hart 1972).
     """
-    index = np.flatnonzero(vote)
+    index = _marked(vote)
     u, v, size = 0.0, 0.0, np.empty(len(index))
     for k in range(len(index)):
         u, v = u + uv[index[k], 0], v + uv[index[k], 1]
         size[k] = np.sqrt(step[index[k], 0] ** 2 + step[index[k], 1] ** 2)
-    u, v, width = u / len(index), v / len(index), np.median(size)
-    right, up = uv[index, 0] - u, uv[index, 1] - v
+    u, v, width = u / len(index), v / len(index), _median(size)
+    right, up = np.empty(len(index)), np.empty(len(index))
+    for k in range(len(index)):
+        right[k], up[k] = uv[index[k], 0] - u, uv[index[k], 1] - v
     offset, low, high = np.empty((_N_DIRECTIONS, len(index))), np.inf, -np.inf
     for turn in range(_N_DIRECTIONS):
         angle = turn * np.pi / _N_DIRECTIONS
@@ -149,4 +173,6 @@ def _voted(uv: FloatArray, step: FloatArray, vote: BoolArray) -> tuple[FloatArra
                 most, best, place = count[slot] + count[slot + 1], turn, slot
     angle = best * np.pi / _N_DIRECTIONS
     sine, cosine, middle = np.sin(angle), np.cos(angle), low + (place + 0.5) * width
-    return np.array([u - middle * sine, v + middle * cosine, cosine, sine]), width
+    line = np.empty(4)
+    line[0], line[1], line[2], line[3] = u - middle * sine, v + middle * cosine, cosine, sine
+    return line, width

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import int64
 
 from completion.evidence.form import Form, slope_at
 from completion.observe.observation import Observation
@@ -123,7 +124,7 @@ def pixel_of(eye: Eye, angles: FloatArray, place: Triple) -> int:
     z = dot(eye.turn[2], place) + eye.shift[2]
     rows, columns = eye.shape
     if eye.is_spherical:
-        row = _nearest(angles, 0, rows, np.arctan2(-y, np.sqrt(x * x + z * z)), eye.pixel_angle)
+        row = _nearest(angles, int64(0), rows, np.arctan2(-y, np.sqrt(x * x + z * z)), eye.pixel_angle)
         if row < 0:
             return -1
         middle = (angles[rows] + angles[rows + columns - 1]) / 2

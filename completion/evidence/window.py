@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
+from numba import int64
 
 from completion.evidence.sight import Eye
 from completion.observe.triple import Triple, dot
@@ -72,7 +73,7 @@ def _of_turning(eye: Eye, angles: FloatArray, at: Triple, radius: float) -> Wind
         return 0, rows - 1, 0, columns - 1
     half = np.arcsin(radius / distance) + _SLACK
     elevation = np.arctan2(-y, np.sqrt(x * x + z * z))
-    top, bottom = _between(angles, 0, rows, (elevation - half, elevation + half), eye.pixel_angle)
+    top, bottom = _between(angles, int64(0), rows, (elevation - half, elevation + half), eye.pixel_angle)
     if abs(elevation) + half >= np.pi / 2 - 1e-3:
         return top, bottom, 0, columns - 1
     side = np.arcsin(min(np.sin(half) / np.cos(elevation), 1.0)) + _SLACK

@@ -134,7 +134,8 @@ def _is_closed(
                 continue
             said = look(eye, form, place, sd, (measured, deviation_at(noise, measured)))
             if said.behind < -said.allowed:
-                order[1 : rank + 1] = order[:rank].copy()
+                for place_in_order in range(rank, 0, -1):
+                    order[place_in_order] = order[place_in_order - 1]
                 order[0], hint[0] = scan, k
                 return False
             if not seen[k]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import int64
 from numpy.typing import NDArray
 
 from completion.evidence.form import Form
@@ -96,7 +97,7 @@ def find_near(
     at least this cosine.
     """
     found, n = np.empty(tree.number.size, np.int64), 0
-    ball = 0
+    ball = int64(0)
     while ball < tree.start.size:
         if not _may_pass(tree.around, ball, form, spread, least_cosine):
             ball = tree.after[ball]

@@ -110,13 +110,14 @@ def density(difference: FloatArray, covariance: FloatArray) -> tuple[float, floa
         for j in range(n):
             correlation[i, j] = covariance[i, j] / (scale[i] * scale[j])
     values, vectors = np.linalg.eigh(correlation)
-    least = _RANK * np.abs(values).max()
-    square, log_det = 0.0, 0.0
+    largest, square, log_det = 0.0, 0.0, 0.0
+    for k in range(n):
+        largest = max(largest, abs(values[k]))
     for k in range(n):
         along = 0.0
         for i in range(n):
             along += vectors[i, k] * difference[i] / scale[i]
-        if abs(values[k]) > least:
+        if abs(values[k]) > _RANK * largest:
             square += along * along / values[k]
         log_det += np.log(abs(2 * np.pi * values[k] + _RANK)) + 2 * np.log(scale[k])
     return square, -(square + log_det) / 2

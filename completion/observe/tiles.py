@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from completion.observe.rays import Noise, Rays, deviation_at, deviations, ray_at
 from completion.observe.triple import dot, minus
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, read_only_view
 from texture.engine.compiled import compiled
 
 LEAST_TILE, MOST_TILE = 3, 16  # pixels
@@ -50,6 +50,7 @@ def cut_tiles(ranges: FloatArray, rays: Rays, noise: Noise, flatness_m: float, s
     Ranges (rows, columns), metres, are inf where nothing came back; a surface may stray from its ideal form
     by `flatness_m` along its normal.
     """
+    ranges = read_only_view(ranges)
     count, matrix, vector, plane, misfit, centre, scale = _fit_tiles(ranges, rays, noise, flatness_m, side)
     normal_sd = scale / _narrowest(rays, ranges.shape, side)  # as if the noise were one step across the tile
     return Tiles(
@@ -205,9 +206,11 @@ def _fit_tiles(
             # A stray of the surface by its flatness moves the range by flatness / cosine.
             whole = variance / n
             share = whole / (whole + flatness * flatness * (1.0 / (cosine * cosine) - 1.0))
-            a *= share
-            b *= share
-            plane[row, column] = w
+            for k in range(6):
+                a[k] *= share
+            for k in range(3):
+                b[k] *= share
+                plane[row, column, k] = w[k]
             misfit[row, column] = cost * share / (n - 3)
             scale[row, column] = np.sqrt(whole) / reach
     return count, matrix, vector, plane, misfit, centre, scale

@@ -144,33 +144,22 @@ def _facing(observations: Sequence[Observation], bundles: Sequence[Bundles], poi
     return np.flatnonzero(reaches & ~(beside & (distance > radius))).tolist()
 
 
-@compiled
 def _spheres(vertices: FloatArray, faces: NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
     """Centres (k, 3), radii (k,) of spheres that hold all faces, each some whose first corners lie near."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for k in range(len(faces)):
-        for axis in range(3):
-            low[axis] = min(low[axis], vertices[faces[k, 0], axis])
-            high[axis] = max(high[axis], vertices[faces[k, 0], axis])
+    first = vertices[faces[:, 0]]
+    low, high = first.min(axis=0), first.max(axis=0)
     side = (high - low).max() / _PIECES * (1 + _SLACK) + _SLACK
-    box, n = np.zeros(len(faces), np.int64), _PIECES**3
-    count, centre, radius = np.zeros(n), np.zeros((n, 3)), np.zeros(n)
-    for k in range(len(faces)):
-        corner = vertices[faces[k, 0]]
-        for axis in range(3):
-            box[k] = box[k] * _PIECES + int((corner[axis] - low[axis]) / side)
-        count[box[k]] += 1.0
-        centre[box[k]] += corner
-    for piece in range(n):
-        centre[piece] /= max(count[piece], 1.0)
-    for k in range(len(faces)):
-        for corner in faces[k]:
-            square = 0.0
-            for axis in range(3):
-                square += (vertices[corner, axis] - centre[box[k], axis]) ** 2
-            radius[box[k]] = max(radius[box[k]], square)
+    cell = ((first - low) / side).astype(np.int64)
+    box, n = (cell[:, 0] * _PIECES + cell[:, 1]) * _PIECES + cell[:, 2], _PIECES**3
+    count = np.bincount(box, minlength=n)
+    sums = np.column_stack([np.bincount(box, first[:, axis], n) for axis in range(3)])
+    centre = sums / np.maximum(count, 1)[:, None]
+    square = np.zeros(n)
+    for corner in range(3):
+        away = np.square(vertices[faces[:, corner]] - centre[box])
+        np.maximum.at(square, box, away[:, 0] + away[:, 1] + away[:, 2])
     held = np.flatnonzero(count)
-    return centre[held], np.sqrt(radius[held]) + _SLACK
+    return centre[held], np.sqrt(square[held]) + _SLACK
 
 
 @compiled

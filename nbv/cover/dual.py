@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 from scipy.sparse import block_array, csr_array, eye_array
 
@@ -16,6 +15,7 @@ from nbv.cover.instance import CoverInstance, Indices
 from nbv.cover.reduction import Reduction
 from scenes.checks import FloatArray
 from scenes.run.memory import require
+from texture.engine.compiled import compiled
 
 _PATIENCE = 30  # steps without gain after which the step is halved
 _GAIN = 1e-4  # share of the value that counts as gain
@@ -101,7 +101,7 @@ def _slope(instance: CoverInstance, at: Multipliers) -> FloatArray:
     return slope
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _take_off(starts: Indices, members: Indices, chosen: Indices, values: FloatArray) -> None:
     """Take one off the value of each member of the chosen sets, as often as it is one."""
     for one in chosen:

@@ -9,11 +9,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from texture.engine.compiled import compiled
 
 Indices = NDArray[np.integer[Any]]
 TOLERANCE = 1e-9  # of the coverable weight: sums of floats
@@ -133,7 +133,7 @@ class CoverInstance:
         return float(self.weights[missing].sum()) <= self.spare
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _row_sums(starts: Indices, members: Indices, values: FloatArray) -> FloatArray:
     """Sum the values of the members of each set; two sums side by side wait less for memory."""
     sums = np.zeros(len(starts) - 1)

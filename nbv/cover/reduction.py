@@ -12,13 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from nbv.cover.instance import CoverInstance, Indices
 from scenes.checks import BoolArray
-from texture.engine.compiled import inlined
+from texture.engine.compiled import compiled, inlined
 
 Bits = NDArray[np.uint64]
 _WORD = 64  # bits
@@ -109,7 +108,7 @@ def _bits(matrix: csr_array) -> NDArray[np.uint64]:
     return bits
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _set_bits(starts: Indices, members: Indices, bits: Bits) -> None:
     """Set the bits of the members of each set."""
     for one in range(len(starts) - 1):
@@ -117,7 +116,7 @@ def _set_bits(starts: Indices, members: Indices, bits: Bits) -> None:
             bits[one, members[k] // _WORD] |= np.uint64(1) << np.uint64(members[k] % _WORD)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _subsets(
     starts: Indices, members: Indices, holder_starts: Indices, holders: Indices, bits: Bits
 ) -> BoolArray:
@@ -146,7 +145,7 @@ def _subsets(
     return gone
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _supersets(
     starts: Indices, members: Indices, holder_starts: Indices, holders: Indices, bits: Bits
 ) -> BoolArray:

@@ -6,11 +6,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray
-from texture.engine.compiled import inlined
+from texture.engine.compiled import compiled, inlined
 
 Indices = NDArray[np.int64]
 
@@ -80,7 +79,7 @@ class SwapState(NamedTuple):
 CHOSEN, GAPS, STEPS, BEST, NEWEST = range(5)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def put_in(state: SwapState, candidate: int) -> None:
     """Choose a candidate."""
     state.place[candidate] = state.sizes[CHOSEN]
@@ -160,7 +159,7 @@ def _share(state: SwapState, sample: int, change: float) -> None:
             state.alone[state.candidates[at]] += change
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def search(state: SwapState, draws: FloatArray, enough: int) -> None:
     """Search for smaller choices: one swap for each of the `draws` (0..1); stop at `enough` chosen.
 

@@ -6,11 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from scenes.checks import FloatArray
 from scenes.scan.range_image import RangeImage
-from texture.engine.compiled import inlined
+from texture.engine.compiled import compiled, inlined
 
 _MOST_BEND = (
     0.3  # the middle of three neighbours may lie off the middle by half of this share of their distance
@@ -61,7 +60,7 @@ def image_normals(scan: RangeImage, baseline_m: float) -> ImageNormals:
     return ImageNormals(points, normals, areas, cosine)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _fill(
     points: FloatArray,
     origin: FloatArray,
@@ -73,11 +72,12 @@ def _fill(
 ) -> None:
     """Write the normals of all pixels, pixel by pixel."""
     rows, columns = points.shape[:2]
-    across, down = np.empty(3), np.empty(3)
+    steps = np.empty((2, 3))  # across and down
     for r in range(rows):
         for c in range(columns):
-            _slope(points, r, c, 0, half, sigma_m, across)
-            _slope(points, r, c, 1, half, sigma_m, down)
+            for axis in range(2):
+                _slope(points, r, c, axis, half, sigma_m, steps[axis])
+            across, down = steps[0], steps[1]
             x = across[1] * down[2] - across[2] * down[1]
             y = across[2] * down[0] - across[0] * down[2]
             z = across[0] * down[1] - across[1] * down[0]

@@ -25,11 +25,17 @@ def cut_triangles(
     for k in range(len(counts)):
         if counts[k] < 1:
             continue
-        waiting[0], numbers[0], top = corners[k], counts[k], 0
+        numbers[0], top = counts[k], 0
+        for corner in range(3):
+            for axis in range(3):
+                waiting[0, corner, axis] = corners[k, corner, axis]
         while top >= 0:
             n = numbers[top]
             if n == 1:
-                pieces[done], of[done] = waiting[top], k
+                for corner in range(3):
+                    for axis in range(3):
+                        pieces[done, corner, axis] = waiting[top, corner, axis]
+                of[done] = k
                 done, top = done + 1, top - 1
                 continue
             for side in range(3):

@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
@@ -23,9 +22,10 @@ from nbv.scanning.sensors.triangulation import both_see
 from nbv.scanning.view import View
 from nbv.visibility.requirement import ROUNDING, SightLimits
 from nbv.visibility.samples import SurfaceSamples
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, read_only_view
 from scenes.rays.raycast import RayCaster
 from scenes.run.memory import threads
+from texture.engine.compiled import compiled
 
 Progress = Callable[[str, int, int], None]
 BYTES_A_SAMPLE = 120  # that a look from one position at all samples takes: indices, distances, cosines, ends
@@ -44,7 +44,7 @@ def lines_of_sight(
 
     The position is in world coordinates, metres.
     """
-    here = (np.ascontiguousarray(position), samples.points, samples.normals)
+    here = (read_only_view(np.ascontiguousarray(position)), samples.points, samples.normals)
     gate = (limits.min_range_m, limits.max_range_m)
     among, distance, cosine = facing(*here, among, limits.min_cosine - ROUNDING, *gate)
     if limits.precision is not None:
@@ -151,7 +151,7 @@ def stack_rows(rows: Sequence[tuple[NDArray[np.integer[Any]], NDArray[Any]]], n_
     return csr_array((data, index, ends.astype(small)), shape=(len(rows), n_columns))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def facing(
     position: FloatArray,
     points: FloatArray,
@@ -177,7 +177,7 @@ def facing(
     return index[:n].copy(), distance[:n].copy(), cosine[:n].copy()
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def lifted(
     position: FloatArray,
     points: FloatArray,

@@ -6,11 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, InputError, frozen_copy
+from scenes.checks import FloatArray, InputError, frozen_copy, read_only_view
 from scenes.pose import Pose
+from texture.engine.compiled import compiled
 
 _WISHED_VOXELS = 8e4
 _WISHED_VOXELS_OF_LARGE = 4e5
@@ -76,7 +76,7 @@ class VoxelGrid:
 
     def index_of(self, points: FloatArray) -> NDArray[np.int64]:
         """Voxel number (n,) of `points` (n, 3); -1 outside or where not finite."""
-        flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+        flat = read_only_view(np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3))
         found: NDArray[np.int64] = _index_of(flat, self.origin, self.shape, self.voxel_m)
         return found.reshape(np.shape(points)[:-1])
 
@@ -134,7 +134,7 @@ def _default_side(extent: FloatArray) -> float:
     return float(min(coarse, max(fine, _FINE_ENOUGH_M)))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _index_of(
     points: FloatArray, origin: FloatArray, shape: tuple[int, int, int], voxel_m: float
 ) -> NDArray[np.int64]:

@@ -24,7 +24,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from scenes.rays.ray_kernels import COMPILED
+from scenes.rays.ray_kernels import COMPILED, INLINED
 
 _N_ROWS, _TFAR, _MASK, _PRIMITIVE, _GEOMETRY = 24, 8, 9, 17, 18  # 21 rows are Embree's, the rest to spare
 _VECTORS = types.Array(float64, 2, "C", readonly=True)
@@ -37,7 +37,7 @@ _LARGEST = float(np.finfo(np.float32).max)  # what exceeds it is not finite in E
 
 
 class PacketKernels(NamedTuple):
-    """The compiled loops for packets of one width; see `_first_faces` and `_any_hits`."""
+    """The compiled loops for packets of one width; see `compile_for`."""
 
     first_faces: Callable[..., int]
     any_hits: Callable[..., None]
@@ -56,7 +56,7 @@ def _call(_typing: Any, function: Any, valid: Any, scene: Any, rays: Any, argume
     return signature, generate
 
 
-@njit(error_model="numpy", inline="always")
+@njit(**INLINED)
 def _aligned(n: int) -> NDArray[np.float32]:
     """Return n zeros of 32 bits at an address that Embree can load packets from."""
     room = np.zeros(n + 16, np.float32)
@@ -64,7 +64,7 @@ def _aligned(n: int) -> NDArray[np.float32]:
     return room[skip : skip + n]
 
 
-@njit(error_model="numpy")
+@njit(**INLINED)
 def _n_packets(n: int, width: int, columns: int) -> int:
     if columns == 0:
         return (n + width - 1) // width
@@ -72,7 +72,7 @@ def _n_packets(n: int, width: int, columns: int) -> int:
     return (columns + 3) // 4 * ((n // columns + high - 1) // high)
 
 
-@njit(error_model="numpy", inline="always")
+@njit(**INLINED)
 def _rays_of(packet: int, columns: int, n: int, first: NDArray[np.int64], count: NDArray[np.int64]) -> None:
     """Write which of n rays a packet casts: in each four lanes `count` consecutive ones from `first` on.
 
@@ -92,14 +92,14 @@ def _rays_of(packet: int, columns: int, n: int, first: NDArray[np.int64], count:
             count[four] = min(columns - column, 4) if first[four] < n else 0
 
 
-@njit(error_model="numpy")
+@njit(**INLINED)
 def _repeat(lanes: FloatArray, vector: FloatArray) -> None:
     """Give all lanes one vector (1, 3)."""
     for k in range(len(lanes)):
         lanes[k] = vector[0, k % 3]
 
 
-@njit(error_model="numpy", inline="always")
+@njit(**INLINED)
 def _load(lanes: FloatArray, vectors: FloatArray, first: NDArray[np.int64], count: NDArray[np.int64]) -> None:
     """Copy the vectors of a packet's rays to `lanes` (3 * width,); NaN where a lane has no ray."""
     numbers = vectors.reshape(-1)
@@ -113,7 +113,7 @@ def _load(lanes: FloatArray, vectors: FloatArray, first: NDArray[np.int64], coun
                 lanes[four * 12 + k] = numbers[start + k] if k < end else np.nan
 
 
-@njit(error_model="numpy", inline="always")
+@njit(**INLINED)
 def _fill(
     packet: NDArray[np.float32],
     valid: NDArray[np.int32],
@@ -173,95 +173,6 @@ def _is_coherent(packet: NDArray[np.float32], width: int, apart: float) -> bool:
     return bool((nearest >= _LEAST_COSINE) & (furthest <= apart))
 
 
-@njit(error_model="numpy", inline="always")
-def _first_faces(
-    width: int,
-    intersect: int,
-    scene: int,
-    arguments: int,
-    together: int,
-    apart: float,
-    centre: FloatArray,
-    origins: FloatArray,
-    directions: FloatArray,
-    columns: int,
-    face: NDArray[np.int32],
-) -> int:
-    """Write the first face (n,) that each ray hits, -1 for none; return how many rays were usable.
-
-    `intersect` is the address of rtcIntersect4, 8 or 16, `width` the rays a packet; scene, arguments and
-    `together`, the arguments of coherent packets, are addresses too. `apart` is for `_is_coherent`. Centre
-    (3,), origins (n, 3) or (1, 3) and directions (n, 3) are in world coordinates, metres. `columns` are of
-    the image whose pixels the rays are, row by row; 0 when they are a list.
-    """
-    packet, valid = _aligned(_N_ROWS * width), _aligned(width).view(np.int32)
-    starts, ways = np.empty(3 * width), np.empty(3 * width)
-    first, count = np.zeros(width // 4, np.int64), np.zeros(width // 4, np.int64)
-    words = packet.view(np.int32)
-    words[_MASK * width : (_MASK + 1) * width] = -1
-    n, n_usable = len(directions), 0
-    shared = len(origins) == 1
-    if shared:
-        _repeat(starts, origins)
-    for p in range(_n_packets(n, width, columns)):
-        _rays_of(p, columns, n, first, count)
-        if not shared:
-            _load(starts, origins, first, count)
-        _load(ways, directions, first, count)
-        n_valid = _fill(packet, valid, centre, starts, ways, False)
-        if n_valid > 0:
-            how = together if _is_coherent(packet, width, apart) else arguments
-            _call(intersect, valid.ctypes.data, scene, packet.ctypes.data, how)
-            n_usable += n_valid
-        for four in range(width // 4):
-            for k in range(count[four]):
-                face[uint64(first[four] + k)] = words[_PRIMITIVE * width + 4 * four + k]
-    return n_usable
-
-
-@njit(error_model="numpy", inline="always")
-def _any_hits(
-    width: int,
-    occluded: int,
-    scene: int,
-    arguments: int,
-    together: int,
-    apart: float,
-    centre: FloatArray,
-    origins: FloatArray,
-    targets: FloatArray,
-    blocked: BoolArray,
-) -> None:
-    """Write whether something lies between origin and target; True for what is not finite.
-
-    `occluded` is the address of rtcOccluded4, 8 or 16; the others are as for `first_faces`, and targets may
-    be a single one too.
-    """
-    packet, valid = _aligned(_N_ROWS * width), _aligned(width).view(np.int32)
-    packet.view(np.int32)[_MASK * width : (_MASK + 1) * width] = -1
-    starts, ends = np.empty(3 * width), np.empty(3 * width)
-    first, count = np.zeros(width // 4, np.int64), np.zeros(width // 4, np.int64)
-    ways = np.empty(3 * width)
-    n = len(blocked)
-    if len(origins) == 1:
-        _repeat(starts, origins)
-    if len(targets) == 1:
-        _repeat(ends, targets)
-    for p in range(_n_packets(n, width, 0)):
-        _rays_of(p, 0, n, first, count)
-        if len(origins) > 1:
-            _load(starts, origins, first, count)
-        if len(targets) > 1:
-            _load(ends, targets, first, count)
-        for k in range(3 * width):
-            ways[k] = ends[k] - starts[k]
-        if _fill(packet, valid, centre, starts, ways, True) > 0:
-            how = together if _is_coherent(packet, width, apart) else arguments
-            _call(occluded, valid.ctypes.data, scene, packet.ctypes.data, how)
-        for lane in range(min(width, n - p * width)):
-            blocked[p * width + lane] = packet[_TFAR * width + lane] < 0
-
-
 @cache
 def compile_for(width: int) -> PacketKernels:
     """Return the loops for packets of 4, 8 or 16 rays; knowing the width, the compiler makes them faster."""
@@ -281,9 +192,35 @@ def compile_for(width: int) -> PacketKernels:
         columns: int,
         face: NDArray[np.int32],
     ) -> int:
-        n_usable: int = _first_faces(
-            width, intersect, scene, arguments, together, apart, centre, origins, directions, columns, face
-        )
+        """Write the first face (n,) that each ray hits, -1 for none; return how many rays were usable.
+
+        `intersect` is the address of rtcIntersect4, 8 or 16; scene, arguments and `together`, the arguments
+        of coherent packets, are addresses too. `apart` is for `_is_coherent`. Centre (3,), origins (n, 3) or
+        (1, 3) and directions (n, 3) are in world coordinates, metres. `columns` are of the image whose pixels
+        the rays are, row by row; 0 when they are a list.
+        """
+        packet, valid = _aligned(_N_ROWS * width), _aligned(width).view(np.int32)
+        starts, ways = np.empty(3 * width), np.empty(3 * width)
+        first, count = np.zeros(width // 4, np.int64), np.zeros(width // 4, np.int64)
+        words = packet.view(np.int32)
+        words[_MASK * width : (_MASK + 1) * width] = -1
+        n, n_usable = len(directions), 0
+        shared = len(origins) == 1
+        if shared:
+            _repeat(starts, origins)
+        for p in range(_n_packets(n, width, columns)):
+            _rays_of(p, columns, n, first, count)
+            if not shared:
+                _load(starts, origins, first, count)
+            _load(ways, directions, first, count)
+            n_valid = _fill(packet, valid, centre, starts, ways, False)
+            if n_valid > 0:
+                how = together if _is_coherent(packet, width, apart) else arguments
+                _call(intersect, valid.ctypes.data, scene, packet.ctypes.data, how)
+                n_usable += n_valid
+            for four in range(width // 4):
+                for k in range(count[four]):
+                    face[uint64(first[four] + k)] = words[_PRIMITIVE * width + 4 * four + k]
         return n_usable
 
     @njit(void(int64, int64, int64, int64, float64, _CENTRE, _VECTORS, _VECTORS, boolean[::1]), **COMPILED)
@@ -298,6 +235,33 @@ def compile_for(width: int) -> PacketKernels:
         targets: FloatArray,
         blocked: BoolArray,
     ) -> None:
-        _any_hits(width, occluded, scene, arguments, together, apart, centre, origins, targets, blocked)
+        """Write whether something lies between origin and target; True for what is not finite.
+
+        `occluded` is the address of rtcOccluded4, 8 or 16; the others are as for `first_faces`, and targets
+        may be a single one too.
+        """
+        packet, valid = _aligned(_N_ROWS * width), _aligned(width).view(np.int32)
+        packet.view(np.int32)[_MASK * width : (_MASK + 1) * width] = -1
+        starts, ends = np.empty(3 * width), np.empty(3 * width)
+        first, count = np.zeros(width // 4, np.int64), np.zeros(width // 4, np.int64)
+        ways = np.empty(3 * width)
+        n = len(blocked)
+        if len(origins) == 1:
+            _repeat(starts, origins)
+        if len(targets) == 1:
+            _repeat(ends, targets)
+        for p in range(_n_packets(n, width, 0)):
+            _rays_of(p, 0, n, first, count)
+            if len(origins) > 1:
+                _load(starts, origins, first, count)
+            if len(targets) > 1:
+                _load(ends, targets, first, count)
+            for k in range(3 * width):
+                ways[k] = ends[k] - starts[k]
+            if _fill(packet, valid, centre, starts, ways, True) > 0:
+                how = together if _is_coherent(packet, width, apart) else arguments
+                _call(occluded, valid.ctypes.data, scene, packet.ctypes.data, how)
+            for lane in range(min(width, n - p * width)):
+                blocked[p * width + lane] = packet[_TFAR * width + lane] < 0
 
     return PacketKernels(first_faces, any_hits)

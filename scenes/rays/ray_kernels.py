@@ -33,7 +33,9 @@ def _can_store() -> bool:
     return True
 
 
-COMPILED = {"nogil": True, "cache": _can_store(), "error_model": "numpy"}
+COMPILED = {"nogil": True, "cache": _can_store(), "error_model": "numpy", "no_cfunc_wrapper": True}
+INLINED = {"error_model": "numpy", "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""Of parts of compiled loops; the interpreter cannot call them: without an entry for it they compile sooner."""
 
 
 def meet(
@@ -63,14 +65,14 @@ def meet(
         _meet(mesh.vertices, mesh.faces, mesh.centre, origins, directions, face, *out)
 
 
-@njit(error_model="numpy", inline="always")
+@njit(**INLINED)
 def _clip(value: float, low: float, high: float) -> float:
     """Return `value` within low..high; NaN becomes `low`."""
     value = value if value > low else low
     return value if value < high else high
 
 
-@njit(error_model="numpy", inline="always")
+@njit(**INLINED)
 def _gather(
     table: FloatArray,
     m: int,
@@ -96,7 +98,7 @@ def _gather(
             table[(12 + axis) * _BLOCK + k] = directions[i, axis]
 
 
-@njit(error_model="numpy", inline="always")
+@njit(**INLINED)
 def _meet_planes(table: FloatArray, c_x: float, c_y: float, c_z: float) -> None:
     """Turn the table of `_gather` into range, three weights and |cosine|, row by row."""
     for index in range(_BLOCK):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, IntArray, read_only_view
 from scenes.run.memory import in_blocks
 
 _NOWHERE = np.zeros((0, 0))
@@ -61,7 +61,7 @@ class RayGrid:
         shape = len(self.scale), len(self.right)
         out = np.empty((shape[0] * shape[1], 3))
         matrix, start = np.ascontiguousarray(rotation), np.ascontiguousarray(origin)
-        reach = np.ascontiguousarray(ranges).ravel()
+        reach = read_only_view(np.ascontiguousarray(ranges).ravel())
         parts = self.scale, self.down, self.right, self.forward
 
         def fill(rows: slice) -> None:

@@ -21,6 +21,7 @@ from numba import config, njit, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -81,6 +82,31 @@ def _entry(function: _Inlined) -> Callable[..., Any]:
 
     made: Callable[..., Any] = njit(nogil=True, error_model="numpy")(call)
     return made
+
+
+@inlined
+def sort_order(values: NDArray[Any], order: NDArray[np.int64], room: NDArray[np.int64]) -> None:
+    """Write the order (n,) that sorts values (n,), equal ones in turn; `room` (n,) is scratch.
+
+    numba's own sorts take ten times as long to compile.
+    """
+    n, width = len(values), 1
+    for k in range(n):
+        order[k] = k
+    while width < n:
+        for low in range(0, n, 2 * width):
+            middle, high = min(low + width, n), min(low + 2 * width, n)
+            left, right = low, middle
+            for k in range(low, high):
+                if left < middle and (right >= high or values[order[left]] <= values[order[right]]):
+                    room[k] = order[left]
+                    left += 1
+                else:
+                    room[k] = order[right]
+                    right += 1
+        for k in range(n):
+            order[k] = room[k]
+        width *= 2
 
 
 class _Index(IndexDataCacheFile):  # type: ignore[misc]

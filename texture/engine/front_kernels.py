@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.engine.compiled import compiled, inlined
+from texture.engine.compiled import compiled, inlined, sort_order
 from texture.engine.kernels import CanvasArrays, make_findings, make_terms, visit_pixel
 from texture.engine.scan_kernels import SampleArrays
 from texture.sampling.randomness import GOLDEN, Purpose
@@ -76,23 +76,26 @@ def list_visits(canvas: CanvasArrays, front: FrontArrays, key: np.uint64, pass_n
     for place in range(n):
         pixel = front.pixels[place]
         starts[most - front.n_known[pixel // width, pixel % width] + 1] += 1
-    starts = np.cumsum(starts)
-    ranked, at = np.empty(n, np.int64), starts.copy()
+    ranked, at = np.empty(n, np.int64), np.empty(most + 2, np.int64)
+    for rank in range(most + 1):
+        starts[rank + 1] += starts[rank]
+        at[rank] = starts[rank]
     for place in range(n):
         pixel = front.pixels[place]
         rank = most - front.n_known[pixel // width, pixel % width]
         ranked[at[rank]] = pixel
         at[rank] += 1
     n_visits = int(-(-n // front.share))
+    room = np.empty(n, np.int64)
     orders, picks = _first_word(key, _ORDER, pass_number), _first_word(key, _PICK, pass_number)
     for rank in range(most + 1):
         first, end = starts[rank], starts[rank + 1]
         if first >= n_visits:
             break
-        ties = np.empty(end - first, np.uint64)
+        ties, turns = np.empty(end - first, np.uint64), np.empty(end - first, np.int64)
         for place in range(end - first):
             ties[place] = _word(orders, ranked[first + place])
-        turns = np.argsort(ties)
+        sort_order(ties, turns, room)
         for place in range(min(end, n_visits) - first):
             pixel = ranked[first + turns[place]]
             front.visits[first + place], front.words[first + place] = pixel, _word(picks, pixel)

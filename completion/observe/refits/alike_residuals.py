@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numba import int64
 from numpy.typing import NDArray
 
 from completion.observe.observation import Beams
@@ -68,7 +69,7 @@ def _add_blocks(
     present, normal = np.empty(side * side, np.int64), np.zeros(3)
     begin = np.empty((columns - 1) // side + 3, np.int64)
     ordered = np.empty(side * columns, np.int64)
-    first = 0
+    first = int64(0)
     while first < pixels.size:
         band = pixels[first] // columns // side
         last = _sort_band(pixels, labels, first, band, columns, side, begin, ordered)

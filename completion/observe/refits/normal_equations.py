@@ -63,8 +63,9 @@ def add_up(
         if origin not in charts:
             start = np.array(origin)
             charts[origin] = np.array([_chart(surface, start) for surface in surfaces]).reshape(n, 14)
-        some = beam.pixel, beam.label, charts[origin], beam.ranges, beam.rays, beam.noise
-        _add_rays(*some, flatness_m, _LEAST_SLOPE, matrix, vector, sums)
+        pixels, labels = np.ascontiguousarray(beam.pixel), np.ascontiguousarray(beam.label)
+        beams_read = pixels, labels, charts[origin], beam.ranges, beam.rays, beam.noise
+        _add_rays(*beams_read, flatness_m, _LEAST_SLOPE, matrix, vector, sums)
     matrix += np.tril(matrix, -1).transpose(0, 2, 1)
     size = [3 if isinstance(surface, Plane) else 5 for surface in surfaces]
     return [

@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from scenes.checks import FloatArray
+from texture.engine.compiled import compiled
 
 FIRST, STRONGEST, LAST, MEAN = range(4)  # in the order of `nbv.scanning.effects.footprint.Returns`
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def merge_returns(
     ranges: FloatArray,
     cosine: FloatArray,

@@ -6,12 +6,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
+from texture.engine.compiled import compiled
 
 _CELL_M = 0.1  # half the depth of a stair's tread, and less than the foot of a tripod
 _LEAST_CELLS = 60  # along the longer side: small scenes get smaller cells
@@ -139,7 +139,7 @@ def _crossings(
     return cells[order], heights[order], faces[order]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _beside(
     shape: tuple[int, int],
     start: NDArray[np.int64],
