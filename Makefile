@@ -65,12 +65,11 @@ format: .venv/dev
 
 .venv/demo: pyproject.toml | .venv/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[e57,pcd,las]'
-	$(BIN)/python -m nbv.commands.warm
 	touch $@
 
 .venv/dev: pyproject.toml | .venv/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
-	$(BIN)/python -m nbv.commands.warm
+	$(BIN)/unseen warm --quiet
 	touch $@ .venv/demo
 
 .venv/bench: pyproject.toml | .venv/bin/python

@@ -10,16 +10,19 @@ import typer
 from typer.core import TyperGroup
 
 from nbv.commands.options.options import (
+    AsJson,
     DepthScale,
     Intrinsics,
     NoiseOption,
     Origins,
     Poses,
+    Quiet,
     RegisterFlag,
     ScanUpOption,
     SceneArgument,
     Scheduler,
     SensorOption,
+    Threads,
     UnitsOption,
     UpOption,
     asked_scans,
@@ -385,6 +388,14 @@ def info(
     from nbv.commands.info import run_info
 
     run_info(shared, file, up=up, units=units, intrinsics=camera, depth_scale=depth_scale)
+
+
+@app.command(short_help="Compile all inner loops now, as for a container image.")
+def warm(as_json: AsJson = False, quiet: Quiet = False, threads: Threads = None) -> None:
+    """Compile all inner loops and store them, so that no later command has to; see NUMBA_CACHE_DIR."""
+    from nbv.commands.warm import run_warm
+
+    run_warm(Shared(as_json=as_json, quiet=quiet, threads=threads))
 
 
 def main() -> None:

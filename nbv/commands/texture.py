@@ -77,7 +77,7 @@ def run_texture(
             "n_threads": shared.threads,
             "progress": tell,
         }
-        run.will_call(find_candidates, 20)
+        run.will_call(list_visits, 20)
         try:
             if hole is None:
                 made = grow(pixels, shape or (1, 1), **how)

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Warming: every compiled loop is called once on a small room, so that no later command has to compile.
+"""`unseen warm`: every compiled loop is made and stored, so that no later command has to compile.
 
-`python -m nbv.commands.warm` is part of the installation (`make demo`, `make install`). numba keeps what it
-compiles beside the sources, or in `NUMBA_CACHE_DIR`; several may run at once.
+The loops are called once on a small room. numba keeps what it compiles beside the sources, or in
+`NUMBA_CACHE_DIR`; several may run at once.
 """
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,12 +16,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from PIL import Image
 
+from completion.observe.tiles import solve_plane
 from nbv.commands.complete import CompleteRequest, run_complete
 from nbv.commands.plan import PlanRequest, run_plan
-from nbv.commands.process.run import Shared
+from nbv.commands.process.run import Shared, running
 from nbv.commands.scan import Stand, run_scan
 from nbv.commands.texture import run_texture
 from nbv.visibility.standing.site import find_site
+from scenes.checks import InputError
 from scenes.io.scan_request import ScanRequest
 from scenes.io.scene_files import open_scene
 
@@ -36,11 +39,25 @@ divergence_rad = 0.004
 """
 
 
-def warm(folder: Path) -> None:
-    """Compile what planning needs and what completion needs, side by side; results go to `folder`."""
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        for done in [pool.submit(part, folder) for part in (warm_completion, warm_planning)]:
-            done.result()
+def run_warm(shared: Shared) -> None:
+    """Compile what completion needs and what planning needs, side by side with two threads or more."""
+    with running("warm", shared, default=os.devnull, is_folder=False, writes=False) as run:
+        store = solve_plane.stats.cache_path
+        if store is None:
+            raise InputError(
+                "numba found no folder that it can store compiled code in; set NUMBA_CACHE_DIR to one"
+            )
+        parts = (warm_completion, warm_planning)
+        n_processes = min(shared.threads or os.cpu_count() or 1, len(parts))
+        with (
+            TemporaryDirectory() as folder,
+            ProcessPoolExecutor(n_processes, mp_context=get_context("spawn")) as pool,
+        ):
+            run.progress("compile", 0, len(parts))
+            for n_done, part in enumerate(as_completed([pool.submit(part, Path(folder)) for part in parts])):
+                part.result()
+                run.progress("compile", n_done + 1, len(parts))
+        run.say({"folder": store}, [f"compiled loops are stored, as in {store}"])
 
 
 def warm_completion(folder: Path) -> None:
@@ -79,8 +96,3 @@ def _sensor(path: Path) -> str:
 
 def _shared(out: Path) -> Shared:
     return Shared(out=out, quiet=True)
-
-
-if __name__ == "__main__":
-    with TemporaryDirectory() as made:
-        warm(Path(made))

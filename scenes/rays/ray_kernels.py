@@ -35,7 +35,7 @@ def _can_store() -> bool:
 
 COMPILED = {"nogil": True, "cache": _can_store(), "error_model": "numpy", "no_cfunc_wrapper": True}
 INLINED = {"error_model": "numpy", "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Of parts of compiled loops; the interpreter cannot call them: without an entry for it they compile sooner."""
+"""Options of parts of compiled loops: without an entry for the interpreter, which must not call them."""
 
 
 def meet(

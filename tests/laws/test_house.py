@@ -63,7 +63,7 @@ def test_roots_hold_few_entries() -> None:
 def compiled(function: ast.FunctionDef) -> bool:
     """Whether a function is compiled: the loops inside take arrays one by one."""
     words = " ".join(ast.unparse(decorator) for decorator in function.decorator_list)
-    return any(word in words for word in ("jit", "compiled", "intrinsic"))
+    return any(word in words for word in ("jit", "compiled", "inlined", "intrinsic"))
 
 
 def public_names() -> set[str]:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Compiled code: made at installation, or told of by the first run on a machine."""
 
+import json
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -72,8 +74,37 @@ def test_warming_calls_every_stage(tmp_path, monkeypatch):
     warm.warm_completion(tmp_path)
     warm.warm_planning(tmp_path)
     assert called == ["scan.npz", "completed", "grown.png", "nbv", "cover"]
-    for target in ("demo", "dev"):
-        recipe = (
-            (ROOT / "Makefile").read_text().partition(f".venv/{target}: pyproject")[2].partition("\n\n")[0]
-        )
-        assert "nbv.commands.warm" in recipe
+
+
+def test_installation_for_tests_warms_and_that_for_the_demo_does_not():
+    recipes = (ROOT / "Makefile").read_text()
+    for target, is_warmed in (("demo", False), ("dev", True)):
+        recipe = recipes.partition(f".venv/{target}: pyproject")[2].partition("\n\n")[0]
+        assert ("unseen warm" in recipe) == is_warmed
+
+
+@pytest.mark.parametrize(("threads", "n_processes"), [(1, 1), (2, 2), (5, 2)])
+def test_warm_runs_both_parts_and_says_where_code_is_stored(monkeypatch, threads, n_processes):
+    pools, folders = [], []
+
+    def pool(n, mp_context):
+        pools.append(n)
+        return ThreadPoolExecutor(n)
+
+    monkeypatch.setattr(warm, "ProcessPoolExecutor", pool)
+    for name in ("warm_completion", "warm_planning"):
+        monkeypatch.setattr(warm, name, lambda folder: folders.append(folder.is_dir()))
+    ran = CliRunner().invoke(app, ["warm", "--threads", str(threads), "--json"])
+    assert json.loads(ran.stdout) == {"command": "warm", "folder": solve_plane.stats.cache_path}
+    assert pools == [n_processes]
+    assert folders == [True, True]
+    assert CliRunner().invoke(app, ["warm", "--quiet"]).output == ""
+
+
+def test_warm_without_a_folder_for_code_fails_in_one_line(monkeypatch):
+    monkeypatch.setattr(warm, "solve_plane", SimpleNamespace(stats=SimpleNamespace(cache_path=None)))
+    ran = CliRunner().invoke(app, ["warm"])
+    assert ran.exit_code == 1
+    assert ran.stderr.splitlines() == [
+        "unseen warm: numba found no folder that it can store compiled code in; set NUMBA_CACHE_DIR to one"
+    ]
