@@ -224,7 +224,7 @@ def ask_facets(
     return found
 
 
-@compiled
+@inlined
 def _answer(
     other: Facets,
     row: int,

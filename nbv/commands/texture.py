@@ -20,7 +20,7 @@ from scenes.checks import InputError
 from scenes.io.image import open_image
 from scenes.run.atomic import write_bytes
 from scenes.run.memory import require
-from texture.engine.scan_kernels import find_candidates
+from texture.engine.front_kernels import list_visits
 from texture.examination import Examination, examine
 from texture.pipeline import fill, grow
 from texture.result import Synthesis

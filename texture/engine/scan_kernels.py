@@ -12,7 +12,7 @@ import numpy as np
 from numba import int64
 from numpy.typing import NDArray
 
-from texture.engine.compiled import LANES, TERMS_PER_STEP, add_step, compiled, inlined
+from texture.engine.compiled import LANES, TERMS_PER_STEP, add_step, inlined
 from texture.sampling.sample import FloatArray, IntArray
 
 MISSING = np.float32(1e12)  # level where the sample has none: one difference exceeds every real distance
@@ -58,7 +58,7 @@ class Findings(NamedTuple):
     sums: NDArray[np.float32]  # (LANES,)
 
 
-@compiled
+@inlined
 def find_candidates(
     sample: SampleArrays, terms: Terms, n_known: int, guesses: IntArray, found: Findings
 ) -> tuple[int, int]:
