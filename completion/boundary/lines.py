@@ -129,7 +129,7 @@ def _median(values: FloatArray) -> float:
     n, order = len(values), np.empty(len(values), np.int64)
     sort_order(values, order, np.empty(n, np.int64))
     middle = values[order[n // 2]]
-    return middle if n % 2 else (values[order[n // 2 - 1]] + middle) / 2
+    return float(middle if n % 2 else (values[order[n // 2 - 1]] + middle) / 2)
 
 
 @inlined
