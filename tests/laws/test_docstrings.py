@@ -21,7 +21,9 @@ ERRORS = {"InputError", "FitError", "ValueError"}
 
 def is_compiled(function: ast.FunctionDef) -> bool:
     return any(
-        word in ast.unparse(d) for d in function.decorator_list for word in ("jit", "compiled", "inlined", "intrinsic")
+        word in ast.unparse(d)
+        for d in function.decorator_list
+        for word in ("jit", "compiled", "inlined", "intrinsic")
     )
 
 
