@@ -152,7 +152,7 @@ def check_options(options: object, **bounds: tuple[float, float]) -> None:
 
 
 def read_only_view(array: FloatArray) -> FloatArray:
-    """Return an array of any shape (...) as one that cannot be written through: one type for compiled loops."""
+    """Return an array (n, ...) as one that cannot be written through: one type for compiled loops."""
     view = array.view()
     view.flags.writeable = False
     return view
