@@ -6,6 +6,12 @@ from .edits.file import read_edits as read_edits
 from .evidence.evidence import Label as Label
 from .extension.patch import Patch as Patch
 from .extension.patch import Provenance as Provenance
+from .features.engine.feature_set import Features as Features
+from .features.engine.options import FeatureOptions as FeatureOptions
+from .features.engine.options import read_given as read_given
+from .features.engine.template import Template as Template
+from .features.engine.template import TemplateFit as TemplateFit
+from .features.pipeline import find_features as find_features
 from .fitting.euclidean import fit_cylinder as fit_cylinder
 from .fitting.euclidean import fit_plane as fit_plane
 from .fitting.patches.joins import Boundary as Boundary
@@ -35,10 +41,4 @@ from .result.verification import Finding as Finding
 from .result.verification import Verification as Verification
 from .result.verification import verify as verify
 from .segmentation.regions import SegmentationOptions as SegmentationOptions
-from .templates.engine.features import Features as Features
-from .templates.engine.options import FeatureOptions as FeatureOptions
-from .templates.engine.template import Template as Template
-from .templates.engine.template import TemplateFit as TemplateFit
-from .templates.given import read_given as read_given
-from .templates.pipeline import find_features as find_features
 from .texturing.problem import TexturingOptions as TexturingOptions

@@ -13,13 +13,13 @@ from completion.edits.edit import Anchor, Edit
 from completion.extension.choice import KINDS
 from completion.extension.extent import Mode
 from completion.extension.pipeline import ExtensionRules
+from completion.features.engine.options import FITTED, FeatureOptions
 from completion.flattening.options import FlatteningOptions
 from completion.observe.tolerance import POSE_BOUND, REGISTRATION_M, EvidenceOptions, Tolerance
 from completion.relations.options import BUILT, RelationOptions
 from completion.relations.stated import StatedRelation
 from completion.segmentation.regions import Region, SegmentationOptions
 from completion.segmentation.relief import typical_relief
-from completion.templates.engine.options import FITTED, FeatureOptions
 from completion.texturing.problem import TexturingOptions
 from scenes.checks import FloatArray, InputError, check_options
 

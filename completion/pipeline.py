@@ -20,6 +20,10 @@ from completion.extension.extent import find_extent
 from completion.extension.known_faces import extend_face, with_faces
 from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
+from completion.features.engine.template import TemplateFit
+from completion.features.openings.scene import find_openings
+from completion.features.reveals import reveals_of
+from completion.features.stated import place_features, with_features
 from completion.merging.merged_surface import number_pixels
 from completion.merging.pipeline import merge
 from completion.merging.unconfirmed import Unconfirmed
@@ -33,11 +37,6 @@ from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
 from completion.result.verification import Verification, held_against
 from completion.segmentation.pipeline import segment
-from completion.templates.applied.placing import place_features
-from completion.templates.applied.reveals import reveals_of
-from completion.templates.applied.surfaces import with_features
-from completion.templates.engine.template import TemplateFit
-from completion.templates.openings.scene import find_openings
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
 from completion.uncertainty.pipeline import state_fits

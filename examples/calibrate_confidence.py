@@ -25,7 +25,7 @@ from completion.evidence.evidence import Label
 from completion.extension.beyond import KNOWN, WEIGHTS
 from completion.extension.confidence import EVEN_M, PERSISTENCE, Onward, Prospects, prospects
 from completion.extension.past_end import KNOWN_PAST_END, PAST_END
-from nbv.scanning.effects.effects import named_effects
+from nbv.scanning.effects import named_effects
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
 

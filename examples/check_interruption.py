@@ -26,7 +26,7 @@ from tempfile import mkdtemp
 import numpy as np
 
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.scanning.view import View
 from scenes.io.scan_files import write_scan
 from scenes.pose import Pose

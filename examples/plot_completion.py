@@ -20,8 +20,8 @@ from PIL import Image
 
 from completion import Completion, CompletionOptions, complete
 from nbv import PinholeSensor, scan_scene
+from nbv.report.blocks.page import Gallery
 from nbv.report.completion_report import before_and_after
-from nbv.report.page.page import Gallery
 from nbv.report.pictures.camera import Camera, aside_cameras
 from nbv.report.pictures.completion_shots import ModelDrawings
 from scenes import Pose, RangeImage, builtin_scene

@@ -13,7 +13,7 @@ from pathlib import Path
 from benchmarks.cases.walls import opening_case
 from completion import find_features
 from nbv.commands.feature import lines_of
-from nbv.report.pictures.feature_shots import scan_shots
+from nbv.report.feature_report import scan_shots
 from scenes import read_scan
 
 KINDS = ("doorway", "window", "niche")

@@ -22,7 +22,7 @@ from benchmarks.cases.relief import make_wall
 from benchmarks.suites.flattening import score
 from completion.boundary.range_mesh import mesh_range_image
 from completion.flattening.flat import RegionKind
-from completion.flattening.meshes.crossings import new_crossings
+from completion.flattening.mesh_movement import new_crossings
 from completion.flattening.pipeline import flatten_heights, flatten_mesh
 from completion.observe.observation import observe
 from completion.segmentation.pipeline import segment

@@ -14,9 +14,9 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 from benchmarks.cases.plates import plate
-from completion.templates.engine.template import Seen
-from completion.templates.holes.patterns import KINDS
-from completion.templates.holes.pipeline import find_holes
+from completion.features.engine.template import Seen
+from completion.features.holes.patterns import KINDS
+from completion.features.holes.pipeline import find_holes
 
 ROOT = Path(__file__).resolve().parents[1]
 COLOURS = {Seen.CONFIRMED: "#1b7837", Seen.UNSEEN: "#2166ac", Seen.CONTRADICTED: "#b2182b"}

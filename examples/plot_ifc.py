@@ -19,7 +19,7 @@ import numpy as np
 
 from completion import CompletionOptions, complete
 from nbv import scan_scene
-from nbv.scanning.sensors.sensor import SphericalSensor
+from nbv.scanning.sensor import SphericalSensor
 from scenes import Pose, RayCaster, Scene
 
 _HIDDEN = ("IfcSpace", "IfcCovering", "IfcOpeningElement")

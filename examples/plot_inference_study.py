@@ -20,15 +20,14 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.coverage.coverage import UNREACHABLE
 from nbv.coverage.measurement import CoverageTally
-from nbv.coverage.surface_classes import Shares, classify, shares_of
+from nbv.coverage.surface_classes import CompletedSurfaces, Shares, classify, shares_of
 from nbv.online.planner import RENEWED
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import Sensor
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor_profile import load_sensor
 from scenes import RangeImage, Scene, builtin_scene
 
 PAGE, PICTURE = "results/inference-study.md", "inference_study.png"

@@ -11,9 +11,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from completion.templates.engine.measured import Measured
-from completion.templates.engine.template import Status, TemplateFit
-from completion.templates.junctions.pipeline import find_junctions
+from completion.features.engine.template import Measured, Status, TemplateFit
+from completion.features.junctions.pipeline import find_junctions
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

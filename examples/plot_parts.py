@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from completion import Part, model_part
-from nbv.report.pictures.part_shots import PartDrawing, part_pictures
+from nbv.report.part_report import PartDrawing, part_pictures
 from nbv.report.viewer.part_view import shown_part
 from scenes.io.part_files import read_part_file
 

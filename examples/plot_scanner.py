@@ -16,10 +16,9 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 from nbv import Dropout, Effects, Footprint, Intensity, LineSensor, PinholeSensor, Quantisation, scan_scene
-from nbv.scanning.effects.effects import named_effects
-from nbv.scanning.effects.noise_models import TerrestrialNoise, range_sigma_m
-from nbv.scanning.effects.pointing import PointingNoise
-from nbv.scanning.sensors.triangulation import TriangulationSensor
+from nbv.scanning.effects import PointingNoise, named_effects
+from nbv.scanning.noise_models import TerrestrialNoise, range_sigma_m
+from nbv.scanning.triangulation import TriangulationSensor
 from scenes import LabelledMesh, Pose, Scene, builtin_scene
 
 EAST = Pose.looking_at((0, 0, 0), (1, 0, 0))

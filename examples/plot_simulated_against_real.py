@@ -19,8 +19,8 @@ from matplotlib import pyplot as plt
 
 from completion import fit
 from nbv import Effects, load_sensor, scan_scene
-from nbv.scanning.effects.effects import NO_EFFECTS
-from nbv.scanning.effects.noise_models import ConstantNoise
+from nbv.scanning.effects import NO_EFFECTS
+from nbv.scanning.noise_models import ConstantNoise
 from scenes import (
     Cylinder,
     LabelledMesh,

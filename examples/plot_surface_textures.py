@@ -26,7 +26,7 @@ from completion import Completion, complete
 from completion.observe.observation import observe
 from completion.texturing.chart_texture import ChartTexture
 from nbv import PinholeSensor, scan_scene
-from nbv.scanning.effects.effects import named_effects
+from nbv.scanning.effects import named_effects
 from scenes import Pose, RangeImage, builtin_scene, read_scan
 from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import PinholeProjection

@@ -30,7 +30,7 @@ from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
 from nbv.plan.rules import GRID_M, grid_places, nearest_poses, room_and_doorway_places
 from nbv.plan.tour import Tour, plan_tour
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.scanning.view import View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.standing.candidates import Standing, find_standing, samples_that_count

@@ -24,7 +24,7 @@ from nbv.online.planner import PlannerOptions, explore
 from nbv.online.targets import GainOptions
 from nbv.plan.baselines import farthest_poses
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.viewpoints import Candidates, viewing_sphere

@@ -8,10 +8,10 @@ import pytest
 import typer.main
 import typer.testing
 
-from nbv.report.blocks import scan_coverage_blocks
+from nbv.report import scans_report as scan_coverage_blocks
 from nbv.report.figures import plots
 from nbv.report.pictures import completion_shots, picture, surface_values
-from nbv.report.viewer import byte_packing
+from nbv.report.viewer import encoding as byte_packing
 from tests.helpers.data_paths import ROOT
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from completion.extension.extent import Mode
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, SphericalSensor
+from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage

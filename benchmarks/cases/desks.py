@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.cases.rooms import Case
-from nbv.scanning.effects.echo_strength import Dropout
-from nbv.scanning.sensors.sensor import Sensor, with_effects
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.beam import Dropout
+from nbv.scanning.sensor import Sensor, with_effects
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from scenes.checks import FloatArray
 from scenes.pose import Pose

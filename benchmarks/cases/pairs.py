@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.cases.rooms import random_case
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import FloatArray
 from scenes.io.scene_files import open_scene
 from scenes.pose import Pose

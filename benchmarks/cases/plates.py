@@ -10,9 +10,9 @@ from scipy import ndimage
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from completion.templates.engine.measured import Beams, Measured
+from completion.features.engine.template import Beams, Measured
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.world.scene import Scene

@@ -17,9 +17,9 @@ from benchmarks.metrics.truth import TrueCells, TrueChart, TrueModel, look, true
 from completion.extension.patch import Provenance
 from completion.result.completed_model import CompletedModel
 from completion.result.record import completion_record
-from nbv.scanning.effects.effects import Effects
+from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, SphericalSensor
+from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from nbv.scanning.view import View
 from scenes.checks import FloatArray
 from scenes.pose import Pose

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import SphericalSensor
+from nbv.scanning.sensor import SphericalSensor
 from nbv.scanning.view import View
 from scenes.checks import FloatArray
 from scenes.pose import Pose

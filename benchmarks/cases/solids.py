@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import SphericalSensor
+from nbv.scanning.sensor import SphericalSensor
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage

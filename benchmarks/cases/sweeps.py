@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.cases.rooms import Case
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.scanning.view import View
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose

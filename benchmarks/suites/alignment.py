@@ -18,7 +18,7 @@ from completion.registration.pipeline import LEVEL, register_scans
 from completion.registration.station_view import StationView
 from completion.registration.verdict import Verdict
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import SphericalSensor
+from nbv.scanning.sensor import SphericalSensor
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster

@@ -21,15 +21,15 @@ from benchmarks.cases.frames import DATA
 from benchmarks.cases.sensors import SENSORS
 from benchmarks.run import head, suite
 from completion import CompletionOptions, complete
-from completion.exchange.building.bodies import Body
-from completion.exchange.building.faces import PlaneFace
-from completion.exchange.building.parts import BuildingParts
-from completion.exchange.building.rooms import Room
+from completion.export.building.bodies import Body
+from completion.export.building.faces import PlaneFace
+from completion.export.building.parts import BuildingParts
+from completion.export.building.rooms import Room
 from completion.relations.surfaces import FoundRelations
 from completion.result.completed_model import CompletedModel
-from nbv.scanning.effects.effects import Effects
+from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, SphericalSensor
+from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from nbv.visibility.standing.site import find_site
 from nbv.visibility.standing.site_options import SiteOptions
 from scenes import RayCaster

@@ -38,9 +38,9 @@ from completion.boundary.continuation import ALL_CUES, Cue
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from completion.result.completed_model import CompletedModel
-from nbv.scanning.effects.effects import NO_EFFECTS, Effects, named_effects
-from nbv.scanning.effects.footprint import Footprint
-from nbv.scanning.effects.noise_models import ConstantNoise
+from nbv.scanning.beam import Footprint
+from nbv.scanning.effects import NO_EFFECTS, Effects, named_effects
+from nbv.scanning.noise_models import ConstantNoise
 from scenes.checks import FloatArray, InputError
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Cylinder

@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.cases.planes import BASE, SIDE, WIDE, figure_one
 from benchmarks.run import suite
+from completion.features.engine.search import Progress, polish, search
 from completion.fitting.result import FitError
 from completion.fitting.robust import fit_robust
 from completion.relations.engine.relation import Relation
 from completion.relations.pipeline import impose
-from completion.templates.engine.evolution import Progress, polish, search
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 

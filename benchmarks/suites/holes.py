@@ -17,10 +17,9 @@ from benchmarks.cases.plates import SIZE, PlateTruth, plate
 from benchmarks.run import suite
 from benchmarks.store import each
 from benchmarks.suites.parts import Part, parts, read_part
-from completion.templates.engine.measured import Measured
-from completion.templates.engine.template import Seen, Status, TemplateFit
-from completion.templates.holes.patterns import KINDS, LEAST_SEEN
-from completion.templates.holes.pipeline import find_holes
+from completion.features.engine.template import Measured, Seen, Status, TemplateFit
+from completion.features.holes.patterns import KINDS, LEAST_SEEN
+from completion.features.holes.pipeline import find_holes
 from scenes.surfaces.catalogue import Cylinder
 
 _SHOWN, _COUNTABLE = 0.25, 1 / 3  # of a rim: a hole that can be seen; one that can be counted by itself

@@ -20,18 +20,17 @@ from benchmarks.run import head, suite
 from benchmarks.store import each
 from benchmarks.suites.holes import exact_parts
 from benchmarks.suites.parts import Part
+from completion.features.engine.template import Measured, Status, TemplateFit
+from completion.features.junctions.pipeline import find_junctions
+from completion.features.pipeline import find_features
+from completion.features.solids.pipeline import find_solids
 from completion.fitting.euclidean import fit_plane
 from completion.fitting.patches.joins import Boundary, Join
 from completion.fitting.patches.pipeline import PatchFit, fit_patch
 from completion.fitting.patches.rounds import feet_of
-from completion.templates.engine.measured import Measured
-from completion.templates.engine.template import Status, TemplateFit
-from completion.templates.junctions.pipeline import find_junctions
-from completion.templates.pipeline import find_features
-from completion.templates.solids.pipeline import find_solids
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane
-from tests.completion.templates.solids.solid_points import column_points, stairs_points
+from tests.completion.features.solids.solid_points import column_points, stairs_points
 
 SIGMAS, OUTLIERS = (0.1, 0.5, 1.0), (0.0, 0.1, 0.3)
 _RIGHT = 0.2  # of a radius, within which it counts as right

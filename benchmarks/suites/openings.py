@@ -19,10 +19,10 @@ from benchmarks.store import each
 from benchmarks.suites.buildings import house_scans, leaf_groups
 from completion import CompletionOptions, complete
 from completion.extension.patch import Patch, Provenance
+from completion.features.engine.template import Seen, Status, TemplateFit
+from completion.features.openings.decision import LEVELS, rank
+from completion.features.pipeline import find_features
 from completion.result.completion import Completion
-from completion.templates.engine.template import Seen, Status, TemplateFit
-from completion.templates.openings.null import LEVELS, rank
-from completion.templates.pipeline import find_features
 from scenes import RayCaster
 from scenes.checks import FloatArray
 from scenes.io.scene_files import open_scene

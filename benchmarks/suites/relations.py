@@ -40,7 +40,7 @@ from completion.relations.surfaces import FoundRelations
 from completion.result.completed_model import CompletedModel
 from completion.uncertainty.pipeline import StatedFits, state_fits
 from completion.uncertainty.space_warp import find_warp
-from nbv.scanning.effects.effects import Effects
+from nbv.scanning.effects import Effects
 from nbv.scanning.view import View
 from scenes import read_scan
 from scenes.checks import FloatArray, IntArray

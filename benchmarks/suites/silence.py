@@ -23,7 +23,7 @@ from completion.evidence.evidence import Label
 from completion.extension.confidence import estimate
 from completion.extension.silence import ENCLOSED, MOSTLY, TRUST, judged_parts
 from completion.result.completed_model import CompletedModel
-from nbv.scanning.effects.effects import NO_EFFECTS
+from nbv.scanning.effects import NO_EFFECTS
 from nbv.scanning.scanner import scan_scene
 from scenes.checks import BoolArray, FloatArray
 from scenes.rays.raycast import RayCaster

@@ -17,7 +17,7 @@ from nbv.cover.pipeline import CoverOptions, find_cover
 from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.share_error import share_error
 from nbv.plan.baselines import farthest_poses
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples, sample_surface

@@ -6,12 +6,184 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
-from completion.flattening.levels import Levels
-from completion.flattening.pieces import Labels, borders_of
 from completion.flattening.ripple import Ripple
 from scenes.checks import BoolArray, FloatArray
+from texture.engine.compiled import compiled
+
+Labels = NDArray[np.int64]
+
+_FLAT = 1 / 15  # of the step that pays for its border: less is none
+_EVIDENCE = 0.5  # nats a cell of border, up to which two pieces are one
+_MOST_PIECES = 250
+_RISES = np.concatenate([np.geomspace(1e-3, 1, 8), 2.0 ** np.arange(1, 200)])
+CROSSED = np.pi / 4
+"""Length of a border for each pair of neighbouring cells that it crosses, on the mean of all directions."""
+
+
+def cut_pieces(steps: FloatArray, ripple: Ripple) -> Labels:
+    """Labels (rows, columns) from 0 of the pieces of a field of steps, at most some 250.
+
+    Cells without a step between them are together. Then pieces are joined, each with the neighbour from which
+    it differs with the least evidence for its border, the least first: half the whitened square of the step,
+    bounded by that of the smaller piece's cells.
+    """
+    energy, noise = ripple.step_energy(), ripple.noise_power()
+    labels = flat_zones(steps, _FLAT * np.sqrt(2 / energy))
+    area = np.bincount(labels.ravel()).astype(np.float64)
+    total = np.bincount(labels.ravel(), steps.ravel())
+    soft: FloatArray = np.bincount(labels.ravel(), ripple.strength.ravel()) / area
+    first, second, border = borders_of(labels)
+    now = np.arange(len(area))
+    for most in _RISES:
+        if most > 1 and len(area) <= _MOST_PIECES:
+            break
+        while len(first):
+            step = total[first] / area[first] - total[second] / area[second]
+            both = area[first] * area[second] / (area[first] + area[second])
+            square = (
+                np.minimum(energy * border, both / noise)
+                * (step / np.maximum(soft[first], soft[second])) ** 2
+            )
+            price = square / 2 / (_EVIDENCE * border + 1)
+            cheap = np.flatnonzero(price < most)
+            if not len(cheap):
+                break
+            onto = np.arange(len(area))
+            _merge(first, second, cheap[np.argsort(price[cheap], kind="stable")], area, onto)
+            left, onto = np.unique(onto, return_inverse=True)
+            soft = np.bincount(onto, soft * area) / np.bincount(onto, area)
+            area, total, now = (
+                np.bincount(onto, area).astype(np.float64),
+                np.bincount(onto, total).astype(np.float64),
+                onto[now],
+            )
+            first, second, border = _together(onto[first], onto[second], border, len(left))
+    return now[labels]
+
+
+@compiled
+def _merge(first: Labels, second: Labels, order: Labels, area: FloatArray, onto: Labels) -> None:
+    """Let pieces go to larger neighbours, by pairs in order; none that goes takes others, or goes on."""
+    takes = np.zeros(len(area), np.bool_)
+    for pair in order:
+        big, small = first[pair], second[pair]
+        if area[small] > area[big]:
+            big, small = small, big
+        if onto[big] == big and onto[small] == small and not takes[small]:
+            onto[small] = big
+            takes[big] = True
+
+
+def flat_zones(field: FloatArray, most: float) -> Labels:
+    """Labels (rows, columns) from 0 of cells joined by steps of at most `most` between neighbours."""
+    index = np.arange(field.size).reshape(field.shape)
+    down, right = np.abs(np.diff(field, axis=0)) <= most, np.abs(np.diff(field, axis=1)) <= most
+    one = np.concatenate([index[:-1][down], index[:, :-1][right]])
+    other = np.concatenate([index[1:][down], index[:, 1:][right]])
+    return joined(one, other, field.size)[1].reshape(field.shape)
+
+
+def borders_of(labels: Labels) -> tuple[Labels, Labels, FloatArray]:
+    """Neighbouring pieces (n,), (n,), the lower label first, and the lengths of their borders (n,), cells."""
+    one = np.concatenate([labels[:-1].ravel(), labels[:, :-1].ravel()])
+    other = np.concatenate([labels[1:].ravel(), labels[:, 1:].ravel()])
+    return _together(one, other, np.full(len(one), CROSSED), int(labels.max()) + 1)
+
+
+def _together(one: Labels, other: Labels, length: FloatArray, n: int) -> tuple[Labels, Labels, FloatArray]:
+    """Pairs of different pieces, each once, their lengths added."""
+    apart = one != other
+    one, other, length = one[apart], other[apart], length[apart]
+    key, place = np.unique(np.minimum(one, other) * n + np.maximum(one, other), return_inverse=True)
+    return key // n, key % n, np.bincount(place, length, minlength=len(key)).astype(np.float64)
+
+
+def joined(one: Labels, other: Labels, n: int) -> tuple[int, Labels]:
+    """How many remain of n when pairs are joined, and which each becomes."""
+    graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(n, n))
+    count, onto = connected_components(graph, directed=False)
+    return int(count), onto.astype(np.int64)
+
+
+_PASSES = 3
+_CHUNK = 8_192  # cells at a time
+_USUAL = 3.0  # sd
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Levels:
+    """Levels (n,) of areas in metres, and their covariance (n, n).
+
+    The ripple's longest waves are taken to be of any strength, so that differences are known, not the mean.
+    """
+
+    height_m: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def fitted(cls, heights: FloatArray, labels: Labels, ripple: Ripple, known: BoolArray) -> Levels:
+        """Of heights (rows, columns) on a canvas that are levels by label plus ripple: least squares.
+
+        Where heights are not `known` they follow the levels in turn, as the ripple is most probable there.
+        """
+        n = int(labels.max()) + 1
+        columns = ripple.whitened_areas(labels, known)
+        white = ripple.whitened(heights)[known].astype(np.float32)
+        weight = np.ones_like(white)
+        for turn in range(_PASSES):
+            normal, right = _normal_equations(columns, weight, white)
+            normal += 1e-8 * np.trace(normal) / n * np.eye(n)
+            covariance = np.linalg.inv(normal)
+            level = covariance @ right
+            if turn + 1 == _PASSES:
+                break
+            rest = white - level.astype(np.float32) @ columns
+            weight = np.minimum(1, (_USUAL / np.maximum(np.abs(rest), 1e-6)) ** 2).astype(np.float32)
+            heights = level[labels] + ripple.continued(heights - level[labels], known)
+            white = ripple.whitened(heights)[known].astype(np.float32)
+        return cls(np.asarray(level, dtype=np.float64), np.asarray(covariance, dtype=np.float64))
+
+    def variance_between(self, one: Labels, other: Labels) -> FloatArray:
+        """Variance (n,) of the steps from some areas (n,) to others (n,), m^2."""
+        both = self.covariance[one, one] + self.covariance[other, other] - 2 * self.covariance[one, other]
+        return np.maximum(both, 1e-30)
+
+    def against(self, one: Labels, other: Labels) -> FloatArray:
+        """Evidence (n,) against some areas (n,) being level with others (n,): half the chi-square, nats."""
+        out: FloatArray = (
+            (self.height_m[one] - self.height_m[other]) ** 2 / self.variance_between(one, other) / 2
+        )
+        return out
+
+    def with_equal(self, one: int, other: int) -> Levels:
+        """The estimate given that two areas are level."""
+        toward = self.covariance[one] - self.covariance[other]
+        square = max(float(toward[one] - toward[other]), 1e-30)
+        height = self.height_m - toward * ((self.height_m[one] - self.height_m[other]) / square)
+        return Levels(height, self.covariance - np.outer(toward, toward) / square)
+
+    def over(self, one: int) -> Levels:
+        """Heights over one of the areas, with their covariance."""
+        toward = self.covariance - self.covariance[one]
+        return Levels(self.height_m - self.height_m[one], toward - toward[:, one][:, None])
+
+
+def _normal_equations(
+    columns: NDArray[np.float32], weight: NDArray[np.float32], white: NDArray[np.float32]
+) -> tuple[FloatArray, FloatArray]:
+    """Matrix (n, n) and right-hand side (n,) of levels by columns (n, m), of heights with weights (m,)."""
+    n = len(columns)
+    normal = np.zeros((n, n), np.float32)
+    for first in range(0, columns.shape[1], _CHUNK):
+        some = columns[:, first : first + _CHUNK]
+        normal += (some * weight[first : first + _CHUNK]) @ some.T
+    return normal.astype(np.float64), (columns @ (weight * white)).astype(np.float64)
+
 
 PRICE = 2.0  # nats a cell of border: what a border may take where there is none
 PIECE = 2.0  # nats for a piece

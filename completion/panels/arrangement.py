@@ -11,10 +11,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from completion.panels.cell_polygons import polygons_of_cells
-from completion.panels.fold import Fold
-from completion.panels.fold_curve import FoldCurve, facet_lines
-from completion.panels.sheet import Sheet, left_of
+from completion.panels.fold import Fold, FoldCurve, facet_lines
+from completion.panels.sheet import Sheet, left_of, polygons_of_cells
 from completion.panels.straightening import polygon_parts
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder

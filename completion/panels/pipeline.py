@@ -9,15 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from completion.panels.arrangement import arrange
-from completion.panels.corner import close_corners
 from completion.panels.fold import find_folds
-from completion.panels.fold_edge import corner_point, fold_edge
-from completion.panels.healing import edges_of
+from completion.panels.fold_edge import close_corners, corner_point, fold_edge
 from completion.panels.model import PanelModel
 from completion.panels.outline import NearOutline, OutlineCells
 from completion.panels.sheet import Sheet
 from completion.panels.slim_face import slim_folds
-from completion.panels.welding import weld
+from completion.panels.welding import edges_of, weld
 from scenes.checks import FloatArray
 
 

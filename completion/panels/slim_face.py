@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from completion.boundary.curves import Line
 from completion.boundary.edges import Edge
-from completion.panels.fold_curve import fold_curves
+from completion.panels.fold import fold_curves
 from completion.panels.fold_edge import FoldEdge
 from completion.panels.sheet import Sheet
 from scenes.checks import FloatArray, IntArray

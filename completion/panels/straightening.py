@@ -14,7 +14,7 @@ from completion.boundary.curves import Line, meeting_line
 from completion.boundary.meshing import ChartMesh
 from completion.evidence.evidence import Label
 from completion.extension.patch import Patch
-from completion.panels.cell_polygons import polygons_of_cells
+from completion.panels.sheet import polygons_of_cells
 from scenes.checks import BoolArray, FloatArray
 
 _REACH = 4.0  # cells between an outline and the edge that it follows

@@ -9,15 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.exchange.step.model import StepModel
-from completion.flattening.record import flat_record
+from completion.export.step.pipeline import StepModel
+from completion.flattening.flat import flat_record
 from completion.parts.closing import ClosedPart
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
 from completion.relations.engine.relation import Status
-from completion.relations.frames import frame_records
 from completion.relations.record import FORMAT as RELATIONS_FORMAT
-from completion.relations.record import freedom_record, relation_records, surface_record
+from completion.relations.record import frame_records, freedom_record, relation_records, surface_record
 from scenes.checks import IntArray
 from scenes.io.ply import write_mesh_ply
 from scenes.run.atomic import make_folder, write_bytes, write_json
@@ -55,7 +54,7 @@ def write_part(
         The same part flattened (`flatten_part`): flat.ply has its points, or vertices and triangles, in the
         same order, with the properties surface, relief (1 where relief stayed) and moved (metres).
     step : StepModel, optional
-        The same part as STEP (`completion.parts.step_export.step_model`): part.step.
+        The same part as STEP (`completion.parts.part.step_model`): part.step.
     closed : ClosedPart, optional
         Its mesh with holes closed (`close_holes`): closed.ply, if any was.
 

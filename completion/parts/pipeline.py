@@ -17,10 +17,9 @@ from completion.parts.division.rippled import segment_rippled
 from completion.parts.part import Part
 from completion.relations.engine.estimate import NO_DOUBT, Doubt
 from completion.relations.engine.relation import Status
-from completion.relations.graph import RelationGraph
+from completion.relations.graph import RelationGraph, is_settled
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
-from completion.relations.settled import is_settled
 from completion.relations.stated import StatedRelation
 from completion.uncertainty.space_warp import SpaceWarp, find_warp
 from scenes.checks import FloatArray, InputError, IntArray

@@ -6,9 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from completion.fitting.result import SurfaceFit
+from completion.relations.engine.equations import moved
 from completion.relations.engine.estimate import Estimate
-from completion.relations.engine.placement import moved
 from completion.relations.engine.relation import Relation, Status
 from completion.relations.options import RelationOptions
 from scenes.checks import FloatArray
@@ -79,3 +81,16 @@ class RelationGraph:
     def __repr__(self) -> str:
         counts = ", ".join(f"{self.numbered(status)} {status.value}" for status in Status)
         return f"RelationGraph({len(self.fits)} surfaces, {counts}, {self.free} of {self.unknowns} free)"
+
+
+_MOST_TILT = float(np.radians(10.0))  # standard deviation of a direction, both ways together
+_MOST_SHARE = 0.1  # of a radius that may be doubtful
+
+
+def is_settled(fit: SurfaceFit) -> bool:
+    """Whether a surface is known so well that its equations are linear within what is doubtful of it."""
+    told = fit.parameter_deviations()
+    if max(told.get("direction", 0.0), told.get("normal", 0.0)) >= _MOST_TILT:
+        return False
+    radii = [name for name in ("radius", "tube_radius") if name in told]
+    return all(told[name] < _MOST_SHARE * float(getattr(fit.surface, name)) for name in radii)

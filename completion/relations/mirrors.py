@@ -10,19 +10,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.relations.engine.classes import (
+from completion.relations.engine.equations import mirrors_between
+from completion.relations.engine.estimate import Estimate
+from completion.relations.engine.relation import Relation
+from completion.relations.evidence import (
+    ASIDE,
     FAR,
+    LEAST_ALONE,
     MOST_SD,
+    SHARE,
+    Judged,
     angle_allowed,
     angle_between,
     direction_sd,
     grouped,
+    judge,
     near,
+    size_of,
 )
-from completion.relations.engine.estimate import Estimate
-from completion.relations.engine.mirror import mirrors_between
-from completion.relations.engine.relation import Relation
-from completion.relations.evidence import ASIDE, LEAST_ALONE, SHARE, Judged, judge, size_of
 from completion.relations.options import RelationOptions
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane

@@ -18,14 +18,12 @@ from completion.observe.sensor_modes import range_displacements
 from completion.observe.tolerance import POSE_BOUND
 from completion.relations.engine.estimate import Doubt, Estimate
 from completion.relations.engine.wald import with_only
-from completion.relations.graph import RelationGraph
+from completion.relations.graph import RelationGraph, is_settled
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
-from completion.relations.settled import is_settled
 from completion.relations.stated import StatedRelation
 from completion.uncertainty.joint_errors import UNRELATED, JointErrors, RelatedErrors
-from completion.uncertainty.pipeline import StatedFits
-from completion.uncertainty.sensor_errors import shift_by_sensors
+from completion.uncertainty.pipeline import StatedFits, shift_by_sensors
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import MESH_SENSOR

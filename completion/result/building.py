@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from completion.exchange.building.beams import Beams
-from completion.exchange.building.building_model import building_model
-from completion.exchange.building.parts import BuildingParts, building_parts
+from completion.export.building.bodies import Beams
+from completion.export.building.model import building_model
+from completion.export.building.parts import BuildingParts, building_parts
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.result.completed_model import CompletedModel
 from completion.result.polygons import polygons_record

@@ -17,14 +17,15 @@ from completion.edits.edit import Edit
 from completion.extension.choice import Choice
 from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
+from completion.features.engine.template import TemplateFit
 from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
 from completion.panels.model import PanelModel, PanelPart
 from completion.panels.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
 from completion.panels.pipeline import build_panels
-from completion.panels.rest.pipeline import PixelMesh, light_rest
 from completion.panels.sheet import Sheet
 from completion.panels.straightening import surface_polygon
+from completion.panels.unexplained import PixelMesh, light_rest
 from completion.registration.correction import Registration
 from completion.relations.surfaces import FoundRelations
 from completion.result.audit import AuditResult
@@ -40,7 +41,6 @@ from completion.result.observed_points import (
     remainder,
 )
 from completion.result.openings import Opening, find_openings
-from completion.templates.engine.template import TemplateFit
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray, InputError

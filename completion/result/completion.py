@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.exchange.building.parts import BuildingParts
-from completion.exchange.dimensions.advice import TOLERANCE_M
-from completion.exchange.dimensions.pipeline import DecisionSheet, decision_sheet
-from completion.exchange.drawing.svg import svg_of
-from completion.exchange.ifc.pipeline import ifc_of
+from completion.export.building.parts import BuildingParts
+from completion.export.dimensions.dimension import TOLERANCE_M
+from completion.export.dimensions.pipeline import DecisionSheet, decision_sheet
+from completion.export.ifc.pipeline import ifc_of
+from completion.export.svg import svg_of
 from completion.result.building import building_of
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
@@ -246,7 +246,7 @@ def _export(content: _Content, path: Path) -> list[Path]:
     """Write one file by its suffix; return all that were written."""
     match path.suffix.lower():
         case ".dxf" if content.building is not None:
-            from completion.exchange.drawing.dxf import dxf_of  # its library is loaded where it is asked for
+            from completion.export.dxf import dxf_of  # its library is loaded where it is asked for
 
             write_bytes(path, dxf_of(content.building.model))
         case ".svg" if content.building is not None:

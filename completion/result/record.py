@@ -11,17 +11,16 @@ import numpy as np
 
 from completion.edits.file import edit_record
 from completion.extension.patch import Provenance
+from completion.features.engine.feature_set import feature_record, moved_geometry
 from completion.fitting.result import surface_parameters
 from completion.panels.model import PanelPart
-from completion.relations.frames import frame_records
-from completion.relations.record import freedom_record, relation_records
+from completion.relations.record import frame_records, freedom_record, relation_records
 from completion.relations.surfaces import FoundRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.flat_scans import surface_flattening, whole_flattening
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.panel_files import panels_record
 from completion.result.verification import Finding, Verification, counterpart
-from completion.templates.engine.features import feature_record, moved_geometry
 from scenes.checks import ColourArray, InputError
 from scenes.io.e57_writer import InferredPoints
 from scenes.mesh.blocks import in_blocks

@@ -11,8 +11,7 @@ import numpy as np
 from completion.extension.patch import Patch
 from completion.observe.observation import Observation
 from completion.texturing.chart_texture import ChartTexture, spread_colour
-from completion.texturing.material import cast_shadows
-from completion.texturing.measured import lay_texels, measure_colour
+from completion.texturing.material import cast_shadows, lay_texels, measure_colour
 from completion.texturing.problem import TexturingOptions, resized, set_task
 from texture import fill_surface, measure_verbatim_share
 from texture.sampling.arguments import SearchName

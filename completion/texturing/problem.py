@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.texturing.material import FEWEST, is_among, same_material
-from completion.texturing.measured import MeasuredColour, TexelRaster
+from completion.texturing.material import FEWEST, MeasuredColour, TexelRaster, is_among, same_material
 from scenes.checks import BoolArray, FloatArray, InputError, check_options
 
 _MOSTLY = 0.5  # share of a coarser texel that makes it one of the same

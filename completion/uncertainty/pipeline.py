@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,11 +11,151 @@ import numpy as np
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
-from completion.uncertainty.image_field import ImageField, fit_field, mean_field
+from completion.observe.sensor_modes import displacements
+from completion.uncertainty.joint_errors import SharedErrors
 from completion.uncertainty.residual_modes import ResidualModes, find_modes
-from completion.uncertainty.sensor_errors import shift_by_sensors
-from completion.uncertainty.shared_errors import SharedErrors
 from scenes.checks import FloatArray
+from scenes.run.mapping import trim
+
+LENGTHS = (0.2, 0.35, 0.6, 1.0, 2.0)
+"""Correlation lengths, in half longer sides of the image; shorter ones show in blocks of pixels."""
+
+_SQUARES = np.geomspace(1e-6, 100.0, 73)  # mean squares that are tried, in squared deviations of the range
+_STUDENT = 30.0  # degrees of freedom of a surface's residuals: one that is bent by itself says little
+_LEAST_WEIGHT = 1e-3  # of a length's probability
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageField:
+    """Smooth errors of a scan.
+
+    Attributes
+    ----------
+    squares : dict of float to float
+        By correlation length, the mean square of the field, in squared deviations of the range.
+    freedom : float
+        From how many independent components it was estimated.
+    """
+
+    squares: dict[float, float]
+    freedom: float
+
+    def shifts(self, modes: ResidualModes) -> FloatArray:
+        """What the field does to a surface's fit: J'W f (k, b), for one deviation of each of b bumps."""
+        size = len(modes.factor)
+        taken = [np.zeros((size, 0))] + [
+            np.sqrt(square) * modes.taken_on(bumps(modes.places, length))[:size]
+            for length, square in self.squares.items()
+        ]
+        return np.asarray(modes.factor @ np.concatenate(taken, axis=1))
+
+
+NO_FIELD = ImageField({}, np.inf)
+
+
+def bumps(places: FloatArray, length: float) -> FloatArray:
+    """Return Gaussian bumps (n, b) at places (n, 2) of an image, whose squares add up to 1 everywhere."""
+    width = length / np.sqrt(2.0)  # their correlation is as long as two of them
+    n = int(np.ceil(2.0 / length)) + 3
+    centre = (np.arange(n) - (n - 1) / 2) * length
+    x, y = (np.exp(-0.5 * np.square((one[:, None] - centre) / width)) for one in places.T)
+    both = (x[:, :, None] * y[:, None, :]).reshape(len(places), -1)
+    return np.asarray(both / (np.sqrt(np.pi) * width / length))
+
+
+def fit_field(modes: Sequence[ResidualModes]) -> ImageField:
+    """Return the smooth errors of a scan by the residual modes of its surfaces; none of no surface.
+
+    A scan whose ranges are stated to be exact has no deviations in which errors could be told.
+    The squares are weighted by their probability: Student's likelihood of the components of each surface,
+    before it any size up to the noise's own is as probable, and larger ones less.
+    """
+    modes = [one for one in modes if one.gain.any()]
+    if not modes:
+        return NO_FIELD
+    square = np.repeat([one.square for one in modes], [len(one.beyond) for one in modes])
+    tried = {length: _Tried.of(modes, length, square) for length in LENGTHS}
+    top = max(float(one.log_posterior.max()) for one in tried.values())
+    weights = {length: np.exp(one.log_posterior - top) for length, one in tried.items()}
+    total = sum(float(one.sum()) for one in weights.values())
+    share = {length: float(one.sum()) / total for length, one in weights.items()}
+    squares = {
+        length: float(one @ _SQUARES) / total
+        for length, one in weights.items()
+        if share[length] >= _LEAST_WEIGHT
+    }
+    freedom = sum(share[length] * one.freedom for length, one in tried.items())
+    return ImageField(squares, max(freedom, 1.0))
+
+
+def mean_field(fields: Sequence[ImageField]) -> ImageField:
+    """Return what holds of scans like these whose own field is not known."""
+    if not fields:
+        return NO_FIELD
+    squares = {
+        length: float(np.mean([one.squares.get(length, 0.0) for one in fields]))
+        for length in LENGTHS
+        if any(length in one.squares for one in fields)
+    }
+    return ImageField(squares, float(np.mean([one.freedom for one in fields])))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """How probable each mean square (k,) of a field of one length is, and from how many components."""
+
+    log_posterior: FloatArray
+    freedom: float
+
+    @classmethod
+    def of(cls, modes: Sequence[ResidualModes], length: float, square: FloatArray) -> _Tried:
+        """Try a length on surfaces, whose residuals' mean squares are repeated for each component (c,)."""
+        taken = [one.taken_on(bumps(one.places, length))[len(one.factor) :] for one in modes]
+        every = np.concatenate(taken)
+        explained = np.square(every).sum(axis=1)
+        log_likelihood = np.zeros(len(_SQUARES))
+        first = 0
+        for one in modes:
+            own = slice(first, first + len(one.beyond))
+            variance = square[own, None] + explained[own, None] * _SQUARES
+            fit = (np.square(one.beyond)[:, None] / variance).sum(axis=0)
+            log_likelihood -= 0.5 * np.log(variance).sum(axis=0)
+            log_likelihood -= (_STUDENT + len(one.beyond)) / 2 * np.log1p(fit / _STUDENT)
+            first = own.stop
+        log_posterior = log_likelihood - np.log1p(_SQUARES)
+        best = _SQUARES[int(np.argmax(log_posterior))]
+        weight = 1.0 / np.sqrt(square + best * explained)
+        alike = (every @ every.T) * np.outer(weight, weight)
+        return cls(log_posterior, float(np.trace(alike) ** 2 / np.square(alike).sum()))
+
+
+Modes = Callable[[Observation, FloatArray], FloatArray]
+"""How far each of m errors moves points (n, 3) that a scan measured: (m, n, 3), metres."""
+
+_N_BEAMS = 2000  # of a surface that tell what its fit takes on
+
+
+def shift_by_sensors(
+    merged: MergedSurface, observations: Sequence[Observation], modes: Modes = displacements
+) -> FloatArray:
+    """Return what systematic errors do to a surface's fit: (k, m), its parameters' change by each mode.
+
+    Each error is a mode: a displacement of all measured points, as far as one standard deviation takes it.
+    What the fit makes of it is by least squares over the surface's own beams, the same mode in all scans.
+    """
+    size = len(merged.fit.covariance)
+    moment, pull = np.zeros((size, size)), np.zeros((size, len(modes(observations[0], np.zeros((0, 3))))))
+    for seen, pixels in merged.sampled_by(observations, _N_BEAMS):
+        points = seen.points_at(pixels)
+        gradient = merged.fit.gradient(points)
+        weight = 1.0 / np.maximum(np.square(seen.sigma_at(pixels)), 1e-12)
+        along = np.einsum("mij,ij->im", modes(seen, points), merged.fit.surface.normal(points))
+        both = gradient.T * weight
+        moment += both @ gradient
+        pull += both @ along
+        trim()
+    return np.asarray(np.linalg.pinv(moment, rcond=1e-12, hermitian=True) @ pull)
+
 
 _LEAST_PIXELS = 1_500  # of a surface in a scan, from which on it tells anything of smooth errors
 _MOST_SCANS = 8  # of a surface, those that measured most of it, which tell what smooth errors do to it

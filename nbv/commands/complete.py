@@ -10,9 +10,11 @@ from typing import Any, Literal
 import numpy as np
 
 from completion.edits.file import read_edits
-from completion.exchange.dimensions.advice import TOLERANCE_M
-from completion.exchange.dimensions.pipeline import DecisionSheet
+from completion.export.dimensions.dimension import TOLERANCE_M
+from completion.export.dimensions.pipeline import DecisionSheet
 from completion.extension.extent import Mode
+from completion.features.engine.options import FITTED, FeatureOptions
+from completion.features.stated import read_features
 from completion.flattening.options import FlatteningOptions
 from completion.observe.tiles import solve_plane
 from completion.observe.tolerance import EvidenceOptions
@@ -27,8 +29,6 @@ from completion.result.flat_scans import whole_flattening
 from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
-from completion.templates.applied.file import read_features
-from completion.templates.engine.options import FITTED, FeatureOptions
 from completion.texturing.problem import TexturingOptions
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres

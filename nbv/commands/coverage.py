@@ -22,8 +22,8 @@ from nbv.report.coverage_report import coverage_page
 from nbv.report.pictures.surface_values import fine_coverage
 from nbv.run.csv_table import csv_text
 from nbv.run.wording import count, percent_within
-from nbv.scanning.sensors.sensor import Sensor
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement

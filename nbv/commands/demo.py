@@ -25,7 +25,7 @@ from nbv.report.demo_report import (
 )
 from nbv.run.wording import count, percent, percent_within, square_metres
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.samples import SurfaceSamples

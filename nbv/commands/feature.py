@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.templates.engine.features import Features
-from completion.templates.engine.measured import Measured
-from completion.templates.engine.options import OPENINGS
-from completion.templates.engine.template import Status
-from completion.templates.given import read_given
-from completion.templates.material import of_points
-from completion.templates.openings.walls.likelihood import log_likelihoods
-from completion.templates.pipeline import find_features
+from completion.features.engine.feature_set import Features
+from completion.features.engine.options import OPENINGS, read_given
+from completion.features.engine.template import Measured, Status
+from completion.features.material import of_points
+from completion.features.openings.recess import log_likelihoods
+from completion.features.pipeline import find_features
 from nbv.commands.process.run import Run, Shared, running
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.io.mesh_file import is_mesh
@@ -169,7 +167,7 @@ def summary_of(features: Features) -> dict[str, Any]:
 
 def lines_of(features: Features) -> list[str]:
     """Return a line for each feature: kind, size, sides seen, evidence; refused ones counted."""
-    from nbv.report.blocks.feature_blocks import chance_of, size_of
+    from nbv.report.feature_report import chance_of, size_of
 
     lines = []
     for number, fit in enumerate(features.fits, start=1):

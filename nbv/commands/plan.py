@@ -26,8 +26,8 @@ from nbv.report.blocks.rooms import rule_sentences
 from nbv.report.building_files import write_building_files
 from nbv.report.coverage_report import plan_page
 from nbv.run.wording import count, percent, percent_within, square_metres
-from nbv.scanning.sensors.sensor import chosen_effects
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import chosen_effects
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import load_candidates

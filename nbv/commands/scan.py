@@ -13,7 +13,7 @@ import numpy as np
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor_profile import load_profile
+from nbv.scanning.sensor_profile import load_profile
 from scenes.checks import InputError
 from scenes.io.format import Units
 from scenes.io.rgbd_writer import check_no_other_frames

@@ -15,14 +15,14 @@ from completion.pipeline import complete
 from nbv.commands.coverage import CoverageRequest
 from nbv.commands.plan import PlanRequest
 from nbv.commands.process.run import Shared, running
-from nbv.coverage.completed_surfaces import CompletedSurfaces
+from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.online.planner import PlannerOptions
 from nbv.plan.plan import Plan
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.report.scans_report import next_stations_page, scan_coverage_page
 from nbv.run.csv_table import csv_text
 from nbv.run.wording import count, square_metres
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.scans.next_stations import check_aperture, plan_next_stations, room_entries
 from nbv.scans.registering import placed_of, register_request
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans

@@ -146,7 +146,7 @@ class Coverage:
         Which view saw which sample, as measuring found it.
     apart_m2 : mapping
         Area that bounds none of the rooms asked for and counts for nothing, by reason
-        (`nbv.visibility.standing.bounding.APART`), square metres; the samples there stand for no area.
+        (`nbv.visibility.standing.candidates.APART`), square metres; the samples there stand for no area.
     """
 
     samples: SurfaceSamples

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
 from nbv.coverage.visibility_history import NEVER, VisibilityHistory
-from nbv.scanning.sensors.sensor import Sensor
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from nbv.visibility.reachability import Reachability, find_reachable
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits

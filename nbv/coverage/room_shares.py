@@ -10,7 +10,7 @@ import numpy as np
 
 from nbv.coverage.coverage import MET, UNREACHABLE, Coverage
 from nbv.coverage.share_error import share_error
-from nbv.visibility.standing.bounding import room_before
+from nbv.visibility.standing.candidates import room_before
 from nbv.visibility.standing.site import Site
 from scenes.rays.raycast import RayCaster
 

@@ -2,7 +2,7 @@
 """Error of a share: how far the share of a surface that samples tell may be from that of the surface.
 
 Samples are drawn one in each of many pieces of surface, and neighbouring pieces come in pairs (or threes;
-`nbv.visibility.strata`). A share p is a ratio of two sums over samples; of its linear part u = z - p within
+`nbv.visibility.samples`). A share p is a ratio of two sums over samples; of its linear part u = z - p within
 the surface in question, and 0 elsewhere, the variance is estimated from the differences within pairs
 (Cochran, Sampling Techniques, 1977, sections 5A.12 and 6.3):
 

@@ -3,18 +3,104 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from nbv.online.occupancy import EMPTY, VoxelMap
-from nbv.online.seen_floor import TALLEST_M, SeenFloor
+from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.surfels import UPWARD
+from nbv.visibility.standing.floors import FOOT_M, HEADROOM_M, RAMP_DEG, SILL_M, STEP_M, UNEVEN_M, WALKABLE
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
+
+TALLEST_M = 3.0  # no tripod is taller
+_LOWEST_M = 0.2  # what a scanner stands on lies at least so far below it
+_STRIDE_M = 0.5  # floor that nobody has seen yet is stepped over, where it is no wider
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenFloor:
+    """Voxels that hold floor on which a scanner stood, or to which one walks from there.
+
+    Pieces of a storey's floor between which nobody has looked yet are told by their height alone.
+    `voxels` (n,) ascend; `is_even` (n,) tells which are level under all of a tripod's feet, as far as seen.
+    """
+
+    voxels: NDArray[np.int64]
+    is_even: BoolArray
+
+    @classmethod
+    def of(cls, voxels: VoxelMap) -> SeenFloor:
+        """Return the floor that the scans of a map show; none where no scanner has floor below it."""
+        surfels = voxels.surfels
+        level = np.flatnonzero((surfels.sides == UPWARD) & (surfels.normals[:, 2] >= WALKABLE))
+        level = level[_has_headroom(voxels, surfels.voxels[level])]
+        points, cells = surfels.points[level], surfels.voxels[level]
+        side = voxels.grid.voxel_m
+        one, other = _pairs(points, max(_STRIDE_M, 2 * side))
+        steps = np.abs(points[one, 2] - points[other, 2]) <= STEP_M
+        links = coo_array(
+            (np.ones(int(steps.sum()), np.int8), (one[steps], other[steps])), shape=(len(level),) * 2
+        )
+        walk = connected_components(links, directed=False)[1]
+        footings = [_footing(place, points, surfels.areas[level], walk) for place in voxels.stood]
+        held = np.isin(walk, [number for number, _ in footings])
+        for _, height in footings:
+            held |= np.abs(points[:, 2] - height) <= SILL_M
+        even = _is_even(points, walk, FOOT_M + side / 2)
+        return cls(cells[held], even[held])
+
+
+def _has_headroom(voxels: VoxelMap, cells: NDArray[np.int64]) -> BoolArray:
+    """Tell over which voxels (n,) nothing was seen as high as a person needs."""
+    height = voxels.grid.shape[2]
+    seen = np.pad((voxels.labels == SEEN).reshape(-1, height).cumsum(axis=1), ((0, 0), (1, 0)))
+    column, level = np.divmod(cells, height)
+    top = np.minimum(level + 1 + int(HEADROOM_M / voxels.grid.voxel_m), height)
+    return np.asarray(seen[column, top] == seen[column, np.minimum(level + 1, height)])
+
+
+def _pairs(points: FloatArray, reach_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of points (n, 3) no farther apart than `reach_m` along the ground."""
+    if not len(points):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    found = cKDTree(points[:, :2]).query_pairs(reach_m, output_type="ndarray").astype(np.int64)
+    return found[:, 0], found[:, 1]
+
+
+def _footing(
+    place: FloatArray, points: FloatArray, areas: FloatArray, walk: NDArray[np.int64]
+) -> tuple[int, float]:
+    """Return the walk that fills most of what is level in sight below a scanner, and its height; -1 for none.
+
+    The height, metres, is that of the part in sight, near surface counting more.
+    """
+    below = place[2] - points[:, 2]
+    near = np.flatnonzero((below >= _LOWEST_M) & (below <= TALLEST_M))
+    if not len(near):
+        return -1, np.nan
+    weight = areas[near] / ((points[near] - place) ** 2).sum(axis=1)
+    number = int(np.argmax(np.bincount(walk[near], weight)))
+    of_it = near[walk[near] == number]
+    order = of_it[np.argsort(points[of_it, 2], kind="stable")]
+    total = np.cumsum(weight[np.searchsorted(near, order)])
+    return number, float(points[order[np.searchsorted(total, total[-1] / 2)], 2])
+
+
+def _is_even(points: FloatArray, walk: NDArray[np.int64], reach_m: float) -> BoolArray:
+    """Tell around which points (n, 3) nothing of the same walk is higher or lower than a ramp makes it."""
+    one, other = _pairs(points, reach_m)
+    slack = reach_m * float(np.tan(np.radians(RAMP_DEG))) + UNEVEN_M
+    off = (walk[one] == walk[other]) & (np.abs(points[one, 2] - points[other, 2]) > slack)
+    even = np.ones(len(points), np.bool_)
+    even[one[off]] = even[other[off]] = False
+    return even
 
 
 def feasible_viewpoints(

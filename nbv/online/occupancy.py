@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from nbv.online.surfels import Surfels
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.visibility.voxel_grid import VoxelGrid
 from scenes.checks import BoolArray, FloatArray, frozen_copy
 from scenes.scan.range_image import RangeImage

@@ -22,13 +22,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.coverage.completed_surfaces import CompletedSurfaces
-from nbv.online.expected_gain import ExpectedGain, SurfacePrior
+from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.online.feasible_viewpoints import feasible_viewpoints, has_floor_support
-from nbv.online.gain import BestView, best_view
+from nbv.online.gain import BestView, ExpectedGain, SurfacePrior, best_view
 from nbv.online.occupancy import VoxelMap
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import Candidates, at_chosen_heights
 from nbv.visibility.visibility import Progress

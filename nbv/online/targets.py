@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.coverage.completed_surfaces import CompletedSurfaces
+from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.online.occupancy import EMPTY, OCCPLANE, SEEN, UNSEEN, BoundaryFaces, VoxelMap
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError

@@ -20,7 +20,7 @@ from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
 from nbv.online.view_evaluation import Accumulator
 from nbv.plan.plan import Plan
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.viewpoints import Candidates

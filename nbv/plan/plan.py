@@ -17,8 +17,8 @@ from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.tour import Stations
 from nbv.run.showing import show_report
 from nbv.run.wording import count, percent
-from nbv.scanning.sensors.sensor import Sensor
-from nbv.scanning.sensors.sensor_profile import sensor_from_profile
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor_profile import sensor_from_profile
 from nbv.scanning.view import View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.standing.site import Site

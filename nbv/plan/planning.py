@@ -18,8 +18,8 @@ from nbv.plan.plan import Plan
 from nbv.plan.problem import PlanningProblem
 from nbv.plan.remote_visibility import RemoteVisibility
 from nbv.plan.simulated_plan import plan_online, plan_with_completion
-from nbv.scanning.sensors.sensor import Sensor, chosen_effects, with_effects
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import Sensor, chosen_effects, with_effects
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.instances import patch_samples, with_aperture
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples

@@ -13,16 +13,15 @@ from numpy.typing import NDArray
 
 from nbv.cover.cover import LowerBound
 from nbv.cover.overlap import OverlapOptions
-from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.room_shares import room_shares
-from nbv.coverage.surface_classes import UNKNOWN, Shares, classify, shares_of
+from nbv.coverage.surface_classes import UNKNOWN, CompletedSurfaces, Shares, classify, shares_of
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.remote_visibility import RemoteVisibility
 from nbv.plan.tour import Stations, Tour, plan_tour
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.scanning.view import View
 from nbv.visibility.reachability import Reachability
 from nbv.visibility.requirement import Requirement

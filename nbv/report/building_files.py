@@ -8,7 +8,7 @@ from pathlib import Path
 
 from nbv.plan.plan import Plan
 from nbv.plan.station_list import station_csv, stations_of
-from nbv.report.blocks.storeys import storey_plans
+from nbv.report.blocks.rooms import storey_plans
 from nbv.report.figures.storey_plan import sheets_pdf
 from scenes.run.atomic import write_bytes, write_text
 from scenes.world.scene import Scene

@@ -8,17 +8,15 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from completion.exchange.dimensions.pipeline import DecisionSheet
+from completion.export.dimensions.pipeline import DecisionSheet
 from completion.extension.patch import Patch
+from completion.features.engine.template import Status
 from completion.registration.correction import Registration
 from completion.result.completion import Completion
-from completion.templates.engine.template import Status
-from nbv.report.blocks.decision_blocks import decision_sections
-from nbv.report.blocks.feature_blocks import feature_blocks
-from nbv.report.blocks.flat_scans import flattening_sections
-from nbv.report.blocks.relation_blocks import relation_section
-from nbv.report.blocks.scan_tables import scans_table
-from nbv.report.page.page import (
+from nbv.report.blocks.coverage_tables import scans_table
+from nbv.report.blocks.decisions import decision_sections
+from nbv.report.blocks.flattening import flattening_sections
+from nbv.report.blocks.page import (
     Bar,
     BarShare,
     Block,
@@ -32,6 +30,8 @@ from nbv.report.page.page import (
     Table,
     Text,
 )
+from nbv.report.blocks.relations import relation_section
+from nbv.report.feature_report import feature_blocks
 from nbv.report.pictures.camera import Camera, aside_cameras, overview_cameras
 from nbv.report.pictures.completion_shots import ModelDrawings, is_single_camera
 from nbv.report.pictures.picture import Picture, picture_of, range_colours, segment_pixels

@@ -13,12 +13,14 @@ from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
 from nbv.plan.rules import RuleOutcome
 from nbv.report.blocks.coverage_tables import reasons, stations_table, surfaces_table, views_table
-from nbv.report.blocks.inference_blocks import with_inference
-from nbv.report.blocks.plan_findings import PlanFindings, baselines_section, measured_sentence, met_before
-from nbv.report.blocks.rooms import rooms_section, rules_section, set_apart
-from nbv.report.blocks.stations import curve, stations
-from nbv.report.blocks.storeys import storey_plans
-from nbv.report.page.page import (
+from nbv.report.blocks.inference import (
+    PlanFindings,
+    baselines_section,
+    measured_sentence,
+    met_before,
+    with_inference,
+)
+from nbv.report.blocks.page import (
     Bar,
     Block,
     Gallery,
@@ -30,12 +32,14 @@ from nbv.report.page.page import (
     headline_of,
     shares_bar,
 )
+from nbv.report.blocks.rooms import rooms_section, rules_section, set_apart, storey_plans
+from nbv.report.blocks.stations import curve, stations
 from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.pictures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import given_markers, opening_lines, tour_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE, scene_view
 from nbv.run.wording import count, percent_within, square_metres
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.scanning.view import View
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.scan.projection import Projection

@@ -16,11 +16,8 @@ from nbv.coverage.share_error import share_error
 from nbv.coverage.surface_classes import CLOSE_M
 from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import reasons, views_table
-from nbv.report.blocks.decision_blocks import decision_sections
-from nbv.report.blocks.rooms import set_apart
-from nbv.report.blocks.stations import curve, stations
-from nbv.report.completion_report import before_and_after, scan_pictures, scans_of, surface_blocks
-from nbv.report.page.page import (
+from nbv.report.blocks.decisions import decision_sections
+from nbv.report.blocks.page import (
     Bar,
     BarShare,
     Block,
@@ -35,6 +32,9 @@ from nbv.report.page.page import (
     Text,
     headline_of,
 )
+from nbv.report.blocks.rooms import set_apart
+from nbv.report.blocks.stations import curve, stations
+from nbv.report.completion_report import before_and_after, scan_pictures, scans_of, surface_blocks
 from nbv.report.pictures import picture
 from nbv.report.pictures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import view_markers

@@ -18,13 +18,13 @@ from completion.result.completion import Completion
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.plan import Plan
+from nbv.report.blocks.page import Gallery, Headline, Page, Section, Text
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
-from nbv.report.page.page import Gallery, Headline, Page, Section, Text
 from nbv.report.pictures.picture import Picture, picture_of, range_colours
 from nbv.run.showing import register
-from nbv.scanning.sensors.sensor import Sensor
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from scenes.checks import InputError
 from scenes.scan.colour import colour_bytes

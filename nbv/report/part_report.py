@@ -3,20 +3,232 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from completion.fitting.result import SurfaceFit
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part, kinds_text
-from completion.relations.engine.relation import Status
-from nbv.report.blocks.flattening_blocks import FlatRow, flattening_blocks
-from nbv.report.blocks.relation_blocks import relation_section
-from nbv.report.figures.relation_graph import MOST_SURFACES, relation_graph
-from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
-from nbv.report.pictures.part_shots import PartDrawing, height_pictures, part_pictures
+from completion.relations.engine.relation import Relation, RelationKind, Status
+from completion.relations.graph import RelationGraph
+from completion.relations.record import shared_directions
+from nbv.report.blocks.flattening import FlatRow, flattening_blocks
+from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
+from nbv.report.blocks.relations import relation_section
+from nbv.report.figures.plots import Plot, Theme, drawn_plot
+from nbv.report.pictures.camera import Camera, overview_cameras
+from nbv.report.pictures.drawing import MeshDrawing, SeenFaces
+from nbv.report.pictures.picture import Picture, height_colours, picture_of
 from nbv.report.viewer.part_view import part_view, shown_part
 from nbv.run.wording import count
-from scenes.scan.colour import surface_colour
+from scenes.checks import FloatArray, IntArray
+from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
+from scenes.scan.colour import surface_bytes, surface_colour
+
+_WIDTH, _TRIAL_WIDTH = 760, 96
+_HEIGHTS_DEG = (38.0, -38.0)
+_GREY = 0.55  # of what has no height
+_SIZE_M = 1.0  # at which a part is drawn, whatever its own
+
+
+class PartDrawing:
+    """A part ready for drawing: a mesh of which both sides are shown, and the surface (m,) of each face.
+
+    It has the colours (m, 3, 3) of the faces' corners, or else those of the surfaces.
+    """
+
+    def __init__(self, mesh: LabelledMesh, place: IntArray, colour: FloatArray | None = None) -> None:
+        low, high = mesh.bounds()
+        scale = _SIZE_M / max(float(np.linalg.norm(high - low)), 1e-300)
+        if colour is None:
+            colour = np.repeat((surface_bytes(place) / 255.0)[:, None], 3, axis=1)
+        self.scale, self.middle = scale, (low + high) / 2
+        self.mesh = LabelledMesh(
+            (mesh.vertices - self.middle) * scale,
+            mesh.faces,
+            appearance=Appearance(colour.astype(np.float32)),
+        )
+        self.place = place
+        self._normals, self._centres = self.mesh.face_normals(), self.mesh.corners.mean(axis=1)
+
+    def cameras(self, height_deg: float) -> list[Camera]:
+        """Return cameras all around, in the drawing's frame."""
+        return overview_cameras(self.mesh.bounds(), height_deg=height_deg)
+
+    def look(self, camera: Camera, width: int) -> tuple[MeshDrawing, SeenFaces]:
+        """Return what a camera sees; all faces turn their front to it."""
+        towards = np.einsum("ij,ij->i", camera.origin - self._centres, self._normals)
+        drawing = MeshDrawing(self.mesh, self._normals * np.where(towards < 0, -1.0, 1.0)[:, None])
+        return drawing, drawing.look(camera, camera.shape(width))
+
+    def n_shown(self, camera: Camera) -> float:
+        """How many surfaces a camera shows well, each by the root of its pixels."""
+        _, seen = self.look(camera, _TRIAL_WIDTH)
+        count = np.bincount(self.place[seen.face[seen.hit]])
+        return float(np.sqrt(count[1:]).sum())
+
+    def picture(self, camera: Camera, title: str, caption: str) -> Picture:
+        """Return the picture that a camera takes."""
+        drawing, seen = self.look(camera, _WIDTH)
+        return picture_of(drawing.colour(seen), title, caption)
+
+    def in_world(self, camera: Camera) -> Camera:
+        """Return a camera of the drawing's frame in that of the part."""
+        return Camera(camera.origin / self.scale + self.middle, camera.axes, camera.slope)
+
+
+def part_pictures(drawing: PartDrawing) -> tuple[tuple[Picture, ...], Camera]:
+    """Return pictures from above and from below, and the first camera in the part's own frame."""
+    best = [_best(drawing, drawing.cameras(height)) for height in _HEIGHTS_DEG]
+    titles = ("The part, coloured by surface.", "From below.")
+    captions = ("Grey belongs to no surface.", "The same from below.")
+    pictures = tuple(drawing.picture(*one) for one in zip(best, titles, captions, strict=True))
+    return pictures, drawing.in_world(best[0])
+
+
+def height_pictures(
+    mesh: LabelledMesh, place: IntArray, before: FloatArray, after: FloatArray, most_m: float
+) -> tuple[Picture, ...]:
+    """Return a part coloured by heights (n,) of its vertices over their planes, before and after a change.
+
+    NaN where there is no plane; the scale ends at `most_m` metres either way.
+    """
+    drawings = [PartDrawing(mesh, place, _opaque(height_colours(heights, most_m))[mesh.faces])
+                for heights in (before, after)]  # fmt: skip
+    camera = _best(drawings[0], [one for height in _HEIGHTS_DEG for one in drawings[0].cameras(height)])
+    scale = f"{-1000 * most_m:.2g} mm (blue) to {1000 * most_m:.2g} mm (red) over each plane"
+    return (
+        drawings[0].picture(camera, "As measured", f"{scale}; grey is no plane."),
+        drawings[1].picture(camera, "Flattened", "The same: planes are white, relief keeps its colour."),
+    )
+
+
+def _opaque(colours: FloatArray) -> FloatArray:
+    """Colours (n, 3) of colours (n, 4) on grey."""
+    return np.where(colours[:, 3:] > 0, colours[:, :3], _GREY)
+
+
+def _best(drawing: PartDrawing, cameras: Sequence[Camera]) -> Camera:
+    shown: FloatArray = np.array([drawing.n_shown(camera) for camera in cameras])
+    return cameras[int(np.argmax(shown))]
+
+
+MOST_SURFACES = 60
+"""Surfaces, of which more are too many for a drawing."""
+_GAP = 0.6  # between directions, of the step between surfaces
+_PULL = 0.35  # of the way to the middle that a line keeps away from the ring
+_SIZE = (6.2, 6.2)  # inches
+_REJECTED = "#c8322b"
+_RADII = "#2f8f5b"
+_FAMILIES: tuple[tuple[str, str, tuple[RelationKind, ...]], ...] = (
+    ("at right angles, at an angle", "line", ("perpendicular", "angle")),
+    ("in one plane, on one axis", "accent", ("coplanar", "coaxial", "axis_in_plane")),
+    ("of one radius", _RADII, ("equal_radius", "equal_ring_radius")),
+    ("apart, evenly spaced, images", "inferred", ("distance", "equal_distance", "regular", "symmetric")),
+)
+
+
+def relation_graph(graph: RelationGraph, names: Sequence[int], places: Sequence[int]) -> Plot:
+    """Draw what n surfaces are to each other.
+
+    A band outside joins surfaces of one direction; lines are the accepted relations between others, thin ones
+    what these entail, and broken ones what was rejected.
+
+    Parameters
+    ----------
+    graph : RelationGraph
+        At most 60 surfaces.
+    names, places : sequence of int
+        What the report calls them (n,), and their places (n,) in the palette, from 1.
+    """
+    groups = shared_directions(graph)
+    groups += [[number] for number in range(len(graph.fits)) if not any(number in own for own in groups)]
+    angle = _angles(groups, len(graph.fits))
+    at = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+
+    def draw(axes: Axes, theme: Theme) -> None:
+        axes.set_axis_off()
+        axes.set_aspect("equal")
+        axes.set_xlim(-1.32, 1.32)
+        axes.set_ylim(-1.5, 1.32)
+        for own in groups:
+            if len(own) > 1:
+                round_ = np.linspace(angle[own[0]], angle[own[-1]], 40)
+                axes.plot(1.2 * np.sin(round_), 1.2 * np.cos(round_), color=theme.faint, linewidth=3,
+                          solid_capstyle="round")  # fmt: skip
+        for relation in sorted(graph.relations, key=lambda one: one.status is Status.ACCEPTED):
+            colour = _colour(relation, theme)
+            if colour:
+                for one, two in _lines(relation):
+                    _connect(axes, at[one], at[two], colour, relation.status)
+        for number, (name, place) in enumerate(zip(names, places, strict=True)):
+            axes.plot(*at[number], "o", color=surface_colour(place), markersize=9, zorder=4)
+            axes.annotate(str(name), 1.1 * at[number], ha="center", va="center", fontsize=8, color=theme.ink)
+        _legend(axes, theme)
+
+    return drawn_plot(draw, _SIZE)
+
+
+def _angles(groups: Sequence[Sequence[int]], n: int) -> FloatArray:
+    """Where each of n surfaces is on the ring, radians from the top, those of a group side by side."""
+    angle, step = np.zeros(n), 2 * np.pi / (n + _GAP * len(groups))
+    here = 0.0
+    for own in groups:
+        for number in own:
+            angle[number] = here
+            here += step
+        here += _GAP * step
+    return angle
+
+
+def _lines(relation: Relation) -> Iterator[tuple[int, int]]:
+    """Which surfaces a relation's lines join: one after the other in a row, else by pairs."""
+    surfaces = relation.surfaces
+    yield from (
+        pairwise(surfaces) if relation.kind == "regular" else zip(surfaces[::2], surfaces[1::2], strict=False)
+    )
+
+
+def _colour(relation: Relation, theme: Theme) -> str:
+    """The colour of a relation's lines; none of what is not drawn."""
+    if relation.status is Status.UNDECIDED:
+        return ""
+    if relation.status is Status.REJECTED:
+        return _REJECTED
+    return next((_of(name, theme) for _, name, kinds in _FAMILIES if relation.kind in kinds), "")
+
+
+def _of(name: str, theme: Theme) -> str:
+    """A colour by itself, or by its name in the theme."""
+    return name if name.startswith("#") else str(getattr(theme, name))
+
+
+def _connect(axes: Axes, one: FloatArray, two: FloatArray, colour: str, status: Status) -> None:
+    """A line that bends towards the middle."""
+    share = np.linspace(0, 1, 30)[:, None]
+    middle = (1 - _PULL) * (one + two) / 2
+    way = (1 - share) ** 2 * one + 2 * share * (1 - share) * middle + share**2 * two
+    is_accepted, is_rejected = status is Status.ACCEPTED, status is Status.REJECTED
+    axes.plot(
+        *way.T,
+        color=colour,
+        linewidth=1.6 if is_accepted else 0.9,
+        alpha=1.0 if is_accepted or is_rejected else 0.35,
+        linestyle="--" if is_rejected else "-",
+        zorder=3.5 if is_rejected else 3 if is_accepted else 2,
+    )
+
+
+def _legend(axes: Axes, theme: Theme) -> None:
+    shown = [Line2D([], [], color=theme.faint, linewidth=3, label="one direction")]
+    shown += [Line2D([], [], color=_of(name, theme), label=label) for label, name, _ in _FAMILIES]
+    shown.append(Line2D([], [], color=_REJECTED, linestyle="--", label="rejected"))
+    axes.legend(handles=shown, loc="lower center", ncols=2, frameon=False, fontsize=7.5, labelcolor=theme.ink)
+
 
 _MOST_ROWS, _MOST_DIGITS = 200, 5
 _SHOWN_SD = 3.0  # of the ripple, at which the colours of heights end

@@ -5,23 +5,221 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from nbv.online.occupancy import SEEN
 from nbv.plan.plan import Plan
-from nbv.report.blocks.scan_coverage_blocks import (
-    area_bar,
-    area_headlines,
-    boundary_blocks,
-    state_blocks,
-    stations_plans,
-    surfaces_blocks,
+from nbv.report.blocks.coverage_tables import PLACE_COLUMNS, place_cells, scans_table
+from nbv.report.blocks.page import (
+    Bar,
+    BarShare,
+    Block,
+    Cell,
+    Gallery,
+    Headline,
+    Page,
+    Section,
+    State,
+    Table,
+    Text,
 )
-from nbv.report.blocks.scan_tables import PLACE_COLUMNS, place_cells, scans_table
-from nbv.report.blocks.seen_rooms_blocks import record_blocks, rooms_blocks
-from nbv.report.page.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
+from nbv.report.blocks.rooms import record_blocks, rooms_blocks, seen_storey_plans
+from nbv.report.blocks.stations import field_length, fields_of, places_of, zones_caption
+from nbv.report.figures.floor_plan import FloorPlan
+from nbv.report.pictures.camera import aside_cameras, overview_cameras
+from nbv.report.pictures.completion_shots import is_single_camera, part_of, solid_bounds
+from nbv.report.pictures.drawing import MeshDrawing, mark_hatched, paint_states
+from nbv.report.pictures.picture import INFERRED, MEASURED, UNKNOWN, Picture, picture_of
+from nbv.report.viewer.scene_view import PALE
+from nbv.report.viewer.state_view import state_view
 from nbv.run.wording import count, square_metres
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage
+from nbv.scans.scan_map import ScanMap
 from nbv.scans.scan_record import ScanRecord
-from nbv.scans.state_mesh import StateMesh
+from nbv.scans.state_mesh import FRONTIER, SHADOW, STATES, StateMesh
+from nbv.visibility.zones import EVERYWHERE, Zones
+from scenes.checks import FloatArray
+from scenes.pose import Pose
+from scenes.scan.colour import surface_colour
+
+_WIDTH = 760
+_THICK_M = 0.15  # half the height over which seen voxels are drawn
+_COLOURS = (MEASURED, PALE, INFERRED, UNKNOWN)
+
+
+def area_headlines(coverage: ScanCoverage) -> tuple[Headline, ...]:
+    """Measured, inferred and unknown areas."""
+    area, unseen, model = coverage.measured, coverage.unseen, coverage.completion
+    inferred = () if model is None else (
+        Headline(square_metres(model.hypothesised_m2), "m\u00b2", "inferred surface", "inferred"),
+    )  # fmt: skip
+    states: tuple[State, ...] = ("measured", "unknown", "unreachable")
+    return (
+        Headline(square_metres(area.met_m2), "m\u00b2", "surface measured as required", states[0]),
+        Headline(square_metres(area.worse_m2), "m\u00b2", "surface measured worse", states[0]),
+        *inferred,
+        Headline(
+            square_metres(unseen.occluded_m2), "m\u00b2", "edge of shadows (boundary, not surface)", states[1]
+        ),
+        Headline(
+            square_metres(unseen.frontier_m2), "m\u00b2", "edge of all fields of view (boundary)", states[2]
+        ),
+    )
+
+
+def area_bar(coverage: ScanCoverage) -> Bar:
+    """Surface alone: measured as required, worse, inferred."""
+    model = coverage.completion
+    parts: list[tuple[str, State, float]] = [
+        ("measured as required", "measured", coverage.measured.met_m2),
+        ("measured worse", "unreachable", coverage.measured.worse_m2),
+        ("inferred", "inferred", 0.0 if model is None else model.hypothesised_m2),
+    ]
+    total = max(sum(area for _, _, area in parts), 1e-12)
+    shares = tuple(
+        BarShare(label, state, area / total, f"{square_metres(area)} m\u00b2")
+        for label, state, area in parts
+        if area > 0
+    )
+    return Bar("Areas of surface", shares)
+
+
+def state_blocks(
+    coverage: ScanCoverage,
+    state: StateMesh,
+    n_threads: int | None,
+    poses: Sequence[Pose] = (),
+    sensor: Sensor | None = None,
+    zones: Zones = EVERYWHERE,
+) -> tuple[Block, ...]:
+    """What was measured, inferred and hidden, in three dimensions, with the next stations of `sensor`."""
+    if not len(state.mesh.faces):
+        return (Text("There is no surface to show."),)
+    view = state_view(
+        coverage, state, state_pictures(coverage, state, n_threads), poses=poses, sensor=sensor, zones=zones
+    )
+    legend = (
+        f"Hatched: {STATES[SHADOW]}, behind which nobody knows: faces of voxels between known empty space "
+        f"and the unknown, not surface. The {STATES[FRONTIER]}, beyond which no scan has looked, is left "
+        "out at first, and so are faces that look away."
+    )
+    return view, Text(legend, is_note=True)
+
+
+def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | None) -> tuple[Picture, ...]:
+    """What was measured, inferred and hidden, from two sides."""
+    scans = list(coverage.scan_map.scans)
+    drawn = state.mesh.face_surface != FRONTIER  # it would hide what was measured
+    mesh = part_of(state.mesh, drawn)
+    canvas = MeshDrawing(mesh, state.front[drawn], n_threads)
+    if is_single_camera(scans):
+        cameras = aside_cameras(scans[0])[:2]
+    else:
+        around = overview_cameras(solid_bounds(mesh))
+        cameras = [around[0], around[len(around) // 2]]
+    pictures = []
+    for side, camera in zip(("one side", "the other side"), cameras, strict=True):
+        layer = canvas.look(camera, camera.shape(_WIDTH))
+        hit, shade = layer.hit, canvas.shade(layer)
+        found = np.full(hit.shape, -1, np.int64)
+        found[hit] = mesh.face_surface[layer.face[hit]]
+        image = mark_hatched(paint_states(found, shade, dict(enumerate(_COLOURS))), found == SHADOW)
+        pictures.append(picture_of(image, f"Measured, inferred, hidden: from {side}."))
+    return tuple(pictures)
+
+
+def stations_plans(scan_map: ScanMap, sensor: Sensor, plan: Plan | None = None) -> tuple[Picture, ...]:
+    """The floor plan of each storey: where the scans were taken, and where the next ones are to be.
+
+    One of everything around an object, and where no floor was seen.
+    """
+    if scan_map.rooms is not None:
+        places = places_of([scan.world_from_sensor for scan in scan_map.scans])
+        return tuple(sheet.picture() for sheet in seen_storey_plans(scan_map.rooms, places, plan))
+    poses = [] if plan is None else [view.world_from_sensor for view in plan.views]
+    zones = EVERYWHERE if plan is None else plan.zones
+    outline, height = _outline(scan_map)
+    reach = field_length(scan_map.bounds)
+    projections = [scan.projection for scan in scan_map.scans]
+    plot = FloorPlan(
+        outline=outline,
+        bounds=scan_map.bounds,
+        positions=places_of(poses),
+        fields=fields_of(poses, [sensor.projection] * len(poses), reach),
+        given=places_of([scan.world_from_sensor for scan in scan_map.scans]),
+        given_fields=fields_of([scan.world_from_sensor for scan in scan_map.scans], projections, reach),
+        zones=zones,
+    ).plot()
+    caption = "Squares with letters: where the scans have been taken."
+    if poses:
+        caption += " Dots: the next stations, in order."
+    caption += f" Around each its field of view up to {reach:.2g} m."
+    caption += zones_caption(zones) + f" Outlines: voxels that hold measured surface, {height}."
+    return (plot.picture("Plan.", caption),)
+
+
+def _outline(scan_map: ScanMap) -> tuple[FloatArray, str]:
+    """Segments (k, 2, 2) around the seen voxels of a horizontal slice, and where it lies."""
+    grid = scan_map.voxels.grid
+    low, high = scan_map.bounds[:, 2]
+    level = (low + high) / 2
+    z = grid.origin[2] + (np.arange(grid.shape[2]) + 0.5) * grid.voxel_m
+    layers = np.abs(z - level) <= max(_THICK_M, grid.voxel_m / 2)
+    seen = (scan_map.voxels.labels == SEEN).reshape(grid.shape)[:, :, layers].any(axis=2)
+    return _edges(seen) * grid.voxel_m + grid.origin[:2], f"{level:.2f} \u00b1 {_THICK_M:.2f} m high"
+
+
+def _edges(filled: np.ndarray) -> FloatArray:
+    """Edges (k, 2, 2) between filled cells of a raster and others, in cells."""
+    padded = np.pad(filled, 1)
+    i, j = np.nonzero(padded[1:, 1:-1] != padded[:-1, 1:-1])
+    across = np.stack([np.stack([i, j], -1), np.stack([i, j + 1], -1)], axis=1)
+    i, j = np.nonzero(padded[1:-1, 1:] != padded[1:-1, :-1])
+    along = np.stack([np.stack([i, j], -1), np.stack([i + 1, j], -1)], axis=1)
+    return np.concatenate([across, along]).astype(np.float64)
+
+
+def surfaces_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:
+    """A row for each recognised surface."""
+    rows = tuple(
+        (
+            Cell(str(one.id), swatch=surface_colour(one.id)),
+            Cell(one.kind),
+            Cell(square_metres(one.observed_m2)),
+            Cell(f"{100 * one.met:.1f}", share=one.met, state="measured"),
+            Cell(square_metres(one.hypothesised_m2)),
+        )
+        for one in coverage.surfaces
+    )
+    if not rows:
+        return (Text("None was recognised."),)
+    columns = ("Surface", "Kind", "#measured, m\u00b2", "#of it as required, %", "#inferred, m\u00b2")
+    many = len(rows) > 40
+    return (Table(columns, rows, count(len(rows), "surface") if many else "", is_folded=many),)
+
+
+def boundary_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:
+    """A row for each kind of boundary."""
+    unseen = coverage.unseen
+    kinds = (
+        ("edge of a shadow", "behind it something measured hides what there is", unseen.occluded_m2),
+        (
+            "of shadows, explained",
+            "a recognised surface passes there, measured or inferred",
+            unseen.explained_m2,
+        ),
+        ("frontier", "no scan has looked beyond", unseen.frontier_m2),
+    )
+    rows = tuple((Cell(name), Cell(meaning), Cell(square_metres(area))) for name, meaning, area in kinds)
+    note = (
+        "Areas of the boundary between space known to be empty and space of which nothing is known, within "
+        f"the volume that was measured, by voxels of {100 * coverage.scan_map.voxels.grid.voxel_m:.1f} cm. "
+        "They are not areas of surface, and cannot be added to those: behind a square metre of shadow's edge "
+        "there may be ten square metres of surface, or none."
+    )
+    return Table(("Boundary", "What it means", "#area, m\u00b2"), rows), Text(note, is_note=True)
+
 
 _NO_FLOOR = (
     "No floor was seen below the scanners, so stations are wherever space is known to be free; "

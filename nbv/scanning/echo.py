@@ -9,10 +9,9 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.scanning.effects.echo_strength import Intensity, reflectivity_of_colour
-from nbv.scanning.effects.footprint import N_RAYS, Footprint, Returns, sub_rays
-from nbv.scanning.sensors.sensor import Partner
-from nbv.scanning.sensors.triangulation import both_see
+from nbv.scanning.beam import N_RAYS, Footprint, Intensity, Returns, reflectivity_of_colour, sub_rays
+from nbv.scanning.sensor import Partner
+from nbv.scanning.triangulation import both_see
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
@@ -20,6 +19,7 @@ from scenes.rays.raycast import Hits, RayCaster
 from scenes.run.memory import in_blocks, rows_within
 from scenes.scan.ray_grid import RayGrid
 from scenes.world.scene import Scene
+from texture.engine.compiled import compiled
 
 _GREY = 0.5
 _CHUNK = 32_768  # beams at a time at the most: half a million rays
@@ -171,8 +171,6 @@ def footprint_echo(
 
     One uniform number is drawn for every beam: how its pattern of rays is turned.
     """
-    from nbv.scanning.effects.returns import merge_returns  # numba: imported when first needed
-
     origin, which = world.world_from_sensor.translation, get_args(Returns).index(footprint.returns)
     out, turns = np.empty((4, len(directions))), 2 * np.pi * rng.random(len(directions))
     chunk = rows_within(_BYTES_A_RAY * N_RAYS, _CHUNK)
@@ -186,3 +184,46 @@ def footprint_echo(
         merge_returns(*beams, which, footprint.range_resolution_m, out[:, part])
     ranges, cosine, rho, count = out
     return Echo(ranges, cosine, np.arccos(np.minimum(cosine, 1.0)), rho, count.astype(np.uint8))
+
+
+FIRST, STRONGEST, LAST, MEAN = range(4)  # in the order of `nbv.scanning.beam.Returns`
+
+
+@compiled
+def merge_returns(
+    ranges: FloatArray,
+    cosine: FloatArray,
+    reflectivity: FloatArray,
+    which: int,
+    resolution: float,
+    out: FloatArray,
+) -> None:
+    """Write range, cosine, reflectivity and ray count of the chosen return of each beam to `out` (4, n)."""
+    for beam in range(ranges.shape[0]):
+        order = np.argsort(ranges[beam])
+        best_light, chosen = -1.0, (np.inf, 0.0, 0.0, 0.0)
+        light = reach = slope = white = 0.0
+        count = 0
+        last = -np.inf
+        for k in range(order.size + 1):
+            r = ranges[beam, order[k]] if k < order.size else np.inf
+            apart = r - last > resolution and which != MEAN
+            if count and (apart or r == np.inf):
+                better = which == LAST or (which == STRONGEST and light > best_light) or best_light < 0
+                if better:
+                    best_light = light
+                    chosen = (reach / light, slope / light, white / light, float(count))
+                light = reach = slope = white = 0.0
+                count = 0
+            if r == np.inf:
+                break
+            cos, rho = cosine[beam, order[k]], reflectivity[beam, order[k]]
+            weight = max(rho * cos, 1e-12) / (r * r + 1e-12)
+            light += weight
+            reach += weight * r
+            slope += weight * cos
+            white += weight * rho
+            count += 1
+            last = r
+        for channel in range(4):
+            out[channel, beam] = chosen[channel]

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.scanning.beam import N_RAYS, Intensity
 from nbv.scanning.echo import Echo, Sight, World, footprint_echo
-from nbv.scanning.effects.echo_strength import Intensity
-from nbv.scanning.effects.effects import Effects, normal_numbers, stage_streams
-from nbv.scanning.effects.footprint import N_RAYS
-from nbv.scanning.effects.noise_models import range_sigma_m
-from nbv.scanning.sensors.sensor import PinholeSensor, Sensor, chosen_effects
+from nbv.scanning.effects import Effects, normal_numbers, stage_streams
+from nbv.scanning.noise_models import range_sigma_m
+from nbv.scanning.sensor import PinholeSensor, Sensor, chosen_effects
 from nbv.scanning.view import View
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
@@ -53,7 +52,7 @@ def scan_scene(
     sensor : Sensor, optional
         Needed with a pose; with a view it replaces the view's own.
     noise : str
-        Effects by name, see `nbv.scanning.effects.effects.named_effects`; "profile" for those of the sensor's
+        Effects by name, see `nbv.scanning.effects.named_effects`; "profile" for those of the sensor's
         own profile; "none" unless asked for.
     effects : Effects, optional
         Effects stage by stage, instead of `noise`.

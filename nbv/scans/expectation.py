@@ -16,7 +16,7 @@ from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.planner import wanted_cosine
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.online.view_evaluation import ViewEvaluation
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.rays.raycast import RayCaster

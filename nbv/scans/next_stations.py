@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from nbv.coverage.completed_surfaces import CompletedSurfaces
+from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.online.planner import PlannerOptions, PlannerState, next_view
 from nbv.plan.plan import Plan, Resumption
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.scanning.view import View
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_map import ScanMap

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.observe.range_noise import estimate_noise
-from nbv.coverage.completed_surfaces import CompletedSurfaces
+from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.online.occupancy import VoxelMap
 from nbv.online.planner import PlannerOptions
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.scans.expectation import Settled, settled
 from nbv.scans.scan_mesh import MOST_PIXELS
 from nbv.scans.seen_rooms import SeenRooms

@@ -18,8 +18,8 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.coverage import Coverage
 from nbv.plan.planning import plan_views
 from nbv.run.manifest import sha256_of, versions
-from nbv.scanning.sensors.sensor import Sensor, chosen_effects
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import Sensor, chosen_effects
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.standing.candidates import Standing, counted, find_standing, samples_that_count

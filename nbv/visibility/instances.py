@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nbv.scanning.sensors.sensor import PinholeSensor, Sensor
+from nbv.scanning.sensor import PinholeSensor, Sensor
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import FloatArray, InputError

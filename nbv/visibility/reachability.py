@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import Requirement, SightLimits
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.viewpoints import Candidates

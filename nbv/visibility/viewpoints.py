@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.creation import icosphere
 
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError, check_places, frozen_copy
 from scenes.io.arrays import open_arrays

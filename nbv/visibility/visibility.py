@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from nbv.scanning.sensors.sensor import Sensor
-from nbv.scanning.sensors.triangulation import both_see
+from nbv.scanning.sensor import Sensor
+from nbv.scanning.triangulation import both_see
 from nbv.scanning.view import View
 from nbv.visibility.requirement import ROUNDING, SightLimits
 from nbv.visibility.samples import SurfaceSamples

@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.metrics.other_scans import score_colour
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 from scenes.world.builtin import Finish, SceneBuilder

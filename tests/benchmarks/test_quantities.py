@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.cases.buildings import TrueBuilding
 from benchmarks.suites.buildings import Pair, areas, openings, rooms, thicknesses, walls
-from completion.exchange.building.parts import BuildingParts
+from completion.export.building.parts import BuildingParts
 from tests.helpers.exchange_examples import UTM, box
 from tests.helpers.exchange_houses import HIGH_M, PARTITION_M, completed_house, house, house_parts
 

@@ -11,7 +11,7 @@ from benchmarks import run
 from benchmarks.metrics.completion import Outcome
 from benchmarks.store import STORE, Store, each, from_record, measured, to_record
 from benchmarks.suites.completion import Task, evaluate
-from nbv.scanning.effects.effects import NO_EFFECTS
+from nbv.scanning.effects import NO_EFFECTS
 from scenes.checks import InputError
 from tests.helpers.data_paths import ROOT
 from tests.helpers.sweep_examples import small_column

@@ -22,8 +22,8 @@ from benchmarks.suites.summary import (
     summarise,
 )
 from completion import CompletionOptions, complete
-from nbv.scanning.effects.effects import NO_EFFECTS
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.effects import NO_EFFECTS
+from nbv.scanning.sensor import PinholeSensor
 from nbv.scanning.view import View
 from scenes.checks import InputError
 from scenes.world.builtin import builtin_scene

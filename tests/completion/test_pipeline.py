@@ -24,7 +24,7 @@ from completion.result import observed_points
 from completion.result.labelled_points import mesh_area
 from completion.result.record import completion_record, display_mesh, model_parts
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError
 from scenes.io.gltf import glb_of
 from scenes.io.ply import read_mesh_ply

@@ -8,7 +8,7 @@ import pytest
 import typer
 
 from nbv.cli import app
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import read_study
 from tests.helpers.data_paths import ROOT
 

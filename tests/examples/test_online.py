@@ -6,7 +6,7 @@ import importlib.util
 import numpy as np
 import pytest
 
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from tests.helpers.data_paths import ROOT, requires_data
 
 

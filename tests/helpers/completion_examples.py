@@ -7,7 +7,7 @@ import numpy as np
 
 from completion import Completion, CompletionOptions, complete
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage

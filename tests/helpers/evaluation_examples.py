@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.metrics.inferred import Hypothesis, mesh_of_cells
 from benchmarks.metrics.truth import TrueCells, TrueModel, look, true_charts
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 
 from completion import Completion, CompletionOptions, complete
-from completion.exchange.building.building_model import BuildingModel
-from completion.exchange.dimensions.dimension import Dimension
+from completion.export.building.model import BuildingModel
+from completion.export.dimensions.dimension import Dimension
 from completion.uncertainty.joint_errors import NO_ERRORS
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene

@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 
 from completion import Completion, CompletionOptions, complete
-from completion.exchange.building.parts import BuildingParts
+from completion.export.building.parts import BuildingParts
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import SphericalSensor
+from nbv.scanning.sensor import SphericalSensor
 from scenes.pose import Pose
 from scenes.world.scene import Scene
 from tests.helpers.buildings import Building

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from completion.exchange.step.curves.kernel import kernel
-from completion.exchange.step.regions import FittedRegion, part_regions
+from completion.export.step.kernel import kernel
+from completion.export.step.regions import FittedRegion, part_regions
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
 STEP_M = 1e-3

@@ -14,17 +14,17 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.measurement import visibility_history
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
+from nbv.report.blocks.page import Cell, Page, Section, Table
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.report.demo_report import compare, demo_page
-from nbv.report.page.page import Cell, Page, Section, Table
 from nbv.report.pictures import picture
 from nbv.report.scans_report import next_stations_page, scan_coverage_page
 from nbv.report.study_report import study_page
 from nbv.report.viewer.block import Lines, Marker, Viewer
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Sightings
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from nbv.scanning.view import View
 from nbv.scans.next_stations import plan_next_stations
 from nbv.scans.scan_coverage import cover_by_scans

@@ -29,10 +29,10 @@ from benchmarks.cases.houses.plan import (
 from benchmarks.cases.houses.solids import Part, Piece, centred, motion, moved, quads, scene_of
 from benchmarks.cases.houses.things import MIRROR, figure, plant
 from benchmarks.cases.houses.walls import fit_way, fit_window, keep_clear, shell
-from nbv.scanning.effects.effects import Effects
-from nbv.scanning.effects.noise_models import ConstantNoise
+from nbv.scanning.effects import Effects
+from nbv.scanning.noise_models import ConstantNoise
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from nbv.visibility.standing.columns import cut_columns
 from nbv.visibility.standing.floors import find_floors
 from nbv.visibility.standing.partition import find_rooms

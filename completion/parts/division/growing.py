@@ -18,9 +18,33 @@ from scipy.sparse import csr_array
 from completion.fitting.result import SurfaceFit
 from completion.parts.division.hypotheses import KINDS, N_PARAMETERS, adjusted, hypotheses
 from completion.parts.division.neighbourhoods import Neighbourhoods
-from completion.parts.division.reach import reached
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Surface
+from texture.engine.compiled import compiled
+
+
+@compiled
+def reached(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray) -> BoolArray:
+    """Which points (n,) can be walked to from those in `begin`; `first`, `beside` are a sparse graph's."""
+    found = np.zeros(len(allowed), dtype=np.bool_)
+    stack = np.empty(len(allowed), dtype=np.int64)
+    top = 0
+    for one in begin:
+        if allowed[one] and not found[one]:
+            found[one] = True
+            stack[top] = one
+            top += 1
+    while top > 0:
+        top -= 1
+        here = stack[top]
+        for place in range(first[here], first[here + 1]):
+            there = beside[place]
+            if allowed[there] and not found[there]:
+                found[there] = True
+                stack[top] = there
+                top += 1
+    return found
+
 
 CUT = 3.5  # deviations, within which a point is explained
 GAIN = CUT**2 / 2  # what it is worth to explain a point, in logarithms of likelihood

@@ -8,8 +8,14 @@ import numpy as np
 from completion.parts.division.faces import fitted, groups_of
 from completion.parts.division.labelling import best_of_kinds
 from completion.parts.division.neighbourhoods import look_around
-from completion.parts.division.result import PartSegmentation, no_faces
-from completion.parts.division.thinning import MOST_POINTS, checked_cloud, thinned, too_little
+from completion.parts.division.result import (
+    MOST_POINTS,
+    PartSegmentation,
+    checked_cloud,
+    no_faces,
+    thinned,
+    too_little,
+)
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Surface
 

@@ -16,8 +16,7 @@ from scipy.spatial import cKDTree
 from completion.parts.division.faces import fitted, groups_of
 from completion.parts.division.growing import CUT, GAIN, LEAST_ANGLE
 from completion.parts.division.pipeline import segment_part
-from completion.parts.division.result import PartSegmentation
-from completion.parts.division.thinning import checked_cloud
+from completion.parts.division.result import PartSegmentation, checked_cloud
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.steps import Progress

@@ -4,11 +4,22 @@
 from __future__ import annotations
 
 from completion.parts.division.faces import fitted, groups_of, numbered_faces, spread
-from completion.parts.division.labelling import first_labels, of_best_kind, relabelled, without_islands
+from completion.parts.division.labelling import (
+    first_labels,
+    of_best_kind,
+    proposals,
+    relabelled,
+    without_islands,
+)
 from completion.parts.division.neighbourhoods import look_around
-from completion.parts.division.proposals import proposals
-from completion.parts.division.result import PartSegmentation, no_faces
-from completion.parts.division.thinning import MOST_POINTS, checked_cloud, thinned, too_little
+from completion.parts.division.result import (
+    MOST_POINTS,
+    PartSegmentation,
+    checked_cloud,
+    no_faces,
+    thinned,
+    too_little,
+)
 from scenes.run.steps import Progress
 
 

@@ -15,8 +15,7 @@ from completion.parts.division.faces import fitted, groups_of, settle, spread
 from completion.parts.division.labelled import fit_labelled
 from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.pipeline import segment_part
-from completion.parts.division.result import PartSegmentation
-from completion.parts.division.thinning import MOST_POINTS, checked_cloud, thinned
+from completion.parts.division.result import MOST_POINTS, PartSegmentation, checked_cloud, thinned
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.steps import Progress

@@ -21,8 +21,7 @@ from scipy.sparse import csr_array
 
 from completion.fitting.result import SurfaceFit
 from completion.relations.engine.constraint import constrain
-from completion.relations.engine.equation import Constraint, Frame
-from completion.relations.engine.placement import Placement, place
+from completion.relations.engine.equations import Constraint, Frame, Placement, place
 from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray, InputError
 

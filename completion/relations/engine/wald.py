@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_solve, qr
 from scipy.special import chdtrc, fdtrc
 
-from completion.relations.engine.equation import Constraint
+from completion.relations.engine.equations import Constraint
 from completion.relations.engine.estimate import Estimate
 from completion.relations.engine.relation import Relation
 from scenes.checks import FloatArray

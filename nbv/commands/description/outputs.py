@@ -106,7 +106,7 @@ def _folder(path: Path) -> dict[str, Any]:
 
 
 def _sensor(path: Path) -> dict[str, Any]:
-    from nbv.scanning.sensors.sensor_profile import load_profile
+    from nbv.scanning.sensor_profile import load_profile
 
     profile = load_profile(path)
     held = dict(profile.sensor.to_json())

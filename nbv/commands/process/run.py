@@ -17,7 +17,7 @@ from nbv.commands.process.interruption import interruptible
 from nbv.commands.process.progress import Progress, progress_bars
 
 if TYPE_CHECKING:
-    from nbv.report.page.page import Page
+    from nbv.report.blocks.page import Page
     from nbv.run.manifest import Inputs, Stopwatch
     from scenes.run.journal import FileJournal
     from scenes.run.staged_outputs import Stage

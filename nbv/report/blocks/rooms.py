@@ -4,13 +4,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from nbv.coverage.coverage import Coverage
 from nbv.plan.plan import Plan
+from nbv.plan.plan_files import aim_of
 from nbv.plan.rules import RuleOutcome
-from nbv.report.page.page import Block, Cell, Section, Table, Text
-from nbv.run.wording import count, percent, percent_within, square_metres
+from nbv.plan.station_list import stations_of
+from nbv.report.blocks.page import Block, Cell, Section, Table, Text
+from nbv.report.blocks.stations import cut_of
+from nbv.report.figures.storey_plan import StoreyPlan
+from nbv.run.wording import count, letters, percent, percent_within, square_metres
+from nbv.scans.room_coverage import RoomCoverage
+from nbv.scans.scan_coverage import ScanCoverage
+from nbv.scans.scan_record import ScanRecord
+from nbv.scans.seen_rooms import SeenRooms
+from nbv.visibility.standing.rooms import Room, Rooms
+from nbv.visibility.zones import EVERYWHERE
+from scenes.checks import FloatArray
+from scenes.world.scene import Scene
 
 APART_TEXTS = {
     "inside_a_solid": "within walls, slabs and furniture, or where two of these touch",
@@ -119,3 +136,231 @@ def set_apart(coverage: Coverage) -> tuple[Block, ...]:
     )
     note = "This surface bounds none of the rooms that were asked for. All shares are of the rest."
     return Table(("Set apart", "What it means", "#area, m\u00b2"), rows), Text(note, is_note=True)
+
+
+CUT_M = 1.6  # of the cut where no station says the instrument's
+_STOREYS_BELOW_M = 0.5  # a way so far below a storey's floor still belongs to it
+_NEAR_M = 1.2  # a room's label keeps so far from its stations where there is space
+
+
+def storey_plans(scene: Scene, plan: Plan) -> tuple[StoreyPlan, ...]:
+    """Return the floor plan of each storey on which stations were asked for, the lowest first.
+
+    It is cut at the height of the instruments that stand there. Nothing without rooms.
+    """
+    if plan.site is None:
+        return ()
+    rooms, stations = plan.site.rooms, stations_of(plan)
+    asked = [rooms.rooms[number - 1] for number in plan.site.chosen]
+    levels = {storey: level_of(rooms.rooms, storey) for storey in {room.storey for room in rooms.rooms}}
+    ways = _ways_of(plan, levels)
+    found = []
+    for storey in sorted({room.storey for room in asked}):
+        here = [one for one in stations if one.room is not None and one.room.storey == storey]
+        heights = [one.height_m for one in here]
+        height = float(np.median(heights)) if heights else CUT_M
+        places = np.array([one.position[:2] for one in here]).reshape(-1, 2)
+        shown = [room for room in rooms.rooms if room.storey == storey and not room.is_outside]
+        shown += [room for room in asked if room.storey == storey and room.is_outside]
+        found.append(
+            StoreyPlan(
+                storey=storey,
+                title=f"{scene.name}, storey {storey}: {count(len(here), 'station')}",
+                outline=around_rooms(cut_of(scene.mesh, levels[storey] + height), rooms, storey),
+                cut_m=height,
+                rooms=[(label_of(room), label_place(rooms, room, places)) for room in shown],
+                stations=[(str(one.number), one.position[:2], one.headings_deg) for one in here],
+                ways=ways.get(storey, ()),
+            )
+        )
+    return tuple(found)
+
+
+def label_of(room: Room) -> str:
+    """What stands on a room: its name and its floor area."""
+    return f"{room.name}\n{square_metres(room.floor_m2)} m\u00b2"
+
+
+def level_of(rooms: Sequence[Room], storey: int) -> float:
+    """Height of a storey's floor, metres: that of most of it."""
+    here = [room for room in rooms if room.storey == storey]
+    return max(here, key=lambda room: room.floor_m2).level_m
+
+
+def label_place(rooms: Rooms, room: Room, there: FloatArray) -> FloatArray:
+    """Where a room's label stands (2,), metres: near its middle, off its walls and the stations (n, 2)."""
+    columns = rooms.floors.columns
+    inside = np.zeros(columns.shape, np.bool_)
+    inside.ravel()[columns.cell[rooms.room == room.number]] = True
+    cells = np.flatnonzero(inside)
+    off_walls = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1].ravel()[cells] * columns.cell_m
+    places = columns.places(cells)
+    away = np.full(len(places), _NEAR_M)
+    if len(there):
+        away = np.minimum(cKDTree(there).query(places)[0], _NEAR_M)
+    middle = np.linalg.norm(places - np.array(room.place[:2]), axis=1)
+    return np.asarray(places[np.argmax(away + 2 * np.minimum(off_walls, _NEAR_M / 2) - 0.15 * middle)])
+
+
+def around_rooms(outline: FloatArray, rooms: Rooms, storey: int) -> FloatArray:
+    """What of an outline (k, 2, 2) lies around the rooms of a storey: grounds go on far beyond."""
+    numbers = [room.number for room in rooms.rooms if room.storey == storey and not room.is_outside]
+    columns = rooms.floors.columns
+    places = columns.places(columns.cell[np.isin(rooms.room, numbers)])
+    if not len(places) or not len(outline):
+        return outline
+    low, high = places.min(axis=0) - 1.0, places.max(axis=0) + 1.0
+    inside = ((outline >= low) & (outline <= high)).all(axis=2).any(axis=1)
+    return np.asarray(outline[inside])
+
+
+def _ways_of(plan: Plan, levels: dict[int, float]) -> dict[int, list[FloatArray]]:
+    """What of the tour lies on each storey, as stretches (k, 2), metres.
+
+    A leg between stations of one storey lies on it; of others each stretch on the one below its height.
+    """
+    if plan.stations is None or plan.site is None or not levels:
+        return {}
+    storeys = sorted(levels, key=lambda storey: levels[storey])
+    floor = np.array([levels[storey] for storey in storeys])
+    positions = np.array([view.world_from_sensor.translation for view in plan.views])
+    room, storey_of = plan.site.rooms.room_of(positions), [0, *(one.storey for one in plan.site.rooms.rooms)]
+    tour = plan.stations.tour
+    found: dict[int, list[FloatArray]] = {}
+    for (a, b), leg in zip(pairwise(tour.order), tour.legs, strict=True):
+        if len(leg.path) < 2:
+            continue
+        of = np.maximum(np.searchsorted(floor, leg.path[:, 2] + _STOREYS_BELOW_M, side="right") - 1, 0)
+        one, other = storey_of[room[a]], storey_of[room[b]]
+        if one == other > 0:
+            of[:] = storeys.index(one)
+        ends = [0, *(np.flatnonzero(np.diff(of)) + 1).tolist(), len(of)]
+        for first, last in pairwise(ends):
+            stretch = leg.path[first : min(last + 1, len(of)), :2]
+            if len(stretch) > 1:
+                found.setdefault(storeys[of[first]], []).append(stretch)
+    return found
+
+
+_BELOW_M = 0.5
+
+
+def seen_storey_plans(seen: SeenRooms, places: np.ndarray, plan: Plan | None = None) -> list[StoreyPlan]:
+    """Return the floor plan of each storey, the lowest first, by what scans at `places` (s, 3) measured."""
+    rooms = seen.rooms
+    levels = {storey: level_of(rooms.rooms, storey) for storey in {room.storey for room in rooms.rooms}}
+    views = () if plan is None else plan.views
+    stood = [(letters(k), place) for k, place in enumerate(places)]
+    planned = [(str(k), view.world_from_sensor) for k, view in enumerate(views, start=1)]
+    turns = plan is not None and plan.sensor.kind == "spherical"
+    found = []
+    for storey, level in sorted(levels.items()):
+        next_level = min((other for other in levels.values() if other > level), default=np.inf)
+
+        def is_here(z: float, low: float = level - _BELOW_M, high: float = next_level - _BELOW_M) -> bool:
+            return low <= z < high
+
+        given = [(name, place[:2]) for name, place in stood if is_here(place[2])]
+        stations = [
+            (name, pose.translation[:2], () if turns else (aim_of(pose).heading_deg,))
+            for name, pose in planned
+            if is_here(pose.translation[2])
+        ]
+        there = np.array([one[1] for one in [*given, *stations]]).reshape(-1, 2)
+        shown = [room for room in rooms.rooms if room.storey == storey]
+        found.append(
+            StoreyPlan(
+                storey=storey,
+                title=f"storey {storey}",
+                outline=around_rooms(cut_of(seen.mesh, level + CUT_M), rooms, storey),
+                cut_m=CUT_M,
+                rooms=[(label_of(room), label_place(rooms, room, there)) for room in shown],
+                stations=stations,
+                given=given,
+                zones=EVERYWHERE if plan is None else plan.zones,
+            )
+        )
+    return found
+
+
+def rooms_blocks(coverage: ScanCoverage, plan: Plan | None = None) -> tuple[Block, ...]:
+    """A row for each room that the scans show: what they measured, what is missing, where to stand."""
+    if not coverage.rooms:
+        return ()
+    entries = {} if plan is None else {room["room"]: room for room in plan.rooms}
+    columns = (
+        "Room", "Scans", *(("Next stations",) if plan is not None else ()), "#storey", "#floor, m\u00b2",
+        "#as required, m\u00b2", "#worse, m\u00b2", "#inferred, m\u00b2", "#shadows, m\u00b2",
+        "#of shadows explained, m\u00b2", "#frontier, m\u00b2",
+    )  # fmt: skip
+    rows = tuple(
+        _seen_rooms_blocks_row(one, entries, with_stations=plan is not None)
+        for one in coverage.rooms
+        if _matters(one)
+    )
+    note = (
+        "Missing of a room is what was measured worse than required, and what lies behind the shadows and "
+        "the frontier, of which nobody knows how much it is. Inferred is what completion covers without "
+        "another station; where it passes along a shadow, that is explained. Shadows and frontier are areas "
+        "of boundary, not of surface. Rooms are floor that was seen or inferred, parted at doorways; they "
+        "are numbered anew as scans come in. A room that is called outside has no ceiling that was seen."
+    )
+    return Table(columns, rows), Text(note, is_note=True)
+
+
+def _matters(one: RoomCoverage) -> bool:
+    return one.room is not None or one.met_m2 + one.worse_m2 + one.shadow_m2 + one.frontier_m2 > 0
+
+
+def _seen_rooms_blocks_row(
+    one: RoomCoverage, entries: dict[int, dict[str, object]], *, with_stations: bool
+) -> tuple[Cell, ...]:
+    room = one.room
+    scans = ", ".join(letters(number - 1) for number in one.scans) or "none"
+    entry = {} if room is None else entries.get(room.number, {})
+    stations = entry.get("stations") or ()
+    text = ", ".join(map(str, stations)) if isinstance(stations, list | tuple) and stations else "none"
+    areas = (
+        one.met_m2, one.worse_m2, one.inferred_m2, one.shadow_m2, one.explained_m2, one.frontier_m2,
+    )  # fmt: skip
+    return (
+        Cell(one.name),
+        Cell(scans),
+        *((Cell(text),) if with_stations else ()),
+        Cell("" if room is None else str(room.storey)),
+        Cell("" if room is None else square_metres(room.floor_m2)),
+        *(Cell(square_metres(area)) for area in areas),
+    )
+
+
+def record_blocks(record: Sequence[ScanRecord]) -> tuple[Block, ...]:
+    """A row for each scan: what was predicted of it, and what it brought."""
+    if len(record) < 2:
+        return ()
+    columns = (
+        "Scan", "Station of the plan before", "#that plan predicted, m\u00b2", "#expected, m\u00b2",
+        "#settled, m\u00b2", "#of expected, %", "#new surface, m\u00b2", "#newly as required, m\u00b2",
+    )  # fmt: skip
+    rows = tuple(_record_row(number, scan) for number, scan in enumerate(record))
+    known = count(sum(scan.said is not None for scan in record), "scan")
+    note = (
+        "Expected is what the scans before say that a scan settles from where it really stood: boundary of "
+        "the unknown that it should see, and surface seen worse than required that it should see well. "
+        f"Settled is what of that it did. An earlier plan named the place of {known}: the plan.json in the "
+        "output folder, or --plan, tells what was predicted there. The order is that in which the scans were "
+        "given."
+    )
+    return Table(columns, rows), Text(note, is_note=True)
+
+
+def _record_row(number: int, scan: ScanRecord) -> tuple[Cell, ...]:
+    said = scan.said
+    station = "" if said is None else f"{said.station}, {said.off_m:.2f} m off"
+    gain = "" if said is None or said.predicted_gain_m2 is None else square_metres(said.predicted_gain_m2)
+    expected = "" if scan.expected_m2 is None else square_metres(scan.expected_m2)
+    done = "" if scan.settled_m2 is None else square_metres(scan.settled_m2)
+    share = ""
+    if scan.expected_m2 and scan.settled_m2 is not None:
+        share = f"{100 * scan.settled_m2 / scan.expected_m2:.0f}"
+    cells = (letters(number), station, gain, expected, done, share)
+    return (*map(Cell, cells), Cell(square_metres(scan.measured_m2)), Cell(square_metres(scan.met_m2)))

@@ -15,7 +15,7 @@ from nbv.plan.tour import Tour
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.plots import coverage_curve
 from nbv.report.pictures.picture import Picture
-from nbv.scanning.sensors.sensor import Sensor
+from nbv.scanning.sensor import Sensor
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh

@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 
 from nbv.coverage.coverage import Coverage
 from nbv.report.pictures.camera import best_side, overview_cameras
-from nbv.report.pictures.cut_mesh import below
 from nbv.report.pictures.drawing import MeshDrawing, mark_hatched, mark_modelled, paint_states
 from nbv.report.pictures.picture import Picture, picture_of
 from nbv.visibility.samples import SurfaceSamples
@@ -20,6 +19,37 @@ from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
 from scenes.world.scene import Scene
+
+
+def below(mesh: LabelledMesh, height_m: float) -> tuple[LabelledMesh, NDArray[np.int64]]:
+    """Return the part of a mesh below a level plane, and of which face of the mesh each of its faces (m,) is.
+
+    Faces that the plane cuts are cut along it and keep the side to which they turn.
+    """
+    corners = mesh.corners
+    low = corners[..., 2] <= height_m
+    n_low = low.sum(axis=1)
+    whole = np.flatnonzero(n_low == 3)
+    parts, of = [corners[whole]], [whole]
+    for n in (1, 2):
+        faces = np.flatnonzero(n_low == n)
+        alone = np.argmax(low[faces] == (n == 1), axis=1)  # the corner that is alone on its side
+        turned = corners[faces[:, None], (alone[:, None] + np.arange(3)) % 3]
+        a, b, c = np.moveaxis(turned, 1, 0)
+        ab, ac = _where_cut(a, b, height_m), _where_cut(a, c, height_m)
+        triangles = [(a, ab, ac)] if n == 1 else [(ab, b, c), (ab, c, ac)]
+        parts += [np.stack(triangle, axis=1) for triangle in triangles]
+        of += [faces] * len(triangles)
+    found, source = np.concatenate(parts), np.concatenate(of)
+    numbers = np.arange(3 * len(found), dtype=np.int32).reshape(-1, 3)
+    return LabelledMesh(found.reshape(-1, 3), numbers, mesh.face_surface[source]), source
+
+
+def _where_cut(one: FloatArray, other: FloatArray, height_m: float) -> FloatArray:
+    """Points (n, 3) at a height on the lines from points (n, 3) on one side of it to those on the other."""
+    share = (height_m - one[:, 2]) / (other[:, 2] - one[:, 2])
+    return one + share[:, None] * (other - one)
+
 
 _MOST_LEVELS = 10
 _SAMPLES_A_FACE = 6.0  # faces that stand for more samples are cut into four

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.parts.division.thinning import thinned
+from completion.parts.division.result import thinned
 from completion.parts.part import Part
 from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.picture import Picture

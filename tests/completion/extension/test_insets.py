@@ -7,7 +7,7 @@ import pytest
 from completion import Completion, CompletionOptions, complete
 from completion.extension.insets import find_insets
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from scenes.pose import Pose
 from scenes.world.builtin import Finish, SceneBuilder
 

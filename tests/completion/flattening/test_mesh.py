@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from completion.flattening.flat import RegionKind
-from completion.flattening.meshes.crossings import new_crossings
-from completion.flattening.meshes.movement import hold_back
+from completion.flattening.mesh_movement import hold_back, new_crossings
 from completion.flattening.options import FlatteningOptions
 from completion.flattening.pipeline import flatten_mesh
 from scenes.checks import InputError

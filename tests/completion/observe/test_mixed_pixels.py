@@ -10,9 +10,9 @@ from benchmarks.cases.rooms import random_case
 from completion import CompletionOptions, complete
 from completion.observe.mixed_pixels import find_mixed
 from completion.observe.observation import Observation, observe
-from nbv.scanning.effects.effects import Effects
-from nbv.scanning.effects.footprint import Footprint
-from nbv.scanning.effects.noise_models import ConstantNoise
+from nbv.scanning.beam import Footprint
+from nbv.scanning.effects import Effects
+from nbv.scanning.noise_models import ConstantNoise
 from scenes.checks import BoolArray
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from completion.observe.range_noise import RangeNoise, estimate_noise
-from nbv.scanning.effects.quantisation import Quantisation
+from nbv.scanning.effects import Quantisation
 from scenes.io.scan_files import read_scan
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection

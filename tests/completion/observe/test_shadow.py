@@ -7,8 +7,8 @@ import pytest
 from benchmarks.cases.desks import desk_case, kinect
 from completion.observe.shadow import NO_SHADOW, Devices, Shadow, find_shadow, is_shadowed, shadow_of
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import SphericalSensor
-from nbv.scanning.sensors.triangulation import TriangulationSensor
+from nbv.scanning.sensor import SphericalSensor
+from nbv.scanning.triangulation import TriangulationSensor
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection

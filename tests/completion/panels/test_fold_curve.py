@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from completion.panels.fold_curve import (
+from completion.panels.fold import (
     CHORD_M,
     RoundFold,
     SideFold,

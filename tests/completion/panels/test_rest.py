@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from completion.options import CompletionOptions
-from completion.panels.healing import edges_of, vertices_within_edges
+from completion.panels.decimation import decimated, deviation
 from completion.panels.model import PanelModel
-from completion.panels.rest.decimation import decimated, deviation
-from completion.panels.rest.division import divided
-from completion.panels.rest.pipeline import PixelMesh, light_rest
+from completion.panels.stitching import divided
+from completion.panels.unexplained import PixelMesh, light_rest
+from completion.panels.welding import edges_of, vertices_within_edges
 from completion.pipeline import complete
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.mesh.triangle_distance import distances

@@ -9,7 +9,7 @@ from completion.registration.network import Group, _if_alike, adjusted, settle_g
 from completion.registration.refinement import links_of
 from completion.registration.station_view import PlaneSums, StationView
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import SphericalSensor
+from nbv.scanning.sensor import SphericalSensor
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 

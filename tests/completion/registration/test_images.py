@@ -11,7 +11,7 @@ from completion.registration.pipeline import register_scans
 from completion.registration.station_view import StationView
 from completion.registration.verdict import Verdict, shifts_onto_itself, trust_of, with_images
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 from scenes.world.scene import Scene

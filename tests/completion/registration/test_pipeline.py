@@ -11,7 +11,7 @@ from completion.registration.registered import registration_record
 from completion.registration.station_view import unit_of
 from completion.registration.verdict import Verdict
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from completion.relations.engine.constraint import constrain
-from completion.relations.engine.equation import Frame
-from completion.relations.engine.placement import moved, place
+from completion.relations.engine.equations import Frame, moved, place
 from completion.relations.engine.relation import Relation
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Torus

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.suites.relations_of_parts import mirror_part, random_part, row_part
 from completion.fitting.result import SurfaceFit
 from completion.relations.engine.constraint import Frame, constrain
-from completion.relations.engine.placement import place
+from completion.relations.engine.equations import place
 from completion.relations.engine.relation import Relation, Status
 from completion.relations.evidence import CHOSEN
 from completion.relations.graph import RelationGraph

@@ -12,9 +12,8 @@ from benchmarks.cases.planes import BASE, BORE, SIDE, WIDE, figure_one
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.result import SurfaceFit
 from completion.relations.engine.constraint import constrain
-from completion.relations.engine.equation import Frame
+from completion.relations.engine.equations import Frame, place
 from completion.relations.engine.estimate import Doubt
-from completion.relations.engine.placement import place
 from completion.relations.engine.relation import Relation, Status
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions

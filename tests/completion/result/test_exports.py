@@ -13,7 +13,7 @@ from shapely import Polygon
 from completion.boundary.curves import Line
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
-from completion.panels.cell_polygons import polygons_of_cells
+from completion.panels.sheet import polygons_of_cells
 from completion.panels.straightening import Guide, straightened
 from completion.pipeline import complete
 from completion.result.polygons import polygons_record

@@ -13,11 +13,11 @@ from completion.evidence.evidence import Scans
 from completion.result import verification
 from completion.result.verification import counterpart
 from nbv.cli import app
+from nbv.report.blocks.page import Page
 from nbv.report.completion_report import verification_sections
-from nbv.report.page.page import Page
 from nbv.run.wording import square_metres
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError
 from scenes.io.scan_files import write_scan
 from scenes.pose import Pose

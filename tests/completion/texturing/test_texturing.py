@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from completion import Completion, CompletionOptions, TexturingOptions, complete
 from completion.result.record import model_parts
 from completion.texturing.chart_texture import make_atlas, spread_colour
-from completion.texturing.material import cast_shadows, same_material
-from completion.texturing.measured import MeasuredColour
+from completion.texturing.material import MeasuredColour, cast_shadows, same_material
 from completion.texturing.pipeline import settled
 from completion.texturing.problem import choose_samples, distance_to
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError
 from scenes.io.gltf import glb_of
 from scenes.io.scene_files import load_scene

@@ -12,8 +12,7 @@ from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import observe
 from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.refits.refitting import refit_each
-from completion.uncertainty.image_field import LENGTHS, bumps, fit_field
-from completion.uncertainty.pipeline import state_fits
+from completion.uncertainty.pipeline import LENGTHS, bumps, fit_field, state_fits
 from completion.uncertainty.residual_modes import ResidualModes, find_modes
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection

@@ -12,7 +12,7 @@ from completion.observe.observation import observe
 from completion.observe.pixel_set import PixelSet, ScanPixels
 from completion.observe.range_noise import RangeNoise
 from completion.observe.sensor_modes import displacements
-from completion.uncertainty.sensor_errors import shift_by_sensors
+from completion.uncertainty.pipeline import shift_by_sensors
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage

@@ -16,7 +16,7 @@ from completion.observe.tolerance import EvidenceOptions
 from completion.result import observed_points
 from nbv.cli import app
 from nbv.commands.complete import coarser_cells
-from nbv.report.page.page import Page
+from nbv.report.blocks.page import Page
 from nbv.run import manifest
 from scenes.checks import InputError
 from tests.helpers.data_paths import ROOT

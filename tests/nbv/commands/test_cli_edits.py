@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from nbv.cli import app
-from nbv.report.page.page import Page
+from nbv.report.blocks.page import Page
 from scenes.io.scan_files import write_scan
 from tests.helpers.completion_examples import example
 

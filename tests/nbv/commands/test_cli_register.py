@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from nbv.cli import app
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import SphericalSensor
+from nbv.scanning.sensor import SphericalSensor
 from nbv.scans.registering import copies_of, copies_told
 from scenes.io.scan_files import read_scans, write_scan, write_scans
 from scenes.pose import Pose

@@ -11,7 +11,7 @@ from nbv.cover.overlap import OverlapGraph, OverlapOptions, components, connect
 from nbv.cover.pipeline import CoverOptions
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.viewpoints import Candidates, sensor_directions

@@ -15,7 +15,7 @@ from nbv.cover.pipeline import CoverOptions, find_cover
 from nbv.cover.reduction import reduce_instance
 from nbv.cover.swap_search import polish
 from nbv.plan.planning import plan_views
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates, load_candidates

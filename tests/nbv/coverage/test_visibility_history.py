@@ -8,7 +8,7 @@ from nbv.coverage.coverage import MET
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage, visibility_history
 from nbv.coverage.visibility_history import NEVER
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.scanning.view import View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface

@@ -10,7 +10,7 @@ from nbv.online.occupancy import SEEN, VoxelMap
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene

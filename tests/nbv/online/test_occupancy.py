@@ -13,7 +13,7 @@ from nbv.online.surfels import Surfels
 from nbv.online.targets import GainOptions, find_targets
 from nbv.online.view_evaluation import cell_directions, cell_of
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.voxel_grid import VoxelGrid
 from scenes.checks import InputError

@@ -10,8 +10,8 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.plan.baselines import PLAN, Baseline, compare_with_baselines, farthest_poses
 from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import plan_page
-from nbv.scanning.sensors.sensor import PinholeSensor
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import PinholeSensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates, sphere_directions

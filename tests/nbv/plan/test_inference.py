@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from nbv.cover.overlap import OverlapOptions
-from nbv.coverage.completed_surfaces import CompletedSurfaces
 from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.surface_classes import (
     CLASSES,
@@ -15,10 +14,11 @@ from nbv.coverage.surface_classes import (
     MET,
     MODELLED,
     UNKNOWN,
+    CompletedSurfaces,
     classify,
     shares_of,
 )
-from nbv.online.expected_gain import ExpectedGain, SurfacePrior
+from nbv.online.gain import ExpectedGain, SurfacePrior
 from nbv.online.occupancy import VoxelMap
 from nbv.online.planner import PlannerOptions
 from nbv.online.targets import voxels_of_interest
@@ -26,7 +26,7 @@ from nbv.online.view_evaluation import ViewEvaluation
 from nbv.plan.plan import read_plan
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.scanning.view import View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface

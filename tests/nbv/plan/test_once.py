@@ -12,8 +12,8 @@ from nbv.coverage.measurement import measure_coverage
 from nbv.plan.baselines import compare_with_baselines
 from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import coverage_page, plan_page
-from nbv.report.pictures.cut_mesh import below
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.report.pictures.surface_values import below
+from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
 from scenes.rays.raycast import RayCaster
 from scenes.world.builtin import builtin_scene

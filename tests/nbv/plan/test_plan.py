@@ -13,7 +13,7 @@ from nbv.online.targets import GainOptions
 from nbv.plan.plan import read_plan
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, viewing_sphere

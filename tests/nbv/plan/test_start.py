@@ -8,8 +8,8 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
 from nbv.plan.visiting_order import short_order
-from nbv.scanning.sensors.sensor import PinholeSensor
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import PinholeSensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.standing.site import find_site

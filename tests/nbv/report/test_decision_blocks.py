@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.exchange.dimensions.pipeline import DecisionSheet
-from nbv.report.blocks.decision_blocks import decision_sections
+from completion.export.dimensions.pipeline import DecisionSheet
+from nbv.report.blocks.decisions import decision_sections
 from nbv.report.completion_report import completion_page
 from tests.helpers.exchange_examples import panorama
 

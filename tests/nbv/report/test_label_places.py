@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from nbv.report.figures.label_places import around, beside, boxes
+from nbv.report.figures.storey_plan import around, beside, boxes
 
 
 def covered(rectangles):

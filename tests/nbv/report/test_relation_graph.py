@@ -10,7 +10,7 @@ from PIL import Image
 
 from completion.relations.engine.relation import Relation
 from completion.relations.pipeline import infer
-from nbv.report.figures.relation_graph import relation_graph
+from nbv.report.part_report import relation_graph
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.part_examples import exact
 

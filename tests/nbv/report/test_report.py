@@ -9,12 +9,12 @@ import pytest
 
 from nbv.coverage.coverage import MET, Coverage
 from nbv.coverage.measurement import measure_coverage, visibility_history
+from nbv.report.blocks.page import Bar, BarShare, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.blocks.stations import outline_of
 from nbv.report.coverage_report import coverage_page
 from nbv.report.figures import plots
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.plots import coverage_curve
-from nbv.report.page.page import Bar, BarShare, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.pictures.camera import aim, aside_cameras, overview_cameras
 from nbv.report.pictures.drawing import MeshDrawing, passes_hidden
 from nbv.report.pictures.picture import (

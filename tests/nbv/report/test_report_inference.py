@@ -10,13 +10,11 @@ import pytest
 from PIL import Image
 
 from nbv.commands.plan import lines_of, summary_of
-from nbv.coverage.completed_surfaces import CompletedSurfaces
-from nbv.coverage.surface_classes import INFERRED, MET, MODELLED, UNKNOWN, Shares
+from nbv.coverage.surface_classes import INFERRED, MET, MODELLED, UNKNOWN, CompletedSurfaces, Shares
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import Baseline
 from nbv.plan.planning import plan_views
-from nbv.report.blocks.inference_blocks import class_pictures, class_table, layers
-from nbv.report.blocks.plan_findings import baselines_section
+from nbv.report.blocks.inference import baselines_section, class_pictures, class_table, layers
 from nbv.report.coverage_report import plan_page
 from nbv.report.figures.plots import class_curve
 from nbv.report.pictures.drawing import mark_modelled
@@ -27,7 +25,7 @@ from nbv.report.pictures.picture import UNKNOWN as UNKNOWN_COLOUR
 from nbv.report.scans_report import stations_table
 from nbv.run.wording import percent_within
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.scans.next_stations import plan_next_stations
 from nbv.scans.scan_map import ScanMap
 from nbv.visibility.samples import sample_surface

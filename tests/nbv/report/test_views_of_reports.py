@@ -12,7 +12,7 @@ from completion.pipeline import complete
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.tour import Leg, Tour
-from nbv.report.blocks.scan_tables import place_cells, scans_table
+from nbv.report.blocks.coverage_tables import place_cells, scans_table
 from nbv.report.blocks.stations import fields_of, outline_of
 from nbv.report.figures.floor_plan import FloorPlan
 from nbv.report.figures.plots import coverage_curve
@@ -25,7 +25,7 @@ from nbv.report.viewer.markers import box_edges, given_markers, slope_of, tour_l
 from nbv.report.viewer.scene_view import near_hull, scene_view
 from nbv.report.viewer.state_view import state_view
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from nbv.scanning.view import View
 from nbv.scans.next_stations import plan_next_stations
 from nbv.scans.scan_coverage import cover_by_scans

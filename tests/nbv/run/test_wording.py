@@ -8,7 +8,7 @@ from nbv.cover.cover import LowerBound
 from nbv.coverage.measurement import visibility_history
 from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import coverage_page, plan_page
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.samples import sample_surface
 from scenes.world.builtin import builtin_scene
 

@@ -6,15 +6,20 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from nbv.scanning.effects.echo_strength import Dropout, Intensity, reflectivity_of_colour
-from nbv.scanning.effects.effects import NO_EFFECTS, Effects, named_effects, normal_numbers, stage_streams
-from nbv.scanning.effects.footprint import Footprint
-from nbv.scanning.effects.noise_models import ConstantNoise, TerrestrialNoise
-from nbv.scanning.effects.pointing import PointingNoise
-from nbv.scanning.effects.quantisation import Quantisation
+from nbv.scanning.beam import Dropout, Footprint, Intensity, reflectivity_of_colour
+from nbv.scanning.effects import (
+    NO_EFFECTS,
+    Effects,
+    PointingNoise,
+    Quantisation,
+    named_effects,
+    normal_numbers,
+    stage_streams,
+)
+from nbv.scanning.noise_models import ConstantNoise, TerrestrialNoise
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
-from nbv.scanning.sensors.sensor_profile import load_sensor, sensor_from_profile
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor_profile import load_sensor, sensor_from_profile
 from scenes.checks import InputError
 from tests.helpers.sheet_scenes import EAST, before_wall, sheets
 

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from nbv.scanning.effects.effects import Effects, named_effects
-from nbv.scanning.effects.noise_models import (
+from nbv.scanning.effects import Effects, PointingNoise, Quantisation, named_effects
+from nbv.scanning.noise_models import (
     ConstantNoise,
     KhoshelhamNoise,
     NguyenNoise,
@@ -13,10 +13,8 @@ from nbv.scanning.effects.noise_models import (
     TerrestrialNoise,
     range_sigma_m,
 )
-from nbv.scanning.effects.pointing import PointingNoise
-from nbv.scanning.effects.quantisation import Quantisation
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from nbv.scanning.view import View
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh

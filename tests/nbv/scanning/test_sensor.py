@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
-from nbv.scanning.sensors.sensor_profile import sensor_from_profile
-from nbv.scanning.sensors.triangulation import LineSensor, TriangulationSensor
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor_profile import sensor_from_profile
+from nbv.scanning.triangulation import LineSensor, TriangulationSensor
 from scenes.checks import InputError
 
 

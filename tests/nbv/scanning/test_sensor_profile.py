@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nbv.scanning.effects.effects import Effects
-from nbv.scanning.effects.noise_models import StereoNoise
-from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
-from nbv.scanning.sensors.sensor_profile import load_profile, load_sensor, sensor_from_profile, sensor_names
-from nbv.scanning.sensors.triangulation import LineSensor, TriangulationSensor
+from nbv.scanning.effects import Effects
+from nbv.scanning.noise_models import StereoNoise
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor_profile import load_profile, load_sensor, sensor_from_profile, sensor_names
+from nbv.scanning.triangulation import LineSensor, TriangulationSensor
 from scenes.checks import InputError
 
 UNSOURCED = {"kind", "name", "model"}  # names, not numbers

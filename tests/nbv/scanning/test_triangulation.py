@@ -4,12 +4,12 @@
 import numpy as np
 import pytest
 
-from nbv.scanning.effects.effects import Effects
-from nbv.scanning.effects.footprint import Footprint
+from nbv.scanning.beam import Footprint
+from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import Partner
-from nbv.scanning.sensors.sensor_profile import load_sensor
-from nbv.scanning.sensors.triangulation import LineSensor, TriangulationSensor
+from nbv.scanning.sensor import Partner
+from nbv.scanning.sensor_profile import load_sensor
+from nbv.scanning.triangulation import LineSensor, TriangulationSensor
 from scenes.checks import InputError
 from tests.helpers.sheet_scenes import EAST, before_wall, sheets
 

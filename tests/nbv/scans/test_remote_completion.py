@@ -20,7 +20,7 @@ from completion.pipeline import complete
 from nbv.cli import app
 from nbv.run.workers import DaskWorkers, Share, cluster
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.scanning.view import View
 from nbv.scans import remote_completion
 from nbv.scans.remote_completion import CompletionTask

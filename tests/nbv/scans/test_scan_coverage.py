@@ -12,7 +12,7 @@ from nbv.coverage.measurement import CoverageTally
 from nbv.online.occupancy import VoxelMap
 from nbv.report.scans_report import scan_coverage_page
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.scans.measured_area import measure_area
 from nbv.scans.scan_coverage import cover_by_scans
 from nbv.scans.scan_map import ScanMap, with_known_noise

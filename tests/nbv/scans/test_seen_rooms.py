@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from nbv.coverage.completed_surfaces import CompletedSurfaces
+from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import SphericalSensor
+from nbv.scanning.sensor import SphericalSensor
 from nbv.scans.scan_coverage import cover_by_scans
 from nbv.scans.scan_map import ScanMap
 from nbv.scans.seen_rooms import SeenRooms

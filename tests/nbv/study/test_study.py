@@ -24,7 +24,7 @@ from nbv.plan.planning import Method, plan_views
 from nbv.plan.remote_visibility import RemoteVisibility, SharedArrays
 from nbv.run.manifest import versions
 from nbv.run.workers import ThisProcess, _check_versions, cluster
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.study.case import PlanArchive, cases_of, run_case
 from nbv.study.outcome import COLUMNS, SHARES, groups_of, outcome_of
 from nbv.study.pipeline import run_study

@@ -7,16 +7,14 @@ import pytest
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
 from nbv.plan.planning import plan_views
-from nbv.scanning.effects.echo_strength import Intensity
-from nbv.scanning.effects.effects import Effects, named_effects
-from nbv.scanning.effects.noise_models import ConstantNoise, TerrestrialNoise
-from nbv.scanning.effects.pointing import PointingNoise
+from nbv.scanning.beam import Intensity
+from nbv.scanning.effects import Effects, PointingNoise, named_effects
+from nbv.scanning.noise_models import ConstantNoise, TerrestrialNoise
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor, SphericalSensor
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
-from nbv.visibility.precision import Precision
-from nbv.visibility.requirement import Requirement
+from nbv.visibility.requirement import Precision, Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError

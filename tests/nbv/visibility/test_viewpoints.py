@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from nbv.scanning.sensors.sensor import PinholeSensor
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor import PinholeSensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.viewpoints import (
     Candidates,
     load_candidates,

@@ -13,9 +13,9 @@ from nbv.plan.planning import plan_views
 from nbv.plan.tour import plan_tour
 from nbv.report.coverage_report import plan_page
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.clearance import Clearance
+from nbv.visibility.standing.site_options import Clearance
 from nbv.visibility.viewpoints import Candidates, room_lattice, sphere_directions
 from nbv.visibility.zones import EVERYWHERE, Box, Zones
 from scenes.checks import InputError

@@ -16,7 +16,7 @@ from PIL import Image
 from completion.edits.file import read_edits
 from nbv.commands.texture import read_image
 from nbv.plan.plan import read_plan
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import read_study
 from nbv.visibility.viewpoints import load_candidates
 from scenes.io.describe import describe_image

@@ -9,7 +9,7 @@ import json
 import numpy as np
 from PIL import Image
 
-from nbv.scanning.sensors.sensor_profile import load_sensor
+from nbv.scanning.sensor_profile import load_sensor
 from scenes.io.gltf import glb_of
 from scenes.io.obj import write_obj
 from scenes.io.off import write_off
@@ -193,7 +193,7 @@ def sensor_files() -> list[Case]:
     """Profiles of every kind of sensor, as they are shipped."""
     from importlib import resources
 
-    from nbv.scanning.sensors.sensor_profile import sensor_names
+    from nbv.scanning.sensor_profile import sensor_names
 
     texts = [
         (resources.files("nbv.scanning") / "sensors" / f"{name}.toml").read_bytes() for name in sensor_names()

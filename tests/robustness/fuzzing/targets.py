@@ -15,7 +15,7 @@ from nbv.commands.description.outputs import describe_output, with_states
 from nbv.commands.info import _lines
 from nbv.commands.texture import read_image, read_mask
 from nbv.plan.plan import read_plan
-from nbv.scanning.sensors.sensor_profile import load_profile
+from nbv.scanning.sensor_profile import load_profile
 from nbv.study.spec import read_study
 from nbv.visibility.viewpoints import load_candidates
 from scenes.io.describe import describe, describe_image

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from completion import complete
 from completion.extension.patch import Provenance
 from nbv.cli import app
-from nbv.report.page.page import Page
+from nbv.report.blocks.page import Page
 from scenes.checks import InputError
 from scenes.io.station import scan_from_station
 from scenes.pose import Pose

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nbv.report.viewer.byte_packing import Packer, by_appearance, countdown
-from nbv.report.viewer.encoding import decoded_header, encoded
+from nbv.report.viewer.encoding import Packer, by_appearance, countdown, decoded_header, encoded
 from nbv.report.viewer.layers import NOTHING, Category, Classes, Layer, Numbers
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import Appearance

@@ -27,9 +27,9 @@ from nbv.cover import dual
 from nbv.cover.instance import CoverInstance
 from nbv.cover.pipeline import CoverOptions
 from nbv.cover.reduction import reduce_instance
-from nbv.scanning.effects.effects import Effects
-from nbv.scanning.effects.footprint import Footprint
-from nbv.scanning.sensors.sensor import PinholeSensor
+from nbv.scanning.beam import Footprint
+from nbv.scanning.effects import Effects
+from nbv.scanning.sensor import PinholeSensor
 from nbv.scanning.view import View
 from nbv.visibility.reachability import find_reachable
 from nbv.visibility.requirement import Requirement

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.bounding import bounding_surface
+from nbv.visibility.standing.candidates import bounding_surface
 from nbv.visibility.standing.site import find_site
 from nbv.visibility.standing.site_options import SiteOptions
 from scenes.checks import InputError

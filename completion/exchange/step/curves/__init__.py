@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Curves in which surfaces meet, and the corners where these do."""

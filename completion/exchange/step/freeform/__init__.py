@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Free-form faces: patches as STEP."""

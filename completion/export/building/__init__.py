@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Building elements: storeys, rooms, walls, slabs, columns, pipes."""

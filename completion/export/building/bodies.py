@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: MIT
+"""Bodies: walls and slabs that were seen from both sides, with their thickness; others have none.
+
+Two planes back to back are a body where both were seen, and where the scans do not speak against it: no beam
+went through between them and no other surface lies there. What only one side is known of has no thickness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from completion.evidence.chart_grid import ChartGrid
+from completion.evidence.free_space import free_cells
+from completion.evidence.reach import Reach, reach_of
+from completion.evidence.sight import Sight, sight_of
+from completion.export.building.faces import (
+    Frame,
+    PlaneFace,
+    buffered,
+    common,
+    filled,
+    inside,
+    joined,
+    less,
+    moved,
+    wide,
+)
+from completion.observe.observation import Observation
+from completion.observe.tolerance import Tolerance
+from scenes.checks import FloatArray
+from scenes.pose import Pose
+from scenes.surfaces.catalogue import Plane
+
+_CELL_M, _MOST_CELLS = 0.03, 200_000  # side of a cell; how many there are at most
+_BEAMS_LEAST_WIDE_M = 0.1  # of what counts as gone through: outlines of openings are off by a cell or two
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beams:
+    """The beams of scans.
+
+    Attributes
+    ----------
+    sights, reaches : sequences
+        Of each scan, working frame.
+    world : Pose
+        From the working frame to the world.
+    """
+
+    sights: Sequence[Sight]
+    reaches: Sequence[Reach]
+    world: Pose
+
+    @classmethod
+    def of(cls, observations: Sequence[Observation], world: Pose, tolerance: Tolerance) -> Beams:
+        """Return the beams of scans that brought something back."""
+        seen = [one for one in observations if one.scan.valid.any()]
+        return cls([sight_of(one, tolerance) for one in seen], [reach_of(one) for one in seen], world)
+
+    def free(self, area: Any, frame: Frame, depth_m: float) -> Any:
+        """Return where beams went through an area of a frame, at a depth behind its plane, metres.
+
+        By the same rule as the veto of a surface (`free_cells`), in cells of 3 cm that are joined over gaps
+        of two; of it what is at least 10 cm wide.
+        """
+        if not self.sights or area.is_empty:
+            return shapely.Polygon()
+        inverse = self.world.inverse()
+        local = inverse.apply(frame.place(shapely.get_coordinates(area), -depth_m))
+        plane = Plane(local[0], inverse.rotate(frame.normal[None])[0])
+        uv = plane.to_uv(local)
+        low, high = uv.min(axis=0), uv.max(axis=0)
+        cell = max(_CELL_M, float(np.sqrt(np.prod(high - low) / _MOST_CELLS)))
+        grid = ChartGrid.over(plane, low, high, cell, full_turn=False)
+        is_free = free_cells(grid, np.zeros(grid.shape[0] * grid.shape[1]), self.sights, self.reaches)
+        found = joined(self._cells(grid, np.flatnonzero(is_free), frame))
+        found = buffered(buffered(found, cell), -cell)
+        return wide(common(area, found), max(_BEAMS_LEAST_WIDE_M, 3 * cell))
+
+    def _cells(self, grid: ChartGrid, chosen: NDArray[np.int64], frame: Frame) -> list[Any]:
+        """Squares of some cells in the coordinates of a frame."""
+        row, column = np.divmod(chosen, grid.shape[1])
+        around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
+        uv = grid.uv_of(row[:, None] + around[:, 1], column[:, None] + around[:, 0])
+        places = self.world.apply(grid.surface.from_uv(uv.reshape(-1, 2)))
+        return list(shapely.polygons(frame.flat(places).reshape(-1, 4, 2)))
+
+
+MOST_M = 0.6
+"""Greatest thickness that is called a wall or a slab.
+
+Outer walls of brick, block and insulation are .3 to .5 m thick (DIN 4172 has 49 cm as its thickest wall of
+usual bricks); what is farther apart back to back is a shaft, a cupboard or a room that was not scanned.
+"""
+_LEAST_M = 0.02  # of a thickness
+_PARALLEL_DEG, _MOST_DEG, _N_SIGMA = 1.0, 5.0, 3.0
+_LEAST_M2, _LEAST_WIDE_M = 0.05, 0.1  # of an overlap
+_WALL_HIGH_M, _SLAB_M2 = 1.5, 2.0  # of what encloses no room, to be a wall or a slab and no furniture
+_LEVELS = (0.25, 0.5, 0.75)  # of the thickness, at which beams are looked for
+_SLACK_M = 0.01  # from either face, within which another surface is that face
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A wall or a slab that was seen from both sides.
+
+    Attributes
+    ----------
+    kind : "wall" or "slab"
+        A slab is level.
+    surfaces : (int, int)
+        Numbers of its two faces; of a slab the upper one is the first.
+    frame : Frame
+        On the first face; the body lies behind it.
+    measured, inferred : shapely geometry
+        Where both faces were measured, and where one was and the other is inferred; coordinates of the frame,
+        metres. What is surrounded by these counts as inferred.
+    thickness_m, thickness_sd_m : float
+        At `place`, along the frame's normal; the deviation is the sum of both faces', which share errors.
+    place : (3,) float
+        On the first face, world coordinates: where both were measured, as far inside as possible.
+    confidence : float
+        The smaller of both faces' there.
+    angle_deg : float
+        Between the faces.
+    """
+
+    kind: Literal["wall", "slab"]
+    surfaces: tuple[int, int]
+    frame: Frame
+    measured: Any
+    inferred: Any
+    thickness_m: float
+    thickness_sd_m: float
+    place: FloatArray
+    confidence: float
+    angle_deg: float
+
+    @property
+    def area(self) -> Any:
+        """Where both faces are."""
+        return joined((self.measured, self.inferred))
+
+    @property
+    def measured_share(self) -> float:
+        """Share of its area that was measured on both faces."""
+        return float(self.measured.area / self.area.area)
+
+
+def find_bodies(faces: Sequence[PlaneFace], beams: Beams) -> tuple[Body, ...]:
+    """Return the walls and slabs that were seen from both sides, thinnest first where they compete.
+
+    A place of a face belongs to one body alone: to that with the nearest other face.
+    """
+    taken: dict[int, list[Any]] = {face.number: [] for face in faces}
+    found = []
+    pairs = [pair for one, other in combinations(faces, 2) for pair in _back_to_back(one, other)]
+    for _, one, other in sorted(pairs, key=lambda pair: (pair[0], pair[1].number, pair[2].number)):
+        body = _body(one, other, faces, taken, beams)
+        if body is not None:
+            found.append(body)
+            taken[one.number].append(body.area)
+            taken[other.number].append(moved(body.area, one.frame, other.frame))
+    return tuple(sorted(found, key=lambda body: body.surfaces))
+
+
+def _back_to_back(one: PlaneFace, other: PlaneFace) -> Iterator[tuple[float, PlaneFace, PlaneFace]]:
+    """Two faces whose planes may be those of a body, with the depth of the second behind the first."""
+    if not ((one.is_upright and other.is_upright) or (one.is_level and other.is_level)):
+        return
+    if one.is_level and one.frame.normal[2] < 0:
+        one, other = other, one
+    if one.frame.normal @ other.frame.normal > -np.cos(np.radians(_MOST_DEG)):
+        return
+    middle = other.frame.place(shapely.get_coordinates(other.area).mean(axis=0)[None])
+    depth = -float(one.frame.height(middle)[0])
+    if _LEAST_M / 2 < depth < 2 * MOST_M:
+        yield depth, one, other
+
+
+def _body(
+    one: PlaneFace,
+    other: PlaneFace,
+    faces: Sequence[PlaneFace],
+    taken: dict[int, list[Any]],
+    beams: Beams,
+) -> Body | None:
+    """The body of two faces, unless something speaks against it."""
+    frame = one.frame
+    sides = other.laid_on(frame)
+    both = _known(one, sides)
+    both = less(both, (*taken[one.number], *_laid(taken, other, frame)))
+    both = wide(both, _LEAST_WIDE_M)
+    if both.area < _LEAST_M2 or not _is_seen(one, other, both, frame):
+        return None
+    depth = _depth(both, one, other)
+    if not _LEAST_M <= depth <= MOST_M or not _is_parallel(one, other, both):
+        return None
+    both = less(both, _others_between(both, (one, other), faces, depth))
+    for level in _LEVELS:
+        both = less(both, [beams.free(both, frame, level * depth)])
+    both = wide(both, max(_LEAST_WIDE_M, depth))  # else it is the end of a wall, beside a door
+    measured = common(both, common(one.measured, sides[0]))
+    if both.area < _LEAST_M2 or measured.area < _LEAST_M2 or not _is_large(one, other, both):
+        return None
+    uv = inside(measured)
+    place = frame.place(uv)
+    return Body(
+        kind="wall" if one.is_upright else "slab",
+        surfaces=(one.number, other.number),
+        frame=frame,
+        measured=measured,
+        inferred=less(both, [measured]),
+        thickness_m=_depth_at(place, one, other),
+        thickness_sd_m=one.element.sd_m(place) + other.element.sd_m(_opposite(place, one, other)),
+        place=place,
+        confidence=min(one.element.confidence(place), other.element.confidence(_opposite(place, one, other))),
+        angle_deg=_angle_deg(one, other),
+    )
+
+
+def _known(one: PlaneFace, sides: tuple[Any, Any]) -> Any:
+    """Where both faces are and one was measured, and what that goes all around."""
+    both = common(one.area, joined(sides))
+    return common(both, filled(common(both, joined((one.measured, sides[0])))))
+
+
+def _laid(taken: dict[int, list[Any]], other: PlaneFace, frame: Frame) -> list[Any]:
+    return [moved(area, other.frame, frame) for area in taken[other.number]]
+
+
+def _is_seen(one: PlaneFace, other: PlaneFace, both: Any, frame: Frame) -> bool:
+    """Whether both faces were measured somewhere in the area that they share."""
+    sides = one.measured, other.laid_on(frame)[0]
+    return all(common(side, both).area >= _LEAST_M2 for side in sides)
+
+
+def _is_large(one: PlaneFace, other: PlaneFace, both: Any) -> bool:
+    """Whether it is no board: the faces of furniture enclose nothing, and are neither high nor large."""
+    if {"wall", "floor", "ceiling"} & {one.element.kind, other.element.kind}:
+        return True
+    return bool(both.bounds[3] - both.bounds[1] >= _WALL_HIGH_M if one.is_upright else both.area >= _SLAB_M2)
+
+
+def _others_between(
+    both: Any, pair: Sequence[PlaneFace], faces: Sequence[PlaneFace], depth: float
+) -> list[Any]:
+    """Where another plane along the faces lies between them."""
+    frame, found = pair[0].frame, []
+    for face in faces:
+        if face in pair or abs(face.frame.normal @ frame.normal) < np.cos(np.radians(_MOST_DEG)):
+            continue
+        area = common(moved(face.area, face.frame, frame), both)
+        if area.area < _LEAST_M2:
+            continue
+        if _SLACK_M < _depth_at(frame.place(inside(area)), pair[0], face) < depth - _SLACK_M:
+            found.append(area)
+    return found
+
+
+def _opposite(place: FloatArray, one: PlaneFace, other: PlaneFace) -> FloatArray:
+    """The place (3,) of the other face straight behind a place of the first."""
+    return np.asarray(place - _depth_at(place, one, other) * one.frame.normal)
+
+
+def _depth_at(place: FloatArray, one: PlaneFace, other: PlaneFace) -> float:
+    """How far the other face lies behind a place (3,) of the first, along the first's normal."""
+    slope = float(other.frame.normal @ one.frame.normal)
+    return float(other.frame.height(place[None])[0]) / slope
+
+
+def _depth(both: Any, one: PlaneFace, other: PlaneFace) -> float:
+    return _depth_at(one.frame.place(inside(both)), one, other)
+
+
+def _angle_deg(one: PlaneFace, other: PlaneFace) -> float:
+    across = float(np.linalg.norm(np.cross(one.frame.normal, other.frame.normal)))
+    return float(np.degrees(np.arcsin(min(across, 1.0))))
+
+
+def _is_parallel(one: PlaneFace, other: PlaneFace, both: Any) -> bool:
+    """Whether the planes are parallel to 1 degree, or within three deviations of the angle between them."""
+    low, high = np.reshape(both.bounds, (2, 2))
+    far = one.frame.place(np.array([low, high]))
+    apart = max(float(np.linalg.norm(far[1] - far[0])), _LEAST_M)
+    spread = 0.0
+    for face in (one, other):
+        slope = face.element.gradient(far[1]) - face.element.gradient(far[0])
+        variance = float(slope @ face.element.patch.stated.covariance @ slope)
+        spread += float(np.sqrt(max(variance, 0.0))) / apart
+    return _angle_deg(one, other) <= max(_PARALLEL_DEG, _N_SIGMA * float(np.degrees(spread)))

@@ -1,0 +1,358 @@
+# SPDX-License-Identifier: MIT
+"""Building model: the light model in world coordinates, with what drawings say of its surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from completion.extension.patch import Patch
+from completion.panels.model import PanelModel
+from completion.uncertainty.joint_errors import JointErrors
+from scenes.checks import BoolArray, FloatArray
+from scenes.pose import Pose
+from scenes.surfaces.catalogue import Cylinder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Element:
+    """A completed surface.
+
+    Attributes
+    ----------
+    number : int
+        Of its surface, from 1.
+    kind : str
+        "wall", "floor" or "ceiling" of planes that enclose the room, else "plane" or "cylinder".
+    patch : Patch
+        Its cells, working frame.
+    world : Pose
+        From the working frame to the world.
+    """
+
+    number: int
+    kind: str
+    patch: Patch
+    world: Pose
+
+    def gradient(self, place: FloatArray) -> FloatArray:
+        """Derivative (k,) of the signed distance of a place (3,) of the world by the surface's parameters."""
+        return np.asarray(self.patch.stated.gradient(self._local(place))[0])
+
+    def normal_at(self, place: FloatArray) -> FloatArray:
+        """Unit normal (3,) at a place (3,), both of the world."""
+        return np.asarray(self.world.rotate(self.patch.grid.surface.normal(self._local(place)))[0])
+
+    def sd_m(self, place: FloatArray) -> float:
+        """Standard deviation of the surface along its normal at a place (3,) of the world, metres."""
+        return float(self.patch.stated.standard_deviation(self._local(place))[0])
+
+    def provenance(self, place: FloatArray) -> int:
+        """Return the `Provenance` of the cell at a place (3,) of the world; -1 where the surface is not."""
+        return int(self._cell(self.patch.provenance, place, -1))
+
+    def confidence(self, place: FloatArray) -> float:
+        """Probability that the surface is at a place (3,) of the world; 1 where it was measured."""
+        return float(self._cell(self.patch.confidence, place, 0.0))
+
+    @property
+    def measured_share(self) -> float:
+        """Share of its area that was measured."""
+        whole = self.patch.observed_m2 + self.patch.hypothesised_m2
+        return self.patch.observed_m2 / whole if whole else 0.0
+
+    def _local(self, place: FloatArray) -> FloatArray:
+        return self.world.inverse().apply(np.asarray(place)[None])
+
+    def _cell(self, cells: Any, place: FloatArray, beyond: float) -> float:
+        """What the cell holds that a place (3,) lies in, `beyond` outside the grid."""
+        grid = self.patch.grid
+        column, row = np.floor((grid.surface.to_uv(self._local(place))[0] - grid.corner) / grid.cell)
+        column = column % grid.shape[1] if grid.wraps else column
+        inside = 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]
+        return float(cells[int(row), int(column)]) if inside else beyond
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneElement(Element):
+    """A completed plane.
+
+    Attributes
+    ----------
+    point, normal : (3,) float
+        World coordinates, metres; the normal points to where it was seen from, of walls into the room.
+    area_m2 : float
+        Of its outline, less its openings.
+    rings : tuple of (n, 3) float
+        Outlines of its parts, then of their holes, world coordinates, metres.
+    n_outer : int
+        How many of the rings are outlines of parts.
+    """
+
+    point: FloatArray
+    normal: FloatArray
+    area_m2: float
+    rings: tuple[FloatArray, ...]
+    n_outer: int
+
+    def covers(self, place: FloatArray) -> bool:
+        """Whether a place (3,) on it lies within its outline; holes count as covered."""
+        frame = np.linalg.svd(self.normal[None])[2][1:]
+        outer = [shapely.Polygon((ring - self.point) @ frame.T) for ring in self.rings[: self.n_outer]]
+        point = shapely.Point((place - self.point) @ frame.T)
+        return any(polygon.intersects(point) for polygon in outer)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CylinderElement(Element):
+    """A completed cylinder.
+
+    Attributes
+    ----------
+    ends : (2, 3) float
+        Where its axis begins and ends, by its measured and inferred cells; world coordinates, metres.
+    surface : Cylinder
+        Its surface, working frame.
+    radius_m, radius_sd_m : float
+        Its radius, and the standard deviation of it.
+    is_solid : bool
+        Whether it was seen from outside, as a pipe or a column; else it is a hollow round wall.
+    """
+
+    ends: FloatArray
+    surface: Cylinder
+    radius_m: float
+    radius_sd_m: float
+    is_solid: bool
+
+    @property
+    def length_m(self) -> float:
+        """Of its axis."""
+        return float(np.linalg.norm(self.ends[1] - self.ends[0]))
+
+
+def plane_element(number: int, record: dict[str, Any], patch: Patch, world: Pose) -> PlaneElement:
+    """Return a completed plane by its record in `polygons.json`."""
+    outer = [np.array(one["outer"]["points"]) for one in record["polygons"]]
+    holes = [np.array(hole["points"]) for one in record["polygons"] for hole in one["holes"]]
+    return PlaneElement(
+        number=number,
+        kind="plane" if record["role"] == "surface" else record["role"],
+        patch=patch,
+        world=world,
+        point=np.array(record["plane"]["point"]),
+        normal=np.array(record["plane"]["normal"]),
+        area_m2=float(record["area_m2"]),
+        rings=(*outer, *holes),
+        n_outer=len(outer),
+    )
+
+
+def cylinder_element(number: int, patch: Patch, surface: Cylinder, world: Pose) -> CylinderElement:
+    """Return a completed cylinder, the surface of its patch, from end to end of its cells."""
+    grid = patch.grid
+    rows = np.flatnonzero((patch.observed | patch.hypothesised).any(axis=1))
+    along = grid.corner[1] + grid.cell[1] * np.array([rows.min(), rows.max() + 1.0] if len(rows) else [0, 0])
+    return CylinderElement(
+        number=number,
+        kind="cylinder",
+        patch=patch,
+        world=world,
+        ends=world.apply(surface.point + along[:, None] * surface.direction),
+        surface=surface,
+        radius_m=float(surface.radius),
+        radius_sd_m=float(np.sqrt(patch.stated.covariance[-1, -1])),
+        is_solid=not surface.concave,
+    )
+
+
+REST = "rest"
+"""What no surface explains, which is surface 0."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoldLine:
+    """An edge that two surfaces share: polyline (n, 3), world coordinates, metres, as of `FoldEdge`."""
+
+    surfaces: tuple[int, int]
+    points: FloatArray
+    measured_share: float
+    sd_m: float
+    dihedral_deg: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpeningOutline:
+    """An opening.
+
+    Attributes
+    ----------
+    surface : int
+        The surface it is in, from 1.
+    kind : "door", "window" or "opening"
+        What it is by its place in a wall.
+    points : (n, 3) float
+        Its outline, world coordinates, metres.
+    sides : sequence of mapping
+        How well each side is known, from that point to the next, as in `polygons.json`.
+    width_m, height_m : float
+        Its size along the level and upwards.
+    seen_share : float
+        Share of it that beams went through; the rest is inferred to be open.
+    """
+
+    surface: int
+    kind: str
+    points: FloatArray
+    sides: Sequence[Mapping[str, float]]
+    width_m: float
+    height_m: float
+    seen_share: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BuildingModel:
+    """What is drawn, in world coordinates.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float
+        Metres.
+    faces : (m, 3) int
+        Facets; the last ones are of no surface.
+    surface : (m,) int
+        Number of each facet's surface, from 1; 0 for none.
+    provenance : (m,) int
+        The `Provenance` of each facet.
+    kinds : tuple of str
+        For surface 0, 1, ...: "rest", then "wall", "floor", "ceiling", "plane" or "cylinder".
+    folds : tuple of FoldLine
+        Edges that two surfaces share.
+    corners : (c, 3) float
+        Points in which three meet.
+    corner_sd_m : (c,) float
+        Their standard deviations in the worst direction.
+    openings : tuple of OpeningOutline
+        Holes in planes.
+    planes : tuple of PlaneElement
+        Its completed planes.
+    cylinders : tuple of CylinderElement
+        Its completed cylinders.
+    floor_m : float or None
+        Height of the lowest floor; None where none was found.
+    errors : JointErrors
+        How well the surfaces are known, jointly.
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int64]
+    surface: NDArray[np.int64]
+    provenance: NDArray[np.int64]
+    kinds: tuple[str, ...]
+    folds: tuple[FoldLine, ...]
+    corners: FloatArray
+    corner_sd_m: FloatArray
+    openings: tuple[OpeningOutline, ...]
+    planes: tuple[PlaneElement, ...]
+    cylinders: tuple[CylinderElement, ...]
+    floor_m: float | None
+    errors: JointErrors
+
+    @property
+    def walls(self) -> tuple[PlaneElement, ...]:
+        """The upright planes that enclose the room."""
+        return tuple(one for one in self.planes if one.kind == "wall")
+
+    @property
+    def is_measured(self) -> BoolArray:
+        """Which facets (m,) were measured; the others were inferred."""
+        return np.asarray(self.provenance == 0, dtype=np.bool_)
+
+    @property
+    def drawn(self) -> FloatArray:
+        """The vertices (k, 3) that facets use."""
+        return self.vertices[np.unique(self.faces)]
+
+
+def building_model(
+    panels: PanelModel,
+    patches: Sequence[Patch],
+    polygons: Mapping[str, Any],
+    errors: JointErrors,
+    *,
+    world: Pose,
+) -> BuildingModel:
+    """Return what drawings show of a completed model.
+
+    Parameters
+    ----------
+    panels : PanelModel
+        The light model, working frame.
+    patches : sequence of Patch
+        The completed surfaces, in their order.
+    polygons : mapping
+        What `polygons.json` holds.
+    errors : JointErrors
+        How well the surfaces are known.
+    world : Pose
+        From the working frame to the world.
+    """
+    planes = [
+        plane_element(int(one["id"]), one, patches[int(one["id"]) - 1], world) for one in polygons["surfaces"]
+    ]
+    cylinders = [
+        cylinder_element(number, patch, patch.grid.surface, world)
+        for number, patch in enumerate(patches, start=1)
+        if isinstance(patch.grid.surface, Cylinder)
+    ]
+    kinds = [REST] + [patch.grid.surface.kind for patch in patches]
+    for plane in planes:
+        kinds[plane.number] = plane.kind
+    n_rest = len(panels.rest.faces)
+    corners = np.array([one.point for one in panels.corners]).reshape(-1, 3)
+    spread = [float(np.sqrt(np.linalg.eigvalsh(one.covariance)[-1])) for one in panels.corners]
+    return BuildingModel(
+        vertices=world.apply(panels.vertices),
+        faces=np.concatenate([panels.faces, panels.rest.faces]),
+        surface=np.pad(panels.face_surface.astype(np.int64), (0, n_rest)),
+        provenance=np.pad(panels.face_provenance.astype(np.int64), (0, n_rest)),
+        kinds=tuple(kinds),
+        folds=tuple(
+            FoldLine(one.surfaces, world.apply(one.points), one.measured_share, one.sd_m, one.dihedral_deg)
+            for one in panels.folds
+        ),
+        corners=world.apply(corners),
+        corner_sd_m=np.array(spread),
+        openings=tuple(
+            OpeningOutline(
+                surface=int(plane["id"]),
+                kind=one["kind"],
+                points=np.array(one["points"]),
+                sides=one["sides"],
+                width_m=one["width_m"],
+                height_m=one["height_m"],
+                seen_share=one["seen_share"],
+            )
+            for plane in polygons["surfaces"]
+            for one in plane["openings"]
+        ),
+        planes=tuple(planes),
+        cylinders=tuple(cylinders),
+        floor_m=_lowest_floor(planes),
+        errors=errors,
+    )
+
+
+def _lowest_floor(planes: Sequence[PlaneElement]) -> float | None:
+    """Height of the lowest floor, in the middle of its outline's corners; None without a floor."""
+    heights = [
+        float(np.concatenate(plane.rings[: plane.n_outer])[:, 2].mean())
+        for plane in planes
+        if plane.kind == "floor" and plane.n_outer
+    ]
+    return min(heights, default=None)

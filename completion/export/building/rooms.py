@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: MIT
+"""Rooms: the plan of walls as closed outlines, each with its area, height and volume where they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+
+from completion.export.building.faces import PlaneFace, common, joined, less, polygons, wide
+from completion.export.building.model import BuildingModel
+from completion.export.building.storeys import Storey
+from scenes.checks import FloatArray
+
+_EXTENDED_M = 0.2  # by which a wall is continued to the next one in the plan
+_LEAST_M2, _LEAST_WIDE_M = 1.0, 0.5  # of a room
+_ON_LINE_M = 1e-6  # between the line of a wall and the middle of a side that is on it
+_MOST = 0.5  # of an outline whose walls must face inwards, else it is the inside of a wall; of floor, ceiling
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomSide:
+    """A side of a room's outline, (2, 2) world x and y, and the wall on whose line it is."""
+
+    ends: FloatArray
+    face: PlaneFace
+    faces_in: bool
+
+    @property
+    def length_m(self) -> float:
+        """Its length."""
+        return float(np.linalg.norm(self.ends[1] - self.ends[0]))
+
+    def band(self, bottom_m: float, top_m: float) -> Any:
+        """What of the wall is between two heights along this side, coordinates of its frame."""
+        frame = self.face.frame
+        u = frame.flat(np.column_stack([self.ends, np.full(2, bottom_m)]))[:, 0]
+        low, high = ((height - frame.origin[2]) / frame.up[2] for height in (bottom_m, top_m))
+        return shapely.box(float(u.min()), low, float(u.max()), high)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Room:
+    """A room.
+
+    Attributes
+    ----------
+    storey : int
+        Which one, from 0.
+    outline : shapely polygon
+        World x and y, metres; of an open one that of its floor.
+    sides : tuple of RoomSide
+        Of its outline, where a wall is; none of an open room.
+    surfaces : tuple of int
+        The walls around it, then its floors and ceilings.
+    floor_m : float
+        Height of its floor, in the middle.
+    height_m : float or None
+        From floor to ceiling; None where no ceiling was found.
+    volume_m3 : float or None
+        None where the room is open, or its height is not known.
+    measured_share : float
+        Share of floor, ceiling and walls around it that was measured; openings count as neither.
+    closed : bool
+        Whether walls stand all around it.
+    by_facets : bool
+        Whether its volume is that within its facets, which close.
+    told : str
+        How the volume was found, or why there is none.
+    """
+
+    storey: int
+    outline: Any
+    sides: tuple[RoomSide, ...]
+    surfaces: tuple[int, ...]
+    floor_m: float
+    height_m: float | None
+    volume_m3: float | None
+    measured_share: float
+    closed: bool
+    by_facets: bool
+    told: str
+
+    @property
+    def area_m2(self) -> float:
+        """Of its floor plan."""
+        return float(self.outline.area)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Line:
+    """A wall in the plan: the ends of what it covers, (2, 2) world x and y."""
+
+    face: PlaneFace
+    ends: FloatArray
+
+    @property
+    def extended(self) -> Any:
+        """The line between its ends, and somewhat beyond."""
+        along = self.ends[1] - self.ends[0]
+        along = _EXTENDED_M * along / max(float(np.linalg.norm(along)), 1e-9)
+        return shapely.LineString([self.ends[0] - along, self.ends[1] + along])
+
+
+def find_rooms(model: BuildingModel, storeys: Sequence[Storey]) -> tuple[Room, ...]:
+    """Return the rooms of all storeys, in each first those that are closed, largest first.
+
+    The lines of walls in the plan, each continued by 0.2 m, divide it into cells. Those are rooms whose walls
+    face inwards and below which is floor; floor beside them is an open room.
+    """
+    found: list[Room] = []
+    for number, storey in enumerate(storeys):
+        own = [_room(model, storey, number, *one) for one in _cells(storey)]
+        found += [*own, *_open_rooms(storey, number, own)]
+    return tuple(found)
+
+
+def _cells(storey: Storey) -> Iterator[tuple[Any, list[RoomSide]]]:
+    """Closed outlines in the plan of a storey, and their sides."""
+    lines = [line for face in storey.walls for line in _lines(face, storey)]
+    if not lines or not storey.floors:
+        return
+    floor = joined(face.plan() for face in storey.floors)
+    noded = shapely.union_all([line.extended for line in lines])
+    for cell in polygons(shapely.polygonize([noded]), _LEAST_M2):
+        sides = list(_sides(cell, lines))
+        facing = sum(side.length_m for side in sides if side.faces_in)
+        is_floor = common(floor, cell).area >= _MOST * cell.area
+        if is_floor and facing >= _MOST * cell.length and wide(cell, _LEAST_WIDE_M).area >= _LEAST_M2:
+            yield cell, sides
+
+
+def _lines(face: PlaneFace, storey: Storey) -> Iterator[_Line]:
+    """What a wall covers of the plan of a storey, at any height of it."""
+    low, high = storey.elevation_m, storey.ceiling_m
+    for polygon in polygons(face.area):
+        uv = shapely.get_coordinates(polygon)
+        z = face.frame.place(uv)[:, 2]
+        top = float(z.max()) if high is None else min(high, float(z.max()))
+        if top <= low + _EXTENDED_M or (high is not None and z.min() >= high - _EXTENDED_M / 2):
+            continue
+        middle = ((low + top) / 2 - face.frame.origin[2]) / face.frame.up[2]
+        ends = np.array([[uv[:, 0].min(), middle], [uv[:, 0].max(), middle]])
+        yield _Line(face, face.frame.place(ends)[:, :2])
+
+
+def _sides(cell: Any, lines: Sequence[_Line]) -> Iterator[RoomSide]:
+    corners = shapely.get_coordinates(cell.exterior)
+    drawn = np.array([line.extended for line in lines])
+    for begin, end in pairwise(corners):
+        middle = (begin + end) / 2
+        on = np.flatnonzero(shapely.distance(drawn, shapely.Point(middle)) < _ON_LINE_M).tolist()
+        towards = {k: _is_inward(lines[k].face, middle, cell) for k in on}
+        if on:
+            best = max(on, key=lambda k: (towards[k], -lines[k].face.number))
+            yield RoomSide(np.array([begin, end]), lines[best].face, towards[best])
+
+
+def _is_inward(face: PlaneFace, place: FloatArray, cell: Any) -> bool:
+    normal = face.frame.normal[:2] / np.linalg.norm(face.frame.normal[:2])
+    return bool(shapely.contains_xy(cell, *(place + 1e-3 * normal)))
+
+
+def _room(model: BuildingModel, storey: Storey, number: int, cell: Any, sides: Sequence[RoomSide]) -> Room:
+    floors, ceilings = (_over(faces, cell) for faces in (storey.floors, storey.ceilings))
+    roof = joined(part for _, part in ceilings)
+    has_roof = roof.area >= _MOST * cell.area
+    floor_m = _mean_height(floors)
+    height = _mean_height(ceilings) - floor_m if has_roof else None
+    walls = sorted({side.face.number for side in sides if side.faces_in})
+    numbers = (*walls, *(face.number for face, _ in (*floors, *ceilings)))
+    volume = cell.area * height if height is not None else None
+    told = "area of the outline times the mean height between floor and ceiling"
+    shut = shut_volume(model, numbers) if has_roof else None
+    if shut is not None:
+        volume, told = shut, "by its facets, which close"
+    elif volume is not None:
+        told += ", since its facets do not close"
+    else:
+        told = "no volume: a ceiling was not found over most of it"
+    return Room(
+        storey=number,
+        outline=cell,
+        sides=tuple(sides),
+        surfaces=numbers,
+        floor_m=floor_m,
+        height_m=height,
+        volume_m3=volume,
+        measured_share=_measured_share(storey, sides, (*floors, *ceilings)),
+        closed=True,
+        by_facets=shut is not None,
+        told=told,
+    )
+
+
+def _over(faces: Sequence[PlaneFace], cell: Any) -> list[tuple[PlaneFace, Any]]:
+    """Level faces that an outline has something in common with, and what."""
+    parts = [(face, common(face.plan(), cell)) for face in faces]
+    return [(face, part) for face, part in parts if not part.is_empty]
+
+
+def _mean_height(parts: Sequence[tuple[PlaneFace, Any]]) -> float:
+    """Mean height of level faces over parts of the plan, by area."""
+    heights = [_height_at(face, shapely.get_coordinates(shapely.centroid(part))[0]) for face, part in parts]
+    return float(np.average(heights, weights=[part.area for _, part in parts]))
+
+
+def _height_at(face: PlaneFace, place: FloatArray) -> float:
+    """Height of a level face at a place (2,) of the plan."""
+    frame = face.frame
+    off = frame.normal[:2] @ (place - frame.origin[:2])
+    return float(frame.origin[2] - off / frame.normal[2])
+
+
+def _measured_share(
+    storey: Storey, sides: Sequence[RoomSide], level: Sequence[tuple[PlaneFace, Any]]
+) -> float:
+    """Share of what bounds a room that was measured, openings left out."""
+    measured = whole = 0.0
+    for face, part in level:
+        seen = shapely.transform(face.measured, lambda uv, face=face: face.frame.place(uv)[:, :2])
+        measured += common(joined([seen]), part).area
+        whole += part.area
+    for side in sides:
+        face, top = side.face, storey.ceiling_m
+        band = side.band(storey.elevation_m, side.face.highest_m if top is None else top)
+        open_area = joined(shapely.Polygon(face.frame.flat(one.points)) for one in face.openings)
+        measured += common(face.measured, band).area
+        whole += less(band, [open_area]).area
+    return float(measured / whole) if whole else 0.0
+
+
+def _open_rooms(storey: Storey, number: int, closed: Sequence[Room]) -> Iterator[Room]:
+    """Floor that walls do not stand all around."""
+    floor = joined(face.plan() for face in storey.floors)
+    outlines = [shapely.buffer(room.outline, _EXTENDED_M, join_style="mitre") for room in closed]
+    for part in polygons(wide(less(floor, outlines), _LEAST_WIDE_M), _LEAST_M2):
+        floors, ceilings = (_over(faces, part) for faces in (storey.floors, storey.ceilings))
+        roof = joined(one for _, one in ceilings)
+        floor_m = _mean_height(floors)
+        height = _mean_height(ceilings) - floor_m if roof.area >= _MOST * part.area else None
+        yield Room(
+            storey=number,
+            outline=part,
+            sides=(),
+            surfaces=tuple(face.number for face, _ in (*floors, *ceilings)),
+            floor_m=floor_m,
+            height_m=height,
+            volume_m3=None,
+            measured_share=_measured_share(storey, (), (*floors, *ceilings)),
+            closed=False,
+            by_facets=False,
+            told="no volume: walls were not found all around it",
+        )
+
+
+def shut_volume(model: BuildingModel, numbers: Sequence[int]) -> float | None:
+    """Volume that the facets of some surfaces enclose, cubic metres; None where they do not close."""
+    faces = model.faces[np.isin(model.surface, numbers)]
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    there = {(a, b) for a, b in edges.tolist()}
+    if not len(faces) or len(there) != len(edges) or any((b, a) not in there for a, b in there):
+        return None
+    corners = model.vertices[faces] - model.vertices[faces[0, 0]]
+    return abs(float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum()) / 6)

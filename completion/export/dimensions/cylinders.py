@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: MIT
+"""Pipes and columns: radii, lengths, and how far columns stand apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+from completion.export.building.model import BuildingModel, CylinderElement, PlaneElement
+from completion.export.building.parts import BuildingParts
+from completion.export.dimensions.dimension import Dimension, Support, half_interval
+from completion.uncertainty.joint_errors import JointErrors
+from scenes.checks import FloatArray
+
+_ENDS_IT = 0.5  # cosine between a plane's normal and an axis, from which on the plane ends a cylinder
+_MOST = 0.95  # of a cylinder's measured cells, beyond which the plane that ends it may cut off some
+_NEAR_CELLS = 3.0  # between measured cells and the plane that they were measured up to
+_AROUND, _WITHIN, _BEYOND = 1.3, 0.6, 1.5  # radii from an axis: beside a cylinder, in its lid, beyond that
+_SHARE_FREE = 0.5  # of the last measured cells, beyond which beams went by
+_LEAST_ARC = np.pi / 2  # of a cylinder, measured
+
+
+def cylinder_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
+    """Return radius and length of round columns and of pipes, and how far neighbouring columns are apart.
+
+    Those are pipes and columns of which a quarter of a turn was measured: cushions and pots are round, too.
+
+    A cylinder ends on the first plane that it comes to beyond what was measured of it, or where beams went by
+    its own end. A hidden end may be anywhere between where the cylinder was measured and what encloses the
+    room. There is no length where nothing ends it, or a plate does that was seen from its other side, as a
+    table's leg is ended. Columns are upright; their distance is
+    taken between their axes, level, halfway up.
+    """
+    model = building.model
+    columns = [
+        one.cylinder for one in building.columns if one.cylinder is not None and _is_round(one.cylinder)
+    ]
+    pipes = [one for one in building.pipes if _is_round(one)]
+    found = [one for column in columns for one in _own(column, model, "column")]
+    found += [one for pipe in pipes for one in _own(pipe, model, "pipe")]
+    middles = [one.ends.mean(axis=0) for one in columns]
+    for k, m in combinations(range(len(columns)), 2):
+        ends = np.stack([middles[k], middles[m]])
+        ends[:, 2] = ends[:, 2].mean()
+        ends = np.stack([_on_axis(columns[k], ends[0]), _on_axis(columns[m], ends[1])])
+        apart = np.linalg.norm(ends[1] - ends[0])
+        between = [n for n in range(len(columns)) if n not in (k, m)]
+        if all(np.linalg.norm(middles[n][:2] - ends.mean(axis=0)[:2]) >= apart / 2 for n in between):
+            found.append(_spacing((columns[k], columns[m]), ends, model.errors))
+    return tuple(found)
+
+
+def _is_round(cylinder: CylinderElement) -> bool:
+    """Whether enough of its turn was measured to tell that it is round."""
+    seen = cylinder.patch.observed.any(axis=0)
+    arc = float(seen.sum() * cylinder.patch.grid.cell[0]) / cylinder.radius_m
+    return arc >= _LEAST_ARC
+
+
+def _own(cylinder: CylinderElement, model: BuildingModel, what: Literal["column", "pipe"]) -> list[Dimension]:
+    """Radius and length of a cylinder."""
+    is_column = what == "column"
+    middle, along = cylinder.ends.mean(axis=0), _direction(cylinder)
+    sides = [middle + cylinder.radius_m * way for way in _across(along)]
+    around = tuple(Support(cylinder, side, -1.0 / len(sides)) for side in sides)
+    half = half_interval(around, model.errors)
+    radius = Dimension(
+        kind="column radius" if is_column else "pipe radius",
+        value=cylinder.radius_m,
+        low=cylinder.radius_m - half,
+        high=cylinder.radius_m + half,
+        supports=around,
+        ends=np.stack([middle, sides[0]]),
+        measured_share=1.0,
+        existence=1.0,
+    )
+    caps = [one for one in (_end(cylinder, which, model) for which in (0, 1)) if one is not None]
+    if len(caps) < 2:
+        return [radius]
+    ends = np.stack([caps[0].place, caps[1].place])
+    value, planes = float(np.linalg.norm(ends[1] - ends[0])), [*caps[0].on, *caps[1].on]
+    step = float(cylinder.patch.grid.cell[1])
+    half = half_interval(planes, model.errors, more_sd=step * np.sqrt((2 - len(planes)) / 12))
+    length = Dimension(
+        kind="column height" if is_column else "pipe length",
+        value=value,
+        low=max(value - half - caps[0].inwards_m - caps[1].inwards_m, 0.0),
+        high=value + half + caps[0].outwards_m + caps[1].outwards_m,
+        supports=(Support(cylinder, ends[0], 0.0), *planes),
+        ends=ends,
+        measured_share=float(np.mean([one.inwards_m + one.outwards_m == 0 for one in caps])),
+        existence=1.0,
+    )
+    return [radius, length]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _End:
+    """Where an axis ends.
+
+    Attributes
+    ----------
+    place : (3,) float
+        Where it ends; its last cells reach over it by one where beams go by. World coordinates, metres.
+    on : tuple of Support
+        The plane that it ends on; none where beams went by its own end.
+    inwards_m, outwards_m : float
+        How far it may be off where that is hidden: back to where the cylinder was measured, on to what
+        encloses the room; 0 where it was measured up to the plane.
+    """
+
+    place: FloatArray
+    on: tuple[Support, ...]
+    inwards_m: float = 0.0
+    outwards_m: float = 0.0
+
+
+def _end(cylinder: CylinderElement, which: int, model: BuildingModel) -> _End | None:
+    """Where the axis ends; None where that is hidden, or behind a plate seen from its other side."""
+    outwards = _direction(cylinder) * (2 * which - 1)
+    start, last = (_measured_end(cylinder, which, share) for share in (_MOST, 1.0))
+    met = sorted(_meetings(start, outwards, model), key=lambda pair: pair[0])
+    reach = next((off for off, plane in met if plane.kind != "plane"), None)
+    cell = float(cylinder.patch.grid.cell[1])
+    near = _NEAR_CELLS * cell + float((last - start) @ outwards)
+    for off, plane in met[:1]:
+        at, slope = start + off * outwards, float(plane.normal @ outwards)
+        if off > near or not _is_solid(plane, at, cylinder):
+            continue
+        if slope > 0 and _is_plate(plane, at, cylinder):
+            return None
+        return _End(at, (Support(plane, at, -1.0 / slope),))
+    if _is_free(cylinder, which):
+        return _End(last - cell * outwards, ())
+    if reach is None:
+        return None
+    believed = float(np.clip((cylinder.ends[which] - start) @ outwards, 0.0, met[0][0]))
+    gap = float(np.maximum(believed - (last - start) @ outwards, 0.0))
+    return _End(start + believed * outwards, (), gap + 2 * cell, max(reach - believed, 0.0))
+
+
+def _is_solid(plane: PlaneElement, place: FloatArray, cylinder: CylinderElement) -> bool:
+    """Whether a plane ends a cylinder at a place (3,): what encloses the room does, and what was measured.
+
+    It was measured around the cylinder, or where it faces outwards, within, as the lid of a drum is.
+    """
+    facing = float(plane.normal @ (place - cylinder.ends.mean(axis=0))) > 0
+    far = cylinder.radius_m * (_WITHIN if facing else _AROUND)
+    around = [place + far * way for way in _across(_direction(cylinder))]
+    return plane.kind != "plane" or sum(plane.provenance(one) == 0 for one in around) > len(around) / 2
+
+
+def _is_plate(plane: PlaneElement, place: FloatArray, cylinder: CylinderElement) -> bool:
+    """Whether a plane that faces outwards goes on around the cylinder, so that it is no lid."""
+    around = [place + _BEYOND * cylinder.radius_m * way for way in _across(_direction(cylinder))]
+    return any(plane.provenance(one) >= 0 for one in around)
+
+
+def _meetings(
+    start: FloatArray, outwards: FloatArray, model: BuildingModel
+) -> Iterator[tuple[float, PlaneElement]]:
+    """The planes that an axis comes to, and how far they are from a place (3,) on it."""
+    for plane in model.planes:
+        slope = float(plane.normal @ outwards)
+        if abs(slope) < _ENDS_IT:
+            continue
+        off = float((plane.point - start) @ plane.normal) / slope
+        if off >= 0 and plane.covers(start + off * outwards):
+            yield off, plane
+
+
+def _measured_end(cylinder: CylinderElement, which: int, share: float = 1.0) -> FloatArray:
+    """The place (3,) on the axis up to which a share of the measured cells lie."""
+    grid, surface = cylinder.patch.grid, cylinder.surface
+    rows = np.nonzero(cylinder.patch.observed)[0]
+    row = np.quantile(rows, share) + 1 if which else np.quantile(rows, 1 - share)
+    along = grid.corner[1] + grid.cell[1] * row
+    return np.asarray(cylinder.world.apply((surface.point + along * surface.direction)[None])[0])
+
+
+def _is_free(cylinder: CylinderElement, which: int) -> bool:
+    """Whether beams went through where the cylinder would go on, beyond most of its last measured cells."""
+    observed, went = cylinder.patch.observed, cylinder.patch.evidence.open
+    rows = np.flatnonzero(observed.any(axis=1))
+    last, step = (rows[-1], 1) if which else (rows[0], -1)
+    beyond = [row for row in (last + step, last + 2 * step, last + 3 * step) if 0 <= row < len(observed)]
+    if not beyond:
+        return False
+    passed = np.asarray(went[beyond].any(axis=0))
+    return float(np.mean(passed[observed[last]])) > _SHARE_FREE
+
+
+def _spacing(
+    columns: tuple[CylinderElement, CylinderElement], ends: FloatArray, errors: JointErrors
+) -> Dimension:
+    """How far two axes are apart at two places (2, 3) on them."""
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    supports = []
+    for column, end, way in zip(columns, ends, (along, -along), strict=True):
+        for sign in (1.0, -1.0):  # an axis moves as half of what both sides of its cylinder do
+            place = end + sign * column.radius_m * way
+            supports.append(Support(column, place, 0.5 * sign))
+    value, half = float(np.linalg.norm(ends[1] - ends[0])), half_interval(supports, errors)
+    return Dimension(
+        kind="column spacing",
+        value=value,
+        low=value - half,
+        high=value + half,
+        supports=tuple(supports),
+        ends=ends,
+        measured_share=1.0,
+        existence=1.0,
+    )
+
+
+def _direction(cylinder: CylinderElement) -> FloatArray:
+    return np.asarray((cylinder.ends[1] - cylinder.ends[0]) / cylinder.length_m)
+
+
+def _across(along: FloatArray) -> list[FloatArray]:
+    """Four directions across a unit vector (3,), a quarter turn from each to the next."""
+    first = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    first /= np.linalg.norm(first)
+    second = np.cross(along, first)
+    return [first, second, -first, -second]
+
+
+def _on_axis(cylinder: CylinderElement, place: FloatArray) -> FloatArray:
+    """The place (3,) on a column's axis at the height of another."""
+    along = _direction(cylinder)
+    return np.asarray(cylinder.ends[0] + (place[2] - cylinder.ends[0][2]) / along[2] * along)

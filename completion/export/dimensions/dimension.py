@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: MIT
+"""Dimension: a number that people order by, the interval in which it lies, and on what it rests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from completion.export.building.model import Element, PlaneElement
+from completion.uncertainty.joint_errors import JointErrors
+from scenes.checks import FloatArray
+
+Kind = Literal[
+    "room width", "room height", "room area", "room volume", "wall thickness", "slab thickness",
+    "opening width", "opening height", "pipe radius", "pipe length",
+    "column radius", "column height", "column spacing",
+]  # fmt: skip
+
+LEVEL = 0.95
+"""Probability with which a dimension lies in its interval."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Support:
+    """A place on a surface that a dimension rests on.
+
+    Attributes
+    ----------
+    element : Element
+        The surface.
+    place : (3,) float
+        On it, world coordinates, metres.
+    weight : float
+        How fast the dimension grows as the place's signed distance from the surface does: 1 for either end of
+        a width between walls whose normals point into the room, -1 where they point out of what is measured.
+    """
+
+    element: Element
+    place: FloatArray
+    weight: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dimension:
+    """A number that people order by.
+
+    Attributes
+    ----------
+    kind : str
+        What it is of.
+    value : float
+        In `unit`.
+    low, high : float
+        Its 95 % interval, in `unit`.
+    supports : tuple of Support
+        What it rests on.
+    ends : (2, 3) float
+        From where to where it was taken, world coordinates, metres; twice a place within where it has none.
+    measured_share : float
+        Share of what it rests on that was measured; the rest was inferred.
+    existence : float
+        Probability that its least certain end is there.
+    unit : "m", "m2" or "m3"
+        Of both numbers.
+    across_m : float
+        By how much the number changes where all its bounds move outwards by a metre, over 2: 1 of lengths,
+        half the perimeter of an area (m), half the surface of a volume (m2).
+    """
+
+    kind: Kind
+    value: float
+    low: float
+    high: float
+    supports: tuple[Support, ...]
+    ends: FloatArray
+    measured_share: float
+    existence: float
+    unit: Literal["m", "m2", "m3"] = "m"
+    across_m: float = 1.0
+
+    @property
+    def half(self) -> float:
+        """Half its interval, in `unit`."""
+        return (self.high - self.low) / 2
+
+    @property
+    def surfaces(self) -> tuple[int, ...]:
+        """Numbers of the surfaces it rests on, in their order along it."""
+        return tuple(dict.fromkeys(one.element.number for one in self.supports))
+
+    @property
+    def name(self) -> str:
+        """What it is, and of which surfaces."""
+        several = len(self.surfaces) > 1
+        return f"{self.kind}, surface{'s' * several} {' '.join(map(str, self.surfaces))}"
+
+
+def half_interval(supports: Sequence[Support], errors: JointErrors, *, more_sd: float = 0.0) -> float:
+    """Half the 95 % interval of a number that rests on some places, with what their surfaces share.
+
+    Parameters
+    ----------
+    supports : sequence of Support
+        What it rests on.
+    errors : JointErrors
+        How well the surfaces are known.
+    more_sd : float
+        Standard deviation of what it rests on beside surfaces, such as borders in them.
+    """
+    contrast: dict[int, FloatArray] = {}
+    shifts: dict[int, FloatArray] = {}
+    for one in supports:
+        number = one.element.number - 1
+        contrast[number] = contrast.get(number, 0.0) + one.weight * one.element.gradient(one.place)
+        shifts[number] = shifts.get(number, np.zeros(3)) + one.weight * one.element.normal_at(one.place)
+    return errors.half_interval(contrast, shifts, more_sd=more_sd, level=LEVEL)
+
+
+def between(
+    kind: Kind, ends: FloatArray, elements: tuple[PlaneElement, PlaneElement], errors: JointErrors
+) -> Dimension:
+    """Return the length from a place on a plane to a place on another, `ends` (2, 3), world, metres."""
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    supports = tuple(
+        Support(element, end, 1.0 / float(element.normal @ inwards))
+        for element, end, inwards in zip(elements, ends, (along, -along), strict=True)
+    )
+    value, half = float(np.linalg.norm(ends[1] - ends[0])), half_interval(supports, errors)
+    return Dimension(
+        kind=kind,
+        value=value,
+        low=max(value - half, 0.0),
+        high=value + half,
+        supports=supports,
+        ends=ends,
+        measured_share=float(np.mean([one.element.provenance(one.place) == 0 for one in supports])),
+        existence=min(one.element.confidence(one.place) for one in supports),
+    )
+
+
+Advice = Literal["rely", "check", "do not build"]
+
+TOLERANCE_M = 0.010
+"""Half an interval up to which dimensions are relied on where nobody says how exact they must be, metres."""
+
+UNKNOWN = "A mesh does not say how wrong it is: no interval is known unless --sigma M says so."
+_LEAST_MEASURED, _LEAST_EXISTENCE = 0.5, 0.8
+
+
+def advice(dimension: Dimension, tolerance_m: float = TOLERANCE_M) -> Advice:
+    """Return whether to rely on a dimension, to check it on site, or not to build by it.
+
+    "do not build" where an end of it is there with a probability below 0.8. "rely" where half its 95 %
+    interval is within the tolerance and at least half of what it rests on was measured. Else "check". The
+    tolerance of an area is what its perimeter makes of it, each side off by half; that of a volume, what its
+    surface does.
+    """
+    if dimension.existence < _LEAST_EXISTENCE:
+        return "do not build"
+    is_exact = dimension.half <= tolerance_m * dimension.across_m
+    return "rely" if is_exact and dimension.measured_share >= _LEAST_MEASURED else "check"
+
+
+def told_rule(tolerance_m: float) -> str:
+    """The rule in plain words."""
+    return (
+        f"Rely: half the 95 % interval is at most {1000 * tolerance_m:g} mm, and at least half of what the "
+        "dimension rests on was measured. Do not build: an end of it is there with a probability below 0.8. "
+        "Check on site: all others. An area may be off by what the tolerance makes of its sides, half of it "
+        "on each, and a volume by what it makes of its faces."
+    )

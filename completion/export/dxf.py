@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: MIT
+"""DXF: facets, folds, corners, openings, a plan and sections on layers that are measured or inferred."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import ezdxf
+import numpy as np
+from ezdxf.document import Drawing
+from ezdxf.layouts import Modelspace
+from numpy.typing import NDArray
+
+from completion.export.building.cut import CutLine, Section, plan_of, sections_of
+from completion.export.building.model import BuildingModel
+from scenes.checks import FloatArray
+
+_VERSION = "R2010"  # what current CAD programs and those of fifteen years ago read
+_APP = "UNSEEN"  # name of the extended data: what a program that does not know it leaves alone
+_WHITE, _BLUE, _RED, _GREEN, _GREY, _MAGENTA = 7, 5, 1, 3, 8, 6  # colours by index
+_DASH = 0.2  # of the line type's own length, 0.6 m
+_TEXT_M, _GAP_M = 0.15, 1.0  # height of titles; between the plan and the sections beside it
+_FOLD_SHARE = 0.95  # of a fold that must have been measured on both sides
+_INVISIBLE = (1, 2, 8)  # flags of the edges of a 3DFACE whose fourth corner is the third again
+
+
+def dxf_of(model: BuildingModel) -> bytes:
+    """Return a model as DXF (AutoCAD 2010), in metres; the same model gives the same bytes.
+
+    Model space holds, where they are, facets (3DFACE on MEASURED-<KIND> and INFERRED-<KIND>; edges between
+    two of one surface and state are invisible), folds (FOLD-MEASURED: at least 95 % of the length was
+    measured on both sides; else FOLD-INFERRED), corners (points on CORNER), outlines of openings (OPENING)
+    and the plan (PLAN-MEASURED, PLAN-INFERRED, PLAN-REST) at its height. Sections (SECTION-...) lie flat
+    beside it. Extended data "UNSEEN" holds the surface and provenance of a facet, the surfaces, measured
+    share and deviation of a fold, the deviation of a corner, and the surface of a line.
+    """
+    with _fixed_marks():
+        document = ezdxf.new(_VERSION, setup=["linetypes"])
+        document.units = ezdxf.units.M
+        document.header["$MEASUREMENT"] = 1
+        document.header["$LTSCALE"] = _DASH
+        document.appids.add(_APP)
+        space = document.modelspace()
+        _add_facets(space, model)
+        _add_folds(space, model)
+        _add_openings(space, model)
+        plan, sections = plan_of(model), sections_of(model)
+        _add_lines(space, plan.lines, "PLAN")
+        _add_sections(space, model, sections, plan.told)
+        _finish(document, model)
+        for kind in sorted(document.entitydb.dxf_types_in_use()):  # the library would go by a set's order
+            document.classes.add_class(kind)
+        text = io.StringIO()
+        document.write(text)
+    return document.encode(text.getvalue())
+
+
+def _add_facets(space: Modelspace, model: BuildingModel) -> None:
+    hidden = _inner_edges(model)
+    for face, edges, number, why in zip(
+        model.vertices[model.faces].tolist(),
+        hidden.tolist(),
+        model.surface.tolist(),
+        model.provenance.tolist(),
+        strict=True,
+    ):
+        flags = sum(flag for flag, inner in zip(_INVISIBLE, edges, strict=True) if inner)
+        layer = f"{'INFERRED' if why else 'MEASURED'}-{model.kinds[number].upper()}"
+        entity = space.add_3dface([*face, face[2]], dxfattribs={"layer": layer, "invisible_edges": flags})
+        entity.set_xdata(_APP, [(1071, number), (1071, why)])
+
+
+def _add_folds(space: Modelspace, model: BuildingModel) -> None:
+    for fold in model.folds:
+        state = "MEASURED" if fold.measured_share >= _FOLD_SHARE else "INFERRED"
+        entity = space.add_polyline3d(fold.points.tolist(), dxfattribs={"layer": f"FOLD-{state}"})
+        numbers = [(1071, number) for number in fold.surfaces]
+        entity.set_xdata(_APP, [*numbers, (1040, fold.measured_share), (1040, fold.sd_m)])
+    for place, sd in zip(model.corners.tolist(), model.corner_sd_m.tolist(), strict=True):
+        space.add_point(place, dxfattribs={"layer": "CORNER"}).set_xdata(_APP, [(1040, sd)])
+
+
+def _add_openings(space: Modelspace, model: BuildingModel) -> None:
+    for one in model.openings:
+        entity = space.add_polyline3d(one.points.tolist(), close=True, dxfattribs={"layer": "OPENING"})
+        sizes = [(1040, one.width_m), (1040, one.height_m)]
+        entity.set_xdata(_APP, [(1071, one.surface), (1000, one.kind), *sizes])
+
+
+def _add_lines(space: Modelspace, lines: Sequence[CutLine], name: str) -> None:
+    for line in lines:
+        state = ("MEASURED" if line.is_measured else "INFERRED") if line.surface else "REST"
+        level = float(line.points[0, 2])
+        entity = space.add_lwpolyline(
+            line.points[:, :2].tolist(), dxfattribs={"layer": f"{name}-{state}", "elevation": level}
+        )
+        entity.set_xdata(_APP, [(1071, line.surface)])
+
+
+def _add_sections(
+    space: Modelspace, model: BuildingModel, sections: Sequence[Section], plan_told: str
+) -> None:
+    """Sections flat below the plan, one under the other, and where they cut as lines in it."""
+    drawn = model.drawn
+    if not len(drawn):
+        return _add_text(space, plan_told, np.zeros(2))
+    (left, bottom, _), (_, top, _) = drawn.min(axis=0), drawn.max(axis=0)
+    _add_text(space, plan_told, np.array([left, top + 5 * _TEXT_M]))
+    for section in sections:
+        reach = (drawn - section.point) @ section.along
+        ends = section.point[:2] + np.outer([reach.min() - 0.3, reach.max() + 0.3], section.along[:2])
+        space.add_line(ends[0].tolist(), ends[1].tolist(), dxfattribs={"layer": "SECTION-PLACE"})
+        for end in ends:
+            _add_text(space, section.name, end, "SECTION-PLACE")
+        heights = np.concatenate([line.points[:, 2] for line in section.lines] or [section.point[2:]])
+        bottom -= _GAP_M + float(np.ptp(heights))
+        move = np.array([left - reach.min(), bottom - heights.min()])
+        _add_lines(space, [_flat(line, section, move) for line in section.lines], "SECTION")
+        title = f"Section {section.name} - {section.name}"
+        _add_text(space, title, np.array([left, bottom - 2 * _TEXT_M]))
+    return None
+
+
+def _flat(line: CutLine, section: Section, move: FloatArray) -> CutLine:
+    """A line of a section laid into the plane z = 0, moved: to the right along it, upwards as height."""
+    right = (line.points - section.point) @ section.along
+    points = np.column_stack([right + move[0], line.points[:, 2] + move[1], np.zeros(len(right))])
+    return CutLine(points, line.surface, line.kind, line.is_measured)
+
+
+def _add_text(space: Modelspace, text: str, place: FloatArray, layer: str = "TEXT") -> None:
+    space.add_text(text, height=_TEXT_M, dxfattribs={"layer": layer, "insert": (*place.tolist(), 0.0)})
+
+
+def _finish(document: Drawing, model: BuildingModel) -> None:
+    """Say how layers look, and where to look first."""
+    space = document.modelspace()
+    for name in sorted({entity.dxf.layer for entity in space}):
+        dashed = "DASHED" if "INFERRED" in name else "CENTER" if name == "SECTION-PLACE" else "CONTINUOUS"
+        colour = {"OPENING": _GREEN, "CORNER": _MAGENTA, "FOLD-MEASURED": _RED}.get(name, _WHITE)
+        colour = _BLUE if "INFERRED" in name else _GREY if "REST" in name else colour
+        heavy = 50 if name in ("PLAN-MEASURED", "SECTION-MEASURED") else 25
+        document.layers.add(name, color=colour, linetype=dashed, lineweight=heavy)
+    if len(model.faces):
+        low, high = model.drawn.min(axis=0), model.drawn.max(axis=0)
+        document.header["$EXTMIN"], document.header["$EXTMAX"] = tuple(low.tolist()), tuple(high.tolist())
+        middle, size = (low + high) / 2, float((high - low)[:2].max())
+        document.set_modelspace_vport(1.5 * size, (float(middle[0]), float(middle[1])))
+
+
+def _inner_edges(model: BuildingModel) -> NDArray[np.bool_]:
+    """Which edges (m, 3) of the facets part two of one surface and one state."""
+    corners = model.faces
+    edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    own = np.repeat(np.column_stack([model.surface, ~model.is_measured]), 3, axis=0)
+    _, index, count = np.unique(
+        np.column_stack([edges, own]), axis=0, return_inverse=True, return_counts=True
+    )
+    return np.asarray(count[index.ravel()] > 1).reshape(-1, 3)
+
+
+@contextmanager
+def _fixed_marks() -> Iterator[None]:
+    """No dates and identifiers of a run in what is written."""
+    options = ezdxf.options
+    before = options.write_fixed_meta_data_for_testing
+    options.write_fixed_meta_data_for_testing = True
+    try:
+        yield
+    finally:
+        options.write_fixed_meta_data_for_testing = before

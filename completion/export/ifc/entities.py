@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: MIT
+"""Entities: IFC geometry, and ISO 10303-21 clear text of entities with numbers and values."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from completion.export.building.faces import Frame, polygons, rings
+from scenes.checks import FloatArray
+
+_DIGITS = 9  # behind the point of lengths in metres
+_GUID = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz_$"
+
+
+@dataclass(frozen=True, slots=True)
+class Ref:
+    """An entity that was written, by its number."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A value of an enumeration; * is derived from others."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Typed:
+    """A value with its type, where several are allowed."""
+
+    name: str
+    value: Value
+
+
+Value = Ref | Word | Typed | str | float | int | bool | None | Sequence["Value"]
+
+
+class StepText:
+    """Entities as they are added; equal ones without an identifier of their own are written once.
+
+    Parameters
+    ----------
+    content : bytes
+        What identifiers derive from: the same content gives the same ones.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        self._content = hashlib.sha256(content).digest()
+        self._lines: list[str] = []
+        self._known: dict[str, Ref] = {}
+        self._keys: set[str] = set()
+
+    def add(self, name: str, values: Sequence[Value], *, alone: bool = False) -> Ref:
+        """Return an entity of a type with the values of its attributes, in the order of the schema.
+
+        One that is `alone` is shared with no other of the same values.
+        """
+        line = f"{name.upper()}({','.join(map(_encoded, values))})"
+        if alone or line not in self._known:
+            self._lines.append(line)
+            self._known[line] = Ref(len(self._lines))
+        return self._known[line]
+
+    def guid(self, key: str) -> str:
+        """Return the GlobalId (22 characters) that belongs to a key, which may be used once.
+
+        Raises
+        ------
+        ValueError
+            A key that was used already.
+        """
+        if key in self._keys:
+            raise ValueError(f"{key!r} has an identifier already")
+        self._keys.add(key)
+        number = int.from_bytes(hashlib.sha256(self._content + key.encode()).digest()[:16])
+        return "".join(_GUID[(number >> shift) & 63] for shift in range(126, -1, -6))
+
+    def text(self, name: str, schema: str) -> str:
+        """Return the whole file, which has a name but no date and no author."""
+        head = [
+            "ISO-10303-21;",
+            "HEADER;",
+            "FILE_DESCRIPTION(('ViewDefinition [NotYetAssigned]'),'2;1');",
+            f"FILE_NAME({_encoded(name)},'',(''),(''),'unseen','unseen','');",
+            f"FILE_SCHEMA(({_encoded(schema)}));",
+            "ENDSEC;",
+            "DATA;",
+        ]
+        body = [f"#{number}={line};" for number, line in enumerate(self._lines, start=1)]
+        return "\n".join([*head, *body, "ENDSEC;", "END-ISO-10303-21;", ""])
+
+
+def _encoded(value: Value) -> str:
+    """A value as text."""
+    match value:
+        case None:
+            return "$"
+        case Ref():
+            return f"#{value.number}"
+        case Word():
+            return value.name if value.name == "*" else f".{value.name}."
+        case Typed():
+            return f"{value.name.upper()}({_encoded(value.value)})"
+        case bool():
+            return ".T." if value else ".F."
+        case int() | np.integer():
+            return str(int(value))
+        case float() | np.floating():
+            return _real(float(value))
+        case str():
+            return f"'{_characters(value)}'"
+        case _:
+            return f"({','.join(map(_encoded, value))})"
+
+
+def _real(value: float) -> str:
+    """A number with a point, which must be finite."""
+    if not np.isfinite(value):
+        raise ValueError(f"STEP files hold finite numbers, got {value}")
+    text = repr(round(value, _DIGITS) + 0.0)
+    if "e" in text:
+        mantissa, power = text.split("e")
+        return f"{mantissa if '.' in mantissa else mantissa + '.'}E{power}"
+    return text.removesuffix("0") if text.endswith(".0") else text
+
+
+def _characters(text: str) -> str:
+    """Characters beyond ASCII by their codes; apostrophes and backslashes twice."""
+    found = []
+    for character in text:
+        if character in "'\\":
+            found.append(2 * character)
+        elif 32 <= ord(character) < 127:
+            found.append(character)
+        else:
+            found.append(f"\\X2\\{character.encode('utf-16-be').hex().upper()}\\X0\\")
+    return "".join(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shapes:
+    """Geometry for one file.
+
+    Attributes
+    ----------
+    file : StepText
+        Where it is written.
+    origin : (3,) float
+        The place of the world that is the file's origin, metres.
+    """
+
+    file: StepText
+    origin: FloatArray
+
+    def point(self, place: FloatArray) -> Ref:
+        """A point (2,) or (3,) in the file's coordinates."""
+        return self.file.add("IfcCartesianPoint", [np.asarray(place, dtype=np.float64).tolist()])
+
+    def direction(self, vector: FloatArray) -> Ref:
+        """A direction (2,) or (3,)."""
+        return self.file.add("IfcDirection", [np.asarray(vector, dtype=np.float64).tolist()])
+
+    def axes(self, place: FloatArray, axis: FloatArray, right: FloatArray) -> Ref:
+        """Axes at a place (3,) of the file: z along `axis` (3,), x along `right` (3,)."""
+        values = [self.point(place), self.direction(axis), self.direction(right)]
+        return self.file.add("IfcAxis2Placement3D", values)
+
+    def placement(self, above: Ref | None, height_m: float = 0.0) -> Ref:
+        """Where an object is: `height_m` above the placement that it belongs to."""
+        place = self.file.add("IfcAxis2Placement3D", [self.point(np.array([0, 0, height_m])), None, None])
+        return self.file.add("IfcLocalPlacement", [above, place], alone=True)
+
+    def extruded(self, area: Any, frame: Frame, depth_m: float, low_m: float = 0.0) -> list[Ref]:
+        """Solids that reach from `depth_m` behind the plane of a frame to `low_m` behind it, by polygon."""
+        corner = np.array(area.bounds[:2] if not area.is_empty else (0.0, 0.0))  # where profiles begin
+        axes = self.axes(frame.place(corner, -depth_m) - self.origin, frame.normal, frame.right)
+        along = self.direction(np.array([0, 0, 1.0]))
+        own = shapely.transform(area, lambda uv: uv - corner)
+        return [
+            self.file.add("IfcExtrudedAreaSolid", [self.profile(one), axes, along, depth_m - low_m])
+            for one in polygons(own)
+        ]
+
+    def profile(self, polygon: Any) -> Ref:
+        """An outline with its holes, for an extrusion."""
+        outer, *holes = [self.loop_line(ring) for ring in rings(polygon)]
+        if holes:
+            return self.file.add("IfcArbitraryProfileDefWithVoids", [Word("AREA"), None, outer, holes])
+        return self.file.add("IfcArbitraryClosedProfileDef", [Word("AREA"), None, outer])
+
+    def loop_line(self, ring: FloatArray) -> Ref:
+        """A closed polyline through points (n, 2) or (n, 3) of the file."""
+        points = [self.point(place) for place in ring]
+        return self.file.add("IfcPolyline", [[*points, points[0]]])
+
+    def world_loop(self, points: FloatArray) -> Ref:
+        """A closed polyline through points (n, 3) of the world."""
+        return self.loop_line(np.asarray(points) - self.origin)
+
+    def sheet(self, area: Any, frame: Frame) -> list[Ref]:
+        """Flat faces with their holes, without thickness; none of an area that is empty."""
+        faces = []
+        for polygon in polygons(area):
+            bounds = []
+            for k, ring in enumerate(rings(polygon)):
+                points = [self.point(place) for place in frame.place(ring) - self.origin]
+                loop = self.file.add("IfcPolyLoop", [points])
+                name = "IfcFaceBound" if k else "IfcFaceOuterBound"
+                bounds.append(self.file.add(name, [loop, True]))
+            faces.append(self.file.add("IfcFace", [bounds]))
+        if not faces:
+            return []
+        together = self.file.add("IfcConnectedFaceSet", [faces])
+        return [self.file.add("IfcFaceBasedSurfaceModel", [[together]])]
+
+    def triangles(self, vertices: FloatArray, faces: NDArray[np.int64]) -> list[Ref]:
+        """Triangles (m, 3) of vertices (n, 3) of the world; none of no triangles."""
+        if not len(faces):
+            return []
+        used, index = np.unique(faces, return_inverse=True)
+        places = self.file.add("IfcCartesianPointList3D", [(vertices[used] - self.origin).tolist()])
+        numbers = (index.reshape(-1, 3) + 1).tolist()
+        return [self.file.add("IfcTriangulatedFaceSet", [places, None, False, numbers, None])]
+
+    def solid(self, vertices: FloatArray, faces: NDArray[np.int64]) -> list[Ref]:
+        """The solid within closed triangles (m, 3) that face outwards."""
+        found = []
+        for corners in vertices[faces] - self.origin:
+            loop = self.file.add("IfcPolyLoop", [[self.point(place) for place in corners]])
+            bound = self.file.add("IfcFaceOuterBound", [loop, True])
+            found.append(self.file.add("IfcFace", [[bound]]))
+        return [self.file.add("IfcFacetedBrep", [self.file.add("IfcClosedShell", [found])])]
+
+    def rod(self, ends: FloatArray, radius_m: float) -> list[Ref]:
+        """A solid cylinder between the ends (2, 3) of its axis, world coordinates."""
+        along = ends[1] - ends[0]
+        length = float(np.linalg.norm(along))
+        axis = along / length
+        right = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        axes = self.axes(ends[0] - self.origin, axis, right / np.linalg.norm(right))
+        profile = self.file.add("IfcCircleProfileDef", [Word("AREA"), None, None, radius_m])
+        up = self.direction(np.array([0, 0, 1.0]))
+        return [self.file.add("IfcExtrudedAreaSolid", [profile, axes, up, length])]
+
+
+def outlines(area: Any) -> Sequence[FloatArray]:
+    """Outer rings (n, 2) of an area's polygons."""
+    return [rings(one)[0] for one in polygons(area)]

@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: MIT
+"""Products: elements with geometry, colours, properties, quantities and openings, written as one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from completion.export.building.model import Element, OpeningOutline
+from completion.export.ifc.entities import Ref, Shapes, StepText, Typed, Word
+from scenes.checks import FloatArray
+
+State = Literal["measured", "inferred", "partly"]
+_RATIO = "IfcNormalisedRatioMeasure"
+_ALL = 0.999  # share from which on something is called measured
+MEASURES = {"Length": "IfcQuantityLength", "Area": "IfcQuantityArea", "Volume": "IfcQuantityVolume"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What is known of an element.
+
+    Attributes
+    ----------
+    surfaces : tuple of int
+        Numbers of the surfaces that it consists of, as in completion.json.
+    measured_share : float or None
+        Of its area; None of what is no surface.
+    sd_m : float or None
+        Standard deviation of what it says most about: a thickness, a radius, or the place of a surface along
+        its normal; None where it is not known.
+    confidence : float or None
+        Probability that it is there, by area; 1 where it was measured. None where nobody reckoned it.
+    more : mapping
+        Further properties: texts and numbers by name.
+    """
+
+    surfaces: tuple[int, ...]
+    measured_share: float | None
+    sd_m: float | None
+    confidence: float | None
+    more: Mapping[str, str | float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A length, an area or a volume: its name in the set of quantities, and its value in metres."""
+
+    name: str
+    measure: Literal["Length", "Area", "Volume"]
+    value: float
+
+
+def state_of(share: float) -> State:
+    """Return what a measured share is called."""
+    return "measured" if share >= _ALL else "inferred" if share <= 1 - _ALL else "partly"
+
+
+def mean_confidence(element: Element) -> float:
+    """Return the mean confidence of a surface's cells."""
+    patch = element.patch
+    known = patch.observed | patch.hypothesised
+    return float(patch.confidence[known].mean()) if known.any() else 0.0
+
+
+def deviation_at(element: Element, place: FloatArray) -> float | None:
+    """Return a surface's standard deviation along its normal at a place (3,); None where it is not known."""
+    sd = element.sd_m(place)
+    return sd if np.isfinite(sd) else None
+
+
+def property_set(file: StepText, key: str, known: Evidence) -> Ref:
+    """Return the property set of what is known of an element."""
+    values = [("Surfaces", Typed("IfcText", ", ".join(map(str, known.surfaces))))]
+    if known.measured_share is not None:
+        values.append(("State", Typed("IfcLabel", state_of(known.measured_share))))
+        values.append(("MeasuredShare", Typed(_RATIO, _ratio(known.measured_share))))
+    if known.confidence is not None:
+        values.append(("Confidence", Typed(_RATIO, _ratio(known.confidence))))
+    if known.sd_m is not None and np.isfinite(known.sd_m):
+        values.append(("StandardDeviation_mm", Typed("IfcReal", 1e3 * known.sd_m)))
+    for name, value in known.more.items():
+        typed = Typed("IfcText", value) if isinstance(value, str) else Typed("IfcReal", float(value))
+        values.append((name, typed))
+    single = [file.add("IfcPropertySingleValue", [name, None, value, None]) for name, value in values]
+    identifier = file.guid(f"{key} evidence")
+    return file.add("IfcPropertySet", [identifier, None, "Unseen_Evidence", None, single])
+
+
+def quantity_set(file: StepText, key: str, name: str, quantities: Sequence[Quantity]) -> Ref:
+    """Return a set of quantities."""
+    found = [
+        file.add(MEASURES[one.measure], [one.name, None, None, one.value, None], alone=True)
+        for one in quantities
+    ]
+    identifier = file.guid(f"{key} quantities")
+    return file.add("IfcElementQuantity", [identifier, None, name, None, None, found])
+
+
+def _ratio(share: float) -> float:
+    return min(max(share, 0.0), 1.0)
+
+
+COLOURS: dict[str, tuple[tuple[float, float, float], float]] = {
+    "measured": ((0.80, 0.78, 0.74), 0.0),
+    "inferred": ((0.12, 0.37, 0.75), 0.0),
+    "partly": ((0.46, 0.58, 0.75), 0.0),
+    "space": ((0.55, 0.75, 0.55), 0.8),
+}
+"""Red, green, blue, and transparency: what was inferred is blue in all pictures of a completion."""
+
+Representation = Literal["SweptSolid", "SurfaceModel", "Tessellation", "Brep", "Curve3D"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """Geometry of one colour."""
+
+    items: Sequence[Ref]
+    state: State | Literal["space"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hole:
+    """An opening in an element.
+
+    Attributes
+    ----------
+    outline : OpeningOutline
+        What it is.
+    items : sequence of Ref
+        What it takes away of a body, or its outline where the element is a surface that has the hole.
+    representation : str
+        "SweptSolid" of what is taken away, "Curve3D" of an outline.
+    depth_m : float or None
+        Thickness of the body; None where it is not known.
+    """
+
+    outline: OpeningOutline
+    items: Sequence[Ref]
+    representation: Representation
+    depth_m: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Product:
+    """An element.
+
+    Attributes
+    ----------
+    key : str
+        What it is and which, unique in the file; its name, too.
+    entity, predefined : str
+        Its class, and its kind in that.
+    described : str
+        A sentence.
+    representation : str
+        What its items are.
+    pieces : tuple of Piece
+        Geometry by colour.
+    evidence : Evidence
+        What is known of it.
+    quantities_of : str
+        Name of the set of quantities.
+    quantities : tuple of Quantity
+        In it.
+    holes : tuple of Hole
+        Openings.
+    """
+
+    key: str
+    entity: str
+    predefined: str
+    described: str
+    representation: Representation
+    pieces: tuple[Piece, ...]
+    evidence: Evidence
+    quantities_of: str
+    quantities: tuple[Quantity, ...]
+    holes: tuple[Hole, ...] = field(default=())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contexts:
+    """Where geometry belongs: bodies, outlines on the floor, and what is only referred to."""
+
+    body: Ref
+    foot_print: Ref
+    reference: Ref
+
+
+def write_product(shapes: Shapes, contexts: Contexts, above: Ref, product: Product) -> Ref:
+    """Return a product below a placement, with what belongs to it."""
+    file = shapes.file
+    items = [item for piece in product.pieces for item in piece.items]
+    for piece in product.pieces:
+        for item in piece.items:
+            file.add("IfcStyledItem", [item, [_style(file, piece.state)], None])
+    shape = represented(file, contexts.body, "Body", product.representation, items)
+    tag = "-".join(map(str, product.evidence.surfaces))
+    values = [*_named(shapes, above, product.key, product.described), shape, tag, Word(product.predefined)]
+    element = file.add(product.entity, values)
+    define(file, product.key, element, product.evidence, (product.quantities_of, product.quantities))
+    for k, hole in enumerate(product.holes, start=1):
+        _write_hole(shapes, contexts, above, (element, hole), f"{product.key} opening {k}")
+    return element
+
+
+def represented(file: StepText, context: Ref, identifier: str, kind: str, items: Sequence[Ref]) -> Ref | None:
+    """Return a product's shape; None of nothing."""
+    if not items:
+        return None
+    shape = file.add("IfcShapeRepresentation", [context, identifier, kind, list(items)], alone=True)
+    return file.add("IfcProductDefinitionShape", [None, None, [shape]])
+
+
+def define(
+    file: StepText, key: str, element: Ref, known: Evidence, quantities: tuple[str, Sequence[Quantity]]
+) -> None:
+    """Attach what is known of an element, and its quantities where there are any."""
+    definitions = [property_set(file, key, known)]
+    if quantities[1]:
+        definitions.append(quantity_set(file, key, *quantities))
+    for k, one in enumerate(definitions):
+        identifier = file.guid(f"{key} definition {k}")
+        file.add("IfcRelDefinesByProperties", [identifier, None, None, None, [element], one])
+
+
+def _write_hole(shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Ref, Hole], key: str) -> None:
+    element, hole = of
+    file, outline = shapes.file, hole.outline
+    is_body = hole.representation == "SweptSolid"
+    shape = represented(
+        file,
+        contexts.body if is_body else contexts.reference,
+        "Body" if is_body else "Reference",
+        hole.representation,
+        hole.items,
+    )
+    told = f"{outline.kind} by its place and size; nothing else says so"
+    values = [*_named(shapes, above, key, told), shape, None, Word("OPENING")]
+    opening = file.add("IfcOpeningElement", values)
+    identifier = file.guid(f"{key} voids")
+    file.add("IfcRelVoidsElement", [identifier, None, None, None, element, opening])
+    evidence = Evidence(
+        surfaces=(outline.surface,),
+        measured_share=None,
+        sd_m=None,
+        confidence=None,
+        more={"Guess": outline.kind},
+    )
+    lengths = [("Width", outline.width_m), ("Height", outline.height_m)]
+    if hole.depth_m is not None:
+        lengths.append(("Depth", hole.depth_m))
+    quantities = [Quantity(name, "Length", value) for name, value in lengths]
+    define(file, key, opening, evidence, ("Qto_OpeningElementBaseQuantities", quantities))
+
+
+def _named(shapes: Shapes, above: Ref, key: str, told: str) -> list[Ref | str | None]:
+    """The attributes that all products begin with."""
+    return [shapes.file.guid(key), None, key, told, None, shapes.placement(above)]
+
+
+def _style(file: StepText, state: str) -> Ref:
+    colour, transparency = COLOURS[state]
+    rgb = file.add("IfcColourRgb", [None, *colour])
+    shading = file.add("IfcSurfaceStyleShading", [rgb, transparency])
+    return file.add("IfcSurfaceStyle", [state, Word("BOTH"), [shading]])

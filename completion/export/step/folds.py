@@ -1,0 +1,426 @@
+# SPDX-License-Identifier: MIT
+"""Folds of two surfaces: the curves that their contacts lie on, exact conics where there are any."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from completion.export.step.kernel import (
+    chord_lengths,
+    circle_through,
+    interpolated,
+    kernel,
+    kernel_errors,
+    kernel_point,
+    line_through,
+)
+from scenes.checks import BoolArray, FloatArray
+from scenes.surfaces.catalogue import Surface
+
+_LEAST_POINTS, _MOST_POINTS = 48, 3000  # of a table
+_FINE = 4.0  # points of a table in a sampling distance
+_N_STEPS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoldCurve:
+    """A curve on which two surfaces meet, millimetres.
+
+    Attributes
+    ----------
+    pair : (int, int)
+        Places of the surfaces.
+    geometry : kernel curve
+        Line, circle, ellipse, another conic or B-spline.
+    low, high : float
+        The range of its parameter that is looked at; of a closed one its period.
+    is_closed : bool
+        Whether the curve returns.
+    is_tangent : bool
+        Whether the surfaces touch there, instead of crossing.
+    t, points : (n,) float, (n, 3) float
+        A table of the curve.
+    """
+
+    pair: tuple[int, int]
+    geometry: Any
+    low: float
+    high: float
+    is_closed: bool
+    is_tangent: bool
+    t: FloatArray
+    points: FloatArray
+
+    @property
+    def tree(self) -> cKDTree:
+        """Of the table's points."""
+        return cKDTree(self.points)
+
+    def at(self, t: FloatArray) -> FloatArray:
+        """Points (n, 3) of parameters (n,)."""
+        return curve_points(self.geometry, t)
+
+    def slope(self, t: float) -> tuple[FloatArray, FloatArray]:
+        """Point (3,) and derivative (3,) at a parameter."""
+        gp = kernel().gp
+        place, along = gp.gp_Pnt(), gp.gp_Vec()
+        self.geometry.D1(float(t), place, along)
+        return np.array(place.Coord()), np.array(along.Coord())
+
+    def feet(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Parameters (n,) of the nearest points of the curve within its range, and the distances (n,)."""
+        if not len(points):
+            return np.zeros(0), np.zeros(0)
+        first = self.tree.query(points)[1]
+        found = self.t[first].copy()
+        for place, (point, start) in enumerate(zip(points, found, strict=True)):
+            t = float(start)
+            for _ in range(_N_STEPS):
+                foot, along = self.slope(t)
+                t += float((point - foot) @ along) / max(float(along @ along), 1e-300)
+                if not self.is_closed:
+                    t = min(max(t, self.low), self.high)
+            found[place] = self.wrapped(t)
+        return found, np.linalg.norm(self.at(found) - points, axis=1)
+
+    def wrapped(self, t: float) -> float:
+        """The parameter within its period."""
+        return self.low + (t - self.low) % (self.high - self.low) if self.is_closed else t
+
+
+def curve_points(geometry: Any, t: FloatArray) -> FloatArray:
+    """Points (n, 3) of a kernel's curve at parameters (n,)."""
+    return np.array([geometry.Value(float(one)).Coord() for one in t]).reshape(-1, 3)
+
+
+def tabled(
+    pair: tuple[int, int], geometry: Any, span: tuple[float, float], step: float, *, is_closed: bool,
+    is_tangent: bool,
+) -> FoldCurve:  # fmt: skip
+    """The curve with a table of points about a quarter of `step` apart."""
+    low, high = span
+    coarse = curve_points(geometry, np.linspace(low, high, _LEAST_POINTS))
+    length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
+    n = int(np.clip(_FINE * length / step, _LEAST_POINTS, _MOST_POINTS))
+    t = np.linspace(low, high, n, endpoint=not is_closed)
+    return FoldCurve(
+        pair=pair, geometry=geometry, low=low, high=high, is_closed=is_closed, is_tangent=is_tangent,
+        t=t, points=curve_points(geometry, t),
+    )  # fmt: skip
+
+
+_TRACING_N_STEPS = 12
+_TRACING_EXACT = 1e-9  # mm
+_MOST_STEPS = 4000
+_MOST_TURN = np.radians(12.0)  # between steps
+
+
+class Settled(NamedTuple):
+    """Points (n, 3) moved onto the curve, its directions (n, 3), their gaps (n,), and which hold (n,)."""
+
+    points: FloatArray
+    along: FloatArray
+    gap: FloatArray
+    holds: BoolArray
+
+
+def settled(one: Surface, two: Surface, points: FloatArray, *, touching: bool) -> Settled:
+    """Move points (n, 3) near the curve of two surfaces onto it."""
+    return _touching(one, two, points) if touching else _crossing(one, two, points)
+
+
+def _crossing(one: Surface, two: Surface, points: FloatArray) -> Settled:
+    x = points.copy()
+    for _ in range(_TRACING_N_STEPS):
+        a, b = one.normal(x), two.normal(x)
+        d, e = one.distance(x), two.distance(x)
+        c = np.einsum("ij,ij->i", a, b)
+        sine2 = np.maximum(1 - c**2, 1e-12)
+        step = ((d - c * e) / sine2)[:, None] * a + ((e - c * d) / sine2)[:, None] * b
+        x = x - step
+        if np.abs(step).max(initial=0.0) < _TRACING_EXACT:
+            break
+    along = np.cross(one.normal(x), two.normal(x))
+    size = np.linalg.norm(along, axis=1)
+    along = along / np.maximum(size, 1e-300)[:, None]
+    gap = np.maximum(np.abs(one.distance(x)), np.abs(two.distance(x)))
+    holds = np.isfinite(x).all(axis=1) & (gap < 1e-6) & (size > 1e-3)
+    return Settled(x, along, gap, holds)
+
+
+def _touching(one: Surface, two: Surface, points: FloatArray) -> Settled:
+    x, small = points.copy(), 1e-4
+    side = np.sign(np.einsum("ij,ij->i", one.normal(x), two.normal(x)))
+    side = np.where(side == 0, 1.0, side)
+    across = np.zeros_like(x)
+    for _ in range(_TRACING_N_STEPS):
+        a, b = one.normal(x), side[:, None] * two.normal(x)
+        middle = (one.distance(x) + side * two.distance(x)) / 2
+        up = a + b
+        up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-12)
+        bend = np.empty((len(x), 3, 3))
+        for k in range(3):
+            shift = np.zeros(3)
+            shift[k] = small
+            fore = one.normal(x + shift) - side[:, None] * two.normal(x + shift)
+            back = one.normal(x - shift) - side[:, None] * two.normal(x - shift)
+            bend[:, :, k] = (fore - back) / (2 * small)
+        flat = np.eye(3) - up[:, :, None] * up[:, None, :]
+        u, s, vt = np.linalg.svd(flat @ bend @ flat)
+        across = vt[:, 0]
+        rest = np.einsum("ij,ij->i", u[:, :, 0], a - b)
+        away = np.where(s[:, 0] > 1e-9, rest / np.maximum(s[:, 0], 1e-9), 0.0)
+        step = away[:, None] * across + middle[:, None] * up
+        x = x - step
+        if np.abs(step).max(initial=0.0) < _TRACING_EXACT:
+            break
+    a, b = one.normal(x), side[:, None] * two.normal(x)
+    along = np.cross(a + b, across)
+    along = along / np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
+    gap = np.abs(one.distance(x) - side * two.distance(x)) / 2
+    holds = np.isfinite(x).all(axis=1) & (np.einsum("ij,ij->i", a, b) > np.cos(np.radians(10.0)))
+    return Settled(x, along, gap, holds)
+
+
+class Traced(NamedTuple):
+    """Points (n, 3) in order along a curve, and whether it returns to the first."""
+
+    points: FloatArray
+    is_closed: bool
+    gap: float
+
+
+def traced(
+    one: Surface, two: Surface, contacts: FloatArray, spacing: float, *, touching: bool
+) -> Traced | None:
+    """Follow the curve of two surfaces as far as there are contacts (n, 3), and some way beyond.
+
+    None where no contact leads to such a curve within two sampling distances.
+    """
+    some = contacts[:: max(1, len(contacts) // 200)]
+    start = settled(one, two, some, touching=touching)
+    good = start.holds & (np.linalg.norm(start.points - some, axis=1) < 2 * spacing)
+    if good.sum() < 2:
+        return None
+    first = start.points[good]
+    centre = int(np.argmin(np.linalg.norm(first - np.median(first, axis=0), axis=1)))
+    tree = cKDTree(contacts)
+    follow = _Follower(one, two, tree, spacing, touching)
+    ahead, is_closed = follow.from_point(first[centre], start.along[good][centre])
+    gap = float(np.median(start.gap[good]))
+    if is_closed:
+        return Traced(ahead, True, gap)
+    behind, _ = follow.from_point(first[centre], -start.along[good][centre])
+    return Traced(np.concatenate([behind[:0:-1], ahead]), False, gap)
+
+
+class _Follower(NamedTuple):
+    one: Surface
+    two: Surface
+    tree: cKDTree
+    spacing: float
+    touching: bool
+
+    def from_point(self, start: FloatArray, along: FloatArray) -> tuple[FloatArray, bool]:
+        """Points (n, 3) from one on, and whether they came back to it."""
+        found, step, lost, gone = [start], self.spacing / 1.5, 0.0, 0.0
+        here, way = start, along
+        for _ in range(_MOST_STEPS):
+            next_ = settled(self.one, self.two, (here + step * way)[None], touching=self.touching)
+            ahead = next_.along[0] * np.sign(next_.along[0] @ way)
+            moved = float(np.linalg.norm(next_.points[0] - here))
+            fine = bool(next_.holds[0]) and 0.3 * step < moved < 1.7 * step
+            if not fine or ahead @ way < np.cos(_MOST_TURN):
+                step /= 2
+                if step < 1e-3 * self.spacing:
+                    break
+                continue
+            here, way, gone = next_.points[0], ahead, gone + moved
+            if gone > 3 * step and np.linalg.norm(here - start) < 1.01 * step and (start - here) @ way >= 0:
+                if np.linalg.norm(here - start) < 0.3 * step and len(found) > 3:
+                    found.pop()
+                    here = found[-1]
+                found.append(next_.points[0])
+                if np.linalg.norm(found[-1] - start) < 0.3 * step:
+                    found.pop()
+                return np.array(found), True
+            found.append(here)
+            lost = lost + moved if self.tree.query(here)[0] > 2.5 * self.spacing else 0.0
+            if lost > 6 * self.spacing:
+                break
+            step = min(step * 1.5, self.spacing / 1.5)
+        return np.array(found), False
+
+
+_CONICS = ("Geom_Line", "Geom_Circle", "Geom_Ellipse", "Geom_Hyperbola", "Geom_Parabola")
+_CLOSED = ("Geom_Circle", "Geom_Ellipse")
+_NEAR = 1.6  # sampling distances between a contact and its curve
+_FAR = 3.0  # the same where surfaces part so slowly that noise blurs the fold
+_SAME = 0.5  # sampling distances between curves that are one
+_MOST_CURVES = 12
+_SMOOTH = np.radians(30.0)  # below which surfaces may be meant to touch
+_EXACT = 2e-6  # mm that splines may be off
+_MOST_KNOTS = 600
+
+
+class FoldFinder:
+    """Finds the curves of pairs of surfaces, millimetres."""
+
+    def __init__(self, surfaces: list[Surface], shapes: list[Any], spacing: float, noise: float) -> None:
+        self.surfaces, self.shapes = surfaces, shapes
+        self.spacing, self.tolerance = spacing, max(4 * noise, 0.01 * spacing, 1e-4)
+
+    def between(self, pair: tuple[int, int], contacts: FloatArray) -> list[FoldCurve]:
+        """The curves of a pair that contacts (n, 3) are near."""
+        found, left = list[FoldCurve](), contacts
+        for geometry in self._conics(pair):
+            if len(left) < 2:
+                break
+            curve = self._bounded(pair, geometry, left, is_tangent=False)
+            if curve is None:
+                continue
+            near = curve.tree.query(left)[0] < _NEAR * self.spacing
+            if near.sum() < 2:
+                continue
+            touching = self._instead(curve, left[near])
+            left = self._add(found, touching or curve, left)
+        for _ in range(_MOST_CURVES):
+            if len(left) < 3:
+                break
+            curve = self._followed(pair, left)
+            if curve is None:
+                break
+            left = self._add(found, curve, left)
+        return found
+
+    def _add(self, found: list[FoldCurve], curve: FoldCurve, left: FloatArray) -> FloatArray:
+        """Add a curve, unless it is there already; return the contacts (n, 3) that are not near it."""
+        same = [one for one in found if np.median(one.tree.query(curve.points)[0]) < _SAME * self.spacing]
+        if not same:
+            found.append(curve)
+        reach = _FAR if same or curve.is_tangent else _NEAR
+        return np.asarray(left[curve.tree.query(left)[0] >= reach * self.spacing])
+
+    def _conics(self, pair: tuple[int, int]) -> Iterator[Any]:
+        """Lines and conics in which the kernel says that two surfaces cross."""
+        geom = kernel().Geom
+        kinds = {self.surfaces[one].kind for one in pair}
+        if "torus" in kinds and kinds != {"torus", "plane"} and not self._coaxial(pair):
+            return
+        try:
+            crossing = kernel().GeomAPI.GeomAPI_IntSS(self.shapes[pair[0]], self.shapes[pair[1]], 1e-7)
+        except kernel_errors():
+            return
+        if not crossing.IsDone():
+            return
+        for number in range(1, crossing.NbLines() + 1):
+            line = crossing.Line(number)
+            while isinstance(line, geom.Geom_TrimmedCurve):
+                line = line.BasisCurve()
+            if type(line).__name__ in _CONICS:
+                yield line
+
+    def _coaxial(self, pair: tuple[int, int]) -> bool:
+        """Whether two surfaces turn about one axis, a sphere about any through its centre."""
+        one, two = (self.surfaces[place] for place in pair)
+        axes = [getattr(s, "direction", None) for s in (one, two)]
+        places = [getattr(s, "point", getattr(s, "centre", None)) for s in (one, two)]
+        axis = axes[0] if axes[0] is not None else axes[1]
+        if axis is None or places[0] is None or places[1] is None:
+            return False
+        gap = places[1] - places[0]
+        apart = float(np.linalg.norm(gap - (gap @ axis) * axis))
+        turned = 0.0
+        if axes[0] is not None and axes[1] is not None:
+            turned = float(np.linalg.norm(np.cross(axes[0], axes[1])))
+        return apart < 1e-7 and turned < 1e-10
+
+    def _bounded(
+        self, pair: tuple[int, int], geometry: Any, contacts: FloatArray, *, is_tangent: bool
+    ) -> FoldCurve | None:
+        """The part of a curve that contacts (n, 3) are near, and some way beyond; all of a closed one."""
+        if type(geometry).__name__ in _CLOSED:
+            span = (0.0, 2 * np.pi)
+            return tabled(pair, geometry, span, self.spacing, is_closed=True, is_tangent=is_tangent)
+        some = contacts[:: max(1, len(contacts) // 300)]
+        project = kernel().GeomAPI.GeomAPI_ProjectPointOnCurve
+        feet = list[float]()
+        for point in some:
+            foot = project(kernel_point(point), geometry)
+            if foot.NbPoints() and foot.LowerDistance() < _NEAR * self.spacing:
+                feet.append(float(foot.LowerDistanceParameter()))
+        if len(feet) < 2:
+            return None
+        low, high = min(feet), max(feet)
+        speed = np.linalg.norm(np.diff(curve_points(geometry, np.array([low, low + 1e-4])), axis=0)) / 1e-4
+        margin = (6 * self.spacing) / max(float(speed), 1e-9) + 0.25 * (high - low)
+        span = (low - margin, high + margin)
+        return tabled(pair, geometry, span, self.spacing, is_closed=False, is_tangent=is_tangent)
+
+    def _instead(self, curve: FoldCurve, contacts: FloatArray) -> FoldCurve | None:
+        """The curve in which the surfaces touch, where they cross so flatly that they are meant to."""
+        one, two = (self.surfaces[place] for place in curve.pair)
+        near = curve.points[np.unique(curve.tree.query(contacts)[1])]
+        turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", one.normal(near), two.normal(near))), 0, 1))
+        flat = float(np.median(turn))
+        if flat > _SMOOTH:
+            return None
+        return self._touched(curve.pair, contacts, flat)
+
+    def _touched(self, pair: tuple[int, int], contacts: FloatArray, flat: float) -> FoldCurve | None:
+        one, two = (self.surfaces[place] for place in pair)
+        path = traced(one, two, contacts, self.spacing, touching=True)
+        most = self.tolerance if flat > np.radians(4.0) else max(self.tolerance, 0.2 * self.spacing)
+        if path is None or path.gap > most or len(path.points) < 4:
+            return None
+        return self._curve(pair, path, contacts, touching=True)
+
+    def _followed(self, pair: tuple[int, int], contacts: FloatArray) -> FoldCurve | None:
+        """A curve that the kernel gave no conic for."""
+        one, two = (self.surfaces[place] for place in pair)
+        path = traced(one, two, contacts, self.spacing, touching=False)
+        if path is None or len(path.points) < 4:
+            return self._touched(pair, contacts, 0.0)
+        curve = self._curve(pair, path, contacts, touching=False)
+        if curve is None:
+            return self._touched(pair, contacts, 0.0)
+        return self._instead(curve, contacts) or curve
+
+    def _curve(
+        self, pair: tuple[int, int], path: Traced, contacts: FloatArray, *, touching: bool
+    ) -> FoldCurve | None:
+        """A path as a line, a circle or a spline."""
+        exact = max(1e-6, 0.02 * self.spacing, path.gap) if touching else 1e-6
+        plain = line_through(path.points, exact) or circle_through(path.points, exact)
+        if plain is not None:
+            return self._bounded(pair, plain, contacts, is_tangent=touching)
+        geometry = self._spline(pair, path, touching=touching)
+        if geometry is None:
+            return None
+        span = (geometry.FirstParameter(), geometry.LastParameter())
+        return tabled(pair, geometry, span, self.spacing, is_closed=path.is_closed, is_tangent=touching)
+
+    def _spline(self, pair: tuple[int, int], path: Traced, *, touching: bool) -> Any | None:
+        """The spline through a path, made finer until it lies on both surfaces."""
+        one, two = (self.surfaces[place] for place in pair)
+        points = path.points
+        geometry = interpolated(points, is_closed=path.is_closed)
+        while geometry is not None and len(points) < _MOST_KNOTS:
+            knots = chord_lengths(points, path.is_closed)
+            between = curve_points(geometry, (knots[1:] + knots[:-1]) / 2)
+            there = settled(one, two, between, touching=touching)
+            off = np.linalg.norm(there.points - between, axis=1)
+            if not there.holds.all() or off.max() <= (_EXACT if not touching else 1e-4):
+                break
+            n = len(points)
+            finer = np.empty((n + len(between), 3))
+            finer[0::2][:n] = points
+            finer[1::2][: len(between)] = there.points
+            points = finer
+            geometry = interpolated(points, is_closed=path.is_closed)
+        return geometry

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: MIT
+"""Pieces of fold curves between corners, and the choice of those that bound the regions.
+
+Each piece has the share of its length along which the two regions touch. Chosen are those that together
+have most of it, while the boundary of every region comes back to itself: at a corner a region has an even
+number of pieces. This is an integer program; where a region has to stay open, that costs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import coo_array
+from scipy.spatial import cKDTree
+
+from completion.export.step.folds import FoldCurve
+from scenes.checks import FloatArray, IntArray
+
+_N_STEPS = 25
+_MERGED = 0.35  # sampling distances: corners that are nearer are one
+_STEEP = 0.2  # sine of the angle between curves, from which on they cross well
+_COINCIDE = 0.05  # sampling distances
+_MEET = 0.5  # sampling distances that curves may be apart where they meet
+
+
+@dataclass(slots=True, eq=False)
+class Corner:
+    """A point (3,), millimetres, where curves meet: their parameters by place, how far they are off it.
+
+    Or where one ends that meets none (`is_free`).
+    """
+
+    point: FloatArray
+    at: dict[int, list[float]] = field(default_factory=dict)
+    off: float = 0.0
+    is_free: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Crossing:
+    curves: tuple[int, int]
+    point: FloatArray
+    gap: float
+    is_steep: bool
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """The better known first: curves that cross, before those that run side by side and touch."""
+        return not self.is_steep, round(self.gap, 9)
+
+
+def corners_of(curves: Sequence[FoldCurve], spacing: float) -> list[Corner]:
+    """Return the corners of curves, millimetres."""
+    crossings = [
+        one
+        for a in range(len(curves))
+        for b in range(a + 1, len(curves))
+        if set(curves[a].pair) & set(curves[b].pair) and _may_meet(curves[a], curves[b], spacing)
+        for one in _crossings(a, b, curves, spacing)
+    ]
+    found = list[Corner]()
+    for group in _groups(crossings, _MERGED * spacing):
+        best = min(group, key=lambda one: one.rank)
+        alike = [one for one in group if one.is_steep == best.is_steep]
+        exact = [one.point for one in alike if one.gap <= max(1e-7, 1.5 * best.gap)]
+        near = [point for point in exact if np.linalg.norm(point - best.point) < 1e-3 * spacing]
+        corner = Corner(np.mean(near, axis=0))
+        for place in sorted({curve for one in group for curve in one.curves}):
+            t, off = curves[place].feet(corner.point[None])
+            corner.at[place] = [float(t[0])]
+            corner.off = max(corner.off, float(off[0]))
+        found.append(corner)
+    return found
+
+
+def _may_meet(one: FoldCurve, two: FoldCurve, spacing: float) -> bool:
+    low = np.maximum(one.points.min(axis=0), two.points.min(axis=0))
+    high = np.minimum(one.points.max(axis=0), two.points.max(axis=0))
+    return bool((low <= high + spacing).all())
+
+
+def _crossings(a: int, b: int, curves: Sequence[FoldCurve], spacing: float) -> Iterator[_Crossing]:
+    """Where two curves are nearest to each other, and near enough."""
+    one, two = curves[a], curves[b]
+    apart, nearest = two.tree.query(one.points)
+    if (apart < _COINCIDE * spacing + 1e-9).sum() > max(5, 0.1 * len(apart)):
+        return  # one curve twice, between faces of one surface
+    step = np.linalg.norm(np.diff(one.points, axis=0), axis=1).max(initial=0.0)
+    other = np.linalg.norm(np.diff(two.points, axis=0), axis=1).max(initial=0.0)
+    reach = step + other + _MEET * spacing
+    before, after = np.roll(apart, 1), np.roll(apart, -1)
+    if not one.is_closed:
+        before[0] = after[-1] = np.inf
+    least = np.flatnonzero((apart <= before) & (apart <= after) & (apart <= reach))
+    for place in least:
+        t, s, gap = _nearest(one, two, float(one.t[place]), float(two.t[nearest[place]]))
+        if gap <= _MEET * spacing:
+            point = (one.at(np.array([t]))[0] + two.at(np.array([s]))[0]) / 2
+            if np.linalg.norm(point - one.points[place]) <= 2 * reach:
+                yield _Crossing((a, b), point, gap, _sine(one, t, two, s) > _STEEP)
+
+
+def _nearest(one: FoldCurve, two: FoldCurve, t: float, s: float) -> tuple[float, float, float]:
+    """Parameters at which two curves are nearest, from near ones on, and the distance there."""
+    for _ in range(_N_STEPS):
+        p, u = one.slope(t)
+        q, v = two.slope(s)
+        matrix = np.column_stack([u, -v])
+        change = np.linalg.lstsq(matrix, q - p, rcond=1e-6)[0]
+        t, s = _kept(one, t + float(change[0])), _kept(two, s + float(change[1]))
+        if np.abs(matrix @ change).max() < 1e-12 and np.linalg.norm(u) * abs(change[0]) < 1e-10:
+            break
+    return t, s, float(np.linalg.norm(one.slope(t)[0] - two.slope(s)[0]))
+
+
+def _sine(one: FoldCurve, t: float, two: FoldCurve, s: float) -> float:
+    """Sine of the angle between two curves at parameters."""
+    u, v = one.slope(t)[1], two.slope(s)[1]
+    return float(np.linalg.norm(np.cross(u, v)) / max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-300))
+
+
+def _kept(curve: FoldCurve, t: float) -> float:
+    return curve.wrapped(t) if curve.is_closed else min(max(t, curve.low), curve.high)
+
+
+def _groups(crossings: Sequence[_Crossing], near: float) -> list[list[_Crossing]]:
+    """Crossings that are one corner: the exact ones first, each with those near it."""
+    order = sorted(range(len(crossings)), key=lambda k: (*crossings[k].rank, k))
+    heads, groups = list[FloatArray](), list[list[_Crossing]]()
+    for k in order:
+        one = crossings[k]
+        if heads:
+            apart = np.linalg.norm(np.array(heads) - one.point, axis=1)
+            best = int(apart.argmin())
+            if apart[best] <= near:
+                groups[best].append(one)
+                continue
+        heads.append(one.point)
+        groups.append([one])
+    return groups
+
+
+_TOUCH = 1.6  # sampling distances from a contact
+_SAMPLED = 0.5  # sampling distances between the places that are asked
+_OPEN = 2.0  # sampling distances of unmeasured fold that are worth less than a region that stays open
+_STUB = 1.5  # sampling distances: no end without a corner is shorter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A piece of a fold curve: range, corners (-2: a whole closed curve), support, and length (mm)."""
+
+    curve: int
+    low: float
+    high: float
+    ends: tuple[int, int]
+    support: float
+    length: float
+
+    @property
+    def is_loop(self) -> bool:
+        """Whether it is a whole closed curve without a corner."""
+        return self.ends == (-2, -2)
+
+
+def pieces_of(
+    curves: Sequence[FoldCurve],
+    corners: list[Corner],
+    contacts: FloatArray,
+    between: IntArray,
+    step: float,
+) -> list[Piece]:
+    """Return all pieces of the curves between their corners, and beyond the last ones as far as measured.
+
+    `contacts` (m, 3) are where regions `between` (m, 2) touch, `step` their sampling distance; mm. Free ends
+    are added to `corners`.
+    """
+    fixed = tuple(corners)
+    found = list[Piece]()
+    for place, curve in enumerate(curves):
+        own = contacts[(between == curve.pair).all(axis=1)]
+        asked = _Asked(curve, place, cKDTree(own), step, corners)
+        at = sorted((t, k) for k, corner in enumerate(fixed) for t in corner.at.get(place, ()))
+        if not at:
+            found += [asked.whole()] if curve.is_closed else asked.measured(curve.low, curve.high, (-1, -1))
+            continue
+        found += [asked.piece(t, s, (k, m)) for (t, k), (s, m) in pairwise(at)]
+        if curve.is_closed:
+            (t, k), (s, m) = at[-1], at[0]
+            found.append(asked.piece(t, s + curve.high - curve.low, (k, m)))
+        else:
+            found += asked.measured(curve.low, at[0][0], (-1, at[0][1]))
+            found += asked.measured(at[-1][0], curve.high, (at[-1][1], -1))
+    return [one for one in found if one.length > 1e-6]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Asked:
+    curve: FoldCurve
+    place: int
+    contacts: cKDTree
+    step: float
+    corners: list[Corner]
+
+    def _samples(self, low: float, high: float) -> tuple[FloatArray, FloatArray, float]:
+        """Parameters (n,) between, whether they touch (n,), and the length."""
+        coarse = self.curve.at(np.linspace(low, high, 33))
+        length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
+        n = int(np.clip(np.ceil(length / (_SAMPLED * self.step)), 5, 2000))
+        t = low + (np.arange(n) + 0.5) / n * (high - low)
+        return t, self.contacts.query(self.curve.at(t))[0] <= _TOUCH * self.step, length
+
+    def piece(self, low: float, high: float, ends: tuple[int, int]) -> Piece:
+        """The piece of a range."""
+        _, touches, length = self._samples(low, high)
+        return Piece(self.place, low, high, ends, support=float(touches.mean()), length=length)
+
+    def whole(self) -> Piece:
+        """All of a closed curve."""
+        return self.piece(self.curve.low, self.curve.high, (-2, -2))
+
+    def measured(self, low: float, high: float, ends: tuple[int, int]) -> list[Piece]:
+        """The piece of a range, its free ends where contacts end; none where it is a stub."""
+        if high - low <= 0:
+            return []
+        t, touches, _ = self._samples(low, high)
+        if not touches.any():
+            return []
+        on = np.flatnonzero(touches)
+        inset = self.step / max(float(np.linalg.norm(self.curve.slope(low)[1])), 1e-12)
+        first = low if ends[0] >= 0 else min(float(t[on[0]]) + inset, float(t[on[-1]]))
+        last = high if ends[1] >= 0 else max(float(t[on[-1]]) - inset, first)
+        if last <= first:
+            return []
+        one = self.piece(first, last, ends)
+        if one.length < _STUB * self.step or one.support <= 0.5:
+            return []
+        known = tuple(
+            corner if corner >= 0 else self._free(t) for corner, t in zip(ends, (first, last), strict=True)
+        )
+        return [replace(one, ends=(known[0], known[1]))]
+
+    def _free(self, t: float) -> int:
+        """A new corner at a free end."""
+        self.corners.append(Corner(self.curve.at(np.array([t]))[0], {self.place: [t]}, is_free=True))
+        return len(self.corners) - 1
+
+
+def chosen(
+    pieces: Sequence[Piece], curves: Sequence[FoldCurve], corners: Sequence[Corner], step: float
+) -> list[Piece]:
+    """Return the pieces that bound regions."""
+    if not pieces:
+        return []
+    n = len(pieces)
+    rows = dict[tuple[int, int], int]()
+    entries = list[tuple[int, int, float]]()
+    for column, one in enumerate(pieces):
+        for corner in one.ends:
+            for region in curves[one.curve].pair if corner >= 0 and not corners[corner].is_free else ():
+                row = rows.setdefault((region, corner), len(rows))
+                entries.append((row, column, 1.0))
+    m = len(rows)
+    entries += [(row, n + row, -2.0) for row in range(m)] + [(row, n + m + row, -1.0) for row in range(m)]
+    worth = np.array([(1 - 2 * one.support) * one.length / step + 1e-3 for one in pieces])
+    cost = np.concatenate([worth, np.zeros(m), np.full(m, _OPEN)])
+    upper = np.concatenate([np.ones(n), np.full(m, 20.0), np.ones(m)])
+    constraints = []
+    if m:
+        places = np.array([entry[:2] for entry in entries]).T
+        matrix = coo_array(([entry[2] for entry in entries], tuple(places)), shape=(m, n + 2 * m)).tocsr()
+        constraints = [LinearConstraint(matrix, 0, 0)]
+    found = milp(cost, integrality=np.ones(n + 2 * m), bounds=Bounds(0, upper), constraints=constraints)
+    taken = found.x is not None
+    is_chosen = np.round(found.x[:n]).astype(bool) if taken else np.array([p.support > 0.5 for p in pieces])
+    kept = [one for one, is_kept in zip(pieces, is_chosen, strict=True) if is_kept]
+    return _through(kept, curves)
+
+
+def _through(pieces: list[Piece], curves: Sequence[FoldCurve]) -> list[Piece]:
+    """Pieces with those made one that follow each other at a corner where nothing else meets."""
+    at = dict[int, list[int]]()
+    alive: dict[int, Piece] = dict(enumerate(pieces))
+    for place, one in alive.items():
+        for corner in one.ends:
+            if corner >= 0:
+                at.setdefault(corner, []).append(place)
+    for corner, places in at.items():
+        if len(places) != 2:
+            continue
+        a, b = places
+        one, two = alive[a], alive[b]
+        if one.curve != two.curve:
+            continue
+        period = curves[one.curve].high - curves[one.curve].low
+        if a == b:
+            alive[a] = replace(one, ends=(-2, -2))
+            continue
+        if one.ends[1] != corner:
+            one, two = two, one
+        if one.ends[1] != corner or two.ends[0] != corner:
+            continue
+        turns = round((one.high - two.low) / period) if curves[one.curve].is_closed else 0
+        length = one.length + two.length
+        support = (one.support * one.length + two.support * two.length) / length
+        ends = (one.ends[0], two.ends[1])
+        alive[a] = Piece(one.curve, one.low, two.high + turns * period, ends, support=support, length=length)
+        del alive[b]
+        for others in at.values():
+            others[:] = [a if place == b else place for place in others]
+    return list(alive.values())

@@ -1,0 +1,328 @@
+# SPDX-License-Identifier: MIT
+"""SVG: a floor plan to scale, measured lines solid and inferred ones dashed, with dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+from xml.sax.saxutils import escape
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+from completion.export.building.cut import CutLine, Plan, opening_at, plan_of, seen_below
+from completion.export.building.model import BuildingModel
+from completion.export.building.parts import BuildingParts
+from completion.export.dimensions.dimension import Dimension
+from completion.export.dimensions.rooms import room_sizes, widths_of
+from scenes.checks import FloatArray
+
+_SCALES = (5, 10, 20, 25, 50, 100, 200, 250, 500, 1000, 2000, 2500, 5000)
+_LONG_MM, _SHORT_MM = 297.0, 210.0
+_MARGIN_MM, _BLOCK_MM, _AIR_MM = 10.0, 34.0, 10.0  # around; of the title block; between frame and drawing
+_LETTER = 0.56  # mean width of a letter over its height
+_PLACES = (0.5, 0.35, 0.65, 0.22, 0.78, 0.12, 0.88)  # along a dimension
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Paper:
+    """A sheet of A4 and where places of the world lie on it.
+
+    Attributes
+    ----------
+    width_mm, height_mm : float
+        Of the sheet.
+    scale : int
+        1 : scale.
+    centre : (2,) float
+        Place of the world in the middle of the frame, metres.
+    """
+
+    width_mm: float
+    height_mm: float
+    scale: int
+    centre: FloatArray
+
+    @classmethod
+    def of(cls, places: FloatArray) -> Paper:
+        """Return the sheet, lying or upright, on which places (n, 2) are largest, to a usual scale."""
+        low, high = (places.min(axis=0), places.max(axis=0)) if len(places) else (np.zeros(2), np.ones(2))
+        sheets = []
+        for width, height in ((_LONG_MM, _SHORT_MM), (_SHORT_MM, _LONG_MM)):
+            room = np.array([width, height - _BLOCK_MM]) - 2 * (_MARGIN_MM + _AIR_MM)
+            least = float((1000 * (high - low) / room).max())
+            scale = next((one for one in _SCALES if one >= least), int(np.ceil(least / 1000)) * 1000)
+            sheets.append(cls(width, height, scale, (low + high) / 2))
+        return min(sheets, key=lambda sheet: sheet.scale)
+
+    @property
+    def frame(self) -> tuple[float, float, float, float]:
+        """Left, top, width and height of the frame around the drawing, millimetres."""
+        wide = self.width_mm - 2 * _MARGIN_MM
+        return _MARGIN_MM, _MARGIN_MM, wide, self.height_mm - 2 * _MARGIN_MM - _BLOCK_MM
+
+    def place(self, points: FloatArray) -> FloatArray:
+        """Millimetres (n, 2) from the sheet's upper left of places (n, 2 or 3) of the world."""
+        left, top, wide, high = self.frame
+        middle = np.array([left + wide / 2, top + high / 2])
+        return np.asarray(middle + (points[:, :2] - self.centre) * np.array([1000.0, -1000.0]) / self.scale)
+
+
+@dataclass(slots=True, eq=False)
+class Lettering:
+    """Text along lines, where no other text is."""
+
+    taken: list[shapely.Geometry] = field(default_factory=list)
+
+    def along(self, ends: FloatArray, text: str, size_mm: float) -> tuple[FloatArray, float] | None:
+        """Return the middle of a text's foot on the line between two ends (2, 2), and its turn in degrees.
+
+        All in millimetres of paper, y down. It reads from below or from the right. None where all is taken.
+        """
+        direction = ends[1] - ends[0]
+        turn = float(np.degrees(np.arctan2(direction[1], direction[0])))
+        turn = turn - 180 if turn > 89.9 else turn + 180 if turn <= -90.1 else turn
+        wide = _LETTER * size_mm * len(text)
+        for share in _PLACES:
+            middle = ends[0] + share * direction
+            box = affinity.rotate(
+                shapely.box(-wide / 2, -1.5 * size_mm, wide / 2, 0.2 * size_mm), turn, origin=(0, 0)
+            )
+            box = affinity.translate(box, *middle)
+            if not any(box.intersects(other) for other in self.taken):
+                self.taken.append(box)
+                return middle, turn
+        return None
+
+    def keep(self, ends: Sequence[FloatArray]) -> None:
+        """Keep text off the lines between ends (2, 2)."""
+        self.taken += [shapely.LineString(one).buffer(0.3) for one in ends]
+
+
+_TEXT_MM, _TICK_MM, _OUTSIDE_MM = 2.6, 1.2, 4.0
+_STYLE = """
+svg { background: #fff; font-family: Helvetica, Arial, sans-serif; }
+path, line, polyline { fill: none; stroke: #000; stroke-linejoin: round; }
+text { fill: #000; font-size: 2.6px; }
+.measured { stroke-width: 0.5; }
+.inferred { stroke-width: 0.4; stroke: #1f5fbf; stroke-dasharray: 2 1; }
+.rest { stroke-width: 0.13; stroke: #b36b00; }
+.below { stroke-width: 0.18; stroke: #999; }
+.opening { stroke-width: 0.18; }
+.thin { stroke-width: 0.18; }
+.dimension line, .dimension path { stroke-width: 0.18; }
+.dimension text, .label { text-anchor: middle; paint-order: stroke; stroke: #fff; stroke-width: 0.7; }
+.dimension.on-inferred line { stroke: #1f5fbf; stroke-dasharray: 1 0.6; }
+.dimension.on-inferred text { fill: #1f5fbf; }
+.full { fill: #000; stroke: none; }
+.frame { stroke-width: 0.25; }
+""".strip()
+_TOLD_WIDTHS = "Widths between walls in metres; \u00b1 is the 95 % interval."
+_TOLD_UNKNOWN = "Widths between walls in metres; how exact they are is not known."
+_TOLD_INFERRED = " Blue ones rest on inferred wall."
+_SCALE_BAR_MM = 50.0  # its length at most
+
+_SAME_M = 1e-6  # height of the plan's own widths
+_BESIDE_MM = [np.array([x, y]) for y in (0.0, -8.0, 8.0, -16.0, 16.0) for x in (0.0, 20.0, -20.0)]
+_STOREY_M = 1.3  # between the plan and the middle of a room that it cuts
+
+
+def svg_of(building: BuildingParts) -> str:
+    """Return the floor plan of a building as SVG: a sheet of A4 in millimetres; the same one, the same text.
+
+    Lines are `measured` (solid), `inferred` (dashed, blue) or `rest` (of no surface, thin); thin grey ones
+    lie below the cut. Each group `dimension` has the width of a room between two walls as `data-value-m`,
+    the ends of its 95 % interval as `data-low-m` and `data-high-m`, and the walls as `data-surfaces`.
+    """
+    model, plan = building.model, plan_of(building.model)
+    below = seen_below(model, plan.height_m)
+    own = [line.points[:, :2] for line in plan.lines if line.surface] + below
+    places = own or [line.points[:, :2] for line in plan.lines]
+    paper = Paper.of(np.concatenate([np.zeros((0, 2)), *places]))
+    lines = {state: _points(plan.lines, state) for state in ("rest", "inferred", "measured")}
+    drawn = {state: some for state, some in {"below": below, **lines}.items() if some}
+    lettering = Lettering()
+    drawn_widths = [one for one in widths_of(building) if abs(one.ends[0, 2] - plan.height_m) < _SAME_M]
+    widths = _dimensions(drawn_widths, paper, lettering)
+    areas = _areas(building, plan, paper, lettering)
+    left, top, wide, high = paper.frame
+    body = [
+        f'<clipPath id="frame"><rect x="{_n(left)}" y="{_n(top)}" width="{_n(wide)}" height="{_n(high)}"/>'
+        "</clipPath>",
+        '<g clip-path="url(#frame)">',
+        *(_path(paper, some, state) for state, some in drawn.items()),
+        *_openings(model, plan, paper, lettering),
+        *widths,
+        *areas,
+        "</g>",
+        f'<path class="frame" d="M{_n(left)} {_n(top)}h{_n(wide)}v{_n(high)}h{_n(-wide)}z"/>',
+        *_block(paper, [plan.told, *_told_widths(widths)], drawn),
+    ]
+    size = f'width="{_n(paper.width_mm)}mm" height="{_n(paper.height_mm)}mm"'
+    return "\n".join(
+        [
+            '<?xml version="1.0" encoding="UTF-8"?>',
+            f'<svg xmlns="http://www.w3.org/2000/svg" {size} '
+            f'viewBox="0 0 {_n(paper.width_mm)} {_n(paper.height_mm)}" data-scale="{paper.scale}">',
+            f"<title>Floor plan, 1 : {paper.scale}</title>",
+            f"<desc>{escape(plan.told)}</desc>",
+            f"<style>{_STYLE}</style>",
+            *body,
+            "</svg>\n",
+        ]
+    )
+
+
+def _points(lines: Sequence[CutLine], state: str) -> list[FloatArray]:
+    """Polylines of measured, inferred or rest lines."""
+    kept = [line for line in lines if (line.surface == 0) == (state == "rest")]
+    return [line.points for line in kept if state == "rest" or line.is_measured == (state == "measured")]
+
+
+def _path(paper: Paper, lines: Sequence[FloatArray], state: str) -> str:
+    """Polylines (n, 2 or 3) of the world as one path."""
+    drawn = ["M" + "L".join(f"{_n(x)} {_n(y)}" for x, y in paper.place(points)) for points in lines]
+    return f'<path class="{state}" d="{"".join(drawn)}"/>'
+
+
+def _openings(model: BuildingModel, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
+    """Openings that the plan cuts, as thin lines with what they are outside of the wall."""
+    outward = {wall.number: -wall.normal[:2] / np.hypot(*wall.normal[:2]) for wall in model.walls}
+    found = []
+    for one in model.openings:
+        places = opening_at(one, plan.height_m) if one.surface in outward else None
+        if places is None:
+            continue
+        ends = paper.place(places)
+        aside = outward[one.surface] * np.array([1.0, -1.0])
+        found.append(_line(ends, "opening"))
+        text = f"{one.kind} {one.width_m:.2f} \u00d7 {one.height_m:.2f}"
+        foot = ends + (_OUTSIDE_MM if aside[1] > 0 or aside[0] > 0.5 else 1.2) * aside
+        put = lettering.along(foot, text, _TEXT_MM)
+        found += [_text(*put, text, ' class="label"')] if put else []
+    return found
+
+
+def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Lettering) -> list[str]:
+    """Dimensions whose text finds a place: line, ticks, text, and the numbers as attributes."""
+    found = []
+    for one in dimensions:
+        ends, text = paper.place(one.ends), told_width(one)
+        along = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
+        across = np.array([-along[1], along[0]])
+        upright = along[1] ** 2 > 0.99  # the foot stands to the left of an upright line
+        put = lettering.along(
+            ends + (np.array([-0.8, 0]) if upright else np.array([0, -0.8])), text, _TEXT_MM
+        )
+        if put is None:
+            continue
+        lettering.keep([ends])
+        slant = _TICK_MM * (along + across) / np.sqrt(2)
+        state = "" if one.measured_share == 1 else " on-inferred"
+        found += [
+            f'<g class="dimension{state}" data-surfaces="{one.surfaces[0]} {one.surfaces[1]}" '
+            f'data-value-m="{one.value:.6f}" data-low-m="{one.low:.6f}" data-high-m="{one.high:.6f}">',
+            _line(ends, "thin"),
+            *(f'<path d="M{_xy(end - slant)}L{_xy(end + slant)}"/>' for end in ends),
+            _text(*put, text),
+            "</g>",
+        ]
+    return found
+
+
+def _areas(building: BuildingParts, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
+    """The area of each closed room that the plan cuts, in its middle or as near to it as is free."""
+    found = []
+    for one in room_sizes(building):
+        if one.kind != "room area" or abs(one.ends[0, 2] - plan.height_m) > _STOREY_M:
+            continue
+        middle = paper.place(one.ends)[0]
+        half = ""
+        if np.isfinite(one.half):
+            half = f" \u00b1 {max(np.ceil(100 * one.half - 1e-9) / 100, 0.01):.2f}"
+        text = f"{one.value:.2f}{half} m\u00b2"
+        for off in _BESIDE_MM:
+            put = lettering.along(middle + off + np.array([[-1.0, 0.0], [1.0, 0.0]]), text, _TEXT_MM)
+            if put is not None:
+                found.append(_text(*put, text, ' class="label area"'))
+                break
+    return found
+
+
+def _told_widths(drawn: Sequence[str]) -> list[str]:
+    """What is said of widths, if any are drawn."""
+    is_inferred = any("on-inferred" in text for text in drawn)
+    told = _TOLD_WIDTHS if any("\u00b1" in text for text in drawn) else _TOLD_UNKNOWN
+    return [told + (_TOLD_INFERRED if is_inferred else "")] if drawn else []
+
+
+def told_width(dimension: Dimension) -> str:
+    """Return a width as drawings show it: metres to the millimetre, the interval, if known, rounded up."""
+    if not np.isfinite(dimension.half):
+        return f"{dimension.value:.3f}"
+    digits = 3 if dimension.half >= 5e-4 else 4
+    half = np.ceil(dimension.half * 10**digits - 1e-9) / 10**digits
+    return f"{dimension.value:.{digits}f} \u00b1 {max(half, 10.0**-digits):.{digits}f}"
+
+
+def _block(paper: Paper, told: Sequence[str], states: Collection[str]) -> list[str]:
+    """Below the frame: what it is, what the lines of some states are, the scale bar and the axes."""
+    left, top, wide, high = paper.frame
+    foot, right = top + high, left + wide
+    found = [
+        f'<text x="{_n(left)}" y="{_n(foot + 6 + 4 * k)}">{escape(text)}</text>'
+        for k, text in enumerate(told)
+    ]
+    names = {
+        "measured": "measured",
+        "inferred": "inferred",
+        "rest": "of no surface",
+        "below": "below the cut",
+    }
+    shown = {state: name for state, name in names.items() if state in states}
+    for k, (state, name) in enumerate(shown.items()):
+        start = np.array([left + 34 * k, foot + 16.0])
+        found.append(_line(np.array([start, start + [10, 0]]), state))
+        found.append(f'<text x="{_n(start[0] + 12)}" y="{_n(start[1] + 0.9)}">{name}</text>')
+    metres = max(
+        base * 10.0**power
+        for base in (1, 2, 5)
+        for power in range(-2, 4)
+        if base * 10.0**power * 1000 / paper.scale <= _SCALE_BAR_MM
+    )
+    bar, base_line = metres * 1000 / paper.scale, foot + 26
+    found.append(f'<path class="thin" d="M{_n(left)} {_n(base_line)}h{_n(bar)}v-2h{_n(-bar)}z"/>')
+    found.append(f'<path class="full" d="M{_n(left)} {_n(base_line)}h{_n(bar / 2)}v-2h{_n(-bar / 2)}z"/>')
+    found.append(f'<text x="{_n(left)}" y="{_n(base_line + 4)}">0</text>')
+    found.append(f'<text x="{_n(left + bar)}" y="{_n(base_line + 4)}" class="label">{metres:g} m</text>')
+    found.append(f'<text x="{_n(left + bar + 8)}" y="{_n(base_line)}">1 : {paper.scale} on A4</text>')
+    corner = np.array([right - 16, foot + 28.0])
+    for name, way in (("+x", np.array([10.0, 0])), ("+y", np.array([0, -10.0]))):
+        tip, side = corner + way, np.array([-way[1], way[0]]) * 0.08
+        found.append(_line(np.array([corner, tip]), "thin"))
+        wings = f"M{_xy(tip - 0.2 * way + side)}L{_xy(tip)}L{_xy(tip - 0.2 * way - side)}"
+        found.append(f'<path class="thin" d="{wings}"/>')
+        found.append(
+            f'<text x="{_n(tip[0] + 1)}" y="{_n(tip[1] + (1 if name == "+x" else 0))}">{name}</text>'
+        )
+    return found
+
+
+def _line(ends: FloatArray, state: str) -> str:
+    (x1, y1), (x2, y2) = ends
+    return f'<line class="{state}" x1="{_n(x1)}" y1="{_n(y1)}" x2="{_n(x2)}" y2="{_n(y2)}"/>'
+
+
+def _text(place: FloatArray, turn: float, text: str, how: str = "") -> str:
+    turned = f"translate({_n(place[0])} {_n(place[1])}) rotate({_n(turn)})"
+    return f'<text{how} transform="{turned}">{escape(text)}</text>'
+
+
+def _xy(place: FloatArray) -> str:
+    return f"{_n(place[0])} {_n(place[1])}"
+
+
+def _n(value: float) -> str:
+    """A number of millimetres to the hundredth, without needless digits."""
+    return f"{round(float(value), 2) + 0.0:g}"

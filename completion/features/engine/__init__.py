@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Templates and their fit: search, refinement, evidence."""

@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: MIT
+"""Templates: an object by its parameters and faces, the points and beams it is fitted to, and its fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+
+from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beams:
+    """Beams of n pixels.
+
+    Attributes
+    ----------
+    origins : (n, 3) float
+        Where each began.
+    directions : (n, 3) float
+        Unit directions.
+    ranges : (n,) float
+        How far each went; inf where nothing came back.
+    """
+
+    origins: FloatArray
+    directions: FloatArray
+    ranges: FloatArray
+
+    def chosen(self, which: BoolArray | IntArray) -> Beams:
+        """Return some of them, by truth (n,) or by number (m,)."""
+        return Beams(self.origins[which], self.directions[which], self.ranges[which])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What was measured, in one frame and one unit.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+        All points of the input in their order, finite.
+    noise : float
+        Standard deviation of a point across its surface; 0 where there is none.
+    spacing : float
+        Typical distance between neighbouring points.
+    beams : Beams, optional
+        The beams of a scan, those without a return too; None of points alone.
+    beam_of_point : (n,) int, optional
+        Number of the beam that measured each point.
+    faces : (m, 3) int, optional
+        Triangles of a mesh, by number of point.
+    """
+
+    points: FloatArray
+    noise: float
+    spacing: float
+    beams: Beams | None = None
+    beam_of_point: IntArray | None = None
+    faces: IntArray | None = None
+
+    @property
+    def diagonal(self) -> float:
+        """Of the box round all points; 0 of none."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0))) if len(self.points) else 0.0
+
+    def scaled(self, factor: float) -> Measured:
+        """Return the same in another unit."""
+        beams = self.beams and Beams(
+            self.beams.origins * factor, self.beams.directions, self.beams.ranges * factor
+        )
+        return replace(
+            self,
+            points=self.points * factor,
+            noise=self.noise * factor,
+            spacing=self.spacing * factor,
+            beams=beams,
+        )
+
+
+_LEAST_TILES = 2  # that confirm a side which counts as seen
+
+
+class Status(StrEnum):
+    """What became of a feature."""
+
+    FOUND = "found"
+    AMBIGUOUS = "ambiguous"  # more than one explanation fits: the reason says which
+    NONE = "none"  # proposed, and refused by what was measured
+
+
+class Seen(StrEnum):
+    """What was measured beside a side."""
+
+    CONFIRMED = "confirmed"
+    CONTRADICTED = "contradicted"
+    UNSEEN = "unseen"
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One side of a feature: an edge of an opening, a hole of a row, one of two joined surfaces.
+
+    Attributes
+    ----------
+    name : str
+        What it is called, "left".
+    confirmed, contradicted, total : int
+        Tiles along it, or other pieces of evidence, that say it is there, that say it is not, and all.
+    deviation : float
+        Standard deviation of its place across itself, in the unit of the input; inf where unknown.
+    """
+
+    name: str
+    confirmed: int
+    contradicted: int
+    total: int
+    deviation: float = np.inf
+
+    @property
+    def state(self) -> Seen:
+        """Return whether it was seen: two tiles at least confirm it, and fewer contradict it."""
+        if self.contradicted > self.confirmed:
+            return Seen.CONTRADICTED
+        return Seen.CONFIRMED if self.confirmed >= _LEAST_TILES else Seen.UNSEEN
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether it was seen where it is said to be."""
+        return self.state is Seen.CONFIRMED
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TemplateFit:
+    """A feature: proposed, and accepted or refused by evidence.
+
+    Attributes
+    ----------
+    kind : str
+        "doorway", "hole-row" ...
+    status : Status
+        Found, ambiguous or none.
+    names : tuple of str
+        The k parameters that were sought or held.
+    x : (k,) float
+        Their values; lengths in the unit of the input, angles in radians.
+    covariance : (k, k) float
+        Of them; zero in rows of what was held.
+    sides : tuple of Side
+        Support of each side.
+    evidence : float
+        Log odds against the plain surface, nats.
+    false_fit_probability : float
+        Of one that comes as far, with as much evidence or more, where there is no such feature: the share of
+        simulated nulls, never less than one of them. NaN where no null was measured.
+    faces : tuple of str
+        What `assignment` numbers, from 1.
+    assignment : (n,) int
+        Face of each point of the input, 0 for none.
+    evaluations : int
+        Of the objective.
+    is_complete : bool
+        False where the budget or an interrupt ended the search: it is the best so far.
+    reason : str
+        Why it is ambiguous or refused, or what is doubtful of it; one sentence, "" for nothing.
+    geometry : mapping
+        What the file says beside it, by the names of the contract: "corners" (4, 3), "depth_m", "count",
+        "centres" (m, 3), "radius", "radii" (2,), "joint" (2, 3), "axis" (3,).
+    held : tuple of str
+        The parameters that were given and held exactly.
+    """
+
+    kind: str
+    status: Status
+    names: tuple[str, ...]
+    x: FloatArray
+    covariance: FloatArray
+    sides: tuple[Side, ...]
+    evidence: float
+    faces: tuple[str, ...]
+    assignment: IntArray
+    false_fit_probability: float = np.nan
+    evaluations: int = 0
+    is_complete: bool = True
+    reason: str = ""
+    geometry: Mapping[str, object] = field(default_factory=dict)
+    held: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @classmethod
+    def absent(cls, kind: str, names: tuple[str, ...], n: int, reason: str) -> TemplateFit:
+        """Return what is told where nothing among n points could be fitted."""
+        return cls(
+            kind=kind,
+            status=Status.NONE,
+            names=names,
+            x=np.full(len(names), np.nan),
+            covariance=np.diag(np.full(len(names), np.inf)),
+            sides=(),
+            evidence=-np.inf,
+            faces=(),
+            assignment=np.zeros(n, dtype=np.int64),
+            reason=reason,
+        )
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Names of the sides that were not seen."""
+        return tuple(side.name for side in self.sides if side.state is Seen.UNSEEN)
+
+    def value(self, name: str) -> float:
+        """Return a parameter by name."""
+        return float(self.x[self.names.index(name)])
+
+    def deviation(self, name: str) -> float:
+        """Return the standard deviation of a parameter by name."""
+        number = self.names.index(name)
+        return float(np.sqrt(max(self.covariance[number, number], 0.0)))
+
+
+class Template(Protocol):
+    """An object that `fit_template` fits: what a user writes.
+
+    Attributes
+    ----------
+    kind : str
+        What it is called.
+    names : tuple of str
+        Its k parameters.
+    faces : tuple of str
+        Its faces, numbered from 1.
+    """
+
+    @property
+    def kind(self) -> str:
+        """What it is called."""
+        ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its k parameters."""
+        ...
+
+    @property
+    def faces(self) -> tuple[str, ...]:
+        """Its faces, numbered from 1."""
+        ...
+
+    def bounds(self, measured: Measured) -> tuple[FloatArray, FloatArray]:
+        """Return the least and the greatest value of each parameter (k,)."""
+        ...
+
+    def distance(self, points: FloatArray, x: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return the distance of points (n, 3) from the nearest face (n,), and its number (n,), from 1."""
+        ...
+
+
+Given = Mapping[str, float]
+"""What a person knows of a feature, by name of the parameter: held exactly."""
+
+
+def best_first(fits: Sequence[TemplateFit]) -> list[TemplateFit]:
+    """Return the fits in order of status and evidence."""
+    rank = {Status.FOUND: 0, Status.AMBIGUOUS: 1, Status.NONE: 2}
+    return sorted(fits, key=lambda fit: (rank[fit.status], -fit.evidence))

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Rows, grids and bolt circles of holes in plates."""

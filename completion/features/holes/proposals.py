@@ -1,0 +1,379 @@
+# SPDX-License-Identifier: MIT
+"""Proposals: patterns that several candidates fit, and how many as regular arise by chance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.special import gammaln
+
+from completion.features.holes.candidates import Candidates, rim_scores
+from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, SYMMETRIES, Pattern, fitted
+from completion.features.holes.survey import Openings, Survey
+from scenes.checks import BoolArray, FloatArray, IntArray
+
+_COUNTS = 10.0  # counts that a pattern might have had
+_EXACT = 0.1  # spacings: to which a candidate's centre and radius are known at best
+_SINGULAR = -20.0  # log of a determinant against that of parameters that move holes apart from others
+_N_THROWN = 4_000  # places that tell how rare a hole's looks are
+_SOFT = 0.3  # spacings: how exactly they are placed
+
+
+def log_chance(
+    pattern: Pattern, places: IntArray, chosen: IntArray, found: Candidates, *, area: float, spacing: float
+) -> float:
+    """Log of the expected number of patterns as regular, among candidates thrown on the plate at random.
+
+    A-contrario detection (Desolneux, Moisan, Morel 2000). n circles can be chosen in N^n ways; the patterns
+    of p parameters are a surface of that dimension in the 2 n coordinates of their centres, of measure
+    integral sqrt(det J'J); what lies within the residual's length of it is a tube, whose share of all
+    configurations, area^n, is the probability. Radii count likewise. N is, for each, the number of
+    candidates at least as evident.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        As fitted.
+    places, chosen : (n,) int
+        Numbers of holes of the pattern, and of the candidates that are there.
+    found : Candidates
+        All.
+    area, spacing : float
+        Of the plate, and of its points.
+    """
+    n, p = len(chosen), len(pattern.x)
+    more = len(found) - np.searchsorted(np.sort(found.evidence), found.evidence[chosen], side="left")
+    ways = float(np.log(np.maximum(more, np.arange(1, n + 1))).sum())
+    symmetry = SYMMETRIES[pattern.kind] * (pattern.count if pattern.kind == CIRCLE else 1)
+    slopes = pattern.slopes[places].reshape(2 * n, p)
+    sign, determinant = np.linalg.slogdet(slopes.T @ slopes)
+    alone = np.einsum("ij,ij->j", slopes, slopes)
+    if sign <= 0 or determinant < _SINGULAR + np.log(np.maximum(alone, 1e-300)).sum():
+        return np.inf  # these holes do not tell where the others are
+    measure = 0.5 * determinant + _log_room(pattern, area)
+    off = found.centres[chosen] - pattern.centres[places]
+    freedom = 2 * n - p
+    square = float(np.einsum("ij,ij->", off, off)) + freedom * (_EXACT * spacing) ** 2
+    tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1) if freedom else 0.0
+    at_places = ways - np.log(symmetry) + measure + tube - n * np.log(area)
+    skipped = gammaln(pattern.count + 1) - gammaln(n + 1) - gammaln(pattern.count - n + 1)
+    return float(at_places + _log_alike(found, chosen, spacing) + skipped + np.log(_COUNTS))
+
+
+def _log_room(pattern: Pattern, area: float) -> float:
+    """Log of the measure of all parameters that patterns of this shape may have on a plate."""
+    longest = np.sqrt(area)
+    if pattern.kind == CIRCLE:
+        return float(np.log(area * 2 * np.pi / pattern.count * longest / 2))
+    room = np.log(area * 2 * np.pi * longest / max(pattern.shape[0] - 1, 1))
+    return float(room + (np.log(longest / max(pattern.shape[1] - 1, 1)) if pattern.kind == GRID else 0.0))
+
+
+def _log_alike(found: Candidates, chosen: IntArray, spacing: float) -> float:
+    """Log of the probability that radii are as equal as those chosen (n,), of candidates as they are."""
+    radii: FloatArray = found.radii[chosen]
+    freedom = len(radii) - 1
+    wide = 2 * np.sqrt(np.pi) * max(float(found.radii.std()), _EXACT * spacing)
+    square = float(((radii - radii.mean()) ** 2).sum()) + freedom * (_EXACT * spacing) ** 2
+    tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1) + 0.5 * np.log(freedom + 1)
+    return float(min(tube - freedom * np.log(wide), 0.0))
+
+
+def looks(radius: float, survey: Survey, opened: Openings) -> FloatArray:
+    """Return how much places thrown on a plate look like holes of a radius: log odds (m,), rising.
+
+    Measured on the plate itself, losses and all: a model's log odds say less than how often they occur.
+    Places that are plainly none are left out.
+    """
+    rng = np.random.default_rng(0)
+    corner, extent = survey.corner, np.array(survey.counts.shape) * survey.cell
+    places = corner + extent * rng.uniform(size=(_N_THROWN, 2))
+    places = places[~survey.is_no_hole(places, np.full(_N_THROWN, radius))]
+    radii = np.full(len(places), radius)
+    thrown = rim_scores(survey, places, radii, np.full(len(places), _SOFT * survey.spacing)).evidence
+    return np.asarray(np.sort(thrown + opened.evidence(places, radii, survey.spacing)))
+
+
+def log_rarity(evidence: FloatArray, thrown: FloatArray) -> FloatArray:
+    """Return less the log of the share of places that look (m,) as much like a hole as some do (n,)."""
+    as_many = len(thrown) - np.searchsorted(thrown, evidence, side="left")
+    return np.asarray(np.log(_N_THROWN + 1) - np.log(as_many + 1))
+
+
+_MULTIPLES = (1, 2, 3)  # pitches between two candidates
+_FARTHEST = 24  # pitches from a candidate
+_NEAR = 0.7  # spacings between a candidate and its place
+ALIKE = 0.6, 0.05  # spacings and shares of the radius by which radii of candidates differ
+_WEB = 0.8  # spacings between neighbouring rims at least: holes that touch are slots
+_MOST_ON_CIRCLE = 24
+_MOST_TRIED, _MOST = 100, 6
+_LEAST_SEEN = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """A pattern, the candidates at its places, and the log of how many such chance makes."""
+
+    pattern: Pattern
+    places: IntArray
+    chosen: IntArray
+    log_chance: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Search:
+    """What is searched for patterns: candidates, their tree, the plate, and what is given."""
+
+    found: Candidates
+    area: float
+    spacing: float
+    given: Mapping[str, float]
+    tree: cKDTree
+
+    @classmethod
+    def of(cls, found: Candidates, area: float, spacing: float, given: Mapping[str, float]) -> Search:
+        """Return the search of some candidates."""
+        return cls(found, area, spacing, given, cKDTree(found.centres))
+
+    def alike(self, one: IntArray | int, two: IntArray) -> BoolArray:
+        """Whether radii of candidates (n,), or of one, and of others (n,) are alike."""
+        radii = self.found.radii
+        least = ALIKE[0] * self.spacing + ALIKE[1] * np.minimum(radii[one], radii[two])
+        return np.asarray(np.abs(radii[one] - radii[two]) < least)
+
+
+def proposals(
+    kind: str, found: Candidates, area: float, spacing: float, given: Mapping[str, float]
+) -> list[Proposal]:
+    """Return the patterns of a kind that chance explains worst, of which at least three holes are candidates.
+
+    Pairs of like candidates are one, two or three pitches apart (along a row and a grid), or some share of
+    a turn (triples, on a circle); all candidates near the other places of the lattice are matched, and the
+    pattern is fitted to them.
+    """
+    if len(found) < _LEAST_SEEN:
+        return []
+    search = Search.of(found, area, spacing, given)
+    begun = {ROW: _rows, GRID: _grids, CIRCLE: _circles}[kind](search)
+    seen, tried = set[tuple[int, ...]](), list[Proposal]()
+    ordered = sorted(begun, key=lambda one: -_promise(search, one[0], one[1]))
+    for pattern, places, chosen in ordered:
+        key = (*sorted(chosen.tolist()), pattern.count)
+        if key in seen or len(tried) >= _MOST_TRIED:
+            continue
+        seen.add(key)
+        one = _settled(search, pattern, places, chosen)
+        if one is not None:
+            tried.append(one)
+    best, taken = list[Proposal](), list[set[int]]()
+    for one in sorted(tried, key=lambda one: one.log_chance):
+        if all(len(set(one.chosen.tolist()) & other) < 2 for other in taken) or len(best) < 2:
+            best.append(one)
+            taken.append(set(one.chosen.tolist()))
+    return best[:_MOST]
+
+
+def _promise(search: Search, pattern: Pattern, places: IntArray) -> float:
+    """Log odds, roughly, of so many matches in the window of a lattice that they span against chance."""
+    i, j = np.divmod(places, pattern.shape[1])
+    n = len(places)
+    window = pattern.count if pattern.kind == CIRCLE else (np.ptp(i) + 1) * (np.ptp(j) + 1)
+    ways = gammaln(window + 1) - gammaln(n + 1) - gammaln(window - n + 1)
+    by_chance = len(search.found) * np.pi * (_NEAR * search.spacing) ** 2 / search.area
+    return float(-n * np.log(by_chance) - ways)
+
+
+def _settled(search: Search, begun: Pattern, places: IntArray, chosen: IntArray) -> Proposal | None:
+    """The pattern fitted; candidates that make it more probable by chance are left out, the worst first."""
+    held = np.array([name in search.given for name in PARAMETERS[begun.kind]])
+    found, best = search.found, None
+    for _ in range(3):
+        pattern = fitted(begun, places, found.centres[chosen], held)
+        if pattern.kind != CIRCLE:
+            pattern, places = _trimmed(pattern, places)
+        pattern = replace(pattern, radius=search.given.get("radius", float(np.median(found.radii[chosen]))))
+        if not _fits(pattern, search.spacing):
+            break
+        chance = log_chance(pattern, places, chosen, found, area=search.area, spacing=search.spacing)
+        if best is not None and chance >= best.log_chance:
+            break
+        best = Proposal(pattern, places, chosen, chance)
+        if len(chosen) <= _LEAST_SEEN + (begun.kind == GRID):
+            break
+        off = np.hypot(*(found.centres[chosen] - pattern.centres[places]).T)
+        off = off + np.abs(found.radii[chosen] - pattern.radius)
+        kept = np.arange(len(chosen)) != off.argmax()
+        begun, places, chosen = pattern, places[kept], chosen[kept]
+    return best
+
+
+def _fits(pattern: Pattern, spacing: float) -> bool:
+    """Whether holes are apart, and the shape is one of its kind."""
+    if pattern.kind == CIRCLE:
+        apart = 2 * pattern.x[3] * np.sin(np.pi / pattern.count)
+    else:
+        apart = pattern.x[3:].min()
+    least = (2, 2) if pattern.kind == GRID else (_LEAST_SEEN, 1)
+    return bool(apart > 2 * pattern.radius + _WEB * spacing and min(np.array(pattern.shape) - least) >= 0)
+
+
+def _trimmed(pattern: Pattern, places: IntArray) -> tuple[Pattern, IntArray]:
+    """The part of a row or grid that its outermost candidates span."""
+    i, j = np.divmod(places, pattern.shape[1])
+    low, shape = (int(i.min()), int(j.min())), (int(np.ptp(i)) + 1, int(np.ptp(j)) + 1)
+    return pattern.resized(low, shape), (i - low[0]) * shape[1] + (j - low[1])
+
+
+def pairs(search: Search) -> tuple[IntArray, IntArray, FloatArray]:
+    """Pairs of like candidates a pitch apart: numbers (m,) twice, and the pitch (m, 2)."""
+    one, two = np.triu_indices(len(search.found), 1)
+    like = search.alike(one, two)
+    one, two = one[like], two[like]
+    step = search.found.centres[two] - search.found.centres[one]
+    one, two = np.tile(one, len(_MULTIPLES)), np.tile(two, len(_MULTIPLES))
+    pitch = np.concatenate([step / m for m in _MULTIPLES])
+    length = np.hypot(*pitch.T)
+    fits = length > 2 * search.found.radii[one]
+    if "pitch" in search.given:
+        fits &= np.abs(length - search.given["pitch"]) < _NEAR * search.spacing
+    return one[fits], two[fits], pitch[fits]
+
+
+def _matched(search: Search, places: FloatArray, first: IntArray, reach: FloatArray) -> IntArray:
+    """The candidate (m, k) near each of places (m, k, 2) that is like the first (m,) of its row, else -1."""
+    flat = places.reshape(-1, 2)
+    _, near = search.tree.query(flat, k=min(3, len(search.found)))
+    near = near.reshape(len(flat), -1)
+    owner = np.repeat(first, places.shape[1])
+    best = np.full(len(flat), -1)
+    for column in near.T[::-1]:
+        gap = np.hypot(*(search.found.centres[column] - flat).T)
+        good = (gap < np.broadcast_to(reach, places.shape[:2]).ravel()) & search.alike(owner, column)
+        best = np.where(good, column, best)
+    return best.reshape(places.shape[:2])
+
+
+_Begun = Iterator[tuple[Pattern, IntArray, IntArray]]
+
+
+def _rows(search: Search) -> _Begun:
+    """Rows through pairs, where a third candidate fits."""
+    one, _, pitch = pairs(search)
+    if not len(one):
+        return
+    number = np.arange(-_FARTHEST, _FARTHEST + 1)
+    places = search.found.centres[one][:, None] + number[None, :, None] * pitch[:, None]
+    reach = _NEAR * search.spacing * (1 + 0.25 * np.abs(number))
+    reach = np.minimum(reach[None, :], 0.3 * np.hypot(*pitch.T)[:, None])
+    match = _matched(search, places, one, reach)
+    for row in np.flatnonzero((match >= 0).sum(axis=1) >= _LEAST_SEEN):
+        at = np.flatnonzero(match[row] >= 0)
+        angle, length = np.arctan2(pitch[row, 1], pitch[row, 0]), float(np.hypot(*pitch[row]))
+        for run in _runs(number[at]):
+            kept = at[run]
+            if len(kept) < _LEAST_SEEN:
+                continue
+            x = np.array([*search.found.centres[one[row]], angle, search.given.get("pitch", length)])
+            pattern = Pattern(ROW, (len(number), 1), x, 0.0)
+            yield pattern, kept, match[row, kept]
+
+
+def _runs(numbers: IntArray) -> list[IntArray]:
+    """Parts (positions) of increasing numbers that nowhere skip more than two."""
+    cuts = np.flatnonzero(np.diff(numbers) > 3) + 1
+    return list(np.split(np.arange(len(numbers)), cuts))
+
+
+def _grids(search: Search) -> _Begun:
+    """Grids through pairs and a third candidate across."""
+    one, _, pitch = pairs(search)
+    found = search.found
+    span = np.arange(-8, 9)
+    i, j = (g.ravel() for g in np.meshgrid(span, span, indexing="ij"))
+    for row in range(len(one)):
+        length = float(np.hypot(*pitch[row]))
+        along = pitch[row] / length
+        across = np.array([-along[1], along[0]])
+        offset = (found.centres - found.centres[one[row]]) @ np.stack([along, across], axis=1)
+        steps = np.round(offset[:, 0] / length)
+        near = np.abs(offset[:, 0] - steps * length) < _NEAR * search.spacing * (1 + 0.25 * np.abs(steps))
+        near &= (offset[:, 1] > 2 * found.radii[one[row]]) & search.alike(one[row], np.arange(len(found)))
+        widths = np.unique(np.round([offset[k, 1] / m for k in np.flatnonzero(near) for m in (1, 2)], 9))
+        widths = widths[widths > 2 * found.radii[one[row]]]
+        if "pitch_2" in search.given:
+            widths = widths[np.abs(widths - search.given["pitch_2"]) < 2 * _NEAR * search.spacing]
+        if not len(widths):
+            continue
+        places = (
+            found.centres[one[row]] + i[:, None] * pitch[row] + widths[:, None, None] * j[:, None] * across
+        )
+        reach = _NEAR * search.spacing * (1 + 0.25 * (np.abs(i) + np.abs(j)))
+        reach = np.minimum(reach[None], 0.3 * np.minimum(length, widths)[:, None])
+        match = _matched(search, places, np.full(len(widths), one[row]), reach)
+        for number in np.flatnonzero((match >= 0).sum(axis=1) >= 4):
+            at = np.flatnonzero(match[number] >= 0)
+            if len(np.unique(i[at])) < 2 or len(np.unique(j[at])) < 2:
+                continue
+            x = [*found.centres[one[row]], np.arctan2(along[1], along[0]), length, widths[number]]
+            x[3:] = [
+                search.given.get(name, value) for name, value in zip(PARAMETERS[GRID][3:], x[3:], strict=True)
+            ]
+            yield Pattern(GRID, (len(span), len(span)), np.array(x), 0.0), at, match[number, at]
+
+
+def _circles(search: Search) -> _Begun:
+    """Bolt circles through triples whose angles are shares of a turn."""
+    found, longest = search.found, np.sqrt(search.area)
+    counts = np.arange(3, _MOST_ON_CIRCLE + 1)
+    if "count" in search.given:
+        counts = counts[counts == round(search.given["count"])]
+    number = np.arange(len(found))
+    for a in range(len(found) - 2):
+        b, c = (k + a + 1 for k in np.triu_indices(len(found) - a - 1, 1))
+        like = search.alike(a, b) & search.alike(a, c) & search.alike(b, c)
+        b, c = b[like], c[like]
+        middle, radius = _through(found.centres[a], found.centres[b], found.centres[c])
+        fits = (radius > 2 * found.radii[a] / np.sqrt(3)) & (radius < longest)
+        if "circle_radius" in search.given:
+            fits &= np.abs(radius - search.given["circle_radius"]) < 2 * _NEAR * search.spacing
+        b, c, middle, radius = b[fits], c[fits], middle[fits], radius[fits]
+        turn = [_turn(found.centres[k] - middle) for k in (np.full(len(b), a), b, c)]
+        for n in counts:
+            off = [np.abs((share := (one - turn[0]) * n / (2 * np.pi)) - np.round(share)) for one in turn[1:]]
+            tolerance = 1.5 * _NEAR * search.spacing / radius * n / (2 * np.pi)
+            good = (off[0] < tolerance) & (off[1] < tolerance) & (tolerance < 0.25)
+            good &= 2 * radius * np.sin(np.pi / n) > 2 * found.radii[a]
+            rows = np.flatnonzero(good)
+            if not len(rows):
+                continue
+            angles = turn[0][rows, None] + 2 * np.pi * np.arange(n) / n
+            ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+            places = middle[rows, None] + radius[rows, None, None] * ring
+            match = _matched(search, places, np.full(len(rows), a), np.array(1.5 * _NEAR * search.spacing))
+            enough = np.maximum(_LEAST_SEEN, np.ceil(0.5 * n))
+            for k in np.flatnonzero((match >= 0).sum(axis=1) >= enough):
+                at = np.flatnonzero(match[k] >= 0)
+                if match[k, at].min() < a:
+                    continue  # it was met from that one
+                size = search.given.get("circle_radius", float(radius[rows[k]]))
+                x = np.array([*middle[rows[k]], turn[0][rows[k]], size])
+                yield Pattern(CIRCLE, (int(n), 1), x, 0.0), at, number[match[k, at]]
+
+
+def _turn(offset: FloatArray) -> FloatArray:
+    return np.asarray(np.arctan2(offset[:, 1], offset[:, 0]))
+
+
+def _through(one: FloatArray, two: FloatArray, three: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Centres (m, 2) and radii (m,) of circles through a place (2,) and pairs of places (m, 2)."""
+    b, c = two - one, three - one
+    twice = 2 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bb, cc = (b**2).sum(axis=1), (c**2).sum(axis=1)
+        offset = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb]) / twice[:, None]
+        radius = np.hypot(*offset.T)
+    offset = np.where(np.isfinite(radius)[:, None], offset, 0.0)
+    return one + offset, np.where(np.isfinite(radius), radius, np.inf)

@@ -1,0 +1,452 @@
+# SPDX-License-Identifier: MIT
+"""Weighing: lattices through a few candidates, each weighed by all its holes and the webs between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from completion.features.holes.candidates import LARGE, Candidates, rim_scores
+from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, Pattern
+from completion.features.holes.proposals import ALIKE, Proposal, Search, log_chance, log_rarity, looks, pairs
+from completion.features.holes.refinement import centres_of
+from completion.features.holes.survey import Openings, Survey
+from scenes.checks import BoolArray, FloatArray, IntArray
+
+_WIDE = 0.8  # of the radius: half the width of a web that is looked at
+_OPEN_SIDE, _OPEN_ALIKE = 5, 4  # sectors of 16 side by side without a rim, of one hole and of all alike
+_WEBS_LEAST = 4.0  # points expected of a web that can tell
+
+
+def are_joined(pattern: Pattern, survey: Survey) -> bool:
+    """Whether along one direction of a pattern nothing was measured between any two neighbours: slots."""
+    for neighbours in _neighbours(pattern):
+        counted, expected = _on_webs(pattern, neighbours, survey)
+        telling = expected > _WEBS_LEAST
+        if telling.any() and (counted[telling] == 0).all():
+            return True
+    return False
+
+
+def open_sides(rims: BoolArray) -> BoolArray:
+    """Tell of which holes a whole side is open, by the sectors (n, k) in which they have a rim."""
+    return _gaps(rims, _OPEN_SIDE)
+
+
+def are_notches(pattern: Pattern, rims: BoolArray, seen: BoolArray) -> bool:
+    """Whether all holes that were `seen` (n,) are open on the same side, or all inwards, or all outwards.
+
+    Lost patches open each hole elsewhere; notches, slots, and circles that lie in a larger one, alike.
+    """
+    if not seen.any():
+        return False
+    offset = pattern.centres - pattern.x[:2]
+    outwards = np.arctan2(offset[:, 1], offset[:, 0])
+    k = rims.shape[1]
+    turned = np.stack(
+        [np.roll(one, -round(turn / (2 * np.pi) * k)) for one, turn in zip(rims, outwards, strict=True)]
+    )
+    inward_too = [rims, turned] if pattern.shape[1] > 1 or pattern.kind == CIRCLE else [rims]
+    common = np.stack([np.asarray(frame[seen]).any(axis=0) for frame in inward_too])
+    return bool(_gaps(common, _OPEN_ALIKE).any())
+
+
+def _gaps(rims: BoolArray, size: int) -> BoolArray:
+    """Tell in which rows (n, k), each a ring, `size` sectors side by side have no rim."""
+    twice = np.concatenate([rims, rims], axis=1)
+    runs: BoolArray = np.stack(
+        [~twice[:, first : first + size].any(axis=1) for first in range(rims.shape[1])]
+    )
+    return np.asarray(runs.any(axis=0))
+
+
+def _neighbours(pattern: Pattern) -> list[IntArray]:
+    """Pairs (m, 2) of neighbours along each direction."""
+    numbers = np.arange(pattern.count).reshape(pattern.shape)
+    if pattern.kind == CIRCLE:
+        return [np.stack([numbers.ravel(), np.roll(numbers.ravel(), -1)], axis=1)]
+    along = np.stack([numbers[:-1].ravel(), numbers[1:].ravel()], axis=1)
+    across = np.stack([numbers[:, :-1].ravel(), numbers[:, 1:].ravel()], axis=1)
+    return [pairs for pairs in (along, across) if len(pairs)]
+
+
+def _on_webs(pattern: Pattern, pairs: IntArray, survey: Survey) -> tuple[IntArray, FloatArray]:
+    """Points (m,) of the plate between two holes each, and how many there should be."""
+    centres, radius = pattern.centres, pattern.radius
+    one, two = centres[pairs[:, 0]], centres[pairs[:, 1]]
+    step = two - one
+    length = np.hypot(*step.T)
+    owner, offset = survey.near((one + two) / 2, length / 2)
+    along = step / length[:, None]
+    u = np.einsum("ij,ij->i", offset, along[owner])
+    v = offset[:, 1] * along[owner, 0] - offset[:, 0] * along[owner, 1]
+    inside = np.abs(v) < _WIDE * radius
+    for sign in (-1, 1):
+        inside &= np.hypot(u - sign * length[owner] / 2, v) > radius
+    counted = np.bincount(owner[inside], minlength=len(pairs))
+    # a rectangle less two segments of circles
+    half = _WIDE * radius
+    caps = half * np.sqrt(radius**2 - half**2) + radius**2 * np.arcsin(half / radius)
+    area = np.maximum(2 * half * length - 2 * caps, 0.0)
+    return counted, survey.density_at((one + two) / 2) * area
+
+
+_COUNTS = range(4, 17)  # of a circle
+_WEB = 0.8  # spacings between neighbouring rims at least
+_NEAR = 0.7  # spacings between a third candidate and its place in a grid, and of candidates from places
+_MOST_BEYOND = 4  # places beyond either end of a pattern that are looked at
+_MOST_WIDE = 3  # steps of a grid between its first candidates
+
+
+def lattices(kind: str, found: Candidates, survey: Survey, given: Mapping[str, float]) -> list[Proposal]:
+    """Return the patterns of a kind through pairs (triples, of a grid) that have room for three holes.
+
+    Each is as small as the candidates that it goes through allow: a window of its lattice is sought by
+    whoever weighs it. Candidates at its other places are among those that it is said to hold.
+    """
+    if len(found) < 2:
+        return []
+    search = Search.of(found, survey.area, survey.spacing, given)
+    begun = {ROW: _rows, GRID: _grids, CIRCLE: _circles}[kind](search, survey)
+    return [Proposal(one, *matches(one, found, survey.spacing), 0.0) for one in begun]
+
+
+def matches(pattern: Pattern, found: Candidates, spacing: float) -> tuple[IntArray, IntArray]:
+    """Return the places (m,) of a pattern at which candidates are, and their numbers (m,)."""
+    if not len(found):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    off = np.linalg.norm(pattern.centres[:, None] - found.centres, axis=2)
+    apart = np.abs(found.radii - pattern.radius)
+    unlike = (off > _NEAR * spacing) | (apart > ALIKE[0] * spacing + ALIKE[1] * pattern.radius)
+    cost = np.where(unlike, np.inf, off + apart)
+    places = np.flatnonzero(np.isfinite(cost.min(axis=1)))
+    return places, cost[places].argmin(axis=1)
+
+
+def count_range(pattern: Pattern, seen: BoolArray, survey: Survey) -> tuple[int, int]:
+    """Return how many holes a pattern has at least and at most, where `seen` (count,) of them were.
+
+    At least those from the first to the last that were seen. At most as many more as there is room for: an
+    end hole whose place is lost can be counted by nobody.
+    """
+    if pattern.kind == CIRCLE or not seen.any():
+        return pattern.count, pattern.count
+    least = [int(np.ptp(at)) + 1 for at in np.nonzero(seen.reshape(pattern.shape))]
+    (n, m), most = pattern.shape, list(pattern.shape)
+    # the first line beyond each end, the way on, and its shape
+    lines = [((-1, 0), (-1, 0), (1, m)), ((n, 0), (1, 0), (1, m)),
+             ((0, -1), (0, -1), (n, 1)), ((0, m), (0, 1), (n, 1))]  # fmt: skip
+    for number, (first, way, shape) in enumerate(lines if pattern.kind == GRID else lines[:2]):
+        for k in range(_MOST_BEYOND):
+            beyond = pattern.resized((first[0] + k * way[0], first[1] + k * way[1]), shape)
+            if survey.is_no_hole(beyond.centres, np.full(beyond.count, pattern.radius)).any():
+                break
+            most[number // 2] += 1
+    return least[0] * least[1], most[0] * most[1]
+
+
+def _steps(search: Search, survey: Survey) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Pairs (m,) of like candidates, the pitch (m, 2) and the radius (m,), with room for holes between."""
+    one, two, pitch = pairs(search)
+    radius = (search.found.radii[one] + search.found.radii[two]) / 2
+    room = np.hypot(*pitch.T) > 2 * radius + _WEB * search.spacing
+    for place in (search.found.centres[one] + pitch, search.found.centres[two] - pitch):
+        room &= ~survey.is_no_hole(place, radius)
+    return one[room], two[room], pitch[room], radius[room]
+
+
+def _rows(search: Search, survey: Survey) -> Iterator[Pattern]:
+    """Rows with room for a third hole beside the first two, or between."""
+    one, two, pitch, radius = _steps(search, survey)
+    first, last = search.found.centres[one], search.found.centres[two]
+    length = np.hypot(*pitch.T)
+    count = np.rint(np.hypot(*(last - first).T) / length).astype(np.int64) + 1
+    beside = ~(survey.is_no_hole(first - pitch, radius) & survey.is_no_hole(last + pitch, radius))
+    for k in np.flatnonzero(beside | (count > 2)):
+        middle, angle = (first[k] + last[k]) / 2, np.arctan2(pitch[k, 1], pitch[k, 0])
+        size = search.given.get("pitch", float(length[k]))
+        radius_k = search.given.get("radius", float(radius[k]))
+        pattern = Pattern(ROW, (int(count[k]), 1), np.array([*middle, angle, size]), radius_k)
+        low = -int(count[k] == 2 and not survey.is_no_hole(first[k] - pitch[k], radius[k]))
+        yield pattern.resized((low, 0), (max(pattern.shape[0], 3), 1))
+
+
+def _grids(search: Search, survey: Survey) -> Iterator[Pattern]:
+    """Grids through pairs and a third candidate across, with room in all of the rectangle of these."""
+    one, two, pitch, radius = _steps(search, survey)
+    found = search.found
+    length = np.hypot(*pitch.T)
+    for k in range(len(one)):
+        along = pitch[k] / length[k]
+        across = np.array([-along[1], along[0]])
+        offset = (found.centres - found.centres[one[k]]) @ np.stack([along, across], axis=1)
+        steps = np.rint(offset[:, 0] / length[k]).astype(np.int64)
+        n_along = int(np.rint(np.hypot(*(found.centres[two[k]] - found.centres[one[k]])) / length[k]))
+        least = 2 * radius[k] + _WEB * search.spacing
+        near = np.abs(offset[:, 0] - steps * length[k]) < _NEAR * search.spacing * (1 + 0.25 * np.abs(steps))
+        near &= (np.abs(offset[:, 1]) > least) & search.alike(one[k], np.arange(len(found)))
+        near &= (steps >= -_MOST_WIDE) & (steps <= n_along + _MOST_WIDE)
+        for third in np.flatnonzero(near):
+            for n_across in range(1, _MOST_WIDE + 1):
+                width = abs(float(offset[third, 1])) / n_across
+                if width < least:
+                    break
+                low, high = min(0, int(steps[third])), max(n_along, int(steps[third]))
+                shape = (high - low + 1, n_across + 1)
+                middle = found.centres[one[k]] + (low + high) / 2 * pitch[k] + offset[third, 1] / 2 * across
+                x = np.array([*middle, np.arctan2(along[1], along[0]), length[k], width])
+                x[3:] = [search.given.get(name, value)
+                         for name, value in zip(("pitch", "pitch_2"), x[3:], strict=True)]  # fmt: skip
+                pattern = Pattern(GRID, shape, x, search.given.get("radius", float(radius[k])))
+                if not survey.is_no_hole(pattern.centres, np.full(pattern.count, radius[k])).any():
+                    yield pattern
+
+
+def _circles(search: Search, survey: Survey) -> Iterator[Pattern]:
+    """Bolt circles through pairs, any share of a turn apart, with room for all holes."""
+    one, two, pitch, radius = _steps(search, survey)
+    first, last = search.found.centres[one], search.found.centres[two]
+    whole = np.hypot(*(pitch - (last - first)).T) < 1e-9  # each pair once
+    first, last, radius = first[whole], last[whole], radius[whole]
+    half, longest = np.hypot(*(last - first).T) / 2, np.sqrt(search.area) / 2
+    across = np.column_stack([first[:, 1] - last[:, 1], last[:, 0] - first[:, 0]]) / (2 * half[:, None])
+    for n in _COUNTS if "count" not in search.given else [round(search.given["count"])]:
+        for step in range(1, n // 2 + 1):
+            size = half / np.sin(np.pi * step / n)
+            fits = (2 * size * np.sin(np.pi / n) > 2 * radius + _WEB * search.spacing) & (size < longest)
+            if "circle_radius" in search.given:
+                fits &= np.abs(size - search.given["circle_radius"]) < 2 * _NEAR * search.spacing
+            high = np.sqrt(np.maximum(size**2 - half**2, 0.0))
+            for side in (1, -1) if 2 * step != n else (1,):
+                k = np.flatnonzero(fits)
+                middle = (first[k] + last[k]) / 2 + side * high[k, None] * across[k]
+                begin = np.arctan2(*(first[k] - middle).T[::-1])
+                turn = begin[:, None] + 2 * np.pi * np.arange(n) / n
+                ring = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+                places = middle[:, None] + size[k, None, None] * ring
+                radii = np.broadcast_to(radius[k, None], turn.shape)
+                for m in np.flatnonzero(~survey.is_no_hole(places, radii).any(axis=1)):
+                    circle = search.given.get("circle_radius", float(size[k[m]]))
+                    x = np.array([*middle[m], begin[m], circle])
+                    yield Pattern(CIRCLE, (n, 1), x, search.given.get("radius", float(radius[k[m]])))
+
+
+_MARGIN = {ROW: 3, GRID: 1, CIRCLE: 0}  # places beyond what was proposed
+_LEAST, _GREATEST = -9.0, 9.0  # nats of one hole in the choice of a window
+_LOOKS = float(np.log(3.0))  # of a hole that was no candidate: places that it might have had
+_LARGE_LOSS = 3.0  # nats that a large hole loses at most where its pattern places it
+_RATIO = 0.15  # of the logs of radii for which that is measured
+_STEPS, _N_ROUNDS = (0.4, 0.2), 8  # spacings that a pattern's holes move at most, and how often
+_UNKNOWN = -0.5  # nats: a hole that nobody saw is worth less than none
+_SOFT = 0.2  # spacings: how exactly a proposal's holes are placed
+_SEEN, _FILLED = 1.5, 3.0  # nats from which a hole is seen, or surface fills it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weighed:
+    """A pattern and what says that it is there.
+
+    Attributes
+    ----------
+    pattern : Pattern
+        Of the plate's chart.
+    places, chosen : (n,) int
+        Its holes that are candidates, and their numbers.
+    evidence : float
+        Less the log of how many such patterns chance makes, with what its other holes add; nats.
+    holes : (count,) float
+        Log odds of each hole.
+    rims : (count, 16) bool
+        Sectors in which the plate begins at the rim.
+    filled : (count,) bool
+        Whether measured surface fills it.
+    joined : bool
+        Whether nothing of the plate is between neighbours.
+    blocked : bool
+        Whether beams came back from behind the plate, but none through a hole.
+    """
+
+    pattern: Pattern
+    places: IntArray
+    chosen: IntArray
+    evidence: float
+    holes: FloatArray
+    rims: BoolArray
+    filled: BoolArray
+    joined: bool
+    blocked: bool
+
+    @property
+    def seen(self) -> BoolArray:
+        """Return which holes (count,) were seen."""
+        return np.asarray((self.holes > _SEEN) & (self.rims.sum(axis=1) >= 3) & ~self.filled)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """What patterns of one plate are weighed on."""
+
+    survey: Survey
+    opened: Openings
+    found: Candidates
+    area: float
+    looks: dict[int, FloatArray] = field(default_factory=dict)  # of places thrown, by the log of the radius
+
+    def weighed(self, pattern: Pattern, proposal: Proposal | Weighed, soft: float) -> Weighed:
+        """Weigh a pattern of which some holes are candidates, its places known to `soft` spacings.
+
+        A candidate that is far from its place tells less than the place itself: the farthest ones are left
+        out as long as that makes the whole more evident.
+        """
+        holes, rims, filled = self.holes(pattern, soft)
+        places, chosen = proposal.places, proposal.chosen
+        evidence = self._evidence(pattern, places, chosen, holes)
+        while len(places) > _least_seen(pattern):
+            off = np.hypot(*(self.found.centres[chosen] - pattern.centres[places]).T)
+            kept = (
+                np.arange(len(places)) != (off + np.abs(self.found.radii[chosen] - pattern.radius)).argmax()
+            )
+            less = self._evidence(pattern, places[kept], chosen[kept], holes)
+            if less <= evidence:
+                break
+            places, chosen, evidence = places[kept], chosen[kept], less
+        return Weighed(
+            pattern=pattern,
+            places=places,
+            chosen=chosen,
+            evidence=evidence,
+            holes=holes,
+            rims=rims,
+            filled=filled,
+            joined=are_joined(pattern, self.survey),
+            blocked=self.opened.none_passed(pattern.centres, pattern.radius),
+        )
+
+    def _evidence(self, pattern: Pattern, places: IntArray, chosen: IntArray, holes: FloatArray) -> float:
+        """Against chance, with what holes (count,) that are no candidates add, less what a fit costs."""
+        found = self.found
+        chance = log_chance(pattern, places, chosen, found, area=self.area, spacing=self.survey.spacing)
+        other = np.ones(pattern.count, dtype=np.bool_)
+        other[places] = False
+        more = self._rarities(holes[other], pattern.radius).sum()
+        freedom = 3 * len(places) - len(pattern.x) - 1
+        alone = found.evidence[chosen]
+        if pattern.radius > LARGE * self.survey.spacing:
+            # many points on a rim: by how much depends on how exactly it is placed, so like with like
+            alone = np.minimum(alone, holes[places] + freedom / max(len(places), 1) + _LARGE_LOSS)
+        loss = float(np.maximum(alone - holes[places], 0.0).sum()) - freedom
+        return float(more - chance - max(loss, 0.0))
+
+    def _rarities(self, holes: FloatArray, radius: float) -> FloatArray:
+        """What holes (n,) that were no candidates add: by how rare they are on this plate, once seen."""
+        if not (holes > _SEEN).any():
+            return np.clip(holes, _LEAST, 0.0)
+        size = round(float(np.log(radius / self.survey.spacing)) / _RATIO)
+        if size not in self.looks:
+            as_large = self.survey.spacing * float(np.exp(size * _RATIO))
+            self.looks[size] = looks(as_large, self.survey, self.opened)
+        rare = log_rarity(holes, self.looks[size]) - _LOOKS
+        return np.where(holes > _SEEN, np.maximum(rare, 0.0), np.clip(holes, _LEAST, 0.0))
+
+    def holes(self, pattern: Pattern, soft: float) -> tuple[FloatArray, BoolArray, BoolArray]:
+        """Log odds, sectors with a rim, and whether filled, of each hole (count,) of a pattern."""
+        survey, centres = self.survey, pattern.centres
+        radii = np.full(pattern.count, pattern.radius)
+        width = max(soft * survey.spacing, survey.plate.noise)
+        # points on the rim itself are outside: of exact ones there are many
+        inner = np.maximum(radii - width, 0.5 * radii)
+        scores = rim_scores(survey, centres, inner, np.full(pattern.count, width))
+        more = self.opened.evidence(centres, radii, survey.spacing)
+        return scores.evidence + more, scores.seen, scores.filled > _FILLED
+
+
+def windowed(proposal: Proposal | Weighed, ground: Ground, given: Mapping[str, float]) -> Weighed | None:
+    """Weigh the part of a proposal's lattice whose holes' evidence sums to most.
+
+    An exact search of all windows with at least three holes along (two by two in grids), or with the counts
+    that are given. None where fewer candidates are left than a pattern needs.
+    """
+    pattern, margin = proposal.pattern, _MARGIN[proposal.pattern.kind]
+    if pattern.kind == CIRCLE:
+        return ground.weighed(pattern, proposal, _SOFT)
+    n_along, n_across = pattern.shape
+    asked = (given.get("count"), given.get("count_2") if pattern.kind == GRID else 1)
+    margins = [max(margin, int(n or 0) - size) for n, size in zip(asked, pattern.shape, strict=True)]
+    margins = [margins[0], margins[1] if pattern.kind == GRID else 0]
+    low = (-margins[0], -margins[1])
+    wide = pattern.resized(low, (n_along + 2 * margins[0], n_across + 2 * margins[1]))
+    value = np.clip(ground.holes(wide, _SOFT)[0], _LEAST, _GREATEST) + _UNKNOWN
+    window = _best_window(value.reshape(wide.shape), pattern.kind, asked)
+    if window is None:
+        return None
+    i, j, shape = window
+    kept = wide.resized((i, j), shape)
+    at = np.stack(np.divmod(proposal.places, n_across)) - np.array([[i + low[0]], [j + low[1]]])
+    inside = ((at >= 0) & (at < np.array(shape)[:, None])).all(axis=0)
+    if inside.sum() < _least_seen(pattern):
+        return None
+    places = at[0, inside] * shape[1] + at[1, inside]
+    return ground.weighed(kept, Proposal(kept, places, proposal.chosen[inside], 0.0), _SOFT)
+
+
+def climbed(begun: Weighed, ground: Ground, given: Mapping[str, float]) -> Weighed:
+    """Move a pattern to where its holes are most evident together, and weigh it with the candidates there.
+
+    Steps of each parameter and the radius, by which no hole moves more than some share of the spacing.
+    """
+    pattern, spacing = begun.pattern, ground.survey.spacing
+    free = [k for k, name in enumerate((*PARAMETERS[pattern.kind], "radius")) if name not in given]
+    x = np.array([*pattern.x, pattern.radius])
+    farthest = np.append(np.linalg.norm(pattern.slopes, axis=1).max(axis=0), 1.0)
+    for step in _STEPS:
+        moves = np.concatenate([np.diag(sign * step * spacing / farthest)[free] for sign in (1, -1)])
+        now = -np.inf
+        for _ in range(_N_ROUNDS):
+            tried = np.vstack([x, x + moves])
+            values = _together(pattern, tried, ground, step)
+            if values[1:].max() <= max(now, values[0]) + 1e-9:
+                break
+            x, now = tried[1 + values[1:].argmax()], float(values[1:].max())
+    moved = replace(pattern, x=x[:-1], radius=float(x[-1]))
+    places, chosen = matches(moved, ground.found, spacing)
+    if len(places) < _least_seen(pattern):
+        return begun
+    again = windowed(Proposal(moved, places, chosen, 0.0), ground, given)
+    return begun if again is None or again.evidence < begun.evidence else again
+
+
+def _together(pattern: Pattern, tried: FloatArray, ground: Ground, step: float) -> FloatArray:
+    """Evidence (w,) of all holes together of patterns with parameters and radii (w, p + 1)."""
+    centres, n = centres_of(pattern, tried[:, :-1]), pattern.count
+    radii = np.repeat(np.maximum(tried[:, -1], 1e-9), n)
+    soft = np.full(len(radii), max(step * ground.survey.spacing, ground.survey.plate.noise))
+    scores = rim_scores(ground.survey, centres.reshape(-1, 2), radii, soft).evidence
+    return np.asarray(np.clip(scores, 2 * _LEAST, None).reshape(-1, n).sum(axis=1))
+
+
+def _best_window(
+    value: FloatArray, kind: str, asked: tuple[float | None, float | None]
+) -> tuple[int, int, tuple[int, int]] | None:
+    """First place and shape of the window of values (k, l) with the greatest sum."""
+    summed = np.pad(value.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    least = (3, 1) if kind == ROW else (2, 2)
+    best, most = None, -np.inf
+    sizes = [[int(n)] if n is not None else range(m, size + 1)
+             for n, m, size in zip(asked, least, value.shape, strict=True)]  # fmt: skip
+    for a in sizes[0]:
+        for b in sizes[1]:
+            if a > value.shape[0] or b > value.shape[1]:
+                continue
+            total = summed[a:, b:] - summed[:-a, b:] - summed[a:, :-b] + summed[:-a, :-b]
+            if total.max() > most:
+                most = float(total.max())
+                i, j = np.unravel_index(int(total.argmax()), total.shape)
+                best = (int(i), int(j), (a, b))
+    return best
+
+
+def _least_seen(pattern: Pattern) -> int:
+    """How many candidates a pattern needs: as many as tell its parameters."""
+    return 3 if pattern.kind == GRID else 2

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: MIT
+"""Tangent junctions: two cylinders, or a cylinder and a plane, that touch along a line; fitted as one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from completion.features.engine.template import Measured, Side, Status, TemplateFit
+from completion.features.junctions.descent import Descended, descend_from, settled, thickness
+from completion.features.junctions.models import Model, Unit, at_unit, flat_starts, split_starts, tangent_arcs
+from completion.features.junctions.weighing import (
+    LEAST_EVIDENCE,
+    Certainty,
+    Weighed,
+    alternatives,
+    one_arc,
+    sides_of,
+    told_covariance,
+    weigh,
+)
+from scenes.checks import BoolArray, FloatArray
+
+NAMES = ("radius_1", "radius_2", "joint_x", "joint_y", "joint_z", "axis_x", "axis_y", "axis_z")
+FACES = ("surface 1", "surface 2")
+_FREE = np.array([True, True, True, True, True, False, True, True])
+_SIGNS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
+_VAGUE, _LOOSE = 0.1, 0.3  # of a radius, and of the length of a side, that a standard deviation may be
+_AHEAD, _EACH = 10.0, 0.015  # nats before another solution, and more for each outlier: these lie less evenly
+_OTHER = 0.15  # of a radius, by which another solution differs
+_MANY, _APART = 0.2, 4.0  # share of outliers from which sides must be so many sigma apart at their ends
+_LEAST_POINTS = 30
+_BINS = 12  # along a joint
+
+
+def fit_junction(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
+    """Fit a tangent junction to points, all of which, but for outliers, lie on it.
+
+    Curvatures have a sign, so that S-shaped, same-sided and plane junctions are one family (the formula
+    stands in `profiles.tangent_arcs`). Starts need no guess: twelve directions in the principal frame, and
+    the one best cylinder bent at eight places. Points are noise or outliers, each as likely as its
+    distance says.
+
+    Parameters
+    ----------
+    measured : Measured
+        Points (n, 3).
+    given : mapping
+        "radius_1", "radius_2": held exactly; inf for a plane. Without them the smaller is the first.
+    """
+    n = len(measured.points)
+    if n < _LEAST_POINTS:
+        return TemplateFit.absent(
+            "junction", NAMES, n, f"{n} points are too few for a junction ({_LEAST_POINTS})"
+        )
+    unit = at_unit(measured)
+    held = {name: value for name, value in given.items() if name in NAMES[:2]}
+    return _told(_fitted(unit, held), unit, tuple(held))
+
+
+def _fitted(unit: Unit, given: Mapping[str, float]) -> Weighed:
+    """The most likely junction, and the plain alternatives."""
+    points, reach = unit.points, thickness(unit.points)
+    single = one_arc(points, reach)
+    curvatures = np.array(
+        [1 / (given[name] * unit.factor) if name in given else np.nan for name in NAMES[:2]]
+    )
+    is_held = np.isfinite(curvatures)
+    is_free = _FREE & np.append(np.ones(6, dtype=np.bool_), ~is_held)
+    shapes = np.unique(np.where(is_held, curvatures, 0.0) * _SIGNS, axis=0)
+    starts = flat_starts(points, tangent_arcs, shapes, is_free)
+    if is_held.any():
+        starts += [turned_round(one) for one in starts]
+    near = [replace(one, shape=np.where(is_held, shape, one.shape))
+            for one in split_starts(single.model, points, single.mixture.sigma, is_free)
+            for shape in (shapes if is_held.any() else shapes[:1])]  # fmt: skip
+    found = descend_from(starts, points, reach, near)
+    best = _flattened(found[0], points, is_held)
+    return weigh(
+        best,
+        alternatives(points, reach, single),
+        unit,
+        rival=lambda excess: _rival(found, unit.factor, len(points), excess),
+        evaluations=found[0].evaluations,
+    )
+
+
+def turned_round(model: Model) -> Model:
+    """Return the model turned by 180 degrees about x: the first side is where the second was."""
+    return replace(model, turn=model.turn * np.array([[1.0], [-1.0], [-1.0]]))
+
+
+def _flattened(found: Descended, points: FloatArray, is_held: BoolArray) -> Descended:
+    """The fit with a plane instead of the flatter surface, where that is as likely for a parameter less."""
+    flatter = int(np.argmin(np.abs(found.model.shape)))
+    if is_held[flatter]:
+        return found
+    shape, is_free = found.model.shape.copy(), found.model.is_free.copy()
+    shape[flatter], is_free[6 + flatter] = 0.0, False
+    flat = settled(found._replace(model=replace(found.model, shape=shape, is_free=is_free)), points)
+    worth = 0.5 * float(np.log(len(points)))
+    return flat if flat.log_likelihood > found.log_likelihood - worth else found
+
+
+def _rival(found: Sequence[Descended], factor: float, n: int, excess: float) -> str:
+    """Another solution for n points that is nearly as likely and has other radii."""
+    first = np.sort(np.abs(found[0].model.shape))
+    ahead = _AHEAD + _EACH * found[0].mixture.share * n
+    for one in found[1:]:
+        second = np.sort(np.abs(one.model.shape))
+        behind = (found[0].log_likelihood - one.log_likelihood) / excess
+        if behind < ahead and (np.abs(second - first) > _OTHER * first.max()).any():
+            radii = " and ".join(f"{1 / max(k * factor, 1e-12):.4g}" for k in second[::-1])
+            return f"radii {radii} are nearly as likely ({behind:.1f} nats less)"
+    return ""
+
+
+def _told(junction: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
+    """What is told of a junction, in the unit of the points."""
+    found, known = junction.found, junction.known
+    model = found.model
+    first = 0 if held or abs(model.shape[0]) >= abs(model.shape[1]) else 1
+    order = [first, 1 - first]
+    local = model.local(unit.points[known.near])
+    ends = np.quantile(local[:, 2], (0.005, 0.995)) if len(local) else np.zeros(2)
+
+    def told(one: Model) -> FloatArray:
+        with np.errstate(divide="ignore"):
+            radii = 1 / np.abs(one.shape[order]) / unit.factor
+        return np.concatenate([radii, unit.outside(one.origin + ends.mean() * one.turn[2]), one.turn[2]])
+
+    x = told(model)
+    covariance = told_covariance(told, model, known)
+    faces = np.where(known.faces > 0, np.where(known.faces == first + 1, 1, 2), 0)
+    known = known._replace(faces=faces)
+    if first:
+        found = found._replace(model=turned_round(model))
+        local = local * [1.0, -1.0, -1.0]
+    joint = _joint(local, ends, unit, _across(model, known) / unit.factor)
+    sides = (*sides_of(FACES, found, known, unit), joint)
+    status, reason = _judged(junction, x, covariance, sides, local=local / unit.factor)
+    bends = found.model.shape
+    return TemplateFit(
+        kind="junction",
+        status=status,
+        names=NAMES,
+        x=x,
+        covariance=covariance,
+        sides=sides,
+        evidence=junction.evidence,
+        faces=FACES,
+        assignment=faces,
+        evaluations=junction.evaluations,
+        reason=reason,
+        geometry={
+            "radii": x[:2],
+            "joint": unit.outside(model.origin + ends[:, None] * model.turn[2]),
+            "axis": model.turn[2],
+            "is_s_shaped": bool(bends[0] * bends[1] < 0),
+        },
+        held=held,
+    )
+
+
+def _across(model: Model, known: Certainty) -> float:
+    """Standard deviation of the joint along the surfaces, across itself."""
+    row = model.basis[4]  # the shift along y
+    return float(np.sqrt(max(row @ known.covariance @ row, 0.0)))
+
+
+def _joint(local: FloatArray, ends: FloatArray, unit: Unit, deviation: float) -> Side:
+    """The support of the joint: pieces along it with points close by on both sides."""
+    spacing = unit.measured.spacing
+    length = max(float(np.ptp(ends)) / _BINS, 4 * spacing, 1e-12)
+    pieces = np.floor((local[:, 2] - ends[0]) / length).astype(np.int64)
+    beside = np.abs(local[:, 1]) < 0.5 * length
+    sides = [set(pieces[beside & (sign * local[:, 1] > 0)].tolist()) for sign in (1.0, -1.0)]
+    return Side("joint", len(sides[0] & sides[1]), 0, max(1, len(set(pieces.tolist()))), deviation=deviation)
+
+
+def _judged(
+    junction: Weighed, x: FloatArray, covariance: FloatArray, sides: tuple[Side, ...], *, local: FloatArray
+) -> tuple[Status, str]:
+    """The status and why."""
+    if junction.evidence <= 0:
+        return (
+            Status.NONE,
+            f"{junction.plain} explains the points as well ({-junction.evidence:.1f} nats better)",
+        )
+    if junction.misfit:
+        return Status.NONE, junction.misfit
+    unseen = [side.name for side in sides if not side.is_seen]
+    if unseen:
+        return Status.NONE, f"not seen: {', '.join(unseen)}"
+    if junction.evidence < LEAST_EVIDENCE:
+        return (
+            Status.AMBIGUOUS,
+            f"{junction.plain} explains the points nearly as well ({junction.evidence:.1f} nats)",
+        )
+    if junction.rival:
+        return Status.AMBIGUOUS, junction.rival
+    deviations = np.sqrt(np.diag(covariance)[:2])
+    vague = [
+        name for name, r, sd in zip(NAMES, x, deviations, strict=False) if np.isfinite(r) and sd > _VAGUE * r
+    ]
+    if vague:
+        return Status.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
+    shorter = min(float(np.quantile(local[:, 1], 0.99)), -float(np.quantile(local[:, 1], 0.01)))
+    if sides[2].deviation > _LOOSE * shorter:
+        return Status.AMBIGUOUS, "the points hardly tell where the joint lies"
+    model, mixture = junction.found.model, junction.found.mixture
+    factor = 1 / (float(x[0]) * float(np.abs(model.shape).max()))
+    apart = abs(float(model.shape[0] - model.shape[1])) * (factor * shorter) ** 2 / 2
+    if mixture.share > _MANY and apart < _APART * mixture.sigma:
+        return Status.AMBIGUOUS, f"{mixture.share:.0%} outliers, and both sides bend too much alike for that"
+    return Status.FOUND, ""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Doorways, windows and niches in walls."""

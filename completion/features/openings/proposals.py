@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: MIT
+"""Proposals: rectangles of a wall that beams go through, best first, to whole cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from completion.features.openings.recess import Recess
+from completion.features.openings.walls import WallBeams
+from scenes.checks import BoolArray, FloatArray, IntArray
+from texture.engine.compiled import compiled
+
+
+class CellRectangle(NamedTuple):
+    """Rows and columns from the first to before the last, and the sum within."""
+
+    top: int
+    left: int
+    bottom: int
+    right: int
+    total: float
+
+
+def best_rectangle(values: FloatArray) -> CellRectangle:
+    """Return the rectangle of cells (rows, columns) whose values sum up to most.
+
+    The exact optimum, in rows squared times columns: for each pair of rows, the best run of columns
+    (Bentley 1984, "Programming pearls: algorithm design techniques", after Kadane).
+    """
+    top, left, bottom, right, total = _search(np.ascontiguousarray(values, dtype=np.float64))
+    return CellRectangle(int(top), int(left), int(bottom), int(right), float(total))
+
+
+@compiled
+def _search(values: FloatArray) -> tuple[int, int, int, int, float]:
+    rows, columns = values.shape
+    best = (0, 0, 0, 0, -np.inf)
+    for top in range(rows):
+        sums = np.zeros(columns)
+        for bottom in range(top, rows):
+            run, start = 0.0, 0
+            for column in range(columns):
+                sums[column] += values[bottom, column]
+                if run <= 0.0:
+                    run, start = 0.0, column
+                run += sums[column]
+                if run > best[4]:
+                    best = (top, start, bottom + 1, column + 1, run)
+    return best
+
+
+CELL_M = 0.05
+_MOST_CELLS = 400  # along the longer side of the chart
+_GAPS, _PLACE_M, _SHARE = 1.5, 0.25, 0.75  # distances between beams in a cell, of those that lie closest
+_MOST_NATS = 6.0  # that one cell may say
+_AROUND, _BESIDE = 4, 2.0  # cells along a larger one, and the nats that it may say of those between beams
+_DEAR = 3.0  # nats, where most of a rectangle was not seen
+_LEAST_SEEN = 0.4  # of a rectangle: what boxes hide of the rectangle around all that is seen is less
+_PRICE = 0.1  # nats of each cell of a rectangle: what was not seen is not worth claiming
+_LEAST_NATS = 25.0  # of a rectangle that is worth a look
+_LEAST_M = 0.15  # of its sides: part of it may be hidden
+_MOST = 16  # of one wall
+_SPECK_M2 = 0.02  # of wall: smaller pieces do not say how far it goes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WallChart:
+    """What beams say of cells of a wall.
+
+    Attributes
+    ----------
+    corner : (2,) float
+        Least u and v, metres.
+    cell : float
+        Side of a cell, metres.
+    nats : (rows, columns) float
+        Odds for no wall, clipped; where no beam crosses a cell those of the larger cell around it.
+    """
+
+    corner: FloatArray
+    cell: float
+    nats: FloatArray
+
+    @classmethod
+    def of(cls, beams: WallBeams) -> WallChart:
+        """Return the chart that holds all beams; cells are not smaller than the closest beams lie apart."""
+        low, high = beams.uv.min(axis=0), beams.uv.max(axis=0)
+        cell = max(CELL_M, _GAPS * _closest(beams), float((high - low).max()) / _MOST_CELLS)
+        shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)[::-1]
+        place = np.minimum(((beams.uv - low) / cell).astype(np.int64), shape[::-1] - 1)
+        odds = np.clip(beams.nats, -_MOST_NATS, _MOST_NATS)
+        nats, is_met = _sums(odds, place, shape)
+        around, _ = _sums(odds, place // _AROUND, shape // _AROUND + 1)
+        whole = np.kron(np.clip(around, -_BESIDE, _BESIDE), np.ones((_AROUND, _AROUND)))
+        return cls(low, cell, np.where(is_met, nats, whole[: shape[0], : shape[1]]))
+
+    @property
+    def wall_m2(self) -> float:
+        """Area of the cells that are wall, square metres."""
+        return float(np.count_nonzero(self.nats < -1.0)) * self.cell**2
+
+    def hull(self) -> BoolArray:
+        """Cells (rows, columns) within the convex hull of the wall's larger pieces."""
+        part, n = ndimage.label(self.nats < -1.0, np.ones((3, 3)))
+        sizes = np.bincount(part.ravel(), minlength=n + 1)
+        large = sizes * self.cell**2 >= _SPECK_M2
+        large[0] = False
+        rows, columns = np.nonzero(large[part])
+        inside = np.zeros(self.nats.shape, np.uint8)
+        if len(rows) >= 3:
+            hull = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32))
+            cv2.fillConvexPoly(inside, hull, 1)
+        return inside.astype(np.bool_)
+
+
+def _sums(odds: FloatArray, place: IntArray, shape: IntArray) -> tuple[FloatArray, BoolArray]:
+    """Sums of odds (n,) over cells (rows, columns), clipped, and the cells that beams cross."""
+    flat = place[:, 1] * shape[1] + place[:, 0]
+    nats = np.bincount(flat, odds, minlength=int(shape.prod())).reshape(shape)
+    is_met = np.bincount(flat, minlength=int(shape.prod())).reshape(shape) > 0
+    return np.clip(nats, -_MOST_NATS, _MOST_NATS), is_met
+
+
+def _closest(beams: WallBeams) -> float:
+    """The distance between beams, of the scan that sees each place best, that most places come up to."""
+    column, row = np.floor((beams.uv - beams.uv.min(axis=0)) / _PLACE_M).astype(np.int64).T
+    _, place = np.unique(row * (column.max() + 1) + column, return_inverse=True)
+    least = np.full(int(place.max()) + 1, np.inf)
+    np.minimum.at(least, place, beams.gap)
+    return float(np.quantile(least, _SHARE))
+
+
+def _undivided(nats: FloatArray, found: CellRectangle) -> CellRectangle:
+    """The rectangle, or the best part of it where wall divides it from one side to the other.
+
+    Two holes with the wall between them are likelier than one that claims the wall, by as many nats as speak
+    for wall in the strip between; more than a rectangle of its own must be worth.
+    """
+    top, left, bottom, right, _ = found
+    part = nats[top:bottom, left:right]
+    for axis in (0, 1):
+        sums = part.sum(axis=axis)  # of columns, then of rows
+        wall = best_rectangle(-sums[None])
+        if wall.total < _LEAST_NATS:
+            continue
+        before, after = float(sums[: wall.left].sum()), float(sums[wall.right :].sum())
+        first, last = (0, wall.left) if before >= after else (wall.right, len(sums))
+        ends = (
+            (top, left + first, bottom, left + last) if axis == 0 else (top + first, left, top + last, right)
+        )
+        return _undivided(nats, CellRectangle(*ends, total=max(before, after)))
+    return found
+
+
+def _share(is_open: BoolArray, found: CellRectangle) -> float:
+    """The share of a rectangle's cells that beams went through."""
+    part = is_open[found.top : found.bottom, found.left : found.right]
+    return float(part.mean()) if part.size else 1.0
+
+
+def propose(chart: WallChart | None, floors: Sequence[FloatArray] = ()) -> Iterator[tuple[Recess, float]]:
+    """Yield rectangles in the wall with the odds that they hold, nats, each clear of those before.
+
+    That without wall is worth something only within the hull of what was measured of the wall: beyond its
+    ends everything is open. No opening goes on where `floors` meet the wall, at places (n, 2) each.
+    """
+    if chart is None:
+        return
+    values = np.where((chart.nats > 0) & ~chart.hull(), 0.0, chart.nats) - _PRICE
+    is_open = chart.nats > 1.0
+    for places in floors:
+        column, row = np.floor((places - chart.corner) / chart.cell).astype(np.int64).T
+        inside = (column >= 0) & (column < values.shape[1]) & (row >= 0) & (row < values.shape[0])
+        values[row[inside], column[inside]] = -_MOST_NATS
+    for _ in range(_MOST):
+        found = best_rectangle(values)
+        if _share(is_open, found) < _LEAST_SEEN:  # two holes, and what nobody saw between them
+            found = best_rectangle(np.where(values == -_PRICE, -_DEAR, values))
+        if found.total < _LEAST_NATS:
+            return
+        found = _undivided(values + _PRICE, found)
+        values[found.top : found.bottom, found.left : found.right] = -_PRICE
+        left, bottom = chart.corner + chart.cell * np.array([found.left, found.top])
+        right, top = chart.corner + chart.cell * np.array([found.right, found.bottom])
+        half = chart.cell / 2  # outwards: a side that nobody saw must not lie in what is open
+        recess = Recess(
+            float(left) - half, float(right) + half, bottom=float(bottom) - half, top=float(top) + half
+        )
+        if min(recess.size) >= _LEAST_M:
+            yield recess, found.total

@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: MIT
+"""Stated features: read from a file, placed in the surfaces they belong to, and applied to these."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from completion.edits.application import EditedSurface
+from completion.edits.fitted import FittedHole, FittedJoint, FittedOpening
+from completion.features.engine.feature_set import moved_geometry
+from completion.features.engine.options import OPENINGS
+from completion.features.engine.template import Seen, Side, Status, TemplateFit
+from completion.features.openings.recess import SIDES
+from completion.features.reveals import AROUND
+from completion.merging.merged_surface import MergedSurface
+from completion.observe.observation import Observation
+from scenes.checks import FloatArray, InputError, check_coordinates, check_direction, check_places
+from scenes.io.documents import read_json
+from scenes.pose import Pose
+from scenes.surfaces.catalogue import Cylinder, Plane
+
+PATTERNS = ("hole-row", "hole-grid", "bolt-circle")
+JOINTS = ("junction", "elbow")
+
+_LEAST_M = 1e-3  # between corners
+_N_RADII = 2  # of an elbow
+_CURE = "give a features.json that `unseen feature` wrote"
+
+
+def read_features(path: str | os.PathLike[str]) -> list[TemplateFit]:
+    """Return the openings, patterns of holes and joints that a features.json calls found; world coordinates.
+
+    Raises InputError: no such file, another kind of JSON, an opening without corners or sides, a pattern
+    without centres and radius, a joint without its ends.
+    """
+    source = os.fspath(path)
+    held = read_json(Path(source), dict).get("features")
+    if not isinstance(held, list):
+        raise InputError(f'{source}: holds no list "features"; {_CURE}')
+    return [
+        _READERS[entry["kind"]](f"{source}: feature {number}", entry)
+        for number, entry in enumerate(held, start=1)
+        if isinstance(entry, Mapping) and entry.get("kind") in _READERS and entry.get("status") == "found"
+    ]
+
+
+def _read_opening(source: str, entry: Mapping[str, Any]) -> TemplateFit:
+    sides, corners = entry.get("sides"), entry.get("corners")
+    if not isinstance(sides, Mapping) or not all(isinstance(sides.get(name), Mapping) for name in SIDES):
+        raise InputError(f"{source}: has no sides {', '.join(SIDES)}; {_CURE}")
+    places = _places(source, "corners", corners)
+    if places.shape != (4, 3):
+        raise InputError(f"{source}: corners must be four points, got {len(places)}; {_CURE}")
+    if (np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1) < _LEAST_M).any():
+        raise InputError(f"{source}: two corners lie at one place; {_CURE}")
+    told = entry.get("standard_deviation")
+    sd = told.get("depth") if isinstance(told, Mapping) else None
+    geometry = {
+        "corners": places,
+        "depth_m": _number(source, "depth_m", entry.get("depth_m")),
+        "depth_sd_m": np.inf if sd is None else _number(source, "standard_deviation", sd),
+    }
+    return _fit(source, entry, {name: sides[name] for name in SIDES}, geometry)
+
+
+def _read_pattern(source: str, entry: Mapping[str, Any]) -> TemplateFit:
+    sides, centres = entry.get("sides"), _places(source, "centres", entry.get("centres"))
+    radius = _number(source, "radius", entry.get("radius"))
+    if not len(centres) or radius <= 0:
+        raise InputError(f"{source}: needs centres and a radius above 0; {_CURE}")
+    if not isinstance(sides, Mapping) or len(sides) != len(centres):
+        raise InputError(f"{source}: needs a side for each of its {len(centres)} holes; {_CURE}")
+    axis = _axis(source, entry)
+    return _fit(source, entry, sides, {"centres": centres, "radius": radius, "axis": axis})
+
+
+def _read_joint(source: str, entry: Mapping[str, Any]) -> TemplateFit:
+    ends, axis = entry.get("joint"), _axis(source, entry)
+    geometry = {"joint": _places(source, "joint", ends), "axis": axis}
+    joint = geometry["joint"]
+    if joint.shape != (2, 3) or np.linalg.norm(joint[1] - joint[0]) < _LEAST_M:
+        raise InputError(f"{source}: joint must be two places; {_CURE}")
+    if entry["kind"] == "elbow":
+        radii = entry.get("radii")
+        if not isinstance(radii, list) or len(radii) != _N_RADII:
+            raise InputError(f"{source}: radii must be that of the bend and that of the tube; {_CURE}")
+        geometry["radii"] = np.array([_number(source, "radii", one) for one in radii])
+        geometry["centres"] = _places(source, "centres", entry.get("centres"))
+        away = np.linalg.norm(np.cross(axis, joint - geometry["centres"][:1]), axis=1)
+        if len(geometry["centres"]) != 1 or (away < _LEAST_M).any():
+            raise InputError(f"{source}: centres must be the middle of the bend, off its joint; {_CURE}")
+    return _fit(source, entry, {}, geometry)
+
+
+_READERS: dict[str, Callable[[str, Mapping[str, Any]], TemplateFit]] = {
+    **dict.fromkeys(OPENINGS, _read_opening),
+    **dict.fromkeys(PATTERNS, _read_pattern),
+    **dict.fromkeys(JOINTS, _read_joint),
+}
+
+
+def _fit(
+    source: str, entry: Mapping[str, Any], sides: Mapping[str, Any], geometry: Mapping[str, object]
+) -> TemplateFit:
+    """A feature that is found, by its sides and its geometry."""
+    return TemplateFit(
+        kind=str(entry["kind"]),
+        status=Status.FOUND,
+        names=(),
+        x=np.zeros(0),
+        covariance=np.zeros((0, 0)),
+        sides=tuple(_side(f"{source}: {name}", name, told) for name, told in sides.items()),
+        evidence=_number(source, "evidence", entry.get("evidence")),
+        faces=(),
+        assignment=np.zeros(0, np.int64),
+        geometry=geometry,
+    )
+
+
+def _side(source: str, name: str, told: object) -> Side:
+    held = told if isinstance(told, Mapping) else {}
+    seen, sd = held.get("seen"), held.get("sd_m")
+    if not isinstance(seen, bool) or not (sd is None or (isinstance(sd, int | float) and 0 <= sd < np.inf)):
+        raise InputError(f"{source}: needs seen (true or false) and sd_m (metres, or null); {_CURE}")
+    confirmed, tiles = (int(_number(source, what, held.get(what))) for what in ("confirmed", "tiles"))
+    tiles = max(tiles, 2)
+    confirmed = min(max(confirmed, 2), tiles) if seen else 0
+    against = tiles if held.get("state") == Seen.CONTRADICTED else 0
+    return Side(name, confirmed, against, tiles, np.inf if sd is None else float(sd))
+
+
+def _places(source: str, name: str, value: object) -> FloatArray:
+    """Points (n, 3) of the world."""
+    try:
+        return check_places(name, check_coordinates(value))
+    except InputError as error:
+        raise InputError(f"{source}: {name}: {error}; {_CURE}") from error
+
+
+def _axis(source: str, entry: Mapping[str, Any]) -> FloatArray:
+    """The axis of a pattern or a joint, (3,)."""
+    try:
+        return check_direction("axis", check_coordinates(entry.get("axis")))
+    except InputError as error:
+        raise InputError(f"{source}: {error}; {_CURE}") from error
+
+
+def _number(source: str, name: str, value: object) -> float:
+    """A finite number, 0 for null."""
+    if value is None:
+        return 0.0
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise InputError(f"{source}: {name} must be a number or null, got {value!r}; {_CURE}")
+    return float(value)
+
+
+_ALONG = float(np.cos(np.radians(5.0)))  # between axes that are one
+_OFF = 0.1  # of a radius, or of a joint's length, by which a surface may miss its joint
+_ONE_SIDE = 0.8  # of a surface's measured points, that lie on its side of a joint
+_JOINTS_MOST_POINTS = 5000
+
+
+def ends_of(
+    fit: TemplateFit, surfaces: Sequence[MergedSurface], observations: Sequence[Observation]
+) -> list[tuple[int, Plane]]:
+    """Return the surfaces, from 1, that a joint ends, each with the plane that it ends at.
+
+    A tube of an elbow ends in the circle where the bend begins; two surfaces that touch end in the line along
+    which they do. A surface lies on its plane's side. Those of which more than a fifth was measured beyond
+    are not ended.
+
+    Parameters
+    ----------
+    fit : TemplateFit
+        The junction or the elbow, in the frame of the surfaces.
+    surfaces : sequence of MergedSurface
+        All n.
+    observations : sequence of Observation
+        The scans.
+    """
+    found = []
+    for end in _tubes(fit) if fit.kind == "elbow" else _seams(fit, surfaces):
+        index, plane = end
+        if index is None:
+            index = _tube_at(plane, fit, surfaces)
+        if index is None:
+            continue
+        points = surfaces[index].points(observations, _JOINTS_MOST_POINTS)
+        sides = plane.distance(points)
+        if np.mean(sides > 0) >= _ONE_SIDE:
+            found.append((index + 1, plane))
+        elif fit.kind != "elbow" and np.mean(sides < 0) >= _ONE_SIDE:
+            found.append((index + 1, plane.flipped()))
+    return found
+
+
+def _tubes(fit: TemplateFit) -> Iterator[tuple[int | None, Plane]]:
+    """The circles at which the tubes of an elbow end, their normals away from the bend."""
+    joint, axis = np.asarray(fit.geometry["joint"]), np.asarray(fit.geometry["axis"])
+    centre = np.asarray(fit.geometry["centres"])[0]
+    for place, other in zip(joint, joint[::-1], strict=True):
+        away = np.cross(axis, place - centre)
+        yield None, Plane(place, away if away @ (place - other) > 0 else -away)
+
+
+def _tube_at(end: Plane, fit: TemplateFit, surfaces: Sequence[MergedSurface]) -> int | None:
+    """The cylinder of a tube's radius whose axis passes an end's middle along its normal."""
+    radius = float(np.asarray(fit.geometry["radii"])[1])
+    best, least = None, _OFF * radius
+    for number, one in enumerate(surfaces):
+        tube = one.fit.surface
+        if not isinstance(tube, Cylinder) or abs(tube.radius - radius) > _OFF * radius:
+            continue
+        if abs(float(tube.direction @ end.normal_direction)) < _ALONG:
+            continue
+        across = end.point - tube.point
+        off = float(np.linalg.norm(across - (across @ tube.direction) * tube.direction))
+        if off <= least:
+            best, least = number, off
+    return best
+
+
+def _seams(fit: TemplateFit, surfaces: Sequence[MergedSurface]) -> Iterator[tuple[int | None, Plane]]:
+    """Surfaces on which the line of a tangent junction lies, and the planes across them there."""
+    joint, axis = np.asarray(fit.geometry["joint"]), np.asarray(fit.geometry["axis"])
+    allowed = _OFF * float(np.linalg.norm(joint[1] - joint[0]))
+    for number, one in enumerate(surfaces):
+        shape = one.fit.surface
+        if isinstance(shape, Cylinder):
+            runs_along = abs(float(shape.direction @ axis)) >= _ALONG
+            allowed_here = min(allowed, _OFF * shape.radius)
+        elif isinstance(shape, Plane):
+            runs_along = abs(float(shape.normal_direction @ axis)) <= np.sqrt(1 - _ALONG**2)
+            allowed_here = allowed
+        else:
+            continue
+        if runs_along and np.abs(shape.distance(joint)).max() <= allowed_here:
+            normal: FloatArray = shape.normal(joint[:1])[0]
+            yield number, Plane(joint.mean(axis=0), np.cross(axis, normal))
+
+
+_MOST_POINTS = 5000  # of a surface, that say where it was measured
+_NEAR_M = 0.10  # between the corners of an opening and its wall
+_ON_PLATE = 0.5  # of the radius of holes, by which their centres may lie off a plate
+
+
+def place_features(
+    stated: Sequence[TemplateFit],
+    surfaces: Sequence[MergedSurface],
+    observations: Sequence[Observation],
+    reference_from_world: Pose,
+) -> list[TemplateFit]:
+    """Return features in the frame of some surfaces, each with the numbers of those that it lies in.
+
+    Raises InputError: an opening that lies in none of them (within 10 cm of its plane, and no farther from
+    what was measured of it than it is large); a pattern of holes of whose plane none is; a joint that no
+    surface ends at.
+    """
+    pose, out = reference_from_world, []
+    for number, fit in enumerate(stated, start=1):
+        geometry = moved_geometry(fit, pose.rotation, pose.translation)
+        if fit.kind in JOINTS:
+            ends = ends_of(replace(fit, geometry=geometry), surfaces, observations)
+            if not ends:
+                raise InputError(f"{fit.kind} {number} of the features joins no surfaces of these scans")
+            out.append(replace(fit, geometry={**geometry, "ends": ends}))
+            continue
+        places = np.asarray(geometry["centres" if fit.kind in PATTERNS else "corners"])
+        allowed = _ON_PLATE * float(str(geometry["radius"])) if fit.kind in PATTERNS else _NEAR_M
+        away = [_away(one, places, observations, allowed) for one in surfaces]
+        nearest = int(np.argmin(away)) if away else 0
+        if not away or away[nearest] > allowed:
+            least = f"{100 * away[nearest]:.0f} cm away" if away and np.isfinite(away[nearest]) else "none"
+            what, where = ("pattern of holes", "plane") if fit.kind in PATTERNS else ("opening", "wall")
+            raise InputError(
+                f"{what} {number} of the features lies in no {where} of these scans: nearest {least}"
+            )
+        slack = {side.name: (0.0, 0.0 if side.is_seen else np.inf) for side in fit.sides}
+        out.append(replace(fit, geometry={**geometry, "surface": nearest + 1, "slack": slack}))
+    return out
+
+
+def _away(
+    surface: MergedSurface, places: FloatArray, observations: Sequence[Observation], allowed: float
+) -> float:
+    """How far places (n, 3) are from a plane, metres; inf where it was measured nowhere near them."""
+    plane = surface.fit.surface
+    if not isinstance(plane, Plane):
+        return np.inf
+    off = float(np.abs(plane.distance(places)).max())
+    if off > allowed:
+        return off
+    middle, size = places.mean(axis=0), float(np.linalg.norm(np.ptp(places, axis=0)))
+    nearest = np.linalg.norm(surface.points(observations, _MOST_POINTS) - middle, axis=1).min()
+    return off if nearest <= size else np.inf
+
+
+def with_features(surfaces: Sequence[EditedSurface], features: Sequence[TemplateFit]) -> list[EditedSurface]:
+    """Return the surfaces with the openings, holes and joints that were found in them.
+
+    Features that are not found change nothing. A side that nobody saw lies where beams still went through,
+    and may lie farther out; holes of a pattern that nobody saw, or that are filled, are none.
+    """
+    edits = [one.edits for one in surfaces]
+    for number, fit in enumerate(features, start=1):
+        if fit.status is not Status.FOUND or fit.geometry.get("is_closed"):
+            continue
+        for surface, plane in cast(Sequence[tuple[int, Plane]], fit.geometry.get("ends", ())):
+            one = edits[surface - 1]
+            edits[surface - 1] = replace(one, joints=(*one.joints, FittedJoint(plane, number)))
+        if "surface" not in fit.geometry:
+            continue
+        index = int(str(fit.geometry["surface"])) - 1
+        one = edits[index]
+        if fit.kind in PATTERNS:
+            edits[index] = replace(one, holes=(*one.holes, *_holes(fit, number)))
+        else:
+            edits[index] = replace(one, fitted=(*one.fitted, _fitted(fit, number)))
+    return [replace(one, edits=said) for one, said in zip(surfaces, edits, strict=True)]
+
+
+def _holes(fit: TemplateFit, number: int) -> Iterator[FittedHole]:
+    """The holes of a pattern that were seen, all of one radius."""
+    radius, axis = float(str(fit.geometry["radius"])), np.asarray(fit.geometry["axis"])
+    for centre, side in zip(np.asarray(fit.geometry["centres"]), fit.sides, strict=True):
+        if side.is_seen:
+            seen = side.confirmed / side.total
+            yield FittedHole(centre, axis, radius, side.deviation, seen=seen, number=number)
+
+
+def _fitted(fit: TemplateFit, number: int) -> FittedOpening:
+    corners = np.asarray(fit.geometry["corners"], dtype=np.float64)
+    sides: dict[str, Side] = {side.name: side for side in fit.sides}
+    slack = cast(Mapping[str, tuple[float, float]], fit.geometry["slack"])
+    off = np.array([slack[name] for name in AROUND])
+    deviation = np.array([sides[name].deviation for name in AROUND])
+    seen = np.array([sides[name].is_seen * sides[name].confirmed / sides[name].total for name in AROUND])
+    return FittedOpening(corners, deviation, seen, off, number)

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Applied features: read from a file, placed in the surfaces of scans, and laid into them."""

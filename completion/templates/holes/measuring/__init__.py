@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""What was measured of plates: their planes, their charts, and what went through them."""

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: MIT
+"""Decisions in reports: dimensions that people order by, their intervals, and a word on relying on each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from completion.export.dimensions.dimension import Advice, Dimension, told_rule
+from completion.export.dimensions.pipeline import DecisionSheet
+from nbv.report.blocks.page import Cell, Section, State, Table, Text
+from nbv.run.wording import count
+from scenes.scan.colour import surface_colour
+
+_MOST_ROWS = 60
+_STATES: dict[Advice, State] = {"rely": "measured", "check": "unknown", "do not build": "inferred"}
+_UNITS = {"m": "m", "m2": "m\u00b2", "m3": "m\u00b3"}
+
+
+def decision_sections(sheet: DecisionSheet) -> tuple[Section, ...]:
+    """Return a section with what may be relied on; none where there is no dimension."""
+    if not sheet.dimensions:
+        return ()
+    told = list(zip(sheet.dimensions, sheet.advice, strict=True))
+    rows = tuple(_row(one, word) for one, word in told[:_MOST_ROWS])
+    said = ", ".join(f"{n} \u00d7 {word}" for word, n in sheet.counts().items() if n)
+    doubt = f" {sheet.told_doubt}" if sheet.told_doubt else ""
+    blocks = [Text(f"{count(len(told), 'dimension')}: {said}.{doubt} {told_rule(sheet.tolerance_m)}")]
+    columns = ("Dimension", "Surfaces", "#value", "#from", "#to (95 %)", "measured", "Advice")
+    table = Table(columns, rows)
+    note = (
+        "Intervals hold noise, what surfaces share by one sensor and by their relations, how well the scans "
+        "are placed, and the systematic errors of sensors of this kind."
+    )
+    left = len(told) - _MOST_ROWS
+    more = f" {count(left, 'more is', 'more are')} in decisions.csv." if left > 0 else ""
+    return (Section("What to rely on", (*blocks, table, Text(note + more, is_note=True))),)
+
+
+def _row(one: Dimension, word: Advice) -> tuple[Cell, ...]:
+    digits = int(np.clip(np.ceil(-np.log10(max(one.half, 1e-12))) + 1, 2, 4))
+    ends = (one.low, one.high) if np.isfinite(one.half) else ()
+    numbers = [f"{one.value:.{digits}f}", *(f"{end:.{digits}f}" for end in ends), *("not known",) * 2][:3]
+    return (
+        Cell(one.kind),
+        Cell(" ".join(map(str, one.surfaces)), swatch=surface_colour(one.surfaces[0])),
+        Cell(f"{numbers[0]} {_UNITS[one.unit]}"),
+        *(Cell(number) for number in numbers[1:]),
+        Cell(f"{100 * one.measured_share:.0f} %", share=one.measured_share),
+        Cell(word, state=_STATES[word]),
+    )

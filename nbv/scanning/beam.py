@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: MIT
+"""Beam: its footprint at jump edges, and how much of its light comes back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.checks import BoolArray, FloatArray, InputError, check_options
+
+Returns = Literal["first", "strongest", "last", "mean"]
+N_RAYS = 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Footprint:
+    """Width of the beam, and which return is reported.
+
+    Parameters
+    ----------
+    divergence_rad : float
+        Full angle of the beam, radians.
+    exit_diameter_m : float
+        Diameter of the beam where it leaves the instrument, metres.
+    returns : "first", "strongest", "last" or "mean"
+        What is reported of a beam that meets several depths.
+    range_resolution_m : float
+        Returns nearer to each other than this are one, metres: half the pulse's length, 0.3 m for 2 ns.
+        The mean is of all light and asks for none.
+
+    Raises
+    ------
+    InputError
+        Negative lengths or angles, a beam without width, another name for the returns, pulses without a
+        range resolution (a slanted wall would fall apart into returns).
+    """
+
+    divergence_rad: float
+    exit_diameter_m: float = 0.0
+    returns: Returns = "strongest"
+    range_resolution_m: float = 0.3
+
+    def __post_init__(self) -> None:
+        check_options(self, divergence_rad=(0.0, 0.5), exit_diameter_m=(0.0, 1.0))
+        check_options(self, range_resolution_m=(0.0, np.inf))
+        if self.returns not in get_args(Returns):
+            raise InputError(f"returns must be one of {', '.join(get_args(Returns))}, got {self.returns!r}")
+        if self.returns != "mean" and self.range_resolution_m == 0:
+            raise InputError(
+                f"{self.returns} returns need a range_resolution_m above 0, half a pulse's length"
+            )
+        if self.divergence_rad == 0 and self.exit_diameter_m == 0:
+            raise InputError("a footprint needs a divergence or an exit diameter")
+
+    def diameter_m(self, ranges: FloatArray) -> FloatArray:
+        """Diameter (...,) of the beam at `ranges` (...,), metres."""
+        return np.asarray(self.exit_diameter_m + 2 * np.tan(self.divergence_rad / 2) * ranges)
+
+
+def beam_pattern() -> FloatArray:
+    """Positions (16, 2) of the rays in a beam of radius 1, each for a sixteenth of its area."""
+    inner, outer = (np.arange(4) + 0.5) * np.pi / 2, np.arange(12) * np.pi / 6
+    radius = np.repeat(np.sqrt([1 / 8, 5 / 8]), [4, 12])
+    angle = np.concatenate([inner, outer])
+    pattern: FloatArray = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return pattern
+
+
+def sub_rays(
+    directions: FloatArray, footprint: Footprint, turns: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Starts about the origin and directions, both (16 n, 3), of the rays in beams along `directions`.
+
+    The pattern of each beam is turned by `turns` (n,), radians, so that straight edges make no steps.
+    """
+    across, down = _across(directions)
+    cosine, sine = np.cos(turns)[:, None], np.sin(turns)[:, None]
+    across, down = cosine * across + sine * down, cosine * down - sine * across
+    pattern = beam_pattern()
+    offset = pattern[:, :1] * across[:, None] + pattern[:, 1:] * down[:, None]
+    along = directions[:, None] + np.tan(footprint.divergence_rad / 2) * offset
+    return (footprint.exit_diameter_m / 2 * offset).reshape(-1, 3), along.reshape(-1, 3)
+
+
+def _across(directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors across each direction (n, 3); Duff et al., "Building an orthonormal basis", 2017."""
+    x, y, z = directions.T
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=1)
+    return first, np.stack([b, sign + y * y * a, -y], axis=1)
+
+
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB, ITU-R BT.709
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Intensity:
+    """Lambert's law and the inverse square of the range: rho cos(theta) (reference / r)^2.
+
+    The value is 1 for a white surface that faces the beam at the reference range.
+
+    Parameters
+    ----------
+    reflectivity : float, optional
+        rho of every surface, 0..1; from the colour at the hit when not given.
+    reference_range_m : float
+        Metres.
+
+    Raises
+    ------
+    InputError
+        A reflectivity outside 0..1, a reference range that is not positive.
+    """
+
+    reflectivity: float | None = None
+    reference_range_m: float = 10.0
+
+    def __post_init__(self) -> None:
+        check_options(self, reflectivity=(0.0, 1.0), reference_range_m=(1e-6, np.inf))
+
+    def reflectivity_of(self, colour: NDArray[np.float32]) -> FloatArray | float:
+        """Reflectivity, the given one or that of `colour` (..., 3), sRGB in 0..1."""
+        return reflectivity_of_colour(colour) if self.reflectivity is None else self.reflectivity
+
+    def of(
+        self, ranges: FloatArray, cosine: FloatArray, reflectivity: FloatArray | float
+    ) -> NDArray[np.float32]:
+        """Return the intensity (...,) of echoes; 0 where nothing was met.
+
+        Parameters
+        ----------
+        ranges, cosine : (...,) float
+            Metres, inf where nothing was met, and the absolute cosine of incidence.
+        reflectivity : float or (...,) float
+            0..1.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            light = reflectivity * cosine * (self.reference_range_m / ranges) ** 2
+        return np.asarray(np.where(np.isfinite(ranges) & (ranges > 0), light, 0.0), dtype=np.float32)
+
+
+def reflectivity_of_colour(colour: NDArray[np.float32]) -> FloatArray:
+    """Luminance of sRGB colours (..., 3) in 0..1: the share of light that a matt surface scatters."""
+    encoded = np.clip(np.asarray(colour, dtype=np.float64), 0.0, 1.0)
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    luminance: FloatArray = linear @ _LUMINANCE
+    return luminance
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dropout:
+    """Which echoes are lost.
+
+    A glossy surface sends a beam that meets it at incidence theta into the direction 2 theta off the way
+    back. With probability `specular_loss` (1 - max(0, cos 2 theta)^`specular_exponent`) nothing comes back:
+    never when the surface faces the sensor, with `specular_loss` when it is turned by 45 deg or more. The
+    exponent is that of Phong's lobe.
+
+    Parameters
+    ----------
+    min_intensity : float
+        Weaker echoes are lost; see `nbv.scanning.beam` for the scale.
+    max_incidence_deg : float
+        Echoes at larger incidence are lost, degrees.
+    specular_loss : float
+        Share of echoes that glossiness may cost, 0..1.
+    specular_exponent : float
+        How narrow the mirror's lobe is.
+
+    Raises
+    ------
+    InputError
+        Values outside these bounds.
+    """
+
+    min_intensity: float = 0.0
+    max_incidence_deg: float = 90.0
+    specular_loss: float = 0.0
+    specular_exponent: float = 20.0
+
+    def __post_init__(self) -> None:
+        check_options(self, min_intensity=(0.0, np.inf), max_incidence_deg=(0.0, 90.0))
+        check_options(self, specular_loss=(0.0, 1.0), specular_exponent=(0.0, np.inf))
+
+    def kept(
+        self, intensity: NDArray[np.float32], incidence: FloatArray, rng: np.random.Generator
+    ) -> BoolArray:
+        """Tell which echoes (...,) are kept; one uniform number is drawn for every pixel.
+
+        Parameters
+        ----------
+        intensity, incidence : (...,) float
+            On the scale of `Intensity`, and in radians.
+        rng : Generator
+            Drawn from where glossiness costs echoes.
+        """
+        with np.errstate(invalid="ignore"):
+            kept = (intensity >= self.min_intensity) & ~(incidence > np.radians(self.max_incidence_deg))
+            if self.specular_loss > 0:
+                lobe = np.maximum(np.cos(2 * incidence), 0.0) ** self.specular_exponent
+                kept &= ~(rng.random(incidence.shape) < self.specular_loss * (1 - lobe))
+        return np.asarray(kept, dtype=np.bool_)
