@@ -6,12 +6,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri
 
+from completion.fitting.kinds import KINDS
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Torus
 
-LEAST_POINTS = {"plane": 3, "sphere": 4, "cylinder": 6, "cone": 6, "elliptic-cylinder": 7, "torus": 7}
-_ARTICLE = {"elliptic-cylinder": "an elliptic cylinder"}
 _FLAT = 1e-9  # singular values below this part of the greatest count as zero
 _LEAST_RADIUS = 4.0  # times the residuals' rms
 _CHANCE = 1e-3  # that noise on a plane passes for a bend
@@ -27,10 +26,10 @@ def undetermined(n: int, shape: str) -> str:
 
 def check_enough(n: int, shape: str) -> None:
     """Refuse fewer points than a shape has parameters."""
-    if n < LEAST_POINTS[shape]:
-        name = _ARTICLE.get(shape, f"a {shape}")
-        more = " with covariance" if shape == "cylinder" else ""
-        raise FitError(f"{name}{more} needs {LEAST_POINTS[shape]} points, got {n}")
+    kind = KINDS[shape]
+    if n < kind.least_points:
+        more = " with covariance" if kind.least_points > kind.n_parameters else ""
+        raise FitError(f"{kind.title}{more} needs {kind.least_points} points, got {n}")
 
 
 def check_sample(points: FloatArray, shape: str) -> None:
@@ -45,7 +44,7 @@ def check_sample(points: FloatArray, shape: str) -> None:
     extent = float(np.abs(sample - sample[:1]).max(initial=0.0))
     if not extent < _MOST or 0 < extent < 1 / _MOST:
         raise FitError(f"{len(points)} points extend over {extent:.3g} m; give coordinates in metres")
-    least = LEAST_POINTS.get(shape, LEAST_POINTS["plane"])
+    least = KINDS.get(shape, KINDS["plane"]).least_points
     n_places = len(np.unique(sample, axis=0))
     if extent > 0 and n_places < least:
         raise FitError(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from completion.fitting.chart import Chart, chart_of
+from completion.fitting.kinds import KINDS
 from completion.fitting.result import SurfaceFit
 from scenes.checks import FloatArray, InputError, check_direction
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
@@ -80,17 +81,6 @@ class HeldChart:
         return whole
 
 
-_WITH_RADIUS = {"sphere": 3, "cylinder": 4, "torus": 5}  # and where it stands among the parameters
-_WITH_AXIS = {
-    "plane": (1, 2),
-    "cylinder": (2, 3),
-    "cone": (2, 3),
-    "elliptic-cylinder": (2, 3),
-    "torus": (2, 3),
-}
-_N_PARAMETERS = {"plane": 3, "sphere": 4, "cylinder": 5, "cone": 6, "elliptic-cylinder": 7, "torus": 7}
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
     """What is given of a surface.
@@ -119,14 +109,15 @@ class Held:
     @property
     def free(self) -> tuple[int, ...]:
         """Places of the parameters that are sought."""
-        held = set() if self.radius is None else {_WITH_RADIUS[self.shape]}
-        held |= set() if self.direction is None else set(_WITH_AXIS[self.shape])
-        return tuple(place for place in range(_N_PARAMETERS[self.shape]) if place not in held)
+        kind = KINDS[self.shape]
+        held = set() if self.radius is None else {kind.radius}
+        held |= set() if self.direction is None else set(kind.axis)
+        return tuple(place for place in range(kind.n_parameters) if place not in held)
 
     @property
     def n(self) -> int:
         """How many parameters are held."""
-        return _N_PARAMETERS[self.shape] - len(self.free)
+        return KINDS[self.shape].n_parameters - len(self.free)
 
     def scaled(self, factor: float) -> Held:
         """The same in another unit of length."""
@@ -193,21 +184,17 @@ def holding(shape: str, radius: object | None, axis: object | None) -> Held | No
     if shape == "auto":
         raise InputError("a given radius or axis is that of a shape; name it in place of auto")
     if radius is not None:
-        if shape not in _WITH_RADIUS:
-            reason = {"cone": "; its axis can be given", "elliptic-cylinder": "; its axis can be given"}
-            raise InputError(f"{_named(shape)} has no one radius to be given{reason.get(shape, '')}")
+        if KINDS[shape].radius is None:
+            cure = "; its axis can be given" if shape != "plane" else ""
+            raise InputError(f"{KINDS[shape].title} has no one radius to be given{cure}")
         if isinstance(radius, bool) or not isinstance(radius, int | float | np.number):
             raise InputError(f"radius must be a number of metres, got {radius!r}")
         if not np.isfinite(radius) or radius <= 0:
             raise InputError(f"radius must be a positive number of metres, got {radius}")
-    if axis is not None and shape not in _WITH_AXIS:
-        raise InputError(f"{_named(shape)} has no axis to be given")
+    if axis is not None and not KINDS[shape].axis:
+        raise InputError(f"{KINDS[shape].title} has no axis to be given")
     direction = None if axis is None else check_direction("axis", axis)
     return Held(shape, None if radius is None else float(radius), direction)
-
-
-def _named(shape: str) -> str:
-    return f"an {shape.replace('-', ' ')}" if shape.startswith("e") else f"a {shape}"
 
 
 def _signed(direction: FloatArray, surface: Surface) -> FloatArray:

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.fitting.degeneracy import LEAST_POINTS, check_bend, check_enough, check_sample
+from completion.fitting.degeneracy import check_bend, check_enough, check_sample
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.held import holding
+from completion.fitting.kinds import KINDS
 from completion.fitting.quadrics import fit_by_quadric
 from completion.fitting.rays import fit_along_rays
 from completion.fitting.result import FitError, Metric, Shape, SurfaceFit
@@ -90,8 +91,8 @@ def fit(
 
 
 def _check_options(shape: str, metric: str, robust: bool, rays: object | None) -> None:
-    if shape != "auto" and shape not in LEAST_POINTS:
-        raise InputError(f"shape must be auto or one of {', '.join(LEAST_POINTS)}, got {shape!r}")
+    if shape != "auto" and shape not in KINDS:
+        raise InputError(f"shape must be auto or one of {', '.join(KINDS)}, got {shape!r}")
     if metric not in ("euclidean", "taubin", "algebraic"):
         raise InputError(f"metric must be euclidean, taubin or algebraic, got {metric!r}")
     if metric != "euclidean" and (robust or rays is not None):

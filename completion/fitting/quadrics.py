@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from completion.fitting.degeneracy import centroid, check_spread, principal
+from completion.fitting.kinds import KINDS
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray, check_point, check_points, check_vectors
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Sphere, Surface
@@ -27,7 +28,6 @@ _LINEAR = [_PLACE[exponents] for exponents in MONOMIALS[6:9]]
 _PAIRS = np.array([[_PLACE[tuple(np.add(a, b))] for b in MONOMIALS] for a in MONOMIALS])
 _CHUNK = 8192
 _N_SPREAD = 2_000  # points that show whether all lie on a line or in a plane
-_N_PARAMETERS = {"sphere": 4, "cylinder": 5, "cone": 6, "elliptic-cylinder": 7}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,6 +253,6 @@ def fit_by_quadric(points: FloatArray, shape: str, metric: Literal["algebraic", 
     check_spread(len(points), principal(sample, centre)[0], centre, 2)
     surface = read_surface(fit_quadric(moments(points), metric, sphere=shape == "sphere"), shape)
     residual = surface.distance(points)
-    k = _N_PARAMETERS[shape]
+    k = KINDS[shape].n_parameters
     rms = float(np.sqrt(residual @ residual / max(len(points) - k, 1)))
     return SurfaceFit(surface, rms, np.full((k, k), np.nan), len(points), metric=metric)

@@ -11,6 +11,7 @@ from completion.fitting.chart import Chart, chart_of
 from completion.fitting.degeneracy import check_layer
 from completion.fitting.euclidean import Cloud, normal_equations, polished
 from completion.fitting.held import Held, HeldChart
+from completion.fitting.kinds import KINDS
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.starts import N_NEIGHBOURS, oriented, torus_about
 from scenes.checks import BoolArray, FloatArray, InputError
@@ -18,22 +19,6 @@ from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, S
 
 _N_SCORED = 600
 _LEAST_ANGLE = np.radians(8.0)  # between the normals of a minimal set
-_NAMES = {
-    "plane": "a plane",
-    "sphere": "a sphere",
-    "cylinder": "a cylinder",
-    "cone": "a cone",
-    "elliptic-cylinder": "an elliptic cylinder",
-    "torus": "a torus",
-}
-_MINIMAL = {  # points in a set, sets drawn
-    "plane": (1, 200),
-    "sphere": (2, 400),
-    "cylinder": (2, 600),
-    "cone": (3, 1500),
-    "elliptic-cylinder": (7, 1500),
-    "torus": (4, 1500),
-}
 
 
 def consensus_surface(
@@ -53,7 +38,7 @@ def consensus_surface(
         No minimal set spans such a surface, or a fifth of the points agree with none.
     """
     rng = np.random.default_rng(0)
-    n_drawn, n_sets = _MINIMAL[shape]
+    n_drawn, n_sets = KINDS[shape].minimal
     sample = np.unique(np.linspace(0, len(points) - 1, _N_SCORED).astype(np.int64))
     best: Surface | None = None
     least, n_spanned = np.inf, 0
@@ -68,10 +53,10 @@ def consensus_surface(
             if cost < least:
                 best, least = near, cost
     if best is None:
-        raise FitError(f"none of {n_sets} sets of {n_drawn} oriented points spans {_NAMES[shape]}")
+        raise FitError(f"none of {n_sets} sets of {n_drawn} oriented points spans {KINDS[shape].title}")
     n_agree = int((np.abs(best.distance(points)) <= 3 * tolerance).sum())
     if n_agree < 0.2 * len(points):
-        raise FitError(f"only {n_agree} of {len(points)} points agree on {_NAMES[shape]}")
+        raise FitError(f"only {n_agree} of {len(points)} points agree on {KINDS[shape].title}")
     return best
 
 

@@ -8,8 +8,8 @@ from typing import cast
 
 import numpy as np
 
-from completion.fitting.degeneracy import LEAST_POINTS
 from completion.fitting.euclidean import fit_euclidean
+from completion.fitting.kinds import KINDS
 from completion.fitting.result import FitError, Shape, SurfaceFit
 from completion.fitting.robust import fit_robust
 from scenes.checks import check_points
@@ -78,7 +78,7 @@ def select(points: object, *, robust: bool = False) -> Selection:
     cloud = check_points("points", points)
     fits: dict[str, SurfaceFit] = {}
     failures: dict[str, str] = {}
-    for shape in LEAST_POINTS:
+    for shape in KINDS:
         try:
             fits[shape] = (
                 fit_robust(cloud, shape) if robust else fit_euclidean(cloud, shape, n_steps=_N_STEPS)
