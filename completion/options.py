@@ -21,7 +21,7 @@ from completion.relations.stated import StatedRelation
 from completion.segmentation.regions import Region, SegmentationOptions
 from completion.segmentation.relief import typical_relief
 from completion.texturing.problem import TexturingOptions
-from scenes.checks import FloatArray, InputError, check_options
+from scenes.checks import FloatArray, InputError, check_number, check_options
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -111,6 +111,8 @@ class CompletionOptions:
                 raise InputError(f"only must be some of {', '.join(KINDS)}, got {kind!r}")
         if self.stated_relations and self.relations is None:
             raise InputError("stated relations are imposed where relations are on; give relations=BUILT")
+        for number, deviation in enumerate(self.pose_deviations_m):
+            check_number(f"pose_deviations_m[{number}]", deviation)
         lengths = ("sigma_m", "registration_m", "max_sd_m", "min_area_m2")
         check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), projector_m=(-1.0, 1.0))
 
@@ -148,6 +150,11 @@ class CompletionOptions:
             return np.full(len(left_m), stated)
         least = min(stated, REGISTRATION_M)
         if self.pose_deviations_m:
+            if len(self.pose_deviations_m) != len(left_m):
+                raise InputError(
+                    f"pose_deviations_m holds {len(self.pose_deviations_m)} deviations for {len(left_m)} "
+                    "scans; give one per scan, or none"
+                )
             return np.maximum(np.fmax(POSE_BOUND * np.array(self.pose_deviations_m), left_m), least)
         return np.where(np.isfinite(left_m), np.maximum(left_m, least), stated)
 

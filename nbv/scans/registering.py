@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from completion.observe.tolerance import POSE_BOUND, REGISTRATION_M
 from completion.registration.network import Network
 from completion.registration.pipeline import register_scans
 from completion.registration.registered import Registered, pose_doubts
@@ -105,7 +106,13 @@ def register_request(
         paths=tuple(given.paths[k] for k in kept),
     )
     told = placement_told(found, group, names)
-    return PlacedScans(placed, tuple(found.pose_deviation(k) for k in kept), told)
+    return PlacedScans(placed, tuple(_deviation(found, k) for k in kept), told)
+
+
+def _deviation(found: Registered, scan: int) -> float:
+    """Standard deviation of a scan's pose, metres; the stated pose error where registration has none."""
+    deviation = found.pose_deviation(scan)
+    return deviation if np.isfinite(deviation) else REGISTRATION_M / POSE_BOUND
 
 
 def copies_of(scans: Sequence[RangeImage]) -> dict[int, int]:
