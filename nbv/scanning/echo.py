@@ -180,8 +180,8 @@ def footprint_echo(
         hits, seen = world.cast(starts + origin, along)
         rho = world.reflectivity(hits, intensity)
         ranges, cosine = np.where(seen, hits.ranges, np.inf), hits.incidence_cosine
-        beams = (array.reshape(-1, N_RAYS) for array in (ranges, cosine, rho))
-        merge_returns(*beams, which, footprint.range_resolution_m, out[:, part])
+        ranges, cosine, rho = (array.reshape(-1, N_RAYS) for array in (ranges, cosine, rho))
+        merge_returns(ranges, cosine, rho, which, footprint.range_resolution_m, out[:, part])
     ranges, cosine, rho, count = out
     return Echo(ranges, cosine, np.arccos(np.minimum(cosine, 1.0)), rho, count.astype(np.uint8))
 
