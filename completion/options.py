@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,13 +14,13 @@ from completion.extension.extent import Mode
 from completion.extension.pipeline import ExtensionRules
 from completion.features.engine.options import FITTED, FeatureOptions
 from completion.flattening.options import FlatteningOptions
-from completion.observe.tolerance import POSE_BOUND, REGISTRATION_M, EvidenceOptions, Tolerance
+from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.relations.options import BUILT, RelationOptions
 from completion.relations.stated import StatedRelation
-from completion.segmentation.regions import Region, SegmentationOptions
-from completion.segmentation.relief import typical_relief
+from completion.scan_surfaces import SurfaceOptions
+from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.problem import TexturingOptions
-from scenes.checks import FloatArray, InputError, check_number, check_options
+from scenes.checks import InputError, check_number, check_options
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -115,6 +114,7 @@ class CompletionOptions:
             check_number(f"pose_deviations_m[{number}]", deviation)
         lengths = ("sigma_m", "registration_m", "max_sd_m", "min_area_m2")
         check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), projector_m=(-1.0, 1.0))
+        _ = self.of_surfaces  # its checks
 
     def rules(self) -> ExtensionRules:
         """Return what a continuation may use, and how sure it must be."""
@@ -126,40 +126,22 @@ class CompletionOptions:
             cell_m=self.evidence.cell_m,
         )
 
-    def tolerance(self, n_scans: int) -> Tolerance:
-        """Return the tolerance along the ray; the pose of a single scan has no error."""
-        return self.evidence.tolerance(
-            flatness_m=self.segmentation.least_flatness_m,
-            registration_m=self.registration_m if n_scans > 1 else 0.0,
+    @property
+    def of_surfaces(self) -> SurfaceOptions:
+        """Those of `find_surfaces`."""
+        return SurfaceOptions(
+            sigma_m=self.sigma_m,
+            projector_m=self.projector_m,
+            registration_m=self.registration_m,
+            pose_deviations_m=self.pose_deviations_m,
+            moves_scans=self.moves_scans,
+            across=Cue.MERGING in self.cues,
+            segmentation=self.segmentation,
+            evidence=self.evidence,
         )
-
-    def flatness(self, regions: Sequence[Sequence[Region]]) -> float:
-        """Return how uneven surfaces are, metres: what is stated, else what the regions of the scans show."""
-        stated = (
-            self.segmentation.flatness_m if self.evidence.flatness_m is None else self.evidence.flatness_m
-        )
-        return typical_relief(regions) if stated is None else stated
-
-    def pose_errors(self, left_m: FloatArray) -> FloatArray:
-        """Return how far the pose of each of n scans may be off, metres.
-
-        From what they show (n,), NaN where they do not. Where `evidence` says it, that holds for all.
-        """
-        stated = self.tolerance(len(left_m)).registration_m
-        if len(left_m) < 2 or self.evidence.registration_m is not None:
-            return np.full(len(left_m), stated)
-        least = min(stated, REGISTRATION_M)
-        if self.pose_deviations_m:
-            if len(self.pose_deviations_m) != len(left_m):
-                raise InputError(
-                    f"pose_deviations_m holds {len(self.pose_deviations_m)} deviations for {len(left_m)} "
-                    "scans; give one per scan, or none"
-                )
-            return np.maximum(np.fmax(POSE_BOUND * np.array(self.pose_deviations_m), left_m), least)
-        return np.where(np.isfinite(left_m), np.maximum(left_m, least), stated)
 
     def in_force(self, n_scans: int) -> CompletionOptions:
         """Return the options with the tolerances that hold for so many scans, the edits apart."""
-        held = self.tolerance(n_scans)
+        held = self.of_surfaces.tolerance(n_scans)
         evidence = replace(self.evidence, flatness_m=held.flatness_m, registration_m=held.registration_m)
         return replace(self, edits=(), stated_relations=(), evidence=evidence)

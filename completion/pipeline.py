@@ -20,27 +20,25 @@ from completion.extension.extent import find_extent
 from completion.extension.known_faces import extend_face, with_faces
 from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
+from completion.features.engine.options import FeatureOptions
 from completion.features.engine.template import TemplateFit
 from completion.features.openings.scene import find_openings
 from completion.features.reveals import reveals_of
 from completion.features.stated import place_features, with_features
-from completion.merging.merged_surface import number_pixels
-from completion.merging.pipeline import merge
-from completion.merging.unconfirmed import Unconfirmed
-from completion.observe.key_frames import find_key_frames
-from completion.observe.observation import observe
+from completion.merging.merged_surface import MergedSurface
 from completion.options import CompletionOptions
-from completion.registration.pipeline import correct_poses
 from completion.relations.surfaces import relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
+from completion.result.completed_surfaces import CompletedSurfaces
 from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
-from completion.result.verification import Verification, held_against
-from completion.segmentation.pipeline import segment
+from completion.result.verification import Verification, compare_patches, prepared
+from completion.scan_surfaces import ScanSurfaces, find_surfaces
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
 from completion.uncertainty.pipeline import state_fits
-from scenes.checks import InputError, check_kind, check_rng
+from scenes.checks import FloatArray, InputError, check_kind, check_rng
+from scenes.pose import Pose
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress, Steps
 from scenes.scan.range_image import RangeImage
@@ -83,135 +81,17 @@ def complete(
         No scans, an unknown mode, edits that fit no surface of these scans, or more pixels than fit into
         memory.
     """
-    # 1. Observe: the points, rays and range noise of each scan, in the sensor frame of the first. Scans whose
-    #    poses contradict what they measured are moved until they agree.
-    scans = [scans] if isinstance(scans, RangeImage) else list(scans)
-    if not scans:
-        raise InputError("nothing to complete: give at least one scan")
-    for scan in scans:
-        check_kind(
-            "a scan",
-            scan,
-            RangeImage,
-            "read_scan(path, ...) reads one, scan_from_station makes one of points",
-        )
-    seed = int(check_rng(rng).integers(2**63))
-    world_from_reference, stated = scans[0].world_from_sensor, options.tolerance(len(scans))
+    scans, seed = _checked(scans), int(check_rng(rng).integers(2**63))
+    world_from_reference = scans[0].world_from_sensor
     with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
-        observations = steps.each(
-            "noise and normals",
-            lambda scan: observe(scan, world_from_reference, options.sigma_m, options.projector_m),
-            scans,
-            remember=False,
-        )
-        keys = find_key_frames(observations)
-        registration = steps.one(
-            "registration",
-            lambda: correct_poses(
-                observations,
-                keys,
-                stated_m=stated.registration_m,
-                moves=options.moves_scans,
-                spill=steps.spill,
-            ),
-        )
-        errors = options.pose_errors(registration.left_m)
-        observations = registration.applied(observations, errors)
-        tolerance = replace(stated, registration_m=float(errors.min()))
+        # 1. Surfaces: observe, register, segment and merge.
+        found = find_surfaces(scans, options.of_surfaces, steps)
 
-        # 2. Segment: cut each scan into regions on planes and cylinders, and see how uneven surfaces are.
-        regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
-        tolerance = replace(tolerance, flatness_m=options.flatness(regions))
+        # 2. Continue: relate the surfaces, fit features, and extend each behind its occluders.
+        completed = continue_surfaces(found, world_from_reference, options, steps)
+        patches, observations = completed.patches, found.observations
 
-        # 3. Merge: join the regions that are one surface, then join and part as a person says.
-        across = Cue.MERGING in options.cues
-        merged = steps.one(
-            "merge",
-            lambda: merge(observations, regions, tolerance, across=across, keys=keys, spill=steps.spill),
-        )
-        edited = apply_edits(merged, options.edits, observations, world_from_reference, tolerance.flatness_m)
-
-        # 4. Relate: say how well each surface is known, infer what they are to each other, and impose that.
-        told = state_fits([one.surface for one in edited], observations, tolerance.flatness_m)
-        related = relate_surfaces(
-            edited,
-            told,
-            observations,
-            options.relations if Cue.RELATIONS in options.cues else None,
-            options.stated_relations,
-            world_from_reference=world_from_reference,
-        )
-        surfaces = [one.surface for one in related.surfaces]
-        numbered = (number_pixels(surfaces, number, one) for number, one in enumerate(observations))
-        seen = Scans(tuple(observations), tuple(map(steps.keep, numbered)), tolerance, keys, steps.spill)
-
-        # 5. Features: fit doorways and windows whole, from the beams that pass through them; or take the
-        # openings, rows of holes and joints that a person states.
-        up = world_from_reference.matrix[2, :3]
-        features: list[TemplateFit] = []
-        wanted = options.features
-        if wanted is not None and wanted.stated is not None:
-            features = place_features(wanted.stated, surfaces, observations, world_from_reference.inverse())
-        elif wanted is not None:
-            features = find_openings(
-                surfaces,
-                observations,
-                owners=seen.owners,
-                up=up,
-                given=wanted.given,
-                kinds=wanted.kinds,
-                each=lambda work, numbers: steps.each("features", work, numbers),
-                is_assigned=False,
-            )
-        known = with_features(related.surfaces, features)
-        faces = reveals_of(features, surfaces, observations, seen.owners, tolerance.flatness_m)
-
-        # 6. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
-        boundaries = [
-            steps.keep(find_boundary_pixels(one.fit, one.pixels, observations, tolerance, keys))
-            for one in surfaces
-        ]
-        adjacency = find_adjacency(surfaces, boundaries, seen, up)
-
-        # 7. Extend: continue each surface that is wanted behind its occluders, as far as it may go and is
-        # probable; then the faces of features. Where several claim a place, the most probable one has it.
-        def extended(index: int) -> Patch | None:
-            said, encloses = related.surfaces[index].edits, bool(adjacency.encloses[index])
-            if not said.actions and not is_chosen(
-                surfaces[index].fit.surface, options.only, encloses=encloses, up=up
-            ):
-                return None
-            extent = find_extent(
-                index, surfaces, boundaries, adjacency, observations, cues=options.cues, up=up
-            )
-            patch = extend(
-                boundaries[index],
-                extent,
-                known[index],
-                related.stated[index],
-                scans=seen,
-                number=index + 1,
-                rules=options.rules(),
-            )
-            return patch if said.actions or patch.observed_m2 >= options.min_area_m2 else None
-
-        every = steps.each("extend", extended, range(len(surfaces)))
-        seen = with_faces(seen, faces, len(surfaces), steps.keep) if faces else seen
-
-        def revealed(index: int) -> Patch | None:
-            is_wanted = is_chosen(faces[index].surface.fit.surface, options.only, encloses=False, up=up)
-            patch = extend_face(faces[index], seen, len(surfaces) + index + 1, options.rules())
-            is_large = patch.observed_m2 >= options.min_area_m2 and (patch.provenance >= 0).any()
-            return patch if is_wanted and is_large else None
-
-        of_features = steps.each("faces", revealed, range(len(faces))) if faces else []
-        chosen, owners = numbered_anew([*every, *of_features], seen.owners, steps.keep)
-        relations = related.found and related.found.numbered([one is not None for one in every])
-        joint = related.errors.and_own([one.surface.fit.covariance for one in faces])
-        joint = joint.only([one is not None for one in (*every, *of_features)])
-        patches = [steps.keep(one) for one in settle_claims(chosen, tolerance.flatness_m)]
-
-        # 8. Texture: continue the colour of each surface over its inferred part.
+        # 3. Texture: continue the colour of each surface over its inferred part.
         texturing = settled(options.texturing, patches if options.texture else (), observations)
 
         def textured(index: int) -> ChartTexture | None:
@@ -219,72 +99,188 @@ def complete(
 
         textures = steps.each("texture", textured, range(len(patches))) if options.texture else []
 
-        # 9. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
-        bundles = [steps.keep(bundle(one)) for one in observations]
-        found = steps.each("audit", lambda patch: _audited(patch, seen, bundles), patches)
+        # 4. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
+        bundles = [steps.keep(bundle(seen)) for seen in observations]
+        audits = steps.each("audit", lambda patch: _audited(patch, completed.scans, bundles), patches)
 
-        # 10. Flatten, on request: take the ripple from measured planes, for the meshes that are written.
+        # 5. Flatten, on request: take the ripple from measured planes, for the meshes that are written.
         flat = options.flattening
+        pairs = [] if flat is None else list(zip(observations, completed.scans.owners, strict=True))
         flattened = (
-            steps.each(
-                "flatten",
-                lambda one: flatten_scan(*one, patches, flat, seed),
-                list(zip(seen.observations, owners, strict=True)),
-            )
+            steps.each("flatten", lambda pair: flatten_scan(*pair, patches, flat, seed), pairs)
             if flat is not None
             else []
         )
     return Completion(
-        observations=seen.observations,
-        patches=tuple(patches),
+        found=found,
+        completed=completed,
         textures=tuple(textures),
-        inferred=tuple(mesh for mesh, _ in found),
-        audit=_together(found, overlap_m2(patches, tolerance.flatness_m)),
-        owners=owners,
-        flatness_m=tolerance.flatness_m,
-        choice=Choice(options.only, options.min_area_m2, len(every) + len(of_features) - len(patches)),
+        inferred=tuple(mesh for mesh, _ in audits),
+        audit=_together(audits, overlap_m2(patches, found.tolerance.flatness_m)),
+        flattened=tuple(flattened),
+        world_from_reference=world_from_reference,
+    )
+
+
+def continue_surfaces(
+    found: ScanSurfaces, world_from_reference: Pose, options: CompletionOptions, steps: Steps
+) -> CompletedSurfaces:
+    """Continue the surfaces of scans behind their occluders.
+
+    Parameters
+    ----------
+    found : ScanSurfaces
+        The surfaces, working frame.
+    world_from_reference : Pose
+        From the working frame to the world.
+    options : CompletionOptions
+        What to do.
+    steps : Steps
+        Where to run.
+    """
+    # 1. Edit and relate: join and part as a person says; infer relations of surfaces, and impose them.
+    observations, flatness_m = found.observations, found.tolerance.flatness_m
+    up: FloatArray = world_from_reference.matrix[2, :3]
+    edited = apply_edits(found.surfaces, options.edits, observations, world_from_reference, flatness_m)
+    related = relate_surfaces(
+        edited,
+        state_fits([edit.surface for edit in edited], observations, flatness_m),
+        observations,
+        options.relations if Cue.RELATIONS in options.cues else None,
+        options.stated_relations,
+        world_from_reference=world_from_reference,
+    )
+    surfaces = [edit.surface for edit in related.surfaces]
+    scans = found.evidence(steps, surfaces)
+
+    # 2. Features: fit doorways and windows whole, or take the openings, rows of holes and joints that a
+    #    person states; a known hole is no surface, and its reveals are surfaces of their own.
+    features = _features(surfaces, scans, world_from_reference, options.features, steps)
+    known = with_features(related.surfaces, features)
+    faces = reveals_of(features, surfaces, observations, scans.owners, flatness_m)
+
+    # 3. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
+    boundaries = [
+        steps.keep(find_boundary_pixels(one.fit, one.pixels, observations, scans.tolerance, scans.keys))
+        for one in surfaces
+    ]
+    adjacency = find_adjacency(surfaces, boundaries, scans, up)
+
+    # 4. Extend: continue each surface that is wanted as far as it may go and is probable.
+    def extended(index: int) -> Patch | None:
+        edit, encloses = related.surfaces[index].edits, bool(adjacency.encloses[index])
+        plane = surfaces[index].fit.surface
+        if not edit.actions and not is_chosen(plane, options.only, encloses=encloses, up=up):
+            return None
+        extent = find_extent(index, surfaces, boundaries, adjacency, observations, cues=options.cues, up=up)
+        stated, rules = related.stated[index], options.rules()
+        patch = extend(
+            boundaries[index], extent, known[index], stated, scans=scans, number=index + 1, rules=rules
+        )
+        return patch if edit.actions or patch.observed_m2 >= options.min_area_m2 else None
+
+    patches = steps.each("extend", extended, range(len(surfaces)))
+
+    # 5. Faces: the same for the faces of features.
+    with_reveals = with_faces(scans, faces, len(surfaces), steps.keep) if faces else scans
+
+    def revealed(index: int) -> Patch | None:
+        plane = faces[index].surface.fit.surface
+        is_wanted = is_chosen(plane, options.only, encloses=False, up=up)
+        patch = extend_face(faces[index], with_reveals, len(surfaces) + index + 1, options.rules())
+        is_large = patch.observed_m2 >= options.min_area_m2 and (patch.provenance >= 0).any()
+        return patch if is_wanted and is_large else None
+
+    reveals = steps.each("faces", revealed, range(len(faces))) if faces else []
+
+    # 6. Claims: where several surfaces claim a place, the most probable one has it.
+    every = [*patches, *reveals]
+    chosen, owners = numbered_anew(every, with_reveals.owners, steps.keep)
+    errors = related.errors.and_own([face.surface.fit.covariance for face in faces])
+    return CompletedSurfaces(
+        patches=tuple(steps.keep(patch) for patch in settle_claims(chosen, flatness_m)),
+        scans=with_reveals.numbered(owners),
+        relations=related.found and related.found.numbered([patch is not None for patch in patches]),
+        errors=errors.only([patch is not None for patch in every]),
+        features=tuple(features),
+        choice=Choice(options.only, options.min_area_m2, len(every) - len(chosen)),
         mode=options.mode,
         edits=options.edits,
-        world_from_reference=world_from_reference,
-        key_frames=keys,
-        unconfirmed=Unconfirmed.of(regions, merged),
-        registration=registration,
-        relations=relations,
-        errors=joint,
-        flattened=tuple(flattened),
-        features=tuple(features),
     )
+
+
+def _features(
+    surfaces: Sequence[MergedSurface],
+    scans: Scans,
+    world_from_reference: Pose,
+    options: FeatureOptions | None,
+    steps: Steps,
+) -> list[TemplateFit]:
+    """The features of scans, working frame: as stated, else openings that are fitted."""
+    if options is None:
+        return []
+    if options.stated is not None:
+        return place_features(options.stated, surfaces, scans.observations, world_from_reference.inverse())
+    return find_openings(
+        surfaces,
+        scans.observations,
+        owners=scans.owners,
+        up=world_from_reference.matrix[2, :3],
+        given=options.given,
+        kinds=options.kinds,
+        each=lambda work, numbers: steps.each("features", work, numbers),
+        is_assigned=False,
+    )
+
+
+def _checked(scans: Sequence[RangeImage] | RangeImage) -> list[RangeImage]:
+    """The scans as a list. Raises InputError: there are none, or something else is among them."""
+    scans = [scans] if isinstance(scans, RangeImage) else list(scans)
+    if not scans:
+        raise InputError("nothing to complete: give at least one scan")
+    cure = "read_scan(path, ...) reads one, scan_from_station makes one of points"
+    for scan in scans:
+        check_kind("a scan", scan, RangeImage, cure)
+    return scans
 
 
 def verify_first(
     completion: Completion,
-    scans: Sequence[RangeImage],
     options: CompletionOptions,
     *,
     n_threads: int | None = None,
     journal: Journal = NO_JOURNAL,
 ) -> Verification:
-    """Complete the first of `scans` alone; let the others confirm or refute what was inferred.
+    """Let the other scans of `completion` confirm or refute what its first scan alone leads to.
 
-    They are those of `completion`, that of all scans together, and stand where it moved them.
+    The scans are used as `completion` prepared them, with their corrected poses.
     """
-    alone = complete_first(scans, options, n_threads=n_threads, journal=journal)
-    others = completion.registration.seen_from_first(completion.observations)[1:]
-    least = min(seen.pose_error_m for seen in others)
-    evidence = replace(options.evidence, flatness_m=alone.flatness_m)
-    return held_against(alone, others, evidence.tolerance(registration_m=least))
+    found, alone = completion.found, complete_first(completion, options, n_threads=n_threads, journal=journal)
+    others = found.registration.seen_from_first(found.observations)[1:]
+    evidence = replace(options.evidence, flatness_m=alone.scans.tolerance.flatness_m)
+    tolerance = evidence.tolerance(registration_m=min(seen.pose_error_m for seen in others))
+    is_same = all(seen is other for seen, other in zip(others, found.observations[1:], strict=True))
+    return compare_patches(
+        alone.patches,
+        alone.scans.observations,
+        prepared(others, tolerance, found.reach[1:] if is_same else ()),
+        completion.world_from_reference,
+    )
 
 
 def complete_first(
-    scans: Sequence[RangeImage],
+    completion: Completion,
     options: CompletionOptions,
     *,
     n_threads: int | None = None,
     journal: Journal = NO_JOURNAL,
-) -> Completion:
-    """Complete the first scan alone, without what a person says, and without texture."""
-    plain = replace(options, texture=False, edits=(), stated_relations=(), flattening=None)
-    return complete(scans[:1], plain, n_threads=n_threads, journal=journal)
+) -> CompletedSurfaces:
+    """Continue the surfaces that the first scan shows by itself, without what a person says."""
+    plain = replace(options, edits=(), stated_relations=())
+    size = completion.found.observations[0].scan.ranges.size
+    with Steps.over([size], n_threads, None, journal) as steps:
+        alone = completion.found.first(plain.of_surfaces, steps)
+        return continue_surfaces(alone, completion.world_from_reference, plain, steps)
 
 
 def _audited(patch: Patch, scans: Scans, bundles: Sequence[Bundles]) -> tuple[ChartMesh, AuditResult]:

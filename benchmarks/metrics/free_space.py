@@ -56,7 +56,7 @@ def violation_of(
     if not len(mesh.faces):
         return Violation(0.0, 0.0, 0)
     corners = completed.world_from_reference.apply(mesh.vertices)[mesh.faces]
-    tolerance = options.tolerance(n_completed)
+    tolerance = options.of_surfaces.tolerance(n_completed)
     spread = np.hypot(mesh.sd[mesh.faces].max(axis=1), tolerance.flatness_m)
     faces, beams, excess = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     first = 0

@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
-from dataclasses import InitVar, dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
@@ -18,8 +17,6 @@ from completion.evidence.sight import Sight, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray
-from scenes.run.mapping import trim
-from scenes.run.spill import NO_SPILL, NoSpill, Spill
 
 
 class Label(IntEnum):
@@ -91,22 +88,28 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scans:
-    """All scans, and what is needed to hold a surface against them, kept where `spill` keeps it."""
+    """All scans, and what is needed to hold a surface against them."""
 
     observations: tuple[Observation, ...]  # the scans, working frame
     owners: tuple[NDArray[np.int32], ...]  # (rows, columns): surface of each pixel, from 1; 0 for none
     tolerance: Tolerance  # along the ray
     keys: tuple[int, ...] | None = None  # numbers of the key frames, ascending; None: all are
-    spill: InitVar[Spill | NoSpill] = NO_SPILL
-    sights: tuple[Sight, ...] = field(init=False)  # each scan as compiled loops read it
-    reach: tuple[Reach, ...] = field(init=False)  # of each scan
+    sights: tuple[Sight, ...] = ()  # each scan as compiled loops read it; made where not given
+    reach: tuple[Reach, ...] = ()  # of each scan; made where not given
     views: Views = field(init=False)  # of all scans
+
+    def __post_init__(self) -> None:
+        if not self.sights:
+            sights = tuple(sight_of(seen, self.tolerance) for seen in self.observations)
+            object.__setattr__(self, "sights", sights)
+        if not self.reach:
+            object.__setattr__(self, "reach", tuple(map(reach_of, self.observations)))
+        eyes, farthest = (sight.eye for sight in self.sights), (float(one.far.max()) for one in self.reach)
+        object.__setattr__(self, "views", Views.of(eyes, farthest))
 
     def numbered(self, owners: Sequence[NDArray[np.int32]]) -> Scans:
         """Return the same scans with their pixels (rows, columns) numbered by other surfaces."""
-        same = copy(self)
-        object.__setattr__(same, "owners", tuple(owners))
-        return same
+        return replace(self, owners=tuple(owners))
 
     @property
     def order(self) -> tuple[tuple[int, bool], ...]:
@@ -114,14 +117,3 @@ class Scans:
         keys = range(len(self.observations)) if self.keys is None else self.keys
         others = sorted(set(range(len(self.observations))) - set(keys), reverse=True)
         return (*((number, True) for number in reversed(keys)), *((number, False) for number in others))
-
-    def __post_init__(self, spill: Spill | NoSpill) -> None:
-        sights = tuple(sight_of(seen, self.tolerance) for seen in self.observations)
-        object.__setattr__(self, "sights", sights)
-        reaches = []
-        for seen in self.observations:
-            reaches.append(spill.keep(reach_of(seen)))
-            trim()
-        object.__setattr__(self, "reach", tuple(reaches))
-        eyes, farthest = (one.eye for one in sights), (float(one.far.max()) for one in reaches)
-        object.__setattr__(self, "views", Views.of(eyes, farthest))

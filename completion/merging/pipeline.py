@@ -8,7 +8,7 @@ from itertools import groupby
 
 import numpy as np
 
-from completion.evidence.sight import sight_of
+from completion.evidence.sight import Sight, sight_of
 from completion.merging.agreement import Part, compare_all, lies_on, log_evidence_of_height
 from completion.merging.candidates import find_candidates, find_hosts
 from completion.merging.gaps import gap_is_hidden
@@ -42,6 +42,7 @@ def merge(
     *,
     across: bool = True,
     keys: Sequence[int] | None = None,
+    sights: Sequence[Sight] = (),
     spill: Spill | NoSpill = NO_SPILL,
 ) -> list[MergedSurface]:
     """Join regions that one surface explains and that nothing observed keeps apart.
@@ -72,6 +73,8 @@ def merge(
         Whether regions are joined across occluders at all.
     keys : sequence of int, optional
         Numbers of the key frames; all scans when not given.
+    sights : sequence of Sight
+        The scans as compiled loops read them; made where not given.
     spill : Spill or NoSpill
         Where the pixels of what is joined are kept.
     """
@@ -81,24 +84,23 @@ def merge(
         return [spill.keep(piece) for piece in found]
 
     if across:
-        sights = Sights.of([sight_of(seen, tolerance) for seen in _chosen(observations, keys)])
-        pieces = _in_blocks(pieces_of, observations, sights, tolerance, spill)
-        groups = _grouped(pieces, observations, sights, tolerance)
+        sights = sights or [sight_of(seen, tolerance) for seen in observations]
+        packed = Sights.of(sights if keys is None else [sights[number] for number in keys])
+        pieces = _in_blocks(pieces_of, observations, sights, packed, tolerance, spill=spill)
+        groups = _grouped(pieces, observations, packed, tolerance)
     else:
         groups = [[one] for scan in range(len(observations)) for one in pieces_of(scan)]
     merged = _merged(groups, observations, tolerance, spill)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
 
-def _chosen(observations: Sequence[Observation], keys: Sequence[int] | None) -> Sequence[Observation]:
-    return observations if keys is None else [observations[number] for number in keys]
-
-
 def _in_blocks(
     pieces_of: Callable[[int], list[Piece]],
     observations: Sequence[Observation],
-    sights: Sights,
+    sights: Sequence[Sight],
+    packed: Sights,
     tolerance: Tolerance,
+    *,
     spill: Spill | NoSpill,
 ) -> list[Piece]:
     """Merge the pieces of sixteen consecutive scans, or blocks of them, at a time, while there are many.
@@ -111,9 +113,9 @@ def _in_blocks(
         for first in range(0, n_blocks, _BLOCK):
             numbers = range(first, min(first + _BLOCK, n_blocks))
             some = [one for number in numbers for one in pieces_of(number)]
-            groups = _grouped(some, observations, sights, tolerance)
+            groups = _grouped(some, observations, packed, tolerance)
             if n_blocks == len(observations):
-                groups = confirmed(groups, observations[first : first + _BLOCK], first, tolerance)
+                groups = confirmed(groups, sights[first : first + _BLOCK], first)
             fitted = fit_groups(groups, observations, tolerance, spill)
             blocks.append([
                 spill.keep(Piece.fused(group, fit, observations))

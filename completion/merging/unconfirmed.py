@@ -9,12 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evidence.sight import Sight, pixel_of, sight_of
+from completion.evidence.sight import Sight, pixel_of
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.pieces import Piece
-from completion.observe.observation import Observation
 from completion.observe.rays import deviation_at
-from completion.observe.tolerance import Tolerance
 from completion.observe.triple import dot, minus
 from completion.segmentation.regions import Region
 from scenes.checks import FloatArray
@@ -40,9 +38,7 @@ class Unconfirmed(NamedTuple):
         return cls(n_regions, n_pixels)
 
 
-def confirmed(
-    groups: Sequence[list[Piece]], observations: Sequence[Observation], first: int, tolerance: Tolerance
-) -> list[list[Piece]]:
+def confirmed(groups: Sequence[list[Piece]], sights: Sequence[Sight], first: int) -> list[list[Piece]]:
     """Return the groups without pieces of one frame that five others did not find again.
 
     Far off, noise makes planes of its own, and each frame of a sequence makes other ones. A frame speaks
@@ -54,15 +50,13 @@ def confirmed(
     ----------
     groups : sequence of list of Piece
         The pieces of each surface, all of them of these frames.
-    observations : sequence of Observation
+    sights : sequence of Sight
         Consecutive frames of a sequence.
     first : int
         Number of the first of them.
-    tolerance : Tolerance
-        Along the ray.
     """
     alone = [number for number, group in enumerate(groups) if len(group) == 1]
-    if not alone or len(observations) <= _VOTES:
+    if not alone or len(sights) <= _VOTES:
         return list(groups)
     pieces = [groups[number][0] for number in alone]
     which = np.repeat(np.arange(len(pieces)), [len(one.part.points) for one in pieces])
@@ -72,11 +66,11 @@ def confirmed(
     reach = np.empty(len(points))
     for scan in np.unique(own).tolist():
         of_scan = own[which] == scan
-        reach[of_scan] = np.linalg.norm(points[of_scan] - observations[scan].scan.origin, axis=1)
+        reach[of_scan] = np.linalg.norm(points[of_scan] - np.array(sights[scan].eye.origin), axis=1)
 
     n_points, votes = np.bincount(which), np.zeros(len(pieces), np.int64)
-    for number, seen in enumerate(observations):
-        sees = _sees(sight_of(seen, tolerance), points, scale, _AS_NEAR * reach)
+    for number, sight in enumerate(sights):
+        sees = _sees(sight, points, scale, _AS_NEAR * reach)
         share = np.bincount(which, sees, minlength=len(pieces)) / n_points
         votes += (share > _MAJORITY) & (own != number)
         trim()

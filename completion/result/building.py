@@ -25,5 +25,6 @@ def building_of(completion: CompletedModel) -> BuildingParts:
         world=completion.world_from_reference,
     )
     return building_parts(
-        model, Beams.of(completion.observations, completion.world_from_reference, tolerance)
+        model,
+        Beams.of(completion.observations, completion.found.reach, completion.world_from_reference, tolerance),
     )

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -18,6 +18,7 @@ from completion.extension.choice import Choice
 from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.features.engine.template import TemplateFit
+from completion.merging.merged_surface import MergedSurface
 from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
 from completion.panels.model import PanelModel, PanelPart
@@ -29,6 +30,7 @@ from completion.panels.unexplained import PixelMesh, light_rest
 from completion.registration.correction import Registration
 from completion.relations.surfaces import FoundRelations
 from completion.result.audit import AuditResult
+from completion.result.completed_surfaces import CompletedSurfaces
 from completion.result.doubts import doubts_of
 from completion.result.flat_scans import FlatScan, flat_doubts
 from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
@@ -41,6 +43,7 @@ from completion.result.observed_points import (
     remainder,
 )
 from completion.result.openings import Opening, find_openings
+from completion.scan_surfaces import ScanSurfaces
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray, InputError
@@ -247,24 +250,13 @@ class DerivedModel:
 class CompletedModel:
     """What `complete` found, before any file; `Completion` describes the attributes."""
 
-    observations: tuple[Observation, ...]
-    patches: tuple[Patch, ...]
+    found: ScanSurfaces
+    completed: CompletedSurfaces
     textures: tuple[ChartTexture | None, ...]
     inferred: tuple[ChartMesh, ...]
     audit: AuditResult
-    owners: tuple[NDArray[np.int32], ...]
-    mode: Mode
-    edits: tuple[Edit, ...]
-    world_from_reference: Pose
-    key_frames: tuple[int, ...]
-    unconfirmed: Unconfirmed
-    registration: Registration
-    flatness_m: float
-    choice: Choice
-    relations: FoundRelations | None
-    errors: JointErrors
     flattened: tuple[FlatScan, ...]
-    features: tuple[TemplateFit, ...]
+    world_from_reference: Pose
     derived: DerivedModel = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -283,6 +275,71 @@ class CompletedModel:
             shifts=tuple(one.shift_m for one in self.flattened),
         )
         object.__setattr__(self, "derived", derived)
+
+    @property
+    def observations(self) -> tuple[Observation, ...]:
+        """The scans as they were used; their frame is the first scan's sensor frame, the working frame."""
+        return self.found.observations
+
+    @property
+    def patches(self) -> tuple[Patch, ...]:
+        """The completed surfaces, working frame; number i + 1 in files."""
+        return self.completed.patches
+
+    @property
+    def owners(self) -> tuple[NDArray[np.int32], ...]:
+        """For each scan, the number (rows, columns) of the surface of each pixel; 0 for none."""
+        return self.completed.scans.owners
+
+    @property
+    def key_frames(self) -> tuple[int, ...]:
+        """Numbers, from 0, of the scans that show something new; all of up to 64."""
+        return self.found.key_frames
+
+    @property
+    def unconfirmed(self) -> Unconfirmed:
+        """Regions of single frames of a sequence that other frames did not confirm, left out."""
+        return self.found.unconfirmed
+
+    @property
+    def registration(self) -> Registration:
+        """What the scans say of each other's poses, and the corrections."""
+        return self.found.registration
+
+    @property
+    def flatness_m(self) -> float:
+        """How far real surfaces were taken to stray from their ideal form, metres."""
+        return self.found.tolerance.flatness_m
+
+    @property
+    def choice(self) -> Choice:
+        """Which surfaces were wanted."""
+        return self.completed.choice
+
+    @property
+    def mode(self) -> Mode:
+        """Mode it was made in."""
+        return self.completed.mode
+
+    @property
+    def edits(self) -> tuple[Edit, ...]:
+        """What a person said of the surfaces, world coordinates."""
+        return self.completed.edits
+
+    @property
+    def relations(self) -> FoundRelations | None:
+        """What its surfaces are to each other, working frame; None where not asked for."""
+        return self.completed.relations
+
+    @property
+    def errors(self) -> JointErrors:
+        """Joint errors of its surfaces, working frame."""
+        return self.completed.errors
+
+    @property
+    def features(self) -> tuple[TemplateFit, ...]:
+        """Openings that were fitted whole: accepted, ambiguous and rejected, working frame."""
+        return self.completed.features
 
     @property
     def observed_m2(self) -> float:
@@ -327,11 +384,7 @@ class CompletedModel:
         """
         if not 1 <= number <= len(self.patches):
             raise InputError(f"there is no surface {number}: there are {len(self.patches)}, counted from 1")
-        source = self.patches[number - 1].source
-        if not source.n_pixels:
-            middle: FloatArray = source.fit.surface.from_uv(np.zeros((1, 2)))[0]
-            return self.world_from_reference.apply(middle)
-        return self.world_from_reference.apply(anchor_point(source, self.observations))
+        return self.world_from_reference.apply(anchor_of(self.patches[number - 1].source, self.observations))
 
     def observed_mesh(self) -> LabelledPoints:
         """Return all measured points of all scans as one mesh, working frame."""
@@ -370,6 +423,14 @@ class CompletedModel:
             pictures=thumbnails(first.ranges, first.colour, first.projection)[:1],
             note=" · ".join([*([f"and {rest} more"] if rest > 0 else []), *self.warnings]),
         ).to_html()
+
+
+def anchor_of(surface: MergedSurface, observations: Sequence[Observation]) -> FloatArray:
+    """Return a measured point (3,) deep inside a surface, or the middle of one that nobody measured."""
+    if not surface.n_pixels:
+        middle: FloatArray = surface.fit.surface.from_uv(np.zeros((1, 2)))[0]
+        return middle
+    return anchor_point(surface, observations)
 
 
 def _areas(patch: Patch) -> str:

@@ -44,42 +44,20 @@ class Completion(CompletedModel):
 
     Attributes
     ----------
-    observations : tuple of Observation
-        The scans as they were used; their frame is the first scan's sensor frame, the working frame.
-    patches : tuple of Patch
-        The completed surfaces, working frame; number i + 1 in files.
+    found : ScanSurfaces
+        The scans as they were used, and the surfaces that they show.
+    completed : CompletedSurfaces
+        The surfaces, continued behind their occluders, with relations, errors and features.
     textures : tuple of ChartTexture or None
         Colour of each patch; empty when texture was not asked for.
     inferred : tuple of ChartMesh
         Inferred area of each patch, working frame, every cell by itself.
     audit : AuditResult
         How much of it stands where a beam went through.
-    owners : tuple of (rows, columns) int32
-        For each scan, the number of the surface that each pixel belongs to; 0 for none.
-    mode : str
-        Mode it was made in.
-    edits : tuple of Edit
-        What a person said of the surfaces, world coordinates.
+    flattened : tuple of FlatScan
+        How measured planes are flattened in the meshes that are written, by scan; empty where not asked for.
     world_from_reference : Pose
         From the working frame to the world.
-    key_frames : tuple of int
-        Numbers, from 0, of the scans that show something new; all of up to 64.
-    unconfirmed : Unconfirmed
-        What single frames of a sequence took for surfaces and others did not find, which was left out.
-    registration : Registration
-        What the scans say of each other's poses, and by how much they were moved for it.
-    flatness_m : float
-        How far real surfaces were taken to stray from their ideal form, metres.
-    choice : Choice
-        Which surfaces were wanted.
-    relations : FoundRelations, optional
-        What its surfaces are to each other, working frame; None where nobody asked.
-    errors : JointErrors
-        How well its surfaces are known, jointly, working frame.
-    flattened : tuple of FlatScan
-        How measured planes are flattened in the meshes that are written, by scan; empty where nobody asked.
-    features : tuple of TemplateFit
-        Openings that were fitted whole, found, ambiguous and refused, working frame.
     derived : DerivedModel
         Openings, outlines, meshes and the like, each computed when it is first read.
     """

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.evidence.evidence import Label, Scans
+from completion.evidence.reach import Reach
 from completion.evidence.weighing import weigh
 from completion.extension.patch import Patch
 from completion.observe.observation import Observation, observe
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions, Tolerance
-from completion.result.completed_model import CompletedModel
+from completion.result.completed_model import CompletedModel, anchor_of
 from scenes.checks import FloatArray, InputError
+from scenes.pose import Pose
 from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
@@ -116,19 +118,38 @@ def verify(
         replace(observe(scan, completion.world_from_reference, sigma_m), pose_error_m=error)
         for scan, error in zip(others, errors, strict=True)
     )
-    return held_against(completion, observations, tolerance)
+    others_ready = prepared(observations, tolerance)
+    return compare_patches(
+        completion.patches, completion.observations, others_ready, completion.world_from_reference
+    )
 
 
-def held_against(
-    completion: CompletedModel, observations: tuple[Observation, ...], tolerance: Tolerance
-) -> Verification:
-    """Hold what was inferred against scans that are prepared, in its own working frame, with their errors."""
+def prepared(
+    observations: Sequence[Observation], tolerance: Tolerance, reach: tuple[Reach, ...] = ()
+) -> Scans:
+    """Return scans as evidence whose pixels are of no surface; `reach` is that of each, where it is known."""
     nobody = tuple(np.zeros(seen.scan.shape, np.int32) for seen in observations)
-    scans = Scans(observations, nobody, tolerance)
+    return Scans(tuple(observations), nobody, tolerance, reach=reach)
+
+
+def compare_patches(
+    patches: Sequence[Patch],
+    observations: Sequence[Observation],
+    others: Scans,
+    world_from_reference: Pose,
+) -> Verification:
+    """Compare the inferred area of surfaces with other scans, in the working frame of the surfaces.
+
+    `observations` are the scans that the surfaces were inferred from.
+    """
     return Verification(
         tuple(
-            SurfaceVerification(patch, completion.anchor(number), _findings(patch, scans))
-            for number, patch in enumerate(completion.patches, start=1)
+            SurfaceVerification(
+                patch,
+                world_from_reference.apply(anchor_of(patch.source, observations)),
+                _findings(patch, others),
+            )
+            for patch in patches
         )
     )
 

@@ -164,7 +164,6 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
             run.watch.enter("verify")
             verification = verify_first(
                 completion,
-                scans,
                 options,
                 n_threads=shared.threads,
                 journal=journal.part("first"),

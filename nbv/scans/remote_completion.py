@@ -79,9 +79,11 @@ class CompletionTask:
                     claims.tell(stage, total)
 
             try:
-                complete(scans, options, rng=self.seed, n_threads=n_threads, progress=tell, journal=journal)
+                completion = complete(
+                    scans, options, rng=self.seed, n_threads=n_threads, progress=tell, journal=journal
+                )
                 if len(scans) > 1:
-                    complete_first(scans, options, n_threads=n_threads, journal=journal.part(_FIRST))
+                    complete_first(completion, options, n_threads=n_threads, journal=journal.part(_FIRST))
             except MemoryError:
                 return "a worker has not enough memory for this input; give it fewer threads, or more memory"
         return ""

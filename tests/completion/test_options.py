@@ -22,7 +22,7 @@ from scenes.checks import InputError
 def test_each_pose_is_as_doubtful_as_the_worst_that_is_known_of_it(options, errors):
     """The first two scans show what poses leave between them, 1 and 20 mm; the third shares nothing."""
     shown = np.array([0.001, 0.02, np.nan])
-    np.testing.assert_allclose(CompletionOptions(**options).pose_errors(shown), errors)
+    np.testing.assert_allclose(CompletionOptions(**options).of_surfaces.pose_errors(shown), errors)
 
 
 @pytest.mark.parametrize("deviations", [(-0.001, 0.0), (np.nan, 0.0), (np.inf, 0.0)])
@@ -34,4 +34,4 @@ def test_pose_deviations_that_are_no_lengths_are_refused(deviations):
 def test_pose_deviations_for_another_number_of_scans_are_refused_with_the_cure():
     options = CompletionOptions(pose_deviations_m=(0.0, 0.001))
     with pytest.raises(InputError, match="holds 2 deviations for 3 scans; give one per scan, or none"):
-        options.pose_errors(np.array([0.001, 0.02, np.nan]))
+        options.of_surfaces.pose_errors(np.array([0.001, 0.02, np.nan]))

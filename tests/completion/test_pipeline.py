@@ -18,11 +18,13 @@ from completion import (
     TexturingOptions,
     complete,
     pipeline,
+    scan_surfaces,
 )
 from completion.observe.tolerance import FLATNESS_M, Tolerance
 from completion.result import observed_points
 from completion.result.labelled_points import mesh_area
 from completion.result.record import completion_record, display_mesh, model_parts
+from completion.scan_surfaces import SurfaceOptions
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError
@@ -253,28 +255,33 @@ def test_options_change_the_result():
 
 
 def test_registration_and_flatness_have_one_home_and_the_stage_may_say_otherwise():
-    several, one = CompletionOptions(registration_m=0.02), CompletionOptions().tolerance(1)
+    several, one = SurfaceOptions(registration_m=0.02), SurfaceOptions().tolerance(1)
     assert several.tolerance(2).registration_m == 0.02
     assert one.registration_m == 0.0
-    own = CompletionOptions(registration_m=0.02, evidence=EvidenceOptions(registration_m=0.001))
+    own = SurfaceOptions(registration_m=0.02, evidence=EvidenceOptions(registration_m=0.001))
     assert own.tolerance(2).registration_m == own.tolerance(1).registration_m == 0.001
     rough = SegmentationOptions(flatness_m=0.01)
-    assert CompletionOptions(segmentation=rough).tolerance(1).flatness_m == 0.01
-    apart = CompletionOptions(segmentation=rough, evidence=EvidenceOptions(flatness_m=0.002))
+    assert SurfaceOptions(segmentation=rough).tolerance(1).flatness_m == 0.01
+    apart = SurfaceOptions(segmentation=rough, evidence=EvidenceOptions(flatness_m=0.002))
     assert apart.tolerance(1).flatness_m == 0.002
     assert one.flatness_m == SegmentationOptions().least_flatness_m == FLATNESS_M
 
 
 def test_what_is_said_of_registration_and_flatness_reaches_merging_evidence_and_audit(monkeypatch):
     held = []
-    for stage in ("merge", "find_boundary_pixels", "audit", "Scans"):
-        work = getattr(pipeline, stage)
+    for module, stage in (
+        (scan_surfaces, "merge"),
+        (scan_surfaces, "Scans"),
+        (pipeline, "find_boundary_pixels"),
+        (pipeline, "audit"),
+    ):
+        work = getattr(module, stage)
 
         def noted(*given, _work=work, **named):
             held.extend(one for one in (*given, *named.values()) if isinstance(one, Tolerance))
             return _work(*given, **named)
 
-        monkeypatch.setattr(pipeline, stage, noted)
+        monkeypatch.setattr(module, stage, noted)
     scan = example("textured_cylinder", pixels=60)
     options = CompletionOptions(
         texture=False,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.free_space import free_cells
-from completion.evidence.reach import Reach, reach_of
+from completion.evidence.reach import Reach
 from completion.evidence.sight import Sight, sight_of
 from completion.export.building.faces import (
     Frame,
@@ -59,10 +59,12 @@ class Beams:
     world: Pose
 
     @classmethod
-    def of(cls, observations: Sequence[Observation], world: Pose, tolerance: Tolerance) -> Beams:
-        """Return the beams of scans that brought something back."""
-        seen = [one for one in observations if one.scan.valid.any()]
-        return cls([sight_of(one, tolerance) for one in seen], [reach_of(one) for one in seen], world)
+    def of(
+        cls, observations: Sequence[Observation], reach: Sequence[Reach], world: Pose, tolerance: Tolerance
+    ) -> Beams:
+        """Return the beams of scans that brought something back; `reach` is that of each scan."""
+        pairs = [pair for pair in zip(observations, reach, strict=True) if pair[0].scan.valid.any()]
+        return cls([sight_of(seen, tolerance) for seen, _ in pairs], [far for _, far in pairs], world)
 
     def free(self, area: Any, frame: Frame, depth_m: float) -> Any:
         """Return where beams went through an area of a frame, at a depth behind its plane, metres.

@@ -12,14 +12,9 @@ from completion.features.engine.feature_set import moved_geometry
 from completion.features.engine.template import Given, Status, TemplateFit
 from completion.features.openings.decision import LEAST_NICHE_M
 from completion.features.openings.scene import find_openings, walls_of
-from completion.merging.merged_surface import MergedSurface, number_pixels
-from completion.merging.pipeline import merge
-from completion.observe.key_frames import find_key_frames
-from completion.observe.observation import Observation, observe
-from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
-from completion.segmentation.pipeline import segment
-from completion.segmentation.regions import SegmentationOptions
-from completion.segmentation.relief import typical_relief
+from completion.merging.merged_surface import MergedSurface
+from completion.observe.observation import Observation
+from completion.scan_surfaces import SurfaceOptions, find_surfaces
 from scenes.checks import FloatArray
 from scenes.run.steps import Steps
 from scenes.scan.range_image import RangeImage
@@ -43,30 +38,20 @@ def find_openings_of_scans(
     steps : Steps
         Where to run.
     """
-    # 1. Observe and segment, as completion does: planes, joined across what stood before them.
+    # 1. Surfaces: those of completion.
+    found = find_surfaces(scans, SurfaceOptions(), steps)
+    surfaces, observations, owners = found.surfaces, found.observations, found.evidence(steps).owners
     world_from_reference = scans[0].world_from_sensor
-    observations = steps.each(
-        "noise and normals", lambda scan: observe(scan, world_from_reference), scans, remember=False
-    )
-    regions = steps.each("segment", lambda seen: segment(seen, SegmentationOptions()), observations)
-    tolerance = EvidenceOptions().tolerance(
-        flatness_m=typical_relief(regions), registration_m=REGISTRATION_M if len(scans) > 1 else 0.0
-    )
-    keys = find_key_frames(observations)
-    surfaces = steps.one(
-        "merge", lambda: merge(observations, regions, tolerance, keys=keys, spill=steps.spill)
-    )
-    owners = [number_pixels(surfaces, number, one) for number, one in enumerate(observations)]
 
     # 2. Find: what is known of a kind holds for all that are sought with it.
     up = world_from_reference.matrix[2, :3]
-    found: list[TemplateFit] = []
+    fits: list[TemplateFit] = []
     for some, known in _alike(kinds, given):
 
         def each(work: Callable[[int], list[TemplateFit]], numbers: Iterable[int]) -> list[list[TemplateFit]]:
             return steps.each("openings", work, numbers)
 
-        found += find_openings(surfaces, observations, owners, up, given=known, kinds=some, each=each)
+        fits += find_openings(surfaces, observations, owners, up, given=known, kinds=some, each=each)
 
     # 3. World: what was found in the frame of the first scan; points are those that came back, in turn.
     valid = np.concatenate([scan.valid.ravel() for scan in scans])
@@ -77,7 +62,7 @@ def find_openings_of_scans(
             geometry=moved_geometry(fit, pose.rotation, pose.translation),
             assignment=fit.assignment[valid],
         )
-        for fit in found
+        for fit in fits
     ]
     is_any = any(fit.status is not Status.NONE for fit in moved)
     return moved, [] if is_any else [_why_none(surfaces, observations, up)]

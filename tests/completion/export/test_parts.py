@@ -73,7 +73,9 @@ def test_walls_seen_from_one_side_have_no_thickness():
 def test_what_beams_went_through_is_no_body():
     done = completed_house()
     parts = house_parts()
-    beams = Beams.of(done.observations, done.world_from_reference, EvidenceOptions().tolerance())
+    beams = Beams.of(
+        done.observations, done.found.reach, done.world_from_reference, EvidenceOptions().tolerance()
+    )
     face = next(face for face in parts.faces if face.element.kind == "ceiling" or face.is_level)
     below = beams.free(face.area, face.frame, -1.0)  # a metre before the face is air
     assert below.area > 0.2 * face.area.area

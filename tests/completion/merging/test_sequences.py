@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from completion.evidence.sight import sight_of
 from completion.merging import pipeline
 from completion.merging.pieces import Piece
 from completion.merging.unconfirmed import Unconfirmed, confirmed
@@ -103,5 +104,5 @@ def test_what_five_other_frames_do_not_find_is_no_surface(law):
     rows, columns = np.divmod(wall.pixels.flat, 64)
     amid = wall.pixels.flat[(np.abs(rows - 32) < 6) & (np.abs(columns - 32) < 6)]
     piece = Piece.of_region(3, replace(wall, pixels=PixelSet(amid, (64, 64))), seen[0], tolerance)
-    found = confirmed([[piece], [piece, piece]], seen, 3, tolerance)
+    found = confirmed([[piece], [piece, piece]], [sight_of(one, tolerance) for one in seen], 3)
     assert found == ([[piece]] if is_left else []) + [[piece, piece]]

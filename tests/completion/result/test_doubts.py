@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from completion import CompletionOptions, SegmentationOptions, complete
 from completion.merging.unconfirmed import Unconfirmed
+from completion.observe.pixel_set import PixelSet
 from completion.result.record import completion_record
 from nbv.cli import app
 from nbv.report.completion_report import pose_sections
@@ -46,7 +47,10 @@ def test_what_single_frames_took_for_surfaces_is_counted():
     seen = complete(wall(0.002, 0.002), CompletionOptions(texture=False), rng=0)
     assert seen.unconfirmed == Unconfirmed(0, 0)
     assert "unconfirmed" not in completion_record(seen)
-    left_out = replace(seen, unconfirmed=Unconfirmed(3, 900))
+    (plane,) = seen.found.regions[0]
+    noise = replace(plane, pixels=PixelSet(np.arange(300, dtype=np.int32), plane.pixels.shape))
+    regions = ([plane, noise, noise, noise],)
+    left_out = replace(seen, found=replace(seen.found, regions=regions))
     (text,) = set(left_out.warnings) - set(seen.warnings)
     assert text.startswith("3 regions of single frames (900 pixels) are of no surface")
     assert completion_record(left_out)["unconfirmed"] == {"n_regions": 3, "n_pixels": 900}

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from completion import Completion, EvidenceOptions, Finding, complete, verify
+from completion import Completion, EvidenceOptions, Finding, complete, scan_surfaces, verify
 from completion.evidence.evidence import Scans
+from completion.pipeline import verify_first
 from completion.result import verification
 from completion.result.verification import counterpart
 from nbv.cli import app
@@ -104,9 +105,28 @@ def test_findings_share_out_all_that_was_inferred(alone, other):
 
 def test_scans_are_made_ready_once_for_all_surfaces(alone, other, monkeypatch):
     made = []
-    monkeypatch.setattr(verification, "Scans", lambda *parts: made.append(parts) or Scans(*parts))
+    monkeypatch.setattr(
+        verification, "Scans", lambda *parts, **known: made.append(known) or Scans(*parts, **known)
+    )
     assert len(verify(alone, [other]).surfaces) > 1
     assert len(made) == 1
+
+
+def test_verification_takes_the_regions_of_the_first_scan_as_they_are(both, monkeypatch):
+    for name in ("segment", "observe"):
+        monkeypatch.setattr(scan_surfaces, name, lambda *_: pytest.fail("the scan is prepared again"))
+    surfaces = verify_first(both, PLAIN, n_threads=1).surfaces
+    assert sum(surface.area_m2(Finding.CONFIRMED) for surface in surfaces) > 3
+
+
+def test_verification_is_that_of_the_first_scan_completed_by_itself(both, alone, other):
+    assert not both.registration.is_moved
+    errors = [seen.pose_error_m for seen in both.observations[1:]]
+    evidence = EvidenceOptions(flatness_m=alone.flatness_m)
+    apart = verify(alone, [other], evidence, registration_m=np.array(errors))
+    together = verify_first(both, PLAIN, n_threads=1)
+    for mine, yours in zip(together.surfaces, apart.surfaces, strict=True):
+        np.testing.assert_array_equal(mine.finding, yours.finding)
 
 
 def test_findings_are_what_rays_in_the_true_scene_say(alone, other):
@@ -209,5 +229,6 @@ def test_surfaces_are_followed_into_the_joint_model(alone, both, other):
         world = alone.world_from_reference.apply(measured)
         here = both.world_from_reference.inverse().apply(world)
         assert np.median(np.abs(found.distance(here))) < 4 * 0.002
-    without = replace(both, owners=tuple(np.zeros_like(owners) for owners in both.owners))
+    nobody = both.completed.scans.numbered([np.zeros_like(owners) for owners in both.owners])
+    without = replace(both, completed=replace(both.completed, scans=nobody))
     assert counterpart(surfaces[0], without) == 0
