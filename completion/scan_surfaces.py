@@ -98,8 +98,8 @@ class SurfaceOptions:
         if self.pose_deviations_m:
             if len(self.pose_deviations_m) != len(left_m):
                 raise InputError(
-                    f"pose_deviations_m holds {len(self.pose_deviations_m)} deviations for {len(left_m)} scans; "
-                    "give one per scan, or none"
+                    f"pose_deviations_m holds {len(self.pose_deviations_m)} deviations "
+                    f"for {len(left_m)} scans; give one per scan, or none"
                 )
             return np.maximum(np.fmax(POSE_BOUND * np.array(self.pose_deviations_m), left_m), least)
         return np.where(np.isfinite(left_m), np.maximum(left_m, least), stated)

@@ -12,6 +12,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -42,7 +43,8 @@ divergence_rad = 0.004
 def run_warm(shared: Shared) -> None:
     """Compile what completion needs and what planning needs, side by side with two threads or more."""
     with running("warm", shared, default=os.devnull, is_folder=False, writes=False) as run:
-        store = solve_plane.stats.cache_path
+        loop: Any = solve_plane
+        store = loop.stats.cache_path
         if store is None:
             raise InputError(
                 "numba found no folder that it can store compiled code in; set NUMBA_CACHE_DIR to one"
