@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Extent as a table: what encloses and what was seen of a surface, and how far it may be continued."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -136,7 +138,9 @@ def test_a_continuation_is_considered_so_far(law):
     is_wall, standing, ended, expected = WINDOW[law]
     extent = wall_extent(["floor"], is_wall=is_wall, standing=standing)
     above = per_side(extent, np.arange(4).reshape(2, 2))["ceiling"]
-    extent.ended[np.unravel_index(int(above), (2, 2))] = ended
+    ends = extent.ended.copy()
+    ends[np.unravel_index(int(above), (2, 2))] = ended
+    extent = replace(extent, ended=ends)
     low, high = extent.window()
     found = per_side(extent, np.stack([extent.own_low - low, high - extent.own_high]))
     assert (found["floor"], found["ceiling"]) == pytest.approx(expected, abs=0.03)

@@ -113,8 +113,7 @@ def test_the_chance_of_a_false_fit_falls_with_what_a_fit_has_come_to() -> None:
 
 
 def test_the_tail_counts_walls_with_one_as_good() -> None:
-    weak, strong = (SimpleNamespace(status=Status.NONE, evidence=nats) for nats in (10.0, 70.0))
-    walls = [[weak, strong], [SimpleNamespace(status=Status.AMBIGUOUS, evidence=20.0)], []]
+    walls = [[(Status.NONE, 10.0), (Status.NONE, 70.0)], [(Status.AMBIGUOUS, 20.0)], []]
     lines = tail_lines(walls)
     assert lines[0] == "N_WALLS = 3"
     assert "FOUND: (0, 0, 0, 0, 0, 0, 0, 0)" in lines[1]
