@@ -164,7 +164,7 @@ class ScanSurfaces:
         regions: Sequence[Sequence[Region]] = self.regions[:1]
         if alone[0] is not self.observations[0]:  # moved, and its regions with it
             regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
-        return _joined(observations, regions, registration, (0,), options, steps)
+        return _joined(observations, regions, registration, (0,), options, steps=steps)
 
 
 def find_surfaces(scans: Sequence[RangeImage], options: SurfaceOptions, steps: Steps) -> ScanSurfaces:
@@ -196,7 +196,7 @@ def find_surfaces(scans: Sequence[RangeImage], options: SurfaceOptions, steps: S
     regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
 
     # 4. Merge: join the regions that are one surface.
-    return _joined(observations, regions, registration, keys, options, steps)
+    return _joined(observations, regions, registration, keys, options, steps=steps)
 
 
 def _registration(
