@@ -14,10 +14,10 @@ from completion.extension.extent import Mode
 from completion.extension.pipeline import ExtensionRules
 from completion.features.engine.options import FITTED, FeatureOptions
 from completion.flattening.options import FlatteningOptions
+from completion.merging.scan_surfaces import SurfaceOptions
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.relations.options import BUILT, RelationOptions
 from completion.relations.stated import StatedRelation
-from completion.scan_surfaces import SurfaceOptions
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.problem import TexturingOptions
 from scenes.checks import InputError, check_number, check_options

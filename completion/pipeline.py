@@ -26,6 +26,7 @@ from completion.features.openings.scene import find_openings
 from completion.features.reveals import reveals_of
 from completion.features.stated import place_features, with_features
 from completion.merging.merged_surface import MergedSurface
+from completion.merging.scan_surfaces import ScanSurfaces, find_surfaces
 from completion.options import CompletionOptions
 from completion.relations.surfaces import relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
@@ -33,7 +34,6 @@ from completion.result.completed_surfaces import CompletedSurfaces
 from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
 from completion.result.verification import Verification, compare_patches, prepared
-from completion.scan_surfaces import ScanSurfaces, find_surfaces
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
 from completion.uncertainty.pipeline import state_fits

@@ -1,5 +1,24 @@
 # SPDX-License-Identifier: MIT
-"""Candidates: poses of two scans that their planes, one shared plane, or their free forms propose."""
+"""Candidates: poses of two scans that their planes, one shared plane, or their free forms propose.
+
+Form candidates: poses under which facets of two free forms face alike and lie together.
+Turns are spread evenly over all there are. Under each, two facets that then face alike vote for the shift
+that brings them together, and the shifts with most votes are candidates: a Hough transform of poses, after
+Stockman, "Object recognition and localization via pose clustering", CVGIP 1987.
+
+Plane candidates: poses under which planes of two scans face alike and lie in each other.
+After the two equations of a plane under a motion: R n_b = n_a, and n_a . t = d_a - d_b.
+
+Turn candidates: poses that bring one plane of each scan together, turned about its normal and shifted.
+Two scans that share one plane, a floor say, are told apart by a turn and two shifts. For each turn, facets of
+both scans that then face alike at the same height vote for the shift that brings them together; shifts with
+most votes are candidates.
+
+Images: poses that are as good as another one because a place repeats itself.
+Along a row of like doors a pose that is off by one door shares more with the beams than the truth does, where
+the scans overlap little. What gives it away is a scan that fits itself once it is shifted: its beams approve
+of that as well.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Hypotheses: poses of one scan to another one that their beams approve, best first, from any start."""
+"""Hypotheses: poses of one scan to another one that their beams approve, best first, from any start.
+
+Surplus: what agrees of two scans beyond the three planes that any pose can bring together.
+The corner of a room fits that of any other one: three planes settle the six numbers of a pose, and that they
+agree says nothing of whether the scans share anything. What else agrees does.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Network: the poses of a group of scans by all that they share, and the covariance of these."""
+"""Network: the poses of a group of scans by all that they share, and the covariance of these.
+
+Adjustment: poses of a group and the planes that its scans share, estimated together.
+A plane is one surface of all scans that saw it, so that what two rooms say of the wall between them does not
+go through a chain of poses. Of its pixels only sums count: their misfit under any small motion is quadratic.
+After G. Ferrer, "Eigen-Factors: plane estimation for multi-frame and time-continuous point cloud alignment",
+IROS 2019: planes are put where they fit best, and what that leaves settles the poses.
+"""
 
 from __future__ import annotations
 

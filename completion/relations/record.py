@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Records: relations as files hold them, and what surfaces were to each other before and after."""
+"""Records: relations as files hold them, and what surfaces were to each other before and after.
+
+Frames: directions that surfaces share, and those of them that stand at right angles to one another.
+Three that are mutually perpendicular are a Manhattan frame (Coughlan and Yuille 1999); one with three or more
+across it, at any angles to each other, is an Atlanta frame (Schindler and Dellaert 2004).
+"""
 
 from __future__ import annotations
 

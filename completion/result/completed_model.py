@@ -19,6 +19,7 @@ from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.features.engine.template import TemplateFit
 from completion.merging.merged_surface import MergedSurface
+from completion.merging.scan_surfaces import ScanSurfaces
 from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
 from completion.panels.model import PanelModel, PanelPart
@@ -43,7 +44,6 @@ from completion.result.observed_points import (
     remainder,
 )
 from completion.result.openings import Opening, find_openings
-from completion.scan_surfaces import ScanSurfaces
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray, InputError

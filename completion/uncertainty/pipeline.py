@@ -1,5 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""Uncertainty on one page: from fits to covariances that hold, what surfaces share included."""
+"""Uncertainty on one page: from fits to covariances that hold, what surfaces share included.
+
+Image field: a smooth error over a scan's image, as large and as long as the residuals of surfaces show it.
+Errors of the disparity, of a lens, of an interpolated table change slowly from pixel to pixel. They are taken
+as a Gaussian random field over the image, in deviations of the range: a sum of bumps on a grid, with
+correlation exp(-d2 / 2 l2). How large it is, and how long, is told by the components of residuals beyond the
+fits (`residual_modes`), of which it explains the variance. Both are not known well from one scan: they are
+averaged over, by their probability.
+
+Systematics: how far a sensor's own errors, alike over its whole image, shift and tilt what is fitted.
+What bends or tilts a surface as a whole leaves no residual: it is in the fit, and no fit can tell. How a
+sensor bends its image is known by its kind (`completion.observe.sensor_modes`).
+"""
 
 from __future__ import annotations
 

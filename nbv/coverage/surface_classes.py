@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Classes of surface when completion stands in for views: met, modelled, inferred, unknown."""
+"""Classes of surface when completion stands in for views: met, modelled, inferred, unknown.
+
+Completed surfaces of the scans so far, asked point by point.
+A place that was measured too obliquely is modelled where its surface is determined well by all of its
+pixels. A place that was never seen may be inferred. Both are looked up in the surfaces' charts.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Feasible viewpoints: the candidates in space that is known to be free, above floor that was seen."""
+"""Feasible viewpoints: the candidates in space that is known to be free, above floor that was seen.
+
+Seen floor: where scans show that one walks to from the places where scanners stood, on every storey.
+Told as in a known scene (`nbv.visibility.standing.floors`): level surface with headroom, joined where one
+steps from one patch to the next. A table is a step too high, so it is no floor, whatever its area.
+"""
 
 from __future__ import annotations
 

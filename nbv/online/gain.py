@@ -6,6 +6,11 @@ foreshortened) + w_q * visible area of surface that has only been seen at a wors
 would now be seen at a good one. All directions of a position are scored by one cast: rays from the targets
 to the position against the faces of the voxel map fill a spherical accumulator, over which the aperture
 slides.
+
+Expected gain: how much new surface a view into unknown space is expected to find.
+A ray that enters unknown space is followed until it meets what is known. Inferred surface may be missing (an
+opening): it is new with the probability that it is not there. Measured surface met from its front tells
+nothing new. Where a ray meets measured surface from the rear, or meets nothing, unknown surface lies before.
 """
 
 from __future__ import annotations

@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Beam: its footprint at jump edges, and how much of its light comes back."""
+"""Beam: its footprint at jump edges, and how much of its light comes back.
+
+Footprint: a beam has width, so at a jump edge it meets two depths; which of them the instrument reports.
+A beam is 16 rays, each for the same area of its cross section: 4 in the inner quarter, 12 around them. What
+they meet within one range resolution is one return, with the mean range of its rays weighted by the light
+that each brings back. A pulsed scanner reports the first, strongest or last return; a phase scanner the mean
+of all light, which puts mixed pixels between the two depths.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,10 @@
 
 Each effect is one stage of `nbv.scanning.scanner`; each draws from a random stream of its own, so that
 switching one off leaves the others as they were, bit by bit.
+
+Pointing: where a measured point is put sideways of its ray, by errors of encoders or of pixels.
+Encoders of a laser scanner err in azimuth and elevation; the point keeps its range. A camera errs in the
+image plane; the point keeps its depth. Either way it leaves the ray of its pixel.
 """
 
 from __future__ import annotations

@@ -1,5 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""Surface samples: points that stand for equal shares of a mesh's area."""
+"""Surface samples: points that stand for equal shares of a mesh's area.
+
+Strata: a surface cut into pieces of nearly equal area, and one point drawn in each.
+A face that is large enough is cut into triangles of equal area, always across its longest edge. Faces that
+are too small for a point each are put in a row, neighbours beside one another, and the row is cut into pieces
+of equal area. The point of a piece comes from a low-discrepancy sequence (R2; M. Roberts, "The unreasonable
+effectiveness of quasirandom sequences", 2018) that is shifted by a hash of the face's own number, so that
+congruent faces do not share their error (Cranley and Patterson, SIAM J. Numer. Anal. 13, 1976).
+
+Pieces come in pairs of neighbours: how often the two points of a pair differ tells the error of a share.
+"""
 
 from __future__ import annotations
 

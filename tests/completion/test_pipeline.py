@@ -18,13 +18,13 @@ from completion import (
     TexturingOptions,
     complete,
     pipeline,
-    scan_surfaces,
 )
+from completion.merging import scan_surfaces
+from completion.merging.scan_surfaces import SurfaceOptions
 from completion.observe.tolerance import FLATNESS_M, Tolerance
 from completion.result import observed_points
 from completion.result.labelled_points import mesh_area
 from completion.result.record import completion_record, display_mesh, model_parts
-from completion.scan_surfaces import SurfaceOptions
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Parts: what people order of a building, of a building model: walls, slabs, rooms, columns, pipes."""
+"""Parts: what people order of a building, of a building model: walls, slabs, rooms, columns, pipes.
+
+Gaps: doorways and windows in the walls of closed rooms, and what of surfaces lies beyond the rooms.
+Openings are found on single surfaces where these go on all around. In a building a doorway reaches down to a
+floor that other rooms share, and windows to the ceiling; there the outline of the room says where the wall
+should be, and beams say where it is not.
+"""
 
 from __future__ import annotations
 

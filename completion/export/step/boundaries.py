@@ -1,5 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""Boundaries: where a region ends without a neighbour, and where a closed surface is cut open."""
+"""Boundaries: where a region ends without a neighbour, and where a closed surface is cut open.
+
+Open ends: where a region's measurement ends without a neighbour, its boundary goes on along that end.
+The edge that is added there belongs to one face alone: the shell stays open, and the file says so.
+
+Seams: where a surface that returns to itself is cut open, so that the kernel can trim it.
+Where a region leaves a sector free, the seam lies there. Where it goes all the way round, the seam passes
+through a corner of its loops, and closed edges begin on it.
+"""
 
 from __future__ import annotations
 

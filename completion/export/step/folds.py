@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Folds of two surfaces: the curves that their contacts lie on, exact conics where there are any."""
+"""Folds of two surfaces: the curves that their contacts lie on, exact conics where there are any.
+
+Tracing: points on the curve where two surfaces cross, or where they touch.
+Crossing surfaces: Newton's steps of least length on both distances. Touching ones (a fillet and its wall)
+meet in a curve that no crossing determines: it is where the normals agree and the surface midway passes.
+"""
 
 from __future__ import annotations
 

@@ -4,6 +4,9 @@
 Each piece has the share of its length along which the two regions touch. Chosen are those that together
 have most of it, while the boundary of every region comes back to itself: at a corner a region has an even
 number of pieces. This is an integer program; where a region has to stay open, that costs.
+
+Corners: where fold curves of one surface meet.
+Curves on one surface cross well even where the other two surfaces only touch, as a fillet's end does.
 """
 
 from __future__ import annotations

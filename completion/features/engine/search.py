@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Search: where a template may lie, by differential evolution on truncated distances."""
+"""Search: where a template may lie, by differential evolution on truncated distances.
+
+Evolution: an anytime search by differential evolution, for objectives that beams or votes make jump.
+Where residuals are smooth, least squares is faster and better: evolve only to find where to begin, and
+`polish` what was found. When it pays: docs/evolution.md.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Outcome: a pattern of holes in space, with what is known of each hole, and whether it is believed."""
+"""Outcome: a pattern of holes in space, with what is known of each hole, and whether it is believed.
+
+The null: how evident patterns become on plates without any, of which patches were lost.
+Measured on simulated blank plates, 30 % of them lost in discs, ellipses, strips, stars, clouds and
+rectangles, 10 % outliers (`python -m benchmarks.features holes --null`, seeds 500 to 549, 600 to 699 and, for
+rows, 50000 to 50299): of each kind the greatest evidence of those patterns that nothing else refuses.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +15,12 @@ import numpy as np
 
 from completion.features.engine.template import Side, Status, TemplateFit
 from completion.features.holes.candidates import N_SECTORS
+from completion.features.holes.lattices import count_range
 from completion.features.holes.patterns import CIRCLE, GRID, LEAST_SEEN, PARAMETERS, ROW
 from completion.features.holes.plates import Plate
 from completion.features.holes.refinement import Refined
 from completion.features.holes.survey import Survey
-from completion.features.holes.weighing import Weighed, are_notches, count_range, open_sides
+from completion.features.holes.weighing import Weighed, are_notches, open_sides
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _N_PLATES = 450

@@ -10,13 +10,14 @@ import numpy as np
 
 from completion.features.engine.template import Given, Measured, Status, TemplateFit, best_first
 from completion.features.holes.candidates import LARGE, candidates
+from completion.features.holes.lattices import lattices
 from completion.features.holes.outcome import distinct, fit_of, nothing
 from completion.features.holes.patterns import KINDS, PARAMETERS
 from completion.features.holes.plates import Plate, plates, rim_corners, scattered
 from completion.features.holes.proposals import proposals
 from completion.features.holes.refinement import Refined, assigned, refine, sharpened, walls
 from completion.features.holes.survey import openings, survey
-from completion.features.holes.weighing import Ground, Weighed, climbed, lattices, windowed
+from completion.features.holes.weighing import Ground, Weighed, climbed, windowed
 from scenes.checks import BoolArray, InputError
 
 _EXACT = 0.05  # spacings: how exactly the holes of a refined pattern are placed

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Decision: whether an opening is there, what it is, and what of it nobody saw."""
+"""Decision: whether an opening is there, what it is, and what of it nobody saw.
+
+The null: how often a room whose wall has no opening shows one as good.
+Measured by `python -m benchmarks.features nulls --first 4000 --seeds 12 --tail` on simulated walls that are
+plain, end, bear pictures or mirrors, lost a patch, or have cupboards, wardrobes, a table or shelves before
+them, each scanned once, with boxes, 5 mm of noise and 1 % of strays.
+"""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ from completion.features.engine.template import Given, Status, TemplateFit
 from completion.features.openings.decision import LEAST_NICHE_M
 from completion.features.openings.scene import find_openings, walls_of
 from completion.merging.merged_surface import MergedSurface
+from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
 from completion.observe.observation import Observation
-from completion.scan_surfaces import SurfaceOptions, find_surfaces
 from scenes.checks import FloatArray
 from scenes.run.steps import Steps
 from scenes.scan.range_image import RangeImage

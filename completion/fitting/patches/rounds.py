@@ -2,6 +2,9 @@
 """Rounds of a patch fit: feet of the points, then controls by least squares under the equations of the joins.
 
 Surfaces that are free share one rotation, which keeps the angles between them, and have offsets of their own.
+
+Freedom of surfaces: one rotation that they share, and their offsets, held by how well they are known.
+The shared rotation keeps the angles between them, which relations or drawings say better than a patch does.
 """
 
 from __future__ import annotations

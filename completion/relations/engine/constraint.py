@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Constraints: a relation as equations c(x) = 0 of its surfaces' parameters, and their derivatives."""
+"""Constraints: a relation as equations c(x) = 0 of its surfaces' parameters, and their derivatives.
+
+Symmetry: pairs of surfaces that are images of each other in one mirror, which itself is eliminated.
+The misfits r(x, mu) of all pairs depend on the surfaces x and on the mirror mu: two tilts and an offset.
+Three of them, which tell most of the mirror where the surfaces began, are solved for it: r_K(x, mu) = 0. The
+others are the equations, c(x) = r_L(x, mu(x)), with derivatives r_L,x - r_L,mu (r_K,mu)^-1 r_K,x. One pair of
+planes says nothing; each further one takes away three degrees of freedom.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,11 @@
 """Encoding of the 3-D view: a JSON header and packed arrays, gzipped, as base64; the same bytes each time.
 
 No name stands in the page as text of its own: base64 cannot end a script or begin a comment.
+
+Packing: whole numbers as bytes that compress well, one behind the other.
+Neighbours are alike, so that differences are small: they are folded to 0, 1, 2, ... for 0, -1, 1, ..., and
+of all numbers of a column the lowest bytes come first, then the next ones, which are nearly all zero.
+Indices count back from the largest so far (as Google's webgl-loader did): 0 is a new one.
 """
 
 from __future__ import annotations

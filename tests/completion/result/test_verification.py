@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from completion import Completion, EvidenceOptions, Finding, complete, scan_surfaces, verify
+from completion import Completion, EvidenceOptions, Finding, complete, verify
 from completion.evidence.evidence import Scans
+from completion.merging import scan_surfaces
 from completion.pipeline import verify_first
 from completion.result import verification
 from completion.result.verification import counterpart
