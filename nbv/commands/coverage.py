@@ -71,7 +71,6 @@ class CoverageRequest:
             "mode": self.mode,
             "site": asdict(self.site),
             "without": list(self.without),
-            "inference": self.inference,
             "up": self.up,
             "units": self.units,
         }

@@ -201,7 +201,12 @@ def run_scan_coverage(shared: Shared, request: CoverageRequest) -> None:
         write_text(run.path("coverage.csv"), csv_of(coverage))
         state = StateMesh.of(coverage)
         _write_ply(run.path("coverage.ply"), state)
-        asked = {**request.options(), "mode": scan_map.mode, "instruments": given.instruments}
+        asked = {
+            **request.options(),
+            "inference": request.inference,
+            "mode": scan_map.mode,
+            "instruments": given.instruments,
+        }
         run.report(scan_coverage_page(coverage, state, sensor, request.scans.title, shared.threads), asked)
         run.finish(
             asked, {**coverage.to_json(), **placed_of(placement)}, placement + coverage_lines(coverage)

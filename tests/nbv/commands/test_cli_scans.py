@@ -178,6 +178,10 @@ def test_coverage_of_scans_without_a_scene(taken, tmp_path):
     careful = ("--inference", "conservative", "-o", tmp_path / "careful", "--json")
     less = json.loads(succeed("coverage", *arguments, *careful).stdout)
     assert less["surface"]["inferred_m2"] < summary["surface"]["inferred_m2"]
+    manifest = json.loads((tmp_path / "careful" / "manifest.json").read_text())
+    assert manifest["options"]["inference"] == "conservative"
+    report = (tmp_path / "careful" / "report.html").read_text()
+    assert report.count("conservative") > (tmp_path / "report.html").read_text().count("conservative")
 
 
 @pytest.mark.parametrize(
