@@ -18,7 +18,7 @@ from plot_parts import shaft
 
 from completion import Part, model_part
 from completion.export.step.faces import edges_of, triangles_of
-from completion.parts.part import outcome_lines, step_model
+from completion.parts.step_export import outcome_lines, step_model
 from scenes.io.part_files import read_part_file
 from scenes.scan.colour import surface_rgb
 

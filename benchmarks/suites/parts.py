@@ -30,8 +30,8 @@ from completion.fitting.result import FitError
 from completion.parts.division.pipeline import segment_part
 from completion.parts.division.result import PartSegmentation
 from completion.parts.part import Part as PartModel
-from completion.parts.part import step_model
 from completion.parts.pipeline import MACHINED, divide_part, relate_part, related_faces
+from completion.parts.step_export import step_model
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere, Surface, Torus
 

@@ -54,7 +54,7 @@ def write_part(
         The same part flattened (`flatten_part`): flat.ply has its points, or vertices and triangles, in the
         same order, with the properties surface, relief (1 where relief stayed) and moved (metres).
     step : StepModel, optional
-        The same part as STEP (`completion.parts.part.step_model`): part.step.
+        The same part as STEP (`completion.parts.step_export.step_model`): part.step.
     closed : ClosedPart, optional
         Its mesh with holes closed (`close_holes`): closed.ply, if any was.
 

@@ -260,10 +260,12 @@ _SURE = 3.0  # standard deviations by which poses are off that are worth a warni
 _CONTRADICTED_SHARE, _CONTRADICTED_M2 = 0.1, 0.1  # of what two scans measured, worth a warning from both on
 
 
-def pose_doubts(registration: Registration, names: Sequence[str] | None = None) -> list[str]:
+def pose_doubts(
+    registration: Registration, names: Sequence[str] | None = None, *, way_out: str = ""
+) -> list[str]:
     """Return what scans say against the poses that they came with, where that is more than was expected.
 
-    Scans have `names`, or numbers from 1.
+    Scans have `names`, or numbers from 1. `way_out` follows in brackets where scans were moved.
     """
     doubts, stated = [], registration.stated_m
     off = [one for one in registration.pairs if one.offset_m > max(stated, _SURE * one.offset_sd_m)]
@@ -277,7 +279,7 @@ def pose_doubts(registration: Registration, names: Sequence[str] | None = None) 
         doubts.append(
             f"poses contradict what was measured: {_named([worst.first, worst.second], names)} lie "
             f"{1000 * worst.offset_m:.0f} mm apart where both measured the same{more}; "
-            f"{_cure(registration, names)}"
+            f"{_cure(registration, names, way_out)}"
         )
     passed = [
         one
@@ -296,7 +298,7 @@ def pose_doubts(registration: Registration, names: Sequence[str] | None = None) 
     return doubts
 
 
-def _cure(registration: Registration, names: Sequence[str] | None) -> str:
+def _cure(registration: Registration, names: Sequence[str] | None, way_out: str) -> str:
     """What was done about poses that are off."""
     cures = []
     if registration.refused:
@@ -307,8 +309,8 @@ def _cure(registration: Registration, names: Sequence[str] | None) -> str:
         )
     if registration.is_moved:
         cures.append(
-            f"the scans were moved by up to {1000 * registration.moved_m.max():.0f} mm so that they agree "
-            "(--keep-poses keeps them)"
+            f"the scans were moved by up to {1000 * registration.moved_m.max():.0f} mm so that they agree"
+            + (f" ({way_out})" if way_out else "")
         )
     elif not registration.refused:
         cures.append("they were kept: surfaces that several scans measured are no more exact than that")

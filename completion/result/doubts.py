@@ -41,7 +41,7 @@ def doubts_of(
         for number, patch in enumerate(patches, start=1)
         if patch.source.fit.rms >= _ROUGH_M and (times := _times_noise(patch, observations)) >= _TIMES
     ]
-    told += pose_doubts(registration)
+    told += pose_doubts(registration, way_out="--keep-poses keeps them")
     told += _of_relations(relations)
     if unconfirmed.n_regions:
         told.append(

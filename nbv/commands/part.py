@@ -16,8 +16,9 @@ from completion.parts.closing import close_holes
 from completion.parts.division.growing import reached
 from completion.parts.files import closing_record, status_counts, whole_record, write_part
 from completion.parts.flat_part import FlatPart, flatten_part
-from completion.parts.part import Part, kinds_text, outcome_lines, step_model
+from completion.parts.part import Part, kinds_text
 from completion.parts.pipeline import MACHINED, divide_part, relate_part
+from completion.parts.step_export import outcome_lines, step_model
 from completion.relations.engine.relation import Status
 from completion.relations.stated import StatedRelation, read_part_relations
 from nbv.commands.process.run import Shared, running

@@ -49,6 +49,13 @@ def test_files_import_in_no_circle_late_and_typing_imports_counted() -> None:
     assert find_circle(by_file(("at import",))) == []
 
 
+def test_the_parts_of_a_page_load_no_completion() -> None:
+    """A report of a part or a registration starts without the whole of completion and of planning."""
+    page = reached(by_file(("at import",)), "nbv/report/blocks/page.py")
+    assert {"completion/pipeline.py", "nbv/coverage/measurement.py"} & set(page) == set()
+    assert "nbv/report/viewer/block.py" in page
+
+
 def test_folders_import_in_no_circle() -> None:
     assert find_circle(by_folder()) == []
 

@@ -15,6 +15,7 @@ from completion.features.openings.scene import find_openings, walls_of
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
 from completion.observe.observation import Observation
+from completion.registration.registered import pose_doubts
 from scenes.checks import FloatArray
 from scenes.run.steps import Steps
 from scenes.scan.range_image import RangeImage
@@ -25,7 +26,9 @@ _SHALLOW = 3.0  # deviations of the range by which a leaf must lie behind its wa
 def find_openings_of_scans(
     scans: Sequence[RangeImage], kinds: Sequence[str], given: Mapping[str, Given], steps: Steps
 ) -> tuple[list[TemplateFit], list[str]]:
-    """Return the openings of registered scans, and what could not be told; world coordinates.
+    """Return the openings of registered scans, and doubts about poses and recesses; world coordinates.
+
+    Poses that contradict what was measured are corrected as in `complete`, in the world of the poses given.
 
     Parameters
     ----------
@@ -65,7 +68,8 @@ def find_openings_of_scans(
         for fit in fits
     ]
     is_any = any(fit.status is not Status.NONE for fit in moved)
-    return moved, [] if is_any else [_why_none(surfaces, observations, up)]
+    doubts = pose_doubts(found.registration)
+    return moved, doubts if is_any else [*doubts, _why_none(surfaces, observations, up)]
 
 
 def _alike(kinds: Sequence[str], given: Mapping[str, Given]) -> list[tuple[list[str], Given]]:

@@ -18,20 +18,15 @@ from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.picture import Picture
 from nbv.report.pictures.surface_values import cut_finely
 from nbv.report.viewer.block import Viewer
-from nbv.report.viewer.layers import (
+from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, confidence_channel, deviation_channel
+from nbv.report.viewer.markers import opening_lines, view_markers
+from nbv.report.viewer.scan_channels import (
     INFERRED,
     MEASURED,
-    Category,
-    Classes,
-    Layer,
-    Numbers,
-    confidence_channel,
-    deviation_channel,
     provenance_categories,
     quality_channels,
     scan_sightings,
 )
-from nbv.report.viewer.markers import opening_lines, view_markers
 from nbv.scans.scan_map import with_known_noise
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance

@@ -13,19 +13,9 @@ from nbv.report.pictures.camera import aside_cameras
 from nbv.report.pictures.completion_shots import is_single_camera
 from nbv.report.pictures.picture import Picture
 from nbv.report.viewer.block import Viewer
-from nbv.report.viewer.layers import (
-    INFERRED,
-    Category,
-    Classes,
-    Layer,
-    Numbers,
-    confidence_channel,
-    deviation_channel,
-    provenance_categories,
-    quality_channels,
-    scan_sightings,
-)
+from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, confidence_channel, deviation_channel
 from nbv.report.viewer.markers import given_markers, view_markers, zone_lines
+from nbv.report.viewer.scan_channels import INFERRED, provenance_categories, quality_channels, scan_sightings
 from nbv.report.viewer.scene_view import PALE
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage

@@ -10,7 +10,7 @@ from completion.export.step.faces import area_of, is_valid, volume_of
 from completion.export.step.kernel import kernel
 from completion.export.step.pipeline import step_of
 from completion.export.step.regions import FittedRegion, part_regions
-from completion.parts.part import outcome_lines
+from completion.parts.step_export import outcome_lines
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import EllipticCylinder, Plane, Sphere
 from tests.helpers.step_examples import (

@@ -18,6 +18,8 @@ from completion.features.openings.walls import WallBeams, odds_of
 from scenes.pose import Pose
 from scenes.run.journal import NO_JOURNAL
 from scenes.run.steps import Steps
+from tests.helpers.crate_scans import misplaced
+from tests.helpers.crate_scans import scan as crate
 
 KINDS = ("doorway", "window", "niche")
 
@@ -169,6 +171,13 @@ def test_walls_without_openings_have_none(kind):
     assert not [fit for fit in fits if fit.status is Status.FOUND]
     assert doubts
     assert "upright planes" in doubts[0]
+
+
+def test_poses_that_contradict_what_was_measured_are_told():
+    right, off = find(crate(0), crate(1))[1], find(crate(0), misplaced(crate(1), 0.5, 0.02, 0))[1]
+    assert not any("poses" in doubt for doubt in right)
+    assert any("poses contradict what was measured" in doubt and " mm" in doubt for doubt in off)
+    assert not any("--keep-poses" in doubt for doubt in off)  # no option of `unseen feature`
 
 
 def test_a_mirror_is_an_opening_or_a_mirror():

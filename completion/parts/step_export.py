@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: MIT
+"""A part as STEP: its surfaces where relations hold, and points on what was measured of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from completion.export.step.pipeline import StepModel, step_of
+from completion.export.step.regions import FittedRegion, PartRegions, part_regions
+from completion.fitting.result import SurfaceFit
+from scenes.checks import FloatArray, IntArray
+
+_MOST_SAMPLES = 400_000
+_DENSER = 1.2  # samples in a square of the sampling distance
+_MOST_ASKED = 500  # points of a region whose deviation is predicted
+
+
+class DividedPart(Protocol):
+    """What is read of a part (`Part`)."""
+
+    @property
+    def points(self) -> FloatArray:
+        """Points, or vertices (n, 3), metres."""
+
+    @property
+    def surface(self) -> IntArray:
+        """Labels (n,)."""
+
+    @property
+    def labels(self) -> tuple[int, ...]:
+        """The label of each surface."""
+
+    @property
+    def fits(self) -> tuple[SurfaceFit, ...]:
+        """The surfaces."""
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Which of them are one."""
+
+    @property
+    def faces(self) -> IntArray | None:
+        """Triangles (m, 3) of a mesh."""
+
+    @property
+    def triangle_surface(self) -> IntArray | None:
+        """Labels (m,) of these."""
+
+    @property
+    def noise_m(self) -> float:
+        """Deviation of the points, metres."""
+
+    @property
+    def spacing_m(self) -> float:
+        """Their sampling distance, metres."""
+
+
+def step_model(part: DividedPart, name: str = "part") -> StepModel:
+    """Return a part as STEP; see `step_of`.
+
+    Raises InputError: OCP is not installed, the part has no surface, or none can be trimmed.
+    """
+    return step_of(regions_of(part), name)
+
+
+def regions_of(part: DividedPart) -> PartRegions:
+    """Return the regions of a part: its points, or points on its triangles.
+
+    Raises InputError: a part without surfaces.
+    """
+    points, label = part.points, part.surface
+    if part.faces is not None and part.triangle_surface is not None and part.spacing_m > 0:
+        points, own = _on_triangles(part.points, part.faces, part.spacing_m)
+        label = part.triangle_surface[own]
+    place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
+    place[list(part.labels)] = np.arange(len(part.labels))
+    region = np.where(label > 0, place[np.maximum(label, 0)], -1)
+    regions = [
+        FittedRegion(number, fit.surface, _deviation(fit, points[region == k]), group)
+        for k, (number, fit, group) in enumerate(zip(part.labels, part.fits, part.groups, strict=True))
+    ]
+    return part_regions(regions, points, region, spacing_m=part.spacing_m, noise_m=part.noise_m)
+
+
+def _deviation(fit: SurfaceFit, points: FloatArray) -> float:
+    """The usual standard deviation of a surface along its normal at points (n, 3), metres."""
+    if not len(points):
+        return 0.0
+    some = points[:: max(1, len(points) // _MOST_ASKED)]
+    return float(np.median(fit.standard_deviation(some)))
+
+
+def _on_triangles(vertices: FloatArray, faces: IntArray, spacing: float) -> tuple[FloatArray, IntArray]:
+    """Points (k, 3) spread evenly over triangles (m, 3), and the triangle (k,) of each."""
+    corners: FloatArray = vertices[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.cumsum(np.linalg.norm(across, axis=1) / 2)
+    n = int(np.clip(_DENSER * total[-1] / spacing**2, 1, _MOST_SAMPLES))
+    own = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(faces) - 1)
+    index, step = np.arange(1, n + 1)[:, None], 1.324717957244746  # plastic number (Roberts 2018)
+    a, b = (0.5 + index / step) % 1.0, (0.5 + index / step**2) % 1.0
+    over = a + b > 1
+    a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
+    some = corners[own]
+    return some[:, 0] + a * (some[:, 1] - some[:, 0]) + b * (some[:, 2] - some[:, 0]), own
+
+
+def outcome_lines(model: StepModel) -> Sequence[str]:
+    """What became of a part as STEP, for people."""
+    n_faces = sum(not one.reason for one in model.faces)
+    what = f"{_count(model.n_solids, 'solid')}, {1e6 * model.volume_m3:.4g} cm3" if model.is_solid else "open"
+    lines = [f"step       {_count(n_faces, 'face')} of {_count(len(model.faces), 'surface')}, {what}"]
+    left = [one for one in model.faces if one.reason] if model.is_solid else []
+    told = [f"surface {one.number} ({one.kind}) is {one.reason}" for one in left]
+    return [*lines, *(f"           {text}" for text in (told if model.is_solid else [model.reason]))]
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
