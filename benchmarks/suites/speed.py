@@ -194,7 +194,8 @@ def _completed(scans: Callable[[], list[RangeImage]], warm: list[RangeImage]) ->
     seconds, held = time.process_time() - begun, (peak_bytes() or 0) - idle
     listen("", 0, 0)
     return {
-        "seconds": seconds, "MB": held / 1e6, "surfaces": len(done.patches), "digest": digest(done),
+        "seconds": seconds, "MB": held / 1e6, "regions": sum(map(len, done.found.regions)),
+        "surfaces": len(done.patches), "digest": digest(done),
         "stages": ", ".join(f"{name} {spent:.1f}" for name, spent in stages.items()),
     }  # fmt: skip
 
@@ -209,10 +210,10 @@ def digest(done: CompletedModel) -> str:
 
 def _growth(results: Mapping[int, dict[str, Any]]) -> Iterator[str]:
     """A row a number, and the exponent of a least-squares line through the logarithms."""
-    yield from head("n", "CPU s", "MB", "surfaces", "digest", "CPU s by stage")
+    yield from head("n", "CPU s", "MB", "regions", "surfaces", "digest", "CPU s by stage")
     for n, found in results.items():
         spent, held = f"{found['seconds']:.1f}", f"{found['MB']:.0f}"
-        yield row(n, spent, held, found["surfaces"], found["digest"], found["stages"])
+        yield row(n, spent, held, found["regions"], found["surfaces"], found["digest"], found["stages"])
     if len(results) > 1:
         seconds = [found["seconds"] for found in results.values()]
         slope = np.polyfit(np.log(list(results)), np.log(seconds), 1)[0]
