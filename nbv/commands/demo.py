@@ -46,7 +46,7 @@ def run_demo(shared: Shared) -> None:
         run.read([f"builtin:{SCENE}"])
         scene, sensor, threads = builtin_scene(SCENE), load_sensor(SENSOR), shared.threads
         caster = scene.ray_caster(threads)
-        run.will_call(solve_plane, 60)
+        run.will_call(solve_plane, 120)
         plan = plan_views(
             scene,
             sensor,
