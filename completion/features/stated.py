@@ -163,7 +163,7 @@ def _number(source: str, name: str, value: object) -> float:
 _ALONG = float(np.cos(np.radians(5.0)))  # between axes that are one
 _OFF = 0.1  # of a radius, or of a joint's length, by which a surface may miss its joint
 _ONE_SIDE = 0.8  # of a surface's measured points, that lie on its side of a joint
-_JOINTS_MOST_POINTS = 5000
+_MOST_JOINT_POINTS = 5000
 
 
 def ends_of(
@@ -191,7 +191,7 @@ def ends_of(
             index = _tube_at(plane, fit, surfaces)
         if index is None:
             continue
-        points = surfaces[index].points(observations, _JOINTS_MOST_POINTS)
+        points = surfaces[index].points(observations, _MOST_JOINT_POINTS)
         sides = plane.distance(points)
         if np.mean(sides > 0) >= _ONE_SIDE:
             found.append((index + 1, plane))

@@ -249,7 +249,7 @@ def _flipped(before: FloatArray, after: FloatArray, faces: NDArray[np.int32]) ->
 
 
 _MOST_CELLS_A_FACE = 4096
-_CHART_GRID_NEAR = 8  # neighbours within which the density of points is told
+_N_NEIGHBOURS = 8  # neighbours within which the density of points is told
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -286,9 +286,7 @@ def grid_of(
         edges = places[faces] - places[np.roll(faces, 1, axis=1)]
         cell_m = float(np.median(np.linalg.norm(edges, axis=2))) if len(faces) else _side_of_two(places)
     area = 0.5 * np.abs(
-        _chart_grid_cross(
-            places[faces[:, 1]] - places[faces[:, 0]], places[faces[:, 2]] - places[faces[:, 0]]
-        )
+        _plane_cross(places[faces[:, 1]] - places[faces[:, 0]], places[faces[:, 2]] - places[faces[:, 0]])
     )
     least = np.sqrt(max(float(area.sum()), float(np.prod(spans)) / 4) / most_cells)
     cell_m = max(cell_m, float(least), 1e-9 * float(spans.max()) + 1e-30)
@@ -308,7 +306,7 @@ def grid_of(
 
 def _side_of_two(places: FloatArray) -> float:
     """Side of the square that two of the points (n, 2) share, where they lie as densely as usual."""
-    near = min(_CHART_GRID_NEAR, len(places) - 1)
+    near = min(_N_NEIGHBOURS, len(places) - 1)
     away = cKDTree(places).query(places, k=[near + 1])[0]
     return float(np.median(away) * np.sqrt(2 * np.pi / near)) if near else 0.0
 
@@ -337,16 +335,16 @@ def _cells_of_faces(
     within = np.arange(len(face)) - np.repeat(np.cumsum(number) - number, number)
     at = np.stack([within // sides[face, 1], within % sides[face, 1]], axis=1) + low[face]
     a, b, c = (corners[face, k] for k in range(3))
-    whole = _chart_grid_cross(b - a, c - a)
+    whole = _plane_cross(b - a, c - a)
     with np.errstate(invalid="ignore", divide="ignore"):
-        second, third = _chart_grid_cross(at - a, c - a) / whole, _chart_grid_cross(b - a, at - a) / whole
+        second, third = _plane_cross(at - a, c - a) / whole, _plane_cross(b - a, at - a) / whole
     inside: BoolArray = (second >= 0) & (third >= 0) & (second + third <= 1)
     corner = height[faces[face[inside]]]
     share = np.stack([1 - second - third, second, third], axis=1)[inside]
     return at[inside, 0] * shape[1] + at[inside, 1], np.sum(corner * share, axis=1)
 
 
-def _chart_grid_cross(one: FloatArray, other: FloatArray) -> FloatArray:
+def _plane_cross(one: FloatArray, other: FloatArray) -> FloatArray:
     """Cross product of plane vectors (n, 2)."""
     out: FloatArray = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
     return out

@@ -221,7 +221,7 @@ def _window(sides: tuple[int, ...]) -> tuple[int, int]:
 
 
 MARGIN = 48  # cells at least, between one side and the other
-_CANVAS_OUTLIER = 4.5  # sd of the differences of neighbours
+_JUMP_OUTLIER = 4.5  # sd of the differences of neighbours
 _ENOUGH = 0.05  # of the cells around one that must be known to fill it
 _SPIKE = 6.0  # times their middle size
 
@@ -278,7 +278,7 @@ def without_jumps(heights: FloatArray) -> FloatArray:
     down, right = np.diff(heights, axis=0), np.diff(heights, axis=1)
     sources = np.zeros(heights.shape)
     for difference, axis in ((down, 0), (right, 1)):
-        usual = _CANVAS_OUTLIER * 1.4826 * np.median(np.abs(difference - np.median(difference)))
+        usual = _JUMP_OUTLIER * 1.4826 * np.median(np.abs(difference - np.median(difference)))
         kept = np.where(np.abs(difference) <= usual, difference, 0.0)
         wide = np.pad(kept, [(1, 1) if k == axis else (0, 0) for k in range(2)])
         sources += np.diff(wide, axis=axis)

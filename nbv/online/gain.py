@@ -38,7 +38,7 @@ _AGAINST = 0.05  # cosine by which a ray must run against a measured normal to m
 _INTO_M = 1e-6  # rays that go on start this far behind the face that they entered by
 _CELLS = 32  # of the cube map along an edge: rays 2.8 deg apart
 _TRUSTED = 50.0  # rays, of some 400 a view, as which all that was known before a look counts
-_EXPECTED_GAIN_FLATTEST = 0.17  # cosine: flatter than 80 deg scans seldom tell a surface
+_FLATTEST_EXPECTED = 0.17  # cosine: flatter than 80 deg scans seldom tell a surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +160,7 @@ class ExpectedGain:
             cosine[met] = np.where(self.voxel[beyond.face[met]] >= 0, 1.0, beyond.incidence_cosine[met])
         area = solid_angles[enters] * np.square(np.minimum(near + reach, max_range_m))
         worth = np.where(
-            cosine >= _EXPECTED_GAIN_FLATTEST, area * news / np.maximum(cosine, _EXPECTED_GAIN_FLATTEST), 0.0
+            cosine >= _FLATTEST_EXPECTED, area * news / np.maximum(cosine, _FLATTEST_EXPECTED), 0.0
         )
         kept = np.flatnonzero(worth > 0)
         is_unknown = np.ones(len(kept), dtype=np.bool_)

@@ -39,7 +39,7 @@ from scenes.pose import Pose
 from scenes.surfaces.catalogue import Plane
 
 _CELL_M, _MOST_CELLS = 0.03, 200_000  # side of a cell; how many there are at most
-_BEAMS_LEAST_WIDE_M = 0.1  # of what counts as gone through: outlines of openings are off by a cell or two
+_LEAST_PASSAGE_M = 0.1  # of what counts as gone through: outlines of openings are off by a cell or two
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +84,7 @@ class Beams:
         is_free = free_cells(grid, np.zeros(grid.shape[0] * grid.shape[1]), self.sights, self.reaches)
         found = joined(self._cells(grid, np.flatnonzero(is_free), frame))
         found = buffered(buffered(found, cell), -cell)
-        return wide(common(area, found), max(_BEAMS_LEAST_WIDE_M, 3 * cell))
+        return wide(common(area, found), max(_LEAST_PASSAGE_M, 3 * cell))
 
     def _cells(self, grid: ChartGrid, chosen: NDArray[np.int64], frame: Frame) -> list[Any]:
         """Squares of some cells in the coordinates of a frame."""

@@ -277,7 +277,7 @@ def room_heights(storey: Storey, errors: JointErrors) -> tuple[Dimension, ...]:
         if shared.area < _LEAST_M2:
             continue
         others = [one for one in (*floors, *ceilings) if one not in (floor, ceiling)]
-        ends = _heights_ends(floor, ceiling, shared, [(one, level[one.number]) for one in others])
+        ends = _ends_of_height(floor, ceiling, shared, [(one, level[one.number]) for one in others])
         found += [] if ends is None else [between("room height", ends, (floor, ceiling), errors)]
     return tuple(sorted(found, key=lambda one: -one.value))
 
@@ -298,7 +298,7 @@ def _area(ring: FloatArray) -> shapely.Geometry:
     return shapely.make_valid(shapely.Polygon(ring[:, :2])) if len(ring) >= 3 else shapely.Polygon()
 
 
-def _heights_ends(
+def _ends_of_height(
     floor: PlaneElement,
     ceiling: PlaneElement,
     shared: shapely.Geometry,
@@ -328,7 +328,7 @@ def _heights_ends(
     return best
 
 
-_OPENINGS_LEAST_M = 0.2  # of an opening's width and height
+_LEAST_OPENING_M = 0.2  # of an opening's width and height
 _OF_SIDES = ("sd_m", "inwards_m", "outwards_m")
 _SAME_SIDE = 0.05  # of the extent, within which short sides are parts of the longest one there
 _SQUARE = float(np.cos(np.radians(20.0)))  # of a side, to the direction that it ends an opening in
@@ -349,17 +349,17 @@ def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
         for face in building.faces
         if face.is_upright
         for one in face.openings
-        if min(one.width_m, one.height_m) >= _OPENINGS_LEAST_M
+        if min(one.width_m, one.height_m) >= _LEAST_OPENING_M
     ]
     for wall, one in within:
         level = np.cross([0.0, 0.0, 1.0], wall.normal)
         level /= np.linalg.norm(level)
-        found.append(_openings_size("opening width", one, wall, level, model))
-        found.append(_openings_size("opening height", one, wall, np.cross(wall.normal, level), model))
+        found.append(_opening_size("opening width", one, wall, level, model))
+        found.append(_opening_size("opening height", one, wall, np.cross(wall.normal, level), model))
     return tuple(found)
 
 
-def _openings_size(
+def _opening_size(
     kind: Kind, opening: OpeningOutline, wall: PlaneElement, along: FloatArray, model: BuildingModel
 ) -> Dimension:
     """The extent of an opening along a direction (3,) in its wall."""

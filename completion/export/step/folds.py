@@ -119,7 +119,7 @@ def tabled(
     )  # fmt: skip
 
 
-_TRACING_N_STEPS = 12
+_N_TRACING_STEPS = 12
 _TRACING_EXACT = 1e-9  # mm
 _MOST_STEPS = 4000
 _MOST_TURN = np.radians(12.0)  # between steps
@@ -141,7 +141,7 @@ def settled(one: Surface, two: Surface, points: FloatArray, *, touching: bool) -
 
 def _crossing(one: Surface, two: Surface, points: FloatArray) -> Settled:
     x = points.copy()
-    for _ in range(_TRACING_N_STEPS):
+    for _ in range(_N_TRACING_STEPS):
         a, b = one.normal(x), two.normal(x)
         d, e = one.distance(x), two.distance(x)
         c = np.einsum("ij,ij->i", a, b)
@@ -163,7 +163,7 @@ def _touching(one: Surface, two: Surface, points: FloatArray) -> Settled:
     side = np.sign(np.einsum("ij,ij->i", one.normal(x), two.normal(x)))
     side = np.where(side == 0, 1.0, side)
     across = np.zeros_like(x)
-    for _ in range(_TRACING_N_STEPS):
+    for _ in range(_N_TRACING_STEPS):
         a, b = one.normal(x), side[:, None] * two.normal(x)
         middle = (one.distance(x) + side * two.distance(x)) / 2
         up = a + b

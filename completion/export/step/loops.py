@@ -131,7 +131,7 @@ class Nearby:
         return told
 
 
-_NESTING_N_SAMPLES = 24  # of a piece
+_N_RING_SAMPLES = 24  # of a piece
 
 
 def nested(
@@ -148,7 +148,7 @@ def nested(
     """
     if not isinstance(surface, Plane) or not loops:
         return [list(loops)] if loops else []
-    rings = [surface.to_uv(loop_points(loop, pieces, curves, _NESTING_N_SAMPLES)) for loop in loops]
+    rings = [surface.to_uv(loop_points(loop, pieces, curves, _N_RING_SAMPLES)) for loop in loops]
     areas = [_area(ring) for ring in rings]
     shapes = [Polygon(ring).buffer(0) for ring in rings]
     inside = [

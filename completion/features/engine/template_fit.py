@@ -73,7 +73,7 @@ Nearest = Callable[[FloatArray], tuple[FloatArray, IntArray]]
 """From points (n, 3) to distance and number (n,) of the nearest face, from 1."""
 
 _TILE = 6.0  # typical distances between points
-_SUPPORT_LEAST_POINTS = 4  # on a tile that counts
+_LEAST_TILE_POINTS = 4  # on a tile that counts
 _N_BEAMS, _N_STEPS, _N_SAMPLE = 2_000, 80, 2_000
 
 
@@ -111,7 +111,7 @@ def face_sides(
     for number, name in enumerate(names, start=1):
         points = measured.points[faces == number]
         side = max(_TILE * max(measured.spacing, _spacing(points)), 4 * tolerance, 1e-12)
-        confirmed = _tiles(points, side, _SUPPORT_LEAST_POINTS)
+        confirmed = _tiles(points, side, _LEAST_TILE_POINTS)
         crossed = _tiles(through[through_faces == number], side, 1) - confirmed
         n = len(confirmed) + len(crossed)
         deviation = float(deviations[number - 1])
@@ -121,11 +121,11 @@ def face_sides(
 
 def _spacing(points: FloatArray) -> float:
     """Typical distance between the points (n, 3) of a face: where beams graze it they lie farther apart."""
-    if len(points) < _SUPPORT_LEAST_POINTS:
+    if len(points) < _LEAST_TILE_POINTS:
         return 0.0
     some = points[:: max(1, len(points) // _N_SAMPLE)]
-    away, _ = cKDTree(points).query(some, k=_SUPPORT_LEAST_POINTS)
-    return float(np.median(away[:, -1]) / np.sqrt(_SUPPORT_LEAST_POINTS - 1))
+    away, _ = cKDTree(points).query(some, k=_LEAST_TILE_POINTS)
+    return float(np.median(away[:, -1]) / np.sqrt(_LEAST_TILE_POINTS - 1))
 
 
 def _tiles(points: FloatArray, side: float, least: int) -> set[tuple[int, ...]]:

@@ -143,7 +143,7 @@ _NONE_PASSED = 6.0  # nats where every place behind the plate gives an echo, and
 _EDGE, _NEAR = 0.8, 1.5  # spacings from a rim, and above or below it, within which an edge has a wall
 _A_BARE, _MOST_BARE = 4.0, 2  # nats against a hole for each sector without any, and how many may be
 _MOST_WALLED = 0.6  # of the edges of a plate of a whole part
-_OPENINGS_INNER = 0.85  # of the radius
+_INNER_BORE = 0.85  # of the radius
 _N_RAYS, _COLUMN = 200, 1.2  # places of the plate from which surfaces are counted; spacings
 
 
@@ -185,8 +185,8 @@ class Openings:
     def _of_beams(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         if self.crossed is None:
             return np.zeros(len(radii))
-        passed = self.crossed.query_ball_point(centres, _OPENINGS_INNER * radii, return_length=True)
-        hoped = np.minimum(0.3 * np.pi * (_OPENINGS_INNER * radii / spacing) ** 2, 1.0)
+        passed = self.crossed.query_ball_point(centres, _INNER_BORE * radii, return_length=True)
+        hoped = np.minimum(0.3 * np.pi * (_INNER_BORE * radii / spacing) ** 2, 1.0)
         none = np.where(passed == 0, -_NONE_PASSED * self.behind * hoped, 0.0)
         return np.asarray(_PASSED * np.minimum(passed, _MOST_PASSED) + none)
 
@@ -194,9 +194,7 @@ class Openings:
         """Whether no beam went through any of circles (m, 2), though most that miss the plate come back."""
         if self.crossed is None or self.behind < 0.5:
             return False
-        return not np.any(
-            self.crossed.query_ball_point(centres, _OPENINGS_INNER * radius, return_length=True)
-        )
+        return not np.any(self.crossed.query_ball_point(centres, _INNER_BORE * radius, return_length=True))
 
     def _of_bores(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         up, down = self.walls(centres, radii, spacing)

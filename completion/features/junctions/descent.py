@@ -12,7 +12,7 @@ import numpy as np
 from completion.features.junctions.models import Model
 from scenes.checks import FloatArray
 
-_MIXTURE_N_ROUNDS = 60
+_N_MIXTURE_ROUNDS = 60
 _SHARES = (0.002, 0.9)  # of outliers, least and most
 
 
@@ -43,7 +43,7 @@ class Mixture:
         """
         one = cls(max(sigma, least), 0.2, reach)
         square = distances**2
-        for _ in range(_MIXTURE_N_ROUNDS):
+        for _ in range(_N_MIXTURE_ROUNDS):
             weight = one.weights(distances)
             total = float(weight.sum())
             if total < 1:

@@ -251,7 +251,7 @@ _LEAST_RADIUS, _MOST_RADIUS = 4.0, 0.25  # of the spacing, and of the size of th
 _CELL = 0.2  # of the radius: how near centres must be to each other
 _PEAKS = 4  # cells of most centres, of each radius
 _N_BINS, _LEAST_BINS = 24, 6  # of directions round the axis: a quarter turn must be seen
-_SHAFTS_LEAST_POINTS = 20
+_LEAST_SHAFT_POINTS = 20
 _AROUND, _ON, _NOISES = (
     0.15,
     0.03,
@@ -290,7 +290,7 @@ def find_shafts(
         If it is known.
     """
     points, normals = sample.steep
-    if len(points) < _SHAFTS_LEAST_POINTS:
+    if len(points) < _LEAST_SHAFT_POINTS:
         return []
     flat, way = points[:, :2], normals[:, :2] / np.linalg.norm(normals[:, :2], axis=1, keepdims=True)
     size = float(np.ptp(flat, axis=0).max())
@@ -316,7 +316,7 @@ def _peaks(flat: FloatArray, way: FloatArray, radius: float) -> Iterator[Shaft]:
         column, row = np.floor((centres - low) / (_CELL * radius) + shift).astype(np.int64).T
         _, member, count = np.unique(column * (row.max() + 1) + row, return_inverse=True, return_counts=True)
         for number in np.argsort(-count, kind="stable")[:_PEAKS]:
-            if count[number] >= _SHAFTS_LEAST_POINTS:
+            if count[number] >= _LEAST_SHAFT_POINTS:
                 middle = centres[member == number].mean(axis=0)
                 yield Shaft(float(middle[0]), float(middle[1]), radius)
 
@@ -328,7 +328,7 @@ def _fitted(flat: FloatArray, rough: Shaft, noise: float, *, fixed: bool) -> Sha
         away = flat - [shaft.x, shaft.y]
         out = np.hypot(*away.T)
         near = np.abs(out - shaft.radius) < max(width * shaft.radius, _NOISES * noise)
-        if near.sum() < _SHAFTS_LEAST_POINTS:
+        if near.sum() < _LEAST_SHAFT_POINTS:
             return rough
         unit = away[near] / out[near, None]
         slopes = np.column_stack([unit, np.ones(len(unit))])[:, : 2 if fixed else 3]
@@ -343,4 +343,4 @@ def _fitted(flat: FloatArray, rough: Shaft, noise: float, *, fixed: bool) -> Sha
     about = off < max(_AROUND * shaft.radius, _NOISES * noise)
     turn = np.floor((np.arctan2(away[on, 1], away[on, 0]) / (2 * np.pi) + 0.5) * _N_BINS)
     is_round = len(np.unique(turn)) >= _LEAST_BINS and on.sum() >= _LEAST_SHARE * about.sum()
-    return shaft._replace(n=int(on.sum()) if is_round and on.sum() >= _SHAFTS_LEAST_POINTS else 0)
+    return shaft._replace(n=int(on.sum()) if is_round and on.sum() >= _LEAST_SHAFT_POINTS else 0)

@@ -139,7 +139,7 @@ def set_apart(coverage: Coverage) -> tuple[Block, ...]:
 
 
 CUT_M = 1.6  # of the cut where no station says the instrument's
-_STOREYS_BELOW_M = 0.5  # a way so far below a storey's floor still belongs to it
+_BELOW_STOREY_M = 0.5  # a way so far below a storey's floor still belongs to it
 _NEAR_M = 1.2  # a room's label keeps so far from its stations where there is space
 
 
@@ -230,7 +230,7 @@ def _ways_of(plan: Plan, levels: dict[int, float]) -> dict[int, list[FloatArray]
     for (a, b), leg in zip(pairwise(tour.order), tour.legs, strict=True):
         if len(leg.path) < 2:
             continue
-        of = np.maximum(np.searchsorted(floor, leg.path[:, 2] + _STOREYS_BELOW_M, side="right") - 1, 0)
+        of = np.maximum(np.searchsorted(floor, leg.path[:, 2] + _BELOW_STOREY_M, side="right") - 1, 0)
         one, other = storey_of[room[a]], storey_of[room[b]]
         if one == other > 0:
             of[:] = storeys.index(one)
@@ -294,7 +294,7 @@ def rooms_blocks(coverage: ScanCoverage, plan: Plan | None = None) -> tuple[Bloc
         "#of shadows explained, m\u00b2", "#frontier, m\u00b2",
     )  # fmt: skip
     rows = tuple(
-        _seen_rooms_blocks_row(one, entries, with_stations=plan is not None)
+        _seen_room_row(one, entries, with_stations=plan is not None)
         for one in coverage.rooms
         if _matters(one)
     )
@@ -312,7 +312,7 @@ def _matters(one: RoomCoverage) -> bool:
     return one.room is not None or one.met_m2 + one.worse_m2 + one.shadow_m2 + one.frontier_m2 > 0
 
 
-def _seen_rooms_blocks_row(
+def _seen_room_row(
     one: RoomCoverage, entries: dict[int, dict[str, object]], *, with_stations: bool
 ) -> tuple[Cell, ...]:
     room = one.room

@@ -19,7 +19,7 @@ from nbv.visibility.standing.rooms import Room, Rooms
 from scenes.checks import BoolArray, FloatArray
 from scenes.rays.raycast import RayCaster
 
-_DOORWAYS_EYE_M = 1.9  # above the floor: over furniture, under the heads of doors
+_OVER_FURNITURE_M = 1.9  # above the floor: over furniture, under the heads of doors
 _FURNITURE_M = 1.5  # from the nearest floor: farther cells are not over furniture
 _MOST_HEADROOM_M = 6.0
 _LINTEL_M = 0.12  # by which the head of a doorway lies lower than the ceilings beside it
@@ -57,10 +57,10 @@ class _Plan:
         )
         height = known[tuple(nearest)]
         self.height: FloatArray = np.where(away <= _FURNITURE_M, height, np.nan)
-        eye = (self.height.ravel() + _DOORWAYS_EYE_M)[columns.cell]
+        eye = (self.height.ravel() + _OVER_FURNITURE_M)[columns.cell]
         holds = (columns.bottom < eye) & (columns.top > eye + 0.05)
         headroom = np.zeros(columns.shape)
-        room = np.minimum(columns.top, eye + _MOST_HEADROOM_M) - (eye - _DOORWAYS_EYE_M)
+        room = np.minimum(columns.top, eye + _MOST_HEADROOM_M) - (eye - _OVER_FURNITURE_M)
         headroom.ravel()[columns.cell[holds]] = np.minimum(room[holds], _MOST_HEADROOM_M)
         if columns.is_partial:
             unseen = np.diff(columns.start) == 0
@@ -79,7 +79,7 @@ class _Plan:
     def air(self, caster: RayCaster) -> BoolArray:
         """Tell which cells (x, y) are open at eye height, and have no wall to a cell beside."""
         air = self.headroom > 0
-        return air & ~self._stopped(air, np.full(air.shape, _DOORWAYS_EYE_M), caster)
+        return air & ~self._stopped(air, np.full(air.shape, _OVER_FURNITURE_M), caster)
 
     def under_sheets(self, air: BoolArray, caster: RayCaster) -> FloatArray:
         """Return the headroom (x, y), lower under a head of a doorway that is thinner than a cell.
@@ -89,7 +89,7 @@ class _Plan:
         headroom = self.headroom
         for head in (_DOOR_M, _GATE_M):
             level = np.minimum(self.headroom - _LINTEL_M / 2, head)
-            under = self._stopped(air & (level > _DOORWAYS_EYE_M), level, caster)
+            under = self._stopped(air & (level > _OVER_FURNITURE_M), level, caster)
             headroom = np.where(
                 under, np.minimum(headroom, np.minimum(self.headroom - _LINTEL_M, head)), headroom
             )
