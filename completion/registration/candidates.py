@@ -27,19 +27,34 @@ from itertools import combinations, product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from completion.registration.limits import (
+    ALONG_PLANE,
+    CELL_M,
+    EVERY,
+    FACING_FORM,
+    FACING_TURN,
+    FORM_CELL,
+    LEAST_SINE,
+    LEAST_VOLUME,
+    N_FEW_VOTES,
+    N_FORM_CANDIDATES,
+    N_FORM_FACETS,
+    N_HEIGHTS,
+    N_PEAKS,
+    N_ROTATIONS,
+    N_SHARED,
+    N_TURN_CANDIDATES,
+    N_TURNS,
+    N_VOTES,
+    SAME_ANGLE,
+    SAME_DIRECTION,
+    SAME_OFFSET_M,
+    STEP_M,
+    TURN_STEP,
+)
 from completion.registration.station_view import Directions, StationView
 from scenes.checks import FloatArray
 from texture.engine.compiled import compiled
-
-_SAME_ANGLE = np.radians(4.0)  # by which angles between directions may differ
-_LEAST_SINE = 0.3  # of the angle between two directions that tell a rotation
-_N_ROTATIONS = 40
-_ALIKE = np.cos(np.radians(6.0))  # directions that a rotation brings together
-_N_VOTES = 9  # of offsets along a direction
-_N_FEW = 4  # of them, where all places along a third direction are tried
-_SAME_M = 0.05  # offsets that are one vote
-_STEP_M = 0.2  # along a direction that no plane tells
-_INDEPENDENT = 0.3  # triple product of three directions that tell a place
 
 
 def plane_candidates(a: Directions, b: Directions, reach_m: float) -> FloatArray:
@@ -63,7 +78,7 @@ def _rotations(a: Directions, b: Directions) -> list[FloatArray]:
     weight_a, weight_b = (np.array([float(one.sum()) for one in some.areas]) for some in (a, b))
     for i, j in combinations(range(len(a.normals)), 2):
         cross = np.cross(a.normals[i], a.normals[j])
-        if np.linalg.norm(cross) < _LEAST_SINE:
+        if np.linalg.norm(cross) < LEAST_SINE:
             continue
         angle = np.arctan2(np.linalg.norm(cross), a.normals[i] @ a.normals[j])
         for k, m in product(range(len(b.normals)), repeat=2):
@@ -71,18 +86,18 @@ def _rotations(a: Directions, b: Directions) -> list[FloatArray]:
                 continue
             cross_b = np.cross(b.normals[k], b.normals[m])
             size = np.linalg.norm(cross_b)
-            if size < _LEAST_SINE or abs(np.arctan2(size, b.normals[k] @ b.normals[m]) - angle) > _SAME_ANGLE:
+            if size < LEAST_SINE or abs(np.arctan2(size, b.normals[k] @ b.normals[m]) - angle) > SAME_ANGLE:
                 continue
             rotation = _frame_of_two(a.normals[i], a.normals[j]) @ _frame_of_two(b.normals[k], b.normals[m]).T
             cosine = a.normals @ rotation @ b.normals.T
-            together = np.minimum(weight_a[:, None], weight_b[None])[cosine > _ALIKE].sum()
+            together = np.minimum(weight_a[:, None], weight_b[None])[cosine > SAME_DIRECTION].sum()
             found.append((float(together), rotation))
     found.sort(key=lambda one: -one[0])
     kept: list[FloatArray] = []
     for _, rotation in found:
-        if all(np.trace(rotation.T @ other) < 1 + 2 * _ALIKE for other in kept):
+        if all(np.trace(rotation.T @ other) < 1 + 2 * SAME_DIRECTION for other in kept):
             kept.append(rotation)
-        if len(kept) == _N_ROTATIONS:
+        if len(kept) == N_ROTATIONS:
             break
     return kept
 
@@ -97,22 +112,22 @@ def _frame_of_two(first: FloatArray, second: FloatArray) -> FloatArray:
 def places_of(a: Directions, b: Directions, rotation: FloatArray, reach_m: float) -> FloatArray:
     """Return shifts (n, 3) under which planes of directions that agree lie in each other, metres."""
     cosine = a.normals @ rotation @ b.normals.T
-    pairs = [(i, int(cosine[i].argmax())) for i in range(len(a.normals)) if cosine[i].max() > _ALIKE]
+    pairs = [(i, int(cosine[i].argmax())) for i in range(len(a.normals)) if cosine[i].max() > SAME_DIRECTION]
     told = [(a.normals[i], *votes(a, b, i, k)) for i, k in pairs]
     told.sort(key=lambda one: -float(one[2].sum()))
     places = [np.zeros((0, 3))]
     for three in combinations(told, 3):
         matrix = np.array([one[0] for one in three])
-        if abs(np.linalg.det(matrix)) > _INDEPENDENT:
+        if abs(np.linalg.det(matrix)) > LEAST_VOLUME:
             offsets = np.array(list(product(*(one[1] for one in three))))
             places.append(np.linalg.solve(matrix, offsets.T).T)
             break
-    steps = np.arange(-reach_m, reach_m, _STEP_M)
+    steps = np.arange(-reach_m, reach_m, STEP_M)
     for first, second in list(combinations(told, 2))[:3]:
         along = np.cross(first[0], second[0])
-        if np.linalg.norm(along) < _LEAST_SINE:
+        if np.linalg.norm(along) < LEAST_SINE:
             continue
-        offsets = np.array(list(product(first[1][:_N_FEW], second[1][:_N_FEW], steps)))
+        offsets = np.array(list(product(first[1][:N_FEW_VOTES], second[1][:N_FEW_VOTES], steps)))
         matrix = np.array([first[0], second[0], along / np.linalg.norm(along)])
         places.append(np.linalg.solve(matrix, offsets.T).T)
     return np.concatenate(places)
@@ -125,8 +140,8 @@ def votes(a: Directions, b: Directions, i: int, k: int) -> tuple[FloatArray, Flo
     kept: list[float] = []
     said: list[float] = []
     left = np.argsort(-weight, kind="stable")
-    while len(left) and len(kept) < _N_VOTES:
-        near = np.abs(offsets[left] - offsets[left[0]]) < _SAME_M
+    while len(left) and len(kept) < N_VOTES:
+        near = np.abs(offsets[left] - offsets[left[0]]) < SAME_OFFSET_M
         own = left[near]
         kept.append(float((offsets[own] * weight[own]).sum() / weight[own].sum()))
         said.append(float(weight[own].sum()))
@@ -134,31 +149,19 @@ def votes(a: Directions, b: Directions, i: int, k: int) -> tuple[FloatArray, Flo
     return np.array(kept), np.array(said)
 
 
-_N_LARGEST = 4  # directions of each scan that may be shared
-_N_HEIGHTS = 2  # offsets along a shared direction
-_TURN = np.radians(5.0)
-_CELL_M = 0.15  # of the shifts that are voted for
-_SAME_HEIGHT_M = 0.15  # difference in height of facets that meet
-_FACING_TURN = 0.94  # cosine of what they face: 20 degrees
-_UPRIGHT = 0.8  # cosine to the shared direction from which facets tell no shift
-_N_PEAKS = 3  # shifts of a turn
-_N_TURNS_KEPT = 4000
-_EVERY = 6  # facet of the sample that votes
-
-
 def turn_candidates(a: StationView, b: StationView) -> FloatArray:
     """Return motions (n, 3, 4) of scan b into the frame of scan a, those with most votes first."""
     motions, counts = [np.zeros((0, 3, 4))], [np.zeros(0)]
     reach = a.radius_m + b.radius_m
-    side = 2 * int(np.ceil(reach / _CELL_M)) + 1
-    for i in range(min(_N_LARGEST, len(a.directions.normals))):
-        for k in range(min(_N_LARGEST, len(b.directions.normals))):
+    side = 2 * int(np.ceil(reach / CELL_M)) + 1
+    for i in range(min(N_SHARED, len(a.directions.normals))):
+        for k in range(min(N_SHARED, len(b.directions.normals))):
             own, other = _frame_along(a.directions.normals[i]), _frame_along(b.directions.normals[k])
             places_a, facing_a = _upright(a, own)
             places_b, facing_b = _upright(b, other)
-            for height in votes(a.directions, b.directions, i, k)[0][:_N_HEIGHTS].tolist():
+            for height in votes(a.directions, b.directions, i, k)[0][:N_HEIGHTS].tolist():
                 shifts, votes_of, turns = _vote_of_turns(
-                    places_a, facing_a, places_b, facing_b, height, _CELL_M, side, _N_PEAKS
+                    places_a, facing_a, places_b, facing_b, height, CELL_M, side, N_PEAKS
                 )
                 c, s, zero = np.cos(turns), np.sin(turns), np.zeros_like(turns)
                 turn = np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]).transpose(2, 0, 1)
@@ -166,7 +169,7 @@ def turn_candidates(a: StationView, b: StationView) -> FloatArray:
                 shift = np.concatenate([shifts, np.full((len(shifts), 1), height)], axis=1) @ own.T
                 motions.append(np.concatenate([rotation, shift[:, :, None]], axis=2))
                 counts.append(votes_of)
-    order = np.argsort(-np.concatenate(counts), kind="stable")[:_N_TURNS_KEPT]
+    order = np.argsort(-np.concatenate(counts), kind="stable")[:N_TURN_CANDIDATES]
     return np.ascontiguousarray(np.concatenate(motions)[order])
 
 
@@ -180,9 +183,9 @@ def _frame_along(normal: FloatArray) -> FloatArray:
 
 def _upright(view: StationView, frame: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Places and normals (n, 3) in a frame of the facets that do not face along its third axis."""
-    some = view.sample[::_EVERY]
+    some = view.sample[::EVERY]
     normals = view.facets.normal[some] @ frame
-    chosen = np.abs(normals[:, 2]) < _UPRIGHT
+    chosen = np.abs(normals[:, 2]) < ALONG_PLANE
     return np.ascontiguousarray((view.facets.centre[some] @ frame)[chosen]), np.ascontiguousarray(
         normals[chosen]
     )
@@ -200,7 +203,7 @@ def _vote_of_turns(
     n_peaks: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The shifts (n, 2) with most votes of each turn, their votes (n,) and turns (n,), radians."""
-    n_turns = int(np.round(2 * np.pi / _TURN))
+    n_turns = int(np.round(2 * np.pi / TURN_STEP))
     shifts, counts, turns = (
         np.zeros((n_turns * n_peaks, 2)),
         np.zeros(n_turns * n_peaks),
@@ -209,15 +212,15 @@ def _vote_of_turns(
     grid, half = np.zeros((side, side), np.int32), side // 2
     for turn in range(n_turns):
         grid[:] = 0
-        c, s = np.cos(turn * _TURN), np.sin(turn * _TURN)
+        c, s = np.cos(turn * TURN_STEP), np.sin(turn * TURN_STEP)
         for k in range(len(places_b)):
             x, y = c * places_b[k, 0] - s * places_b[k, 1], s * places_b[k, 0] + c * places_b[k, 1]
             z = places_b[k, 2] + height
             u, v = c * facing_b[k, 0] - s * facing_b[k, 1], s * facing_b[k, 0] + c * facing_b[k, 1]
             for j in range(len(places_a)):
-                if abs(places_a[j, 2] - z) > _SAME_HEIGHT_M:
+                if abs(places_a[j, 2] - z) > CELL_M:
                     continue
-                if facing_a[j, 0] * u + facing_a[j, 1] * v + facing_a[j, 2] * facing_b[k, 2] < _FACING_TURN:
+                if facing_a[j, 0] * u + facing_a[j, 1] * v + facing_a[j, 2] * facing_b[k, 2] < FACING_TURN:
                     continue
                 row = int(np.floor((places_a[j, 0] - x) / cell + 0.5)) + half
                 column = int(np.floor((places_a[j, 1] - y) / cell + 0.5)) + half
@@ -235,20 +238,13 @@ def _vote_of_turns(
                     if total > best:
                         best, at_row, at_column = total, row, column
             number = turn * n_peaks + peak
-            turns[number] = turn * _TURN
+            turns[number] = turn * TURN_STEP
             if best == 0:
                 continue
             counts[number] = best
             shifts[number, 0], shifts[number, 1] = (at_row - half) * cell, (at_column - half) * cell
             grid[max(at_row - 2, 0) : at_row + 3, max(at_column - 2, 0) : at_column + 3] = 0
     return shifts, counts, turns
-
-
-_N_TURNS = 2000  # about 20 degrees apart
-_N_FACETS = 160  # of each scan that vote
-_CELL = 0.35  # of the smaller scan's spread, the side of a cell of shifts
-_FACING_FORM = 0.92  # cosine of what facets face: 23 degrees
-_N_FORMS_KEPT = 3000
 
 
 def form_candidates(a: StationView, b: StationView) -> FloatArray:
@@ -260,17 +256,17 @@ def form_candidates(a: StationView, b: StationView) -> FloatArray:
     middle_a, middle_b = places_a.mean(axis=0), places_b.mean(axis=0)
     places_a, places_b = places_a - middle_a, places_b - middle_b
     spread = min(float(np.sqrt(np.square(one).sum(axis=1).mean())) for one in (places_a, places_b))
-    cell = max(_CELL * spread, 1e-6)
+    cell = max(FORM_CELL * spread, 1e-6)
     reach = sum(float(np.linalg.norm(one, axis=1).max()) for one in (places_a, places_b))
     side = 2 * int(np.ceil(reach / cell)) + 1
-    turns = even_turns(_N_TURNS)
+    turns = even_turns(N_TURNS)
     shifts, counts = _vote_of_forms(
-        places_a, facing_a, places_b, facing_b, turns=turns, cell=cell, side=side, n_peaks=_N_PEAKS
+        places_a, facing_a, places_b, facing_b, turns=turns, cell=cell, side=side, n_peaks=N_PEAKS
     )
-    turns = np.repeat(turns, _N_PEAKS, axis=0)
+    turns = np.repeat(turns, N_PEAKS, axis=0)
     shifts += middle_a - turns @ middle_b
     motions = np.concatenate([turns, shifts[:, :, None]], axis=2)
-    order = np.argsort(-counts, kind="stable")[:_N_FORMS_KEPT]
+    order = np.argsort(-counts, kind="stable")[:N_FORM_CANDIDATES]
     return np.ascontiguousarray(motions[order])
 
 
@@ -286,7 +282,7 @@ def even_turns(n: int) -> FloatArray:
 
 def _facets_that_vote(view: StationView) -> tuple[FloatArray, FloatArray]:
     """Places and normals (n, 3) of some facets of a scan, evenly over its sample."""
-    some = view.sample[:: max(1, len(view.sample) // _N_FACETS)]
+    some = view.sample[:: max(1, len(view.sample) // N_FORM_FACETS)]
     return view.facets.centre[some], np.ascontiguousarray(view.facets.normal[some])
 
 
@@ -316,7 +312,7 @@ def _vote_of_forms(
             v = r[1, 0] * facing_b[k, 0] + r[1, 1] * facing_b[k, 1] + r[1, 2] * facing_b[k, 2]
             w = r[2, 0] * facing_b[k, 0] + r[2, 1] * facing_b[k, 1] + r[2, 2] * facing_b[k, 2]
             for j in range(len(places_a)):
-                if facing_a[j, 0] * u + facing_a[j, 1] * v + facing_a[j, 2] * w < _FACING_FORM:
+                if facing_a[j, 0] * u + facing_a[j, 1] * v + facing_a[j, 2] * w < FACING_FORM:
                     continue
                 i0 = int(np.floor((places_a[j, 0] - x) / cell + 0.5)) + half
                 i1 = int(np.floor((places_a[j, 1] - y) / cell + 0.5)) + half

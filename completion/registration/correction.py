@@ -18,11 +18,22 @@ from completion.observe.rays import rays_of
 from completion.observe.tolerance import EvidenceOptions
 from completion.observe.triple import triple
 from completion.registration.facets import Facets, Meetings, count_agreement, facets_of, meet
-from completion.registration.hypotheses import FINE_M, VIOLATION
+from completion.registration.limits import (
+    BOUND,
+    FINE_M,
+    LEAST_MEETINGS,
+    LEAST_SCORE,
+    MAD_TO_SD,
+    N_PARTNERS,
+    N_TOGETHER,
+    NOTICED_M,
+    SURE,
+    THINNED,
+    VIOLATION,
+)
 from completion.registration.motions import STILL
-from completion.registration.prior import LEAST_MEETINGS, Links, Pair, Settling, link, meet_all, settle
+from completion.registration.prior import Links, Pair, Settling, link, meet_all, settle
 from completion.registration.station_view import sample_of
-from completion.registration.verdict import LEAST_SCORE
 from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.run.mapping import trim
@@ -108,9 +119,6 @@ def _moved_scan(seen: Observation, motion: FloatArray) -> Observation:
         return seen
     scan = seen.scan.restated(world_from_sensor=Pose(motion) @ seen.scan.world_from_sensor)
     return replace(seen, scan=scan, rays=rays_of(scan))
-
-
-_NORMAL = 1.4826  # standard deviations of a normal distribution to its median absolute deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +221,7 @@ def _excess(links: Sequence[Links]) -> float:
     """By how much offsets are larger than noise makes them, robust, metres."""
     offset = np.concatenate([one.offset for one in links])
     deviation = np.concatenate([one.deviation for one in links])
-    spread = _NORMAL * float(np.median(np.abs(offset)))
+    spread = MAD_TO_SD * float(np.median(np.abs(offset)))
     return float(np.sqrt(max(spread**2 - float(np.mean(np.square(deviation))), 0.0)))
 
 
@@ -226,14 +234,6 @@ def _passed(facets: Sequence[Facets], meetings: Mapping[Pair, Meetings]) -> tupl
         depths.append(one.depth[passed])
     depth: FloatArray = np.concatenate(depths)
     return area, float(np.median(depth)) if len(depth) else 0.0
-
-
-_SURE = 3.0  # standard deviations by which poses are to be off before they are moved
-_NOTICED_M = 0.001  # and metres: surfaces are no flatter
-_BOUND = 2.0  # standard deviations within which a pose is taken to be known
-_PARTNERS = 8  # scans that each one is held against, those that it shares most with
-_THINNED = 8  # facets of which one tells what scans share
-_TOGETHER = 64  # scans that settle together; the others then settle, each by itself, among these
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -257,7 +257,7 @@ class Adjusted:
     @property
     def is_off(self) -> bool:
         """Whether the poses as they came are off by more than the flatness of surfaces and chance explain."""
-        return any(one.offset_m > max(_NOTICED_M, _SURE * one.offset_sd_m) for one in self.pairs)
+        return any(one.offset_m > max(NOTICED_M, SURE * one.offset_sd_m) for one in self.pairs)
 
 
 def deviations_left(pairs: Sequence[ScanPair], n: int) -> FloatArray:
@@ -269,7 +269,7 @@ def deviations_left(pairs: Sequence[ScanPair], n: int) -> FloatArray:
     left = np.full(n, np.nan)
     for one in pairs:
         for number in (one.first, one.second):
-            left[number] = np.fmin(left[number], _BOUND * one.left_m)
+            left[number] = np.fmin(left[number], BOUND * one.left_m)
     return left
 
 
@@ -303,7 +303,7 @@ class PosedScans:
         Up to 64 of the `keys` settle together, and all other scans, each by itself, among these.
         """
         n = len(self.facets)
-        together = tuple(range(n)) if n <= _TOGETHER else tuple(keys)[:: -(-len(keys) // _TOGETHER)]
+        together = tuple(range(n)) if n <= N_TOGETHER else tuple(keys)[:: -(-len(keys) // N_TOGETHER)]
         alone = ((number,) for number in range(n) if number not in together)
         return [(scans, self._partners(scans, together)) for scans in (together, *alone)]
 
@@ -387,9 +387,9 @@ class PosedScans:
             ball = Ball(triple((low + high) / 2), float(np.linalg.norm(high - low)) / 2)
             for other in (others[k] for k in np.flatnonzero(views.may_see(ball)).tolist()):
                 if other != scan:
-                    met = meet(own, STILL, self.sights[other], self.facets[other], _THINNED).met
-                    shared.append((-_THINNED * int(met.sum()), other))
-            best = [other for count, other in sorted(shared)[:_PARTNERS] if -count >= LEAST_MEETINGS]
+                    met = meet(own, STILL, self.sights[other], self.facets[other], THINNED).met
+                    shared.append((-THINNED * int(met.sum()), other))
+            best = [other for count, other in sorted(shared)[:N_PARTNERS] if -count >= LEAST_MEETINGS]
             found |= {pair for other in best for pair in ((scan, other), (other, scan))}
         return sorted(found)
 

@@ -19,14 +19,20 @@ from completion.observe.observation import Observation
 from completion.observe.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side
 from completion.observe.tolerance import FLATNESS_M
 from completion.observe.triple import Triple, dot, minus
+from completion.registration.limits import (
+    FINE_M,
+    GATE_M,
+    LEAST_DISTANCE_M,
+    LEAST_FILL,
+    MOST_BENT,
+    MOST_FACETS,
+    MOST_TILES,
+    OTHER_SURFACE,
+    ROUGHEST,
+    SAME_SURFACE,
+)
 from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled, inlined
-
-_MOST_TILES = 20_000  # of a scan, about: larger images are cut into larger tiles
-_ROUGHEST = 2.0  # weighted square residual by freedom of a tile that counts as flat
-_MOST_BENT = 0.15  # of a tile's side, by which curved ones may stray
-_FULL = 0.9  # of a facet's pixels that brought something back
-_MOST_FACETS = 1500  # of a scan that are compared with other scans
 
 
 class Facets(NamedTuple):
@@ -52,7 +58,7 @@ def facets_of(seen: Observation, *, curved: bool = False) -> Facets:
     stray from their planes is part of their error.
     """
     ranges, noise = seen.scan.ranges, seen.noise
-    least = int(np.ceil(np.sqrt(ranges.size / _MOST_TILES)))
+    least = int(np.ceil(np.sqrt(ranges.size / MOST_TILES)))
     side = max(tile_side(ranges, noise.numbers(), seen.scan.projection.pixel_angle), least, LEAST_TILE)
     tiles = cut_tiles(ranges, seen.rays, noise.numbers(), FLATNESS_M, min(side, MOST_TILE))
     distance = np.linalg.norm(tiles.centre, axis=-1)
@@ -63,16 +69,16 @@ def facets_of(seen: Observation, *, curved: bool = False) -> Facets:
         white = np.square(noise.sigma(distance)) / np.maximum(tiles.count, 1.0)
     along = (white + np.square(noise.bias(distance))) * np.square(np.minimum(cosine, 1.0))
     pixel = distance * seen.scan.projection.pixel_angle * tiles.side
-    bent, straight = np.zeros_like(along), tiles.misfit <= _ROUGHEST
+    bent, straight = np.zeros_like(along), tiles.misfit <= ROUGHEST
     if curved:
         with np.errstate(invalid="ignore"):
-            bent = np.square(noise.sigma(distance)) * np.maximum(tiles.misfit - _ROUGHEST, 0.0)
-            straight = bent < np.square(_MOST_BENT * pixel)
+            bent = np.square(noise.sigma(distance)) * np.maximum(tiles.misfit - ROUGHEST, 0.0)
+            straight = bent < np.square(MOST_BENT * pixel)
     sd = np.sqrt(along + bent + FLATNESS_M**2)
-    full = tiles.count >= _FULL * tiles.side**2
+    full = tiles.count >= LEAST_FILL * tiles.side**2
     flat = full & straight & np.isfinite(size) & (cosine > 0.1)
     chosen = np.flatnonzero(flat)
-    step = max(1, len(chosen) // _MOST_FACETS)
+    step = max(1, len(chosen) // MOST_FACETS)
     some = chosen[step // 2 :: step]
     with np.errstate(invalid="ignore", divide="ignore"):
         area = np.square(pixel) / cosine * step
@@ -96,13 +102,6 @@ def _nearest(ranges: FloatArray, side: int, shape: tuple[int, int]) -> FloatArra
     padded[: ranges.shape[0], : ranges.shape[1]] = np.where(np.isfinite(ranges), ranges, np.inf)
     near = padded.reshape(shape[0], side, shape[1], side).min(axis=(1, 3))
     return np.asarray(ndimage.minimum_filter(near, 3, mode="nearest"))
-
-
-GATE_M = 0.3
-"""How far apart two facets of one surface may lie, metres; poses that are farther off are not told."""
-
-_ALIKE_MET = 0.8  # cosine of the normals of two facets of one surface: 37 degrees
-_LEAST_M = 1e-12
 
 
 class Meetings(NamedTuple):
@@ -142,14 +141,14 @@ def meet(facets: Facets, motion: FloatArray, sight: Sight, other: Facets, step: 
             w = other.plane[row, column, 0], other.plane[row, column, 1], other.plane[row, column, 2]
             size = np.sqrt(dot(w, w))
             behind = (dot(w, ray) - 1.0) / size
-            if dot(w, facing) > _ALIKE_MET * size and abs(behind) <= GATE_M:
+            if dot(w, facing) > SAME_SURFACE * size and abs(behind) <= GATE_M:
                 met[k], offset[k] = True, behind
                 deviation[k] = np.sqrt(own * own + other.sd[row, column] ** 2)
                 normal[k, 0], normal[k, 1], normal[k, 2] = w[0] / size, w[1] / size, w[2] / size
                 if -behind > eye.n_sigma * deviation[k]:
                     depth[k] = -behind
                 continue
-        cosine = abs(dot(ray, facing)) / max(distance, _LEAST_M)
+        cosine = abs(dot(ray, facing)) / max(distance, LEAST_DISTANCE_M)
         farther = other.near[row, column] - distance
         allowed = along_ray(eye, other.noise[row, column], own, cosine)
         if np.isfinite(farther) and farther > allowed and allowed <= eye.max_m:
@@ -170,9 +169,6 @@ def _moved_vector(motion: FloatArray, vectors: FloatArray, k: int, shift: float)
 
 AGREES, VIOLATED, HIDDEN, OUTSIDE = 0, 1, -1, -2
 """What a scan says of a facet: it agrees, is violated or hidden, or no pixel holds its place."""
-
-_OTHER = 0.5  # of two that are not of one surface: 60 degrees
-_SAME_M = 0.01  # within which two that face otherwise are at the same place
 
 
 @compiled
@@ -248,14 +244,14 @@ def _answer(
             behind = (dot(w, ray) - 1.0) / size
             noise = n_sigma * np.sqrt(deviation**2 + other.sd[r, c] ** 2)
             cosine = dot(w, facing) / size
-            if cosine > _ALIKE_MET and abs(behind) <= noise + within_m:
+            if cosine > SAME_SURFACE and abs(behind) <= noise + within_m:
                 return AGREES
-            if cosine < _OTHER and abs(behind) <= noise + min(within_m, _SAME_M):
+            if cosine < OTHER_SURFACE and abs(behind) <= noise + min(within_m, FINE_M):
                 faced += 1
     if faced == asked:
         return VIOLATED
     distance = np.sqrt(dot(ray, ray))
-    cosine = abs(dot(ray, facing)) / max(distance, _LEAST_M)
+    cosine = abs(dot(ray, facing)) / max(distance, LEAST_DISTANCE_M)
     farther = other.near[row, column] - distance
     if np.isfinite(farther) and farther * cosine > n_sigma * deviation + within_m:
         return VIOLATED

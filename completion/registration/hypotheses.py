@@ -15,14 +15,36 @@ import numpy as np
 
 from completion.registration.candidates import form_candidates, plane_candidates, turn_candidates
 from completion.registration.facets import AGREES, ask_facets, count_agreement
+from completion.registration.limits import (
+    ALONG,
+    BETTER,
+    COARSE_M,
+    COARSE_VIOLATION,
+    DISTINCT_SHARE,
+    DISTINCT_TURN,
+    FINE_M,
+    FULL,
+    LAST,
+    LAST_GATE_M,
+    MIDDLE_M,
+    N_FREE_PLANES,
+    N_JUDGES,
+    N_KEPT,
+    N_SAMPLES,
+    N_SCREENS,
+    N_SEEDS,
+    N_SLIDES,
+    OF_OBJECTS,
+    OF_ROOMS,
+    SAME_DIRECTION,
+    SHORT,
+    SLIDES_M,
+    VIOLATION,
+)
 from completion.registration.motions import STILL, angle_between, composed, inverse, inverses, moved
 from completion.registration.refinement import Placed, equations_of, refine, stiffness
-from completion.registration.station_view import N_SAMPLES, StationView
+from completion.registration.station_view import StationView
 from scenes.checks import FloatArray, IntArray
-
-_N_FREE = 3  # planes that a pose can bring together
-_ALIKE_PLANE, _SAME_PLANE_M = np.cos(np.radians(15.0)), 0.08  # of facets of one plane
-_N_SEEDS = 30  # facets whose planes are tried
 
 
 def surplus_of(a: StationView, b: StationView, motion: FloatArray, within_m: float) -> float:
@@ -36,7 +58,7 @@ def surplus_of(a: StationView, b: StationView, motion: FloatArray, within_m: flo
 def _share(own: StationView, other: StationView, motion: FloatArray, within_m: float) -> float:
     told = ask_facets(own.facets, own.sample, motion, other.sight, other.facets, within_m)
     left = own.sample[told == AGREES]
-    for _ in range(_N_FREE):
+    for _ in range(N_FREE_PLANES):
         left = _without_largest(own.facets.normal[left], own.facets.centre[left], left)
     return len(left) / max(len(own.sample), 1)
 
@@ -45,31 +67,11 @@ def _without_largest(normals: FloatArray, places: FloatArray, facets: IntArray) 
     """The facets (m,) that do not lie in the plane in which most of them lie."""
     if not len(facets):
         return facets
-    seeds = slice(None, None, max(1, len(facets) // _N_SEEDS))
+    seeds = slice(None, None, max(1, len(facets) // N_SEEDS))
     height = np.einsum("ij,ij->i", places[seeds], normals[seeds])
-    together = normals @ normals[seeds].T > _ALIKE_PLANE
-    together &= np.abs(places @ normals[seeds].T - height) < _SAME_PLANE_M
+    together = normals @ normals[seeds].T > ALONG
+    together &= np.abs(places @ normals[seeds].T - height) < MIDDLE_M
     return np.asarray(facets[~together[:, together.sum(axis=0).argmax()]])
-
-
-COARSE_M, MIDDLE_M, FINE_M = 0.2, 0.08, 0.01
-"""How far off poses may still be, metres: as candidates, after a short refinement, after a full one."""
-
-COARSE_VIOLATION, VIOLATION = 3.0, 20.0
-"""Facets that agree which one that is violated outweighs, of candidates and in the end."""
-
-N_KEPT = 5
-"""Distinct hypotheses of a pair."""
-
-_SCREEN = 57  # facets of each scan that screen poses
-_SOME = 400  # facets of each scan that judge poses which are not settled yet
-_ROOMS, _OBJECTS = (1500, 30, 10), (3000, 100, 20)  # poses screened, refined shortly, and fully
-_SHORT, _FULL, _LAST = (4, 4), (12, 1), (60, 1)  # rounds of refinement at most, every so many-th facet
-_APART, _APART_SHARE = np.radians(10.0), 0.25  # turn and share of the spread by which poses are distinct
-_LEVEL = np.cos(np.radians(6.0))  # of what is up in both scans
-_LAST_GATE_M = 0.05
-_SLIDES_M = (-0.8, -0.5, -0.3, -0.2, -0.1, 0.1, 0.2, 0.3, 0.5, 0.8)
-_N_SLIDES, _BETTER = 4, 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,19 +120,19 @@ def find_hypotheses(
     if not len(a.sample) or not len(b.sample):
         return []
     first, second = [Placed(a, STILL)], [Placed(b, STILL)]
-    n_screened, n_short, n_full = _OBJECTS if are_objects else _ROOMS
+    n_screened, n_short, n_full = OF_OBJECTS if are_objects else OF_ROOMS
     planes = plane_candidates(a.directions, b.directions, 2 * max(a.radius_m, b.radius_m))
     motions = np.concatenate([planes, turn_candidates(a, b), form_candidates(a, b)])
     if a.up is not None and b.up is not None:
-        motions = motions[motions[:, :, :3] @ b.up @ a.up > _LEVEL]
+        motions = motions[motions[:, :, :3] @ b.up @ a.up > SAME_DIRECTION]
     if len(motions) > n_screened:
-        scores = scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=_SCREEN)
+        scores = scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=N_SCREENS)
         motions = motions[np.argsort(-scores, kind="stable")[:n_screened]]
     motions = distinct(
-        motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=_SOME), second, n_short
+        motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=N_JUDGES), second, n_short
     )
-    motions = np.array([refine(first, second, one, *_SHORT) for one in motions]).reshape(-1, 3, 4)
-    scores = scores_of(first, second, motions, MIDDLE_M, VIOLATION, n=_SOME)
+    motions = np.array([refine(first, second, one, *SHORT) for one in motions]).reshape(-1, 3, 4)
+    scores = scores_of(first, second, motions, MIDDLE_M, VIOLATION, n=N_JUDGES)
     motions = distinct(motions, scores, second, n_full)
     if start is not None:
         motions = np.concatenate([motions, start[None]])
@@ -142,10 +144,10 @@ def best_of(stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray)
 
     Curved things creep into place: the best are refined once more, until they stand still.
     """
-    settled = [_slid(stay, move, refine(stay, move, one, *_FULL)) for one in motions]
+    settled = [_slid(stay, move, refine(stay, move, one, *FULL)) for one in motions]
     motions = np.array(settled).reshape(-1, 3, 4)
     motions = distinct(motions, scores_of(stay, move, motions, MIDDLE_M, VIOLATION), move, N_KEPT)
-    motions = np.array([refine(stay, move, one, *_LAST) for one in motions]).reshape(-1, 3, 4)
+    motions = np.array([refine(stay, move, one, *LAST) for one in motions]).reshape(-1, 3, 4)
     kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), move, N_KEPT)
     return [judged(stay, move, one) for one in kept]
 
@@ -154,7 +156,7 @@ def judged(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -
     """Return a motion (3, 4) with what speaks for it."""
     counts = np.sum([one for one, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
     score = float(scores_of(stay, move, motion[None], FINE_M, VIOLATION)[0])
-    equations, _ = equations_of(stay, move, motion, _LAST_GATE_M)
+    equations, _ = equations_of(stay, move, motion, LAST_GATE_M)
     stiff = stiffness(equations)
     seen = max(int(counts[2]), 1)
     return Hypothesis(
@@ -216,8 +218,8 @@ def distinct(motions: FloatArray, scores: FloatArray, move: Sequence[Placed], n:
     places = motions[:, :, :3] @ middle + motions[:, :, 3]
     kept: list[int] = []
     for k in np.argsort(-scores, kind="stable").tolist():
-        near = angle_between(motions[k], motions[kept]) < _APART
-        near &= np.linalg.norm(places[kept] - places[k], axis=1) < _APART_SHARE * spread
+        near = angle_between(motions[k], motions[kept]) < DISTINCT_TURN
+        near &= np.linalg.norm(places[kept] - places[k], axis=1) < DISTINCT_SHARE * spread
         if not near.any():
             kept.append(k)
             if len(kept) == n:
@@ -230,16 +232,16 @@ def _slid(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) ->
 
     Facets of a bare wall meet wherever it is slid; what stands before it and where it ends does not.
     """
-    best = float(scores_of(stay, move, motion[None], MIDDLE_M, VIOLATION, n=_SOME)[0])
-    for _ in range(_N_SLIDES):
-        told = stiffness(equations_of(stay, move, motion, _LAST_GATE_M)[0])
+    best = float(scores_of(stay, move, motion[None], MIDDLE_M, VIOLATION, n=N_JUDGES)[0])
+    for _ in range(N_SLIDES):
+        told = stiffness(equations_of(stay, move, motion, LAST_GATE_M)[0])
         if not told.free.any():
             break
-        tried = np.array([moved(motion, step * told.change, told.middle) for step in _SLIDES_M])
-        scores = scores_of(stay, move, tried, MIDDLE_M, VIOLATION, n=_SOME)
-        again = refine(stay, move, tried[int(scores.argmax())], *_FULL)
-        score = float(scores_of(stay, move, again[None], MIDDLE_M, VIOLATION, n=_SOME)[0])
-        if score <= best + _BETTER:
+        tried = np.array([moved(motion, step * told.change, told.middle) for step in SLIDES_M])
+        scores = scores_of(stay, move, tried, MIDDLE_M, VIOLATION, n=N_JUDGES)
+        again = refine(stay, move, tried[int(scores.argmax())], *FULL)
+        score = float(scores_of(stay, move, again[None], MIDDLE_M, VIOLATION, n=N_JUDGES)[0])
+        if score <= best + BETTER:
             break
         motion, best = again, score
     return motion

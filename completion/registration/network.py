@@ -21,17 +21,23 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from completion.observe.sensor_modes import N_MODES, displacements
-from completion.registration.hypotheses import MIDDLE_M, VIOLATION, Hypothesis, best_of, distinct, scores_of
-from completion.registration.motions import STILL, composed, in_units, inverse, moved
-from completion.registration.refinement import (
+from completion.registration.hypotheses import Hypothesis, best_of, distinct, scores_of
+from completion.registration.limits import (
     INDEPENDENT,
-    Equations,
-    Link,
-    Placed,
-    links_of,
-    normal_equations,
-    solved,
+    LEAST_FOR_MOTION,
+    MIDDLE_M,
+    N_JOINT,
+    N_ROUNDS,
+    N_ROUNDS_PLANES,
+    NETWORK_GATES_M,
+    PARALLEL,
+    SAME_PLANE_M,
+    SMALL_STEP,
+    STILL_PLANES,
+    VIOLATION,
 )
+from completion.registration.motions import STILL, composed, in_units, inverse, moved
+from completion.registration.refinement import Equations, Link, Placed, links_of, normal_equations, solved
 from completion.registration.station_view import StationView
 from completion.registration.verdict import Judgement, Verdict, is_approved, judge
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -40,8 +46,6 @@ Pair = tuple[int, int]
 _Scans = tuple[int, ...]
 Hypotheses = Mapping[Pair, Sequence[Hypothesis]]
 """By the numbers of two scans, the smaller first: motions of the second into the frame of the first."""
-
-_N_TRIED = 8  # candidates of a joint placement that are refined
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +139,7 @@ def _joint(one: Group, two: Group, views: Sequence[StationView], pairs: Hypothes
     else:
         several = np.array(motions)
         scores = scores_of(stay, move, several, MIDDLE_M, VIOLATION)
-        found = best_of(stay, move, distinct(several, scores, move, _N_TRIED))
+        found = best_of(stay, move, distinct(several, scores, move, N_JOINT))
         alike = [
             composed(composed(pose_a, motion), inverse(pose_b))
             for a, pose_a in one.poses.items()
@@ -179,10 +183,6 @@ def _motions(pairs: Hypotheses, a: int, b: int) -> list[FloatArray]:
     return [inverse(one.motion) for one in pairs.get((b, a), ())]
 
 
-_ALIKE, _SAME_M = np.cos(np.radians(5.0)), 0.03  # of a facet and the plane that it lies in
-_LEAST = 12  # facets of two planes that meet, of one surface
-_N_ROUNDS_PLANES, _STILL_PLANES = 8, 1e-7
-
 Surface = list[tuple[int, int]]
 """By the places of scans in their group, and the numbers of their planes: the planes that are one surface."""
 
@@ -202,7 +202,7 @@ def adjusted(
     ]
     fixed, pull = normal_equations(besides, len(poses))
     now, change = list(poses), np.zeros(6 * len(poses))
-    for _ in range(_N_ROUNDS_PLANES):
+    for _ in range(N_ROUNDS_PLANES):
         matrix, vector = fixed.copy(), pull + fixed @ change
         for several in surfaces:
             _add(matrix, vector, several, now, views)
@@ -210,7 +210,7 @@ def adjusted(
         change[6:] += step
         for k, one in enumerate(step.reshape(-1, 6), start=1):
             now[k] = moved(now[k], one, now[k][:, 3])
-        if np.abs(step).max(initial=0.0) < _STILL_PLANES:
+        if np.abs(step).max(initial=0.0) < STILL_PLANES:
             break
     return now
 
@@ -223,12 +223,12 @@ def _labels(link: Link, poses: Sequence[FloatArray], views: Sequence[StationView
         places = (link.equations.places - pose[:, 3]) @ pose[:, :3]
         normals = link.equations.growth[:, 3:] @ pose[:, :3]
         off = np.abs(places @ planes.normals.T - planes.heights)
-        off[np.abs(normals @ planes.normals.T) < _ALIKE] = np.inf
+        off[np.abs(normals @ planes.normals.T) < PARALLEL] = np.inf
         if not off.shape[1]:
             found.append(np.full(len(places), -1))
             continue
         best = off.argmin(axis=1)
-        found.append(np.where(off[np.arange(len(off)), best] < _SAME_M, best, -1))
+        found.append(np.where(off[np.arange(len(off)), best] < SAME_PLANE_M, best, -1))
     return np.array(found)
 
 
@@ -240,7 +240,7 @@ def _surfaces(links: Sequence[Link], labels: Sequence[IntArray]) -> list[Surface
             np.stack([one, two])[:, (one >= 0) & (two >= 0)], axis=1, return_counts=True
         )
         for (p, q), count in zip(pairs.T.tolist(), counts.tolist(), strict=True):
-            if count >= _LEAST:
+            if count >= LEAST_FOR_MOTION:
                 met[(link.first, p), (link.second, q)] += count
     nodes = sorted({node for pair in met for node in pair})
     number = {node: k for k, node in enumerate(nodes)}
@@ -301,11 +301,6 @@ def _add(
         vector[columns] += growth.T @ scatter @ surface
         sides[columns] += growth.T @ scatter @ free
     matrix -= sides @ np.linalg.solve(free.T @ total @ free, sides.T)
-
-
-_GATES_M = (0.15, 0.1, 0.05)
-_N_ROUNDS = 15
-_STILL_M = 1e-5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -370,14 +365,14 @@ def settle_group(group: Group, views: Sequence[StationView], *, by_planes: bool 
     n = len(numbers)
     matrix: FloatArray = np.zeros((6 * n, 6 * n))
     links: list[Link] = []
-    for number in range(_N_ROUNDS):
-        gate = _GATES_M[min(number, len(_GATES_M) - 1)]
+    for number in range(N_ROUNDS):
+        gate = NETWORK_GATES_M[min(number, len(NETWORK_GATES_M) - 1)]
         links = links_of(numbers, poses, views, gate)
         matrix, vector = normal_equations(links, n)
         change = -solved(matrix[6:, 6:], vector[6:]).reshape(-1, 6)
         for k, one in enumerate(change, start=1):
             poses[k] = moved(poses[k], one, poses[k][:, 3])
-        if number >= len(_GATES_M) and np.abs(change).max(initial=0.0) < _STILL_M:
+        if number >= len(NETWORK_GATES_M) and np.abs(change).max(initial=0.0) < SMALL_STEP:
             break
     if by_planes and n > 1:
         poses = _if_alike(adjusted(poses, [views[k] for k in numbers], links), poses, matrix)

@@ -12,22 +12,22 @@ from scipy.spatial.transform import Rotation
 
 from completion.evidence.sight import Sight
 from completion.registration.facets import Facets, Meetings, meet
+from completion.registration.limits import (
+    FIRST_M,
+    INDEPENDENT,
+    KNOWN_M,
+    LEAST_MEETINGS,
+    LEAST_SCALE_M,
+    MOST_SCALE_M,
+    N_PRIORS,
+    N_ROUNDS_PRIOR,
+    ROBUST_PRIOR,
+    STILL_PRIOR_M,
+)
 from scenes.checks import FloatArray
 
 Pair = tuple[int, int]
 """A scan, and another one whose facets are held against it."""
-
-_N_ROUNDS = 40  # in which facets meet anew
-_N_PRIORS = 30  # steps in which the priors are learned, in each of them
-_STILL_M = 1e-4  # by which no facet moves any more in a round
-_INDEPENDENT = 20.0  # facets of a pair at most whose errors are independent: lenses bend whole walls
-_SPREAD = 2.0  # robust standard deviations from which on an offset counts for little
-_FIRST_M = 0.05  # how far off poses are taken to be at first, metres
-_LEAST_M = 1e-4
-_MOST_M = 1.0  # no pose is taken to be farther off: where facets tell nothing of it the scale has no end
-_NOTHING_M = 1e-9  # scale of the prior of a scan that stays where it is
-LEAST_MEETINGS = 20
-"""Facets of a pair that are to meet before it tells anything."""
 
 
 class Links(NamedTuple):
@@ -105,27 +105,27 @@ def settle(
     n = len(facets)
     pivots = np.array([_middle(one, sight) for one, sight in zip(facets, sights, strict=True)])
     moments = np.array([_moment(one, pivot) for one, pivot in zip(facets, pivots, strict=True)])
-    reach = np.sqrt(np.maximum(np.trace(moments[:, :3, :3], axis1=1, axis2=2), _LEAST_M))
+    reach = np.sqrt(np.maximum(np.trace(moments[:, :3, :3], axis1=1, axis2=2), LEAST_SCALE_M))
     vectors: FloatArray = np.zeros((n, 6))
     covariance: FloatArray = np.zeros((6 * n, 6 * n))
-    scale: FloatArray = np.full(n, _FIRST_M)
-    scale[[*held]] = _NOTHING_M
+    scale: FloatArray = np.full(n, FIRST_M)
+    scale[[*held]] = KNOWN_M
     motions: FloatArray = np.array([held.get(k, np.eye(4)) for k in range(n)])
-    for _ in range(_N_ROUNDS):
+    for _ in range(N_ROUNDS_PRIOR):
         matrix, vector = _equations(link_all(facets, sights, pairs, motions, pivots), n)
         vector += matrix @ vectors.ravel()
         before = vectors
-        for _ in range(_N_PRIORS):
+        for _ in range(N_PRIORS):
             prior = np.repeat(1.0 / np.square(np.stack([scale / reach, scale], axis=1)), 3, axis=1).ravel()
             covariance = np.asarray(np.linalg.inv(matrix + np.diag(prior)), dtype=np.float64)
             vectors = (covariance @ vector).reshape(n, 6)
             learned = _scales(moments, vectors, covariance)
-            learned[[*held]] = _NOTHING_M
+            learned[[*held]] = KNOWN_M
             if np.allclose(learned, scale, rtol=0.05):
                 break
             scale = learned
         motions = np.asarray([held.get(k, _motion(vectors[k], pivots[k])) for k in range(n)])
-        if _shifts(moments, vectors - before).max() < _STILL_M:
+        if _shifts(moments, vectors - before).max() < STILL_PRIOR_M:
             break
     return Settling(motions, vectors, covariance, pivots, _shifts(moments, vectors))
 
@@ -195,8 +195,8 @@ def _weights(links: Links) -> FloatArray:
     """Inverse variances (n,) of offsets, 1 / metres squared, robust, of all as of some independent ones."""
     ratio = links.offset / links.deviation
     spread = max(1.0, 1.4826 * float(np.median(np.abs(ratio))))
-    robust = np.square(1.0 / (1.0 + np.square(ratio / (_SPREAD * spread))))
-    share = min(1.0, _INDEPENDENT / len(ratio))
+    robust = np.square(1.0 / (1.0 + np.square(ratio / (ROBUST_PRIOR * spread))))
+    share = min(1.0, INDEPENDENT / len(ratio))
     return np.asarray(share * robust / np.square(spread * links.deviation))
 
 
@@ -216,7 +216,7 @@ def _scales(moments: FloatArray, vectors: FloatArray, covariance: FloatArray) ->
     n = len(vectors)
     own = covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n)]
     square = np.square(_shifts(moments, vectors)) + np.einsum("nij,nji->n", moments, own)
-    return np.asarray(np.sqrt(np.clip(square, _LEAST_M**2, _MOST_M**2)))
+    return np.asarray(np.sqrt(np.clip(square, LEAST_SCALE_M**2, MOST_SCALE_M**2)))
 
 
 def _motion(vector: FloatArray, pivot: FloatArray) -> FloatArray:

@@ -10,25 +10,21 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.registration.facets import Meetings, meet
+from completion.registration.limits import (
+    GATES_M,
+    INDEPENDENT,
+    LEAST_FOR_MOTION,
+    LEAST_MEETINGS,
+    MAD_TO_SD,
+    OF_SD,
+    RIDGE,
+    RIDGE_OF_GROUP,
+    SMALL_STEP,
+    SURE,
+)
 from completion.registration.motions import STILL, composed, inverse, moved
 from completion.registration.station_view import StationView
 from scenes.checks import BoolArray, FloatArray, IntArray
-
-GATES_M = (0.3, 0.2, 0.12, 0.08, 0.05)
-"""How far apart facets that meet may lie, from round to round, metres; the last holds until nothing moves."""
-
-INDEPENDENT = 20.0
-"""Facets of a whole image whose errors are independent: what bends a wall is common to neighbours.
-
-Those that two scans share are their part of it: a tenth of an image tells no more than two.
-"""
-
-_N_SIGMA = 3.0
-_STILL = 1e-5
-_OF_SD = 0.05  # step, in standard deviations of the pose itself, from which on nothing moves any more
-_RIDGE = 1e-4  # of the mean eigenvalue: what facets do not tell stays as it is
-_LEAST = 12  # facets that meet in all
-_NORMAL = 1.4826  # standard deviations to the median absolute deviation
 
 
 class Placed(NamedTuple):
@@ -55,8 +51,8 @@ class Equations(NamedTuple):
     def weight(self) -> FloatArray:
         """Inverse variances (n,), robust (Geman & McClure 1987)."""
         ratio = self.offset / self.deviation
-        spread = max(1.0, _NORMAL * float(np.median(np.abs(ratio))))
-        robust = np.square(1.0 / (1.0 + np.square(ratio / (_N_SIGMA * spread))))
+        spread = max(1.0, MAD_TO_SD * float(np.median(np.abs(ratio))))
+        robust = np.square(1.0 / (1.0 + np.square(ratio / (SURE * spread))))
         return np.asarray(self.share * robust / np.square(spread * self.deviation))
 
 
@@ -73,11 +69,11 @@ def refine(
     for number in range(n_rounds):
         gate = GATES_M[min(number, len(GATES_M) - 1)]
         equations, middle = equations_of(stay, move, motion, gate, step)
-        if len(equations.offset) < _LEAST:
+        if len(equations.offset) < LEAST_FOR_MOTION:
             return motion
         weight = equations.weight
         matrix = equations.growth.T @ (weight[:, None] * equations.growth)
-        ridge = _RIDGE * np.trace(matrix / np.outer(scale, scale)) / 6 * np.square(scale)
+        ridge = RIDGE * np.trace(matrix / np.outer(scale, scale)) / 6 * np.square(scale)
         told = equations.growth.T @ (weight * equations.offset)
         change: FloatArray = -np.linalg.solve(matrix + np.diag(ridge), told).astype(np.float64)
         motion = moved(motion, change, middle)
@@ -88,8 +84,8 @@ def refine(
 
 def _is_settled(change: FloatArray, matrix: FloatArray, scale: FloatArray, reach: float) -> bool:
     """Tell whether a step (6,) is small beside what `matrix` (6, 6), the inverse covariance, leaves open."""
-    is_small = float(change @ matrix @ change) < _OF_SD**2
-    return is_small or bool(np.abs(change * scale).max() < _STILL * reach)
+    is_small = float(change @ matrix @ change) < OF_SD**2
+    return is_small or bool(np.abs(change * scale).max() < SMALL_STEP * reach)
 
 
 def equations_of(
@@ -145,7 +141,7 @@ class Stiffness(NamedTuple):
     @property
     def change(self) -> FloatArray:
         """The motion (6,) that they tell least: a turn about the middle, radians, and a shift, metres."""
-        return np.asarray(self.free / np.array([max(self.reach_m, _STILL)] * 3 + [1.0] * 3))
+        return np.asarray(self.free / np.array([max(self.reach_m, SMALL_STEP)] * 3 + [1.0] * 3))
 
 
 def stiffness(equations: Equations) -> Stiffness:
@@ -155,13 +151,9 @@ def stiffness(equations: Equations) -> Stiffness:
     middle = equations.places.mean(axis=0)
     arms, normals = equations.places - middle, equations.growth[:, 3:]
     reach = float(np.sqrt(np.square(arms).sum(axis=1).mean()))
-    own = np.concatenate([np.cross(arms, normals) / max(reach, _STILL), normals], axis=1)
+    own = np.concatenate([np.cross(arms, normals) / max(reach, SMALL_STEP), normals], axis=1)
     values, vectors = np.linalg.eigh(own.T @ own / len(own))
     return Stiffness(max(float(values[0]), 0.0), np.asarray(vectors[:, 0]), middle, reach)
-
-
-_LEAST_OF_LINK = 20  # facets of two scans that meet before they tell anything
-_RIDGE_OF_GROUP = 1e-6  # of the mean eigenvalue
 
 
 class Link(NamedTuple):
@@ -188,7 +180,7 @@ def links_of(
     for i, j in combinations(range(len(numbers)), 2):
         a, b = Placed(views[numbers[i]], poses[i]), Placed(views[numbers[j]], poses[j])
         equations, middle = equations_of([a], [b], STILL, gate_m)
-        if len(equations.offset) < _LEAST_OF_LINK:
+        if len(equations.offset) < LEAST_MEETINGS:
             continue
         own = equations.growth
         both = np.concatenate([-_about(own, poses[i][:, 3] - middle), own], axis=1)
@@ -219,5 +211,5 @@ def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     """Return the solution (m,) of equations some of whose directions may be told by nothing; these stay."""
     if not len(vector):
         return np.zeros(0)
-    ridge = _RIDGE_OF_GROUP * float(np.trace(matrix)) / len(vector)
+    ridge = RIDGE_OF_GROUP * float(np.trace(matrix)) / len(vector)
     return np.asarray(np.linalg.solve(matrix + max(ridge, 1e-12) * np.eye(len(vector)), vector))

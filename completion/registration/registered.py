@@ -12,17 +12,22 @@ import numpy as np
 
 from completion.registration.correction import Registration
 from completion.registration.hypotheses import Hypothesis, judged
+from completion.registration.limits import (
+    CONTRADICTED_M2,
+    CONTRADICTED_SHARE,
+    LEAST_SCORE,
+    MOST_VIOLATED,
+    NETWORK_GATES_M,
+    SURE,
+)
 from completion.registration.motions import STILL, composed, in_units, inverse
 from completion.registration.network import Edge, Group, Hypotheses, Network
 from completion.registration.refinement import Placed, equations_of
 from completion.registration.station_view import StationView
-from completion.registration.verdict import LEAST_SCORE, MOST_VIOLATED, Verdict, judge
+from completion.registration.verdict import Verdict, judge
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-
-RESIDUAL_GATE = 0.15
-"""How far apart facets that met may lie where residuals are told, in units of the views."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +151,7 @@ class Registered:
             for number, pose in network.group.poses.items()
         }
         met = [
-            equations_of([placed[edge.scans[0]]], [placed[edge.scans[1]]], STILL, RESIDUAL_GATE)[0]
+            equations_of([placed[edge.scans[0]]], [placed[edge.scans[1]]], STILL, NETWORK_GATES_M[0])[0]
             for edge in network.edges
         ]
         if not met:
@@ -256,10 +261,6 @@ def held_poses(
     return Registered(networks, tuple(pairs), tuple(views), None, checked=checked)
 
 
-_SURE = 3.0  # standard deviations by which poses are off that are worth a warning
-_CONTRADICTED_SHARE, _CONTRADICTED_M2 = 0.1, 0.1  # of what two scans measured, worth a warning from both on
-
-
 def pose_doubts(
     registration: Registration, names: Sequence[str] | None = None, *, way_out: str = ""
 ) -> list[str]:
@@ -268,7 +269,7 @@ def pose_doubts(
     Scans have `names`, or numbers from 1. `way_out` follows in brackets where scans were moved.
     """
     doubts, stated = [], registration.stated_m
-    off = [one for one in registration.pairs if one.offset_m > max(stated, _SURE * one.offset_sd_m)]
+    off = [one for one in registration.pairs if one.offset_m > max(stated, SURE * one.offset_sd_m)]
     if off:
         worst = max(off, key=lambda one: one.offset_m)
         more = (
@@ -284,7 +285,7 @@ def pose_doubts(
     passed = [
         one
         for one in registration.pairs
-        if one.still_contradicted_m2 > max(_CONTRADICTED_M2, _CONTRADICTED_SHARE * one.overlap_m2)
+        if one.still_contradicted_m2 > max(CONTRADICTED_M2, CONTRADICTED_SHARE * one.overlap_m2)
         and (one.first, one.second) not in registration.refused
     ]
     if passed:

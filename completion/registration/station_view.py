@@ -12,14 +12,22 @@ from completion.evidence.sight import Sight, sight_of
 from completion.observe.observation import Observation, observe
 from completion.observe.tolerance import FLATNESS_M, EvidenceOptions
 from completion.registration.facets import Facets, facets_of
+from completion.registration.limits import (
+    CELLS,
+    LEAST_COSINE,
+    LEAST_SPREAD_M,
+    N_DIRECTIONS,
+    N_POINTS,
+    N_SAMPLES,
+    PARALLEL,
+    STAND,
+)
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import Region, SegmentationOptions
 from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Plane
-
-_LEAST_COSINE = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,24 +67,12 @@ class PlaneSums:
             points = seen.points_at(pixels.flat)
             distance = np.linalg.norm(points, axis=1)
             cosine = np.abs(points @ normal) / distance
-            areas[k] = float((np.square(distance * angle) / np.maximum(cosine, _LEAST_COSINE)).sum())
+            areas[k] = float((np.square(distance * angle) / np.maximum(cosine, LEAST_COSINE)).sum())
             along = np.square(seen.noise.sigma(distance) / side) + np.square(seen.noise.bias(distance))
             weight = 1.0 / (along * np.square(cosine) + FLATNESS_M**2)
             whole = np.concatenate([points, np.ones((len(points), 1))], axis=1)
             scatter[k] = whole.T @ (weight[:, None] * whole)
         return cls(normals, heights, areas, scatter, int(seen.valid.sum()))
-
-
-N_SAMPLES = 1200
-"""Facets of a scan by which poses are compared."""
-
-N_DIRECTIONS = 9
-"""Directions of a scan's planes, those of the largest area."""
-
-_PARALLEL = np.cos(np.radians(5.0))  # planes of one direction
-_STAND = 0.1  # of the radius, within which a scanner sees what it stands on, which moves with it
-_LEAST_SPREAD_M, _N_POINTS = 1.5, 5000  # root mean square distance to the middle of points that tell it
-_CELLS = 6  # along the edge of the cube map in which facets are counted by what they face
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,7 +148,7 @@ class StationView:
         planes = PlaneSums.of(segment(seen, SegmentationOptions()), seen, facets.side)
         distance = np.linalg.norm(facets.centre, axis=1)
         radius = float(np.quantile(distance, 0.9)) if len(distance) else 1.0
-        apart = np.flatnonzero(distance > _STAND * radius)
+        apart = np.flatnonzero(distance > STAND * radius)
         return cls(
             seen=seen,
             facets=facets,
@@ -175,10 +171,10 @@ def unit_of(scans: Sequence[RangeImage]) -> float:
     spreads = []
     for scan in scans:
         points = scan.points()[scan.valid]
-        points = points[:: max(1, len(points) // _N_POINTS)]
+        points = points[:: max(1, len(points) // N_POINTS)]
         if len(points):
             spreads.append(float(np.sqrt(points.var(axis=0).sum())))
-    return min(1.0, float(np.median(spreads)) / _LEAST_SPREAD_M) if spreads else 1.0
+    return min(1.0, float(np.median(spreads)) / LEAST_SPREAD_M) if spreads else 1.0
 
 
 def sample_of(normals: FloatArray) -> IntArray:
@@ -196,8 +192,8 @@ def _even_sample(normals: FloatArray, n: int) -> IntArray:
     axis = np.abs(normals).argmax(axis=1)
     rows = np.arange(len(normals))
     most = normals[rows, axis]
-    across = [np.floor((normals[rows, (axis + k) % 3] / np.abs(most) + 1) / 2 * _CELLS) for k in (1, 2)]
-    cell = ((axis + 3 * (most < 0)) * (_CELLS + 1) + across[0]) * (_CELLS + 1) + across[1]
+    across = [np.floor((normals[rows, (axis + k) % 3] / np.abs(most) + 1) / 2 * CELLS) for k in (1, 2)]
+    cell = ((axis + 3 * (most < 0)) * (CELLS + 1) + across[0]) * (CELLS + 1) + across[1]
     _, cell, count = np.unique(cell, return_inverse=True, return_counts=True)
     # as many of each cell as fit: the least cap that lets n through
     cap = 1
@@ -217,7 +213,7 @@ def _directions(planes: PlaneSums) -> Directions:
     found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     left = np.argsort(-areas, kind="stable")
     while len(left):
-        alike = normals[left] @ normals[left[0]] > _PARALLEL
+        alike = normals[left] @ normals[left[0]] > PARALLEL
         own = left[alike]
         mean = (normals[own] * areas[own, None]).sum(axis=0)
         found.append((mean / np.linalg.norm(mean), heights[own], areas[own]))

@@ -10,39 +10,37 @@ from enum import StrEnum
 import numpy as np
 
 from completion.registration.candidates import places_of
-from completion.registration.hypotheses import (
+from completion.registration.hypotheses import Hypothesis, distinct, judged, scores_of
+from completion.registration.limits import (
+    ALONG,
+    BY_RIVAL,
+    BY_SURPLUS,
+    BY_VIOLATION,
+    CLAIMABLE,
+    CLAIMED_FROM,
     COARSE_M,
     COARSE_VIOLATION,
     FINE_M,
+    FULL,
+    LEAST_SCORE,
+    LEAST_SHIFT_M,
+    LEAST_STIFFNESS,
+    LEAST_SURPLUS,
+    LEAST_TURN,
     MIDDLE_M,
+    MOST_VIOLATED,
     N_KEPT,
+    N_SCREENS,
+    N_SHIFTS,
+    N_SHIFTS_REFINED,
+    RIVAL,
+    TRUST,
     VIOLATION,
-    Hypothesis,
-    distinct,
-    judged,
-    scores_of,
 )
 from completion.registration.motions import STILL, angle_between, composed, inverses
 from completion.registration.refinement import Placed, refine
 from completion.registration.station_view import StationView
 from scenes.checks import FloatArray
-
-LEAST_SCORE, MOST_VIOLATED = 0.4, 0.02
-"""Score and share of violated facets of a pose that is worth a word."""
-
-LEAST_STIFFNESS = 0.001
-"""What facets must tell of a motion at least, of 1 / 6, that it does not slide."""
-
-_RIVAL = 0.5
-"""Share of the best score from which on another pose is named as an alternative."""
-
-_TRUST, _BY_RIVAL, _BY_VIOLATION, _BY_SURPLUS, _LEAST_SURPLUS = 7.78, -3.96, -210.0, 1.43, 0.005
-"""Log odds that a pose is right: a logistic regression on the pairs and strangers of 300 furnished rooms."""
-
-_SURE = ((0.001, 0.97), (0.01, 0.8), (0.05, 0.6), (0.2, 0.4))
-"""Accepted share of false claims, and the probability from which on a pose is claimed."""
-
-_SAME_TURN, _ALONG = np.radians(5.0), np.cos(np.radians(15.0))
 
 
 class Verdict(StrEnum):
@@ -76,7 +74,7 @@ def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
     if not is_approved(best):
         told = f"the best pose has score {best.score:.2f}, beams contradict {100 * best.violate:.1f} % of it"
         return Judgement(Verdict.NO_OVERLAP, told)
-    rivals = [one for one in hypotheses[1:] if one.score > _RIVAL * best.score]
+    rivals = [one for one in hypotheses[1:] if one.score > RIVAL * best.score]
     direction = _slide(best, rivals)
     if direction is not None:
         reason = "facets tell nothing of a shift along one direction"
@@ -88,7 +86,7 @@ def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
         return Judgement(Verdict.REGISTERED, f"right with probability {trust:.2f}")
     told = f"right with probability {trust:.2f}, where {asked:.2f} is asked"
     if rivals:
-        told += f"; {len(rivals)} others come within {100 * _RIVAL:.0f} % of the best score"
+        told += f"; {len(rivals)} others come within {100 * RIVAL:.0f} % of the best score"
     return Judgement(Verdict.AMBIGUOUS, told)
 
 
@@ -108,7 +106,7 @@ def trust_of(hypotheses: Sequence[Hypothesis]) -> float:
     """
     best, *others = hypotheses
     second = max((one.score for one in others), default=0.0)
-    odds = _odds_alone(best) + _BY_RIVAL * max(second, 0.0) / max(best.score, 1e-9)
+    odds = _odds_alone(best) + BY_RIVAL * max(second, 0.0) / max(best.score, 1e-9)
     odds = min([odds, *(_odds_alone(best) - _odds_alone(one) for one in others if one.score > 0)])
     if any(one.is_image for one in others):
         odds = min(odds, 0.0)
@@ -117,12 +115,12 @@ def trust_of(hypotheses: Sequence[Hypothesis]) -> float:
 
 def _odds_alone(one: Hypothesis) -> float:
     """Log odds of a pose without any other one beside it."""
-    return float(_TRUST + _BY_VIOLATION * one.violate + _BY_SURPLUS * np.log(one.surplus + _LEAST_SURPLUS))
+    return float(TRUST + BY_VIOLATION * one.violate + BY_SURPLUS * np.log(one.surplus + LEAST_SURPLUS))
 
 
 def trust_for(level: float) -> float:
     """Return the probability from which on a pose is claimed where `level` of the claims may be false."""
-    levels, asked = np.log([one for one, _ in _SURE]), [one for _, one in _SURE]
+    levels, asked = np.log([one for one, _ in CLAIMED_FROM]), [one for _, one in CLAIMED_FROM]
     return float(np.interp(np.log(max(level, 1e-12)), levels, asked))
 
 
@@ -133,11 +131,11 @@ def _slide(best: Hypothesis, rivals: Sequence[Hypothesis]) -> FloatArray | None:
         return None
     for one in rivals:
         apart = one.motion[:, 3] - best.motion[:, 3]
-        is_along = abs(float(apart @ direction)) >= _ALONG * np.linalg.norm(apart)
-        if is_along and angle_between(best.motion, one.motion[None])[0] <= _SAME_TURN:
+        is_along = abs(float(apart @ direction)) >= ALONG * np.linalg.norm(apart)
+        if is_along and angle_between(best.motion, one.motion[None])[0] <= LEAST_TURN:
             continue
         own = _free_shift(one)
-        if own is None or abs(float(own @ direction)) < _ALONG:
+        if own is None or abs(float(own @ direction)) < ALONG:
             return None
     return direction
 
@@ -150,27 +148,21 @@ def _free_shift(one: Hypothesis) -> FloatArray | None:
     return np.asarray(shift / np.linalg.norm(shift))
 
 
-_WORTH = 0.4  # probability from which on a pose may be claimed at any level
-_LEAST_M, _LEAST_TURN = 0.5, np.radians(5.0)  # shifts that count, and turns that are none
-_N_SCREENED, _SCREEN_OF_IMAGES, _N_REFINED = 300, 57, 8
-_ROUNDS_OF_IMAGES = 12
-
-
 def with_images(hypotheses: Sequence[Hypothesis], a: StationView, b: StationView) -> list[Hypothesis]:
     """Return hypotheses of b to a, and after them the images of the first one that beams approve of.
 
     Images come of shifts under which either scan fits itself. They are looked for where a claim is near.
     """
     found = list(hypotheses)
-    if not found or trust_of(found) < _WORTH:
+    if not found or trust_of(found) < CLAIMABLE:
         return found
     best = found[0].motion
     motions = np.concatenate(
         [composed(shifts_onto_itself(a), best), composed(best, shifts_onto_itself(b))]
     ).reshape(-1, 3, 4)
     first, second = [Placed(a, STILL)], [Placed(b, STILL)]
-    motions = np.array([refine(first, second, one, _ROUNDS_OF_IMAGES) for one in motions]).reshape(-1, 3, 4)
-    apart = np.linalg.norm(motions[:, :, 3] - best[:, 3], axis=1) > _LEAST_M
+    motions = np.array([refine(first, second, one, FULL[0]) for one in motions]).reshape(-1, 3, 4)
+    apart = np.linalg.norm(motions[:, :, 3] - best[:, 3], axis=1) > LEAST_SHIFT_M
     motions = motions[apart]
     motions = distinct(motions, scores_of(first, second, motions, FINE_M, VIOLATION), second, N_KEPT)
     images = [judged(first, second, one) for one in motions]
@@ -181,16 +173,16 @@ def shifts_onto_itself(view: StationView) -> FloatArray:
     """Return motions (n, 3, 4), shifts nearly, under which a scan's beams approve of the scan itself."""
     reach = 2 * view.radius_m
     places = places_of(view.directions, view.directions, np.eye(3), reach)
-    places = places[np.linalg.norm(places, axis=1) > _LEAST_M]
+    places = places[np.linalg.norm(places, axis=1) > LEAST_SHIFT_M]
     motions = np.concatenate([np.repeat(np.eye(3)[None], len(places), axis=0), places[:, :, None]], axis=2)
     own = [Placed(view, STILL)]
-    scores = scores_of(own, own, motions, COARSE_M, COARSE_VIOLATION, n=_SCREEN_OF_IMAGES)
-    motions = motions[np.argsort(-scores, kind="stable")[:_N_SCREENED]]
+    scores = scores_of(own, own, motions, COARSE_M, COARSE_VIOLATION, n=N_SCREENS)
+    motions = motions[np.argsort(-scores, kind="stable")[:N_SHIFTS]]
     scores = scores_of(own, own, motions, MIDDLE_M, COARSE_VIOLATION)
-    motions = distinct(motions, scores, own, _N_REFINED)
-    motions = np.array([refine(own, own, one, _ROUNDS_OF_IMAGES) for one in motions]).reshape(-1, 3, 4)
-    chosen = np.linalg.norm(motions[:, :, 3], axis=1) > _LEAST_M
-    chosen &= angle_between(STILL, motions) < _LEAST_TURN
+    motions = distinct(motions, scores, own, N_SHIFTS_REFINED)
+    motions = np.array([refine(own, own, one, FULL[0]) for one in motions]).reshape(-1, 3, 4)
+    chosen = np.linalg.norm(motions[:, :, 3], axis=1) > LEAST_SHIFT_M
+    chosen &= angle_between(STILL, motions) < LEAST_TURN
     kept = [one for one in motions[chosen] if _fits(judged(own, own, one))]
     shifts = np.array(kept).reshape(-1, 3, 4)
     return np.concatenate([shifts, inverses(shifts)])

@@ -110,7 +110,7 @@ def test_scans_that_share_nothing_say_nothing():
 
 
 def test_scans_beyond_those_that_settle_together_settle_among_them(monkeypatch):
-    monkeypatch.setattr(correction, "_TOGETHER", 3)
+    monkeypatch.setattr(correction, "N_TOGETHER", 3)
     bad = misplaced(scan(3), 0.5, 0.03, 2)
     scans = [scan(0), scan(1), scan(2), bad]
     found = correct_poses([observe(one, WORLD) for one in scans], (0, 1, 2), stated_m=0.005)
