@@ -9,9 +9,8 @@ import numpy as np
 
 from completion.boundary.continuation import ALL_CUES, Cue
 from completion.edits.edit import Anchor, Edit
-from completion.extension.choice import KINDS
-from completion.extension.extent import Mode
-from completion.extension.pipeline import ExtensionRules
+from completion.extension.claims import KINDS
+from completion.extension.extent import ExtensionRules, Mode
 from completion.features.engine.options import FITTED, FeatureOptions
 from completion.flattening.options import FlatteningOptions
 from completion.merging.scan_surfaces import SurfaceOptions

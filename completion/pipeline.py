@@ -14,10 +14,9 @@ from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import apply_edits
 from completion.evidence.evidence import Scans
 from completion.extension.adjacency import find_adjacency
-from completion.extension.choice import Choice, is_chosen, numbered_anew
-from completion.extension.claims import overlap_m2, settle_claims
+from completion.extension.claims import Choice, is_chosen, numbered_anew, overlap_m2, settle_claims
 from completion.extension.extent import find_extent
-from completion.extension.known_faces import extend_face, with_faces
+from completion.extension.features import extend_face, with_faces
 from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
 from completion.features.engine.options import FeatureOptions

@@ -22,9 +22,17 @@ from benchmarks.cases.rooms import hypothesis_of, random_case
 from benchmarks.metrics.other_scans import is_there
 from completion import CompletionOptions, Patch, complete
 from completion.evidence.evidence import Label
-from completion.extension.beyond import KNOWN, WEIGHTS
-from completion.extension.confidence import EVEN_M, PERSISTENCE, Onward, Prospects, prospects
-from completion.extension.past_end import KNOWN_PAST_END, PAST_END
+from completion.extension.confidence import (
+    EVEN_M,
+    KNOWN,
+    KNOWN_PAST_END,
+    PAST_END,
+    PERSISTENCE,
+    WEIGHTS,
+    Onward,
+    Prospects,
+    prospects,
+)
 from nbv.scanning.effects import named_effects
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose

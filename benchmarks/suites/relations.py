@@ -27,9 +27,8 @@ from benchmarks.suites.summary import STRATA, WHOLE, summarise
 from completion import CompletionOptions, complete
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
-from completion.observe.observation import Observation, observe
-from completion.observe.pixel_set import PixelSet, ScanPixels
-from completion.observe.refits.refitting import refit_each
+from completion.observe.observation import Observation, PixelSet, ScanPixels, observe
+from completion.observe.refitting import refit_each
 from completion.parts.pipeline import doubt_of_warp
 from completion.relations.engine.estimate import NO_DOUBT, Doubt, Estimate
 from completion.relations.engine.relation import Relation, Status

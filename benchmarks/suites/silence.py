@@ -20,8 +20,7 @@ from benchmarks.store import each
 from completion import CompletionOptions, Patch, complete
 from completion.boundary.meshing import mesh_cells
 from completion.evidence.evidence import Label
-from completion.extension.confidence import estimate
-from completion.extension.silence import ENCLOSED, MOSTLY, TRUST, judged_parts
+from completion.extension.confidence import ENCLOSED, MOSTLY, TRUST, estimate, judged_parts
 from completion.result.completed_model import CompletedModel
 from nbv.scanning.effects import NO_EFFECTS
 from nbv.scanning.scanner import scan_scene
@@ -200,7 +199,7 @@ HELD_OUT = 2000  # first seed of the desks that nothing is tuned on; constants c
 def silence(first: int = HELD_OUT, desks: int = 24, fit: bool = False) -> Iterator[str]:
     """Pixels without return of simulated desks before a Kinect: shadows, dark and clear things.
 
-    --fit: the most likely constants of `completion.extension.silence.TRUST` instead, beside those in use.
+    --fit: the most likely constants of `completion.extension.confidence.TRUST` instead, beside those in use.
     """
     seeds = range(first, first + desks)
     if fit:

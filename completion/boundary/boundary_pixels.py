@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
-from completion.observe.observation import Observation
-from completion.observe.pixel_set import ScanPixels
+from completion.observe.observation import Observation, ScanPixels
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim

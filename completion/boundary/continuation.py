@@ -9,8 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from completion.boundary.curves import Circle, Line
-from completion.boundary.edges import Edge
+from completion.boundary.edges import Circle, Edge, Line
 from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray
 

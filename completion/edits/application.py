@@ -12,9 +12,8 @@ from shapely import Polygon
 
 from completion.edits.edit import Anchor, Edit, SurfaceEdits, Wish, outline_uv
 from completion.merging.merged_surface import MergedSurface
-from completion.observe.observation import Observation
-from completion.observe.pixel_set import PixelSet, ScanPixels
-from completion.observe.refits.refitting import refit
+from completion.observe.observation import Observation, PixelSet, ScanPixels
+from completion.observe.refitting import refit
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Plane

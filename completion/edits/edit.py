@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, contains_xy
 
-from completion.boundary.curves import Line
+from completion.boundary.edges import Line
 from completion.boundary.meshing import Trim
 from completion.edits.fitted import FittedHole, FittedJoint, FittedOpening
 from completion.evidence.chart_grid import ChartGrid

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.boundary.curves import Circle
+from completion.boundary.edges import Circle
 from completion.evidence.chart_grid import ChartGrid
 from completion.merging.merged_surface import MergedSurface
 from scenes.checks import FloatArray

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label as connected_parts
 
-from completion.evidence.field_of_view import Views
 from completion.evidence.reach import Reach, reach_of
-from completion.evidence.sight import Sight, sight_of
+from completion.evidence.sight import Sight, Views, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray

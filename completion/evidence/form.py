@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.observe.triple import Triple, dot, minus, plus, triple
+from completion.observe.rays import Triple, dot, minus, plus, triple
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import inlined
 

@@ -12,11 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evidence.sight import Sight, along_ray
-from completion.evidence.window import Window
+from completion.evidence.sight import Sight, Window, along_ray
 from completion.observe.observation import Observation
-from completion.observe.rays import Rays, deviation_at, ray_at
-from completion.observe.triple import Triple
+from completion.observe.rays import Rays, Triple, deviation_at, ray_at
 from scenes.checks import FloatArray
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from texture.engine.compiled import compiled, inlined

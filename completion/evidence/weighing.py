@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label, Scans
-from completion.evidence.field_of_view import ball_around
 from completion.evidence.form import Form, form_of, place_of
 from completion.evidence.free_space import free_cells
 from completion.evidence.reach import Reach, is_beyond, progress_of
-from completion.evidence.sight import Look, Sight, along_ray, look, pixel_of
-from completion.evidence.window import window_of
-from completion.observe.rays import deviation_at
+from completion.evidence.sight import Look, Sight, along_ray, ball_around, look, pixel_of, window_of
+from completion.observe.rays import Triple, deviation_at, dot, minus, plus
 from completion.observe.shadow import is_shadowed
-from completion.observe.triple import Triple, dot, minus, plus
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
 from texture.engine.compiled import compiled, inlined

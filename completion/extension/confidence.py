@@ -1,24 +1,412 @@
 # SPDX-License-Identifier: MIT
-"""Confidence: the probability that a surface is where it was hidden."""
+"""Confidence: the probability that a surface is where it was hidden, or where nothing came back.
+
+Past the end: a pipe or a column vanishes behind something that stands clear before it. A limb, an arm of a
+chair or a stem stops where it meets the next part: there the neighbouring beams went past it, or lie on it
+still.
+
+Silence: nothing comes back from where the projector does not light, from what is dark, clear or polished, and
+from where nothing is: a window pane is a hole without return in a wall. What surrounds such a hole, how wide
+it is, and what the surface is like tell which of them it is.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from completion.boundary.hidden_regions import HiddenRegions, Labelling
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.evidence import Evidence
-from completion.extension.beyond import KNOWN, WEIGHTS, Sides, known_beyond, probability_beyond
+from completion.evidence.evidence import Evidence, Label
 from completion.extension.extent import Extent
-from completion.extension.past_end import KNOWN_PAST_END, PAST_END, PastEnds, probability_past_end
-from completion.extension.silence import half_widths
-from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces.catalogue import Cylinder
+from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.surfaces.catalogue import Cylinder, Plane
+from texture.engine.compiled import compiled
+
+KNOWN = (
+    "log of the distance past the rectangle, in units of its side",
+    "log of that distance in metres",
+    "share of its outline where beams passed",
+    "encloses the room",
+    "level, and does not enclose",
+    "level, and encloses",
+    "share of that side along which beams passed",
+    "share of that side that is hidden",
+    "encloses, and another plane closes that side",
+    "stands on what closes that side",
+    "improbability by its edges, where its outline was seen to end",
+)
+"""What the probability depends on, in the order of `WEIGHTS`."""
+
+WEIGHTS: FloatArray = np.array([
+    -1.51, -0.24, -0.29, -0.46, 0.68, -0.63, 0.25, -0.13, 0.64, 0.28, 0.68, -0.99,
+])  # fmt: skip
+"""Constant, and weight of each of `KNOWN`, in the logarithm of the odds (Cox 1958).
+
+The most likely ones on the generated rooms with seeds 1000 to 1015, the furnished flats with seeds 0 to 19
+and the frames of a walk through a furnished storey, rounded (examples/calibrate_confidence.py).
+"""
+
+_NEAREST = 0.02  # added to distances before their logarithm is taken: nearer is as near
+_RAGGED = 0.15  # of the rectangle: how far from its side the outermost cell of a line may lie
+_WELL_SEEN = 0.3  # of the outline: from here on the surface's own edges tell what they can
+_HALVINGS = 40  # of an interval of 40 in the logarithm
+_LEAST_SIZE = 1e-9  # of a measured rectangle, metres
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sides:
+    """What was seen along the four sides of a rectangle, each (2, 2): low and high (rows) along u and v."""
+
+    passed: FloatArray  # share of the lines across it beyond whose outermost measured cell beams passed
+    hidden: FloatArray  # share of those beyond whose outermost cell it was hidden
+    passed_outline: float  # share of the whole outline where beams passed
+
+    @classmethod
+    def of(cls, grid: ChartGrid, evidence: Evidence, extent: Extent) -> Sides:
+        """Look at the cells next to what was measured of a plane."""
+        passed, hidden = np.zeros((2, 2)), np.zeros((2, 2))
+        occluded = evidence.labels == Label.OCCLUDED
+        for axis, centres in enumerate(grid.axes()):
+            measured, open_, behind = (
+                cells if axis == 0 else cells.T for cells in (evidence.observed, evidence.open, occluded)
+            )
+            lines = np.flatnonzero(measured.any(axis=1))
+            slack = _RAGGED * (extent.own_high - extent.own_low)[axis] + 2 * float(grid.cell.max())
+            last = measured.shape[1] - 1
+            for row, side in enumerate((extent.own_low, extent.own_high)):
+                if row == 0:
+                    beside = measured[lines].argmax(axis=1) - 1
+                else:
+                    beside = last + 1 - measured[lines][:, ::-1].argmax(axis=1)
+                at = np.clip(beside, 0, last)
+                counts = (beside == at) & (np.abs(centres[at] - side[axis]) <= slack)
+                n_lines = max(len(lines), 1)
+                free = open_[lines, at]
+                passed[row, axis] = np.count_nonzero(counts & free) / n_lines
+                hidden[row, axis] = np.count_nonzero(counts & ~free & behind[lines, at]) / n_lines
+        return cls(passed, hidden, share_seen_to_end(evidence))
+
+
+def share_seen_to_end(evidence: Evidence) -> float:
+    """Share of the cells around what was measured that beams passed: how much of the outline is known."""
+    outline = ndimage.binary_dilation(evidence.observed, np.ones((3, 3))) & ~evidence.observed
+    return float(np.count_nonzero(evidence.open & outline)) / max(int(np.count_nonzero(outline)), 1)
+
+
+def known_beyond(
+    uv: FloatArray, base: FloatArray, extent: Extent, sides: Sides
+) -> tuple[FloatArray, NDArray[np.int8]]:
+    """Return `KNOWN` (n, 11) for places (n, 2) in a plane's chart, and the side that each is past.
+
+    Of several sides it is the one that it is farthest past, in units of the rectangle's; `base` (n,) is the
+    probability by the surface's edges. The side (n,) is 0 and 1 for low and high u, 2 and 3 for v, -1 for
+    places within the rectangle.
+    """
+    own = np.array([extent.own_low, extent.own_high])
+    side, past, past_m = _farthest_past(uv, own)
+    row, axis = side % 2, side // 2
+    well_seen = min(sides.passed_outline / _WELL_SEEN, 1.0)
+    closed = np.isfinite(extent.ends)[row, axis]
+    n, encloses, level = len(uv), float(extent.encloses), float(extent.is_level)
+    goes_on = extent.end_probability[row, axis]
+    return np.column_stack([
+        np.log(past + _NEAREST),
+        np.log(past_m + _NEAREST),
+        np.full(n, sides.passed_outline),
+        np.full(n, encloses),
+        np.full(n, level * (1 - encloses)),
+        np.full(n, level * encloses),
+        sides.passed[row, axis],
+        sides.hidden[row, axis],
+        encloses * closed,
+        (1 - encloses) * goes_on,
+        (1 - base) * well_seen,
+    ]), side  # fmt: skip
+
+
+def as_far_as_probable(extent: Extent, least: float, weights: FloatArray = WEIGHTS) -> Extent:
+    """Return the extent of a plane that ends where its probability surely falls below `least`.
+
+    The bound holds whatever will be seen: what is not known yet has its most favourable value. There is none
+    where the odds do not fall with the distance. `weights` (12,) are those of `WEIGHTS`.
+    """
+    if not isinstance(extent.chart, Plane) or (weights[1:3] > 0).any() or not (weights[1:3] < 0).any():
+        return extent
+    size = np.maximum(extent.own_high - extent.own_low, _LEAST_SIZE)
+    closed, encloses, level = np.isfinite(extent.ends), float(extent.encloses), float(extent.is_level)
+    known = np.zeros((2, 2, len(KNOWN)))
+    known[..., [2, 6, 7, 10]] = weights[1:][[2, 6, 7, 10]] > 0
+    known[..., 3], known[..., 4], known[..., 5] = encloses, level * (1 - encloses), level * encloses
+    known[..., 8], known[..., 9] = encloses * closed, (1 - encloses) * extent.end_probability
+    odds = weights[0] + known @ weights[1:] - np.log(least / (1 - least))
+
+    # A place that is farthest past one side, in units of the rectangle's, may be past the one beside it too.
+    beside = _farthest(odds.max(axis=0)[::-1], size.max(), weights)
+    past = size * np.maximum(_farthest(odds, size, weights), beside)
+    return replace(extent, reach=np.stack([extent.own_low - past[0], extent.own_high + past[1]]))
+
+
+def _farthest(odds: FloatArray, size: FloatArray, weights: FloatArray) -> FloatArray:
+    """How far past its side, in units of `size`, a place may be until its log odds fall to 0."""
+    low, high = np.full(odds.shape, -20.0), np.full(odds.shape, 20.0)  # logarithms of the distance
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        past = np.exp(middle)
+        left = odds + np.log(np.stack([past, past * size], axis=-1) + _NEAREST) @ weights[1:3]
+        low, high = np.where(left > 0, middle, low), np.where(left > 0, high, middle)
+    return np.asarray(np.exp(high))
+
+
+def probability_beyond(known: FloatArray, weights: FloatArray = WEIGHTS) -> FloatArray:
+    """Probability (n,) that the surface is there, from `KNOWN` (n, 11)."""
+    return np.asarray(1 / (1 + np.exp(-(weights[0] + known @ weights[1:]))), dtype=np.float64)
+
+
+@compiled
+def _farthest_past(uv: FloatArray, own: FloatArray) -> tuple[NDArray[np.int8], FloatArray, FloatArray]:
+    """The side (n,) of the rectangle `own` (2, 2) that places (n, 2) are farthest past, and how far.
+
+    Distances (n,) are in units of the rectangle's side, and in metres; of the latter the largest counts.
+    """
+    n = len(uv)
+    side, past, past_m = np.full(n, -1, np.int8), np.zeros(n), np.zeros(n)
+    for i in range(n):
+        for axis in range(2):
+            size = max(own[1, axis] - own[0, axis], _LEAST_SIZE)
+            for row in range(2):
+                away = own[0, axis] - uv[i, axis] if row == 0 else uv[i, axis] - own[1, axis]
+                if away > 0.0:
+                    past_m[i] = max(past_m[i], away)
+                    if side[i] < 0 or away / size > past[i]:
+                        side[i], past[i] = 2 * axis + row, away / size
+    return side, past, past_m
+
+
+KNOWN_PAST_END = (
+    "log of the distance past the end, in units of the measured length",
+    "log of the sine between its axis and the nearest normal of a plane that closes it",
+    "log of the radius' standard deviation, in units of the radius",
+    "share of that end's boundary where the cylinder was seen to end",
+)
+"""What the probability depends on, in the order of `PAST_END`."""
+
+PAST_END: FloatArray = np.array([-0.07, -0.31, -0.25, -0.29, -3.10])
+"""Constant, and weight of each of `KNOWN_PAST_END`, in the logarithm of the odds (Cox 1958).
+
+The most likely ones on the same rooms, flats and frames as `WEIGHTS`, rounded.
+"""
+
+_UPRIGHT = 0.02  # sine: axes nearer to a normal are as upright
+_EXACT = 1e-3  # of the radius: radii that are known better are as well known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PastEnds:
+    """What n places on a cylinder have to do with its ends."""
+
+    side: NDArray[np.int8]  # (n,) 0 past the low end, 1 past the high one, -1 between them
+    known: FloatArray  # (n, 4) `KNOWN_PAST_END`
+
+    @classmethod
+    def of(cls, along: FloatArray, extent: Extent) -> PastEnds:
+        """Look at places by their chart coordinate `along` (n,) the axis, metres."""
+        low, high = extent.own_low[1], extent.own_high[1]
+        side = np.where(along < low, 0, np.where(along > high, 1, -1)).astype(np.int8)
+        past = np.maximum(np.maximum(low - along, along - high), 0.0) / max(high - low, _LEAST_SIZE)
+        n = len(along)
+        known = np.column_stack([
+            np.log(past + _NEAREST),
+            np.full(n, np.log(min(extent.tilt, 1.0) + _UPRIGHT)),
+            np.full(n, np.log(extent.radius_sd + _EXACT)),
+            extent.seen_ends[np.maximum(side, 0)],
+        ])  # fmt: skip
+        return cls(side, known)
+
+
+def probability_past_end(known: FloatArray, weights: FloatArray = PAST_END) -> FloatArray:
+    """Probability (n,) that the cylinder goes on to there, from `KNOWN_PAST_END` (n, 4)."""
+    return np.asarray(1 / (1 + np.exp(-(weights[0] + known @ weights[1:]))), dtype=np.float64)
+
+
+_PROBABLE = 0.5  # from which on silent cells are part of the rim of others
+_STEP = 1.5  # from one width that is told apart to the next
+_LEAST_M = 1e-6
+_ALL_AROUND = np.ones((3, 3))
+
+
+ENCLOSED = 0.9
+"""Share of a rim that is to be measured or inferred surface: a mouth of a tenth is as wide as its part."""
+
+MOSTLY = 0.5
+"""The same for shadows on walls, of which one side may border on what is dark."""
+
+TRUST: FloatArray = np.array([
+    [[0.97, 0.2], [0.88, 0.8]],
+    [[0.975, 0.45], [0.975, 0.09]],
+])  # fmt: skip
+"""Probability p that narrow silent cells are surface, and half width w: it is p exp(-(x / w)^2) at width x.
+
+By what brought nothing back, unknown or a shadow of the projector, and by walls, in metres, and other
+surfaces, in units of the root of their measured area. The most likely ones on the desks with seeds 1000 to
+1047, rounded (`python -m benchmarks.completion.silence --fit`), but for wide holes in walls: whether they are
+screens or panes depends on the house, so that they fall off in half the width that is likeliest there.
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SilentPart:
+    """Connected cells without return, about as wide everywhere."""
+
+    cells: NDArray[np.int64]  # (n,) flat
+    half_width_m: float  # radius of the discs that cover it
+    enclosed: float  # share of its rim that is measured or inferred surface
+
+
+def silent_cells(evidence: Evidence, hidden: BoolArray) -> BoolArray:
+    """Those of the hidden cells (rows, columns) from which nothing came back."""
+    return np.asarray(hidden & np.isin(evidence.labels, (Label.NO_RETURN, Label.UNLIT)), dtype=np.bool_)
+
+
+def trust(
+    grid: ChartGrid,
+    evidence: Evidence,
+    hidden: BoolArray,
+    filled: BoolArray,
+    *,
+    within: BoolArray,
+    is_wall: bool,
+) -> FloatArray:
+    """Probability (rows, columns) that what brought nothing back is surface, if it goes on there; else 1.
+
+    All (rows, columns): `hidden` cells are where the surface may be, `filled` where it is inferred for other
+    reasons, and those not `within` lie beyond what it ends at. Silent cells count where surface is all
+    around, to `ENCLOSED`, shadows on walls to `MOSTLY`; what is trusted counts as surface for narrower ones.
+    """
+    result = np.ones(grid.shape)
+    for part, probability in judged_parts(grid, evidence, hidden, filled, within=within, is_wall=is_wall):
+        result.ravel()[part.cells] = probability
+    return result
+
+
+def judged_parts(
+    grid: ChartGrid,
+    evidence: Evidence,
+    hidden: BoolArray,
+    filled: BoolArray,
+    *,
+    within: BoolArray,
+    is_wall: bool,
+) -> Iterator[tuple[SilentPart, float]]:
+    """Yield a surface's silent parts and how probably they are surface; (rows, columns) as for `trust`."""
+    solid, cell = evidence.observed | filled, float(grid.cell.max())
+    unit = 1.0 if is_wall else float(np.sqrt(np.count_nonzero(evidence.observed) * grid.cell_area))
+    for why, needed in ((Label.UNLIT, MOSTLY if is_wall else ENCLOSED), (Label.NO_RETURN, ENCLOSED)):
+        start, length = TRUST[int(why == Label.UNLIT), int(not is_wall)]
+        for part in silent_parts(hidden & (evidence.labels == why), solid, within, cell, wraps=grid.wraps):
+            width = part.half_width_m / max(length * unit, _LEAST_M)
+            probability = float(start * np.exp(-(width**2))) if part.enclosed >= needed else 0.0
+            solid.ravel()[part.cells] = probability >= _PROBABLE
+            yield part, probability
+
+
+def silent_parts(
+    silent: BoolArray, solid: BoolArray, within: BoolArray, cell_m: float, *, wraps: bool
+) -> Iterator[SilentPart]:
+    """Part silent cells by how wide they are there, and look at each part's rim, the widest first.
+
+    Cells (rows, columns) that are `solid` are measured or inferred; parts that the caller adds to them count
+    for narrower ones. Those that are not `within` lie beyond what the surface ends at, and say nothing; nor
+    do silent cells of narrower parts.
+    """
+    columns, box = silent.shape[1], _box_around(silent)
+    if box is None:
+        return
+    silent, solid, within = silent[box], solid[box], within[box]
+    level = half_widths(silent)
+    for one in sorted(set(level[silent].tolist()), reverse=True):
+        number, n_parts = ndimage.label(level == one, _ALL_AROUND)
+        row, column = np.nonzero(number)
+        own = number[row, column]
+        good, bad = np.zeros(n_parts + 1), _at_border(number, n_parts, wraps)
+        _look_beside(number, row, column, solid, within, level, one, good, bad)
+        order = np.argsort(own, kind="stable")
+        ends = np.searchsorted(own[order], np.arange(n_parts + 2))
+        cells = ((row + box[0].start) * columns + column + box[1].start)[order]
+        for part in range(1, n_parts + 1):
+            share = float(good[part] / max(good[part] + bad[part], 1.0))
+            yield SilentPart(cells[ends[part] : ends[part + 1]], one * cell_m, share)
+
+
+def _box_around(cells: BoolArray, margin: int = 1) -> tuple[slice, slice] | None:
+    """Rows and columns of cells (rows, columns), with a margin where there is one; None without cells."""
+    rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return None
+    row, column = (slice(max(some[0] - margin, 0), some[-1] + margin + 1) for some in (rows, columns))
+    return row, column
+
+
+def half_widths(silent: BoolArray) -> FloatArray:
+    """Radius in cells (rows, columns) of the largest disc of cells that covers each, by steps; else 0."""
+    level = silent.astype(np.float64)
+    away = _away_from(np.pad(~silent, 1, constant_values=True))[1:-1, 1:-1]
+    radius = _STEP
+    while (box := _box_around(core := away >= radius, int(np.ceil(radius)))) is not None:
+        level[box][_away_from(core[box]) < radius] = radius
+        radius *= _STEP
+    return np.where(silent, level, 0.0)
+
+
+def _away_from(cells: BoolArray) -> NDArray[np.float32]:
+    """Distance (rows, columns) to the nearest of some cells, in cells: roots of whole numbers to 1e-7.
+
+    Powers of `_STEP` are no such roots, so that what is nearer than one does not depend on rounding.
+    """
+    away = cv2.distanceTransform((~cells).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(away, dtype=np.float32)
+
+
+def _at_border(number: NDArray[np.int32], n_parts: int, wraps: bool) -> FloatArray:
+    """How many cells of each part (n_parts + 1,) lie at the grid's border."""
+    sides = [number[0], number[-1]] + ([] if wraps else [number[:, 0], number[:, -1]])
+    return np.bincount(np.concatenate(sides), minlength=n_parts + 1).astype(np.float64)
+
+
+@compiled
+def _look_beside(
+    number: NDArray[np.int32],
+    rows: IntArray,
+    columns: IntArray,
+    solid: BoolArray,
+    within: BoolArray,
+    level: FloatArray,
+    one: float,
+    good: FloatArray,
+    bad: FloatArray,
+) -> None:
+    """Count for each part, of cells at rows (n,) and columns (n,), those beside that are surface, and not.
+
+    Silent cells of a `level` below `one`, which narrower parts have, are neither.
+    """
+    for k in range(len(rows)):
+        part = number[rows[k], columns[k]]
+        for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+            row, column = rows[k] + down, columns[k] + right
+            if not (0 <= row < number.shape[0] and 0 <= column < number.shape[1]):
+                continue
+            if number[row, column] == part:
+                continue
+            if solid[row, column]:
+                good[part] += 1.0
+            elif within[row, column] and not 0.0 < level[row, column] < one:
+                bad[part] += 1.0
 
 
 class Onward(IntEnum):
@@ -31,8 +419,8 @@ class Onward(IntEnum):
     WALL_WITHIN = 0  # walls, floors and ceilings, in their rectangle
     OBJECT_WITHIN = 1  # other planes, in their rectangle
     CYLINDER = 2
-    BEYOND = 3  # the rectangle of a plane (`extension.beyond`)
-    PAST_END = 4  # of a cylinder (`extension.past_end`)
+    BEYOND = 3  # the rectangle of a plane
+    PAST_END = 4  # of a cylinder
 
 
 PERSISTENCE: FloatArray = np.array([
@@ -42,7 +430,7 @@ PERSISTENCE: FloatArray = np.array([
 ])  # fmt: skip
 """Probability (3,) just beside what was measured for each `Onward`, and distance in which it falls to 1/e.
 
-The most likely ones on the same rooms, flats and frames as `beyond.WEIGHTS`, rounded.
+The most likely ones on the same rooms, flats and frames as `WEIGHTS`, rounded.
 """
 
 EVEN_M = 1.6
@@ -64,8 +452,8 @@ class Prospects:
     onward: NDArray[np.int8]  # (n,) an `Onward`
     distance: FloatArray  # (n,) in its units
     width: FloatArray  # (n,) half width of what is hidden of an upright wall around them, metres; else 0
-    known: FloatArray  # (n, 11) `beyond.KNOWN` of those beyond the rectangle; else of no use
-    past_end: FloatArray  # (n, 4) `past_end.KNOWN_PAST_END` of those past an end; else of no use
+    known: FloatArray  # (n, 11) `KNOWN` of those beyond the rectangle; else of no use
+    past_end: FloatArray  # (n, 4) `KNOWN_PAST_END` of those past an end; else of no use
     is_said: BoolArray  # (n,) whether a person, or a joint, says that it goes on past them
 
     def probability(
@@ -105,7 +493,7 @@ def prospects(
     and opening lies anywhere between measured and open cells: an opening that was seen over a length s goes
     on for e more with probability s / (s + e) (Gott 1993). In both cases the surface goes on for a distance
     with the persistence of its kind. Past the rectangle of a plane, and past the ends of a cylinder, all that
-    is known of it is weighed instead (`extension.beyond`, `extension.past_end`).
+    is known of it is weighed instead (`KNOWN`, `KNOWN_PAST_END`).
     """
     observed, open_ = evidence.observed, evidence.open
     inside = regions.region >= 0

@@ -7,36 +7,45 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from completion.boundary.boundary_pixels import BoundaryPixels, ended_sides, seen_ends
+from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels, ended_sides, seen_ends
 from completion.boundary.continuation import ALL_CUES, Cue
-from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.evidence import Scans
+from completion.boundary.edges import Line, find_edges
 from completion.extension.adjacency import Adjacency, is_upright
-from completion.extension.bounds import (
-    aligned_chart,
-    closed_sides,
-    enclosing_cuts,
-    facing_chart,
-    farthest_hidden,
-)
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.segmentation.regions import observed_arc
 from scenes.checks import BoolArray, FloatArray, freeze_arrays
-from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+
+_INNER = 0.98  # of a surface's points that lie on the inner side of what it ends at
+_SIDEWAYS = 0.7  # cosine between a plane's normal and the direction whose side it closes
+
 
 Mode = Literal["conservative", "standard", "bold"]
 
+LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
+"""Probability below which a place is left unknown."""
+
 _FULL_TURN_ARC = np.radians(90.0)
-_MOST_CELLS = 1_000_000  # of one surface, however small they are asked for
 _RADIUS_SD = 0.05  # of the radius: less certain cylinders are not closed
 _OUTLYING = 0.002  # of the measured points, left out on each side of their rectangle
 _MOST_POINTS = 50_000
 _LEVEL = 0.98  # cosine between a level plane's normal and up
-_MOST_PIXELS = 1_000_000  # that a cell's size is read from
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ExtensionRules:
+    """What a continuation may use, and how sure it must be."""
+
+    mode: Mode  # how probable inferred area must be
+    max_sd_m: float  # predicted standard deviation up to which a surface is continued, metres
+    max_cells: int  # in how many cells at most its chart is weighed
+    cues: Collection[Cue] = ALL_CUES  # what is made use of
+    cell_m: float | None = None  # side of a cell, metres; None: that of the pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,45 +279,103 @@ def _ended_at(extent: Extent, planes: Sequence[Plane]) -> tuple[Extent, BoolArra
     return ended, is_new
 
 
-def lay_grid(
-    surface: MergedSurface,
-    extent: Extent,
-    scans: Scans,
-    *,
-    max_cells: int,
-    cell_m: float | None,
-) -> ChartGrid:
-    """Return a grid over the extent, its cells as small as the lower quartile of the pixels' footprints.
+def aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray, boundary: BoundaryPixels) -> Plane:
+    """Return the plane with u along the straight boundary that was seen most of, else along its longest side.
 
-    Or of side `cell_m`. They are larger where there would be more than `max_cells`, or 1,000,000 of a side
-    that was asked for.
+    Boundaries are its meeting lines with the planes `cuts` and its own edges, by its boundary pixels in the
+    given plane's chart; `points` (n, 3) are its measured ones, metres.
     """
-    cell, most = float(np.quantile(_footprints(surface, scans.observations), 0.25)), max_cells
-    if cell_m is not None:
-        cell, most = cell_m, _MOST_CELLS
-    low, high = _hidden_box(extent, scans)
-    low, high = low - 2 * cell, high + 2 * cell
-    width = extent.chart.period if extent.full_turn else high[0] - low[0]
-    cell = max(cell, float(np.sqrt(width * (high[1] - low[1]) / most)))
-    if np.isfinite(extent.chart.period):
-        cell = min(cell, extent.chart.period / 48)
-    return ChartGrid.over(extent.chart, low, high, cell, full_turn=extent.full_turn)
+    size = np.linalg.norm(boundary.step, axis=1)
+    seen = boundary.only(
+        (size > 0) & np.isin(boundary.kind, (BoundaryKind.CONTIGUOUS, BoundaryKind.OWN_EDGE))
+    )
+    size = np.linalg.norm(seen.step, axis=1)
+    at = plane.from_uv(seen.uv)
+    directions, supports = [], []
+    for cut in cuts:
+        along = np.cross(plane.normal_direction, cut.normal_direction)
+        if np.linalg.norm(along) > 0.5:
+            near = (np.abs(cut.distance(at)) <= size) & (seen.kind == BoundaryKind.CONTIGUOUS)
+            directions.append(along)
+            supports.append(float(size[near].sum()))
+    for edge in find_edges(seen.only(seen.kind == BoundaryKind.OWN_EDGE)):
+        if isinstance(edge.curve, Line):
+            directions.append(plane.from_uv(edge.curve.direction) - plane.point)
+            supports.append(float(np.ptp(edge.runs, axis=1).sum()))
+    if max(supports, default=0.0) > 0:
+        return Plane(plane.point, plane.normal_direction, directions[int(np.argmax(supports))])
+    uv = plane.to_uv(points).astype(np.float32)
+    (_, _), (width, height), angle_deg = cv2.minAreaRect(uv)
+    angle = np.radians(angle_deg if width >= height else angle_deg + 90.0)
+    along = np.cos(angle) * plane.u_direction + np.sin(angle) * plane.v_direction
+    return Plane(plane.point, plane.normal_direction, along)
 
 
-def _footprints(surface: MergedSurface, observations: Sequence[Observation]) -> FloatArray:
-    """How wide the pixels (n,) of a surface are on it where it faces them, metres."""
-    footprints = []
-    for seen, pixels in surface.sampled_by(observations, _MOST_PIXELS):
-        footprints.append(seen.scan.ranges.ravel()[pixels] * seen.scan.projection.pixel_angle)
-        trim()
-    return np.concatenate(footprints)
+def facing_chart(cylinder: Cylinder, points: FloatArray) -> Cylinder:
+    """Return the cylinder with the middle of its measured points (n, 3) at u = 0, the seam at its back."""
+    angle = np.sort(cylinder.to_uv(points)[:, 0] / cylinder.radius)
+    gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
+    widest = int(np.argmax(gaps))
+    middle = (angle[widest] + gaps[widest] / 2 + np.pi) * cylinder.radius
+    outward = cylinder.from_uv(np.array([[middle, 0.0]]))[0] - cylinder.point
+    return Cylinder(cylinder.point, cylinder.direction, cylinder.radius, outward, cylinder.concave)
 
 
-def _hidden_box(extent: Extent, scans: Scans) -> tuple[FloatArray, FloatArray]:
-    """The measured rectangle, widened within the window by all places that were hidden."""
-    low, high = extent.window()
-    if not isinstance(extent.chart, Plane):
-        return low, high
-    places = farthest_hidden(extent.chart, low, high, scans)
-    places = np.concatenate([extent.own_low[None], extent.own_high[None], places])
-    return places.min(axis=0), places.max(axis=0)
+def enclosing_cuts(
+    index: int, surfaces: Sequence[MergedSurface], enclosing: BoolArray, points: FloatArray
+) -> list[tuple[int, Surface]]:
+    """Return the enclosing surfaces, with their indices, that have points (n, 3) of one on their inner side.
+
+    `enclosing` (n_surfaces,) tells which of the surfaces enclose the room.
+    """
+    cuts = []
+    for other, candidate in enumerate(surfaces):
+        if other == index or not enclosing[other]:
+            continue
+        distance = candidate.fit.surface.distance(points)
+        slack = 3 * candidate.fit.rms + 0.02 * float(np.ptp(distance))
+        if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= _INNER:
+            cuts.append((other, candidate.fit.surface))
+    return cuts
+
+
+def closed_sides(
+    chart: Surface, cuts: Sequence[Plane], low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Find where planes close the sides of the rectangle from `low` to `high` (2,) of a chart, metres.
+
+    Returns
+    -------
+    ends : (2, 2) float
+        Chart coordinate at which the nearest plane closes the low and the high side (rows) along u and v
+        (columns), metres; -inf and inf where none does.
+    which : (2, 2) int64
+        Its index, -1 for none.
+    """
+    ends = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+    which = np.full((2, 2), -1)
+    for axis in (0, 1) if isinstance(chart, Plane) else (1,):
+        for row, (sign, side) in enumerate(((-1.0, low), (1.0, high))):
+            for number, cut in enumerate(cuts):
+                end = _end_along(chart, cut, axis=axis, sign=sign, low=low, high=high)
+                if end is not None and sign * (end - side[axis]) >= 0 > sign * (end - ends[row, axis]):
+                    ends[row, axis], which[row, axis] = end, number
+    return ends, which
+
+
+def _end_along(
+    chart: Surface, cut: Plane, axis: int, sign: float, low: FloatArray, high: FloatArray
+) -> float | None:
+    """Chart coordinate where the cut meets the rectangle's continuation, None if it faces away."""
+    centre = (low + high) / 2
+    step = np.zeros(2)
+    step[axis] = max(float((high - low)[axis]), 1e-3) * 0.5
+    here = centre if isinstance(chart, Plane) else np.array([0.0, centre[1]])
+    pair = cut.distance(chart.from_uv(np.stack([here - step, here + step])))
+    slope = float(pair[1] - pair[0]) / (2 * float(step[axis]))
+    if sign * slope > -_SIDEWAYS:
+        return None
+    corners = np.array([low, high])  # of the side
+    corners[:, axis] = (high if sign > 0 else low)[axis]
+    ends = corners[:, axis] - cut.distance(chart.from_uv(corners)) / slope
+    return float(ends.max() if sign > 0 else ends.min())

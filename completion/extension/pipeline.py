@@ -3,48 +3,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from scipy import ndimage
 
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
-from completion.boundary.continuation import ALL_CUES, ContinuedEdge, Cue, continue_edges
-from completion.boundary.curves import meeting_line
-from completion.boundary.edges import Edge, edge_along, find_edges
-from completion.boundary.frame_lines import trimmed_to_frames
+from completion.boundary.continuation import ContinuedEdge, continue_edges
+from completion.boundary.edges import Edge, edge_along, find_edges, meeting_line
 from completion.boundary.hidden_regions import HiddenRegions, divide_hidden, label_regions
-from completion.boundary.meshing import Trim
+from completion.boundary.meshing import Trim, trimmed_to_frames
 from completion.edits.application import EditedSurface
 from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label, Scans
-from completion.evidence.field_of_view import ball_around
+from completion.evidence.sight import ball_around
 from completion.evidence.weighing import weigh
-from completion.extension.beyond import as_far_as_probable
-from completion.extension.confidence import estimate
-from completion.extension.extent import Extent, Mode, lay_grid, with_ends, with_joints
-from completion.extension.fitted_openings import lay_openings
+from completion.extension.confidence import as_far_as_probable, estimate, silent_cells, trust
+from completion.extension.extent import (
+    LEAST_CONFIDENCE,
+    ExtensionRules,
+    Extent,
+    with_ends,
+    with_joints,
+)
+from completion.extension.features import lay_openings
+from completion.extension.grid import lay_grid
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
-from completion.extension.silence import silent_cells, trust
 from completion.fitting.result import SurfaceFit
 from scenes.checks import BoolArray
 from scenes.surfaces.catalogue import Cylinder
-
-LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
-"""Probability below which a place is left unknown."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ExtensionRules:
-    """What a continuation may use, and how sure it must be."""
-
-    mode: Mode  # how probable inferred area must be
-    max_sd_m: float  # predicted standard deviation up to which a surface is continued, metres
-    max_cells: int  # in how many cells at most its chart is weighed
-    cues: Collection[Cue] = ALL_CUES  # what is made use of
-    cell_m: float | None = None  # side of a cell, metres; None: that of the pixels
 
 
 def extend(

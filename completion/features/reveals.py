@@ -13,8 +13,7 @@ from completion.edits.fitted import KnownFace
 from completion.features.engine.template import Status, TemplateFit
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
-from completion.observe.observation import Observation
-from completion.observe.pixel_set import PixelSet, ScanPixels
+from completion.observe.observation import Observation, PixelSet, ScanPixels
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane

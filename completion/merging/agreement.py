@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Agreement: whether two fitted surfaces may be one, by their covariances."""
+"""Agreement: how probable it is that two fitted surfaces are one, by covariances and by their gap."""
 
 from __future__ import annotations
 
@@ -7,12 +7,127 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.evidence.form import Form, form_of
 from completion.fitting.result import SurfaceFit, warped
-from completion.merging.plane_pairs import compare_plane_pairs, compare_planes, density
-from scenes.checks import FloatArray, IntArray
+from completion.observe.rays import dot, minus
+from scenes.checks import BoolArray, FloatArray, IntArray
+from texture.engine.compiled import compiled, inlined
+
+_LEAST_SCALE = 1e-150  # standard deviation that counts as none
+_RANK = 1e-12  # of the greatest eigenvalue of a correlation, below which one counts as none
+
+
+@compiled
+def compare_planes(
+    here: Form,
+    there: Form,
+    covariance: FloatArray,
+    other: FloatArray,
+    doubt: tuple[float, float],
+    least_cosine: float,
+) -> tuple[float, float]:
+    """Return squared Mahalanobis distance and log density of the difference of two planes' parameters.
+
+    Offset along the normal and slopes along u and v, with `covariance` (3, 3) in the chart of the first and
+    `other` (3, 3) in that of the second, and `doubt` the variances of shift and turn between their scans.
+    Over the chart of the first both the second's height and the charts' coordinates are linear, so three
+    places say how its parameters carry over. (inf, -inf) where the cosine between the normals is less than
+    `least_cosine`.
+    """
+    cosine = dot(here.axis, there.axis)
+    if cosine < least_cosine:
+        return np.inf, -np.inf
+    offset = minus(here.point, there.point)
+    height = np.array([
+        -dot(offset, there.axis) / cosine,
+        -dot(here.first, there.axis) / cosine,
+        -dot(here.second, there.axis) / cosine,
+    ])  # fmt: skip
+    carried = np.zeros((3, 3))
+    carried[0, 0] = 1.0
+    for column in range(1, 3):
+        side = there.first if column == 1 else there.second
+        lean = dot(here.axis, side)
+        carried[0, column] = dot(offset, side) + lean * height[0]
+        carried[1, column] = dot(here.first, side) + lean * height[1]
+        carried[2, column] = dot(here.second, side) + lean * height[2]
+    total = covariance.copy()
+    total[0, 0] += doubt[0]
+    total[1, 1] += doubt[1]
+    total[2, 2] += doubt[1]
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                for m in range(3):
+                    total[i, j] += carried[i, k] * other[k, m] * carried[j, m]
+    return density(height, total)
+
+
+@compiled
+def compare_plane_pairs(
+    pairs: NDArray[np.int64],
+    forms: FloatArray,
+    covariances: FloatArray,
+    doubts: FloatArray,
+    least_cosine: float,
+) -> tuple[FloatArray, FloatArray]:
+    """`compare_planes` of pairs (k, 2) of planes, both numbers (k,).
+
+    `forms` (n, 12) are a plane's point, normal, u and v directions, `covariances` (n, 3, 3), `doubts` (k, 2)
+    the variances of shift and turn between the scans of each pair.
+    """
+    square, log_density = np.empty(len(pairs)), np.empty(len(pairs))
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        here, there = _plane_of(forms[i]), _plane_of(forms[j])
+        square[k], log_density[k] = compare_planes(
+            here, there, covariances[i], covariances[j], (doubts[k, 0], doubts[k, 1]), least_cosine
+        )
+    return square, log_density
+
+
+@inlined
+def _plane_of(a: FloatArray) -> Form:
+    """A plane by its numbers (12,)."""
+    return Form(
+        is_curved=False,
+        point=(a[0], a[1], a[2]),
+        axis=(a[3], a[4], a[5]),
+        first=(a[6], a[7], a[8]),
+        second=(a[9], a[10], a[11]),
+        radius=1.0,
+        outward=1.0,
+    )
+
+
+@compiled
+def density(difference: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """Squared Mahalanobis distance of a difference (k,) with `covariance` (k, k), and its log density."""
+    n = difference.size
+    scale = np.empty(n)
+    for i in range(n):
+        scale[i] = max(np.sqrt(max(covariance[i, i], 0.0)), _LEAST_SCALE)
+    correlation = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            correlation[i, j] = covariance[i, j] / (scale[i] * scale[j])
+    values, vectors = np.linalg.eigh(correlation)
+    largest, square, log_det = 0.0, 0.0, 0.0
+    for k in range(n):
+        largest = max(largest, abs(values[k]))
+    for k in range(n):
+        along = 0.0
+        for i in range(n):
+            along += vectors[i, k] * difference[i] / scale[i]
+        if abs(values[k]) > _RANK * largest:
+            square += along * along / values[k]
+        log_det += np.log(abs(2 * np.pi * values[k] + _RANK)) + 2 * np.log(scale[k])
+    return square, -(square + log_det) / 2
+
 
 _CHI2 = {3: 16.27, 5: 20.52}  # 99.9 % quantiles: one true pair in a thousand stays apart
 _STEEPEST = 1.0  # radians of tilt that an unrelated surface may have as well
@@ -253,3 +368,59 @@ def _log_prior_volume(lengths: int, size: FloatArray) -> FloatArray:
     So many of them are lengths, two are slopes.
     """
     return np.asarray(lengths * np.log(2 * size) + 2 * np.log(2 * _STEEPEST))
+
+
+_LEAST_AREA = 1e-9  # of a part's outline, square metres
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """Odds that two of n parts are one surface, by what else is near and by the gap between them."""
+
+    parts: Sequence[Part]
+    boxes: FloatArray  # (n, 2, 3) least and greatest coordinates of each, metres
+    is_curved: BoolArray  # (n,)
+    n_scans: int  # that they are of
+
+    @classmethod
+    def of(cls, parts: Sequence[Part], n_scans: int) -> Prior:
+        """Return the prior of the parts of so many scans."""
+        boxes = np.array([one.box for one in parts]).reshape(-1, 2, 3)
+        return cls(parts, boxes, np.array([one.form.is_curved for one in parts], dtype=np.bool_), n_scans)
+
+    def log_odds(self, first: int, second: int) -> float:
+        """Logarithm of the odds that two parts, by their indices, are one surface.
+
+        A part has about one in its scan that goes on with it. With k others of its kind that are nearer than
+        the second is, the odds for the second are 1 to k + 1: what is joined across a crowd agrees by chance
+        more often. The nearer side's count holds.
+
+        What is joined is claimed to go on over the gap as well. The size of things has no scale of its own,
+        and with the prior 1 / A^2 of areas a surface of at least A0 has at least A with probability A0 / A
+        (Gott 1993): A0 is what the outlines of both parts hold, A what the outline around both holds.
+        """
+        nearer = min(self._n_nearer(first, second), self._n_nearer(second, first))
+        return -float(np.log1p(nearer / self.n_scans)) - _log_growth(self.parts[first], self.parts[second])
+
+    def _n_nearer(self, first: int, second: int) -> int:
+        """How many parts of its kind may be nearer to the first than the second is."""
+        low, high = self.boxes[:, 0], self.boxes[:, 1]
+        apart = np.maximum(np.maximum(low - high[first], low[first] - high), 0.0)
+        square = np.einsum("ij,ij->i", apart, apart)
+        rivals = (square < square[second]) & (self.is_curved == self.is_curved[first])
+        return int(np.count_nonzero(rivals)) - int(rivals[first])
+
+
+def _log_growth(one: Part, other: Part) -> float:
+    """Logarithm of how many times the outline around both holds what their own outlines hold."""
+    surface = other.fit.surface
+    first, second = surface.to_uv(one.points), surface.to_uv(other.points)
+    if np.isfinite(surface.period):
+        first[:, 0] += np.rint((second[:, 0].mean() - first[:, 0]) / surface.period) * surface.period
+    seen = max(_outlined(first) + _outlined(second), _LEAST_AREA)
+    return float(np.log(max(_outlined(np.concatenate([first, second])) / seen, 1.0)))
+
+
+def _outlined(uv: FloatArray) -> float:
+    """Area of the convex hull of points (n, 2), square metres."""
+    return float(cv2.contourArea(cv2.convexHull(uv.astype(np.float32))))

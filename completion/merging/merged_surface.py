@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
-from completion.observe.observation import Observation
-from completion.observe.pixel_set import ScanPixels
+from completion.observe.observation import Observation, ScanPixels
 from scenes.checks import FloatArray, IntArray
 from scenes.run.mapping import trim
 

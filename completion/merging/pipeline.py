@@ -7,25 +7,49 @@ from collections.abc import Callable, Sequence
 from itertools import groupby
 
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.evidence.sight import Sight, sight_of
-from completion.merging.agreement import Part, compare_all, lies_on, log_evidence_of_height
+from completion.merging.agreement import Part, Prior, compare, compare_all, lies_on, log_evidence_of_height
 from completion.merging.candidates import find_candidates, find_hosts
-from completion.merging.gaps import gap_is_hidden
+from completion.merging.gaps import Sights, gap_is_hidden
 from completion.merging.merged_surface import MergedSurface
-from completion.merging.pieces import Piece, fit_groups
-from completion.merging.prior import Prior
-from completion.merging.sights import Sights
-from completion.merging.unconfirmed import confirmed
-from completion.merging.verdicts import Verdicts
+from completion.merging.pieces import Piece, confirmed, fit_groups
 from completion.observe.observation import Beams, Observation
-from completion.observe.refits.refitting import improve
+from completion.observe.refitting import improve
 from completion.observe.tolerance import Tolerance
-from completion.segmentation.groups import Groups
-from completion.segmentation.regions import Region
+from completion.segmentation.regions import Groups, Region
 from scenes.checks import FloatArray, IntArray
-from scenes.run.mapping import trim
+from scenes.run.mapping import allocate, trim
 from scenes.run.spill import NO_SPILL, NoSpill, Spill
+
+_ALIKE, _DIFFERENT = 1, 2
+
+
+class Verdicts:
+    """Which of n parts differ from one another; pairs that were not compared are when they are asked for."""
+
+    def __init__(self, parts: Sequence[Part], pairs: IntArray, chi2: FloatArray) -> None:
+        """Keep what pairs (k, 2) came to: they differ where `chi2` (k,) is more than 1."""
+        self._parts = parts
+        self._known: NDArray[np.int8] = allocate((len(parts), len(parts)), np.int8)
+        for here, there in (pairs.T, pairs.T[::-1]):
+            self._known[here, there] = np.where(chi2 > 1, _DIFFERENT, _ALIKE)
+
+    def contradict(self, one: Sequence[int], other: Sequence[int]) -> bool:
+        """Tell whether some pair across two groups of parts fails the test."""
+        found = self._known[np.ix_(one, other)]
+        if (found == _DIFFERENT).any():
+            return True
+        return any(self._differ(one[i], other[j]) for i, j in np.argwhere(found == 0).tolist())
+
+    def _differ(self, one: int, other: int) -> bool:
+        """Compare two parts, the one with the lower number with the other."""
+        first, second = min(one, other), max(one, other)
+        is_so = compare(self._parts[first], self._parts[second]).chi2 > 1
+        self._known[first, second] = self._known[second, first] = _DIFFERENT if is_so else _ALIKE
+        return is_so
+
 
 _MOST_SCANS = 64  # that are merged together, each pair of them
 _BLOCK = 16  # scans, or blocks of them, that are merged together where there are more
@@ -50,7 +74,7 @@ def merge(
     Two regions join where four things hold. The difference of their parameters passes a chi-square test
     against both covariances, which are inflated for correlated residuals and hold flatness and systematic
     error. The odds for one surface are strong after it; before it they are the lower the more regions are
-    nearer, and the larger the gap is beside what was measured (`merging.prior`). The surface fitted to both
+    nearer, and the larger the gap is beside what was measured (`agreement.Prior`). The surface fitted to both
     is no rougher than they are. The gap between them was hidden along a strip. Pairs are tried in the order
     of their agreement; groups join where all their pairs pass the test.
 

@@ -12,10 +12,9 @@ from completion.evidence.evidence import Scans
 from completion.evidence.reach import Reach, reach_of
 from completion.evidence.sight import Sight, sight_of
 from completion.merging.merged_surface import MergedSurface, number_pixels
+from completion.merging.pieces import Unconfirmed
 from completion.merging.pipeline import merge
-from completion.merging.unconfirmed import Unconfirmed
-from completion.observe.key_frames import find_key_frames
-from completion.observe.observation import Observation, observe
+from completion.observe.observation import Observation, find_key_frames, observe
 from completion.observe.tolerance import POSE_BOUND, REGISTRATION_M, EvidenceOptions, Tolerance
 from completion.registration.correction import Registration
 from completion.registration.pipeline import correct_poses

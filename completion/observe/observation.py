@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Observation: a scan prepared for completion, and its beams with the surface each met."""
+"""Observations: scans prepared for completion, sets of their pixels, and the key frames of a sequence."""
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +17,7 @@ from completion.observe.rays import Noise, Rays, pick_points, pick_rays, rays_of
 from completion.observe.shadow import NO_SHADOW, Shadow, find_shadow, shadow_of
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.pose import Pose
+from scenes.run.mapping import trim
 from scenes.scan.range_image import RangeImage
 
 
@@ -145,3 +149,148 @@ class Beams:
         """Return all beams that met the surfaces of these numbers (k,), from 1."""
         chosen = np.flatnonzero(np.isin(self.label, numbers))
         return replace(self, pixel=self.pixel[chosen], label=self.label[chosen])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelSet:
+    """Some pixels of an image of `shape`, (rows, columns)."""
+
+    flat: NDArray[np.int32]  # (n,) row * columns + column, ascending
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, mask: BoolArray) -> PixelSet:
+        """Return the pixels of a mask (rows, columns)."""
+        return cls(np.flatnonzero(mask).astype(np.int32), (mask.shape[0], mask.shape[1]))
+
+    @classmethod
+    def by_label(cls, labels: NDArray[np.int32], n_labels: int) -> list[PixelSet]:
+        """Return the pixels of each label 1..n_labels of an image (rows, columns), in one pass."""
+        narrow = labels.ravel().astype(
+            np.uint16 if n_labels < 2**16 else np.uint32
+        )  # 16 bits sort in linear time
+        order = np.argsort(narrow, kind="stable").astype(np.int32)
+        ends = np.cumsum(np.bincount(narrow, minlength=n_labels + 1))
+        shape = (labels.shape[0], labels.shape[1])
+        return [cls(order[ends[k - 1] : ends[k]].copy(), shape) for k in range(1, n_labels + 1)]
+
+    @classmethod
+    def union(cls, sets: Sequence[PixelSet], shape: tuple[int, int]) -> PixelSet:
+        """Return the pixels (n,) of all sets of one image, of whose pixels none is in two."""
+        none = np.zeros(0, np.int32)
+        return cls(np.sort(np.concatenate([none, *(one.flat for one in sets)])), shape)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.flat)
+
+    @property
+    def mask(self) -> BoolArray:
+        """Where they are, (rows, columns)."""
+        mask = np.zeros(self.shape, dtype=np.bool_)
+        mask.ravel()[self.flat] = True
+        return mask
+
+    def pick(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return their values (n, ...) of an image (rows, columns, ...)."""
+        return np.asarray(image.reshape(-1, *image.shape[2:])[self.flat])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanPixels(Sequence[PixelSet]):
+    """Some pixels in each of n scans, of which only those are kept that have any."""
+
+    held: tuple[tuple[int, PixelSet], ...]  # by scan, ascending
+    shapes: NDArray[np.int32]  # (n, 2) rows and columns of each scan
+
+    @classmethod
+    def of(cls, sets: Sequence[PixelSet]) -> ScanPixels:
+        """Return the pixels of all scans, from those of each."""
+        shapes = np.array([one.shape for one in sets], np.int32).reshape(-1, 2)
+        return cls(tuple((scan, one) for scan, one in enumerate(sets) if len(one)), shapes)
+
+    @property
+    def n_pixels(self) -> int:
+        """How many there are in all scans together."""
+        return sum(len(one) for _, one in self.held)
+
+    def __len__(self) -> int:
+        """How many scans there are."""
+        return len(self.shapes)
+
+    @overload
+    def __getitem__(self, scan: int) -> PixelSet: ...
+
+    @overload
+    def __getitem__(self, scan: slice) -> tuple[PixelSet, ...]: ...
+
+    def __getitem__(self, scan: int | slice) -> PixelSet | tuple[PixelSet, ...]:
+        """Return the pixels of a scan by its number, or of several."""
+        if isinstance(scan, slice):
+            return tuple(self[number] for number in range(len(self))[scan])
+        number = range(len(self))[scan]
+        place = bisect_left(self.held, number, key=lambda pair: pair[0])
+        if place < len(self.held) and self.held[place][0] == number:
+            return self.held[place][1]
+        rows, columns = self.shapes[number].tolist()
+        return PixelSet(np.zeros(0, np.int32), (rows, columns))
+
+
+FEW = 64
+"""Scans up to which each is a key frame."""
+
+_ACROSS = 40  # pixels along the longer side of an image that are looked at, about
+_CELLS_ACROSS = 16  # into which the view of the longer side is cut at the median range
+_NEW = 0.2  # of what a frame measured: where more is new, it is a key frame
+_FINER = 2.0  # times as fine as before: from so much nearer what was seen is new
+
+
+def find_key_frames(observations: Sequence[Observation]) -> tuple[int, ...]:
+    """Return the numbers, ascending, of the scans that show something new; all of them where they are few.
+
+    Scans are taken in their order. One is a key frame if more than a fifth of what it measured is new: no key
+    frame before it measured something in the same cell of space, from the same of six sides, and half as
+    finely at least. Cells are as wide as a sixteenth of the view at the median range of all scans. With four
+    fifths known, most of what is seen at all is in several key frames.
+    """
+    if len(observations) <= FEW:
+        return tuple(range(len(observations)))
+    pixels = [_some_pixels(seen) for seen in observations]
+    far = np.concatenate([_ranges(seen, some) for seen, some in zip(observations, pixels, strict=True)])
+    if not len(far):
+        return tuple(range(len(observations)))
+    angle = np.median([max(seen.scan.shape) * seen.scan.projection.pixel_angle for seen in observations])
+    size, keys, finest = float(np.median(far) * angle / _CELLS_ACROSS), [], dict[tuple[int, ...], float]()
+    for number, (seen, some) in enumerate(zip(observations, pixels, strict=True)):
+        footprint = (_ranges(seen, some) * seen.scan.projection.pixel_angle).tolist()
+        cells = list(map(tuple, _cells(seen, some, size).tolist()))
+        known = [finest.get(cell, np.inf) for cell in cells]
+        new = [width * _FINER < before for width, before in zip(footprint, known, strict=True)]
+        if sum(new) > _NEW * len(new):
+            keys.append(number)
+            for cell, width in zip(cells, footprint, strict=True):
+                finest[cell] = min(finest.get(cell, np.inf), width)
+    return tuple(keys)
+
+
+def _some_pixels(seen: Observation) -> IntArray:
+    """Flat pixels (n,) that brought something back, evenly over the image."""
+    trim()
+    rows, columns = seen.scan.shape
+    step = max(max(rows, columns) // _ACROSS, 1)
+    flat = np.arange(step // 2, rows, step)[:, None] * columns + np.arange(step // 2, columns, step)
+    return np.asarray(flat[np.isfinite(seen.scan.ranges.ravel()[flat])])
+
+
+def _ranges(seen: Observation, some: IntArray) -> FloatArray:
+    trim()
+    return np.asarray(seen.scan.ranges.ravel()[some])
+
+
+def _cells(seen: Observation, pixels: IntArray, size: float) -> NDArray[np.int64]:
+    """The cell of each point (n, 4): where it is, and from which side it is seen."""
+    rays = seen.rays_at(pixels)
+    axis = np.argmax(np.abs(rays), axis=1)
+    side = 2 * axis + (rays[np.arange(len(rays)), axis] > 0)
+    place = np.floor(seen.points_at(pixels) / size)
+    return np.concatenate([place, side[:, None]], axis=1).astype(np.int64)

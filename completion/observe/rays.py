@@ -1,20 +1,42 @@
 # SPDX-License-Identifier: MIT
-"""Rays and range noise of a scan, made pixel by pixel in compiled loops.
-
-An image of rays costs 24 bytes a pixel, one of deviations 8; what they follow from costs nothing.
-"""
+"""Rays of a scan and the noise along them, in triples of numbers as compiled loops read them."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.observe.triple import Triple, plus, triple
 from scenes.checks import FloatArray
 from scenes.scan.range_image import RangeImage
 from texture.engine.compiled import compiled, inlined
+
+Triple: TypeAlias = tuple[float, float, float]
+
+
+def triple(vector: FloatArray) -> Triple:
+    """Return a vector (3,) as three numbers."""
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+@inlined
+def dot(a: Triple, b: Triple) -> float:
+    """Inner product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def minus(a: Triple, b: Triple) -> Triple:
+    """Difference."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@inlined
+def plus(a: Triple, length: float, b: Triple) -> Triple:
+    """The place at so many lengths of `b` from `a`."""
+    return a[0] + length * b[0], a[1] + length * b[1], a[2] + length * b[2]
 
 
 class Rays(NamedTuple):

@@ -31,7 +31,7 @@ N_MODES = 10
 _DISTORTION = 1.0
 """How many times `RangeNoise.bias` a triangulating camera's image is bent by, root mean square.
 
-What is larger shows in residual modes (`completion.uncertainty.residual_modes`): with these, angles between
+What is larger shows in residual modes (`completion.uncertainty.pipeline`): with these, angles between
 the walls and floors of four rooms before four cameras are off by as much as this makes probable (`python -m
 benchmarks.completion.angles`). Without, it took five times as much.
 """

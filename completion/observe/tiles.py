@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.observe.rays import Noise, Rays, deviation_at, deviations, ray_at
-from completion.observe.triple import dot, minus
+from completion.observe.rays import Noise, Rays, deviation_at, deviations, dot, minus, ray_at
 from scenes.checks import FloatArray, read_only_view
 from texture.engine.compiled import compiled
 

@@ -15,8 +15,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from completion.boundary.curves import Line
-from completion.boundary.edges import Edge
+from completion.boundary.edges import Edge, Line
 from completion.panels.fold import fold_curves
 from completion.panels.fold_edge import FoldEdge
 from completion.panels.sheet import Sheet

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from completion.boundary.curves import Line, meeting_line
+from completion.boundary.edges import Line, meeting_line
 from completion.boundary.meshing import ChartMesh
 from completion.evidence.evidence import Label
 from completion.extension.patch import Patch

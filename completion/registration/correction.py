@@ -11,12 +11,10 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from completion.evidence.field_of_view import Ball, Views
-from completion.evidence.sight import Sight, sight_of
+from completion.evidence.sight import Ball, Sight, Views, sight_of
 from completion.observe.observation import Observation
-from completion.observe.rays import rays_of
+from completion.observe.rays import rays_of, triple
 from completion.observe.tolerance import EvidenceOptions
-from completion.observe.triple import triple
 from completion.registration.facets import Facets, Meetings, count_agreement, facets_of, meet
 from completion.registration.limits import (
     BOUND,

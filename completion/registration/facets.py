@@ -16,9 +16,9 @@ from scipy import ndimage
 
 from completion.evidence.sight import Sight, along_ray, pixel_of
 from completion.observe.observation import Observation
+from completion.observe.rays import Triple, dot, minus
 from completion.observe.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side
 from completion.observe.tolerance import FLATNESS_M
-from completion.observe.triple import Triple, dot, minus
 from completion.registration.limits import (
     FINE_M,
     GATE_M,

@@ -8,8 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from completion.observe.key_frames import find_key_frames
-from completion.observe.observation import Observation, observe
+from completion.observe.observation import Observation, find_key_frames, observe
 from completion.observe.tolerance import REGISTRATION_M
 from completion.registration.correction import PosedScans, Registration, ScanPair, deviations_left
 from completion.registration.hypotheses import Hypothesis, find_hypotheses

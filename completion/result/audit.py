@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.observe.observation import Observation
-from completion.observe.rays import Rays, ray_at
+from completion.observe.rays import Rays, dot, ray_at
 from completion.observe.tolerance import Tolerance
-from completion.observe.triple import dot
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.rays.raycast import RayCaster

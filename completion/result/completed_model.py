@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import anchor_point
 from completion.edits.edit import Edit
-from completion.extension.choice import Choice
+from completion.extension.claims import Choice
 from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.features.engine.template import TemplateFit
 from completion.merging.merged_surface import MergedSurface
+from completion.merging.pieces import Unconfirmed
 from completion.merging.scan_surfaces import ScanSurfaces
-from completion.merging.unconfirmed import Unconfirmed
 from completion.observe.observation import Observation
 from completion.panels.model import PanelModel, PanelPart
 from completion.panels.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary

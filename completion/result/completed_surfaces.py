@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from completion.edits.edit import Edit
 from completion.evidence.evidence import Scans
-from completion.extension.choice import Choice
+from completion.extension.claims import Choice
 from completion.extension.extent import Mode
 from completion.extension.patch import Patch
 from completion.features.engine.template import TemplateFit

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from completion.extension.patch import Patch
-from completion.merging.unconfirmed import Unconfirmed
+from completion.merging.pieces import Unconfirmed
 from completion.observe.observation import Observation
 from completion.registration.correction import Registration
 from completion.registration.registered import pose_doubts

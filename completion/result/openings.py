@@ -10,8 +10,7 @@ import numpy as np
 import shapely
 from scipy import ndimage
 
-from completion.boundary.curves import Line
-from completion.boundary.edges import Edge
+from completion.boundary.edges import Edge, Line
 from completion.edits.edit import SurfaceEdits, outline_uv
 from completion.edits.fitted import FittedHole, FittedOpening
 from completion.evidence.chart_grid import ChartGrid

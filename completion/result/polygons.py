@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from completion.extension.choice import role_of
+from completion.extension.claims import role_of
 from completion.extension.patch import Patch
 from completion.panels.outline import NearOutline, runs_of
 from completion.panels.straightening import polygon_parts

@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from completion.fitting.chart import axis_frame
 from completion.observe.observation import Beams, Observation
-from completion.observe.rays import Noise, Rays, deviation_at, ray_at
-from completion.observe.refits.packed_surfaces import pack
-from completion.observe.refits.refitting import improve
+from completion.observe.packed_surfaces import pack
+from completion.observe.rays import Noise, Rays, Triple, deviation_at, ray_at
+from completion.observe.refitting import improve
 from completion.observe.tiles import Tiles
-from completion.observe.triple import Triple
 from completion.segmentation.growing import Cluster, deviations, flood, tile_cut, with_smooth_ring
 from completion.segmentation.regions import SegmentationOptions, observed_arc
 from scenes.checks import BoolArray, FloatArray

@@ -8,18 +8,22 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.observe.observation import Beams, Observation
-from completion.observe.pixel_set import PixelSet
-from completion.observe.refits.packed_surfaces import pack
-from completion.observe.refits.refitting import improve, refit
+from completion.observe.observation import Beams, Observation, PixelSet
+from completion.observe.packed_surfaces import pack
+from completion.observe.refitting import improve, refit
 from completion.observe.tiles import LEAST_TILE, Tiles, cut_tiles, spread_over_pixels, tile_side
-from completion.segmentation.absorbing import absorb, sharpen_creases
-from completion.segmentation.competition import compete
+from completion.segmentation.competition import absorb, compete, sharpen_creases
 from completion.segmentation.curvature import bending_cylinder, grow_cylinder
-from completion.segmentation.growing import Cluster, grow_plane, tile_cut
+from completion.segmentation.growing import (
+    Cluster,
+    depths_within,
+    find_seeds,
+    grow_plane,
+    next_seed,
+    tile_cut,
+)
 from completion.segmentation.regions import Region, SegmentationOptions, split_parts
 from completion.segmentation.relief import join_relief
-from completion.segmentation.seeds import depths_within, find_seeds, next_seed
 from scenes.checks import FloatArray
 
 _THINNING = 3  # of the pixels that surfaces are first refitted to

@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.fitting.result import SurfaceFit
-from completion.observe.observation import Observation
-from completion.observe.pixel_set import PixelSet
-from completion.observe.rays import Rays, ray_at
-from completion.observe.refits.packed_surfaces import unpack
+from completion.observe.observation import Observation, PixelSet
+from completion.observe.packed_surfaces import unpack
+from completion.observe.rays import Rays, plus, ray_at
 from completion.observe.tolerance import FLATNESS_M
-from completion.observe.triple import plus
 from scenes.checks import FloatArray, check_options
 from scenes.surfaces.catalogue import Cylinder, Surface
 from texture.engine.compiled import compiled, inlined
@@ -191,3 +189,31 @@ def _part_sums(
     for part in range(n):
         centre[part] /= max(sampled[part], 1)
     return count, core, model, centre
+
+
+class Groups:
+    """Parts 0 to n - 1 in groups, at first each in its own; a group keeps the number that it is joined to."""
+
+    def __init__(self, n: int) -> None:
+        self._number = list(range(n))
+        self._members = {part: [part] for part in range(n)}
+
+    def of(self, part: int) -> list[int]:
+        """The parts in the group of a part, ascending."""
+        return self._members[self._number[part]]
+
+    def are_one(self, one: int, other: int) -> bool:
+        """Tell whether two parts are in one group."""
+        return self._number[one] == self._number[other]
+
+    def join(self, one: int, other: int) -> None:
+        """Put the group of the other part into that of the one."""
+        here, there = self._number[one], self._number[other]
+        moved = self._members.pop(there)
+        for part in moved:
+            self._number[part] = here
+        self._members[here] = sorted(self._members[here] + moved)
+
+    def all(self) -> list[list[int]]:
+        """The parts of each group, ascending, by the groups' numbers."""
+        return [self._members[number] for number in sorted(self._members)]

@@ -4,21 +4,117 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.fitting.result import warped
-from completion.observe.observation import Observation
-from completion.observe.pixel_set import PixelSet, ScanPixels
-from completion.observe.refits.refitting import refit_each
+from completion.observe.observation import Observation, PixelSet, ScanPixels
+from completion.observe.refitting import refit_each
 from completion.observe.tolerance import FLATNESS_M
-from completion.segmentation.groups import Groups
-from completion.segmentation.plate import Plate, plate_of, together
-from completion.segmentation.regions import Region, SegmentationOptions
-from completion.segmentation.seams import find_seams
+from completion.segmentation.regions import Groups, Region, SegmentationOptions
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Plane
+from scenes.surfaces.catalogue import Plane, Surface
+
+_SAMPLE = 1000  # points of a piece that are looked at
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plate:
+    """Some points of a plane piece, or of several together."""
+
+    plane: Plane
+    n_pixels: int
+    points: FloatArray  # (n, 3)
+    noise: FloatArray  # (n,) standard deviation along the normal, metres
+    bias: float  # what the sensor bends flat walls by at its range, metres
+
+    @property
+    def size(self) -> float:
+        """Root mean square distance of its points from their middle, metres."""
+        return float(np.sqrt(self.points.var(axis=0).sum()))
+
+    def relief(self, plane: Surface) -> float:
+        """How far it strays from a plane, rms beyond noise and what the sensor bends walls by, metres."""
+        square = np.mean(np.square(plane.distance(self.points)) - np.square(self.noise)) - self.bias**2
+        return float(np.sqrt(max(square, 0.0)))
+
+
+def plate_of(plane: Plane, pixels: PixelSet, observation: Observation) -> Plate:
+    """Return a piece by its plane and its pixels."""
+    flat = pixels.flat[np.linspace(0, len(pixels) - 1, min(_SAMPLE, len(pixels))).astype(np.int64)]
+    ranges = observation.scan.ranges.ravel()[flat]
+    cosine = np.abs(observation.rays_at(flat) @ plane.normal_direction)
+    noise = observation.noise.sigma(ranges) * cosine
+    bias = float(observation.noise.bias(np.array([np.median(ranges)]))[0])
+    return Plate(plane, len(pixels), observation.points_at(flat), noise, bias)
+
+
+def together(plates: Sequence[Plate]) -> Plate:
+    """Return several plates as one, each by as many points as its pixels are worth, on their common plane."""
+    most = max(one.n_pixels / len(one.points) for one in plates)
+    steps = [max(1, round(most * len(one.points) / one.n_pixels)) for one in plates]
+    points = np.concatenate([one.points[::step] for one, step in zip(plates, steps, strict=True)])
+    noise = np.concatenate([one.noise[::step] for one, step in zip(plates, steps, strict=True)])
+    centre = points.mean(axis=0)
+    normal = np.linalg.eigh((points - centre).T @ (points - centre))[1][:, 0]
+    facing = float(normal @ max(plates, key=lambda one: one.n_pixels).plane.normal_direction)
+    weights = [one.n_pixels for one in plates]
+    return Plate(
+        plane=Plane(centre, normal if facing >= 0 else -normal),
+        n_pixels=sum(weights),
+        points=points,
+        noise=noise,
+        bias=float(np.average([one.bias for one in plates], weights=weights)),
+    )
+
+
+_WIDTH = 4  # pixels that lie between two pieces that touch at most
+_LEAST_CONTACT = 8  # pairs of pixels by which pieces touch
+
+
+def find_seams(pixels: Sequence[PixelSet], observation: Observation) -> dict[tuple[int, int], FloatArray]:
+    """Return the measured points (n, 3) at which each two pieces, by their indices, touch or nearly so."""
+    rows, columns = observation.scan.shape
+    labels = np.zeros((rows, columns), np.int32)
+    for k, own in enumerate(pixels, start=1):
+        labels.ravel()[own.flat] = k
+    away, nearest = cv2.distanceTransformWithLabels(
+        (labels == 0).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    label_of = np.zeros(int(nearest.max()) + 1, np.int32)
+    label_of[nearest[labels > 0]] = labels[labels > 0]
+    grown = np.where(away <= (_WIDTH + 1) / 2, label_of[nearest], 0)
+    flat = np.arange(rows * columns).reshape(rows, columns)
+    below, right = (slice(1, None), slice(None)), (slice(None), slice(1, None))
+    keys, places = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for here, there in (((slice(-1), slice(None)), below), ((slice(None), slice(-1)), right)):
+        first, second = grown[here], grown[there]
+        at = (first != second) & (first > 0) & (second > 0)
+        one, other = first[at].astype(np.int64), second[at].astype(np.int64)
+        keys.append((np.minimum(one, other) - 1) * len(pixels) + np.maximum(one, other) - 1)
+        places.append(flat[here][at])
+    return _by_pair(np.concatenate(keys), np.concatenate(places), len(pixels), observation)
+
+
+def _by_pair(
+    key: NDArray[np.int64], place: NDArray[np.int64], n: int, observation: Observation
+) -> dict[tuple[int, int], FloatArray]:
+    """The points of the pixels `place` (n,) whose keys, first * n + second, are those of one pair."""
+    order = np.lexsort([place, key])
+    key, place = key[order], place[order]
+    numbers, starts = np.unique(key, return_index=True)
+    if not len(numbers):
+        return {}
+    found = {}
+    for number, some in zip(numbers.tolist(), np.split(place, starts[1:]), strict=True):
+        if len(some) >= _LEAST_CONTACT:
+            some = some[observation.valid.ravel()[some]]
+            found[divmod(number, n)] = observation.points_at(some)
+    return found
+
 
 _MEET = 3.0 * np.sqrt(2.0)  # times their relief, by which two planes differ at a seam at most: both within 3
 _BLURRED = 2.0  # times the noise, within which single ranges hardly tell two planes apart

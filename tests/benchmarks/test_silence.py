@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.cases.desks import desk_case
 from benchmarks.suites.silence import moats, most_likely, parts_of
-from completion.extension.silence import TRUST
+from completion.extension.confidence import TRUST
 
 
 def test_the_same_seed_gives_the_same_desk():

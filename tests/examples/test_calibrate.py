@@ -6,9 +6,16 @@ import importlib.util
 import numpy as np
 import pytest
 
-from completion.extension.beyond import KNOWN, WEIGHTS
-from completion.extension.confidence import EVEN_M, PERSISTENCE, Onward, Prospects
-from completion.extension.past_end import KNOWN_PAST_END, PAST_END
+from completion.extension.confidence import (
+    EVEN_M,
+    KNOWN,
+    KNOWN_PAST_END,
+    PAST_END,
+    PERSISTENCE,
+    WEIGHTS,
+    Onward,
+    Prospects,
+)
 from tests.helpers.data_paths import ROOT
 
 

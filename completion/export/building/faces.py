@@ -91,7 +91,7 @@ def _clean(area: Any) -> Any:
 
 LEVEL = float(np.cos(np.radians(10.0)))
 UPRIGHT = float(np.sin(np.radians(10.0)))
-"""Planes within 10 degrees of level or upright are called so, as in `completion.extension.choice`."""
+"""Planes within 10 degrees of level or upright are called so, as in `completion.extension.claims`."""
 
 
 @dataclass(frozen=True, slots=True)

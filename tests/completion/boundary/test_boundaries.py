@@ -6,8 +6,7 @@ import pytest
 
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.boundary.continuation import ALL_CUES, Cue, continue_edges
-from completion.boundary.curves import Circle, Line, meeting_line
-from completion.boundary.edges import Edge, find_edges
+from completion.boundary.edges import Circle, Edge, Line, find_edges, meeting_line
 from completion.boundary.hidden_regions import divide_hidden, label_regions
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.confidence import Onward, Prospects, distance_to

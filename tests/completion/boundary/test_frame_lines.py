@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.cases.houses.solids import Part, box, quads, scene_of
 from completion import CompletionOptions, complete
-from completion.boundary.frame_lines import frame_normals
+from completion.boundary.meshing import frame_normals
 from completion.evidence.evidence import Label
 from nbv import PinholeSensor, scan_scene
 from scenes.pose import Pose

@@ -4,8 +4,16 @@
 import numpy as np
 import pytest
 
-from completion.boundary.curves import Line
-from completion.boundary.lines import GAP, MIN_POINTS, SLACK, best_line, in_runs, line_through, near_line
+from completion.boundary.edges import (
+    GAP,
+    MIN_POINTS,
+    SLACK,
+    Line,
+    best_line,
+    in_runs,
+    line_through,
+    near_line,
+)
 
 
 def _cloud(seed: int, n: int = 120):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import shapely
 
-from completion.boundary.curves import Circle, Line
+from completion.boundary.edges import Circle, Line
 from completion.boundary.meshing import Trim, mesh_cells
 from completion.boundary.range_mesh import mesh_range_image
 from completion.evidence.chart_grid import ChartGrid

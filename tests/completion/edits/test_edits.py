@@ -10,7 +10,7 @@ from shapely import Polygon, contains_xy
 
 from completion import Anchor, Completion, Edit, Label, Provenance, complete, read_edits
 from completion.edits.file import edit_record
-from completion.observe.refits.refitting import refit
+from completion.observe.refitting import refit
 from completion.result.labelled_points import mesh_area
 from nbv.report.completion_report import edit_sections
 from scenes.checks import InputError

@@ -4,8 +4,7 @@
 import numpy as np
 import pytest
 
-from completion.evidence.field_of_view import Ball, Views, ball_around
-from completion.evidence.sight import sight_of
+from completion.evidence.sight import Ball, Views, ball_around, sight_of
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose

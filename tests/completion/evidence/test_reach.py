@@ -8,18 +8,15 @@ import pytest
 
 from completion.evidence import weighing as module
 from completion.evidence.chart_grid import ChartGrid
-from completion.evidence.crossing import Rectangle, crossing_tiles
 from completion.evidence.evidence import Evidence, Scans
 from completion.evidence.form import form_of
-from completion.evidence.free_space import free_cells
+from completion.evidence.free_space import Rectangle, crossing_tiles, free_cells
 from completion.evidence.reach import TILE, farthest_along, is_beyond, progress_of, reach_of
-from completion.evidence.sight import look, pixel_of, sight_of
+from completion.evidence.sight import look, pixel_of, sight_of, window_of
 from completion.evidence.weighing import weigh
-from completion.evidence.window import window_of
-from completion.extension.bounds import farthest_hidden
+from completion.extension.grid import farthest_hidden
 from completion.observe.observation import observe
-from completion.observe.rays import deviation_at
-from completion.observe.triple import triple
+from completion.observe.rays import deviation_at, triple
 from scenes.io.scan_files import read_scan
 from scenes.pose import Pose
 from scenes.scan.projection import SphericalProjection

@@ -9,8 +9,7 @@ from completion.evidence.evidence import Scans
 from completion.extension.adjacency import Adjacency, find_adjacency, is_upright
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
-from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet, ScanPixels
+from completion.observe.observation import PixelSet, ScanPixels, observe
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, Plane

@@ -6,7 +6,7 @@ import pytest
 
 from completion import CompletionOptions, complete
 from completion.edits.edit import Anchor, Edit
-from completion.extension.choice import KINDS, is_chosen, role_of
+from completion.extension.claims import KINDS, is_chosen, role_of
 from completion.result.polygons import polygons_record
 from nbv.cli import _KINDS
 from scenes.checks import InputError

@@ -10,12 +10,11 @@ from completion.boundary.boundary_pixels import BoundaryPixels
 from completion.boundary.continuation import ALL_CUES, Cue
 from completion.evidence.evidence import Scans
 from completion.extension.adjacency import Adjacency
-from completion.extension.bounds import farthest_hidden
 from completion.extension.extent import Extent, find_extent, with_ends
+from completion.extension.grid import farthest_hidden
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
-from completion.observe.observation import Observation, observe
-from completion.observe.pixel_set import PixelSet, ScanPixels
+from completion.observe.observation import Observation, PixelSet, ScanPixels, observe
 from completion.observe.range_noise import RangeNoise
 from completion.observe.rays import rays_of
 from completion.observe.tolerance import EvidenceOptions

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from completion import Completion, CompletionOptions, complete
-from completion.extension.insets import find_insets
+from completion.extension.adjacency import find_insets
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.pose import Pose

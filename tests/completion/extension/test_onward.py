@@ -8,15 +8,18 @@ import pytest
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label
-from completion.extension.beyond import (
+from completion.extension.confidence import (
+    EVEN_M,
     KNOWN,
     WEIGHTS,
+    Onward,
+    Prospects,
     Sides,
     as_far_as_probable,
+    hidden_widths,
     known_beyond,
     probability_beyond,
 )
-from completion.extension.confidence import EVEN_M, Onward, Prospects, hidden_widths
 from completion.extension.extent import Extent
 from scenes.surfaces.catalogue import Plane
 

@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks.cases.houses.solids import Part, box, capsule, quads, scene_of, tube
 from completion import CompletionOptions, complete
+from completion.extension.confidence import KNOWN_PAST_END, PAST_END, PastEnds, probability_past_end
 from completion.extension.extent import Extent
-from completion.extension.past_end import KNOWN_PAST_END, PAST_END, PastEnds, probability_past_end
 from nbv import PinholeSensor, scan_scene
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder

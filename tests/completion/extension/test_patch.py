@@ -14,13 +14,12 @@ from completion.boundary.boundary_pixels import find_boundary_pixels
 from completion.edits.application import EditedSurface
 from completion.edits.edit import SurfaceEdits, Wish
 from completion.evidence.evidence import Label, Scans
-from completion.extension.extent import Extent, with_ends
+from completion.extension.extent import ExtensionRules, Extent, with_ends
 from completion.extension.patch import Patch
-from completion.extension.pipeline import ExtensionRules, extend
+from completion.extension.pipeline import extend
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
-from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet, ScanPixels
+from completion.observe.observation import PixelSet, ScanPixels, observe
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection

@@ -6,8 +6,8 @@ import pytest
 
 from completion import CompletionOptions, complete
 from completion.evidence.evidence import Label
+from completion.extension.confidence import silent_parts, trust
 from completion.extension.patch import Patch, Provenance
-from completion.extension.silence import silent_parts, trust
 from completion.result.record import completion_record
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose

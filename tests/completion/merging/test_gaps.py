@@ -9,8 +9,7 @@ import pytest
 from completion.evidence.sight import sight_of
 from completion.fitting.result import SurfaceFit
 from completion.merging.agreement import Part
-from completion.merging.gaps import gap_is_hidden
-from completion.merging.sights import Sights
+from completion.merging.gaps import Sights, gap_is_hidden
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose

@@ -6,10 +6,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from completion.observe.observation import Beams, observe
-from completion.observe.pixel_set import PixelSet, ScanPixels
-from completion.observe.refits.alike_residuals import block_sums
-from completion.observe.refits.refitting import refit, refit_each
+from completion.observe.observation import Beams, PixelSet, ScanPixels, observe
+from completion.observe.refitting import block_sums, refit, refit_each
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

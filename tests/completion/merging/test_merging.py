@@ -10,8 +10,7 @@ from scipy import ndimage
 
 from completion.fitting.euclidean import fit_plane
 from completion.merging.pipeline import merge
-from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet
+from completion.observe.observation import PixelSet, observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.regions import Region
 from scenes.pose import Pose

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from completion.fitting.result import SurfaceFit
-from completion.merging.agreement import Part, compare
-from completion.merging.prior import Prior
+from completion.merging.agreement import Part, Prior, compare
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 STRONG = np.log(20.0)

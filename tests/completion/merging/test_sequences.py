@@ -8,10 +8,8 @@ import pytest
 
 from completion.evidence.sight import sight_of
 from completion.merging import pipeline
-from completion.merging.pieces import Piece
-from completion.merging.unconfirmed import Unconfirmed, confirmed
-from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet
+from completion.merging.pieces import Piece, Unconfirmed, confirmed
+from completion.observe.observation import PixelSet, observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions

@@ -4,9 +4,7 @@ import pytest
 
 from completion.boundary.boundary_pixels import find_boundary_pixels
 from completion.fitting.result import SurfaceFit
-from completion.observe.key_frames import FEW, find_key_frames
-from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet, ScanPixels
+from completion.observe.observation import FEW, PixelSet, ScanPixels, find_key_frames, observe
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection

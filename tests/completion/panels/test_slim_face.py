@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from completion.boundary.curves import Line
-from completion.boundary.edges import Edge
+from completion.boundary.edges import Edge, Line
 from completion.panels.slim_face import NO_SURFACE, slim_folds
 from scenes.surfaces.catalogue import Plane
 

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from completion import CompletionOptions, SegmentationOptions, complete
-from completion.merging.unconfirmed import Unconfirmed
-from completion.observe.pixel_set import PixelSet
+from completion.merging.pieces import Unconfirmed
+from completion.observe.observation import PixelSet
 from completion.result.record import completion_record
 from nbv.cli import app
 from nbv.report.completion_report import pose_sections

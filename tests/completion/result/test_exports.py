@@ -10,7 +10,7 @@ import shapely
 import trimesh
 from shapely import Polygon
 
-from completion.boundary.curves import Line
+from completion.boundary.edges import Line
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
 from completion.panels.sheet import polygons_of_cells

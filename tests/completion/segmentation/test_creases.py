@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from completion.observe.observation import Observation, observe
+from completion.observe.packed_surfaces import pack
 from completion.observe.range_noise import RangeNoise
-from completion.observe.refits.packed_surfaces import pack
-from completion.segmentation.absorbing import sharpen_creases
+from completion.segmentation.competition import sharpen_creases
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import FloatArray

@@ -4,12 +4,20 @@ import cv2
 import numpy as np
 import pytest
 
+from completion.observe.packed_surfaces import pack_plane
 from completion.observe.rays import Noise, rays_of
-from completion.observe.refits.packed_surfaces import pack_plane
 from completion.observe.tiles import cut_tiles
-from completion.segmentation.growing import deviations, flood, grow_plane, tile_cut, with_smooth_ring
+from completion.segmentation.growing import (
+    depths_within,
+    deviations,
+    find_seeds,
+    flood,
+    grow_plane,
+    next_seed,
+    tile_cut,
+    with_smooth_ring,
+)
 from completion.segmentation.regions import SegmentationOptions
-from completion.segmentation.seeds import depths_within, find_seeds, next_seed
 from scenes import PinholeProjection, Pose, RangeImage
 
 SIDE, COLUMNS, SIGMA = 4, 8, 0.001

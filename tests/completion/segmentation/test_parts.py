@@ -20,10 +20,10 @@ from completion.merging.agreement import (
 from completion.merging.candidates import find_candidates
 from completion.merging.pipeline import merge
 from completion.observe.observation import observe
+from completion.observe.packed_surfaces import pack, unpack
 from completion.observe.range_noise import RangeNoise
 from completion.observe.rays import Noise, rays_of
-from completion.observe.refits.packed_surfaces import pack, unpack
-from completion.observe.refits.refitting import refit
+from completion.observe.refitting import refit
 from completion.observe.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment

@@ -7,7 +7,7 @@ import pytest
 from completion.merging.pipeline import merge
 from completion.observe.observation import Observation, observe
 from completion.observe.range_noise import estimate_noise
-from completion.observe.refits.refitting import refit
+from completion.observe.refitting import refit
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import SegmentationOptions

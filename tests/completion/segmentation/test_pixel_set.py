@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from completion.observe.pixel_set import PixelSet, ScanPixels
+from completion.observe.observation import PixelSet, ScanPixels
 
 
 @pytest.mark.parametrize("n_labels", [1, 5, 70_000])

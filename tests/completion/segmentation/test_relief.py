@@ -6,14 +6,11 @@ import pytest
 
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.pipeline import merge
-from completion.observe.observation import Observation, observe
-from completion.observe.pixel_set import PixelSet
+from completion.observe.observation import Observation, PixelSet, observe
 from completion.observe.tolerance import FLATNESS_M, EvidenceOptions
 from completion.segmentation.pipeline import segment
-from completion.segmentation.plate import plate_of, together
 from completion.segmentation.regions import Region, SegmentationOptions
-from completion.segmentation.relief import typical_relief
-from completion.segmentation.seams import find_seams
+from completion.segmentation.relief import find_seams, plate_of, together, typical_relief
 from scenes.checks import IntArray
 from scenes.io.scan_request import ScanRequest, read_request
 from scenes.scan.range_image import RangeImage

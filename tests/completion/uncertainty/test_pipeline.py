@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from completion.merging.merged_surface import MergedSurface
-from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet, ScanPixels
-from completion.observe.refits.refitting import refit_each
-from completion.uncertainty.pipeline import LENGTHS, bumps, fit_field, state_fits
-from completion.uncertainty.residual_modes import ResidualModes, find_modes
+from completion.observe.observation import PixelSet, ScanPixels, observe
+from completion.observe.refitting import refit_each
+from completion.uncertainty.pipeline import LENGTHS, ResidualModes, bumps, find_modes, fit_field, state_fits
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

@@ -8,8 +8,7 @@ import pytest
 
 from completion.fitting.euclidean import fit_plane
 from completion.merging.merged_surface import MergedSurface
-from completion.observe.observation import observe
-from completion.observe.pixel_set import PixelSet, ScanPixels
+from completion.observe.observation import PixelSet, ScanPixels, observe
 from completion.observe.range_noise import RangeNoise
 from completion.observe.sensor_modes import displacements
 from completion.uncertainty.pipeline import shift_by_sensors
