@@ -43,6 +43,7 @@ def test_rectangles_fill_the_rooms_and_cross_no_wall() -> None:
         assert (one.level, one.height) == pytest.approx((0.0, 2.5), abs=1e-6)
 
 
+@pytest.mark.long
 def test_furniture_stands_in_the_rooms_and_leaves_the_doorway_clear() -> None:
     shell = two_rooms()
     house = furnished(shell, np.random.default_rng(1))
@@ -68,6 +69,7 @@ def test_sources_of_furnished_walks_are_many_and_fresh() -> None:
     assert all(one.n_frames // one.each >= 30 for one in FURNISHED)
 
 
+@pytest.mark.long
 def test_a_walk_through_a_real_house_sees_what_was_put_there() -> None:
     source: FurnishedWalk = FURNISHED[3]
     if not source.path.exists():

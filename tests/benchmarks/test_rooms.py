@@ -16,6 +16,7 @@ from nbv.scanning.view import View
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Cylinder, Plane
 from tests.helpers.evaluation_examples import plain_wall
+from tests.helpers.long_cases import first_in_gate
 
 SMALL = PinholeSensor(fov_deg=62.7, width=80, height=60)
 
@@ -58,7 +59,7 @@ def test_faces_lie_on_their_true_surfaces_and_scanners_in_the_air(seed: int) -> 
         assert (facing[hits.hit] < 0).mean() > 0.999  # and everything is seen from its front
 
 
-@pytest.mark.parametrize("kind", BREAKS)
+@pytest.mark.parametrize("kind", first_in_gate(1, BREAKS))
 def test_what_breaks_the_prior_is_hidden_and_not_where_it_seems(kind: str) -> None:
     case = random_case(0, breaks=kind)  # type: ignore[arg-type]
     (box,) = case.breaks
@@ -98,6 +99,7 @@ def first_office() -> tuple[Case, tuple[RangeImage, ...], tuple[TrueCells, ...]]
     return case, scans, case.cells(scans)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("index", "recall", "precision"),
     [

@@ -109,6 +109,7 @@ def hull_of_guide():
     return names
 
 
+@pytest.mark.long
 def test_the_example_of_the_guide_is_scored_beside_others(store):
     names = hull_of_guide()
     case = small_column(100.0, 3)

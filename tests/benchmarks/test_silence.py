@@ -13,6 +13,7 @@ def test_the_same_seed_gives_the_same_desk():
     assert desk_case(3).fingerprint == desk_case(3).fingerprint != desk_case(4).fingerprint
 
 
+@pytest.mark.long
 def test_moats_of_a_held_out_desk_are_filled():
     found = moats(2103)
     assert found.shadow > 500
@@ -21,6 +22,7 @@ def test_moats_of_a_held_out_desk_are_filled():
     assert float(found.right_m2.sum()) >= 0.98 * area > 0
 
 
+@pytest.mark.long
 def test_a_wide_pane_or_panel_stays_open():
     """Beside the mat on it, this desk has a black pane over half a metre wide behind it."""
     found = moats(2105)
@@ -28,6 +30,7 @@ def test_a_wide_pane_or_panel_stays_open():
     assert float(found.silent_m2.sum()) < 0.3
 
 
+@pytest.mark.long
 def test_constants_come_from_the_parts_of_desks():
     parts = parts_of(1003)
     assert {part.is_unlit for part in parts} == {True, False}

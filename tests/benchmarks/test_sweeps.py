@@ -64,6 +64,7 @@ def test_noise_is_what_the_level_says() -> None:
         assert stray.std() == pytest.approx(sigma, rel=4 / np.sqrt(2 * stray.size))
 
 
+@pytest.mark.long
 def test_wider_beams_mix_more_pixels() -> None:
     shares = []
     for level in (0, 1, 4):
@@ -75,6 +76,7 @@ def test_wider_beams_mix_more_pixels() -> None:
     assert 0 < shares[1] < shares[2] < 30
 
 
+@pytest.mark.long
 def test_radii_of_cylinders_are_compared_and_missed_ones_are_infinite() -> None:
     case = small_column(120)
     scans = case.scans(NO_EFFECTS, 0)

@@ -25,6 +25,7 @@ def trial(turn_deg: float, shift_m: float, *, moves: bool = True) -> Trial:
     return run(source, range(3), replace(PLAIN, moves_scans=moves), (turn_deg, shift_m), seed=3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("turn", "shift"),
     [pytest.param(*off, marks=() if off in IN_THE_GATE else pytest.mark.long) for off in OFF],

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """README and guides are programs: their blocks run, their command lines parse, their TOML is accepted."""
 
+import ast
 import re
 import shlex
 
@@ -11,6 +12,7 @@ from nbv.cli import app
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import read_study
 from tests.helpers.data_paths import ROOT
+from tests.helpers.long_cases import first_in_gate
 
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
@@ -31,7 +33,12 @@ NOT_RUN = {
 }
 """Pages whose Python is not run, with the reason."""
 
+LONG = {"benchmark", "parts", "decisions", "features", "registration", "drawings", "own-templates"}
+"""Guides whose programs take seconds each; the gate looks up the names that they import."""
+
 PROGRAMS = [page for page in PAGES if blocks_of(page, "python") and page.stem not in NOT_RUN]
+QUICK = sorted(PROGRAMS, key=lambda page: page.stem in LONG)
+N_QUICK = len(PROGRAMS) - len([page for page in PROGRAMS if page.stem in LONG])
 WITH_TOML = [page for page in PAGES if blocks_of(page, "toml") and page.stem != "studies"]
 """Its files are beside the study of the page; tests/nbv/study reads it."""
 
@@ -47,6 +54,13 @@ def commands_of(page):
 
 
 @pytest.mark.parametrize("page", PROGRAMS, ids=name_of)
+def test_python_blocks_import_what_there_is(page):
+    for block in blocks_of(page, "python"):
+        imports = [node for node in ast.parse(block).body if isinstance(node, ast.Import | ast.ImportFrom)]
+        exec(compile(ast.Module(imports, []), page.name, "exec"), {})
+
+
+@pytest.mark.parametrize("page", first_in_gate(N_QUICK, QUICK), ids=name_of)
 def test_python_blocks_run_in_order(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}

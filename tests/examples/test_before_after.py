@@ -29,6 +29,7 @@ def test_depth_images_of_others_are_decoded(script):
     assert script._from_turned(turned) == pytest.approx(np.array([[2.72]]))
 
 
+@pytest.mark.long
 def test_a_pair_shows_what_is_inferred_and_counts_small_surfaces(script, tmp_path):
     made = completed("chair_before_wall")
     made.save(tmp_path)

@@ -50,6 +50,7 @@ def test_rules_are_made_finer_until_they_suffice_and_cover_takes_no_more(script,
     assert cover.until(share) <= min(survey.enough for survey in enough.values())
 
 
+@pytest.mark.long
 def test_shares_of_a_rule_are_those_of_a_plan_by_it(script, building):
     survey = building.by_rule(script.grid_places(building.site), 0.1)
     plan = building.planned("rule:grid5m", 1.0, 0)

@@ -38,6 +38,7 @@ def places_at(calibrate, onward, distance, known, probability, rng):
     return calibrate.Places(given, right, np.ones(n))
 
 
+@pytest.mark.long
 def test_known_constants_come_out_of_what_they_make(calibrate):
     rng, n = np.random.default_rng(0), 60_000
     true = np.array([[0.9, 2.0], [0.95, 1.0], [0.98, 0.5]])

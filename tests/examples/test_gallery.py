@@ -56,6 +56,7 @@ def test_unknown_scripts_are_refused(gallery, capsys):
     assert "there is no plot_nothing" in capsys.readouterr().err
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="there is no Chromium")
 def test_a_report_is_photographed(tmp_path, capsys):
     page = tmp_path / "report.html"

@@ -45,6 +45,7 @@ def test_the_bunny_is_seen_better_by_who_knows_more(monkeypatch, capsys):
     assert last["online"] > last["random"]
 
 
+@pytest.mark.long
 def test_the_ablation_shows_every_weight(monkeypatch, capsys):
     script = load("score_online")
     monkeypatch.setattr(script, "WEIGHTS", {"w_v = 0": (0.0, 1.0)})

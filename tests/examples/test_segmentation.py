@@ -24,6 +24,7 @@ def test_without_data_it_says_what_is_missing(pictures, tmp_path, monkeypatch, c
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 @requires_data
 def test_a_labelled_scan_has_a_picture_and_a_table(pictures, tmp_path, capsys):
     pictures.main([str(data_path("range/mOSD/learn33.pcd")), "-o", str(tmp_path)])

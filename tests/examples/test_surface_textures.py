@@ -5,12 +5,14 @@ import importlib.util
 import sys
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from completion import CompletionOptions, TexturingOptions, complete
 from tests.helpers.data_paths import ROOT
 
 
+@pytest.mark.long
 def test_a_chart_asked_for_has_a_picture_and_no_page(tmp_path, monkeypatch, capsys):
     name = "plot_surface_textures"
     spec = importlib.util.spec_from_file_location(name, ROOT / f"examples/{name}.py")

@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from examples.plot_architecture import ROOT, modules
+from examples.plot_architecture import modules
+from tests.helpers.sources import tree_of
 
 ARRAY = re.compile(r"\b(NDArray|ArrayLike|FloatArray|BoolArray|IntArray|Pixels)\b")
 SHAPE = re.compile(
@@ -42,7 +43,7 @@ def public_functions(package: str):
     """Public functions of a package: path, node, docstring of the class around."""
     for path in modules().values():
         if path.startswith(f"{package}/"):
-            for function, around in functions(ast.parse((ROOT / path).read_text("utf-8"))):
+            for function, around in functions(tree_of(path)):
                 yield path, function, around
 
 

@@ -20,6 +20,7 @@ from examples.plot_architecture import (
     reached,
     reduced,
 )
+from tests.helpers.sources import tree_of
 
 MOST_ENTRIES, MOST_ARGUMENTS, MOST_POSITIONAL = 12, 8, 5
 MORE_ENTRIES = {"completion": 20}  # each kind of knowledge is a room of its own
@@ -87,7 +88,7 @@ def public_names() -> set[str]:
 
 @pytest.fixture(scope="module")
 def trees():
-    return {path: ast.parse((ROOT / path).read_text("utf-8")) for path in modules().values()}
+    return {path: tree_of(path) for path in modules().values()}
 
 
 def test_inner_functions_take_at_most_eight_arguments(trees) -> None:

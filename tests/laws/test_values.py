@@ -5,6 +5,7 @@ import ast
 from pathlib import Path
 
 from examples.plot_architecture import PACKAGES, ROOT, modules
+from tests.helpers.sources import tree_of
 
 MAKERS = ("frozen_copy", "freeze_arrays", "frozen_pixels", "setflags", "flags.writeable")
 """What a value does while it is made, so that its arrays are read-only."""
@@ -18,7 +19,7 @@ def frozen_classes() -> dict[str, tuple[str, ast.ClassDef]]:
     """Frozen dataclasses of the packages by name, with their files."""
     held: dict[str, tuple[str, ast.ClassDef]] = {}
     for path in modules().values():
-        for node in ast.walk(ast.parse((ROOT / path).read_text("utf-8"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.ClassDef):
                 how = " ".join(ast.unparse(decorator) for decorator in node.decorator_list)
                 if "dataclass" in how and "frozen=True" in how:

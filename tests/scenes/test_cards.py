@@ -212,6 +212,7 @@ def test_a_fill_shows_the_image_and_its_sources(channels):
     assert tree_of(fill_surface(image / 255, mask, window=5, rng=0)._repr_html_()) is not None
 
 
+@pytest.mark.long
 def test_cards_cost_nothing_until_they_are_shown():
     code = (
         "import sys, nbv.plan.plan; "

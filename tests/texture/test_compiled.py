@@ -35,6 +35,7 @@ def run(folder):
     return tuple(int(word) for word in done.stdout.split())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "old", "new", "result"),
     [
@@ -80,6 +81,7 @@ def test_stored_code_for_a_type_that_is_no_more_is_made_anew(tmp_path, file, ren
     assert run(tmp_path) == (15, 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("left", [pytest.param(0, marks=pytest.mark.long), 30])
 def test_a_list_of_stored_code_that_was_cut_short_is_made_anew(tmp_path, left):
     for name, text in TUPLES.items():
@@ -115,6 +117,7 @@ def borrowed_names(path):
             yield from ((path.name, node.name, name) for name in sorted(names & imported))
 
 
+@pytest.mark.long
 def test_functions_stored_by_their_own_file_use_nothing_of_others():
     files = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
     assert [name for path in files for name in borrowed_names(path)] == []

@@ -141,7 +141,7 @@ def test_engines_grow_identical_textures(
     assert_copied(compiled, sample, np.ones(sample.shape, dtype=np.bool_), np.s_[:, :])
 
 
-@pytest.mark.parametrize("wrap", [(False, False), (True, True)])
+@pytest.mark.parametrize("wrap", [(False, False), pytest.param((True, True), marks=pytest.mark.long)])
 def test_engines_agree_on_scattered_samples_and_ragged_holes(wrap: tuple[bool, bool]) -> None:
     rng = np.random.default_rng(5)
     image = crop("gravel", 15, 2)

@@ -110,6 +110,7 @@ def test_progress_counts_the_whole_hole_and_a_spent_budget_is_told() -> None:
     np.testing.assert_array_equal(some.image[~hole], image[~hole])
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_hole() -> None:
     peaks = []
     for low, high in ((250, 350), (60, 540)):

@@ -46,6 +46,7 @@ def test_the_room_of_known_size_lies_in_the_intervals(room, kind, truths):
         assert advice(one) == "rely"
 
 
+@pytest.mark.long
 def test_a_house_has_widths_by_storey_and_thicknesses_between_its_rooms():
     found = by_kind(completed_house())
     (slab,), (wall,) = found["slab thickness"], found["wall thickness"]
@@ -57,6 +58,7 @@ def test_a_house_has_widths_by_storey_and_thicknesses_between_its_rooms():
     assert len(heights) == 2  # a plan for each storey
 
 
+@pytest.mark.long
 def test_openings_and_columns_of_the_office_hold():
     found = by_kind(panorama("office"))
     for kind, window, door in (("opening width", 0.9, 0.6), ("opening height", 0.9, 2.0)):

@@ -18,6 +18,7 @@ from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 from tests.helpers.data_paths import ROOT
 from tests.helpers.exchange_examples import SIZE, UTM, box, drawn, panorama
+from tests.helpers.long_cases import first_in_gate
 
 ezdxf = pytest.importorskip("ezdxf")
 
@@ -103,6 +104,7 @@ def test_sections_lie_flat_below_the_plan(document):
     assert {"Section A - A", "Section B - B", "A", "B"} <= words
 
 
+@pytest.mark.long
 def test_openings_are_closed_outlines():
     done = panorama("office", "none")
     lines = on(read(dxf_of(drawn(done))), "POLYLINE", "OPENING")
@@ -111,7 +113,7 @@ def test_openings_are_closed_outlines():
     assert kinds >= {"window"}
 
 
-@pytest.mark.parametrize("seed", ["1", "2", "3"])
+@pytest.mark.parametrize("seed", first_in_gate(1, ["1", "2", "3"]))
 def test_every_process_writes_the_same_bytes(seed):
     program = (
         "import hashlib; from completion.export.dxf import dxf_of; "

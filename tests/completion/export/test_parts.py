@@ -46,6 +46,7 @@ def parts():
     return house_parts()
 
 
+@pytest.mark.long
 def test_the_partition_is_a_wall_of_its_thickness(parts):
     (wall,) = [body for body in parts.bodies if body.kind == "wall"]
     assert abs(wall.thickness_m - PARTITION_M) < 4 * wall.thickness_sd_m + 1e-4
@@ -64,6 +65,7 @@ def test_the_slab_lies_between_a_ceiling_and_the_floor_above(parts):
     assert slab.area.area == pytest.approx(12.0, rel=0.02)
 
 
+@pytest.mark.long
 def test_walls_seen_from_one_side_have_no_thickness():
     one = house_parts(places=(0,))
     assert not one.bodies

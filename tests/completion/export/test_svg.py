@@ -125,6 +125,7 @@ def test_text_is_read_from_below_or_the_right_and_keeps_apart():
     assert places[1] is None or abs(places[1][0][0] - places[0][0][0]) > 15
 
 
+@pytest.mark.long
 @needs_chromium
 def test_a_browser_opens_it(tmp_path):
     path = tmp_path / "plan.svg"

@@ -79,6 +79,7 @@ def _normal(completion, patch):
     return completion.world_from_reference.rotate(surface.normal_direction[None])[0]
 
 
+@pytest.mark.long
 def test_small_surfaces_are_left_out_unless_a_person_names_them(tmp_path):
     every = completed("two_occluders", "gaussian-2mm", pixels=96)
     scan = example("two_occluders", "gaussian-2mm", pixels=96)

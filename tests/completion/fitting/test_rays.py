@@ -57,6 +57,7 @@ def test_range_noise_leaves_no_bias_and_the_predicted_spread(arc_deg, sigma):
     assert radii.std(ddof=1) / u == pytest.approx(1, abs=4 / np.sqrt(2 * n_trials))
 
 
+@pytest.mark.long
 def test_robust_fits_along_rays_leave_outliers_out_and_predict_their_spread():
     rng = np.random.default_rng(7)
     n_trials, fits = 30, []

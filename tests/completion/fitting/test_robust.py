@@ -17,6 +17,7 @@ from scenes.io.scan_files import read_scan
 from scenes.surfaces.catalogue import surfaces_close
 from tests.completion.fitting.test_laws import SURFACES, sampled
 from tests.helpers.data_paths import data_path, requires_data
+from tests.helpers.long_cases import first_in_gate
 
 
 def arc(
@@ -93,7 +94,7 @@ def test_tukeys_weights_fall_from_one_to_nothing() -> None:
     assert tukey_weights(np.array([0.0, 1.0, 2.0, 3.0]), 2.0).tolist() == [1.0, 0.5625, 0.0, 0.0]
 
 
-@pytest.mark.parametrize("robust", [False, True])
+@pytest.mark.parametrize("robust", first_in_gate(1, [False, True]))
 @pytest.mark.parametrize("shape", SURFACES)
 def test_the_evidence_is_for_the_true_shape(shape, robust) -> None:
     points = sampled(shape, np.random.default_rng(8), 2_000)

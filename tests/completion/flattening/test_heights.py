@@ -56,6 +56,7 @@ def test_plane_in_plane_out() -> None:
     assert not any(one.kind is RegionKind.RELIEF for one in out.regions)
 
 
+@pytest.mark.long
 def test_flattened_again_nothing_more_goes(flat) -> None:
     again = flatten_heights(flat.heights, CELL)
     assert (again.kept == flat.kept).mean() > 0.999
@@ -68,6 +69,7 @@ def test_heights_in_other_units_give_the_same_regions(flat) -> None:
     assert np.allclose(large.heights[large.kept & flat.kept], 1000 * flat.heights[large.kept & flat.kept])
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_bytes(flat) -> None:
     again = flatten_heights(panelled(0), CELL, rng=0)
     assert again.heights.tobytes() == flat.heights.tobytes()
@@ -89,6 +91,7 @@ def test_gaps_stay_gaps_and_cost_little(flat) -> None:
     assert (out.kept == flat.kept)[np.isfinite(holed)].mean() > 0.997
 
 
+@pytest.mark.long
 def test_a_strip_askew_in_its_frame_is_flattened_too() -> None:
     strip = np.full((176, 176), np.nan)
     for row in range(176):
@@ -98,6 +101,7 @@ def test_a_strip_askew_in_its_frame_is_flattened_too() -> None:
     assert np.array_equal(np.isnan(out.heights), np.isnan(strip))
 
 
+@pytest.mark.long
 def test_level_of_the_test_decides() -> None:
     weak = ripple(0) + 0.3 * (panelled(0) - ripple(0))
     flat = flatten_heights(weak, CELL)
@@ -148,6 +152,7 @@ def test_p_of_the_most_evident_region_is_uniform_without_relief() -> None:
     assert kstest(p, "uniform", alternative="greater").pvalue > 0.01
 
 
+@pytest.mark.long
 def test_steps_of_rounding_are_no_relief_and_higher_ones_are() -> None:
     rounded = 0.002 * np.round(panelled(0) / 0.002)
     kept = flatten_heights(rounded, CELL)

@@ -49,6 +49,7 @@ def test_vertices_of_the_plane_lie_on_it_and_relief_stands_out(wall) -> None:
     assert not flat.is_held.any()
 
 
+@pytest.mark.long
 def test_moved_and_turned_mesh_gives_the_same(wall) -> None:
     (vertices, faces, labels, _), flat = wall
     pose = Pose.looking_at((3, -1, 2), (0, 1, 1))
@@ -70,6 +71,7 @@ def test_pixels_of_a_range_image_move_along_their_rays(wall) -> None:
     assert turned_over(vertices, flat.vertices, faces) == 0
 
 
+@pytest.mark.long
 def test_vertices_on_two_planes_go_to_their_crease() -> None:
     vertices, faces, labels, fits = corner_mesh(5)
     flat = flatten_mesh(vertices, faces, labels, fits)
@@ -80,6 +82,7 @@ def test_vertices_on_two_planes_go_to_their_crease() -> None:
     assert np.array_equal(flat.vertices[rim[2:], :2], vertices[rim[2:], :2])  # free rims stay where they are
 
 
+@pytest.mark.long
 def test_rows_beside_a_crease_do_not_go_onto_it_too() -> None:
     """Where three rms are more than a cell, the row beside the crease is within reach of the other wall."""
     vertices, faces, labels, fits = corner_mesh(5)
@@ -115,6 +118,7 @@ def test_regions_of_meshes_have_areas_in_square_metres(wall) -> None:
     assert area == pytest.approx([0.0096, 0.0784], rel=0.05)
 
 
+@pytest.mark.long
 def test_larger_cells_on_request(wall) -> None:
     mesh, _ = wall
     flat = flatten_mesh(*mesh, FlatteningOptions(cell_m=0.02))

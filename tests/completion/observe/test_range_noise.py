@@ -103,6 +103,7 @@ def test_real_cameras_steps_are_seen_where_they_hide_the_noise():
     assert estimate_noise(read_scan(f"{data_path('range/align3d_sample2')}#1")).step_m == 0  # of .2 mm
 
 
+@pytest.mark.long
 @requires_data
 def test_an_arcade_scanned_by_laser_is_known_to_centimetres_at_all_ranges():
     for number in (1, 2):

@@ -30,6 +30,7 @@ def done():
     return {name: complete(example(name, pixels=160), PLAIN) for name in SCENES}
 
 
+@pytest.mark.long
 def test_the_room_has_its_folds_and_corners(done):
     """A corner of a room behind two boxes: walls and floor meet at right angles, boxes stand on the floor."""
     panels = done["two_occluders"].panels()

@@ -15,6 +15,7 @@ from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.mesh.triangle_distance import distances
 from scenes.surfaces.catalogue import Plane
 from tests.helpers.completion_examples import example
+from tests.helpers.long_cases import first_in_gate
 
 PLAIN = CompletionOptions(texture=False)
 FLOOR = Plane(np.zeros(3), np.array([0.0, 0.0, 1.0]))
@@ -49,7 +50,7 @@ def test_a_flat_sheet_is_left_with_few_triangles_and_its_border():
     assert np.abs(places[:, 2]).max() < 1e-9
 
 
-@pytest.mark.parametrize("bound_m", [1e-3, 4e-3, 8e-3])
+@pytest.mark.parametrize("bound_m", first_in_gate(1, [1e-3, 4e-3, 8e-3]))
 def test_the_bound_holds_and_a_wider_one_needs_fewer(bound_m):
     whole = sheet(81, bumpy)
     few = decimated(*whole, bound_m)

@@ -84,6 +84,7 @@ def test_the_end_of_a_sheet_is_no_hole():
     assert closed.inferred_m2 == 0
 
 
+@pytest.mark.long
 def test_a_whole_mesh_and_points_have_nothing_to_close():
     mesh = trimesh.creation.box((0.04, 0.03, 0.02)).subdivide_to_size(0.002)
     assert close_holes(model_part(labelled(mesh))) is None

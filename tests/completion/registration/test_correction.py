@@ -167,6 +167,7 @@ def check_agreement(scans, corrected, free):
             assert np.sqrt(np.mean(np.square(shift))) < 3 * deviation
 
 
+@pytest.mark.long
 def test_scans_with_poses_and_without_come_to_the_same_groups_and_poses():
     scans = [scan(0), scan(1), misplaced(scan(2), 1.0, 0.05, 0)]
     corrected, free = registered(scans), register_scans(scans)
@@ -187,6 +188,7 @@ def corrected_photographs(photographs):
     return correct_poses(observations, range(5), stated_m=0.005)
 
 
+@pytest.mark.long
 @requires_data
 def test_frames_that_no_motion_brings_together_are_two_groups_that_stay(photographs, corrected_photographs):
     assert corrected_photographs.groups == ((0, 1, 2), (3, 4))

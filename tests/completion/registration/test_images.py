@@ -61,6 +61,7 @@ def test_a_room_with_furniture_fits_itself_nowhere():
     assert shifts_onto_itself(StationView.of(scan)).shape == (0, 3, 4)
 
 
+@pytest.mark.long
 def test_a_pose_along_like_doors_is_not_claimed(corridor):
     a, b = (StationView.of(one) for one in corridor)
     found = find_hypotheses(a, b)
@@ -79,6 +80,7 @@ def test_the_truth_is_among_the_alternatives(corridor):
     assert min(np.linalg.norm(one[:, 3] - true[:, 3]) for one in pair.alternatives) < 0.05
 
 
+@pytest.mark.long
 def test_a_third_scan_of_the_corridor_makes_no_claim_of_images(corridor):
     """What a pair cannot know, groups that are placed by that pair do not know either."""
     third = corridor_scan((-2.2, 0.2, 1.4), (1.0, -0.1, 0.0), 3)

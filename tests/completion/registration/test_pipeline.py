@@ -90,6 +90,7 @@ def test_the_truth_lies_within_the_covariance(office, lost, found):
     np.testing.assert_array_equal(found.covariance_of(0), np.zeros((6, 6)))
 
 
+@pytest.mark.long
 def test_what_scans_say_of_their_poses_counts_for_nothing(office, found):
     again = register_scans(office, n_threads=2)
     for one, two in zip(
@@ -98,6 +99,7 @@ def test_what_scans_say_of_their_poses_counts_for_nothing(office, found):
         np.testing.assert_array_equal(one, two)
 
 
+@pytest.mark.long
 def test_the_pose_of_a_to_b_is_the_inverse_of_b_to_a(level):
     there, back = register_scans(level), register_scans(level[::-1])
     turned = np.vstack([there.groups[0].group.poses[1], [0, 0, 0, 1]])
@@ -105,6 +107,7 @@ def test_the_pose_of_a_to_b_is_the_inverse_of_b_to_a(level):
     np.testing.assert_allclose(turned @ other, np.eye(4), atol=2e-3)
 
 
+@pytest.mark.long
 def test_the_order_of_scans_changes_no_pose(lost, found):
     turned = register_scans([lost[2], lost[0], lost[1]])
     poses = [np.vstack([turned.pose_of(k), [0, 0, 0, 1]]) for k in (1, 2, 0)]
@@ -113,6 +116,7 @@ def test_the_order_of_scans_changes_no_pose(lost, found):
         np.testing.assert_allclose(relative[:3], found.pose_of(number), atol=2e-3)
 
 
+@pytest.mark.long
 def test_a_scan_of_another_room_is_left_by_itself_and_changes_nothing(lost, found):
     stranger = scans_of("two_occluders", ((0.8, 0.9, 1.5),), ((3.0, 2.5, 0.5),))
     several = register_scans([*lost, *stranger])
@@ -136,6 +140,7 @@ def test_right_poses_are_upheld_and_wrong_ones_contradicted(office):
     assert pairs[0, 1].violations > 0.05
 
 
+@pytest.mark.long
 def test_what_is_small_is_registered_as_what_is_large(office):
     """The same room a hundredth as large: its poses, their deviations and residuals are a hundredth."""
     small = [
@@ -152,6 +157,7 @@ def test_what_is_small_is_registered_as_what_is_large(office):
     assert np.median(np.abs(offsets)) < 1e-4
 
 
+@pytest.mark.long
 def test_level_scanners_need_turns_about_the_vertical_alone(level):
     turn = np.array([[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 0.3], [0.0, 0.0, 0.0, 1.0]])
     scans = [level[0], level[1].restated(world_from_sensor=Pose(turn) @ level[1].world_from_sensor)]
@@ -161,6 +167,7 @@ def test_level_scanners_need_turns_about_the_vertical_alone(level):
     assert errors[1, 1] < 0.005
 
 
+@pytest.mark.long
 def test_a_right_start_is_not_made_worse(level):
     held = register_scans(level, started=True)
     errors = errors_of(held.world_poses(level), level)

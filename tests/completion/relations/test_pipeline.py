@@ -59,6 +59,7 @@ def test_what_is_accepted_holds_exactly(graph):
         assert np.abs(constrain(relation, at, frame).value).max() <= 1e-10
 
 
+@pytest.mark.long
 def test_a_radius_of_which_little_is_seen_is_known_by_its_axis():
     """Its deviation is that of Monte Carlo, a seventeenth of the fit's own; methods page, section 5."""
     before, after, predicted = [], [], []
@@ -302,6 +303,7 @@ def test_tori_are_coaxial_and_share_radii(seed):
     assert found.numbered(Status.REJECTED) == 0
 
 
+@pytest.mark.long
 def test_covariances_of_related_tori_are_those_of_monte_carlo():
     off, predicted = [], []
     for seed in range(24):

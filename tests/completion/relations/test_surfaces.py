@@ -80,6 +80,7 @@ def test_walls_of_a_square_room_are_square(related):
     assert graph.options.tolerance_deg < 0.05
 
 
+@pytest.mark.long
 def test_a_strip_is_known_better_with_relations_than_without(related):
     """Over ten noises the strip's direction errs less, and less is stated of it."""
     errors = {True: [], False: []}

@@ -56,6 +56,7 @@ def test_what_single_frames_took_for_surfaces_is_counted():
     assert completion_record(left_out)["unconfirmed"] == {"n_regions": 3, "n_pixels": 900}
 
 
+@pytest.mark.long
 def test_poses_that_contradict_each_other_are_told_with_numbers_by_pair():
     scans = [scan(0), scan(1), misplaced(scan(2), 0.5, 0.03, 0)]
     good, bad, kept = (

@@ -30,6 +30,7 @@ def both(scan):
     return complete(scan, PLAIN, rng=0), complete(scan, FLAT, rng=0)
 
 
+@pytest.mark.long
 def test_pixels_move_along_their_rays_onto_their_planes(both):
     plain, flat = both
     before, after = plain.observed_mesh(), flat.observed_mesh()

@@ -6,11 +6,14 @@ import pytest
 
 from benchmarks.cases.segmented import frames, judged, prepared, segmented
 from tests.helpers.data_paths import requires_bench
+from tests.helpers.long_cases import first_in_gate
 
 pytestmark = requires_bench
 
 
-@pytest.mark.parametrize(("name", "chosen"), [("drum_and_post", (1, 3, 6)), ("office", (1, 4, 8))])
+@pytest.mark.parametrize(
+    ("name", "chosen"), first_in_gate(1, [("drum_and_post", (1, 3, 6)), ("office", (1, 4, 8))])
+)
 def test_faces_are_found_whole_and_accurately(name, chosen):
     n_faces = n_correct = 0
     angles, radii = [], []

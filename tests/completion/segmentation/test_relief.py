@@ -16,6 +16,7 @@ from scenes.io.scan_request import ScanRequest, read_request
 from scenes.scan.range_image import RangeImage
 from tests.helpers.completion_examples import example
 from tests.helpers.data_paths import data_path, requires_data
+from tests.helpers.long_cases import first_in_gate
 from tests.helpers.uneven_scans import BEYOND, GROUND, LEAF, WALL, Yard
 
 TUNING, HELD_OUT = (0, 1), (100, 101)  # seeds of yards
@@ -62,7 +63,7 @@ def test_uneven_ground_is_one_surface_and_walls_stay_walls(relief, noise, seed):
     assert ground not in named
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", first_in_gate(1, SEEDS))
 @pytest.mark.parametrize(("relief", "noise"), REALISTIC)
 @pytest.mark.parametrize("change", [{"step_m": 0.03}, {"ramp_deg": 2.0, "size_m": 16.0}])
 def test_a_step_and_a_ramp_stay_apart_from_uneven_ground(change, relief, noise, seed):
@@ -80,7 +81,7 @@ def test_a_door_leaf_stays_apart_from_its_wall(seed):
     assert np.mean(owner[what == WALL] == leaf) < 0.01
 
 
-@pytest.mark.parametrize("change", [{"step_m": 0.03}, {"ramp_deg": 2.0, "size_m": 16.0}])
+@pytest.mark.parametrize("change", first_in_gate(1, [{"step_m": 0.03}, {"ramp_deg": 2.0, "size_m": 16.0}]))
 def test_flat_surfaces_that_meet_are_not_uneven(change):
     scan, what = replace(Yard(seed=3), **change).scan()
     owner = owners(scan)
@@ -104,6 +105,7 @@ def test_what_joined_says_how_uneven_it_is_and_predicts_it():
     assert FLATNESS_M <= typical_relief([regions]) <= 0.006
 
 
+@pytest.mark.long
 def test_stated_flatness_joins_and_parts():
     scan, _ = Yard(seed=0, relief_m=0.02, noise_m=0.002).scan()
     n = {flat: len(segmented(scan, flat)) for flat in (0.0005, 0.01)}
@@ -149,6 +151,7 @@ def pixels(labels: IntArray, k: int) -> PixelSet:
     return PixelSet.of(labels == k)
 
 
+@pytest.mark.long
 @requires_data
 def test_a_real_floor_is_one_surface():
     (scan,) = read_request(ScanRequest((str(data_path("range/align3d_sample2")) + "#1",), up="auto")).scans

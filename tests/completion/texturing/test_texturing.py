@@ -135,6 +135,7 @@ def column_seams(image: NDArray[np.uint8], within: NDArray[np.bool_]) -> NDArray
     return seams
 
 
+@pytest.mark.long
 def test_no_seam_where_a_pipe_s_chart_closes():
     completion = pipe()
     (number,) = (k for k, patch in enumerate(completion.patches) if patch.grid.wraps)
@@ -273,6 +274,7 @@ def test_colour_spreads_by_two_texels_and_around_a_cylinder():
     assert (closed[4, 3:-2] != 200).all()
 
 
+@pytest.mark.long
 def test_the_search_follows_from_how_much_is_hidden_and_a_budget_coarsens_nothing():
     completion = wall(-0.25)
     scans, n_hidden = [seen.scan for seen in completion.observations], completion.textures[0].n_synthesised

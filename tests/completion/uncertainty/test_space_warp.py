@@ -2,6 +2,7 @@
 """Space warp: found where there is one, none where there is none, and relations are not rejected for it."""
 
 import numpy as np
+import pytest
 
 from benchmarks.cases.planes import figure_one
 from benchmarks.suites.relations import warped
@@ -45,6 +46,7 @@ def test_it_is_the_same_where_the_part_stands() -> None:
     np.testing.assert_allclose(again.shared, one.shared, rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_warped_part_says_so() -> None:
     points = part(2, 0.05)[1]
     labels = np.repeat(np.arange(1, 6), [len(own) for own in points[:5]])

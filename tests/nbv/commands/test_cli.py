@@ -20,6 +20,7 @@ from nbv.report.blocks.page import Page
 from nbv.run import manifest
 from scenes.checks import InputError
 from tests.helpers.data_paths import ROOT
+from tests.helpers.long_cases import first_in_gate
 
 TINY = 'kind = "pinhole"\nname = "tiny"\nfov_deg = 70.0\nwidth = 72\nheight = 72\n'
 CHAIR = "builtin:chair_before_wall"
@@ -94,14 +95,17 @@ REPORTS = {"matplotlib", "jinja2", "scipy.stats"}
 
 @pytest.mark.parametrize(
     ("program", "unwanted"),
-    [
-        ("from nbv.cli import app; app(['plan', '--help'], standalone_mode=False)", SLOW),
-        (
-            "from nbv.cli import app; app(['info', SCAN], standalone_mode=False)",
-            {"matplotlib", "jinja2", "scipy.stats", "completion"},
-        ),
-        ("import nbv.commands.complete", REPORTS),
-    ],
+    first_in_gate(
+        2,
+        [
+            ("from nbv.cli import app; app(['plan', '--help'], standalone_mode=False)", SLOW),
+            (
+                "from nbv.cli import app; app(['info', SCAN], standalone_mode=False)",
+                {"matplotlib", "jinja2", "scipy.stats", "completion"},
+            ),
+            ("import nbv.commands.complete", REPORTS),
+        ],
+    ),
     ids=["help", "info", "complete"],
 )
 def test_a_command_imports_nothing_slow_that_it_does_not_need(scan, program, unwanted):
@@ -203,6 +207,7 @@ def test_scan_options_each_change_something(tmp_path, sensor):
     assert len({(tmp_path / f"{name}.npz").read_bytes() for name in changes}) == len(changes)
 
 
+@pytest.mark.long
 def test_scan_says_what_was_active_and_info_repeats_it(tmp_path):
     at = ("--at", "0.3,-1.6,1.1", "--look", "0,1,0.8", "-o", tmp_path / "a.npz")
     said = succeed("scan", CHAIR, *at, "--sensor", "kinect_v1", "--noise", "profile").stdout
@@ -318,6 +323,7 @@ def test_plan_is_the_same_for_any_number_of_threads(plan, sensor, tmp_path):
     assert contents(tmp_path) == contents(plan[0])
 
 
+@pytest.mark.long
 def test_coverage_of_a_plan_agrees_with_the_plan(plan, tmp_path):
     out, summary = plan
     arguments = ("--plan", out / "plan.json", "-o", tmp_path, "--json")
@@ -375,11 +381,13 @@ def test_inputs_are_hashed_once_for_journal_report_and_manifest(scan, tmp_path, 
     assert hashed.count(scan) == 1
 
 
+@pytest.mark.long
 def test_complete_is_the_same_for_any_number_of_threads(completed, scan, tmp_path):
     succeed("complete", scan, "--threads", 2, "-o", tmp_path, "--quiet")
     assert contents(tmp_path) == contents(completed[0])
 
 
+@pytest.mark.long
 def test_complete_options_each_change_something(scan, tmp_path, monkeypatch):
     monkeypatch.setattr(
         "nbv.report.completion_report.completion_page", lambda *_, **__: Page("", "", "", (), None, (), {}, 0)
@@ -403,6 +411,7 @@ def test_complete_options_each_change_something(scan, tmp_path, monkeypatch):
     assert len(models) == len(changes)
 
 
+@pytest.mark.long
 def test_the_cells_and_the_search_are_told(scan, tmp_path, monkeypatch):
     monkeypatch.setattr(observed_points, "_MOST_POINTS", 500)
     succeed(
@@ -421,6 +430,7 @@ def test_the_cells_and_the_search_are_told(scan, tmp_path, monkeypatch):
     assert "give --texture or --no-texture, not both" in both.stderr
 
 
+@pytest.mark.long
 def test_what_is_wanted_is_told(scan, tmp_path, monkeypatch):
     monkeypatch.setattr(observed_points, "_MOST_POINTS", 500)
     said = succeed(
@@ -472,6 +482,7 @@ def test_cells_that_are_larger_than_asked_for_are_told():
     assert said == "too many cells of 0.001 m; these surfaces have larger ones: 1 (0.02 m)"
 
 
+@pytest.mark.long
 def test_complete_in_conservative_mode_infers_less(tmp_path, sensor):
     scan = tmp_path / "room.npz"
     at = ("--at", "0.5,0.5,1.5", "--look", "5,4,1")

@@ -75,6 +75,7 @@ def test_edits_of_another_place_are_refused_in_one_line(scan, first, tmp_path):
     assert "none.json: no such file" in missing.stderr
 
 
+@pytest.mark.long
 def test_what_is_not_known_well_enough_is_not_continued(tmp_path):
     noisy = tmp_path / "noisy.npz"
     write_scan(example("two_occluders", "gaussian-2mm", pixels=72), noisy)

@@ -49,6 +49,7 @@ def test_files_hold_the_doorway_and_every_point(folder) -> None:
     assert "confirmed" in (folder / "out" / "report.html").read_text()
 
 
+@pytest.mark.long
 def test_completion_uses_what_a_file_found_and_nothing_else(folder) -> None:
     found = folder / "out" / "features.json"
     words = ("complete", folder / "wall.npz", "--no-texture", "--quiet", "--features")

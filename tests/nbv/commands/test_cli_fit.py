@@ -90,6 +90,7 @@ def test_the_contract_of_the_json(files, shape, asked):
         assert abs(held["parameters"]["half_angle_deg"] - 15) < 4 * deviation["half_angle_deg"]
 
 
+@pytest.mark.long
 def test_evidence_is_told_and_undecidable_is_an_answer(files, tmp_path):
     evidence = fitted(files["sphere"])["evidence"]
     assert evidence["sphere"] == 1
@@ -189,6 +190,7 @@ def test_units_are_those_of_the_file(files):
     assert inches["rms"] == pytest.approx(0.0254 * metres["rms"], rel=1e-9)
 
 
+@pytest.mark.long
 def test_the_same_bytes_every_time_and_quiet_is_silent(files):
     once, again = run(files["sphere"], "--json"), run(files["sphere"])
     assert once.stdout == again.stdout

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from nbv.cli import app
 from scenes.io.ply import read_mesh_ply, write_mesh_ply
+from tests.helpers.long_cases import first_in_gate
 from tests.helpers.wall_examples import corner_mesh, panelled, wall_mesh
 
 N = 900
@@ -56,6 +57,7 @@ def test_it_prints_one_object_and_writes_all_files(corner):
     assert (frame["type"], [one["surfaces"] for one in frame["directions"]]) == ("manhattan", [[1], [2], [3]])
 
 
+@pytest.mark.long
 def test_rows_and_mirrors_may_be_stated(folder, corner):
     said = folder / "rows.json"
     said.write_text(json.dumps([{"type": "regular", "surfaces": [1, 2, 3]}]))
@@ -92,6 +94,7 @@ def test_part_json_has_a_surface_a_label_and_relations_json_its_relations(corner
     assert relations["degrees_of_freedom"] == {"unknowns": 9, "rank": 3, "free": 6}
 
 
+@pytest.mark.long
 def test_relations_off_leaves_surfaces_as_measured(folder):
     out = folder / "off"
     result = run(folder / "corner.npz", "-o", out, "--json", "--relations", "off")
@@ -99,7 +102,7 @@ def test_relations_off_leaves_surfaces_as_measured(folder):
     assert not (out / "relations.json").exists()
 
 
-@pytest.mark.parametrize("file", ["labelled.npz", "labelled.csv"])
+@pytest.mark.parametrize("file", first_in_gate(1, ["labelled.npz", "labelled.csv"]))
 def test_labels_of_the_file_are_kept(folder, file):
     out = folder / f"kept-{file}"
     result = run(folder / file, "-o", out, "--json")
@@ -109,6 +112,7 @@ def test_labels_of_the_file_are_kept(folder, file):
     assert part["without_surface"] == N
 
 
+@pytest.mark.long
 def test_labels_can_be_ignored(folder):
     result = run(folder / "labelled.npz", "-o", folder / "anew", "--json", "--ignore-labels")
     assert json.loads(result.stdout)["surfaces"] == {"plane": 3}
@@ -128,6 +132,7 @@ def test_a_mesh_keeps_its_vertices_and_triangles(folder):
     assert len(read_mesh_ply(out / "part.ply").faces) == 12
 
 
+@pytest.mark.long
 def test_the_same_input_gives_the_same_bytes(corner, folder):
     run(folder / "corner.npz", "-o", folder / "again", "--quiet", "--threads", "1")
     for name in ("part.json", "relations.json", "part.ply", "report.html"):
@@ -185,6 +190,7 @@ def flat(folder):
     return json.loads(result.stdout), folder / "flat"
 
 
+@pytest.mark.long
 def test_flattening_takes_ripple_from_planes_and_leaves_their_relief(flat):
     summary, out = flat
     vertices, faces, _, _ = wall_mesh(panelled(0))
@@ -220,6 +226,7 @@ def test_without_flattening_nothing_of_it_is_written(corner):
     assert not (out / "flat.ply").exists()
 
 
+@pytest.mark.long
 def test_walls_meet_in_their_crease_when_flattened(folder):
     vertices, faces, labels, _ = corner_mesh(5)
     write_mesh_ply(folder / "walls.ply", vertices, faces, {"label": labels.astype(np.int32)}, [])
@@ -231,6 +238,7 @@ def test_walls_meet_in_their_crease_when_flattened(folder):
     assert np.linalg.svd(line, compute_uv=False)[1] < 1e-9
 
 
+@pytest.mark.long
 def test_points_that_were_left_out_keep_their_places_when_flattened(folder):
     vertices, _, _, _ = wall_mesh(panelled(0))
     order = np.random.default_rng(0).permutation(len(vertices))

@@ -68,6 +68,7 @@ def test_poses_are_found_and_written(registered):
     assert "what is left between its scans" in page
 
 
+@pytest.mark.long
 def test_an_e57_keeps_its_scans_together(folder):
     result = run(folder / "both.e57", "-o", folder / "e57", "-q")
     assert result.exit_code == 0, result.output
@@ -111,6 +112,7 @@ def test_what_cannot_be_registered_is_told_in_a_line(folder, arguments, said):
     assert not (folder / "none" / "registration.json").exists()
 
 
+@pytest.mark.long
 def test_contradicted_scans_that_are_placed_together_are_told(folder, monkeypatch):
     """Whatever share of contradictions is worth a word, both scans and the two reasons are named."""
     monkeypatch.setattr("nbv.scans.registering._NOTICED", -1.0)
@@ -128,6 +130,7 @@ def completed(folder):
     return json.loads(result.stdout), json.loads((folder / "done" / "completion.json").read_text())
 
 
+@pytest.mark.long
 def test_scans_are_registered_before_they_are_completed(completed):
     """Two scans stand as they stood, and what has no pose is left out and named."""
     said, record = completed
@@ -149,6 +152,7 @@ def test_a_sentence_says_what_was_placed(completed):
     assert ": " in told.split("stranger.ply (")[1]
 
 
+@pytest.mark.long
 def test_coverage_by_scans_registers_them(folder):
     named = [text for name in ("lost_0.ply", "lost_1.ply") for text in ("--scans", folder / name)]
     result = run(*named, "--register", "-o", folder / "covered", command="coverage")
@@ -157,6 +161,7 @@ def test_coverage_by_scans_registers_them(folder):
     assert "2 scans measured" in result.output
 
 
+@pytest.mark.long
 def test_the_same_scan_twice_counts_once_and_is_told(folder):
     """A copy proves nothing and adds nothing: the scan is completed as it is by itself."""
     named = [folder / "lost_0.ply", folder / "lost_0.ply"]
@@ -181,6 +186,7 @@ def test_a_copy_beside_other_scans_is_left_out():
     ]
 
 
+@pytest.mark.long
 def test_registering_the_same_scan_twice_is_told(folder):
     named = [folder / "lost_0.ply", folder / "lost_0.ply"]
     result = run(*named, "-o", folder / "same", "--json")

@@ -11,6 +11,7 @@ from nbv.plan.plan import read_plan
 from scenes.io.ply import read_mesh_ply
 from scenes.io.scan_files import read_scan
 from scenes.io.scan_request import ScanRequest, read_request
+from tests.helpers.long_cases import first_in_gate
 from tests.nbv.commands.test_cli import assert_fails_in_one_line, contents, run, succeed
 
 ROOM = "builtin:two_occluders"
@@ -41,7 +42,7 @@ def plan_from(taken, *arguments):
     return run("plan", *both, *arguments)
 
 
-@pytest.mark.parametrize("method", ["nbv", "cover"])
+@pytest.mark.parametrize("method", first_in_gate(1, ["nbv", "cover"]))
 def test_a_plan_resumes_from_scans(taken, tmp_path, method):
     out = tmp_path / method
     fixed = ("--candidates", taken / "candidates.npz", "--polish-steps", 0, "--views", 3)
@@ -59,6 +60,7 @@ def test_a_plan_resumes_from_scans(taken, tmp_path, method):
     assert [record["input"] for record in inputs if str(record["input"]).endswith("b.npz")]
 
 
+@pytest.mark.long
 def test_region_and_keep_out_reach_plan_json(taken, tmp_path):
     zones = ("--region", WEST, "--keep-out", EAST, "--keep-out", "-1,-1,-1,0.8,0.8,4")
     fixed = ("--candidates", taken / "candidates.npz", "--views", 2, "-o", tmp_path, "--json")
@@ -96,6 +98,7 @@ def test_the_next_station_without_a_scene(following):
     assert coverage["surface"] == summary["surface"]
 
 
+@pytest.mark.long
 def test_the_next_station_is_the_same_again_and_said_in_words(taken, following, tmp_path):
     text = plan_from(taken, "--views", 2, "--threads", 2, "-o", tmp_path).stdout
     assert "station 1 in room 1: at " in text
@@ -103,6 +106,7 @@ def test_the_next_station_is_the_same_again_and_said_in_words(taken, following, 
     assert contents(tmp_path) == contents(following[0])
 
 
+@pytest.mark.long
 def test_the_record_holds_what_was_predicted_against_what_was_measured(taken, tmp_path):
     small = ("--sensor", taken / "small.toml", "--threads", 1, "-o", tmp_path / "next", "--json")
     first = json.loads(succeed("plan", "--scans", taken / "a.npz", *small).stdout)

@@ -164,6 +164,7 @@ def test_a_plan_with_overlap_is_connected_and_still_covers(plan):
     assert all(overlap.share >= 0.3 and overlap.stiffness >= 0.02 for overlap in plan.stations.overlaps)
 
 
+@pytest.mark.long
 def test_noisy_scans_of_the_plan_register_along_its_links(plan):
     """Every scan, displaced by 3 cm and 1 deg, finds back to the one it is linked to in a spanning tree."""
     n, sigma = len(plan.views), 0.002

@@ -4,6 +4,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from nbv.online.feasible_viewpoints import has_floor_support
 from nbv.online.occupancy import SEEN, VoxelMap
@@ -47,6 +48,7 @@ def test_nothing_stands_before_any_floor_is_seen():
     assert not has_floor_support(looked_up, np.array([[1.0, 1.0, 1.5]])).any()
 
 
+@pytest.mark.long
 def test_with_footing_the_planner_keeps_off_the_table_and_without_it_need_not():
     samples = sample_surface(ROOM.mesh, 0.2)
     options = PlannerOptions(voxel_m=0.15, clearance_m=0.3)

@@ -4,6 +4,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from nbv import load_sensor, plan_views
 from nbv.online.planner import PlannerOptions
@@ -30,6 +31,7 @@ def floor_levels(places: np.ndarray) -> list[float]:
     return found
 
 
+@pytest.mark.long
 def test_online_stations_stand_on_the_floors_of_both_storeys():
     standing = find_standing(SCENE, PANORAMA, SiteOptions(heights_m=(HEIGHT,)))
     plan = plan_views(

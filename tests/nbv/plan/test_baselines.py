@@ -39,6 +39,7 @@ def compare(plan, **options):
     return compare_with_baselines(ROOM.ray_caster(1), plan, rng=0, **options)
 
 
+@pytest.mark.long
 def test_they_are_all_there_and_their_coverage_only_grows(plan, baselines):
     names = [baseline.name for baseline in baselines]
     assert names == [PLAN, "random", "farthest-point", "visibility-only greedy", "greedy"]

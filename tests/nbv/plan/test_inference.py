@@ -213,6 +213,7 @@ def test_with_completion_a_room_takes_far_fewer_views(tmp_path):
     assert again.coverage.modelled == pytest.approx(last.modelled)
 
 
+@pytest.mark.long
 def test_views_of_a_known_room_are_chosen_for_what_completion_will_not_know():
     plan = plan_views(ROOM, SENSOR, method="cover", infer=True, **COARSE)
     assert len(plan.views) <= 6  # at 60 deg alone it takes 12 at least

@@ -47,6 +47,7 @@ def cast(monkeypatch):
     return views
 
 
+@pytest.mark.long
 def test_a_plan_with_its_baselines_and_reports_builds_one_tree_and_casts_each_view_once(built, cast):
     scene = builtin_scene("two_occluders")
     samples = sample_surface(scene.mesh, 0.4)

@@ -234,6 +234,7 @@ def explore_box(options: PlannerOptions, finished=None):
     )
 
 
+@pytest.mark.long
 def test_both_methods_and_modes_reach_the_target_on_a_box():
     sensor = PinholeSensor(fov_deg=40, width=80, height=80)
     hanging = SiteOptions(all_round=True)

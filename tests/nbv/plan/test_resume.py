@@ -77,6 +77,7 @@ def test_the_bound_counts_views_beyond_the_scans(plans):
     assert resumed.lower_bound.views >= whole.lower_bound.views - 6
 
 
+@pytest.mark.long
 def test_the_full_target_stays_full(plans):
     views = plans["cover"].views[:5]
     resumed = plan_room("cover", scans_of(views), target=1.0)
@@ -147,6 +148,7 @@ def test_plan_json_says_from_what_it_was_resumed_and_is_read_back(plans, tmp_pat
     assert read_plan(file).to_json() == content
 
 
+@pytest.mark.long
 def test_baselines_begin_with_what_the_scans_have_met(plans):
     scans = scans_of(plans["cover"].views[:5])
     plan = plan_room("cover", scans, views=3)

@@ -88,6 +88,7 @@ def planned():
     return scene, plan
 
 
+@pytest.mark.long
 def test_outcomes_are_what_measuring_says_and_the_bound_holds_for_them(planned):
     scene, plan = planned
     outcomes = compare_with_rules(scene.ray_caster(1), plan)
@@ -139,6 +140,7 @@ def test_rules_are_refused_where_they_say_nothing(planned):
         plan_views(room, PANORAMA, method="rule:grid5m", candidates=plan.candidates)
 
 
+@pytest.mark.long
 def test_the_command_tells_the_rules_beside_a_plan(tmp_path):
     line = ["plan", "builtin:two_occluders", "--method", "cover", "--sensor", "panorama", "--target", "0.9"]
     line += ["--heights", "1.6", "--spacing", "1", "--polish-steps", "0", "--start", "1.2,4.1"]

@@ -18,6 +18,7 @@ from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.world.builtin import builtin_scene
 from tests.helpers.buildings import house
+from tests.helpers.long_cases import first_in_gate
 
 ROOM = builtin_scene("two_occluders")
 SAMPLES = sample_surface(ROOM.mesh, 0.4)
@@ -54,7 +55,7 @@ def test_a_height_at_the_start_is_taken_as_it_is():
     assert "limit of 1 view" in begun.stopped_because
 
 
-@pytest.mark.parametrize("method", ["nbv", "greedy", "random"])
+@pytest.mark.parametrize("method", first_in_gate(1, ["nbv", "greedy", "random"]))
 def test_other_planners_begin_there_too(method):
     begun = plan(SiteOptions(start=START), method, CAMERA, views=2)
     assert places(begun)[0, :2] == pytest.approx(START)
@@ -101,7 +102,7 @@ def heights_over_spots(one):
     return [len(heights) for heights in spots.values()]
 
 
-@pytest.mark.parametrize("method", ["cover", "nbv"])
+@pytest.mark.parametrize("method", first_in_gate(1, ["cover", "nbv"]))
 def test_one_height_over_each_spot_unless_several_are_asked_for(method):
     wide = {"heights_m": (0.4, 2.2), "spacing_m": 2.5}  # few spots: heights have to make up for it
     rule = {"target": 1.0, "views": 14} if method != "cover" else {"target": 1.0}

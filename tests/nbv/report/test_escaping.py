@@ -15,6 +15,7 @@ from scenes.io.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 from tests.helpers.browser import Browser, needs_chromium
+from tests.helpers.long_cases import first_in_gate
 
 pytestmark = needs_chromium
 HACK = "<img src=x onerror=window.hacked=1>"  # no slash, so that a file can be called so
@@ -65,15 +66,18 @@ SCENE, SCANS = f"{HACK}.obj", [f"one{HACK}.npz", f"two{HACK}.npz"]
 
 @pytest.mark.parametrize(
     "words",
-    [
-        ["plan", SCENE, "--sensor", f"{HACK}.toml", "--views", "2"],
-        ["plan", "--scans", SCANS[0], "--scans", SCANS[1], "--sensor", f"{HACK}.toml", "--views", "1"],
-        ["coverage", SCENE, "--scans", SCANS[0], "--scans", SCANS[1]],
-        ["coverage", "--scans", SCANS[0], "--scans", SCANS[1]],
-        ["complete", *SCANS, "--no-texture"],
-        ["study", "study.toml"],
-    ],
-    ids=["plan", "next-stations", "coverage", "scan-coverage", "completion", "study"],
+    first_in_gate(
+        1,
+        [
+            ["study", "study.toml"],
+            ["plan", SCENE, "--sensor", f"{HACK}.toml", "--views", "2"],
+            ["plan", "--scans", SCANS[0], "--scans", SCANS[1], "--sensor", f"{HACK}.toml", "--views", "1"],
+            ["coverage", SCENE, "--scans", SCANS[0], "--scans", SCANS[1]],
+            ["coverage", "--scans", SCANS[0], "--scans", SCANS[1]],
+            ["complete", *SCANS, "--no-texture"],
+        ],
+    ),
+    ids=["study", "plan", "next-stations", "coverage", "scan-coverage", "completion"],
 )
 def test_names_of_strangers_are_shown_and_do_nothing(words, here, browser, tmp_path, monkeypatch):
     monkeypatch.chdir(here)
@@ -88,6 +92,7 @@ def test_names_of_strangers_are_shown_and_do_nothing(words, here, browser, tmp_p
     tab.close()
 
 
+@pytest.mark.long
 def test_the_viewers_labels_are_text(here, browser, tmp_path, monkeypatch):
     """What the pointer reads off a surface is a name as well."""
     monkeypatch.chdir(here)

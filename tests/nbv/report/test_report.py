@@ -107,6 +107,7 @@ def floor_plan(scene, **more):
     return FloorPlan(outline=outline_of(scene), bounds=scene.mesh.bounds(), positions=np.eye(3), **more)
 
 
+@pytest.mark.long
 def test_plots_are_the_same_bytes_again_and_of_dark_pages_others(scene, monkeypatch):
     monkeypatch.setattr(plots, "_DARK", replace(plots.LIGHT, ink="#dfe6ea"))
     drawn = [

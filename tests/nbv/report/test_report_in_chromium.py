@@ -79,11 +79,13 @@ def values(tab):
     return dict(tab.run(f"{VIEW}.values"))
 
 
+@pytest.mark.long
 def test_measured_and_inferred_are_drawn_in_their_colours(tab):
     assert is_grey(colour_at(tab, LEFT))
     assert is_blue(colour_at(tab, RIGHT))
 
 
+@pytest.mark.long
 def test_what_is_switched_off_is_gone_and_comes_back(tab):
     ground = tab.pixels("canvas")[30, 30].astype(int)
     switch(tab, "inferred")
@@ -95,6 +97,7 @@ def test_what_is_switched_off_is_gone_and_comes_back(tab):
     assert np.abs(colour_at(tab, LEFT) - ground).max() < 3
 
 
+@pytest.mark.long
 def test_lines_and_stations_can_be_switched_off(tab):
     before = tab.pixels("canvas").astype(int)
     for value in ("openings", "fields", "stations"):
@@ -105,6 +108,7 @@ def test_lines_and_stations_can_be_switched_off(tab):
     assert tab.run("document.querySelectorAll('.view-labels span').length") == 0
 
 
+@pytest.mark.long
 def test_stepping_shows_what_is_measured_so_far(tab):
     said = "document.querySelector('.view-said').textContent"
     assert "50.0 % measured" in tab.run(said)
@@ -164,6 +168,7 @@ def test_keys_turn_colour_and_come_home(tab):
     assert (tab.pixels("canvas") != home).any()
 
 
+@pytest.mark.long
 def test_dragging_turns_and_the_wheel_zooms_only_what_was_clicked(tab):
     left, top, width, height = tab.box("canvas")
     x, y = left + width / 2, top + height / 2
@@ -184,6 +189,7 @@ def test_dragging_turns_and_the_wheel_zooms_only_what_was_clicked(tab):
     tab.wait_for(f"{VIEW}.camera.state()[5] < {home[5]}")
 
 
+@pytest.mark.long
 def test_two_fingers_zoom(tab):
     left, top, width, height = tab.box("canvas")
     x, y = left + width / 2, top + height / 2
@@ -195,12 +201,14 @@ def test_two_fingers_zoom(tab):
     assert tab.run(f"{VIEW}.camera.state()")[5] < home[5] - 0.3
 
 
+@pytest.mark.long
 def test_a_cut_takes_off_what_is_higher(tab):
     tab.run(f"{VIEW}.cut = -1; {VIEW}.redraw()")
     ground = tab.pixels("canvas")[30, 30].astype(int)
     assert np.abs(colour_at(tab, LEFT) - ground).max() < 3
 
 
+@pytest.mark.long
 def test_faces_are_seen_from_their_front_until_it_is_asked_otherwise(tab):
     tab.run(f"{VIEW}.camera.pitch = -0.6; {VIEW}.redraw()")
     assert not is_grey(colour_at(tab, LEFT)) or np.abs(colour_at(tab, LEFT) - 247).max() < 12
@@ -208,6 +216,7 @@ def test_faces_are_seen_from_their_front_until_it_is_asked_otherwise(tab):
     assert is_grey(colour_at(tab, LEFT))
 
 
+@pytest.mark.long
 def test_nothing_is_drawn_while_nothing_changes(tab):
     draws = f"{VIEW}.stage.draws"
     tab.pixels("canvas")
@@ -229,6 +238,7 @@ def test_tables_are_sorted_by_press_and_key(tab):
     assert tab.run(column.format(0))[0] == EVIL
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
 def test_pages_fit_the_window_in_light_and_dark(browser, file, width, scheme):
@@ -278,6 +288,7 @@ def test_the_page_may_load_nothing(browser, file):
     tab.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "kind", KINDS if SCREENSHOTS else [*FEW, pytest.param("study", marks=pytest.mark.long)]
 )

@@ -240,6 +240,7 @@ def test_next_stations_know_what_completion_makes_of_the_scans():
     assert "likely to be news" in notes[1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("where", ["scene", "scans"])
 def test_the_command_line_takes_infer(where, tmp_path):
     (tmp_path / "small.toml").write_text(

@@ -125,6 +125,7 @@ def test_an_address_where_nobody_answers_is_one_line(scans, tmp_path, monkeypatc
     assert "no scheduler answers there" in result.stderr
 
 
+@pytest.mark.long
 def test_workers_share_the_work(scans, tmp_path):
     """Workers as threads of this process, each with a journal of its own."""
     journal = FileJournal(tmp_path, "key")

@@ -116,6 +116,7 @@ def test_the_edge_of_a_shadow_is_a_frustum():
     assert found == pytest.approx(frustum, rel=0.15)
 
 
+@pytest.mark.long
 def test_what_a_surface_explains_is_taken_from_the_shadow(coverage):
     bare = UnseenBoundary.of(
         coverage.scan_map.voxels, stood=np.array([s.origin for s in coverage.scan_map.scans]), clearance_m=0.3

@@ -40,6 +40,7 @@ def two_storeys():
     return made, ScanMap.of(scans, PANORAMA, completed=CompletedSurfaces.of(scans, relates=False))
 
 
+@pytest.mark.long
 def test_every_room_that_was_scanned_is_a_room_on_its_storey(two_storeys):
     made, scan_map = two_storeys
     stood = scan_map.rooms.stood

@@ -313,6 +313,7 @@ def test_damaged_and_foreign_plans_are_made_again(undisturbed, tmp_path, file):
     assert contents(tmp_path) == contents(out)
 
 
+@pytest.mark.long
 def test_two_runs_cannot_write_to_one_folder(tmp_path, file):
     with locked(tmp_path):
         result = study(file, "-o", tmp_path)
@@ -325,6 +326,7 @@ def test_two_runs_cannot_write_to_one_folder(tmp_path, file):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kills", [(3,), pytest.param((1, 3, 6), marks=pytest.mark.long)])
 def test_a_study_that_is_killed_again_and_again_ends_with_the_same_bytes(undisturbed, tmp_path, file, kills):
     out, _ = undisturbed
@@ -342,6 +344,7 @@ def test_a_study_that_is_killed_again_and_again_ends_with_the_same_bytes(undistu
     assert contents(tmp_path) == contents(out)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)], ids=["SIGINT", "SIGTERM"]
 )
@@ -383,6 +386,7 @@ def test_workers_that_cast_do_not_serve_the_online_planner(tmp_path):
         plan_views(builtin_scene("two_occluders"), remote=remote)
 
 
+@pytest.mark.long
 def test_visibility_by_workers_is_that_of_this_process(tmp_path):
     told = []
     remote = RemoteVisibility(ThisProcess(1), tmp_path / "shared")

@@ -69,6 +69,7 @@ def test_an_output_folder_gives_its_summary(written):
     assert set(completed["outputs"]) >= {"completed.obj", "completed.e57", "polygons.json"}
 
 
+@pytest.mark.long
 def test_stations_whose_overlaps_nobody_asked_after_are_told_without(written, tmp_path):
     plan = ("--sensor", written / "tiny.toml", "--views", 1, "--method", "nbv")
     succeed("plan", ROOM, *plan, "-o", tmp_path / "plan", "-q")

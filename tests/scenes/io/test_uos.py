@@ -103,6 +103,7 @@ def test_bad_scans_are_refused_and_points_that_are_not_finite_counted(tmp_path: 
         read_scan(tmp_path)
 
 
+@pytest.mark.long
 @requires_data
 def test_the_arcade_keeps_its_points_and_its_grid() -> None:
     scans = read_scans(data_path("range/tdtk"))

@@ -217,6 +217,7 @@ def test_binary_lists_of_two_lengths_are_refused() -> None:
         check_ply(head + vertices + row + row + b"abc")
 
 
+@pytest.mark.long
 def test_decoders_print_nothing(tmp_path: Path) -> None:
     path = meshes.write_ply(tmp_path, meshes.SIDE, meshes.FACES, "comment TextureFile gone.png\n")
     code = f"from scenes.io.scene_files import load_scene; print(load_scene({str(path)!r}).warnings)"

@@ -40,6 +40,7 @@ from scenes import builtin_scene
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.run.memory import machine_bytes, memory_limit, require, room, rows_within, threads, threads_within
+from tests.helpers.long_cases import first_in_gate
 from texture import grow
 
 MB = 1_000_000
@@ -203,7 +204,7 @@ def test_a_texture_that_does_not_fit_is_refused_in_words(tmp_path, monkeypatch):
 
 
 @linux
-@pytest.mark.parametrize("limit", [50, 100, 400, 860])
+@pytest.mark.parametrize("limit", first_in_gate(1, [50, 100, 400, 860]))
 def test_under_a_limit_on_address_space_a_command_ends_and_its_old_output_stays(tmp_path, limit):
     fit = commands(tmp_path)["fit"]
     (tmp_path / "fit.json").write_text("{}")

@@ -16,6 +16,7 @@ from scenes.io.scan_request import ScanRequest, read_request
 from scenes.scan.range_image import RangeImage
 from scenes.scan.upright import upright
 from tests.helpers.data_paths import data_path, requires_data
+from tests.helpers.long_cases import first_in_gate
 
 UP = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0), "-y": (0, -1, 0), "-z": (0, 0, -1)}
 
@@ -77,7 +78,7 @@ def test_without_level_surface_the_camera_decides() -> None:
     assert "nearest to -y" in word
 
 
-@pytest.mark.parametrize("up", ["x", "y", "z", "-y"])
+@pytest.mark.parametrize("up", first_in_gate(1, ["x", "y", "z", "-y"]))
 def test_points_without_a_grid_may_lie(up: str, tmp_path) -> None:
     rays = np.random.default_rng(0).normal(size=(40_000, 3))
     rays[:, 2] -= 0.3
@@ -102,7 +103,7 @@ def test_an_unknown_axis_is_refused() -> None:
         upright([], "w", of_points=False)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("options", [(), ("--up", "-y")])
+@pytest.mark.parametrize("options", [(), pytest.param(("--up", "-y"), marks=pytest.mark.long)])
 def test_complete_calls_a_floor_a_floor(tmp_path, options: tuple[str, ...], monkeypatch) -> None:
     write_scan(camera((3.0, 3.0, 0.6)).transformed(lying("-y")), tmp_path / "room.npz")
     out = tmp_path / "out"

@@ -33,6 +33,7 @@ def faces_of(done):
     return [patch for patch in done.patches if patch.feature]
 
 
+@pytest.mark.long
 def test_inferred_reveals_lie_on_true_ones(case, done):
     y0, z0, y1, z1 = case.hole
     low, high = np.array([case.x, y0, z0]), np.array([case.x + case.depth, y1, z1])

@@ -52,6 +52,7 @@ def test_a_row_is_found_and_counted() -> None:
     assert all(side.is_seen for side in fit.sides)
 
 
+@pytest.mark.long
 def test_a_grid_and_a_bolt_circle_are_found_and_counted() -> None:
     i, j = np.indices((3, 2)).reshape(2, -1)
     grid = np.column_stack([(i - 1) * 16.0, (j - 0.5) * 20.0])
@@ -111,6 +112,7 @@ def test_two_whole_holes_find_those_of_which_a_part_is_left() -> None:
     assert off(fit, centres) < 0.4
 
 
+@pytest.mark.long
 def test_large_holes_with_many_points_on_their_rims_are_found_as_they_are() -> None:
     centres = row(4, 45.0)
     fit = found(plate(np.random.default_rng(10), centres, 14.0, (220.0, 60.0)), "hole-row")
@@ -119,6 +121,7 @@ def test_large_holes_with_many_points_on_their_rims_are_found_as_they_are() -> N
     assert off(fit, centres) < 0.2
 
 
+@pytest.mark.long
 def test_moved_or_in_another_unit_the_same_is_found() -> None:
     measured, before = four()
     turn, shift = Rotation.from_rotvec([0.3, -1.1, 0.7]), np.array([400.0, -900.0, 120.0])
@@ -133,6 +136,7 @@ def test_moved_or_in_another_unit_the_same_is_found() -> None:
     assert small.evidence == pytest.approx(before.evidence, abs=1.0)
 
 
+@pytest.mark.long
 def test_a_mesh_tells_circles_exactly() -> None:
     corners, faces = mesh(row(4, PITCH) + (60.0, 40.0), RADIUS)
     fit = found(Measured(corners, noise=0.0, spacing=1.0, faces=faces), "hole-row")
@@ -142,6 +146,7 @@ def test_a_mesh_tells_circles_exactly() -> None:
     assert len(fit.assignment) == len(corners)
 
 
+@pytest.mark.long
 def test_where_beams_go_on_beside_a_row_but_not_through_it_it_was_lost() -> None:
     holes = plate(np.random.default_rng(13), row(4, PITCH), RADIUS)
     holes = without(holes, np.array([[-36.0, 12.0]]), 2.5)
@@ -162,6 +167,7 @@ def test_where_beams_go_on_beside_a_row_but_not_through_it_it_was_lost() -> None
     assert status(np.concatenate([beside, through])).status is Status.FOUND
 
 
+@pytest.mark.long
 def test_the_order_of_points_matters_little_and_the_seed_decides() -> None:
     measured, one = four()
     two = found(measured, "hole-row")

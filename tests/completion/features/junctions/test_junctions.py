@@ -12,6 +12,7 @@ from completion.features.junctions.bend import fit_elbow
 from completion.features.junctions.pipeline import Candidate, find_junctions
 from completion.features.junctions.tangent import fit_junction
 from scenes.checks import InputError
+from tests.helpers.long_cases import first_in_gate
 
 SPACING = 3.0
 
@@ -21,7 +22,8 @@ def fitted(points, given=None, sigma=0.3):
 
 
 @pytest.mark.parametrize(
-    ("radii", "is_s_shaped"), [((25.0, 40.0), True), ((25.0, 40.0), False), ((25.0, np.inf), True)]
+    ("radii", "is_s_shaped"),
+    first_in_gate(1, [((25.0, 40.0), True), ((25.0, 40.0), False), ((25.0, np.inf), True)]),
 )
 def test_a_junction_is_as_exact_as_predicted(radii, is_s_shaped):
     rng = np.random.default_rng(11)
@@ -40,6 +42,7 @@ def test_a_junction_is_as_exact_as_predicted(radii, is_s_shaped):
     assert np.mean(fit.assignment > 0) == pytest.approx(0.9, abs=0.05)
 
 
+@pytest.mark.long
 def test_it_moves_turns_and_grows_with_its_points():
     truth = junction(np.random.default_rng(12), 0.3, 0.0, n=600)
     base = fitted(truth.points)
@@ -69,13 +72,14 @@ def test_equal_radii_are_one_cylinder_whose_joint_is_unseen():
     assert joint.deviation > 2.0 or joint.state is Seen.UNSEEN
 
 
-@pytest.mark.parametrize("kind", ["cylinder", "edge"])
+@pytest.mark.parametrize("kind", first_in_gate(1, ["cylinder", "edge"]))
 def test_plain_surfaces_are_refused_with_a_reason(kind):
     fit = fitted(plain(kind, np.random.default_rng(15), 0.3, 0.1, n=500).points)
     assert fit.status is not Status.FOUND
     assert fit.reason
 
 
+@pytest.mark.long
 def test_hiding_a_side_raises_its_deviation_and_never_evidence():
     truth = junction(np.random.default_rng(16), 0.3, 0.0, n=900)
     whole = fitted(truth.points)
@@ -87,6 +91,7 @@ def test_hiding_a_side_raises_its_deviation_and_never_evidence():
     assert part.evidence < whole.evidence
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [103, 104])
 def test_among_many_outliers_a_short_arc_at_the_end_is_not_taken_for_a_side(seed):
     truth = junction(np.random.default_rng(seed), 1.0, 0.3, is_s_shaped=False)
@@ -95,6 +100,7 @@ def test_among_many_outliers_a_short_arc_at_the_end_is_not_taken_for_a_side(seed
     assert abs(fit.value("radius_1") - 25) < 5 or "nearly as likely" in fit.reason
 
 
+@pytest.mark.long
 def test_a_folded_edge_does_not_explain_a_fillet_among_outliers():
     truth = junction(np.random.default_rng(106), 1.0, 0.3, radii=(25.0, np.inf))
     fit = fit_junction(Measured(truth.points, 1.0, 1.5), {})
@@ -116,6 +122,7 @@ def test_an_elbow_is_measured_from_one_side():
     assert held.deviation("bend_radius") < fit.deviation("bend_radius")
 
 
+@pytest.mark.long
 def test_a_straight_pipe_is_no_elbow():
     fit = fit_elbow(
         Measured(plain("cylinder", np.random.default_rng(18), 0.3, 0.0, n=900).points, 0.3, 3.0), {}
@@ -123,6 +130,7 @@ def test_a_straight_pipe_is_no_elbow():
     assert fit.status is not Status.FOUND
 
 
+@pytest.mark.long
 def test_every_fillet_of_a_part_is_found():
     """A floor and two walls, the corners between them rounded by 6 and 9."""
     rng = np.random.default_rng(19)
@@ -145,6 +153,7 @@ def test_every_fillet_of_a_part_is_found():
     assert all(np.isinf(one.value("radius_2")) for one in found)
 
 
+@pytest.mark.long
 def test_candidates_that_the_budget_leaves_are_said(monkeypatch):
     points = plain("plane", np.random.default_rng(20), 0.3, 0.0, n=100).points
     left = Candidate("junction", np.arange(50), 1.0)

@@ -20,6 +20,7 @@ from scenes.run.journal import NO_JOURNAL
 from scenes.run.steps import Steps
 from tests.helpers.crate_scans import misplaced
 from tests.helpers.crate_scans import scan as crate
+from tests.helpers.long_cases import first_in_gate
 
 KINDS = ("doorway", "window", "niche")
 
@@ -143,6 +144,7 @@ def test_a_doorway_is_found_and_what_nobody_saw_of_it_is_said(door):
     assert len(fit.assignment) == case.scan.valid.sum()
 
 
+@pytest.mark.long
 def test_a_moved_world_moves_the_doorway(door):
     case, fits = door
     pose = Pose.looking_at(np.array([3.0, 1.0, 2.0]), np.array([4.0, 2.5, 2.0]))
@@ -155,6 +157,7 @@ def test_a_moved_world_moves_the_doorway(door):
     assert np.asarray(again.geometry["corners"]) == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.long
 def test_what_is_given_is_held_and_places_the_side_that_nobody_saw(door):
     case, _ = door
     width = case.hole[2] - case.hole[0]
@@ -165,7 +168,7 @@ def test_what_is_given_is_held_and_places_the_side_that_nobody_saw(door):
     assert [found.min(), found.max()] == pytest.approx([case.hole[0], case.hole[2]], abs=0.005)
 
 
-@pytest.mark.parametrize("kind", ["cupboards", "wall end", "wardrobes", "table"])
+@pytest.mark.parametrize("kind", first_in_gate(2, ["table", "wardrobes", "wall end", "cupboards"]))
 def test_walls_without_openings_have_none(kind):
     fits, doubts = find(null_case(101, kind).scan)
     assert not [fit for fit in fits if fit.status is Status.FOUND]
@@ -180,6 +183,7 @@ def test_poses_that_contradict_what_was_measured_are_told():
     assert not any("--keep-poses" in doubt for doubt in off)  # no option of `unseen feature`
 
 
+@pytest.mark.long
 def test_a_mirror_is_an_opening_or_a_mirror():
     fits, _ = find(null_case(100, "mirror").scan)
     assert fits[0].status is Status.AMBIGUOUS

@@ -62,6 +62,7 @@ def test_a_column_is_measured_from_one_side():
     np.testing.assert_allclose(fit.geometry["axis"], [0, 0, 1], atol=1e-12)
 
 
+@pytest.mark.long
 def test_up_may_be_any_direction():
     points = column_points(np.random.default_rng(5), outliers=0.0)
     lying = points[:, [2, 0, 1]]  # z becomes x
@@ -98,6 +99,7 @@ def test_other_kinds_and_directions_are_refused():
         found(np.zeros((20, 3)), "stairs", up=(0, 0, 0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["stairs", "column"])
 def test_it_is_found_in_a_scanned_room(kind):
     scan, true = solid_room(0, kind)
@@ -108,6 +110,7 @@ def test_it_is_found_in_a_scanned_room(kind):
         assert fit.value(name) == pytest.approx(value, abs=4e-3)
 
 
+@pytest.mark.long
 def test_boxes_in_a_scanned_room_are_no_column_and_no_stairs():
     scan, _ = solid_room(0, "boxes")
     found = find_features([scan.thinned(150_000)], ["stairs", "column"], rng=0).found

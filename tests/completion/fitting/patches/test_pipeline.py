@@ -13,6 +13,7 @@ from completion.fitting.patches.joins import Boundary, Join
 from completion.fitting.result import FitError
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Plane
+from tests.helpers.long_cases import first_in_gate
 from tests.helpers.patch_examples import BLEND, COLLAR, FLOOR, TUBE, blend, collar
 
 SIGMA = 0.1
@@ -49,6 +50,7 @@ def test_deviations_are_those_of_the_dense_formula_and_hold(blended) -> None:
         blended.deviation(np.array([0.5, 2.0]))
 
 
+@pytest.mark.long
 def test_moved_and_enlarged_points_give_the_moved_patch(blended) -> None:
     turn, shift, factor = (
         Rotation.from_rotvec([0.3, -1.0, 0.7]).as_matrix(),
@@ -68,7 +70,7 @@ def test_moved_and_enlarged_points_give_the_moved_patch(blended) -> None:
     assert np.linalg.norm(at - blended.patch.at(uv), axis=1).max() < SIGMA
 
 
-@pytest.mark.parametrize("join", list(Join))
+@pytest.mark.parametrize("join", first_in_gate(1, list(Join)))
 def test_a_cylinder_is_met_within_a_millionth(join) -> None:
     given = COLLAR if join is Join.TANGENT else {"u0": Boundary(TUBE, join)}
     points = collar(4000, SIGMA, 1)
@@ -84,6 +86,7 @@ def test_a_cylinder_is_met_within_a_millionth(join) -> None:
     assert np.isnan(found.joins["u0"].angle) if join is Join.CONNECTED else found.joins["u0"].angle < 1e-6
 
 
+@pytest.mark.long
 def test_one_plane_all_round_a_bump() -> None:
     rng = np.random.default_rng(0)
     xy = rng.uniform(-1, 1, (4000, 2))
@@ -97,6 +100,7 @@ def test_one_plane_all_round_a_bump() -> None:
     assert found.ratio < 1.05
 
 
+@pytest.mark.long
 def test_points_may_stop_short_of_a_surface_and_have_holes() -> None:
     points = blend(6000, SIGMA, 3)
     points = points[(points[:, 1] > 5) & (np.linalg.norm(points - points[0], axis=1) > 15)]
@@ -106,6 +110,7 @@ def test_points_may_stop_short_of_a_surface_and_have_holes() -> None:
     assert found.ratio < 1.05
 
 
+@pytest.mark.long
 def test_free_surfaces_come_nearer_to_the_truth_and_are_met_exactly() -> None:
     before, after = [], []
     for seed, off in enumerate(((0.012, 0.004, -0.01), (-0.009, 0.0, 0.011))):
@@ -125,6 +130,7 @@ def test_free_surfaces_come_nearer_to_the_truth_and_are_met_exactly() -> None:
     assert (gain[[0, 2]] < 0.25).all()  # about the blend's own axis a patch tells next to nothing
 
 
+@pytest.mark.long
 def test_a_fit_of_a_plane_is_what_free_surfaces_need() -> None:
     rng = np.random.default_rng(0)
     wall = fit_plane(np.column_stack([rng.normal(0, SIGMA, 300), rng.uniform(0, 100, (300, 2))]))

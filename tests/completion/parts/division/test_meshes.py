@@ -23,6 +23,7 @@ def test_a_box_of_twelve_triangles_has_six_faces():
     assert (found.labels > 0).all()
 
 
+@pytest.mark.long
 def test_a_cylinder_of_flat_triangles_is_a_cylinder():
     found = segment_mesh(labelled(trimesh.creation.cylinder(0.02, 0.08, sections=64)))
     assert sorted(fit.surface.kind for fit in found.fits) == ["cylinder", "plane", "plane"]

@@ -9,6 +9,7 @@ from completion.parts.division.pipeline import segment_part
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 from tests.helpers.generated_parts import PARTS, UP, ring, sampled, turn_of
+from tests.helpers.long_cases import first_in_gate
 
 _TELLING = 150  # points: of a chamfer three rows wide noise hides the kind
 SPACING = 2.2e-3  # m; parts are about 100 mm large
@@ -19,8 +20,8 @@ def scores(labels, true):
     return overlaps(*sets)
 
 
-@pytest.mark.parametrize("sigma", [0.0, 1e-4])
-@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize("sigma", first_in_gate(1, [1e-4, 0.0]))
+@pytest.mark.parametrize("name", first_in_gate(2, PARTS))
 def test_every_face_of_a_part_is_found_and_of_its_kind(name, sigma):
     points, true, surfaces = sampled(PARTS[name](), SPACING, sigma, 1)
     found = segment_part(points)
@@ -38,6 +39,7 @@ def test_every_face_of_a_part_is_found_and_of_its_kind(name, sigma):
     assert len(found.fits) == len(found.groups) <= len(surfaces) + 1
 
 
+@pytest.mark.long
 def test_covariances_say_how_far_fits_are_off():
     """Errors at points of the true surface, in predicted deviations; neighbours' cuts widen them a little."""
     z = []
@@ -64,7 +66,7 @@ ALONE = {
 
 
 @pytest.mark.parametrize("sigma", [0.0, 2e-4])
-@pytest.mark.parametrize("kind", ALONE)
+@pytest.mark.parametrize("kind", first_in_gate(3, ALONE))
 def test_one_surface_alone_is_one_face(kind, sigma):
     surface, bounds = ALONE[kind]
     points, _, _ = sampled([(surface, bounds, None)], SPACING, sigma, 3)
@@ -73,6 +75,7 @@ def test_one_surface_alone_is_one_face(kind, sigma):
     assert np.mean(found.labels == 1) > 0.99
 
 
+@pytest.mark.long
 def test_order_place_and_scale_change_no_face():
     points, _, _ = sampled(PARTS["plate"](), SPACING, 1e-4, 4)
     found = segment_part(points)
@@ -91,6 +94,7 @@ def test_the_same_points_give_the_same_bytes():
     assert one.fits[0].covariance.tobytes() == two.fits[0].covariance.tobytes()
 
 
+@pytest.mark.long
 def test_copies_of_points_get_their_labels_and_change_nothing():
     points, _, _ = sampled(PARTS["knob"](), SPACING, 0.0, 6)
     one, two = segment_part(points), segment_part(np.concatenate([points, points[::-1]]))
@@ -110,6 +114,7 @@ def test_faces_on_one_surface_are_told_and_stay_faces():
     assert scores(found.labels, true).max(axis=1).min() > 0.95
 
 
+@pytest.mark.long
 def test_given_normals_and_noise_are_used():
     points, true, surfaces = sampled(PARTS["plate"](), SPACING, 1e-4, 8)
     normals = np.empty_like(points)
@@ -148,6 +153,7 @@ def test_bad_input_is_named(arguments, given, message):
         segment_part(*arguments, **given)
 
 
+@pytest.mark.long
 def test_more_points_than_surfaces_are_sought_in_all_find_their_face():
     disk = [
         (Plane((0, 0, 0), UP), (-0.05, 0.05, -0.05, 0.05), ring(0, 0.05)),

@@ -2,6 +2,7 @@
 """Planes beneath ripple are whole, and what has no ripple is divided as ever."""
 
 import numpy as np
+import pytest
 
 from completion.parts.division.faces import settle
 from completion.parts.division.pipeline import segment_part
@@ -9,6 +10,7 @@ from completion.parts.division.rippled import segment_rippled
 from tests.helpers.wall_examples import corner_mesh, panelled, wall_mesh
 
 
+@pytest.mark.long
 def test_a_wall_with_ripple_is_one_plane():
     vertices = wall_mesh(panelled(0))[0]
     found = segment_rippled(vertices)

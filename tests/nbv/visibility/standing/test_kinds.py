@@ -8,6 +8,7 @@ from nbv.visibility.standing.site import find_site
 from nbv.visibility.standing.site_options import SiteOptions
 from tests.helpers import building_kinds as kinds
 from tests.helpers.buildings import house
+from tests.helpers.long_cases import first_in_gate
 
 LONG = pytest.mark.long
 CASES = [  # building, turned by degrees, floor areas of the rooms that it has in m2, largest last
@@ -52,7 +53,7 @@ def check(building, turned_deg):
     return site, inside
 
 
-@pytest.mark.parametrize(("make", "turned_deg", "areas_m2"), CASES)
+@pytest.mark.parametrize(("make", "turned_deg", "areas_m2"), first_in_gate(2, CASES))
 def test_stations_stand_on_floor_in_every_room(make, turned_deg, areas_m2):
     site, inside = check(make(), turned_deg)
     assert sorted(room.floor_m2 for room in inside) == pytest.approx(areas_m2, rel=0.12)
@@ -66,7 +67,7 @@ def test_a_house_on_wide_grounds_has_ceilings_and_its_walls_may_stand_at_any_ang
     assert site.warnings == ()
 
 
-@pytest.mark.parametrize("make", [kinds.attic, kinds.gallery, kinds.basement])
+@pytest.mark.parametrize("make", first_in_gate(1, [kinds.attic, kinds.gallery, kinds.basement]))
 def test_stairs_join_the_storeys(make):
     _, inside = check(make(), 0.0)
     assert any(room.stairs for room in inside)

@@ -11,6 +11,7 @@ from nbv.visibility.standing.site_options import SiteOptions
 from scenes.checks import InputError
 from scenes.run.memory import memory_limit, resident
 from tests.helpers.buildings import house, warehouse
+from tests.helpers.long_cases import first_in_gate
 
 KINDS = {
     "slab 2 cm": (house, {"slab_m": 0.02}, range(1)),
@@ -44,7 +45,7 @@ def rooms_below(building, positions, height_m):
     return found
 
 
-@pytest.mark.parametrize(("name", "make", "options", "seed"), BUILDINGS)
+@pytest.mark.parametrize(("name", "make", "options", "seed"), first_in_gate(3, BUILDINGS))
 def test_stations_stand_on_floor_and_no_room_is_lost(name, make, options, seed):
     building = make(seed, **options)
     site = find_site(building.scene(name), SiteOptions(heights_m=(1.5,)))
