@@ -293,7 +293,7 @@ that sees it largest, interpolated among the surface's own pixels alone. What is
 Efros-Leung sampling from the surface's own texels: from those seen finely enough, away from the occluders'
 rims, in the light, and of the material that borders on the hidden part
 (`completion/texturing/problem.py`). Shadows (`material.py`) and slow shading
-(`texture/surface/shading.py`) are set apart before, and put back after.
+(`texture/reflectance.py`) are set apart before, and put back after.
 
 Each picture: measured, with what is hidden in blue (grey: unknown); completed; and the truth, where it is
 known."""

@@ -15,11 +15,9 @@ References
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texture.analysis.window import SMALLEST_CHOICE, WindowCheck, check_windows
 from texture.engine.coarse_to_fine import fill_coarse_to_fine
-from texture.engine.engine import can_compile, count_threads
-from texture.engine.passes import Progress, Way, synthesise
-from texture.engine.plain import fill_plainly
+from texture.engine.passes import Progress, Way, can_compile, count_threads, synthesise
+from texture.reflectance import fill_plainly
 from texture.result import Synthesis, collect
 from texture.sampling.arguments import (
     EngineName,
@@ -36,10 +34,10 @@ from texture.sampling.arguments import (
     check_window,
     check_wrap,
 )
-from texture.sampling.canvas import Canvas, plant_seed
-from texture.sampling.front import OrderName
+from texture.sampling.canvas import Canvas, OrderName, plant_seed
 from texture.sampling.randomness import draw_key
 from texture.sampling.sample import BoolArray, IntArray, Sample, quantise
+from texture.window import SMALLEST_CHOICE, WindowCheck, check_windows
 
 
 def fill(
@@ -71,7 +69,7 @@ def fill(
     window : int, optional
         Odd side of the comparison window, 3..99 pixels. None chooses 7..31 by the largest feature of the
         sample and, where it has room for them and numba compiles, by filling holes cut out of it
-        (`texture.analysis.window`); the result says which.
+        (`texture.window`); the result says which.
     order : {"paper", "window"}
         "paper": a pass visits the whole rim, most filled 8-neighbours first. "window": it visits the best
         eighth of the rim, most filled pixels in the whole window first: much more reliable on structured
@@ -98,7 +96,7 @@ def fill(
         Seconds after which no further pass begins: then the result is what is filled so far, says so
         (`Synthesis.is_complete`), and depends on the machine.
     plain : bool
-        Whether the sample is one colour and noise (`texture.engine.plain.is_plain`): random ones of its usual
+        Whether the sample is one colour and noise (`texture.reflectance.is_plain`): random ones of its usual
         pixels fill the hole, and nothing is matched: no window is chosen.
 
     Returns

@@ -17,7 +17,7 @@ from completion.extension.patch import Patch
 from completion.observe.observation import Observation
 from scenes.checks import BoolArray, FloatArray
 from scenes.scan.colour import colour_bytes, unit_colour
-from texture.surface.shading import fit_shading
+from texture.reflectance import fit_shading
 
 NEIGHBOURHOOD = 31  # texels: side of the square whose median colour is a material's
 FEWEST = 400  # texels: fewer are no texture

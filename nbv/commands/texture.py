@@ -20,11 +20,10 @@ from scenes.checks import InputError
 from scenes.io.image import open_image
 from scenes.run.atomic import write_bytes
 from scenes.run.memory import require
-from texture.engine.front_kernels import list_visits
-from texture.examination import Examination, examine
+from texture.engine.compiled_front import list_visits
 from texture.pipeline import fill, grow
-from texture.result import Synthesis
-from texture.surface.surface_fill import fill_surface
+from texture.result import Examination, Synthesis, examine
+from texture.surface_fill import fill_surface
 
 
 class _Need(NamedTuple):

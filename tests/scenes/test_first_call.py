@@ -22,9 +22,7 @@ HEAVY = (
 )
 
 
-@pytest.mark.parametrize(
-    "module", ["scenes.io.scan_files", "scenes.io.describe", "texture.surface.surface_fill"]
-)
+@pytest.mark.parametrize("module", ["scenes.io.scan_files", "scenes.io.describe", "texture.surface_fill"])
 def test_no_large_library_loads_before_it_is_needed(module):
     code = f"import sys, {module}; print([name for name in {HEAVY} if name in sys.modules])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

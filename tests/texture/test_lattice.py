@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from skimage import data
 
 from texture import fill, find_lattice, measure_phase_error
-from texture.analysis.lattice import _refine
-from texture.analysis.phase import Correlator
+from texture.lattice import Correlator, _refine
 
 
 def tiled(

@@ -10,20 +10,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from texture import fill
-from texture.engine import kernels, passes, scan_kernels
-from texture.engine.engine import can_compile, lay_out, view
+from texture.engine import kernels, scan_kernels
+from texture.engine.kernels import view
+from texture.engine.passes import can_compile
+from texture.engine.scan_kernels import lay_out
 from texture.sampling.arguments import LARGEST_WINDOW
 from texture.sampling.canvas import Canvas
-from texture.sampling.matching import (
+from texture.sampling.randomness import Purpose, pick, random_words
+from texture.sampling.sample import (
     Candidates,
+    IntArray,
+    Sample,
     Template,
     find_candidates,
     gaussian_weights,
     measure_distances,
     scan_exhaustively,
 )
-from texture.sampling.randomness import Purpose, pick, random_words
-from texture.sampling.sample import IntArray, Sample
 
 NO_SOURCES = np.full((3, 3), -1)
 
@@ -231,7 +234,7 @@ def test_without_numba_the_reference_serves(monkeypatch: pytest.MonkeyPatch) -> 
                 patch.setitem(sys.modules, "numba", None)
             else:
                 patch.setattr("numba.config.DISABLE_JIT", 1)
-            patch.setattr(passes, "prepare_engine", lambda *_: pytest.fail("compiled"))
+            patch.setattr(kernels, "prepare_engine", lambda *_: pytest.fail("compiled"))
             can_compile.cache_clear()
             assert not can_compile()
             np.testing.assert_array_equal(fill(image, hole, window=3, rng=0).image, expected)

@@ -6,8 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from texture.engine.compiled_front import CompiledFront
-from texture.sampling.canvas import Canvas
-from texture.sampling.front import Front, OrderName
+from texture.sampling.canvas import Canvas, Front, OrderName
 
 
 def draw_canvas(seed: int, wrap: tuple[bool, bool], window: int = 7) -> Canvas:

@@ -11,7 +11,7 @@ from skimage import data
 
 import texture
 from texture import Synthesis, fill, grow
-from texture.sampling.front import OrderName
+from texture.sampling.canvas import OrderName
 
 TEXTURES = ("brick", "grass", "gravel")
 ORDERS: tuple[OrderName, ...] = ("paper", "window")

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from skimage import data
 
 from texture import examine, fill, measure_distance, measure_seam, measure_verbatim_share
-from texture.analysis.quality import PATCH, list_patches
-from texture.examination import list_pieces
+from texture.quality import PATCH, list_patches
+from texture.result import list_pieces
 
 
 def noise(

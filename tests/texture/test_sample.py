@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 from skimage import data
 
-from texture.analysis.window import choose_window
 from texture.sampling.canvas import Canvas, draw_place, plant_seed
-from texture.sampling.matching import gaussian_weights
 from texture.sampling.randomness import Purpose, draw_key, pick, random_words
-from texture.sampling.sample import Sample, quantise
+from texture.sampling.sample import Sample, gaussian_weights, quantise
+from texture.window import choose_window
 
 
 @pytest.mark.parametrize("window", [3, 7, 11, 23, 99])

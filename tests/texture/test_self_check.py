@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from skimage import data
 
 from texture import Lattice, fill, find_lattice
-from texture.analysis.window import (
+from texture.window import (
     WINDOWS,
     FillPiece,
     check_windows,

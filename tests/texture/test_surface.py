@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from skimage import data
 
 from texture import fill, fill_surface, grow, measure_distance
-from texture.engine.plain import is_plain
-from texture.surface.shading import fit_shading
+from texture.reflectance import fit_shading, is_plain
 
 
 def hole_in(shape: tuple[int, ...], side: int) -> NDArray[np.bool_]:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from skimage import data
 
 from texture import SurfaceFill, fill_surface
-from texture.analysis.quality import list_patches
-from texture.surface.tiling import densest_block
+from texture.quality import list_patches
+from texture.surface_fill import densest_block
 
 SIDE = 48
 
@@ -18,10 +18,10 @@ SIDE = 48
 @pytest.fixture(autouse=True)
 def small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tiles of 48 pixels, so that a hole of 100 has nine."""
-    monkeypatch.setattr("texture.surface.tiling.SIDE", SIDE)
-    monkeypatch.setattr("texture.surface.surface_fill.SAMPLE_SIDE", 96)
-    monkeypatch.setattr("texture.surface.tiling.SAMPLE_SIDE", 96)
-    monkeypatch.setattr("texture.surface.surface_fill.MOST_PIXELS", 10_000)
+    monkeypatch.setattr("texture.surface_fill.SIDE", SIDE)
+    monkeypatch.setattr("texture.surface_fill.SAMPLE_SIDE", 96)
+    monkeypatch.setattr("texture.surface_fill.SAMPLE_SIDE", 96)
+    monkeypatch.setattr("texture.surface_fill.MOST_PIXELS", 10_000)
 
 
 def grass(side: int = 200) -> NDArray[np.uint8]:

@@ -10,15 +10,17 @@ section 3); the coarsest level is searched exactly.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.engine.engine import FillPixels, lay_out, view
 from texture.engine.passes import Progress, Tally, Way, synthesise
 from texture.sampling.canvas import NOWHERE, Canvas
 from texture.sampling.sample import BoolArray, IntArray, Sample
+
+if TYPE_CHECKING:
+    from texture.engine.kernels import FillPixels
 
 EXACT_PIXELS = 4_000  # a hole of so many is searched exactly
 FEWEST_SAMPLES = 1_000  # a coarser level must leave so many
@@ -106,7 +108,8 @@ def guide_by_coarse(
 
 def _prepare(canvas: Canvas, sample: Sample, guide: Guide) -> FillPixels:
     """Return what fills the visited pixels of a canvas under a guide; the threshold does not matter."""
-    from texture.engine.guided import GuideArrays, fill_guided
+    from texture.engine.kernels import GuideArrays, fill_guided, view
+    from texture.engine.scan_kernels import lay_out
 
     coarser = Sample(guide.levels, guide.usable, sample.wrap, sample.radius)
     arrays = GuideArrays(

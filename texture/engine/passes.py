@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from functools import cache, partial
 from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
@@ -13,29 +14,56 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.engine.engine import (
-    FillPixels,
-    Passes,
-    RunPasses,
-    can_compile,
-    lay_out,
-    prepare_engine,
-)
 from texture.sampling.arguments import EngineName
-from texture.sampling.canvas import Canvas, draw_place, plant_seed
-from texture.sampling.front import Front, OrderName
-from texture.sampling.matching import find_candidates
+from texture.sampling.canvas import Canvas, Front, OrderName, draw_place, plant_seed
 from texture.sampling.randomness import Purpose, pick, random_words
-from texture.sampling.sample import IntArray, Sample
+from texture.sampling.sample import IntArray, Sample, find_candidates
 
 if TYPE_CHECKING:
     from texture.engine.compiled_front import CompiledFront
+    from texture.engine.kernels import FillPixels
 
 Progress: TypeAlias = Callable[[int, int], None]
 
 MAX_ERROR_THRESHOLD = 0.3  # Efros's own page: MaxErrThreshold, pixels in 0..1
 RELAXATION = 1.1  # a pass without progress multiplies the threshold by this
 PASSES_AT_ONCE = 16  # on one thread, where nobody is told of progress and no time runs out
+
+
+class Passes(NamedTuple):
+    """What passes over a front did.
+
+    Attributes
+    ----------
+    n_passes : int
+        How many they were; none when nothing that is unfilled has a known neighbour.
+    threshold : float
+        The error from which on the next pass accepts nothing.
+    n_relaxed : int
+        How often it was raised, because a pass filled nothing.
+    """
+
+    n_passes: int
+    threshold: float
+    n_relaxed: int
+
+
+RunPasses: TypeAlias = Callable[[int, float, int], Passes]  # of a number, a threshold, up to so many
+
+
+@cache
+def can_compile() -> bool:
+    """Say whether numba is installed and its compiler enabled."""
+    try:
+        from numba import config
+    except ImportError:
+        return False
+    return not config.DISABLE_JIT
+
+
+def count_threads(n_threads: int | None) -> int:
+    """Return how many threads to use; None is one for each processor."""
+    return n_threads or os.cpu_count() or 1
 
 
 class Tally(NamedTuple):
@@ -70,8 +98,13 @@ def synthesise(
     Where no unfilled pixel has a known neighbour, a seed is planted. When the time budget is spent, the pass
     that runs is the last. `fill_visits` may stand in for the exact search.
     """
-    is_compiled = how.engine == "numba" and can_compile()
-    front = _follow_front(canvas, how.order) if is_compiled else Front(canvas, how.order)
+    front: Front | CompiledFront
+    if how.engine == "numba" and can_compile():
+        from texture.engine.compiled_front import CompiledFront  # numba takes a while to load
+
+        front = CompiledFront(canvas, how.order)
+    else:
+        front = Front(canvas, how.order)
     n_to_fill = front.n_unfilled
     if not n_to_fill:
         return Tally()
@@ -95,12 +128,6 @@ def synthesise(
     return Tally(n_relaxed, n_seeds, is_complete=not front.n_unfilled)
 
 
-def _follow_front(canvas: Canvas, order: OrderName) -> CompiledFront:
-    from texture.engine.compiled_front import CompiledFront  # numba takes a while to load
-
-    return CompiledFront(canvas, order)
-
-
 def _prepare(
     canvas: Canvas,
     sample: Sample,
@@ -111,8 +138,12 @@ def _prepare(
 ) -> RunPasses:
     """Return what runs passes: by the front itself where one thread searches exactly, else one by one."""
     if fill_visits is None and not isinstance(front, Front):
+        from texture.engine.kernels import prepare_engine
+        from texture.engine.scan_kernels import lay_out
+
         if how.n_threads == 1:
-            return partial(front.run_passes, lay_out(sample), how.key, RELAXATION)
+            source = lay_out(sample)
+            return lambda *pass_: Passes(*front.run_passes(source, how.key, RELAXATION, *pass_))
         fill_visits = prepare_engine(canvas, sample, pool, how.n_threads)
     visit = fill_visits or partial(fill_pixels, canvas, sample)
 

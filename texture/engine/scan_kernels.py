@@ -3,7 +3,7 @@
 
 Single precision only drops positions whose distance, less the largest possible rounding error, exceeds 1.1
 times one that is attained; what survives is measured again in whole numbers. So the candidates and their
-distances are those of `texture.sampling.matching`.
+distances are those of `texture.sampling.sample`.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from numba import int64
 from numpy.typing import NDArray
 
 from texture.engine.compiled import LANES, TERMS_PER_STEP, add_step, inlined
-from texture.sampling.sample import FloatArray, IntArray
+from texture.sampling.sample import FloatArray, IntArray, Sample, gaussian_weights
 
 MISSING = np.float32(1e12)  # level where the sample has none: one difference exceeds every real distance
 NO_BOUND = 1e20  # exceeds every distance within the sample, and no other
@@ -58,11 +58,51 @@ class Findings(NamedTuple):
     sums: NDArray[np.float32]  # (LANES,)
 
 
+def lay_out(sample: Sample) -> SampleArrays:
+    """Return a sample's levels as planes, and the blocks of centres that may be copied."""
+    height, width = sample.padded_usable.shape
+    inner = np.s_[sample.margin : height - sample.margin, sample.margin : width - sample.margin]
+    is_centre = np.zeros(sample.padded_usable.shape, dtype=np.bool_)
+    is_centre[inner] = sample.usable
+    places, n_channels = is_centre.size, sample.levels.shape[2]
+    levels = np.full(
+        n_channels * places + LANES, MISSING, dtype=np.float32
+    )  # beyond the planes there is none
+    planes = levels[: n_channels * places].reshape(n_channels, height, width)
+    np.copyto(
+        planes, np.moveaxis(sample.padded_levels, 2, 0), casting="same_kind", where=sample.padded_usable
+    )
+    costs = np.full(places + LANES, MISSING**2, dtype=np.float32)
+    costs[:places][is_centre.ravel()], costs[places:] = 0, MISSING
+    chosen = [sample.levels[..., channel][sample.usable] for channel in range(n_channels)]
+    return SampleArrays(
+        levels=levels,
+        costs=costs,
+        blocks=_list_blocks(np.flatnonzero(is_centre), LANES),
+        weights=gaussian_weights(2 * sample.radius + 1),
+        means=np.array([values.mean() for values in chosen]),
+        variances=np.array([values.var() for values in chosen]),
+        plane=height * width,
+        row=width,
+        margin=sample.margin,
+        width=sample.usable.shape[1],
+    )
+
+
+def _list_blocks(centres: IntArray, size: int) -> IntArray:
+    """Return where to begin the fewest runs of `size` places, none overlapping, that hold all centres."""
+    starts, ordinal = [], 0
+    while ordinal < centres.size:
+        starts.append(centres[ordinal])
+        ordinal = int(np.searchsorted(centres, centres[ordinal] + size))
+    return np.array(starts, dtype=np.int64)
+
+
 @inlined
 def find_candidates(
     sample: SampleArrays, terms: Terms, n_known: int, guesses: IntArray, found: Findings
 ) -> tuple[int, int]:
-    """Write the candidates' centres and distances, as `texture.sampling.matching.find_candidates`.
+    """Write the candidates' centres and distances, as `texture.sampling.sample.find_candidates`.
 
     Returns
     -------

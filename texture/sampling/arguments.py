@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from texture.sampling.front import OrderName
+from texture.sampling.canvas import OrderName
 from texture.sampling.sample import BoolArray, Pixels
 
 EngineName: TypeAlias = Literal["numba", "reference"]

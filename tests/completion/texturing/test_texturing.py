@@ -22,7 +22,7 @@ from scenes.io.gltf import glb_of
 from scenes.io.scene_files import load_scene
 from scenes.pose import Pose
 from scenes.world.builtin import Finish, SceneBuilder, brick
-from texture.analysis.quality import PATCH, list_patches
+from texture.quality import PATCH, list_patches
 
 GLASS, SHADE, BOARD = (0.35, 0.50, 0.62), 0.45, (0.85, 0.80, 0.62)
 SENSOR = PinholeSensor(fov_deg=60, width=300, height=240)

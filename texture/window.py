@@ -8,8 +8,8 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
-from texture.analysis.lattice import Lattice, find_lattice, measure_phase_error
-from texture.analysis.quality import measure_distance
+from texture.lattice import Lattice, find_lattice, measure_phase_error
+from texture.quality import measure_distance
 from texture.sampling.sample import BoolArray, FloatArray, IntArray
 
 SMALLEST_CHOICE, LARGEST_CHOICE = 7, 23
@@ -19,7 +19,7 @@ HOLE, RIM, SURROUNDINGS = 24, 8, 96  # pixels: sides of a hole, of what is usabl
 SHARES = (0.0, 1.0, 0.5, 0.25, 0.75, 0.5)  # where holes lie among the places that are left
 CLEARLY = 0.9  # of the smaller window's penalty: what a larger one may have at most
 OUT_OF_STEP = 5.0  # a hole that is a fifth of a period out of step counts twice its distance
-PER_PERIOD = 1.6  # a window's Gaussian is four sigmas, window / 1.6, wide (`texture.sampling.matching`)
+PER_PERIOD = 1.6  # a window's Gaussian is four sigmas, window / 1.6, wide (`texture.sampling.sample`)
 LOOKED_AT = 320  # pixels: side of the part of a sample in which features are looked for
 
 FillPiece = Callable[[NDArray[np.uint8], BoolArray, BoolArray, int], NDArray[np.uint8]]
@@ -168,7 +168,7 @@ def check_windows(levels: IntArray, usable: BoolArray, fill_piece: FillPiece | N
 def choose_first(levels: IntArray, usable: BoolArray, lattice: Lattice) -> int:
     """Return the window for the largest regular feature of levels (h, w, c) that a window can hold.
 
-    That of the autocorrelation (`texture.analysis.window.choose_window`); or, if that is larger, the one in
+    That of the autocorrelation (`texture.window.choose_window`); or, if that is larger, the one in
     which a whole period of the lattice weighs, 1.6 times its longest extent, but not more than 31. Periods
     beyond 31 pixels do not count: no window holds them.
     """

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Analysis of textures: window, lattice, quality, self-check."""

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Fills of real surfaces: shading apart, plain areas as such, large holes in tiles."""
