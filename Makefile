@@ -64,11 +64,11 @@ format: .venv/dev
 	$(PYTHON) -m venv .venv
 
 .venv/demo: pyproject.toml | .venv/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[e57,pcd,las]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.[e57,pcd,las]'
 	touch $@
 
 .venv/dev: pyproject.toml | .venv/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.[dev]'
 	$(BIN)/unseen warm --quiet
 	touch $@ .venv/demo
 
