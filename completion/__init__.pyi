@@ -6,9 +6,9 @@ from .edits.file import read_edits as read_edits
 from .evidence.evidence import Label as Label
 from .extension.patch import Patch as Patch
 from .extension.patch import Provenance as Provenance
-from .features.engine.feature_set import Features as Features
 from .features.engine.options import FeatureOptions as FeatureOptions
 from .features.engine.options import read_given as read_given
+from .features.engine.template import Features as Features
 from .features.engine.template import Template as Template
 from .features.engine.template import TemplateFit as TemplateFit
 from .features.pipeline import find_features as find_features
@@ -34,8 +34,8 @@ from .registration.pipeline import check_poses as check_poses
 from .registration.pipeline import register_scans as register_scans
 from .registration.registered import Registered as Registered
 from .relations.options import RelationOptions as RelationOptions
-from .relations.stated import StatedRelation as StatedRelation
-from .relations.stated import read_part_relations as read_part_relations
+from .relations.relation import StatedRelation as StatedRelation
+from .relations.relation import read_part_relations as read_part_relations
 from .result.completion import Completion as Completion
 from .result.verification import Finding as Finding
 from .result.verification import Verification as Verification

@@ -12,11 +12,11 @@ from completion.edits.edit import Anchor, Edit
 from completion.extension.claims import KINDS
 from completion.extension.extent import ExtensionRules, Mode
 from completion.features.engine.options import FITTED, FeatureOptions
-from completion.flattening.options import FlatteningOptions
+from completion.flattening.flat import FlatteningOptions
 from completion.merging.scan_surfaces import SurfaceOptions
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.relations.options import BUILT, RelationOptions
-from completion.relations.stated import StatedRelation
+from completion.relations.relation import StatedRelation
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.problem import TexturingOptions
 from scenes.checks import InputError, check_number, check_options

@@ -21,13 +21,12 @@ from completion.extension.patch import Patch
 from completion.extension.pipeline import extend
 from completion.features.engine.options import FeatureOptions
 from completion.features.engine.template import TemplateFit
-from completion.features.openings.scene import find_openings
-from completion.features.reveals import reveals_of
-from completion.features.stated import place_features, with_features
+from completion.features.openings.pipeline import find_openings
+from completion.features.stated import place_features, reveals_of, with_features
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.scan_surfaces import ScanSurfaces, find_surfaces
 from completion.options import CompletionOptions
-from completion.relations.surfaces import relate_surfaces
+from completion.relations.pipeline import relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
 from completion.result.completed_surfaces import CompletedSurfaces
 from completion.result.completion import Completion

@@ -25,7 +25,7 @@ from completion.export.building.bodies import Body
 from completion.export.building.faces import PlaneFace
 from completion.export.building.parts import BuildingParts
 from completion.export.building.rooms import Room
-from completion.relations.surfaces import FoundRelations
+from completion.relations.pipeline import FoundRelations
 from completion.result.completed_model import CompletedModel
 from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene

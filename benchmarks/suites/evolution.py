@@ -17,8 +17,8 @@ from benchmarks.run import suite
 from completion.features.engine.search import Progress, polish, search
 from completion.fitting.result import FitError
 from completion.fitting.robust import fit_robust
-from completion.relations.engine.relation import Relation
 from completion.relations.pipeline import impose
+from completion.relations.relation import Relation
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 

@@ -23,7 +23,7 @@ from benchmarks.suites.parts import Part
 from completion.features.engine.template import Measured, Status, TemplateFit
 from completion.features.junctions.pipeline import find_junctions
 from completion.features.pipeline import find_features
-from completion.features.solids.pipeline import find_solids
+from completion.features.solids import find_solids
 from completion.fitting.euclidean import fit_plane
 from completion.fitting.patches.joins import Boundary, Join
 from completion.fitting.patches.pipeline import PatchFit, fit_patch

@@ -30,12 +30,10 @@ from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation, PixelSet, ScanPixels, observe
 from completion.observe.refitting import refit_each
 from completion.parts.pipeline import doubt_of_warp
-from completion.relations.engine.estimate import NO_DOUBT, Doubt, Estimate
-from completion.relations.engine.relation import Relation, Status
-from completion.relations.engine.wald import wald_test
+from completion.relations.estimate import NO_DOUBT, Doubt, Estimate, wald_test
 from completion.relations.options import BUILT
-from completion.relations.pipeline import infer
-from completion.relations.surfaces import FoundRelations
+from completion.relations.pipeline import FoundRelations, infer
+from completion.relations.relation import Relation, Status
 from completion.result.completed_model import CompletedModel
 from completion.uncertainty.pipeline import StatedFits, state_fits
 from completion.uncertainty.space_warp import find_warp

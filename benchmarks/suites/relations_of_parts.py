@@ -15,10 +15,10 @@ from benchmarks.cases.planes import BASE, BORE, FRONT, SIDE, TOP, WIDE, axial_fi
 from benchmarks.run import head, suite
 from completion.fitting.quadrics import fit_by_quadric
 from completion.fitting.result import SurfaceFit
-from completion.relations.engine.estimate import Estimate
-from completion.relations.engine.relation import Relation, Status
+from completion.relations.estimate import Estimate
 from completion.relations.evidence import CHOSEN
 from completion.relations.pipeline import impose, infer
+from completion.relations.relation import Relation, Status
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Surface

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from completion.fitting.result import SurfaceFit
-from completion.flattening.flat import FlatHeights, FlatSurface, FlattenedMesh, Region, RegionKind
+from completion.flattening.flat import (
+    FlatHeights,
+    FlatSurface,
+    FlattenedMesh,
+    FlatteningOptions,
+    Region,
+    RegionKind,
+)
 from completion.flattening.mesh_movement import (
     ChartGrid,
     grid_of,
@@ -20,7 +27,6 @@ from completion.flattening.mesh_movement import (
     move_onto,
     wrong_faces,
 )
-from completion.flattening.options import FlatteningOptions
 from completion.flattening.ripple import MARGIN
 from completion.flattening.separation import Candidate, Separation, separate
 from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_points, check_rng

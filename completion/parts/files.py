@@ -14,9 +14,9 @@ from completion.flattening.flat import flat_record
 from completion.parts.closing import ClosedPart
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
-from completion.relations.engine.relation import Status
-from completion.relations.record import FORMAT as RELATIONS_FORMAT
-from completion.relations.record import frame_records, freedom_record, relation_records, surface_record
+from completion.relations.graph import FORMAT as RELATIONS_FORMAT
+from completion.relations.graph import frame_records, freedom_record, relation_records, surface_record
+from completion.relations.relation import Status
 from scenes.checks import IntArray
 from scenes.io.ply import write_mesh_ply
 from scenes.run.atomic import make_folder, write_bytes, write_json

@@ -12,8 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from completion.fitting.result import SurfaceFit
-from completion.flattening.flat import FlatSurface
-from completion.flattening.options import FlatteningOptions
+from completion.flattening.flat import FlatSurface, FlatteningOptions
 from completion.flattening.pipeline import flatten_mesh
 from completion.parts.part import Part, kinds_text
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.relations.engine.relation import Status
 from completion.relations.graph import RelationGraph
+from completion.relations.relation import Status
 from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
 from scenes.run.atomic import write_bytes
 

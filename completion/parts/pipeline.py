@@ -9,18 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.parts.division.labelled import fit_labelled
-from completion.parts.division.meshes import segment_mesh
-from completion.parts.division.pipeline import segment_part
+from completion.parts.division.pipeline import fit_labelled, segment_mesh, segment_part, segment_rippled
 from completion.parts.division.result import PartSegmentation
-from completion.parts.division.rippled import segment_rippled
 from completion.parts.part import Part
-from completion.relations.engine.estimate import NO_DOUBT, Doubt
-from completion.relations.engine.relation import Status
+from completion.relations.estimate import NO_DOUBT, Doubt
 from completion.relations.graph import RelationGraph, is_settled
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
-from completion.relations.stated import StatedRelation
+from completion.relations.relation import StatedRelation, Status
 from completion.uncertainty.space_warp import SpaceWarp, find_warp
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh

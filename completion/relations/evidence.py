@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.relations.engine.constraint import spacing_of
-from completion.relations.engine.equations import LENGTH, RADIUS, Placement, place
-from completion.relations.engine.estimate import Estimate
-from completion.relations.engine.relation import Relation, RelationKind
-from completion.relations.engine.wald import WaldTest, wald_test
+from completion.relations.constraint import spacing_of
+from completion.relations.equations import LENGTH, RADIUS, Placement, place
+from completion.relations.estimate import Estimate, WaldTest, wald_test
 from completion.relations.options import RelationOptions
+from completion.relations.relation import Relation, RelationKind
 from scenes.checks import FloatArray
 
 ASIDE = np.radians(10.0)

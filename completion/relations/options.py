@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.relations.engine.relation import KINDS, RelationKind
+from completion.relations.relation import KINDS, RelationKind
 from scenes.checks import FloatArray, InputError, check_direction, frozen_copy
 
 

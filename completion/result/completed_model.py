@@ -29,7 +29,7 @@ from completion.panels.sheet import Sheet
 from completion.panels.straightening import surface_polygon
 from completion.panels.unexplained import PixelMesh, light_rest
 from completion.registration.correction import Registration
-from completion.relations.surfaces import FoundRelations
+from completion.relations.pipeline import FoundRelations
 from completion.result.audit import AuditResult
 from completion.result.completed_surfaces import CompletedSurfaces
 from completion.result.doubts import doubts_of

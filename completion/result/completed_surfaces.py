@@ -11,7 +11,7 @@ from completion.extension.claims import Choice
 from completion.extension.extent import Mode
 from completion.extension.patch import Patch
 from completion.features.engine.template import TemplateFit
-from completion.relations.surfaces import FoundRelations
+from completion.relations.pipeline import FoundRelations
 from completion.uncertainty.joint_errors import JointErrors
 
 

@@ -12,8 +12,8 @@ from completion.merging.pieces import Unconfirmed
 from completion.observe.observation import Observation
 from completion.registration.correction import Registration
 from completion.registration.registered import pose_doubts
-from completion.relations.engine.relation import Status, kind_text
-from completion.relations.surfaces import FoundRelations
+from completion.relations.pipeline import FoundRelations
+from completion.relations.relation import Status, kind_text
 
 _ROUGH_M = 0.01  # root mean square from which residuals are centimetres
 _TIMES = 3.0  # the range noise, beyond which it does not explain them

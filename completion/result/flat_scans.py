@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from completion.boundary.range_mesh import mesh_range_image
 from completion.extension.patch import Patch
-from completion.flattening.flat import FlatSurface, FlattenedMesh, RegionKind, flat_record
-from completion.flattening.options import FlatteningOptions
+from completion.flattening.flat import FlatSurface, FlattenedMesh, FlatteningOptions, RegionKind, flat_record
 from completion.flattening.pipeline import flatten_mesh
 from completion.observe.observation import Observation
 from completion.observe.range_noise import depth_step

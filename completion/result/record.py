@@ -11,11 +11,11 @@ import numpy as np
 
 from completion.edits.file import edit_record
 from completion.extension.patch import Provenance
-from completion.features.engine.feature_set import feature_record, moved_geometry
+from completion.features.engine.template import feature_record, moved_geometry
 from completion.fitting.result import surface_parameters
 from completion.panels.model import PanelPart
-from completion.relations.record import frame_records, freedom_record, relation_records
-from completion.relations.surfaces import FoundRelations
+from completion.relations.graph import frame_records, freedom_record, relation_records
+from completion.relations.pipeline import FoundRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.flat_scans import surface_flattening, whole_flattening
 from completion.result.labelled_points import PROVENANCE_NAMES

@@ -15,15 +15,14 @@ from completion.export.dimensions.pipeline import DecisionSheet
 from completion.extension.extent import Mode
 from completion.features.engine.options import FITTED, FeatureOptions
 from completion.features.stated import read_features
-from completion.flattening.options import FlatteningOptions
+from completion.flattening.flat import FlatteningOptions
 from completion.observe.tiles import solve_plane
 from completion.observe.tolerance import EvidenceOptions
 from completion.options import CompletionOptions
 from completion.pipeline import complete, verify_first
 from completion.registration.facets import count_agreement
-from completion.relations.engine.relation import Status
 from completion.relations.options import BUILT
-from completion.relations.stated import read_scan_relations
+from completion.relations.relation import Status, read_scan_relations
 from completion.result.completion import Completion, write_model
 from completion.result.flat_scans import whole_flattening
 from completion.result.record import completion_record

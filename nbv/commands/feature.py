@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.features.engine.feature_set import Features
 from completion.features.engine.options import OPENINGS, read_given
-from completion.features.engine.template import Measured, Status
-from completion.features.material import of_points
+from completion.features.engine.template import Features, Measured, Status
 from completion.features.openings.recess import log_likelihoods
-from completion.features.pipeline import find_features
+from completion.features.pipeline import find_features, of_points
 from nbv.commands.process.run import Run, Shared, running
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.io.mesh_file import is_mesh

@@ -19,8 +19,7 @@ from completion.parts.flat_part import FlatPart, flatten_part
 from completion.parts.part import Part, kinds_text
 from completion.parts.pipeline import MACHINED, divide_part, relate_part
 from completion.parts.step_export import outcome_lines, step_model
-from completion.relations.engine.relation import Status
-from completion.relations.stated import StatedRelation, read_part_relations
+from completion.relations.relation import StatedRelation, Status, read_part_relations
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count
 from scenes.checks import InputError

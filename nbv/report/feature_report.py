@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.features.engine.feature_set import Features
-from completion.features.engine.template import Seen, Status, TemplateFit
+from completion.features.engine.template import Features, Seen, Status, TemplateFit
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, State, Table, Text
 from nbv.report.pictures.picture import Picture, picture_of, range_colours
 from nbv.run.wording import count

@@ -13,9 +13,8 @@ from matplotlib.lines import Line2D
 from completion.fitting.result import SurfaceFit
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part, kinds_text
-from completion.relations.engine.relation import Relation, RelationKind, Status
-from completion.relations.graph import RelationGraph
-from completion.relations.record import shared_directions
+from completion.relations.graph import RelationGraph, shared_directions
+from completion.relations.relation import Relation, RelationKind, Status
 from nbv.report.blocks.flattening import FlatRow, flattening_blocks
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.blocks.relations import relation_section

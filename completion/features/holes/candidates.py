@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft, ndimage
 from scipy.special import ndtr
 
-from completion.features.holes.survey import Openings, Survey
+from completion.features.holes.plates import Openings, Survey
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 N_SECTORS = 16

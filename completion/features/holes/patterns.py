@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""Patterns: where the holes of a row, a grid or a bolt circle are, by few parameters."""
+"""Patterns: the holes of a row, a grid or a bolt circle by few parameters, and their joint refinement."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr
 
+from completion.features.holes.candidates import LEAST, N_SECTORS, rim_scores
+from completion.features.holes.plates import Openings, Plate, Survey
+from completion.fitting.robust import TUKEY, scale_within, tukey_weights
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 ROW, GRID, CIRCLE = "hole-row", "hole-grid", "bolt-circle"
@@ -109,3 +113,246 @@ def fitted(
         slopes = now.slopes[places][:, :, free].reshape(len(error), -1)
         x[free] += np.linalg.lstsq(slopes, error, rcond=None)[0]
     return replace(begun, x=x)
+
+
+_BAND = 1.5  # spacings on either side of a rim
+_FARTHEST = 0.8  # spacings that centres and the radius may move at once
+_FIRST = 0.15  # spacings: how exactly a rim is known at first
+_PER_PARAMETER = 8  # walkers
+_BURNT, _KEPT = 80, 160  # rounds
+_STRETCH = 2.0  # of Goodman & Weare
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """A pattern, the covariance (p + 1, p + 1) of its parameters and radius, and evaluations spent."""
+
+    pattern: Pattern
+    covariance: FloatArray
+    evaluations: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rims:
+    """Points about rims, and where surface begins at them."""
+
+    owner: IntArray  # (m,) hole of a point
+    offset: FloatArray  # (m, 2) from its hole's first centre
+    seen: BoolArray  # (n, k) sectors
+    centres: FloatArray  # (n, 2) first ones
+    rate: FloatArray  # (n,) points an area
+    radius: float  # first one
+    stray: float
+    noise: float
+    spacing: float
+
+    def log_likelihood(self, centres: FloatArray, radii: FloatArray) -> FloatArray:
+        """Of w patterns with centres (w, n, 2) and radii (w,)."""
+        moved = centres - self.centres
+        far = np.linalg.norm(self.offset - moved[:, self.owner], axis=2)
+        points = np.log(self.stray + (1 - self.stray) * ndtr((far - radii[:, None]) / self.noise)).sum(axis=1)
+        turns = 2 * np.pi * (np.arange(N_SECTORS) + 0.5) / N_SECTORS
+        out = np.stack([np.cos(turns), np.sin(turns)])
+        reach = radii[:, None, None] + moved @ out
+        area = np.einsum("wnk,nk,n->w", reach**2, self.seen, self.rate * np.pi / N_SECTORS)
+        gone = np.abs(radii - self.radius) > _FARTHEST * self.spacing
+        gone |= radii < 0.8 * LEAST * self.spacing
+        gone |= np.linalg.norm(moved, axis=2).max(axis=1) > _FARTHEST * self.spacing
+        return np.where(gone, -np.inf, points + (1 - self.stray) * area)
+
+
+def refine(
+    begun: Pattern, survey: Survey, held: BoolArray, used: BoolArray, *, rng: np.random.Generator
+) -> Refined:
+    """Refine a pattern: mean and covariance of its posterior by an affine-invariant ensemble.
+
+    The edge of a Poisson process is no regular parameter: its likelihood jumps, and errors shrink with the
+    number of points rather than with its root. The posterior's mean is efficient there, and its spread is an
+    honest error, where least squares are neither (Ibragimov & Has'minskii 1981). Sampled by stretch moves
+    (Goodman & Weare 2010). `held` (p + 1,) stay as they are, the radius last; holes
+    that are not `used` (count,) say nothing.
+    """
+    pattern, spent = begun, 0
+    covariance = np.zeros((len(begun.x) + 1,) * 2)
+    for last in (False, True):
+        rims = _rims(pattern, survey, used, _FIRST * survey.spacing if not last else 0.05 * survey.spacing)
+        spread = _first_spread(pattern, survey, held) if not last else _root(covariance)
+        n = (_BURNT, _KEPT if last else _BURNT)
+        drawn = _sampled(pattern, rims, spread, held, rounds=n, rng=rng)
+        spent += drawn.shape[0]
+        mean, covariance = drawn.mean(axis=0), np.cov(drawn.T)
+        mean[held] = np.array([*pattern.x, pattern.radius])[held]
+        covariance[held], covariance[:, held] = 0.0, 0.0
+        pattern = replace(pattern, x=mean[:-1], radius=float(mean[-1]))
+    return Refined(pattern, covariance, spent)
+
+
+def _rims(pattern: Pattern, survey: Survey, used: BoolArray, soft: float) -> _Rims:
+    centres, radii = pattern.centres, np.full(pattern.count, pattern.radius)
+    soft = max(soft, survey.plate.noise)
+    seen = rim_scores(survey, centres, radii, np.full(len(radii), soft)).seen
+    owner, offset = survey.near(centres, np.where(used, radii + _BAND * survey.spacing, 0.0))
+    near = np.hypot(*offset.T) > pattern.radius - _BAND * survey.spacing
+    owner, offset, seen = owner[near], offset[near], seen & used[:, None]
+    noise = max(survey.plate.noise, 1e-3 * survey.spacing)
+    rate = survey.density_at(centres)
+    return _Rims(
+        owner=owner, offset=offset, seen=seen, centres=centres, rate=rate, radius=pattern.radius,
+        stray=survey.stray, noise=noise, spacing=survey.spacing,
+    )  # fmt: skip
+
+
+def _first_spread(pattern: Pattern, survey: Survey, held: BoolArray) -> FloatArray:
+    """Root (p + 1, p + 1) of the covariance if each centre were known to a share of the spacing."""
+    slopes = pattern.slopes.reshape(-1, len(pattern.x))
+    root = np.zeros((len(held),) * 2)
+    root[:-1, :-1] = _root(np.asarray(np.linalg.pinv(slopes.T @ slopes)))
+    root[-1, -1] = 1.0
+    return _FIRST * survey.spacing * root
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _sampled(
+    pattern: Pattern, rims: _Rims, spread: FloatArray, held: BoolArray,
+    *, rounds: tuple[int, int], rng: np.random.Generator,
+) -> FloatArray:  # fmt: skip
+    """Draws (m, p + 1) of the posterior."""
+    middle = np.array([*pattern.x, pattern.radius])
+    free = np.flatnonzero(~held)
+    half = _PER_PARAMETER * len(middle) // 2
+    walkers = np.tile(middle, (2 * half, 1))
+    walkers[:, free] += (rng.normal(size=(2 * half, len(middle))) @ spread.T)[:, free]
+
+    def judged(places: FloatArray) -> FloatArray:
+        centres = centres_of(pattern, places[:, :-1])
+        return rims.log_likelihood(centres, places[:, -1])
+
+    values, kept = judged(walkers), list[FloatArray]()
+    outside = ~np.isfinite(values)
+    walkers[outside], values[outside] = middle, judged(middle[None])[0]
+    for number in range(sum(rounds)):
+        for side in (slice(0, half), slice(half, None)):
+            others = walkers[half:] if side.start == 0 else walkers[:half]
+            z = ((_STRETCH - 1) * rng.random(half) + 1) ** 2 / _STRETCH
+            partner = others[rng.integers(half, size=half)]
+            tried = partner + z[:, None] * (walkers[side] - partner)
+            tried[:, held] = middle[held]
+            new = judged(tried)
+            level = np.log(rng.random(half)) - (len(free) - 1) * np.log(z)
+            accepted = new > values[side] + level
+            walkers[side] = np.where(accepted[:, None], tried, walkers[side])
+            values[side] = np.where(accepted, new, values[side])
+        if number >= rounds[0]:
+            kept.append(walkers.copy())
+    return np.asarray(np.concatenate(kept))
+
+
+def centres_of(pattern: Pattern, x: FloatArray) -> FloatArray:
+    """Centres (w, n, 2) of patterns of one shape with parameters (w, p)."""
+    steps, angle = pattern.steps, x[:, 2:3]
+    if PARAMETERS[pattern.kind][3] == "circle_radius":
+        turn = angle + steps[:, 0]
+        ring = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        return np.asarray(x[:, None, :2] + x[:, 3, None, None] * ring)
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    places = x[:, None, :2] + (x[:, 3:4] * steps[:, 0])[:, :, None] * along
+    if x.shape[1] > 4:
+        across = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+        places = places + (x[:, 4:5] * steps[:, 1])[:, :, None] * across
+    return np.asarray(places)
+
+
+_DEEP = 2.0  # radii below the plate
+_LEAST_POINTS, _LEAST_SHARE = 6, 0.6  # on a wall, and of the holes that have one
+_N_ROUNDS = 12
+_EXACT = 1e-9  # of the radius: residuals of points without noise
+_ROUND = 0.1  # spacings: residuals of what is no wall are as great
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Walls:
+    """Points (m, 2) of the chart that should lie on rims, and the holes whose they are (m,)."""
+
+    places: FloatArray
+    owner: IntArray
+
+
+def assigned(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> IntArray:
+    """Number the faces that points (n, 3) are on: 1 the plate, from 2 the walls of its holes, 0 none."""
+    faces = _owners(pattern, plate, opened, points) + 2
+    faces[faces == 1] = 0
+    faces[np.abs(plate.chart(points)[1]) < plate.slab] = 1
+    return faces
+
+
+def _owners(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> IntArray:
+    """The hole (n,) on whose wall each of points (n, 3) is, -1 for none."""
+    places, height = plate.chart(points)
+    deep = (np.abs(height) > 1.5 * plate.slab) & (np.abs(height) < _DEEP * pattern.radius)
+    if opened.outward:
+        deep &= height * opened.outward < 0
+    return _nearest_rim(pattern, places, deep, opened.reach)
+
+
+def walls(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> Walls:
+    """Gather those of points (n, 3) that are on walls; or places (n, 2) near rims: a mesh's corners."""
+    if points.shape[1] == 2:
+        places, owner = points, _nearest_rim(pattern, points, np.ones(len(points), np.bool_), opened.reach)
+    else:
+        places, owner = plate.chart(points)[0], _owners(pattern, plate, opened, points)
+    return Walls(places[owner >= 0], owner[owner >= 0])
+
+
+def _nearest_rim(pattern: Pattern, places: FloatArray, chosen: BoolArray, reach: float) -> IntArray:
+    """The hole (n,) on whose rim places (n, 2) are, of those that are chosen (n,); else -1."""
+    owner = np.full(len(places), -1)
+    for k, centre in enumerate(pattern.centres):
+        gap = np.abs(np.hypot(*(places - centre).T) - pattern.radius)
+        owner[chosen & (gap < reach)] = k
+    return owner
+
+
+def sharpened(
+    coarse: Refined, found: Walls, seen: BoolArray, survey: Survey, held: BoolArray
+) -> Refined | None:
+    """Fit a pattern to points on its holes' walls by robust Gauss-Newton.
+
+    Residuals are distances from the circles, weighed by Tukey's function; `held` (p + 1,) stay as they are.
+    None where less than six tenths of the holes that were `seen` (count,) have a wall, or what is
+    near the rims is no straight wall: a countersink.
+    """
+    pattern, spacing = coarse.pattern, survey.spacing
+    per_hole = np.bincount(found.owner, minlength=pattern.count)
+    if (per_hole[seen] >= _LEAST_POINTS).mean() < _LEAST_SHARE if seen.any() else True:
+        return None
+    free, x = ~held, np.array([*pattern.x, pattern.radius])
+    sigma, radii = 0.5 * spacing, pattern.radius
+    for _ in range(_N_ROUNDS):
+        residual, slopes = _residual(replace(pattern, x=x[:-1], radius=float(x[-1])), found)
+        sigma = max(scale_within(np.abs(residual[np.abs(residual) < TUKEY * sigma]), sigma), _EXACT * radii)
+        weights = tukey_weights(residual, TUKEY * sigma)
+        root = np.sqrt(weights)
+        step = np.linalg.lstsq(root[:, None] * slopes[:, free], -root * residual, rcond=None)[0]
+        x[free] += np.clip(step, -spacing, spacing)
+    if sigma > max(_ROUND * spacing, 2 * survey.plate.noise):
+        return None
+    normal = slopes[:, free].T @ (weights[:, None] * slopes[:, free])
+    covariance = np.zeros((len(x),) * 2)
+    covariance[np.ix_(free, free)] = sigma**2 * np.linalg.pinv(normal)
+    moved = replace(pattern, x=x[:-1], radius=float(x[-1]))
+    if np.hypot(*(moved.centres - pattern.centres).T).max() > spacing:
+        return None
+    return Refined(moved, covariance, coarse.evaluations + _N_ROUNDS)
+
+
+def _residual(pattern: Pattern, found: Walls) -> tuple[FloatArray, FloatArray]:
+    """Distances (m,) of the points outside their circles, and their derivatives (m, p + 1)."""
+    offset = found.places - pattern.centres[found.owner]
+    far = np.maximum(np.hypot(*offset.T), 1e-300)
+    out = offset / far[:, None]
+    slopes = -np.einsum("mi,mip->mp", out, pattern.slopes[found.owner])
+    return far - pattern.radius, np.column_stack([slopes, -np.ones(len(far))])

@@ -9,11 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from completion.features.holes.candidates import LARGE, Candidates, rim_scores
-from completion.features.holes.lattices import matches
-from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, Pattern
-from completion.features.holes.proposals import Proposal, log_chance, log_rarity, looks
-from completion.features.holes.refinement import centres_of
-from completion.features.holes.survey import Openings, Survey
+from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, Pattern, centres_of
+from completion.features.holes.plates import Openings, Survey
+from completion.features.holes.proposals import Proposal, log_chance, log_rarity, looks, matches
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _WIDE = 0.8  # of the radius: half the width of a web that is looked at

@@ -9,8 +9,18 @@ from dataclasses import replace
 import numpy as np
 
 from completion.features.engine.template import Measured, Side, Status, TemplateFit
-from completion.features.junctions.descent import Descended, descend_from, settled, thickness
-from completion.features.junctions.models import Model, Unit, at_unit, flat_starts, split_starts, tangent_arcs
+from completion.features.junctions.models import (
+    Descended,
+    Model,
+    Unit,
+    at_unit,
+    descend_from,
+    flat_starts,
+    settled,
+    split_starts,
+    tangent_arcs,
+    thickness,
+)
 from completion.features.junctions.weighing import (
     LEAST_EVIDENCE,
     Certainty,

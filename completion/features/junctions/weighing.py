@@ -11,8 +11,18 @@ import numpy as np
 from completion.features.engine.refinement import inflation, neighbour_cells
 from completion.features.engine.template import Side
 from completion.features.engine.template_fit import face_sides
-from completion.features.junctions.descent import LEAST_SIGMA, Descended, Mixture, descend_from
-from completion.features.junctions.models import N_DIRECTIONS, Model, Unit, edge, flat_starts, tangent_arcs
+from completion.features.junctions.models import (
+    LEAST_SIGMA,
+    N_DIRECTIONS,
+    Descended,
+    Mixture,
+    Model,
+    Unit,
+    descend_from,
+    edge,
+    flat_starts,
+    tangent_arcs,
+)
 from completion.fitting.result import FitError
 from completion.fitting.robust import fit_robust
 from completion.fitting.starts import oriented

@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 
 from completion.fitting.euclidean import fit_euclidean, fit_plane
 from completion.fitting.result import FitError, SurfaceFit, inflated
-from completion.parts.division.growing import CUT
-from completion.parts.division.hypotheses import N_PARAMETERS
+from completion.parts.division.growing import CUT, N_PARAMETERS
 from completion.parts.division.labelling import pieces_of
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from scenes.checks import FloatArray, InputError, IntArray

@@ -14,8 +14,17 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from completion.parts.division.growing import GAIN, LEAST_ANGLE, Grown, best_grown, joint, likely, score_of
-from completion.parts.division.hypotheses import KINDS, adjusted
+from completion.parts.division.growing import (
+    GAIN,
+    KINDS,
+    LEAST_ANGLE,
+    Grown,
+    adjusted,
+    best_grown,
+    joint,
+    likely,
+    score_of,
+)
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from completion.parts.division.result import LEAST
 from scenes.checks import BoolArray, FloatArray, IntArray

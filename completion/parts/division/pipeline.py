@@ -1,10 +1,26 @@
 # SPDX-License-Identifier: MIT
-"""Parts on one page: from points without any order to faces on planes, spheres, cylinders, cones and tori."""
+"""Division of parts on one page: from points, labels or meshes to planes, spheres, cylinders, cones, tori.
+
+A scanned mesh is its vertices: they were measured, and lie close. A mesh that was made from a model has few
+and uneven ones; there the triangles are sampled by area, and the distance of flat triangles from a curved
+surface counts as noise.
+
+Ripple errs alike over many neighbouring points, which then lie on a cone here and a sphere there. Points
+farther apart than its reach err independently. The planes determine that distance: where they are whole, they
+predict the points' places best.
+"""
 
 from __future__ import annotations
 
-from completion.parts.division.faces import fitted, groups_of, numbered_faces, spread
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from completion.parts.division.faces import fitted, groups_of, numbered_faces, settle, spread
+from completion.parts.division.growing import CUT, GAIN, LEAST_ANGLE
 from completion.parts.division.labelling import (
+    best_of_kinds,
     first_labels,
     of_best_kind,
     proposals,
@@ -20,7 +36,10 @@ from completion.parts.division.result import (
     thinned,
     too_little,
 )
+from scenes.checks import FloatArray, InputError, IntArray
+from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.steps import Progress
+from scenes.surfaces.catalogue import Plane, Surface
 
 
 def segment_part(
@@ -100,4 +119,358 @@ def segment_part(
         groups=groups_of(cloud, fits, labels, about.tolerance_m),
         noise_m=about.noise_m,
         spacing_m=about.spacing_m,
+    )
+
+
+def fit_labelled(
+    points: object, labels: object, normals: object | None = None, *, noise_m: float | None = None
+) -> PartSegmentation:
+    """Fit a surface to the points of each label: plane, sphere, cylinder, cone or torus, by evidence.
+
+    Labels are taken at their word: all points of one count, and none is moved to another.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Metres.
+    labels : (n,) int
+        0 and less for none.
+    normals : (n, 3) float, optional
+        As for `segment_part`.
+    noise_m : float, optional
+        As for `segment_part`.
+
+    Returns
+    -------
+    PartSegmentation
+        `names` are the labels that determine a surface; a warning names each other one.
+
+    Raises
+    ------
+    InputError
+        Arrays of wrong shape, labels that are no whole numbers, points that are not finite.
+    """
+    cloud, turned = checked_cloud(points, normals, noise_m)
+    given = np.asarray(labels)
+    if given.shape != (len(cloud),) or given.dtype.kind not in "iu":
+        raise InputError(
+            f"expected labels with shape ({len(cloud)},) of whole numbers, got {given.shape} {given.dtype}"
+        )
+    names, number = np.unique(np.maximum(given.astype(np.int64), 0), return_inverse=True)
+    number = number.astype(np.int64) + (0 if len(names) and names[0] == 0 else 1)
+    names = names[names > 0]
+    kept = thinned(cloud, MOST_POINTS)
+    if reason := too_little(cloud[kept]) or ("" if len(names) else "no label is above 0"):
+        return no_faces(len(cloud), reason)
+    about = look_around(cloud[kept], None if turned is None else turned[kept], noise_m)
+    surfaces: list[Surface | None] = [
+        best_of_kinds(about, np.flatnonzero(number[kept] == one)) for one in range(1, len(names) + 1)
+    ]
+    some = [surface for surface in surfaces if surface is not None]
+    place = np.array([0, *np.cumsum([surface is not None for surface in surfaces])])
+    is_some = np.array([False, *(surface is not None for surface in surfaces)])
+    own = np.where(is_some[number], place[number], 0)
+    fits, own_fits = fitted(cloud, some, own, about.noise_m)
+    taken = {int(names[number[own_fits == k][0] - 1]): fit for k, fit in enumerate(fits, start=1)}
+    without = [int(name) for name in names if int(name) not in taken]
+    return PartSegmentation(
+        labels=own_fits,
+        fits=fits,
+        groups=groups_of(cloud, fits, own_fits, about.tolerance_m),
+        noise_m=about.noise_m,
+        spacing_m=about.spacing_m,
+        names=tuple(taken),
+        warnings=tuple(
+            f"the {int((given == name).sum())} points with label {name} determine no surface of a known kind"
+            for name in without
+        ),
+    )
+
+
+_SAMPLES = (4_000, 30_000)  # least and most
+_ACROSS = 8  # samples across the narrowest triangle: no face is narrower
+_COVERED = 0.5  # share of the area that vertices stand for, from which on they are enough
+_LEAST_VERTICES = 1_000
+_CREASE = np.radians(40.0)  # between triangles, beyond which a surface has an edge there
+_FLAT = 1e-3  # radians, below which triangles are one plane
+_SAGGING = 0.9  # quantile of what triangles are off the surface
+
+
+def segment_mesh(
+    mesh: LabelledMesh, *, noise_m: float | None = None, progress: Progress | None = None
+) -> PartSegmentation:
+    """Divide the triangles of a mesh into faces, and fit a surface to each; see `segment_part`.
+
+    Parameters
+    ----------
+    mesh : LabelledMesh
+        Metres; which way its triangles turn does not count.
+    noise_m, progress
+        As for `segment_part`.
+
+    Returns
+    -------
+    PartSegmentation
+        `labels` are those of the vertices, `triangle_labels` those of the triangles. Fits are to the
+        vertices of a face where these are enough, else to samples of its triangles.
+
+    Raises
+    ------
+    InputError
+        A mesh without area, or a noise below zero.
+    """
+    distinct, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    if len(distinct) < len(mesh.vertices):  # triangles that do not share their corners
+        place = place.reshape(-1)
+        joined = LabelledMesh(distinct, place[mesh.faces].astype(np.int32))
+        found = segment_mesh(joined, noise_m=noise_m, progress=progress)
+        return replace(found, labels=found.labels[place])
+    areas = mesh.face_areas()
+    if not areas.sum() > 0:
+        raise InputError(f"none of the {len(areas)} triangles has an area")
+    checked_cloud(mesh.vertices, None, noise_m)
+    used = np.unique(mesh.faces)
+    if _is_dense(mesh, float(areas.sum()), len(used)):
+        found = segment_part(mesh.vertices[used], noise_m=noise_m, progress=progress)
+        labels: IntArray = np.zeros(len(mesh.vertices), dtype=np.int64)
+        labels[used] = found.labels
+        return replace(found, labels=labels, triangle_labels=_by_corners(mesh, found, labels))
+    points, own = _sampled(mesh, areas)
+    sag = _sag(mesh)
+    turned, noise = mesh.face_normals()[own], max(sag, noise_m or 0.0)
+    found = segment_part(points, turned, noise_m=noise, progress=progress)
+    triangles = _of_triangles(mesh, points, own, found.labels.astype(np.int64), len(found.fits))
+    corners, number = _corners(mesh, triangles)
+    surfaces = [fit.surface for fit in found.fits]
+    fits, _ = fitted(mesh.vertices[corners], surfaces, number, noise_m or 0.0)
+    if len(fits) < len(surfaces):  # too few vertices somewhere
+        fits = found.fits
+    labels = _of_vertices(mesh, triangles, areas, len(surfaces))
+    groups = groups_of(points, fits, found.labels.astype(np.int64), max(sag, 1e-2 * found.spacing_m))
+    return replace(found, labels=labels, fits=fits, groups=groups, triangle_labels=triangles)
+
+
+def _by_corners(mesh: LabelledMesh, found: PartSegmentation, labels: IntArray) -> IntArray:
+    """The face (m,) of each triangle: of those at its corners and beside, the one that it lies on best.
+
+    Corners on an edge belong to one of two faces; which the triangle is on, its other corners and its slope
+    tell.
+    """
+    n, tolerance = len(mesh.faces), max(found.noise_m, 1e-2 * found.spacing_m)
+    normals, middle = mesh.face_normals(), mesh.corners.mean(axis=1)
+    corners = labels[mesh.faces]
+    alike = (corners == corners[:, [1]]).sum(axis=1) >= 2
+    best = np.where(alike, corners[:, 1], corners[:, 0]).astype(np.int64)
+    least = np.full(n, np.inf)
+    for number, fit in enumerate(found.fits, start=1):
+        touched = np.zeros(len(mesh.vertices), dtype=np.bool_)
+        touched[mesh.faces[(corners == number).any(axis=1)].ravel()] = True
+        near = np.flatnonzero(touched[mesh.faces].any(axis=1))
+        off = np.abs(fit.surface.distance(mesh.corners[near].reshape(-1, 3))).reshape(-1, 3) / tolerance
+        slope = np.einsum("ij,ij->i", fit.surface.normal(middle[near]), normals[near])
+        turn = np.arccos(np.clip(np.abs(slope), 0, 1)) / LEAST_ANGLE
+        cost = np.minimum(off**2, 2 * GAIN).sum(axis=1) + turn**2
+        better = (cost < least[near]) & (off.max(axis=1) <= CUT)
+        least[near[better]], best[near[better]] = cost[better], number
+    return best
+
+
+def _is_dense(mesh: LabelledMesh, area: float, n_used: int) -> bool:
+    """Whether the vertices stand for most of the area: each for a hexagon of the usual edge."""
+    edges = mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)]
+    usual = float(np.median(np.linalg.norm(edges, axis=2)))
+    return n_used >= _LEAST_VERTICES and n_used * usual**2 * np.sqrt(3) / 2 >= _COVERED * area
+
+
+def _sampled(mesh: LabelledMesh, areas: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Points (k, 3) spread evenly over the area, and the triangle (k,) of each."""
+    total = np.cumsum(areas)
+    n = _n_samples(mesh, areas)
+    step = (np.arange(n) + 0.5) / n * total[-1]
+    own = np.minimum(np.searchsorted(total, step), len(areas) - 1)
+    golden = 1.32471795724474602596  # plastic number: a sequence even in two dimensions (Roberts 2018)
+    index = np.arange(1, n + 1)[:, None]
+    a, b = ((0.5 + index / [golden, golden**2]) % 1.0).T
+    over = a + b > 1
+    a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
+    corners = mesh.vertices[mesh.faces[own]]
+    points = corners[:, 0] + a[:, None] * (corners[:, 1] - corners[:, 0])
+    return points + b[:, None] * (corners[:, 2] - corners[:, 0]), own
+
+
+def _n_samples(mesh: LabelledMesh, areas: FloatArray) -> int:
+    """How many samples lie closely enough for the narrowest triangle that has an area."""
+    longest = np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2).max(axis=1)
+    narrowest = float(np.min(2 * areas[areas > 0] / longest[areas > 0]))
+    least, most = _SAMPLES
+    return int(np.clip(areas.sum() * (_ACROSS / narrowest) ** 2, least, most))
+
+
+def _sag(mesh: LabelledMesh) -> float:
+    """How far flat triangles are off the surface that they stand for: a chord's width times its turn / 8."""
+    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    triangle = np.repeat(np.arange(len(mesh.faces)), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, triangle = edges[order], triangle[order]
+    twice = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
+    one, two, ends = triangle[twice], triangle[twice + 1], mesh.vertices[edges[twice]]
+    normals, areas = mesh.face_normals(), mesh.face_areas()
+    turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", normals[one], normals[two])), 0, 1))
+    bent = (turn > _FLAT) & (turn < _CREASE)
+    if not bent.any():
+        return 0.0
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[bent]
+    width = (areas[one] + areas[two])[bent] / np.maximum(length, 1e-300)
+    return float(np.quantile(width * turn[bent] / 8, _SAGGING))
+
+
+def _of_triangles(
+    mesh: LabelledMesh, points: FloatArray, own: IntArray, labels: IntArray, n_faces: int
+) -> IntArray:
+    """The face (m,) that most samples of a triangle are on; of one without samples, that of the nearest."""
+    votes = np.zeros((len(mesh.faces), n_faces + 1), dtype=np.int32)
+    np.add.at(votes, (own, labels), 1)
+    votes[:, 0] = 0
+    best = votes.argmax(axis=1)
+    unasked = np.flatnonzero(votes.sum(axis=1) == 0)
+    known = np.flatnonzero(labels > 0)
+    if len(unasked) and len(known):
+        centres = mesh.vertices[mesh.faces[unasked]].mean(axis=1)
+        best[unasked] = labels[known[cKDTree(points[known]).query(centres)[1]]]
+    return np.asarray(best, dtype=np.int64)
+
+
+def _corners(mesh: LabelledMesh, triangles: IntArray) -> tuple[IntArray, IntArray]:
+    """Vertices (k,) of each face's triangles, once a face, and the face (k,) of each."""
+    pairs = np.column_stack([np.repeat(triangles, 3), mesh.faces.ravel()])
+    pairs = np.unique(pairs[pairs[:, 0] > 0], axis=0)
+    return np.asarray(pairs[:, 1]), np.asarray(pairs[:, 0])
+
+
+def _of_vertices(mesh: LabelledMesh, triangles: IntArray, areas: FloatArray, n_faces: int) -> IntArray:
+    """The largest face (n,) that has a triangle at a vertex; 0 for none."""
+    size = np.bincount(triangles, areas, minlength=n_faces + 1)
+    size[0] = -1.0
+    labels = np.zeros(len(mesh.vertices), dtype=np.int64)
+    for number in np.argsort(size, kind="stable"):
+        labels[mesh.faces[triangles == number].ravel()] = number
+    return labels
+
+
+_SPARSER = (16, 64, 256)  # of how many points one is kept
+_LEAST_KEPT = 40
+_CLEARLY = 0.5  # nats a point: of fewer points less is known, but for ripple
+_N_NEAR = 18  # neighbours whose plane tells the roughness
+_RESOLUTION = 0.01  # of the sampling distance: no difference of surfaces shows below it
+
+
+def segment_rippled(
+    shape: object,
+    labels: object | None = None,
+    normals: object | None = None,
+    *,
+    noise_m: float | None = None,
+    progress: Progress | None = None,
+) -> PartSegmentation:
+    """Divide a part whose planes may bear ripple.
+
+    It is divided as it is, and with one of 16, 64 and 256 of its points. That division stands whose planes
+    shorten the description of the points most: by the logarithm of a plane's side over the deviation from it,
+    for each point on one. All points then find their surface among those of the sparser division.
+
+    Parameters
+    ----------
+    shape : (n, 3) float, or LabelledMesh
+        Metres.
+    labels : (n,) int, optional
+        As for `fit_labelled`; what is sought is then the kind of each surface alone.
+    normals, noise_m, progress
+        As for `segment_part`; they are of the points as they are.
+
+    Returns
+    -------
+    PartSegmentation
+        As `segment_part`, `segment_mesh` and `fit_labelled` do. `noise_m` holds the ripple too; a warning
+        says how sparse the points were where that is not all of them.
+
+    Raises
+    ------
+    InputError
+        As these do.
+    """
+    points = shape.vertices if isinstance(shape, LabelledMesh) else checked_cloud(shape, None, None)[0]
+    given = None if labels is None else np.asarray(labels)
+    if given is not None:
+        best = fit_labelled(points, given, normals, noise_m=noise_m)
+    elif isinstance(shape, LabelledMesh):
+        best = segment_mesh(shape, noise_m=noise_m, progress=progress)
+    else:
+        best = segment_part(points, normals, noise_m=noise_m, progress=progress)
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    every, most = min(len(np.unique(points, axis=0)), MOST_POINTS), said_by_planes(best, size)
+    for sparser in _SPARSER:
+        if every // sparser < _LEAST_KEPT:
+            break
+        some = points[kept := thinned(points, every // sparser)]
+        rough = max(_roughness(some), noise_m or 0.0)
+        try:
+            if given is None:
+                coarse = segment_part(some, noise_m=rough, progress=progress)
+            else:
+                coarse = fit_labelled(some, given[kept], noise_m=rough)
+        except InputError:
+            continue
+        said = said_by_planes(coarse, size)
+        if said > most + _CLEARLY:
+            best, most = _of_all(points, some, coarse, given), said
+    return best
+
+
+def _roughness(points: FloatArray) -> float:
+    """Deviation of points (n, 3) from the plane of their neighbours, at a usual one, metres."""
+    near = cKDTree(points).query(points, k=min(_N_NEAR, len(points)))[1]
+    about = points[near] - points[near].mean(axis=1, keepdims=True)
+    least = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", about, about))[:, 0]
+    return float(np.sqrt(max(float(np.median(least)), 0.0) / max(near.shape[1] - 3, 1)))
+
+
+def said_by_planes(found: PartSegmentation, size_m: float) -> float:
+    """Nats a point by which planes shorten its description: their side over the deviation from them.
+
+    A plane's side is that share of the whole size, metres, whose square is its share of the points.
+    """
+    deviation = max(found.noise_m, _RESOLUTION * found.spacing_m, 1e-300)
+    number = np.bincount(found.labels, minlength=len(found.fits) + 1)[1:]
+    own = number[[isinstance(fit.surface, Plane) for fit in found.fits]] if len(found.fits) else number
+    gain = np.log(np.maximum(np.sqrt(own / max(len(found.labels), 1)) * size_m / deviation, 1.0))
+    return float(np.sum(own * gain)) / max(len(found.labels), 1)
+
+
+def _of_all(
+    points: FloatArray, some: FloatArray, coarse: PartSegmentation, given: IntArray | None
+) -> PartSegmentation:
+    """The division of all points (n, 3) by that of some of them (m, 3), or by the labels given (n,)."""
+    tolerance = max(coarse.noise_m, _RESOLUTION * coarse.spacing_m)
+    surfaces = [fit.surface for fit in coarse.fits]
+    if given is None:
+        labels = spread(points, some, surfaces, coarse.labels.astype(np.int64), tolerance)
+        labels = settle(points, surfaces, labels)
+    else:
+        known = np.array(coarse.names)
+        place = np.minimum(np.searchsorted(known, given), len(known) - 1)
+        labels = np.where(known[place] == given, place + 1, 0)
+    fits, own = fitted(points, surfaces, labels, coarse.noise_m)
+    names = tuple(coarse.names[labels[own == k][0] - 1] for k in range(1, len(fits) + 1))
+    return PartSegmentation(
+        labels=own,
+        fits=fits,
+        groups=groups_of(points, fits, own, tolerance),
+        noise_m=coarse.noise_m,
+        spacing_m=coarse.spacing_m,
+        names=names if given is not None else (),
+        warnings=(
+            *coarse.warnings,
+            f"surfaces were sought among points {1000 * coarse.spacing_m:.3g} mm apart, where ripple is "
+            f"noise of {1000 * coarse.noise_m:.3g} mm; nothing smaller than a few of these distances has one",
+        ),
     )

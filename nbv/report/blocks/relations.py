@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.relations.engine.relation import Relation, Status
-from completion.relations.graph import RelationGraph
-from completion.relations.record import Misfit, misfit_of
+from completion.relations.graph import Misfit, RelationGraph, misfit_of
+from completion.relations.relation import Relation, Status
 from nbv.report.blocks.page import Block, Cell, Section, Table, Text
 from nbv.run.wording import count
 from scenes.scan.colour import surface_colour

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from completion.flattening.flat import RegionKind
-from completion.flattening.options import FlatteningOptions
+from completion.flattening.flat import FlatteningOptions, RegionKind
 from completion.flattening.pipeline import flatten_heights
 from scenes.checks import InputError
 from tests.helpers.wall_examples import CELL, PANEL, SHAPE, SWITCH, panelled, ripple

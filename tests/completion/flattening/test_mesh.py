@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.flattening.flat import RegionKind
+from completion.flattening.flat import FlatteningOptions, RegionKind
 from completion.flattening.mesh_movement import hold_back, new_crossings
-from completion.flattening.options import FlatteningOptions
 from completion.flattening.pipeline import flatten_mesh
 from scenes.checks import InputError
 from scenes.pose import Pose

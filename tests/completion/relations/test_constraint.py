@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from completion.relations.engine.constraint import constrain
-from completion.relations.engine.equations import Frame, moved, place
-from completion.relations.engine.relation import Relation
+from completion.relations.constraint import constrain
+from completion.relations.equations import Frame, moved, place
+from completion.relations.relation import Relation
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Torus
 

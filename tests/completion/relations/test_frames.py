@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from completion.relations.graph import direction_frames, frame_records
 from completion.relations.pipeline import infer
-from completion.relations.record import direction_frames, frame_records
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.part_examples import exact
 

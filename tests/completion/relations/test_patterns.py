@@ -8,14 +8,13 @@ import pytest
 
 from benchmarks.suites.relations_of_parts import mirror_part, random_part, row_part
 from completion.fitting.result import SurfaceFit
-from completion.relations.engine.constraint import Frame, constrain
-from completion.relations.engine.equations import place
-from completion.relations.engine.relation import Relation, Status
+from completion.relations.constraint import Frame, constrain
+from completion.relations.equations import place
 from completion.relations.evidence import CHOSEN
-from completion.relations.graph import RelationGraph
+from completion.relations.graph import RelationGraph, relation_records
 from completion.relations.options import BUILT, RelationOptions
 from completion.relations.pipeline import impose, infer
-from completion.relations.record import relation_records
+from completion.relations.relation import Relation, Status
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.long_cases import first_in_gate

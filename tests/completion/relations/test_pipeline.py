@@ -11,13 +11,13 @@ import pytest
 from benchmarks.cases.planes import BASE, BORE, SIDE, WIDE, figure_one
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.result import SurfaceFit
-from completion.relations.engine.constraint import constrain
-from completion.relations.engine.equations import Frame, place
-from completion.relations.engine.estimate import Doubt
-from completion.relations.engine.relation import Relation, Status
+from completion.relations.constraint import constrain
+from completion.relations.equations import Frame, place
+from completion.relations.estimate import Doubt
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import impose, infer
+from completion.relations.relation import Relation, Status
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, EllipticCylinder, Plane, Torus

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from completion.fitting.result import SurfaceFit
-from completion.relations.engine.equations import moved
+from completion.relations.equations import moved
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
 STEP = 1e-6

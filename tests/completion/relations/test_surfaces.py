@@ -11,10 +11,9 @@ import pytest
 
 from completion import CompletionOptions, complete
 from completion.edits.edit import Anchor
-from completion.relations.engine.relation import Status
+from completion.relations.graph import misfit_of
 from completion.relations.options import BUILT
-from completion.relations.record import misfit_of
-from completion.relations.stated import StatedRelation, read_part_relations, read_scan_relations
+from completion.relations.relation import StatedRelation, Status, read_part_relations, read_scan_relations
 from completion.result.record import completion_record
 from scenes.checks import InputError
 from scenes.pose import Pose

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.cases.relief import smooth
 from completion import CompletionOptions, complete
-from completion.flattening.options import FlatteningOptions
+from completion.flattening.flat import FlatteningOptions
 from completion.result.record import completion_record
 from tests.helpers.completion_examples import example
 

@@ -7,8 +7,8 @@ import pytest
 from benchmarks.cases.planes import figure_one
 from benchmarks.suites.relations import warped
 from completion.parts.pipeline import doubt_of_warp, model_part
-from completion.relations.engine.relation import Status
 from completion.relations.pipeline import infer
+from completion.relations.relation import Status
 from completion.uncertainty.space_warp import N_MODES, find_warp
 
 NOISE = 0.1

@@ -8,8 +8,8 @@ import io
 import numpy as np
 from PIL import Image
 
-from completion.relations.engine.relation import Relation
 from completion.relations.pipeline import infer
+from completion.relations.relation import Relation
 from nbv.report.part_report import relation_graph
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.part_examples import exact

@@ -10,9 +10,8 @@ import pytest
 from benchmarks.cases.plates import SIZE, mesh
 from completion import CompletionOptions, complete
 from completion.extension.patch import Provenance
-from completion.features.engine.feature_set import Features
 from completion.features.engine.options import FeatureOptions
-from completion.features.engine.template import Side, Status, TemplateFit
+from completion.features.engine.template import Features, Side, Status, TemplateFit
 from completion.features.stated import read_features
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor

@@ -12,7 +12,7 @@ from completion import CompletionOptions, complete
 from completion.evidence.evidence import Label
 from completion.extension.patch import Provenance
 from completion.features.engine.template import Side, Status, TemplateFit
-from completion.features.reveals import reveals_of
+from completion.features.stated import reveals_of
 from completion.observe.observation import observe
 from completion.result.record import completion_record
 

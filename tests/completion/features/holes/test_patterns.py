@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from completion.features.holes.candidates import Candidates
-from completion.features.holes.outcome import false_fit_probability
 from completion.features.holes.patterns import CIRCLE, GRID, KINDS, LEAST_SEEN, ROW, Pattern, fitted
+from completion.features.holes.pipeline import false_fit_probability
 from completion.features.holes.proposals import log_chance
 
 PATTERNS = (

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.cases.junctions import elbow, junction, plain
 from completion.features.engine.template import Measured, Seen, Status
 from completion.features.junctions import pipeline
-from completion.features.junctions.bend import fit_elbow
+from completion.features.junctions.elbows import fit_elbow
 from completion.features.junctions.pipeline import Candidate, find_junctions
 from completion.features.junctions.tangent import fit_junction
 from scenes.checks import InputError

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from completion.features.junctions.descent import Mixture
-from completion.features.junctions.models import Model, edge, elbow, tangent_arcs
+from completion.features.junctions.models import Mixture, Model, edge, elbow, tangent_arcs
 
 RNG = np.random.default_rng(0)
 CASES = [

@@ -10,10 +10,9 @@ import pytest
 from benchmarks.cases.walls import null_case, opening_case
 from completion.features.engine.template import Seen, Status
 from completion.features.openings.decision import false_fit_probability
+from completion.features.openings.pipeline import find_openings_of_scans
 from completion.features.openings.proposals import best_rectangle
-from completion.features.openings.recess import Recess, expect, log_likelihoods, recesses
-from completion.features.openings.scans import find_openings_of_scans
-from completion.features.openings.sides import fit_depth, fit_side
+from completion.features.openings.recess import Recess, expect, fit_depth, fit_side, log_likelihoods, recesses
 from completion.features.openings.walls import WallBeams, odds_of
 from scenes.pose import Pose
 from scenes.run.journal import NO_JOURNAL

@@ -9,12 +9,16 @@ import pytest
 
 from benchmarks.suites.openings import tail_lines
 from completion.features.engine.template import Status
-from completion.features.openings.decision import LEVELS, N_WALLS, WALLS_AS_GOOD, false_fit_probability
-from completion.features.openings.fitting import is_strip
+from completion.features.openings.decision import (
+    LEVELS,
+    N_WALLS,
+    WALLS_AS_GOOD,
+    false_fit_probability,
+    is_strip,
+)
+from completion.features.openings.pipeline import floors_of
 from completion.features.openings.proposals import WallChart, propose
-from completion.features.openings.recess import Recess
-from completion.features.openings.scene import floors_of
-from completion.features.openings.sides import Estimate, fit_depth
+from completion.features.openings.recess import Estimate, Recess, fit_depth
 from scenes.surfaces.plane import Plane
 from tests.completion.features.openings.test_openings import NICHE, beams_at, expected_of
 

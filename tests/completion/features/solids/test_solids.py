@@ -7,8 +7,8 @@ import pytest
 from benchmarks.cases.solids import solid_room
 from completion.features.engine.template import Measured, Status
 from completion.features.pipeline import find_features
-from completion.features.solids.pipeline import find_solids
-from completion.features.solids.structure import levels
+from completion.features.solids import find_solids
+from completion.features.upright_structure import levels
 from scenes.checks import InputError
 from tests.completion.features.solids.solid_points import column_points, stairs_points
 

@@ -9,8 +9,17 @@ from typing import cast
 import numpy as np
 
 from completion.features.engine.template import Measured, Side, Status, TemplateFit
-from completion.features.junctions.descent import LEAST_SIGMA, Descended, Mixture, descend_from, thickness
-from completion.features.junctions.models import Model, Unit, at_unit, elbow
+from completion.features.junctions.models import (
+    LEAST_SIGMA,
+    Descended,
+    Mixture,
+    Model,
+    Unit,
+    at_unit,
+    descend_from,
+    elbow,
+    thickness,
+)
 from completion.features.junctions.weighing import (
     LEAST_EVIDENCE,
     Alternative,

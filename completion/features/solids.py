@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.features.engine.template import Given, Measured, Status, Template, TemplateFit, best_first
 from completion.features.engine.template_fit import NOTHING, fit_template
-from completion.features.solids.structure import (
+from completion.features.upright_structure import (
     Flight,
     Shaft,
     Upright,

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr
 
-from completion.relations.engine.equations import (
+from completion.relations.equations import (
     ANGLE,
     LENGTH,
     RADIUS,
@@ -30,7 +30,7 @@ from completion.relations.engine.equations import (
     stacked,
     weighted,
 )
-from completion.relations.engine.relation import Relation
+from completion.relations.relation import Relation
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.surface import perpendicular
 
