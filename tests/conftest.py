@@ -7,6 +7,7 @@ from functools import cache
 import pytest
 import typer.main
 import typer.testing
+from hypothesis import settings
 
 from nbv.report import scans_report as scan_coverage_blocks
 from nbv.report.figures import plots
@@ -35,6 +36,9 @@ def made_once() -> Iterator[None]:
         patch.setattr(typer.testing, "_get_command", cache(typer.main.get_command))
         yield
 
+
+settings.register_profile("seeded", derandomize=True, deadline=None)
+settings.load_profile("seeded")
 
 LONGEST = (
     "nbv/commands/test_cli.py", "nbv/study/test_study.py", "nbv/visibility/standing/test_rooms.py",

@@ -46,7 +46,7 @@ def chair() -> Completion:
     return completed("chair_before_wall", options=CompletionOptions())
 
 
-@pytest.mark.parametrize("name", list(VIEWS))
+@pytest.mark.parametrize("name", first_in_gate(3, list(VIEWS)))
 def test_inferred_area_lies_on_true_surfaces_and_never_in_free_space(name):
     found = completed(name)
     assert found.hypothesised_m2 > 0.1
@@ -73,6 +73,7 @@ def test_no_hypothesis_in_free_space_from_anywhere(seed):
     assert violation_of(found, [scan], bold, 1).n_faces == 0
 
 
+@pytest.mark.long
 def test_noise_costs_little_free_space():
     found = completed("two_occluders", "gaussian-2mm")
     assert found.hypothesised_m2 > 5
@@ -341,6 +342,7 @@ def test_options_that_cannot_be_meant_are_refused_by_name(options, field, bad) -
         options(**{field: bad})
 
 
+@pytest.mark.long
 def test_of_many_points_observed_holds_every_other_row_and_column(chair, tmp_path, monkeypatch):
     chair.save(tmp_path / "all")
     monkeypatch.setattr(
@@ -369,6 +371,7 @@ def test_of_many_points_observed_holds_every_other_row_and_column(chair, tmp_pat
         few.save(tmp_path / "none", observed="half")
 
 
+@pytest.mark.long
 def test_on_disk_and_in_memory_come_to_the_same_files(tmp_path, monkeypatch):
     scans = [example("chair_before_wall", "gaussian-2mm", side) for side in (100, 90)]
     options = CompletionOptions(registration_m=0.001)

@@ -2,7 +2,6 @@
 """What fuzzing found stays mended: each file of `tests.robustness.crashers` is refused in a line, or read."""
 
 import re
-import time
 from pathlib import Path
 
 import pytest
@@ -15,8 +14,6 @@ from tests.robustness.fuzzing.trial import attempt
 
 @pytest.mark.parametrize("crasher", CRASHERS, ids=lambda one: f"{one.target}: {one.was}")
 def test_what_was_found_is_mended(crasher: Crasher, tmp_path: Path) -> None:
-    begun = time.process_time()
     outcome = attempt(TARGETS[crasher.target], crasher.make(), tmp_path)
-    assert time.process_time() - begun < 5
     assert outcome.kind == ("refused" if crasher.says else "read"), outcome
     assert re.search(crasher.says, outcome.text), outcome.text

@@ -17,7 +17,7 @@ from tests.robustness.fuzzing.supervision import Tally, supervise
 from tests.robustness.fuzzing.targets import TARGETS
 from tests.robustness.fuzzing.trial import attempt, judge
 
-N_EXAMPLES = 40
+N_EXAMPLES = 20
 _steps = st.lists(st.integers(0, 2**48 - 1), min_size=1, max_size=4)
 
 

@@ -89,7 +89,7 @@ def test_engines_give_identical_holes(
         pytest.param("gravel", 0, 15, "window", (True, False), 3, marks=pytest.mark.long),
         ("brick", 3, 15, "paper", (True, True), 1),
         pytest.param("grass", 0, 23, "paper", (False, True), 2, marks=pytest.mark.long),
-        ("gravel", 2, 23, "window", (False, False), 2),
+        pytest.param("gravel", 2, 23, "window", (False, False), 2, marks=pytest.mark.long),
     ],
 )
 def test_engines_agree_at_large_windows_on_any_number_of_threads(

@@ -30,6 +30,7 @@ from tests.completion.evidence.scans_that_stray import (
     without_reach,
 )
 from tests.helpers.data_paths import data_path, requires_data
+from tests.helpers.long_cases import first_in_gate
 
 POST = Cylinder((0.9, 0.4, 0.0), (0.1, 0.2, 1.0), 0.25)
 TUNNEL = Cylinder((0.0, 0.1, 0.0), (1.0, 0.1, 0.0), 1.9, concave=True)
@@ -68,7 +69,7 @@ def places_on(plane, middle, radius, rng, n=150):
     return plane.from_uv(at)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", first_in_gate(4, KINDS))
 def test_boxes_and_parts_bound_all_points_of_their_tile(kind):
     seen, rng = seen_of(kind, 3), np.random.default_rng(0)
     reach, (rows, columns) = reach_of(seen), seen.valid.shape
@@ -113,7 +114,7 @@ def test_windows_hold_the_pixels_of_all_places_in_a_sphere(kind):
     assert n_empty > 5 or kind.startswith("turning")
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", first_in_gate(4, KINDS))
 def test_beyond_means_hidden_at_every_place(kind):
     rng, n_beyond, n_before = np.random.default_rng(5), 0, 0
     behind = SURFACES["wall behind"][0].flipped()

@@ -113,6 +113,7 @@ def test_openings_are_closed_outlines():
     assert kinds >= {"window"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", first_in_gate(1, ["1", "2", "3"]))
 def test_every_process_writes_the_same_bytes(seed):
     program = (

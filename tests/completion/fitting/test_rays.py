@@ -40,6 +40,7 @@ def test_exact_points_are_fitted_exactly(surface):
     assert np.abs(found.surface.distance(points)).max() < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arc_deg", "sigma"), [(90, 0.5), pytest.param(60, 0.5, marks=pytest.mark.long), (30, 0.1)]
 )

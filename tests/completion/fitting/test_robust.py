@@ -55,6 +55,7 @@ def test_euclidean_radii_are_unbiased_and_their_spread_is_predicted(degrees, sig
     assert radii.std() / u == pytest.approx(1, abs=4 / np.sqrt(2 * n_trials))
 
 
+@pytest.mark.long
 def test_thirty_per_cent_of_outliers_do_not_move_a_cylinder() -> None:
     errors = []
     for seed in range(9):

@@ -18,6 +18,7 @@ from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Cylinder
+from tests.helpers.long_cases import first_in_gate
 
 SIGMA_M = 0.002
 CAMERA = PinholeProjection.from_fov(240, 180, 60)
@@ -39,7 +40,7 @@ def found_in(scan: RangeImage) -> BoolArray:
     return scan.valid & ~seen.valid
 
 
-@pytest.mark.parametrize("width", [2, 4])
+@pytest.mark.parametrize("width", first_in_gate(1, [4, 2]))
 def test_what_lies_between_two_surfaces_is_found(width):
     scan = room(width)
     truth = scan.truth.ranges

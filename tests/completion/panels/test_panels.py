@@ -101,6 +101,7 @@ def test_measured_facets_lie_where_it_was_measured(done, name):
         assert measured.mean() > 0.995 if len(cells) else True
 
 
+@pytest.mark.long
 def test_moving_the_world_moves_the_vertices():
     turn = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
     pose = Pose.from_parts(turn, np.array([3.0, -20.0, 5.0]))

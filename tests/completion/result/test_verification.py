@@ -26,6 +26,7 @@ from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 from tests.helpers.completion_examples import PLAIN, completed, example, scene
+from tests.helpers.long_cases import first_in_gate
 
 OTHER_CORNER = Pose.looking_at((5.5, 0.6, 1.7), (1.5, 3.5, 0.5))
 CAMERA = PinholeProjection.from_fov(120, 90, 60)
@@ -165,7 +166,7 @@ def test_tolerances_decide_what_is_refuted(alone, other):
     assert vague.area_m2(Finding.CONFIRMED) == vague.area_m2(Finding.REFUTED) == 0
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first_in_gate(1, range(2)))
 def test_poses_five_millimetres_off_still_merge_and_violate_nothing(first, other, both, seed):
     """The law of the registration error: surfaces stay one, and no beam goes through what is inferred."""
     rng = np.random.default_rng(seed)

@@ -127,6 +127,7 @@ def test_zones_of_the_options_count_and_are_not_given_twice():
         plan_views(ROOM, SENSOR, views=1, options=options, zones=Zones(keep_out=(zones.region,)))
 
 
+@pytest.mark.long
 def test_same_seed_same_bytes_for_any_number_of_threads(room_plan):
     again = plan_views(ROOM, SENSOR, target=0.95, samples=SAMPLES, options=COARSE, rng=0, n_threads=2)
     assert json.dumps(again.to_json()) == json.dumps(room_plan.to_json())

@@ -87,6 +87,7 @@ def test_one_station_is_a_tour_without_legs_and_a_body_has_a_size():
         plan_tour(ROOM.mesh, np.zeros((2, 3)), body_m=0.0)
 
 
+@pytest.mark.long
 def test_on_foot_nobody_climbs_over_a_wall_or_through_a_window():
     parts = [
         slab((0, 0, -0.1), (6, 4, 0.0)),  # the floor

@@ -61,6 +61,7 @@ def html(plan):
     return plan_page(ROOM, plan, plan.coverage, 1).to_html()
 
 
+@pytest.mark.long
 def test_the_classes_of_each_surface_add_up_to_those_of_the_scene(plan):
     rows, coverage = plan.coverage.by_surface(), plan.coverage
     assert all(row.met + row.modelled + row.inferred + row.unknown == pytest.approx(1) for row in rows)

@@ -173,6 +173,7 @@ def test_incidence_on_measured_surface_is_that_of_the_scan(completion):
     assert found[known] == pytest.approx(np.degrees(np.arccos(np.clip(cosine, 0, 1)))[known], abs=0.1)
 
 
+@pytest.mark.long
 def test_scans_without_a_model_show_what_is_measured_and_where_the_unknown_begins():
     scans = [scan_scene(ROOM, View(Pose.looking_at((1, 1, 1.5), (5, 4, 1.2)), AROUND), rng=0, name="first")]
     scan_map = ScanMap.of(scans, AROUND, options=COARSE)

@@ -160,6 +160,7 @@ def planned(method, rng=0, **given):
     return plan_views(ROOM, SENSOR, method=method, rng=rng, **{**COARSE, **given})
 
 
+@pytest.mark.long
 def test_baselines_plan_until_the_target_and_the_informed_need_fewer_views():
     plans = {name: planned(name, target=0.9) for name in ("greedy", "visibility", "farthest", "random")}
     for plan in plans.values():
@@ -171,6 +172,7 @@ def test_baselines_plan_until_the_target_and_the_informed_need_fewer_views():
     assert len(plans["greedy"].views) <= len(plans["visibility"].views) < len(plans["random"].views)
 
 
+@pytest.mark.long
 def test_greedy_takes_the_view_that_meets_most():
     first = planned("greedy", views=1).views[0]
     gains = [planned("random", rng=seed, views=1).views[0].gain_m2 for seed in range(20)]
@@ -300,6 +302,7 @@ def test_a_case_that_cannot_be_planned_says_why_and_stops_no_other(tmp_path):
     assert "nowhere to stand in tile: 0.0 m2 of floor" in page
 
 
+@pytest.mark.long
 def test_damaged_and_foreign_plans_are_made_again(undisturbed, tmp_path, file):
     out, _ = undisturbed
     assert study(file, "-o", tmp_path, "-q").exit_code == 0

@@ -77,6 +77,7 @@ def test_predicted_deviation_of_single_points_is_that_of_scans(name, distance, i
     assert np.sqrt(np.mean(np.square(np.concatenate(heights)))) == pytest.approx(predicted[0], rel=0.1)
 
 
+@pytest.mark.long
 def test_averaging_and_registration_are_reckoned_with():
     effects, rng = EFFECTS["encoders"], np.random.default_rng(3)
     radius, registration = 0.02, 0.0002

@@ -41,7 +41,7 @@ def by_others(path: Path, *, double: bool, repeated: int = 0, spoilt: int = 0) -
 
 
 @pytest.mark.parametrize("off_rays_m", [0.0, 2e-4])
-@pytest.mark.parametrize("size", first_in_gate(1, [1, 7, 64]))
+@pytest.mark.parametrize("size", first_in_gate(1, [7, 1, 64]))
 def test_chunks_of_any_size_give_the_same_scan(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int, off_rays_m: float
 ) -> None:

@@ -13,6 +13,7 @@ from scenes.io.describe import describe
 from scenes.io.rgbd import read_depth_image
 from scenes.io.scan_files import read_scan, read_scans
 from tests.helpers.data_paths import ROOT, data_path, requires_data
+from tests.helpers.long_cases import first_in_gate
 
 EXPECTED = {
     "scenes/aws_small_house.glb": "scene of 145844 triangles, 108 surfaces, 64 textures",
@@ -102,7 +103,7 @@ def said_of(path: Path) -> tuple[str, str]:
 
 
 @requires_data
-@pytest.mark.parametrize("name", EXPECTED)
+@pytest.mark.parametrize("name", first_in_gate(20, EXPECTED))
 def test_files_open_or_are_refused_in_the_right_words(name: str) -> None:
     shown, said = said_of(data_path(name))
     told = EXPECTED[name].partition(";")[0].partition(":")[0].removesuffix(" in 1/5000 m")

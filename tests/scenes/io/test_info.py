@@ -47,6 +47,7 @@ def written(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_a_plan_and_what_lies_beside_it(written):
     plan = info(written / "plan" / "plan.json")
     assert (plan["kind"], plan["views"], plan["sensor"], plan["method"]) == ("plan", 2, "tiny", "cover")

@@ -40,14 +40,14 @@ def unpacked(data):
 
 
 @given(VALUES)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_what_is_unpacked_packs_to_the_same_bytes(value):
     data = packed(value)
     assert packed(unpacked(data)) == data
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 500), st.integers(0, 255))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_damage_is_an_error_or_does_no_harm(seed, place, byte):
     rng = np.random.default_rng(seed)
     value = {"a": rng.normal(size=20), "b": (Provenance(1), "text", None)}

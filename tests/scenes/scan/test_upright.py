@@ -103,6 +103,7 @@ def test_an_unknown_axis_is_refused() -> None:
         upright([], "w", of_points=False)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("options", [(), pytest.param(("--up", "-y"), marks=pytest.mark.long)])
 def test_complete_calls_a_floor_a_floor(tmp_path, options: tuple[str, ...], monkeypatch) -> None:
     write_scan(camera((3.0, 3.0, 0.6)).transformed(lying("-y")), tmp_path / "room.npz")
@@ -134,7 +135,7 @@ REAL = {
 
 
 @requires_data
-@pytest.mark.parametrize("name", REAL)
+@pytest.mark.parametrize("name", first_in_gate(4, REAL))
 def test_up_of_real_scans(name: str) -> None:
     axis, camera = REAL[name]
     scans = read_scans(data_path(f"range/{name}"), **camera)  # type: ignore[arg-type]

@@ -166,6 +166,7 @@ def test_points_that_bear_no_patch_are_refused() -> None:
         fit_patch(np.full((50, 3), np.nan), BLEND)
 
 
+@pytest.mark.long
 def test_the_same_points_give_the_same_bytes(blended) -> None:
     assert (
         fit_patch(blend(6000, SIGMA, 0), BLEND).patch.controls.tobytes() == blended.patch.controls.tobytes()

@@ -87,6 +87,7 @@ def test_order_place_and_scale_change_no_face():
         assert overlap.max(axis=1).min() > 0.97
 
 
+@pytest.mark.long
 def test_the_same_points_give_the_same_bytes():
     points, _, _ = sampled(PARTS["knob"](), SPACING, 1e-4, 5)
     one, two = segment_part(points), segment_part(points)

@@ -36,6 +36,7 @@ def test_labels_are_kept_and_their_kind_is_sought_beneath_the_ripple():
     assert (found.labels == 1).all()
 
 
+@pytest.mark.long
 def test_without_ripple_it_is_the_same_division():
     rng = np.random.default_rng(0)
     flat = rng.uniform(0, 0.1, (3, 1500, 2))

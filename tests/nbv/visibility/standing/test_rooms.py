@@ -49,6 +49,7 @@ def test_stairs_join_storeys():
         assert all(site.rooms.rooms[other - 1].storey != room.storey for other in room.stairs)
 
 
+@pytest.mark.long
 def test_outdoors_is_asked_for():
     scene = house(4).scene()
     within, without = find_site(scene), find_site(scene, SiteOptions(outdoors=True))
@@ -119,6 +120,7 @@ def test_what_bounds_rooms_and_what_is_set_apart_is_all_there_is(seed):
     assert not found.samples.areas[ground].any()
 
 
+@pytest.mark.long
 def test_other_rooms_and_storeys_are_set_apart():
     scene = house(33, storeys=2, closed=True).scene()
     rooms = inside(find_site(scene))
