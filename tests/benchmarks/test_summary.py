@@ -80,6 +80,7 @@ def test_differences_are_of_the_same_cases() -> None:
         difference_interval(ours, others[1:], headline("recall"))
 
 
+@pytest.mark.long
 def test_a_completion_becomes_a_hypothesis_in_the_world() -> None:
     case = chair_case()
     scans = case.scans(NO_EFFECTS, 0)

@@ -33,7 +33,16 @@ NOT_RUN = {
 }
 """Pages whose Python is not run, with the reason."""
 
-LONG = {"benchmark", "parts", "decisions", "features", "registration", "drawings", "own-templates"}
+LONG = {
+    "benchmark",
+    "parts",
+    "decisions",
+    "features",
+    "registration",
+    "drawings",
+    "own-templates",
+    "flattening",
+}
 """Guides whose programs take seconds each; the gate looks up the names that they import."""
 
 PROGRAMS = [page for page in PAGES if blocks_of(page, "python") and page.stem not in NOT_RUN]

@@ -58,6 +58,7 @@ def test_shares_of_a_rule_are_those_of_a_plan_by_it(script, building):
     assert survey.shares[-1] == pytest.approx(plan.shares[-1])
 
 
+@pytest.mark.long
 def test_a_row_tells_what_was_never_reached(script, building):
     cost = script.Cost(3.0, 1.0, 1.0)
     short = script.Survey(np.zeros((2, 3)), np.array([0.2, 0.4]))

@@ -102,6 +102,7 @@ def test_a_full_disk_leaves_the_old_result(name, here, monkeypatch):
     assert all(name.startswith("study/plans/") for name in contents(here).keys() - before.keys())
 
 
+@pytest.mark.long
 def test_once_there_is_room_the_run_goes_on(here, monkeypatch):
     monkeypatch.chdir(here)
     words = [*PLAN, "-o", "again"]

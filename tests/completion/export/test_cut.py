@@ -47,6 +47,7 @@ def test_what_lies_in_the_plane_or_beyond_is_not_cut():
     assert cut(flat, np.zeros(3), UP) == ()
 
 
+@pytest.mark.long
 def test_the_plan_of_a_room_lies_on_its_walls(room):
     plan = plan_of(room)
     assert plan.height_m == pytest.approx(UTM.translation[2] + 1.1, abs=0.005)

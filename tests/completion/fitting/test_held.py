@@ -97,6 +97,7 @@ def test_what_is_held_has_no_variance_and_the_rest_less_than_before(shape, given
     assert (np.diag(found.covariance) <= np.diag(free.covariance) * scale * 1.3 + 1e-18).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("shape", "given"),
     first_in_gate(

@@ -18,6 +18,7 @@ from scenes.surfaces.catalogue import (
     Torus,
     surfaces_close,
 )
+from tests.helpers.long_cases import first_in_gate
 from tests.helpers.strategies import poses, seeds
 
 SIGMA = 1e-3
@@ -101,7 +102,7 @@ def test_far_from_the_origin_fits_are_as_good_as_rounding(shape: str) -> None:
 
 
 @pytest.mark.parametrize("n_trials", [24, pytest.param(240, marks=pytest.mark.long)])
-@SHAPES
+@pytest.mark.parametrize("shape", first_in_gate(3, SURFACES))
 def test_predicted_deviations_are_those_of_repeated_fits(shape: str, n_trials: int) -> None:
     """The ratio of standard deviations within 4 / sqrt(2 n) of one, the mean unbiased."""
     rng = np.random.default_rng(3)

@@ -28,6 +28,7 @@ def test_ripple_goes_and_relief_stays(flat) -> None:
     assert area == pytest.approx([0.0096, 0.0784], rel=0.02)
 
 
+@pytest.mark.long
 def test_relief_loses_its_ripple_too_and_keeps_its_noise(flat) -> None:
     inner = np.s_[15:37, 13:35]
     assert np.std(flat.heights[inner]) < 0.3 * np.std(panelled(0)[inner])
@@ -80,6 +81,7 @@ def test_another_seed_gives_the_same_relief(flat) -> None:
     assert np.array_equal(flatten_heights(panelled(0), CELL, rng=1).kept, flat.kept)
 
 
+@pytest.mark.long
 def test_gaps_stay_gaps_and_cost_little(flat) -> None:
     holed = panelled(0).copy()
     holed[5:15, 45:60] = np.nan

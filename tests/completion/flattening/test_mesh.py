@@ -60,6 +60,7 @@ def test_moved_and_turned_mesh_gives_the_same(wall) -> None:
     assert np.allclose(there.vertices[both], pose.apply(flat.vertices[both]), atol=1e-9)
 
 
+@pytest.mark.long
 def test_pixels_of_a_range_image_move_along_their_rays(wall) -> None:
     (vertices, faces, labels, fits), _ = wall
     origin = np.array([0.4, 0.3, 1.5])
@@ -93,6 +94,7 @@ def test_rows_beside_a_crease_do_not_go_onto_it_too() -> None:
     assert np.array_equal(flat.vertices[row[1:-1], :2], vertices[row[1:-1], :2])
 
 
+@pytest.mark.long
 def test_other_surfaces_and_unlabelled_vertices_stay(wall) -> None:
     (vertices, faces, labels, fits), _ = wall
     some = labels.copy()

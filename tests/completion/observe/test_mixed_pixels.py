@@ -97,6 +97,7 @@ def test_a_sharp_image_is_told_nothing():
     assert not seen.scan.warnings
 
 
+@pytest.mark.long
 def test_few_jumps_do_not_tell():
     ranges = np.full(CAMERA.shape, 3.0)
     ranges[60:70, 100:120] = 1.5

@@ -73,6 +73,7 @@ def test_a_pose_along_like_doors_is_not_claimed(corridor):
     assert register_scans(corridor).pairs[0].verdict is not Verdict.REGISTERED
 
 
+@pytest.mark.long
 def test_the_truth_is_among_the_alternatives(corridor):
     (pair,) = register_scans(corridor).pairs
     true = (corridor[0].world_from_sensor.inverse() @ corridor[1].world_from_sensor).matrix[:3]

@@ -70,6 +70,7 @@ def errors_of(poses, scans):
     return np.array(errors)
 
 
+@pytest.mark.long
 def test_scans_from_any_start_come_together(office, lost, found):
     assert len(found.groups) == 1
     errors = errors_of(found.world_poses(lost), office)

@@ -58,6 +58,7 @@ def test_nothing_is_made_of_surfaces_at_random(seed, sigma):
     assert Status.ACCEPTED not in patterns(infer(made(random_part, seed, sigma)[0])).values()
 
 
+@pytest.mark.long
 def test_order_changes_no_status(part):
     fits, meant, graph = part
     order = np.random.default_rng(5).permutation(len(fits))

@@ -108,6 +108,7 @@ def mesh_area(part):
     return trimesh.Trimesh(part.vertices, part.faces, process=False).area
 
 
+@pytest.mark.long
 def test_models_far_away_are_exact(room, tmp_path):
     room.save(tmp_path)
     room.export(tmp_path / "a.obj")

@@ -11,6 +11,7 @@ from tests.helpers.long_cases import first_in_gate
 pytestmark = requires_bench
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "chosen"), first_in_gate(1, [("drum_and_post", (1, 3, 6)), ("office", (1, 4, 8))])
 )

@@ -72,6 +72,7 @@ def test_a_step_and_a_ramp_stay_apart_from_uneven_ground(change, relief, noise, 
     assert largest(owner, what == GROUND)[0] != largest(owner, what == BEYOND)[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_door_leaf_stays_apart_from_its_wall(seed):
     scan, what = Yard(seed=seed, relief_m=0.02, noise_m=0.01, leaf_m=0.04).scan()
@@ -81,6 +82,7 @@ def test_a_door_leaf_stays_apart_from_its_wall(seed):
     assert np.mean(owner[what == WALL] == leaf) < 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("change", first_in_gate(1, [{"step_m": 0.03}, {"ramp_deg": 2.0, "size_m": 16.0}]))
 def test_flat_surfaces_that_meet_are_not_uneven(change):
     scan, what = replace(Yard(seed=3), **change).scan()

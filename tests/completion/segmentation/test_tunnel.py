@@ -53,6 +53,7 @@ def test_the_floor_runs_along_the_vault_below_its_axis(found):
     assert 0 < floor.distance(vault.point[None])[0] < vault.radius
 
 
+@pytest.mark.long
 def test_the_floor_ends_at_the_vault():
     completed = complete(tunnel(), CompletionOptions(texture=False), rng=0)
     vault = completed.patches[0].source.fit.surface

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
+from texture.analysis.quality import PATCH, list_patches
 
 from completion import Completion, CompletionOptions, TexturingOptions, complete
 from completion.result.record import model_parts
@@ -22,6 +23,7 @@ from scenes.io.gltf import glb_of
 from scenes.io.scene_files import load_scene
 from scenes.pose import Pose
 from scenes.world.builtin import Finish, SceneBuilder, brick
+from tests.helpers.long_cases import first_in_gate
 from texture.quality import PATCH, list_patches
 
 GLASS, SHADE, BOARD = (0.35, 0.50, 0.62), 0.45, (0.85, 0.80, 0.62)
@@ -57,7 +59,7 @@ def is_glass(colour: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(colour[:, 2] > colour[:, 0])  # bricks are red
 
 
-@pytest.mark.parametrize("board_x", [-0.25, -0.7])
+@pytest.mark.parametrize("board_x", first_in_gate(1, [-0.25, -0.7]))
 def test_no_glass_in_the_fill_of_a_wall_with_a_window(board_x):
     completion = wall(board_x)
     texture = completion.textures[0]

@@ -273,6 +273,7 @@ def test_plan_writes_what_the_contract_names(plan):
     assert json.loads((out / "manifest.json").read_text())["options"]["max_incidence_deg"] == 60.0
 
 
+@pytest.mark.long
 def test_offline_plan_takes_its_requirement_and_budgets(sensor, tmp_path):
     candidates = tmp_path / "candidates.npz"
     positions = np.array([[3.0, 1.0, 1.6], [1.0, 4.0, 1.0], [5.0, 1.0, 1.0]])
@@ -374,6 +375,7 @@ def test_complete_writes_what_the_contract_names(completed):
     assert len(manifest["inputs"][0]["sha256"]) == 64
 
 
+@pytest.mark.long
 def test_inputs_are_hashed_once_for_journal_report_and_manifest(scan, tmp_path, monkeypatch):
     hashed, sha256_of = [], manifest.sha256_of
     monkeypatch.setattr(manifest, "sha256_of", lambda path: hashed.append(path) or sha256_of(path))
@@ -495,6 +497,7 @@ def test_complete_in_conservative_mode_infers_less(tmp_path, sensor):
     assert careful["hypothesised_m2"] < standard["hypothesised_m2"]
 
 
+@pytest.mark.long
 def test_scans_without_poses_are_refused_with_the_cure(scan, tmp_path, sensor):
     at_origin = tmp_path / "frame"
     (at_origin / "depth").mkdir(parents=True)

@@ -284,6 +284,7 @@ def test_errors_along_the_rays_of_a_scan(tmp_path):
     assert "pipe.xyz does not tell where the scanner stood; give --origin X,Y,Z" in result.stderr
 
 
+@pytest.mark.long
 @requires_data
 def test_rays_of_a_real_scan_come_from_its_file():
     pytest.importorskip("pye57")

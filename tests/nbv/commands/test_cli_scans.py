@@ -42,6 +42,7 @@ def plan_from(taken, *arguments):
     return run("plan", *both, *arguments)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", first_in_gate(1, ["nbv", "cover"]))
 def test_a_plan_resumes_from_scans(taken, tmp_path, method):
     out = tmp_path / method
@@ -152,6 +153,7 @@ def test_what_next_stations_cannot_take_is_refused(taken, tmp_path, options, sai
     assert said in result.stderr
 
 
+@pytest.mark.long
 def test_the_files_of_a_next_station_serve_as_a_plan(following, tmp_path):
     report = ("--plan", following[0] / "plan.json", "-o", tmp_path, "--json")
     found = json.loads(succeed("coverage", "builtin:chair_before_wall", *report).stdout)
@@ -235,6 +237,7 @@ def test_scans_without_poses_are_refused_with_the_cure(taken, tmp_path):
         assert_fails_in_one_line(result, "2 scans without poses", "--poses FILE")
 
 
+@pytest.mark.long
 def test_mere_points_serve_where_the_scanner_is_said_to_have_stood(taken, tmp_path):
     scan = read_scan(taken / "a.npz")
     np.savetxt(tmp_path / "a.xyz", scan.points()[scan.valid])

@@ -231,6 +231,7 @@ def test_views_of_a_known_room_are_chosen_for_what_completion_will_not_know():
     assert last.met == pytest.approx(counted[tally.met].sum() / counted.sum())
 
 
+@pytest.mark.long
 def test_plans_with_completion_are_the_same_on_one_and_two_threads():
     asked = {**COARSE, "views": 2, "rng": 3, "infer": True}
     one, two = (plan_views(ROOM, SENSOR, n_threads=n, **asked).to_json() for n in (1, 2))

@@ -95,6 +95,7 @@ def test_the_files_of_a_plan_hold_its_poses(planned):
     assert {"plan.csv", "trajectory.txt"} <= {entry["name"] for entry in listed}
 
 
+@pytest.mark.long
 def test_coverage_of_the_trajectory_is_that_of_the_plan(planned, tmp_path):
     file = planned / "plan" / "trajectory.txt"
     arguments = ("--plan", file, "--sensor", planned / "tiny.toml", "-o", tmp_path, "--json")

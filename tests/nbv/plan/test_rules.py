@@ -117,6 +117,7 @@ def test_outcomes_are_what_measuring_says_and_the_bound_holds_for_them(planned):
     assert rules_section(plan, ()) == ()
 
 
+@pytest.mark.long
 def test_a_rule_is_a_method(planned):
     scene, plan = planned
     ruled = plan_views(

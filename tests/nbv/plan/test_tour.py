@@ -44,6 +44,7 @@ def test_places_on_a_line_are_visited_in_their_order():
     assert abs(np.diff(places[order])).sum() == 59
 
 
+@pytest.mark.long
 def test_legs_keep_clear_of_every_surface():
     rng = np.random.default_rng(2)
     stations = rng.uniform([0.4, 0.4, 0.4], [5.6, 4.6, 2.2], (40, 3))
@@ -68,6 +69,7 @@ def test_legs_keep_clear_of_every_surface():
             assert np.linalg.norm(outside, axis=1).min() > BODY_M
 
 
+@pytest.mark.long
 def test_stations_behind_a_wall_are_said_to_have_no_way():
     wall = np.array([[1.0, -9, -9], [1, 9, -9], [1, 9, 9], [1, -9, 9]])
     mesh = LabelledMesh(wall, np.array([[0, 1, 2], [0, 2, 3]]))

@@ -161,6 +161,7 @@ def test_report_shows_each_storey(made):
     assert "walls are cut 1.50 m above the floor" in page
 
 
+@pytest.mark.long
 def test_each_room_tells_the_shares_of_its_surface_and_they_make_up_the_whole(made):
     scene, plan = made
     rooms = [room for room in plan.rooms if room["is_asked_for"]]

@@ -68,12 +68,14 @@ def test_a_plan_is_shown_with_its_scene(opened, plan, scene, coverage):
     assert html.count("<html") == html.count("</html>") == 1
 
 
+@pytest.mark.long
 def test_a_plan_that_was_read_is_measured_again(opened, plan, scene, tmp_path):
     (tmp_path / "plan.json").write_text(json.dumps(plan.to_json()), "utf-8")
     html = read_opened(opened, show(read_plan(tmp_path / "plan.json"), scene, n_threads=1))
     assert "What cannot be reached, and why" in html
 
 
+@pytest.mark.long
 def test_a_coverage_is_shown_with_scene_and_stations(opened, coverage, scene, view):
     html = read_opened(opened, coverage.show(scene, [view], n_threads=1))
     met = percent_within(coverage.met, coverage.standard_errors()["met"])

@@ -221,6 +221,7 @@ def test_the_summary_and_the_lines_hold_the_last_shares(plan):
     assert lines_of(nothing)[0].endswith(f"unknown {unknown} %")
 
 
+@pytest.mark.long
 def test_next_stations_know_what_completion_makes_of_the_scans():
     poses = [
         Pose.looking_at(np.array(eye), np.array(target))

@@ -132,6 +132,7 @@ def test_triangles_are_cut_until_none_is_larger():
     assert first[..., 3] == pytest.approx(1 + first[..., 0])
 
 
+@pytest.mark.long
 def test_a_completion_keeps_the_areas_that_it_tells(completion):
     view = completion_view(completion, is_room=False)
     areas = {layer.key: area_of(layer.vertices[layer.faces]) for layer in view.layers}

@@ -86,6 +86,7 @@ def test_growth_ends_with_the_whole_and_never_falls(two_storeys):
     assert totals[-1] == coverage.measured.total_m2
 
 
+@pytest.mark.long
 def test_a_shadow_parts_no_room_and_shelves_are_no_floor():
     made = warehouse(2)
     x1, y1 = made.rooms[0][2:4]

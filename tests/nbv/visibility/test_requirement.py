@@ -153,6 +153,7 @@ def test_two_views_meet_what_asks_for_two():
     assert measure_scan_coverage(scene, scans, sharp, candidates=candidates, sensor=noisy).met == 0.0
 
 
+@pytest.mark.long
 def test_offline_plans_meet_repeated_and_exact_measurement():
     room = builtin_scene("two_occluders")
     sensor = PinholeSensor(fov_deg=90, width=400, height=400, name="wide")

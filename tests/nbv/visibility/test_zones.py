@@ -104,6 +104,7 @@ def test_no_station_lies_in_what_is_to_be_kept_out_of(method):
         assert plan.candidates.n_positions == zones.allow(CANDIDATES.positions).sum()
 
 
+@pytest.mark.long
 def test_tours_lead_around_what_is_to_be_kept_out_of():
     stations = np.array([[0.5, 4.0, 1.5], [5.5, 4.0, 1.5], [5.5, 0.5, 1.5]])
     wall = Box((2.9, 2.6, 0.0), (3.4, 5.0, 2.7))

@@ -23,6 +23,7 @@ def beams(scan, **more):
     return {"origin": scan.origin, "directions": 2.0 * rays, "ranges": scan.ranges.ravel(), **more}
 
 
+@pytest.mark.long
 def test_beams_are_read_as_a_scan(scan, tmp_path):
     path = tmp_path / "beams.npz"
     np.savez(path, **beams(scan, sigma_m=0.003))

@@ -60,6 +60,7 @@ def behind_occluders(found):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", first_in_gate(1, [1.0, 0.3]))
 def test_shuffled_and_thinned_points_complete_like_the_scan(cloud, share):
     points, origin = cloud

@@ -116,6 +116,7 @@ def test_the_arcade_keeps_its_points_and_its_grid() -> None:
         assert np.argmax(level) in (5, 6)  # the floor, .4 m below the scanner
 
 
+@pytest.mark.long
 def test_points_are_in_metres_whatever_is_said_of_the_unit(tmp_path: Path) -> None:
     """A folder and a file of it, with its own unit or none; another one is refused by both."""
     write(tmp_path / "dat", 0, box_in_cm(), "0 0 0\n0 0 0\n")

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Embree's hits against closed forms and a brute force in numpy, and what must not matter."""
 
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -77,6 +77,7 @@ def test_a_blank_plate_and_lost_patches_are_refused() -> None:
     assert found(Measured(blank.points[:50], 0.1, 0.5), "hole-row").status is Status.NONE
 
 
+@pytest.mark.long
 def test_a_hole_that_was_lost_is_unseen_and_one_that_is_filled_is_contradicted() -> None:
     centres = row(6, PITCH)
     whole = plate(np.random.default_rng(6), centres, RADIUS, _LONG)
@@ -92,6 +93,7 @@ def test_a_hole_that_was_lost_is_unseen_and_one_that_is_filled_is_contradicted()
     assert f"hole {absent[0] + 1} is absent" in fit.reason
 
 
+@pytest.mark.long
 def test_what_an_end_that_was_lost_leaves_open_is_told() -> None:
     _, fit = four()
     assert fit.geometry["count_range"] == (4, 4)

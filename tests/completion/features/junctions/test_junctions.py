@@ -63,6 +63,7 @@ def test_what_is_given_is_held_exactly():
     assert 0 < held.deviation("radius_2") < 1.0
 
 
+@pytest.mark.long
 def test_equal_radii_are_one_cylinder_whose_joint_is_unseen():
     truth = junction(np.random.default_rng(14), 0.3, 0.0, radii=(30.0, 30.0), is_s_shaped=False, n=900)
     fit = fitted(truth.points)
@@ -108,6 +109,7 @@ def test_a_folded_edge_does_not_explain_a_fillet_among_outliers():
     assert abs(fit.value("radius_1") - 25) < 4 * fit.deviation("radius_1")
 
 
+@pytest.mark.long
 def test_an_elbow_is_measured_from_one_side():
     truth = elbow(np.random.default_rng(17), 0.3, 0.1, n=1000)
     fit = fit_elbow(Measured(truth.points, 0.3, SPACING), {})

@@ -35,6 +35,7 @@ def test_a_flight_is_measured_among_outliers():
     )
 
 
+@pytest.mark.long
 def test_a_tread_that_is_hidden_is_unseen_and_counted():
     points = stairs_points(np.random.default_rng(2), outliers=0.0)
     along = points @ [np.cos(0.6), np.sin(0.6), 0]

@@ -34,6 +34,7 @@ def test_planes_are_met_exactly_and_the_points_nearly_as_well_as_by_a_free_patch
     assert blended.n > 0.98 * 6000
 
 
+@pytest.mark.long
 def test_deviations_are_those_of_the_dense_formula_and_hold(blended) -> None:
     rng = np.random.default_rng(5)
     uv = rng.uniform(0.05, 0.95, (40, 2))

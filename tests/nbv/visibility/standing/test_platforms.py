@@ -50,6 +50,7 @@ def test_with_stairs_it_is_floor():
     assert (abs(site.positions[:, 2] - 2.8 - 0.4) < 1e-6).any()
 
 
+@pytest.mark.long
 def test_roofs_furniture_and_what_is_low_are_no_platforms():
     assert not find_site(hall(height=1.1).scene()).rooms.floors.platforms
     for seed in (11, 33):

@@ -57,6 +57,7 @@ def test_outdoors_is_asked_for():
     assert len(without.positions) > len(within.positions)
 
 
+@pytest.mark.long
 def test_rooms_are_chosen_by_number():
     scene = house(4).scene()
     site = find_site(scene, SiteOptions(rooms=(1,)))
@@ -101,6 +102,7 @@ def test_faces_that_are_turned_over_are_told():
     assert any("turns its back upwards" in warning for warning in site.warnings)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", first_in_gate(1, [1, 12, 21, 32]))
 def test_what_bounds_rooms_and_what_is_set_apart_is_all_there_is(seed):
     made = house(seed, storeys=2 if seed > 30 else 1)
