@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
-from texture.analysis.quality import PATCH, list_patches
 
 from completion import Completion, CompletionOptions, TexturingOptions, complete
 from completion.result.record import model_parts
