@@ -16,7 +16,7 @@ from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from tests.helpers.step_examples import box
 
-SIZE = (0.03, 0.02, 0.01)
+SIZE = (0.018, 0.012, 0.008)
 
 
 def run(*arguments):
