@@ -34,7 +34,7 @@ def arc(
 BETWEEN = [(180, 0.5), (60, 0.1), (60, 0.5)]
 
 
-@pytest.mark.parametrize("along_ray", [False, True])
+@pytest.mark.parametrize("along_ray", first_in_gate(1, [False, True]))
 @pytest.mark.parametrize(
     ("degrees", "sigma"),
     [
@@ -96,7 +96,7 @@ def test_tukeys_weights_fall_from_one_to_nothing() -> None:
 
 
 @pytest.mark.parametrize("robust", first_in_gate(1, [False, True]))
-@pytest.mark.parametrize("shape", SURFACES)
+@pytest.mark.parametrize("shape", first_in_gate(3, SURFACES))
 def test_the_evidence_is_for_the_true_shape(shape, robust) -> None:
     points = sampled(shape, np.random.default_rng(8), 2_000)
     assert fit(points, "auto", robust=robust).surface.kind == shape

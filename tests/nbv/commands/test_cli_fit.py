@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from nbv.cli import app
 from tests.helpers.data_paths import data_path, requires_data
+from tests.helpers.long_cases import first_in_gate
 
 SIGMA = 0.001
 N = 3000
@@ -73,7 +74,7 @@ EXPECTED = {
 }
 
 
-@pytest.mark.parametrize("shape", EXPECTED)
+@pytest.mark.parametrize("shape", first_in_gate(3, EXPECTED))
 @pytest.mark.parametrize("asked", ["same", "auto"])
 def test_the_contract_of_the_json(files, shape, asked):
     held = fitted(files[shape], "--shape", shape if asked == "same" else "auto")
