@@ -37,7 +37,7 @@ def made_once() -> Iterator[None]:
         yield
 
 
-settings.register_profile("seeded", derandomize=True, deadline=None)
+settings.register_profile("seeded", derandomize=True, deadline=None, max_examples=30)
 settings.load_profile("seeded")
 
 LONGEST = (
