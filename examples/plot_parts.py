@@ -14,7 +14,7 @@ import numpy as np
 from completion import Part, model_part
 from nbv.report.part_report import PartDrawing, part_pictures
 from nbv.report.viewer.part_view import shown_part
-from scenes.io.part_files import read_part_file
+from scenes.io.point_files import read_part_file
 
 ROOT = Path(__file__).resolve().parents[1]
 SPACING_M, SIGMA_M = 1.2e-3, 2e-5

@@ -19,7 +19,7 @@ from plot_parts import shaft
 from completion import Part, model_part
 from completion.export.step.faces import edges_of, triangles_of
 from completion.parts.step_export import outcome_lines, step_model
-from scenes.io.part_files import read_part_file
+from scenes.io.point_files import read_part_file
 from scenes.scan.colour import surface_rgb
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -16,7 +16,7 @@ import numpy as np
 
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
-from scenes.surfaces.elliptic_cylinder import ellipse_feet, ellipse_normal
+from scenes.surfaces.cylinder import ellipse_feet, ellipse_normal
 from scenes.surfaces.surface import perpendicular
 
 

@@ -20,8 +20,7 @@ from completion.observe.refitting import refit_each
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Region
 from scenes.checks import FloatArray
-from scenes.run.mapping import trim
-from scenes.run.spill import NoSpill, Spill
+from scenes.run.mapping import NoSpill, Spill, trim
 from texture.engine.compiled import compiled
 
 _N_SAMPLE = 400  # points of a piece that take part in the pair tests

@@ -20,8 +20,7 @@ from completion.observe.refitting import improve
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Groups, Region
 from scenes.checks import FloatArray, IntArray
-from scenes.run.mapping import allocate, trim
-from scenes.run.spill import NO_SPILL, NoSpill, Spill
+from scenes.run.mapping import NO_SPILL, NoSpill, Spill, allocate, trim
 
 _ALIKE, _DIFFERENT = 1, 2
 

@@ -19,8 +19,7 @@ from completion.relations.graph import frame_records, freedom_record, relation_r
 from completion.relations.relation import Status
 from scenes.checks import IntArray
 from scenes.io.ply import write_mesh_ply
-from scenes.run.atomic import make_folder, write_bytes, write_json
-from scenes.run.staged_outputs import Stage, locked
+from scenes.run.atomic import Stage, locked, make_folder, write_bytes, write_json
 from scenes.scan.colour import surface_bytes
 
 FORMAT = "unseen-part/1"

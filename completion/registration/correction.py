@@ -34,8 +34,7 @@ from completion.registration.prior import Links, Pair, Settling, link, meet_all,
 from completion.registration.station_view import sample_of
 from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose
-from scenes.run.mapping import trim
-from scenes.run.spill import NoSpill, Spill
+from scenes.run.mapping import NoSpill, Spill, trim
 
 
 @dataclass(frozen=True, slots=True, eq=False)

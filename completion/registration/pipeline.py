@@ -19,7 +19,7 @@ from completion.registration.station_view import StationView, unit_of
 from completion.registration.verdict import with_images
 from scenes.checks import InputError
 from scenes.run.journal import NO_JOURNAL, Journal
-from scenes.run.spill import NO_SPILL, NoSpill, Spill
+from scenes.run.mapping import NO_SPILL, NoSpill, Spill
 from scenes.run.steps import Progress, Steps
 from scenes.scan.range_image import RangeImage
 

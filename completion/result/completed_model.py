@@ -48,8 +48,7 @@ from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
-from scenes.run.mapping import trim
-from scenes.run.spill import NoSpill, Spill, spill_of
+from scenes.run.mapping import NoSpill, Spill, spill_of, trim
 from scenes.scan.range_image import RangeImage
 
 _MOST_SURFACES = 6  # that a card lists

@@ -31,8 +31,7 @@ from scenes.io.gltf import glb_of
 from scenes.io.obj import write_obj
 from scenes.io.ply import PlyMesh, write_meshes_ply
 from scenes.mesh.mesh_parts import MeshPart
-from scenes.run.atomic import make_folder, write_bytes, write_json, write_text
-from scenes.run.staged_outputs import Stage, locked
+from scenes.run.atomic import Stage, locked, make_folder, write_bytes, write_json, write_text
 from scenes.scan.range_image import RangeImage
 
 _BUILDINGS = (".dxf", ".svg", ".ifc")

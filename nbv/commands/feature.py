@@ -18,8 +18,8 @@ from completion.features.pipeline import find_features, of_points
 from nbv.commands.process.run import Run, Shared, running
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.io.mesh_file import is_mesh
-from scenes.io.part_files import read_part_file
 from scenes.io.ply import write_mesh_ply
+from scenes.io.point_files import read_part_file
 from scenes.io.scan_request import ScanRequest, read_request
 from scenes.run.atomic import write_json
 from scenes.scan.colour import surface_bytes

@@ -24,7 +24,7 @@ from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count
 from scenes.checks import InputError
 from scenes.io.format import Units
-from scenes.io.part_files import PartFile, read_part_file
+from scenes.io.point_files import PartFile, read_part_file
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

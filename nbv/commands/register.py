@@ -15,7 +15,7 @@ from completion.registration.verdict import Verdict
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count
 from nbv.scans.registering import copies_of, copies_told, doubts_of_poses
-from scenes.io.registry import written_suffixes
+from scenes.io.format import written_suffixes
 from scenes.io.scan_files import split_index, write_scan, write_scans
 from scenes.io.scan_request import GivenScans, ScanRequest, read_request
 from scenes.pose import Pose

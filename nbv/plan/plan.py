@@ -28,8 +28,7 @@ from scenes.checks import InputError, check_number
 from scenes.io.documents import read_json
 from scenes.io.guard import one_line
 from scenes.pose import Pose
-from scenes.run.atomic import make_folder, write_json
-from scenes.run.staged_outputs import Stage
+from scenes.run.atomic import Stage, make_folder, write_json
 
 if TYPE_CHECKING:
     from scenes.world.scene import Scene

@@ -13,9 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from nbv.plan.planning import Method
 from nbv.visibility.requirement import Requirement
 from scenes.checks import InputError
-from scenes.io.documents import read_toml
+from scenes.io.documents import read_toml, within_folder
 from scenes.io.guard import one_line, reading
-from scenes.io.references import within_folder
 
 _MOST_CASES = 100_000
 _COMPARED = 0.95  # beyond it a few square metres decide

@@ -13,8 +13,8 @@ from trimesh.creation import icosphere
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError, check_places, frozen_copy
-from scenes.io.arrays import open_arrays
 from scenes.io.guard import reading
+from scenes.io.npz import open_arrays
 from scenes.pose import Pose, rotations_towards
 
 TRIPOD_HEIGHTS_M = (0.4, 1.0, 1.6, 2.2)

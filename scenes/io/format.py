@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""Formats of points and scans: suffixes, readers and writers, and clouds as files hold them."""
+"""Formats of points and scans: suffixes, readers and writers, clouds as files hold them, and their registry.
+
+A new format is a module with a `FORMAT`, and its name in `_MODULES`. Messages, the lists of known suffixes
+and the command line's texts follow from it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -14,12 +19,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
 from scenes.io.grid_fit import organised_scan
-from scenes.io.header import (
-    described,
-    not_finite_warnings,
-    pose_from_header,
-    projection_from_dict,
-)
+from scenes.io.header import described, not_finite_warnings, pose_from_header, projection_from_dict
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
@@ -282,3 +282,41 @@ def points_of(scans: Sequence[RangeImage]) -> RawPoints:
         colour = None if scan.colour is None else colour_bytes(scan.colour[scan.valid])
         clouds.append(RawPoints(scan.points()[scan.valid], origins=scan.origin, colour=colour))
     return joined(clouds)
+
+
+_MODULES = ("npz", "ply_scan", "pcd", "ptx", "e57_writer", "uos", "las", "text")
+
+
+@cache
+def formats() -> tuple[Format, ...]:
+    """Return all formats, in the order in which messages name them."""
+    held: list[Format] = []
+    for module in _MODULES:
+        value = import_module(f"scenes.io.{module}").FORMAT
+        held += value if isinstance(value, tuple) else (value,)
+    return tuple(held)
+
+
+def format_of(suffix: str) -> Format | None:
+    """Return the format of a suffix, in lower or upper case, None where there is none."""
+    return next((known for known in formats() if suffix.lower() in known.suffixes), None)
+
+
+def point_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files whose points can be read."""
+    return tuple(suffix for known in formats() if known.points for suffix in known.suffixes)
+
+
+def scan_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files that may hold scans."""
+    return tuple(suffix for known in formats() if known.scans for suffix in known.suffixes)
+
+
+def written_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files that scans can be written to."""
+    return tuple(suffix for known in formats() if known.write for suffix in known.suffixes)
+
+
+def text_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of text that may hold points."""
+    return tuple(suffix for known in formats() if known.is_text for suffix in known.suffixes)

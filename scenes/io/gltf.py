@@ -21,11 +21,10 @@ import numpy as np
 from PIL import Image
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.documents import parse_json
+from scenes.io.documents import parse_json, within_folder
 from scenes.io.guard import check_file
 from scenes.io.image import check_image
 from scenes.io.limits import check_limit, check_unpacked
-from scenes.io.references import within_folder
 from scenes.mesh.appearance import linear_from_srgb
 from scenes.mesh.mesh_parts import MeshPart, local_origin
 

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from scenes.checks import InputError
+from scenes.io.documents import Beside, check_references
+from scenes.io.format import format_of
 from scenes.io.gltf import Contents, check_gltf, read_gltf
 from scenes.io.guard import check_file
 from scenes.io.limits import check_limit
 from scenes.io.obj import check_obj, plain_obj
 from scenes.io.off import read_off
 from scenes.io.ply import check_ply, has_faces
-from scenes.io.references import Beside, check_references
-from scenes.io.registry import format_of
 from scenes.io.stl import check_stl, stl_origin
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")

@@ -21,8 +21,7 @@ from scenes.io.header import (
 )
 from scenes.io.ply import TYPES, header_lines, read_mesh_ply, write_mesh_ply
 from scenes.scan.colour import colour_bytes
-from scenes.scan.range_image import RangeImage
-from scenes.scan.saturation import without_saturated
+from scenes.scan.range_image import RangeImage, without_saturated
 
 _SENSOR_AXES = ("sensor_x", "sensor_y", "sensor_z")
 

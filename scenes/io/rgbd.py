@@ -21,8 +21,7 @@ from scenes.io.limits import check_limit
 from scenes.io.trajectory import TIME_GAP_S, natural_key, read_poses, read_timed_poses, rounded_pose
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
-from scenes.scan.range_image import RangeImage
-from scenes.scan.saturation import saturation_start
+from scenes.scan.range_image import RangeImage, saturation_start
 
 DepthEncoding = Literal["linear", "sun3d", "kinect-disparity"]
 _MOST_DISPARITY = 2047  # 11 bits; that number itself means that nothing was measured

@@ -13,8 +13,7 @@ from PIL import Image
 from scenes.checks import FloatArray, InputError
 from scenes.io.trajectory import write_poses, write_timed_poses
 from scenes.pose import Pose
-from scenes.run.atomic import atomic_path, make_folder, write_json, write_text
-from scenes.run.staged_outputs import Stage
+from scenes.run.atomic import Stage, atomic_path, make_folder, write_json, write_text
 from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

@@ -12,20 +12,26 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.io.format import METRES_PER_UNIT, NO_RAYS, Intrinsics, ScanReader, Units
+from scenes.io.format import (
+    METRES_PER_UNIT,
+    NO_RAYS,
+    Intrinsics,
+    ScanReader,
+    Units,
+    format_of,
+    scan_suffixes,
+    written_suffixes,
+)
 from scenes.io.guard import check_file, reading
 from scenes.io.mesh_file import MESH_SUFFIXES
-from scenes.io.registry import format_of, scan_suffixes, written_suffixes
 from scenes.io.rgbd import open_rgbd, read_frame
 from scenes.io.rgbd_writer import Layout, write_rgbd
 from scenes.io.trajectory import poses_at, read_poses
 from scenes.io.uos import is_uos, open_uos, read_uos
 from scenes.pose import Pose
-from scenes.run.mapping import trim
-from scenes.run.spill import NoSpill, Spill
+from scenes.run.mapping import NoSpill, Spill, trim
 from scenes.scan.pixels import scaled
-from scenes.scan.range_image import RangeImage
-from scenes.scan.saturation import without_saturated
+from scenes.scan.range_image import RangeImage, without_saturated
 
 _FEW = 8  # scans that are read together into memory; of more, the pixels are in files
 

@@ -15,8 +15,7 @@ from scenes.io.guard import check_size
 from scenes.pose import Pose
 from scenes.scan.colour import colour_type
 from scenes.scan.projection import SphericalProjection
-from scenes.scan.range_image import RangeImage
-from scenes.scan.saturation import saturation_start, saturation_warning
+from scenes.scan.range_image import RangeImage, saturation_start, saturation_warning
 
 _N_SAMPLE = 20_000  # points whose neighbours are looked at
 _BINS = 1 << 19  # of angles, whose spectrum shows the steps

@@ -18,8 +18,7 @@ from scenes.io.station import scan_from_station
 from scenes.io.text import read_point_table
 from scenes.io.trajectory import natural_key
 from scenes.pose import Pose
-from scenes.scan.range_image import RangeImage
-from scenes.scan.saturation import without_saturated
+from scenes.scan.range_image import RangeImage, without_saturated
 
 SUFFIX = ".3d"
 _METRES = 0.01

@@ -1,19 +1,28 @@
 # SPDX-License-Identifier: MIT
-"""Atomic output: a file appears whole or not at all, and what stood there before survives a failure."""
+"""Atomic output: a file or a folder's files appear whole or not at all; what stood there survives a failure.
+
+One run at a time writes to a folder; its files are staged, and appear together.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 import os
+import re
+import shutil
+import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.run.mapping import mapped_in
 
 
 @contextmanager
@@ -158,3 +167,194 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
+_WAIT_S = 2.0  # that a run which was just killed may need to be gone
+_POLL_S = 0.02
+_LEFTOVER = re.compile(r"\..+\.\d+\.tmp(\.[^.]+)?")  # of `scenes.run.atomic.atomic_path`
+
+
+class Stage:
+    """A folder inside another one, which must exist; `commit` puts its files into that in one go.
+
+    The staged folder is renamed first, which is what decides: before that a run that ends, however it ends,
+    has changed nothing; after it `settle` puts the rest in place where the run itself no longer could. Until
+    then the pixels of large scans are in it too (`scenes.run.mapping`), on the disk of the output. The
+    name tells stages in one folder apart: that of an output file, "" for a whole folder.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder, Stage(Path(folder)) as stage:
+    ...     _ = stage.path("a.txt").write_text("whole")
+    ...     before = Path(folder, "a.txt").exists()
+    ...     stage.commit()
+    ...     before, Path(folder, "a.txt").read_text()
+    (False, 'whole')
+    """
+
+    def __init__(self, folder: Path, name: str = "") -> None:
+        self.target, self._name = folder, name
+        self.folder, self._decided = _places(folder, name)
+        self._mapped = mapped_in(self.folder)
+
+    def __enter__(self) -> Self:
+        """Settle what an earlier run left, and make the stage.
+
+        Raises InputError: the folder cannot be written.
+        """
+        settle(self.target, self._name)
+        with writing(self.target):
+            self.folder.mkdir()
+        self._mapped.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Forget what was not committed."""
+        self._mapped.__exit__(None, None, None)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def path(self, name: str) -> Path:
+        """Return where to write the file `name`, which may have folders in it; they are made."""
+        file = self.folder / name
+        with writing(self.target / name):
+            file.parent.mkdir(parents=True, exist_ok=True)
+        return file
+
+    def files(self) -> list[Path]:
+        """Return what is staged, relative to the folder, in order."""
+        return sorted(_files(self.folder))
+
+    def commit(self, last: str = "") -> None:
+        """Put all files into the folder, over what was there; `last` is the one that seals them.
+
+        Raises InputError: a folder stands where a file is to be, or the other way round; nothing has changed
+        then. Or a file there cannot be replaced: the next run will.
+        """
+        for file in self.files():
+            _check_free(self.target, file)
+        with writing(self.target):
+            self.folder.rename(self._decided)
+            flush_to_disk(self.target)
+        _put(self._decided, self.target, last)
+
+
+def settle(folder: Path, name: str = "") -> None:
+    """Finish the commit of a run that was killed in the middle of it, and clear what one left uncommitted.
+
+    Only who holds the folder's lock may.
+
+    Raises InputError: a file cannot be replaced.
+    """
+    staged, decided = _places(folder, name)
+    if decided.is_dir() and not decided.is_symlink():
+        _put(decided, folder, "")
+    if staged.is_dir() and not staged.is_symlink():
+        shutil.rmtree(staged, ignore_errors=True)
+
+
+def _places(folder: Path, name: str) -> tuple[Path, Path]:
+    """Where files wait, and what that folder is called once they are to be put in place."""
+    middle = f"-{name}" if name else ""
+    return folder / f".unseen{middle}-staged", folder / f".unseen{middle}-decided"
+
+
+def _check_free(folder: Path, file: Path) -> None:
+    """Raise InputError where a folder stands in the place of a file, or a file in that of a folder."""
+    if (folder / file).is_dir():
+        raise InputError(f"{folder / file}: is a folder, where a file is to be written")
+    for place in file.parents:
+        if (folder / place).exists() and not (folder / place).is_dir():
+            raise InputError(f"{folder / place}: is a file, where a folder is to be made")
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    for place, _, names in os.walk(folder):
+        yield from (Path(place, name).relative_to(folder) for name in names)
+
+
+def _put(decided: Path, folder: Path, last: str) -> None:
+    """Move files that are whole into the folder; the manifest, or what is called `last`, seals them."""
+    files = sorted(_files(decided), key=lambda file: (file.name == "manifest.json", str(file) == last, file))
+    with writing(folder):
+        for file in files:
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+            (decided / file).replace(folder / file)
+        for place in sorted({(folder / file).parent for file in files}):
+            flush_to_disk(place)
+    shutil.rmtree(decided, ignore_errors=True)
+
+
+@contextmanager
+def locked(folder: Path, name: str = "", wait_s: float = _WAIT_S) -> Iterator[None]:
+    """Hold the lock of a folder, or of the output file `name` in it, and clear it of what a killed run left.
+
+    The lock is an empty file, removed at the end; one that a killed run left behind locks nothing. Where the
+    file system knows no locks, or the folder cannot be written, nothing is held. Raises InputError: another
+    run still holds it after `wait_s` seconds.
+    """
+    file = lock_file(folder, name)
+    try:
+        stream = _opened(file, wait_s)
+    except OSError:
+        yield
+        return
+    with stream:
+        if not name:
+            remove_leftovers(folder)
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # Windows keeps files that are open
+                file.unlink()
+
+
+def lock_file(folder: Path, name: str = "") -> Path:
+    """Return the file that is the lock of a folder, or of the file `name` in it."""
+    return folder / (f".unseen.{name}.lock" if name else ".unseen.lock")
+
+
+def _opened(file: Path, wait_s: float) -> BinaryIO:
+    """Return the lock's file, locked: the one that stands there now, not one that was just removed."""
+    until = time.monotonic() + wait_s
+    while True:
+        stream = file.open("ab")
+        if not _taken(stream.fileno()):
+            stream.close()
+            if time.monotonic() < until:
+                time.sleep(_POLL_S)
+                continue
+            raise InputError(f"{file.parent}: another run writes there; wait for it, or give another --out")
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(stream.fileno()), file.stat()):
+                return stream
+        stream.close()
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove what killed runs left in a folder and the folders in it; only who holds the lock may."""
+    for file in sorted([*folder.glob(".*"), *folder.glob("*/.*")]):
+        if _LEFTOVER.fullmatch(file.name) and file.is_file():
+            with suppress(OSError):
+                file.unlink()
+
+
+def _taken(descriptor: int) -> bool:
+    """Take the lock; False where another process holds it."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            os.lseek(descriptor, 0, os.SEEK_SET)
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:
+        return True  # a file system without locks
+    return True

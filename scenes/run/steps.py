@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from scenes.run.journal import Journal
-from scenes.run.mapping import trim
+from scenes.run.mapping import IN_MEMORY, NoSpill, Spill, spill_of, trim
 from scenes.run.memory import require, threads
-from scenes.run.spill import IN_MEMORY, NoSpill, Spill, spill_of
 
 Progress = Callable[[str, int, int], None]
 """Is called with a stage's name, steps done and steps in all."""

@@ -7,12 +7,10 @@ import numpy as np
 
 from scenes.checks import FloatArray
 from scenes.surfaces.cone import Cone
-from scenes.surfaces.cylinder import Cylinder
-from scenes.surfaces.elliptic_cylinder import EllipticCylinder
+from scenes.surfaces.cylinder import Cylinder, EllipticCylinder
 from scenes.surfaces.plane import Plane
-from scenes.surfaces.sphere import Sphere
+from scenes.surfaces.sphere_torus import Sphere, Torus
 from scenes.surfaces.surface import Surface
-from scenes.surfaces.torus import Torus
 
 __all__ = ["Cone", "Cylinder", "EllipticCylinder", "Plane", "Sphere", "Surface", "Torus", "surfaces_close"]
 

@@ -31,7 +31,8 @@ from scenes.checks import InputError
 from scenes.io.gltf import glb_of
 from scenes.io.ply import read_mesh_ply
 from scenes.pose import Pose
-from scenes.run import mapping, spill
+from scenes.run import mapping
+from scenes.run import mapping as spill
 from scenes.run.atomic import json_text
 from scenes.scan import pixels
 from scenes.scan.projection import PinholeProjection

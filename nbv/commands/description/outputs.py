@@ -17,10 +17,10 @@ from nbv.commands.description.records import (
     read_record,
 )
 from scenes.checks import InputError
-from scenes.io.arrays import open_arrays
+from scenes.io.documents import within_folder
 from scenes.io.guard import check_file, reading
+from scenes.io.npz import open_arrays
 from scenes.io.ply import read_mesh_ply
-from scenes.io.references import within_folder
 from scenes.run.atomic import to_plain
 
 _PAGE_HEAD = 20_000  # bytes of a report, in which its title stands

@@ -19,8 +19,8 @@ from nbv.commands.process.progress import Progress, progress_bars
 if TYPE_CHECKING:
     from nbv.report.blocks.page import Page
     from nbv.run.manifest import Inputs, Stopwatch
+    from scenes.run.atomic import Stage
     from scenes.run.journal import FileJournal
-    from scenes.run.staged_outputs import Stage
 
 _NOT_ENOUGH = "not enough memory for this input; use a smaller one, coarser options, or a larger limit"
 _JOURNAL = ".journal"  # in the output folder, of a run that is not finished
@@ -145,8 +145,8 @@ def running(
     from nbv.run.manifest import Inputs, Stopwatch
     from scenes.checks import InputError
     from scenes.io.limits import limits
+    from scenes.run.atomic import Stage, locked
     from scenes.run.memory import memory_limit
-    from scenes.run.staged_outputs import Stage, locked
 
     watch = Stopwatch()
     try:

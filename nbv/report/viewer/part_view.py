@@ -16,7 +16,7 @@ from nbv.report.viewer.block import Viewer
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers
 from scenes.checks import FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
-from scenes.mesh.thinning import thinned as thinned_mesh
+from scenes.mesh.mesh_parts import thinned as thinned_mesh
 from scenes.scan.colour import surface_rgb
 
 _MOST_POINTS, _MOST_FACES = 30_000, 300_000  # that are shown

@@ -24,7 +24,7 @@ from nbv.scans.state_mesh import INFERRED as STATE_INFERRED
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance
-from scenes.mesh.thinning import thinned
+from scenes.mesh.mesh_parts import thinned
 from scenes.pose import Pose
 
 _CATEGORIES = (

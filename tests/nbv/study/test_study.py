@@ -35,7 +35,7 @@ from nbv.visibility.samples import sample_surface
 from nbv.visibility.standing.candidates import scene_candidates
 from nbv.visibility.visibility import visible_from_positions
 from scenes.checks import InputError
-from scenes.run.staged_outputs import lock_file, locked
+from scenes.run.atomic import lock_file, locked
 from scenes.world.builtin import builtin_scene
 from tests.helpers.data_paths import ROOT
 from tests.helpers.study_examples import SMALL, contents, write_study

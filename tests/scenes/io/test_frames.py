@@ -12,8 +12,7 @@ from scenes.io.scan_files import read_scan, read_scans, write_scan
 from scenes.io.trajectory import read_poses
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
-from scenes.scan.range_image import RangeImage
-from scenes.scan.saturation import saturation_start, without_saturated
+from scenes.scan.range_image import RangeImage, saturation_start, without_saturated
 
 CAMERA = (585.0, 585.0, 3.5, 2.5)
 SHAPE = (6, 8)

@@ -14,7 +14,7 @@ from nbv.report.viewer.encoding import Packer, by_appearance, countdown, decoded
 from nbv.report.viewer.layers import NOTHING, Category, Classes, Layer, Numbers
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import Appearance
-from scenes.mesh.thinning import thinned
+from scenes.mesh.mesh_parts import thinned
 from tests.helpers.view_examples import EVIL, UTM, known_view
 
 GREY = Category("grey", (0.5, 0.5, 0.5))

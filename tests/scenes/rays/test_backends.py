@@ -16,9 +16,15 @@ from hypothesis import given, settings
 
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.rays import embree_packets, embree_single, ray_kernels, raycast
-from scenes.rays.embree_packets import EmbreeError, PacketScene, check_device, load_library
+from scenes.rays.embree_packets import (
+    SPREAD,
+    EmbreeError,
+    PacketScene,
+    _is_coherent,
+    check_device,
+    load_library,
+)
 from scenes.rays.local_mesh import LocalMesh
-from scenes.rays.packet_kernels import SPREAD, _is_coherent
 from scenes.rays.raycast import Backend, Hits, RayCaster
 from tests.helpers import ray_oracle
 from tests.helpers.strategies import law, seeds

@@ -17,8 +17,8 @@ import pytest
 
 from scenes.checks import InputError
 from scenes.run import mapping
+from scenes.run.atomic import Stage
 from scenes.run.mapping import LARGE, allocate, fill_from, is_mapped, mapped_in, release
-from scenes.run.staged_outputs import Stage
 
 ON_LINUX = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from scenes.run import mapping
-from scenes.run.mapping import is_mapped, trim
-from scenes.run.spill import NoSpill, Spill
+from scenes.run.mapping import NoSpill, Spill, is_mapped, trim
 
 LARGE = np.arange(50_000, dtype=np.float64)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from scenes.checks import InputError
-from scenes.run.staged_outputs import Stage, locked, settle
+from scenes.run.atomic import Stage, locked, settle
 
 OLD = {"a.txt": "old a", "b.txt": "old b", "manifest.json": "old"}
 NEW = {"a.txt": "new a", "plots/c.txt": "new c", "manifest.json": "new"}
@@ -124,7 +124,7 @@ def test_files_of_one_folder_have_stages_and_locks_of_their_own(tmp_path):
 
 def test_a_lock_is_waited_for_as_long_as_a_killed_run_needs_to_be_gone(tmp_path):
     code = (
-        "import sys, time; from pathlib import Path; from scenes.run.staged_outputs import locked\n"
+        "import sys, time; from pathlib import Path; from scenes.run.atomic import locked\n"
         "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(0.5)"
     )
     command = [sys.executable, "-c", code, str(tmp_path)]

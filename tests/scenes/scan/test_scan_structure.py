@@ -11,7 +11,7 @@ import pytest
 
 from scenes.checks import InputError
 from scenes.io.describe import scan_warnings
-from scenes.io.e57_structure import check_e57
+from scenes.io.e57 import check_e57
 from scenes.io.header import range_warnings
 from scenes.io.point_files import read_points
 from scenes.io.rgbd import depth_warnings
