@@ -88,7 +88,6 @@ def is_hidden(one, other, observations):
     return bool((closed[near_first].all(axis=1) & closed[:, near_second].all(axis=2)).any())
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("surface", first_in_gate(1, [WALL, COLUMN]), ids=["wall", "column"])
 def test_a_gap_is_hidden_as_all_bridges_and_all_scans_say_in_any_order(surface):
     verdicts = []

@@ -3,7 +3,6 @@
 import sys
 from collections import Counter
 
-import pytest
 from typer.testing import CliRunner
 
 import completion.boundary.meshing as meshing
@@ -37,7 +36,6 @@ def mesh_of(grid, cells, cuts, trims=(), *, merged):
     return grid, cells.tobytes(), len(cuts), len(trims), merged
 
 
-@pytest.mark.long
 def test_a_run_with_report_derives_everything_once(tmp_path, monkeypatch):
     write_scan(example("two_occluders", pixels=80), tmp_path / "scan.npz")
     meshes = count_calls(monkeypatch, meshing.mesh_cells, mesh_of)
