@@ -39,7 +39,7 @@ bench: .venv/bench
 	for suite in $(SUITES); do $(BIN)/python -m benchmarks run $$suite || exit 1; done
 
 # all suites: python -m benchmarks list
-SUITES ?= rays texture-speed e57 saving stations frames segmentation
+SUITES ?= rays texture-speed e57 stations frames segmentation
 
 # so long at most, and so many files for each reader; half the time again where atheris is installed
 SECONDS ?= 300

@@ -18,25 +18,31 @@ from typing import Annotated, Any
 import typer
 
 from benchmarks.store import STORE, Store
+from scenes.checks import InputError
 from scenes.run.atomic import write_bytes
 
 SUITES: dict[str, Callable[..., Iterator[str]]] = {}
+SMALLEST: dict[str, list[str]] = {}  # options with which a suite is as small as it can be
 _PAGE: ContextVar[Path | None] = ContextVar("page", default=None)
 _MODULES = (
     "completion", "ledger", "together", "silence", "dimensions", "buildings", "relations", "panels",
     "registration", "alignment", "openings", "holes", "junctions", "evolution", "flattening", "segmentation",
-    "parts", "textures", "views", "speed",
+    "parts", "textures", "views", "speed", "free_space", "confidence", "hidden_by_other_scans", "online",
+    "bunny", "survey", "paper_study",
 )  # fmt: skip
 app = typer.Typer(add_completion=False, no_args_is_help=True, help="Benchmarks of unseen; see docs/guides.")
 _suites = typer.Typer(add_completion=False, no_args_is_help=True)
 app.add_typer(_suites, name="run", help="Run one suite and print its tables.")
 
 
-def suite(name: str) -> Callable[[Callable[..., Iterator[str]]], Callable[..., Iterator[str]]]:
-    """Make a function that yields lines a suite with this name."""
+def suite(
+    name: str, smallest: str = ""
+) -> Callable[[Callable[..., Iterator[str]]], Callable[..., Iterator[str]]]:
+    """Make a function that yields lines a suite with this name; `smallest`: options of its smallest run."""
 
     def register(function: Callable[..., Iterator[str]]) -> Callable[..., Iterator[str]]:
         SUITES[name] = function
+        SMALLEST[name] = shlex.split(smallest)
 
         @wraps(function)
         def command(*given: Any, **options: Any) -> None:
@@ -66,7 +72,20 @@ def options(
 def listed() -> None:
     """List the suites."""
     for name, function in SUITES.items():
-        print(f"{name:14} {str(function.__doc__).splitlines()[0]}")
+        print(f"{name:21} {str(function.__doc__).splitlines()[0]}")
+
+
+@app.command()
+def smallest(names: Annotated[list[str] | None, typer.Argument(help="Suites; all if none.")] = None) -> None:
+    """Run suites as small as they can be, without keeping results: whether they work, not what they show.
+
+    Raises InputError: no suite of that name.
+    """
+    for name in names or SUITES:
+        if name not in SUITES:
+            raise InputError(f"there is no suite {name}; there are {', '.join(SUITES)}")
+        print(f"\n{shlex.join([name, *SMALLEST[name]])}")
+        app(["run", "--fresh", name, *SMALLEST[name]], standalone_mode=False)
 
 
 def _run(name: str, lines: Iterable[str]) -> None:
@@ -108,13 +127,17 @@ def write_section(page: Path, name: str, text: str) -> None:
 
 
 def head(*cells: str) -> Iterator[str]:
-    """Yield the two lines of a table's head.
+    """Yield the two lines of a table's head, from its cells or from all of them with " | " between.
 
     Examples
     --------
     >>> list(head("", "n"))
     ['|  | n |', '|---|---|']
+    >>> list(head(" | n"))
+    ['|  | n |', '|---|---|']
     """
+    if len(cells) == 1:
+        cells = tuple(cells[0].split(" | "))
     yield row(*cells)
     yield "|" + "---|" * len(cells)
 

@@ -34,103 +34,56 @@ planners = [{method = "nbv", target = 0.5}, {method = "cover", target = 0.8, pol
 """
 EDITS = [{"do": "accept", "surface": 1}, {"do": "reject", "surface": 2}]
 ROOM, CHAIR = "builtin:two_occluders", "builtin:chair_before_wall"
-LOOK = ["--at", "5.0,1.5,1.4", "--look", "2.0,2.0,0.6", "--sensor", "middle.toml", "--noise", "gaussian-2mm"]
-OTHER = ["--at", "1.0,4.4,1.5", "--look", "3.0,2.0,0.6", "--sensor", "middle.toml", "--noise", "gaussian-2mm"]
-SEAT = ["--at", "0.5,-2.2,1.5", "--look", "0.0,0.8,0.7", "--sensor", "middle.toml", "--noise", "gaussian-2mm"]
+LOOK = "--at 5.0,1.5,1.4 --look 2.0,2.0,0.6 --sensor middle.toml --noise gaussian-2mm"
+OTHER = "--at 1.0,4.4,1.5 --look 3.0,2.0,0.6 --sensor middle.toml --noise gaussian-2mm"
+SEAT = "--at 0.5,-2.2,1.5 --look 0.0,0.8,0.7 --sensor middle.toml --noise gaussian-2mm"
 FORMATS = ("npz", "ply", "pcd", "ptx", "e57", "las", "laz", "xyz", "csv")
 
-FIRST: dict[str, list[str]] = {
-    **{f"scan {suffix}": ["scan", CHAIR, *SEAT, "-o", f"scan/chair.{suffix}"] for suffix in FORMATS},
-    "scan one": ["scan", ROOM, *LOOK, "-o", "scan/one.npz"],
-    "scan two": ["scan", ROOM, *OTHER, "-o", "scan/two.npz"],
-    "scan folder": ["scan", ROOM, "--poses", "poses.txt", "--sensor", "small.toml", "-o", "scan/folder"],
-    "plan nbv": ["plan", ROOM, "--sensor", "small.toml", "--views", "6", "-o", "plan/nbv"],
+FIRST: dict[str, str] = {
+    **{f"scan {suffix}": f"scan {CHAIR} {SEAT} -o scan/chair.{suffix}" for suffix in FORMATS},
+    "scan one": f"scan {ROOM} {LOOK} -o scan/one.npz",
+    "scan two": f"scan {ROOM} {OTHER} -o scan/two.npz",
+    "scan folder": f"scan {ROOM} --poses poses.txt --sensor small.toml -o scan/folder",
+    "plan nbv": f"plan {ROOM} --sensor small.toml --views 6 -o plan/nbv",
 }
 """Runs whose outputs others read."""
-RUNS: dict[str, list[str]] = {
-    "demo": ["demo", "-o", "demo"],
-    "complete chair": [
-        "complete",
-        "scan/chair.npz",
-        "--export",
-        "obj",
-        "--export",
-        "e57",
-        "-o",
-        "done/chair",
-    ],
-    "complete e57": ["complete", "scan/chair.e57", "--no-texture", "-o", "done/e57"],
-    "complete pcd": ["complete", "scan/chair.pcd", "--no-texture", "-o", "done/pcd"],
-    "complete points": [
-        *["complete", "scan/chair.xyz", "--origin", "0.5,-2.2,1.5", "--no-texture", "-o", "done/points"]
-    ],
-    "complete two": ["complete", "scan/one.npz", "scan/two.npz", "-o", "done/two"],
-    "complete plain": ["complete", "scan/one.npz", "--no-texture", "-o", "done/plain"],
-    "complete bold": ["complete", "scan/one.npz", "--mode", "bold", "--no-texture", "-o", "done/bold"],
-    "complete conservative": [
-        *["complete", "scan/one.npz", "--mode", "conservative", "--no-texture", "-o", "done/conservative"]
-    ],
-    "plan cover": [
-        *["plan", ROOM, "--method", "cover", "--sensor", "panorama", "--target", "0.9", "-o", "plan/cover"]
-    ],
-    "plan object": ["plan", "builtin:drum_and_post", "--mode", "object", "--sensor", "small.toml"]
-    + ["--views", "4", "-o", "plan/object"],
-    "plan infer": ["plan", ROOM, "--infer", "--sensor", "middle.toml", "--views", "3", "-o", "plan/infer"],
-    "plan scans": [
-        "plan",
-        "--scans",
-        "scan/one.npz",
-        "--views",
-        "1",
-        "--sensor",
-        "small.toml",
-        "-o",
-        "plan/next",
-    ],
-    "coverage plan": ["coverage", ROOM, "--plan", "plan/nbv/plan.json", "-o", "coverage/plan"],
-    "coverage scans": [
-        *["coverage", ROOM, "--scans", "scan/one.npz", "--scans", "scan/two.npz", "-o", "coverage/scans"]
-    ],
-    "coverage alone": ["coverage", "--scans", "scan/one.npz", "-o", "coverage/alone"],
-    "texture mask": ["texture", "brick.png", "--mask", "mask.png", "-o", "texture/filled.png"],
-    "texture surface": [
-        "texture",
-        "brick.png",
-        "--mask",
-        "mask.png",
-        "--surface",
-        "-o",
-        "texture/surface.png",
-    ],
-    "texture grow": [
-        "texture",
-        "brick.png",
-        "--grow",
-        "40x48",
-        "--order",
-        "window",
-        "-o",
-        "texture/grown.png",
-    ],
+RUNS: dict[str, str] = {
+    "demo": "demo -o demo",
+    "complete chair": "complete scan/chair.npz --export obj --export e57 -o done/chair",
+    "complete e57": "complete scan/chair.e57 --no-texture -o done/e57",
+    "complete pcd": "complete scan/chair.pcd --no-texture -o done/pcd",
+    "complete points": "complete scan/chair.xyz --origin 0.5,-2.2,1.5 --no-texture -o done/points",
+    "complete two": "complete scan/one.npz scan/two.npz -o done/two",
+    "complete plain": "complete scan/one.npz --no-texture -o done/plain",
+    "complete bold": "complete scan/one.npz --mode bold --no-texture -o done/bold",
+    "complete conservative": "complete scan/one.npz --mode conservative --no-texture -o done/conservative",
+    "plan cover": f"plan {ROOM} --method cover --sensor panorama --target 0.9 -o plan/cover",
+    "plan object": "plan builtin:drum_and_post --mode object --sensor small.toml --views 4 -o plan/object",
+    "plan infer": f"plan {ROOM} --infer --sensor middle.toml --views 3 -o plan/infer",
+    "plan scans": "plan --scans scan/one.npz --views 1 --sensor small.toml -o plan/next",
+    "coverage plan": f"coverage {ROOM} --plan plan/nbv/plan.json -o coverage/plan",
+    "coverage scans": f"coverage {ROOM} --scans scan/one.npz --scans scan/two.npz -o coverage/scans",
+    "coverage alone": "coverage --scans scan/one.npz -o coverage/alone",
+    "texture mask": "texture brick.png --mask mask.png -o texture/filled.png",
+    "texture surface": "texture brick.png --mask mask.png --surface -o texture/surface.png",
+    "texture grow": "texture brick.png --grow 40x48 --order window -o texture/grown.png",
     **{
-        f"fit {shape}": ["fit", "cylinder.xyz", "--shape", shape]
+        f"fit {shape}": f"fit cylinder.xyz --shape {shape}"
         for shape in ("auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone")
     },
-    "fit robust": ["fit", "cylinder.xyz", "--shape", "cylinder", "--robust", "--json"],
-    "fit rays": ["fit", "cylinder.xyz", "--shape", "cylinder", "--rays", "--origin", "0,0,0"],
-    "study": ["study", "study.toml", "-o", "study"],
-    "frame": ["complete", str(DATA / "range/open3d_redwood") + "#1", "--no-texture", "-o", "real/frame"],
+    "fit robust": "fit cylinder.xyz --shape cylinder --robust --json",
+    "fit rays": "fit cylinder.xyz --shape cylinder --rays --origin 0,0,0",
+    "study": "study study.toml -o study",
+    "frame": f"complete {DATA}/range/open3d_redwood#1 --no-texture -o real/frame",
 }
-LAST: dict[str, list[str]] = {
-    "complete edited": [
-        *["complete", "scan/one.npz", "--edits", "edits.json", "--no-texture", "-o", "done/edited"]
-    ],
-    **{f"info {suffix}": ["info", f"scan/chair.{suffix}"] for suffix in FORMATS},
-    "info folder": ["info", "done/chair", "--json"],
-    "info plan": ["info", "plan/nbv", "--json"],
-    "info mesh": ["info", "done/chair/completed.glb"],
-    "info json": ["info", "done/chair/completion.json"],
-    "info scene": ["info", ROOM],
+LAST: dict[str, str] = {
+    "complete edited": "complete scan/one.npz --edits edits.json --no-texture -o done/edited",
+    **{f"info {suffix}": f"info scan/chair.{suffix}" for suffix in FORMATS},
+    "info folder": "info done/chair --json",
+    "info plan": "info plan/nbv --json",
+    "info mesh": "info done/chair/completed.glb",
+    "info json": "info done/chair/completion.json",
+    "info scene": f"info {ROOM}",
 }
 """Runs that read what the others wrote."""
 
@@ -206,7 +159,7 @@ def take(place: Path, root: Path, names: list[str]) -> dict[str, dict[str, str]]
         if stage is LAST and plain.exists():
             (place / "edits.json").write_text(json.dumps({**json.loads(plain.read_text()), "edits": EDITS}))
         wanted = {
-            name: words
+            name: words.split()
             for name, words in stage.items()
             if not names or stage is FIRST or name.split()[0] in names
         }

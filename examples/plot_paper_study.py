@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The page docs/results/paper-study.md: tables and pictures of the study of the paper (score_paper_study.py).
+"""The page docs/results/paper-study.md: tables and pictures of the study of the paper.
 
 Run it with `python examples/plot_paper_study.py [--docs FOLDER] [--starts N] [--spacing M] [--threads N]`: it
 measures all anew, draws the pictures into FOLDER/pictures, and puts its tables between the marks of
@@ -16,7 +16,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
-from score_paper_study import (
+
+from benchmarks.suites.paper_study import (
     ANGLES,
     OFFLINE,
     ONLINE,

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from scenes.checks import FloatArray
+
 N_POINTS = 3_000
 
 
@@ -24,7 +26,9 @@ class Truth:
     angle: float = np.nan  # of a bend, radians
 
 
-def posed(local, truth, *, rng, sigma, outliers):
+def posed(
+    local: FloatArray, truth: Truth, *, rng: np.random.Generator, sigma: float, outliers: float
+) -> Truth:
     """The points anywhere, with noise and a share of outliers in the box about them, a tenth larger."""
     low, high = local.min(axis=0), local.max(axis=0)
     points = local + rng.normal(0, sigma, local.shape)
@@ -38,7 +42,16 @@ def posed(local, truth, *, rng, sigma, outliers):
     return Truth(points[order] @ turn.T + shift, truth.radii, joint, turn @ truth.axis, truth.angle)
 
 
-def junction(rng, sigma, outliers, *, radii=(25.0, 40.0), is_s_shaped=True, n=N_POINTS, arc_deg=60.0):
+def junction(
+    rng: np.random.Generator,
+    sigma: float,
+    outliers: float,
+    *,
+    radii: tuple[float, float] = (25.0, 40.0),
+    is_s_shaped: bool = True,
+    n: int = N_POINTS,
+    arc_deg: float = 60.0,
+) -> Truth:
     """Two cylinders, or a cylinder and a plane, that touch along a line 60 long."""
     lengths = [np.radians(arc_deg) * r if np.isfinite(r) else 30.0 for r in radii]
     along = rng.uniform(-lengths[0], lengths[1], n)
@@ -55,7 +68,16 @@ def junction(rng, sigma, outliers, *, radii=(25.0, 40.0), is_s_shaped=True, n=N_
     return posed(local, truth, rng=rng, sigma=sigma, outliers=outliers)
 
 
-def elbow(rng, sigma, outliers, *, bend=75.0, tube=25.0, angle_deg=90.0, n=N_POINTS):
+def elbow(
+    rng: np.random.Generator,
+    sigma: float,
+    outliers: float,
+    *,
+    bend: float = 75.0,
+    tube: float = 25.0,
+    angle_deg: float = 90.0,
+    n: int = N_POINTS,
+) -> Truth:
     """A bend between two straight tubes of 60, seen from one side: 160 degrees of the tube's circle."""
     half = np.radians(angle_deg) / 2
     total = 2 * half * bend + 120.0
@@ -73,7 +95,7 @@ def elbow(rng, sigma, outliers, *, bend=75.0, tube=25.0, angle_deg=90.0, n=N_POI
     return posed(local, truth, rng=rng, sigma=sigma, outliers=outliers)
 
 
-def plain(kind, rng, sigma, outliers, n=N_POINTS):
+def plain(kind: str, rng: np.random.Generator, sigma: float, outliers: float, n: int = N_POINTS) -> Truth:
     """A surface that is neither: plane, cylinder, sphere, or two planes that cross in an edge."""
     u, v = rng.uniform(-1, 1, (2, n))
     if kind == "plane":

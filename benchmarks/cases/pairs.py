@@ -49,7 +49,7 @@ class Room:
             look = [np.cos(azimuth) * np.cos(down), np.sin(azimuth) * np.cos(down), np.sin(down)]
             scan = scan_scene(
                 self.scene, Pose.looking_at(eye, eye + look), CAMERA, noise="gaussian-2mm",
-                rng=self.rng.integers(2**31), truth=False, caster=self.caster,
+                rng=int(self.rng.integers(2**31)), truth=False, caster=self.caster,
             )  # fmt: skip
             if scan.valid.mean() > 0.3:
                 return scan, azimuth

@@ -11,14 +11,10 @@ import numpy as np
 from completion.fitting.euclidean import fit_euclidean, fit_plane
 from completion.fitting.result import SurfaceFit
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cone, Cylinder, Surface
+from scenes.surfaces.catalogue import Cone, Cylinder
 
 BASE, TOP, SIDE, FRONT, SLOPE, WIDE, BORE, TAPER = range(8)
 """Surfaces of the part, in millimetres."""
-
-Start = Callable[[Surface, FloatArray], Surface]
-"""Where a fit begins, of the true surface and its points (n, 3)."""
-
 
 Warp = Callable[[FloatArray], FloatArray]
 """Where points (n, 3) of the part are measured, when the whole is warped."""
@@ -27,11 +23,6 @@ Warp = Callable[[FloatArray], FloatArray]
 def unwarped(points: FloatArray) -> FloatArray:
     """Leave points (n, 3) where they are."""
     return points
-
-
-def where_it_is(surface: Surface, _points: FloatArray) -> Surface:
-    """Begin at the truth."""
-    return surface
 
 
 def plane_fit(
@@ -65,7 +56,6 @@ def axial_fit(
     sigma: float,
     n: int,
     half_angle: float = 0.0,
-    begin: Start = where_it_is,
     warp: Warp = unwarped,
     kept: list[FloatArray] | None = None,
 ) -> SurfaceFit:
@@ -80,16 +70,15 @@ def axial_fit(
     middle = float(np.mean(heights))
     if half_angle:
         cone = Cone((0, 0, middle), (0, 0, 1), radius + float(np.tan(half_angle)) * middle, half_angle)
-        return fit_euclidean(points, "cone", begin(cone, points))
+        return fit_euclidean(points, "cone", cone)
     cylinder = Cylinder((0, 0, middle), (0, 0, 1), radius)
-    return fit_euclidean(points, "cylinder", begin(cylinder, points))
+    return fit_euclidean(points, "cylinder", cylinder)
 
 
 def figure_one(
     seed: int,
     sigma: float,
     n: int = 2000,
-    begin: Start = where_it_is,
     *,
     warp: Warp = unwarped,
     kept: list[FloatArray] | None = None,
@@ -105,7 +94,7 @@ def figure_one(
         flat((0, -40, 20), (0, -1, 0), (1, 0, 0), (100, 40)),
         flat((60, 0, 20), (np.sin(tilt), 0, np.cos(tilt)), (0, 1, 0), (60, 30)),
     ]
-    turned = partial(axial_fit, rng, sigma=sigma, n=n, begin=begin, warp=warp, kept=kept)
+    turned = partial(axial_fit, rng, sigma=sigma, n=n, warp=warp, kept=kept)
     fits.append(turned(60.0, tilt, (0, 40)))
     fits.append(turned(20.0, 2 * np.pi, (0, 40)))
     fits.append(turned(20.0, 2 * np.pi, (40, 60), half_angle=cone))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
@@ -79,7 +79,7 @@ def centres_of(rng: np.random.Generator, kind: str, radius: float) -> tuple[Floa
             shape = rng.integers(2, 5, 2)
             if shape.max() < 3:
                 continue
-            i, j = (g.ravel()[:, None] for g in np.indices(shape))
+            i, j = (g.ravel()[:, None] for g in np.indices(tuple(shape.tolist())))
             flat = i * pitches[0] * along + j * pitches[1] * across
         else:
             n = int(rng.integers(4, 11))
@@ -124,7 +124,7 @@ class LostPatches:
         """Tell which places (n, 2) are lost."""
         cell = (places / self._CELL).astype(int)
         inside = ((cell >= 0) & (cell < self._lost.shape)).all(axis=1)
-        lost = ~inside
+        lost = np.asarray(~inside)
         lost[inside] = self._lost[tuple(cell[inside].T)]
         return lost
 
@@ -136,20 +136,21 @@ def _patch(rng: np.random.Generator, name: str, place: FloatArray, size: float, 
     y = place @ [-np.sin(angle), np.cos(angle)]
     stretch = rng.uniform(1.2, 2.5)
     if name == "disc":
-        return np.hypot(x, y) < size
+        return np.asarray(np.hypot(x, y) < size)
     if name == "ellipse":
-        return np.hypot(x / stretch, y) * np.sqrt(stretch) < size
+        return np.asarray(np.hypot(x / stretch, y) * np.sqrt(stretch) < size)
     if name == "rectangle":
-        return (np.abs(x) < 0.9 * size * np.sqrt(stretch)) & (np.abs(y) < 0.9 * size / np.sqrt(stretch))
+        high = 0.9 * size / np.sqrt(stretch)
+        return np.asarray((np.abs(x) < 0.9 * size * np.sqrt(stretch)) & (np.abs(y) < high))
     if name == "strip":
-        return (np.abs(x) < 2 * size) & (np.abs(y) < 0.3 * size)
+        return np.asarray((np.abs(x) < 2 * size) & (np.abs(y) < 0.3 * size))
     if name == "star":
         turn, edge = np.arctan2(y, x), np.ones_like(x)
         for k in range(2, 7):
             edge += rng.normal(0, 0.25 / np.sqrt(k)) * np.cos(k * turn + rng.uniform(0, 2 * np.pi))
-        return np.hypot(x, y) < size * np.maximum(edge, 0.1)
+        return np.asarray(np.hypot(x, y) < size * np.maximum(edge, 0.1))
     rough = ndimage.gaussian_filter(rng.normal(size=x.shape), 0.25 * size / cell)
-    return (np.hypot(x, y) < 1.5 * size) & (rough > 0)
+    return np.asarray((np.hypot(x, y) < 1.5 * size) & (rough > 0))
 
 
 _THICK, _BEHIND = 6.0, 150.0  # mm
@@ -217,11 +218,6 @@ def scan(
     centres = np.column_stack([flat, np.zeros(len(flat))])
     shown = np.array([_shown_of_hole_scans(points, centre, radius) for centre in centres])
     return PlateTruth(kind, centres, radius, pitches, shown, measured)
-
-
-def without_beams(truth: PlateTruth) -> PlateTruth:
-    """The same of points alone."""
-    return replace(truth, measured=replace(truth.measured, beams=None, beam_of_point=None))
 
 
 def _shown_of_hole_scans(points: FloatArray, centre: FloatArray, radius: float) -> float:

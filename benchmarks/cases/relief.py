@@ -56,7 +56,7 @@ def ripple_of(
     else:
         raise ValueError(f"no ripple is called {kind!r}")
     away = ripple - ripple.mean()
-    return sd * away / np.sqrt(np.mean(away**2))
+    return np.asarray(sd * away / np.sqrt(np.mean(away**2)))
 
 
 def smooth(
@@ -89,7 +89,7 @@ class Relief:
         """By how much the shape stands out at points, metres; the slope lies inside the shape."""
         inside = -self.distance(x, y)
         share = np.clip(inside / max(self.border_m, 1e-9), 0, 1) if self.border_m else (inside > 0) * 1.0
-        return self.height_m * (share**2 * (3 - 2 * share) if self.is_rounded else share)
+        return np.asarray(self.height_m * (share**2 * (3 - 2 * share) if self.is_rounded else share))
 
 
 def rectangle(centre: FloatArray, sides: FloatArray, turn: float = 0.0) -> Distance:
@@ -99,7 +99,7 @@ def rectangle(centre: FloatArray, sides: FloatArray, turn: float = 0.0) -> Dista
     def distance(x: FloatArray, y: FloatArray) -> FloatArray:
         u, v = x - centre[0], y - centre[1]
         p, q = np.abs(cos * u + sin * v) - sides[0] / 2, np.abs(cos * v - sin * u) - sides[1] / 2
-        return np.hypot(np.maximum(p, 0), np.maximum(q, 0)) + np.minimum(np.maximum(p, q), 0)
+        return np.asarray(np.hypot(np.maximum(p, 0), np.maximum(q, 0)) + np.minimum(np.maximum(p, q), 0))
 
     return distance
 
@@ -113,7 +113,7 @@ def ellipse(centre: FloatArray, sides: FloatArray, turn: float = 0.0) -> Distanc
         p, q = 2 * (cos * u + sin * v) / sides[0], 2 * (cos * v - sin * u) / sides[1]
         radius = np.hypot(p, q)
         slope = np.hypot(2 * p / sides[0], 2 * q / sides[1]) / np.maximum(radius, 1e-9)
-        return (radius - 1) / np.maximum(slope, 1e-3)
+        return np.asarray((radius - 1) / np.maximum(slope, 1e-3))
 
     return distance
 

@@ -284,7 +284,6 @@ def _pose(
 
 Break = Literal["niche", "step", "hidden door", "ending cylinder"]
 BREAKS: tuple[Break, ...] = ("niche", "step", "hidden door", "ending cylinder")
-_BREAK_SHARE = 0.3
 _OUTSIDE_M = 2.0  # how far beyond the wall lies what is seen through its openings
 
 

@@ -111,7 +111,7 @@ def judged(name: str, frame: Frame, found: list[MergedSurface]) -> Judgement:
             wrong += 1
         elif isinstance(fitted, Plane):
             across = np.cross(fitted.normal_direction, true["normal"]) / np.linalg.norm(true["normal"])
-            angles.append(float(np.degrees(np.arcsin(min(np.linalg.norm(across), 1.0)))))
+            angles.append(float(np.degrees(np.arcsin(min(float(np.linalg.norm(across)), 1.0)))))
         elif isinstance(fitted, Cylinder):
             radii.append(abs(fitted.radius - true["radius"]))
     huge = [s for s in found if isinstance(s.fit.surface, Cylinder) and s.fit.surface.radius > 1]

@@ -231,8 +231,8 @@ def null_case(seed: int, kind: Null, noise_m: float = 0.005) -> WallCase:
         for y0, y1 in ((0.1, middle - gap / 2), (middle + gap / 2, room[1] - 0.1)):
             build.add_box("cupboard", (room[0] - deep, y0, 0.0), (room[0], y1, high), WOOD)
     if kind in _FURNITURE:
-        for low, high in _FURNITURE[kind](rng, room):
-            build.add_box(kind, low, high, WOOD)
+        for foot, head in _FURNITURE[kind](rng, room):
+            build.add_box(kind, foot, head, WOOD)
     for number, (low, up) in enumerate(clutter_of(rng, room, hole, eye, 0.3)):
         build.add_box(f"box {number}", low, up, WOOD)
     scene = build.finish()

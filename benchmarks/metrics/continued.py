@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,9 +11,8 @@ from benchmarks.metrics.inferred import Hypothesis
 from completion.extension.patch import Provenance
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES
-from scenes.checks import BoolArray, InputError
+from scenes.checks import BoolArray
 from scenes.mesh.labelled_mesh import triangle_areas
-from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Cylinder
 
 _ENCLOSED = PROVENANCE_NAMES[str(Provenance.INTERIOR.value)]
@@ -30,25 +28,6 @@ class Continued:
     turned_m2: float
     beyond_m2: float  # all other inferred area of theirs
     beyond_by_reason: dict[str, float] = field(default_factory=dict)  # the same by why it was inferred, m2
-
-
-def continued_area(
-    completed: CompletedModel, hypothesis: Hypothesis, scans: Sequence[RangeImage], is_thing: BoolArray
-) -> Continued:
-    """Return the area that was continued from surfaces of a thing.
-
-    `completed`: the completion of `scans`. `hypothesis`: what it inferred. `scans`: simulated, with truth.
-    `is_thing` (n_surfaces,) bool: which surfaces of the scene belong to the thing. Raises InputError: a scan
-    without truth.
-    """
-    pixels = np.zeros((len(completed.patches) + 1, 2))
-    for owner, scan in zip(completed.owners, scans, strict=True):
-        if scan.truth is None:
-            raise InputError(f"{scan.name}: has no truth; only simulated scans have")
-        known = scan.truth.surface >= 0
-        on_thing = is_thing[scan.truth.surface[known]].astype(np.int64)
-        np.add.at(pixels, (owner[known], on_thing), 1)
-    return continued_area_of(completed, hypothesis, pixels[1:, 1] > pixels[1:, 0])
 
 
 def continued_area_of(completed: CompletedModel, hypothesis: Hypothesis, of_thing: BoolArray) -> Continued:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -34,7 +35,7 @@ Peer = Callable[[FloatArray, FloatArray, float], FloatArray]
 """From points (n, 3) that stay and (m, 3) that move, and a voxel's side, to a motion (3, 4)."""
 
 
-@suite("peers")
+@suite("peers", smallest="--rooms 1")
 def peers(first: int = 9900, rooms: int = 20) -> Iterator[str]:
     """Registration of pairs of rooms by other libraries (Open3D, KISS-Matcher, small_gicp), and ours."""
     n_rooms = rooms
@@ -101,7 +102,7 @@ def _ours(pairs: list[tuple[RangeImage, RangeImage]]) -> tuple[list[bool], list[
     return best, claimed, spent
 
 
-def _cloud(points: FloatArray, voxel_m: float):
+def _cloud(points: FloatArray, voxel_m: float) -> tuple[Any, Any]:
     import open3d
 
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points)).voxel_down_sample(voxel_m)
@@ -195,7 +196,7 @@ _DISTANCES_M = (0.01, 0.02, 0.05)
 _TUNED_ON_OF_STARTS = 3000  # seed
 
 
-@suite("starts")
+@suite("starts", smallest="--pairs 1")
 def starts(first: int = 60, pairs: int = 4) -> Iterator[str]:
     """Objects from starts that are turned, beside ICP of Open3D."""
     n_pairs = pairs
@@ -266,20 +267,13 @@ _FREE_M = 0.4  # around the camera
 _SHARED = 0.1  # overlap of two scans
 
 
-@suite("alike")
+@suite("alike", smallest="--places 1")
 def alike(first: int = 0, places: int = 40) -> Iterator[str]:
     """Corridors that determine no shift along themselves, and rooms that are their own image under a turn."""
     n_places = places
     yield from head(
-        "place",
-        "pairs",
-        "right claims",
-        "false claims",
-        "slides",
-        "axis within 5 deg",
-        "ambiguous, truth among them",
-        "ambiguous",
-        "no overlap shown",
+        "place | pairs | right claims | false claims | slides | axis within 5 deg | ambiguous, truth among "
+        "them | ambiguous | no overlap shown"
     )
     for kind, make in (("bare corridor", _bare), ("corridor with niches", _niched)):
         yield _row(kind, [make(np.random.default_rng([first + k, 1])) for k in range(n_places)])
@@ -332,7 +326,7 @@ def _corridor(
             for shift in (-0.5, 0.5)
         ]
     caster = _Caster(parts)
-    scans = []
+    scans: list[RangeImage] = []
     x = rng.uniform(-4, 4)
     for number in range(2):
         eye = [x + number * rng.uniform(0.5, 4.0), rng.uniform(-0.3, 0.3) * width, rng.uniform(1.2, 1.8)]
@@ -357,7 +351,7 @@ def _symmetric(rng: np.random.Generator, turns: int) -> tuple[RangeImage, RangeI
             box.apply_translation(place)
             box.apply_transform(trimesh.transformations.rotation_matrix(2 * np.pi * k / turns, [0, 0, 1]))
             parts.append(box)
-    caster, scans = _Caster(parts), []
+    caster, scans = _Caster(parts), list[RangeImage]()
     azimuth = rng.uniform(0, 2 * np.pi)
     while len(scans) < 2:
         eye = np.array([*(rng.uniform(-0.5, 0.5, 2) * [length - 0.8, width - 0.8]), rng.uniform(1.2, 1.8)])
@@ -385,7 +379,7 @@ class _Caster:
         """Take a scan from a place (3,) along a direction (3,)."""
         pose = Pose.looking_at(np.asarray(eye), np.asarray(eye) + way)
         return scan_scene(
-            self.scene, pose, CAMERA, noise="gaussian-2mm", rng=rng.integers(2**31), truth=False,
+            self.scene, pose, CAMERA, noise="gaussian-2mm", rng=int(rng.integers(2**31)), truth=False,
             caster=self.caster,
         )  # fmt: skip
 
@@ -437,7 +431,7 @@ class TwoRooms:
             turn = rng.uniform(0, 2 * np.pi)
             pose = Pose.looking_at(eye, eye + [np.cos(turn), np.sin(turn), 0.0])
             self.scans.append(
-                scan_scene(scene, pose, _SCANNER, noise=noise, rng=rng.integers(2**31), caster=caster)
+                scan_scene(scene, pose, _SCANNER, noise=noise, rng=int(rng.integers(2**31)), caster=caster)
             )
 
     def _walls(self) -> list[trimesh.Trimesh]:
@@ -495,7 +489,7 @@ class TwoRooms:
         return float(abs(far - near))
 
 
-@suite("thickness")
+@suite("thickness", smallest="--places 1")
 def thickness(first: int = 0, places: int = 20) -> Iterator[str]:
     """A wall seen from the rooms on its two sides: its thickness by scans placed in sequence and jointly."""
     n_places = places

@@ -252,7 +252,7 @@ SWEEPS = {
 }
 
 
-@suite("completion")
+@suite("completion", smallest="--scenes generated --rooms 1 --mode standard --no-baselines")
 def completion(
     scenes: list[str] | None = None,
     frames: int = 10,

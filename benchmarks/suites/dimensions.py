@@ -156,7 +156,7 @@ class Stated:
         return self.truth is not None and self.low <= self.truth <= self.high
 
 
-@suite("dimensions")
+@suite("dimensions", smallest="--rooms 2")
 def dimensions(
     rooms: int = 200, first: int = 12000, scanner: str = "2mm", tolerance: float = 0.01, listed: bool = False
 ) -> Iterator[str]:
@@ -298,7 +298,7 @@ _REAL = ("nyu_dining", "open3d_redwood", "align3d_sample1")
 _OFFICE = "range/pcl/office1.pcd"
 
 
-@suite("angles")
+@suite("angles", smallest="--flats 1 --no-real")
 def angles(
     flats: int = 20,
     units: float = 2.0,

@@ -32,8 +32,15 @@ _N = 250  # points of each surface
 class Case(Protocol):
     """Something to search for: its box, objective, residuals, and what an answer is off."""
 
-    lower: FloatArray
-    upper: FloatArray
+    @property
+    def lower(self) -> FloatArray:
+        """Lower corner of the box (d,)."""
+        ...
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper corner of the box (d,)."""
+        ...
 
     def objective(self, x: FloatArray) -> FloatArray:
         """Values (n,) of places (n, d)."""
@@ -100,14 +107,14 @@ class PartCase:
         offset = self.clouds[2][None] - centre[:, None]
         along = np.einsum("nmi,ni->nm", offset, axis)
         across = np.sqrt(np.maximum(np.einsum("nmi,nmi->nm", offset, offset) - along**2, 0.0))
-        return np.concatenate([*planes, across - x[:, [10]]], axis=1) / SIGMA
+        return np.asarray(np.concatenate([*planes, across - x[:, [10]]], axis=1) / SIGMA)
 
     def angles_deg(self, x: FloatArray) -> FloatArray:
         """Of places (n, d): how far side and base are off square, and axis and base off parallel (n, 2)."""
         base, side, axis = self._axes(x)
         square = np.abs(np.arcsin(np.clip(np.einsum("ij,ij->i", base, side), -1, 1)))
         parallel = np.arcsin(np.clip(np.linalg.norm(np.cross(base, axis), axis=1), 0, 1))
-        return np.degrees(np.stack([square, parallel], axis=1))
+        return np.asarray(np.degrees(np.stack([square, parallel], axis=1)))
 
     def objective(self, x: FloatArray) -> FloatArray:
         """Mean squared distances, each cut off at three deviations where they are truncated."""
@@ -125,7 +132,7 @@ class PartCase:
         found = self._distances(x[None])[0]
         found = np.clip(found, -_FAR, _FAR) if self.is_truncated else found
         if not self.is_gated:
-            return found
+            return np.asarray(found)
         over = np.maximum(0.0, self.angles_deg(x[None])[0] - SQUARE_DEG) / SQUARE_DEG
         return np.concatenate([found, np.sqrt(len(found)) * over])
 
@@ -137,7 +144,7 @@ class PartCase:
         """The same of surfaces fitted one by one, with the relations imposed."""
         kinds = ("plane", "plane", "cylinder")
         try:
-            fits = [fit_robust(cloud, kind) for cloud, kind in zip(self.clouds, kinds, strict=True)]  # type: ignore[arg-type]
+            fits = [fit_robust(cloud, kind) for cloud, kind in zip(self.clouds, kinds, strict=True)]
         except FitError:
             return np.nan, np.nan
         square = [Relation(kind="perpendicular", surfaces=(0, 1)), Relation(kind="parallel", surfaces=(0, 2))]
@@ -202,7 +209,7 @@ class OpeningCase:
     def residuals(self, x: FloatArray) -> FloatArray:
         """For least squares: the root of how far the value is above the least that beams could give."""
         least = -np.maximum(self.nats, 0.0).sum() / len(self.nats)
-        return np.sqrt(np.maximum(self.objective(x[None]) - least, 0.0)) * np.ones(len(x))
+        return np.asarray(np.sqrt(np.maximum(self.objective(x[None]) - least, 0.0)) * np.ones(len(x)))
 
     def errors(self, x: FloatArray) -> tuple[float, float]:
         """The largest error of a side, mm, twice."""
@@ -320,7 +327,7 @@ def measured(name: str, engine: str, seeds: range) -> tuple[FloatArray, float]:
     return np.array(every), (time.process_time() - start) / len(seeds)
 
 
-@suite("evolution")
+@suite("evolution", smallest="--seeds 1")
 def evolution(
     first: int = 2000,
     seeds: int = 12,

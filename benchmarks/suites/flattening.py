@@ -112,7 +112,7 @@ def summary(scores: list[Score], stationary: tuple[str, ...]) -> str:
     )
 
 
-@suite("flattening")
+@suite("flattening", smallest="--walls 1")
 def flattening(held_out: bool = False, first: int = 0, walls: int = 24) -> Iterator[str]:
     """Generated walls with relief under ripple, flattened: ripple left, relief lost, plane kept.
 
@@ -126,7 +126,7 @@ def flattening(held_out: bool = False, first: int = 0, walls: int = 24) -> Itera
     yield "\n" + summary(scores, STATIONARY)
 
 
-@suite("flattening-nulls")
+@suite("flattening-nulls", smallest="--walls 1")
 def flattening_nulls(held_out: bool = False, first: int = 0, walls: int = 12) -> Iterator[str]:
     """Smallest p of a region on walls without relief, which should be uniform; --walls a kind of ripple."""
     kinds = [kind for kind in (HELD_OUT_RIPPLES if held_out else TUNING_RIPPLES) if kind in STATIONARY]

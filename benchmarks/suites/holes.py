@@ -3,24 +3,18 @@
 
 from __future__ import annotations
 
-import resource
-import signal
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import FrameType
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from benchmarks.cases.plates import SIZE, PlateTruth, plate
+from benchmarks.cases.plates import PlateTruth, plate
 from benchmarks.run import suite
 from benchmarks.store import each
-from benchmarks.suites.parts import Part, parts, read_part
-from completion.features.engine.template import Measured, Seen, Status, TemplateFit
+from completion.features.engine.template import Seen, Status, TemplateFit
 from completion.features.holes.patterns import KINDS, LEAST_SEEN
 from completion.features.holes.pipeline import find_holes
-from scenes.surfaces.catalogue import Cylinder
 
 _SHOWN, _COUNTABLE = 0.25, 1 / 3  # of a rim: a hole that can be seen; one that can be counted by itself
 
@@ -46,7 +40,7 @@ class Score:
 def plate_score(kind: str, seed: int) -> Score:
     """Find the pattern of the plate of a seed, and compare."""
     rng = np.random.default_rng(seed)
-    return score(plate(rng, kind), rng=rng)  # type: ignore[arg-type]
+    return score(plate(rng, kind), rng=rng)
 
 
 def score(truth: PlateTruth, *, rng: np.random.Generator) -> Score:
@@ -58,7 +52,8 @@ def score(truth: PlateTruth, *, rng: np.random.Generator) -> Score:
     can_be_seen = n_shown >= (4 if truth.kind == "hole-grid" else 3)
     able = (can_be_seen, bool((truth.shown >= _COUNTABLE).all()))
     if not len(fit.x):
-        return Score(truth.kind, fit.status, *[False] * 3, *able, *[np.nan] * 3, fit.evidence, seconds)
+        nothing = (False, False, False, *able, np.nan, np.nan, np.nan)
+        return Score(truth.kind, fit.status, *nothing, fit.evidence, seconds)
     centres = np.asarray(fit.geometry["centres"])
     gap = np.linalg.norm(centres[:, None] - truth.centres, axis=2)
     matched = gap.min(axis=1)
@@ -88,11 +83,11 @@ def _between(truth: PlateTruth) -> np.ndarray:
         return np.ones(len(shown), dtype=np.bool_)
     if truth.kind == "hole-row":
         first, last = np.flatnonzero(shown)[[0, -1]]
-        return (np.arange(len(shown)) >= first) & (np.arange(len(shown)) <= last)
-    return shown
+        return np.asarray((np.arange(len(shown)) >= first) & (np.arange(len(shown)) <= last))
+    return np.asarray(shown)
 
 
-@suite("holes")
+@suite("holes", smallest="--n 1")
 def holes(first: int = 10_000, n: int = 20) -> Iterator[str]:
     """Rows, grids and bolt circles of holes in plates of which a third is lost, n plates each."""
     for kind in KINDS:
@@ -116,7 +111,7 @@ def holes(first: int = 10_000, n: int = 20) -> Iterator[str]:
         )
 
 
-@suite("hole-nulls")
+@suite("hole-nulls", smallest="--n 1")
 def hole_nulls(first: int = 10_000, n: int = 20) -> Iterator[str]:
     """Patterns found on n blank plates, and the tail of the greatest evidence of each kind."""
     results = list(each(_on_blank, range(first, first + n)))
@@ -142,97 +137,3 @@ def _counted(fit: TemplateFit) -> float:
     seen = sum(side.state is Seen.CONFIRMED for side in fit.sides)
     by_null = fit.status is Status.FOUND or "lost patches make" in fit.reason
     return fit.evidence if seen >= LEAST_SEEN.get(fit.kind, 3) and by_null else -np.inf
-
-
-def exact_parts(seconds: float) -> Iterator[tuple[Part, Measured]]:
-    """Every part of the data set as it was measured, each with so much CPU time until TimeoutError."""
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        raise TimeoutError
-
-    signal.signal(signal.SIGPROF, stop)
-    for path in parts():
-        part = read_part(path)
-        near = cKDTree(part.points).query(part.points[::10], k=2)[0][:, 1]
-        signal.setitimer(signal.ITIMER_PROF, seconds)
-        yield part, Measured(part.points, noise=0.0, spacing=float(np.median(near)))
-        signal.setitimer(signal.ITIMER_PROF, 0)
-
-
-@suite("hole-parts")
-def hole_parts(seconds: float = 20.0) -> Iterator[str]:
-    """Patterns of holes found on the parts of the data set, and how many lie on true bores or bosses."""
-    total = np.zeros(4, dtype=int)
-    for part, measured in exact_parts(seconds):
-        begin, true = time.process_time(), _rounds(part)
-        try:
-            fits = find_holes(measured, KINDS, {}, rng=np.random.default_rng(0), budget=10**7)
-        except TimeoutError:
-            fits, total[3] = [], total[3] + 1
-            yield f"{part.name}: no more time"
-        found = [fit for fit in fits if fit.status is Status.FOUND]
-        right = [_is_on(fit, true) for fit in found]
-        total[:3] += len(found), sum(right), sum(fit.status is Status.AMBIGUOUS for fit in fits)
-        for fit, is_right in zip(found, right, strict=True):
-            yield (f"{part.name}: {fit.kind} of {fit.geometry['count']}, radius {fit.value('radius'):.4g}, "
-                  f"{'on' if is_right else 'NOT on'} true cylinders; {fit.reason}")  # fmt: skip
-        for fit in fits:
-            if fit.status is Status.AMBIGUOUS:
-                yield f"{part.name}: ambiguous {fit.kind} of {fit.geometry['count']}, {fit.reason}"
-        yield (f"{part.name}: {len(part.points)} points, {len(true)} whole cylinders, "
-              f"{time.process_time() - begin:.1f} s")  # fmt: skip
-    yield f"found {total[0]}, right {total[1]}, ambiguous {total[2]}; {total[3]} parts had no time"
-
-
-def _rounds(part: Part) -> list[Cylinder]:
-    """The true cylinders of which nearly the whole turn is there, halves of one put together."""
-    kinds = list[tuple[Cylinder, np.ndarray]]()
-    for number, one in enumerate(part.surfaces):
-        own = part.points[part.label == number]
-        if not isinstance(one, Cylinder) or len(own) < 8:
-            continue
-        across = np.linalg.svd(one.direction[None])[2][1:]
-        turn = np.arctan2(*((own - one.point) @ across.T).T)
-        for k, (other, turns) in enumerate(kinds):
-            gap = np.cross(other.point - one.point, other.direction)
-            if np.linalg.norm(gap) < 0.02 * one.radius and abs(other.radius / one.radius - 1) < 0.01:
-                mine = np.linalg.svd(other.direction[None])[2][1:]
-                turn = np.arctan2(*((own - other.point) @ mine.T).T)
-                kinds[k] = (other, np.concatenate([turns, turn]))
-                break
-        else:
-            kinds.append((one, turn))
-    return [one for one, turn in kinds if (np.histogram(turn, 24, (-np.pi, np.pi))[0] > 0).sum() >= 20]
-
-
-def _is_on(fit: TemplateFit, true: list[Cylinder]) -> bool:
-    """Whether each hole of a fit is one of the true cylinders."""
-    axis, radius = np.asarray(fit.geometry["axis"]), fit.value("radius")
-    like = [one for one in true
-            if abs(one.radius / radius - 1) < 0.05 and abs(float(one.direction @ axis)) > 0.99]  # fmt: skip
-    return all(
-        any(np.linalg.norm(np.cross(centre - one.point, one.direction)) < 0.1 * radius for one in like)
-        for centre in np.asarray(fit.geometry["centres"])
-    )
-
-
-def hole_growth() -> Iterator[str]:
-    """CPU time and peak memory for a row of six holes, by the number of points of its plate."""
-    before = None
-    for n in (10_000, 30_000, 100_000, 300_000, 1_000_000):
-        rng = np.random.default_rng(0)
-        flat = rng.uniform(0, 1, (n, 2)) * SIZE
-        holes = np.column_stack([20 + 18 * np.arange(6), np.full(6, 0.5 * SIZE[1])])
-        flat = flat[cKDTree(holes).query(flat)[0] > 5.0]
-        spacing = float(np.sqrt(SIZE[0] * SIZE[1] / n))
-        points = np.column_stack([flat, rng.normal(0, 0.1 * spacing, len(flat))])
-        begin = time.process_time()
-        fit = find_holes(
-            Measured(points, 0.1 * spacing, 0.5 * spacing), KINDS[:1], {}, rng=rng, budget=10**7
-        )[0]
-        seconds = time.process_time() - begin
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        power = "" if before is None else f", as n^{np.log(seconds / before[1]) / np.log(n / before[0]):.2f}"
-        yield (f"{n} points: {fit.status}, {fit.geometry.get('count')} holes, {seconds:.2f} s{power}, "
-              f"peak {peak:.0f} MB")  # fmt: skip
-        before = (n, seconds)

@@ -3,34 +3,31 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from benchmarks.cases.junctions import PLAIN, Truth, elbow, junction, plain
 from benchmarks.cases.patches import END, FLOOR, KINDS, WALL, PatchCase, case_of
+from benchmarks.cases.plates import SIZE
 from benchmarks.cases.solids import CONTENTS, solid_room
-from benchmarks.run import head, suite
-from benchmarks.store import each
-from benchmarks.suites.holes import exact_parts
-from benchmarks.suites.parts import Part
+from benchmarks.run import head, row, suite
+from benchmarks.store import each, peak_bytes
 from completion.features.engine.template import Measured, Status, TemplateFit
+from completion.features.holes.pipeline import find_holes
 from completion.features.junctions.pipeline import find_junctions
 from completion.features.pipeline import find_features
-from completion.features.solids import find_solids
 from completion.fitting.euclidean import fit_plane
 from completion.fitting.patches.joins import Boundary, Join
 from completion.fitting.patches.pipeline import PatchFit, fit_patch
 from completion.fitting.patches.rounds import feet_of
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane
-from tests.completion.features.solids.solid_points import column_points, stairs_points
 
 SIGMAS, OUTLIERS = (0.1, 0.5, 1.0), (0.0, 0.1, 0.3)
 _RIGHT = 0.2  # of a radius, within which it counts as right
@@ -46,7 +43,7 @@ class Row:
     refused: int = 0
     wrong: int = 0
 
-    def told(self) -> str:
+    def in_words(self) -> str:
         """The cell in words."""
         if not self.errors:
             return f"refused {self.refused} wrong {self.wrong}"
@@ -138,14 +135,14 @@ def study(subject: str, first: int, n: int) -> Iterator[str]:
         for share in OUTLIERS:
             trials = list(each(_tried, subject, sigma, share, first, range(n)))
             right = [trial for trial in trials if not trial.is_refused and not trial.is_wrong]
-            row = Row(
+            cell = Row(
                 refused=sum(trial.is_refused for trial in trials),
                 wrong=sum(trial.is_wrong for trial in trials),
                 errors=[trial.errors for trial in right],
                 shares=[trial.shares for trial in right],
             )
             seconds = np.mean([trial.cpu_s for trial in trials])
-            yield f"{subject} sigma {sigma} outliers {share:.0%}: {row.told()} ({seconds:.1f} s)"
+            yield f"{subject} sigma {sigma} outliers {share:.0%}: {cell.in_words()} ({seconds:.1f} s)"
 
 
 def _nulls(kind: str, first: int, n: int) -> Iterator[str]:
@@ -165,7 +162,7 @@ def _on_plain(name: str, kind: str, seed: int) -> tuple[str, str]:
     return str(fit.status), false if fit.status is Status.FOUND else ""
 
 
-@suite("junctions")
+@suite("junctions", smallest="--n 1")
 def junctions(first: int = 10_000, n: int = 20) -> Iterator[str]:
     """Junctions and fillets by noise and outliers, and surfaces that have none."""
     for subject in ("S-shaped", "same-sided", "fillet"):
@@ -173,116 +170,46 @@ def junctions(first: int = 10_000, n: int = 20) -> Iterator[str]:
     yield from _nulls("junction", first, 5 * n)
 
 
-@suite("elbows")
+@suite("elbows", smallest="--n 1")
 def elbows(first: int = 10_000, n: int = 20) -> Iterator[str]:
     """Elbows of pipes by noise and outliers, and surfaces that have none."""
     yield from study("elbow", first, n)
     yield from _nulls("elbow", first, max(1, n // 2))
 
 
-@dataclass(frozen=True)
-class Touch:
-    """A cylinder of a part that runs without an edge into another, or into a plane."""
-
-    radius: float  # the smaller
-    place: np.ndarray  # (3,) in the middle of the common border
-    axis: np.ndarray  # (3,)
-
-
-def touches(part: Part, spacing: float) -> list[Touch]:
-    """The true junctions of a part: labelled patches that have one normal along a common border."""
-    kept = [(one, part.points[part.label == k]) for k, one in enumerate(part.surfaces)]
-    kept = [(one, own) for one, own in kept if isinstance(one, Cylinder | Plane) and len(own) >= 20]
-    found = []
-    for i, (one, own) in enumerate(kept):
-        for other, beside in kept[:i]:
-            rounds = [each for each in (one, other) if isinstance(each, Cylinder)]
-            border = own[cKDTree(beside).query(own)[0] < 2.5 * spacing]
-            if not rounds or len(border) < 6:
-                continue
-            cosine = np.abs(np.einsum("ij,ij->i", one.normal(border), other.normal(border)))
-            if np.median(cosine) < np.cos(np.radians(6)) or not _is_tangent(one, other):
-                continue
-            small = min(rounds, key=lambda each: each.radius)
-            found.append(Touch(small.radius, border.mean(axis=0), small.direction))
-    return found
-
-
-def _is_tangent(one: Cylinder | Plane, other: Cylinder | Plane) -> bool:
-    """Whether two surfaces touch along a line: axes parallel, and not the same cylinder."""
-    if isinstance(one, Cylinder) and isinstance(other, Cylinder):
-        gap = np.linalg.norm(np.cross(one.point - other.point, one.direction))
-        is_same = abs(one.radius - other.radius) < 0.01 * one.radius and gap < 0.02 * one.radius
-        return abs(float(one.direction @ other.direction)) > 0.99 and not is_same
-    flat, round_ = (one, other) if isinstance(one, Plane) else (other, one)
-    return abs(float(flat.normal(flat.point[None])[0] @ round_.direction)) < 0.1
-
-
-@suite("junction-parts")
-def junction_parts(seconds: float = 30.0) -> Iterator[str]:
-    """Junctions of the parts of the data set: how many are found, and how many of those are true."""
-    total = np.zeros(5, dtype=int)
-    for part, measured in exact_parts(seconds):
-        begin, true = time.process_time(), touches(part, measured.spacing)
-        try:
-            fits = find_junctions(measured, ["junction"], rng=np.random.default_rng(0))
-        except TimeoutError:
-            fits, total[4] = [], total[4] + 1
-            yield f"{part.name}: no more time"
-        found = [fit for fit in fits if fit.status is Status.FOUND]
-        hits = [[k for k, one in enumerate(true) if _hits(fit, one, measured.spacing)] for fit in found]
-        met = {k for each in hits for k in each}
-        total[:4] += len(true), len(met), len(found), sum(bool(each) for each in hits)
-        others = [f"{fit.x[0]:.3g}/{fit.x[1]:.3g}" for fit, each in zip(found, hits, strict=True) if not each]
-        yield (
-            f"{part.name}: {len(part.points)} points, {len(met)} of {len(true)} junctions met, {len(found)} "
-            f"found, others {' '.join(others) or 'none'}, {time.process_time() - begin:.1f} s"
-        )
-    yield f"true {total[0]}, met {total[1]}; found {total[2]}, true {total[3]}; {total[4]} had no time"
-
-
-def _hits(fit: TemplateFit, one: Touch, spacing: float) -> bool:
-    """Whether a fit is a true junction: its radius, its line and its place along it."""
-    ends = np.asarray(fit.geometry["joint"])
-    length = float(np.linalg.norm(ends[1] - ends[0]))
-    axis = (ends[1] - ends[0]) / max(length, 1e-9)
-    gap = one.place - ends.mean(axis=0)
-    across = float(np.linalg.norm(gap - (gap @ axis) * axis))
-    return bool(
-        abs(fit.x[0] - one.radius) < 0.1 * one.radius
-        and across < max(3 * spacing, 0.3 * one.radius)
-        and abs(axis @ one.axis) > 0.98
-        and abs(float(gap @ axis)) < length
-    )
-
-
-def junction_growth() -> Iterator[str]:
-    """CPU time and peak memory by the number of points, of one fillet and of a block with four."""
-    for name, made in (("one fillet", _fillet), ("a rounded block", _block)):
-        before = None
-        for n in (10_000, 30_000, 100_000, 300_000, 1_000_000):
-            points, spacing = made(n)
-            begin = time.process_time()
-            fits = find_junctions(
-                Measured(points, 0.05 * spacing, spacing), ["junction"], rng=np.random.default_rng(0)
-            )
+@suite("growth", smallest="--points 10000")
+def growth(points: str = "10000,30000,100000,300000,1000000") -> Iterator[str]:
+    """CPU time and peak memory by the number of points: a row of six holes, a fillet, a rounded block."""
+    yield from head("of", "points", "found", "CPU s", "MB at the peak")
+    for name, (make, find) in _GROWING.items():
+        for n in map(int, points.split(",")):
+            measured, begin = make(n), time.process_time()
+            fits = find(measured)
             seconds, n_found = time.process_time() - begin, sum(fit.status is Status.FOUND for fit in fits)
-            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-            power = np.nan if before is None else np.log(seconds / before[1]) / np.log(n / before[0])
-            yield (f"{name}, {n} points: {n_found} found, {seconds:.2f} s, as n^{power:.2f}, "
-                  f"peak {peak:.0f} MB")  # fmt: skip
-            before = (n, seconds)
+            yield row(name, n, n_found, f"{seconds:.2f}", f"{(peak_bytes() or 0) / 1e6:.0f}")
 
 
-def _fillet(n: int) -> tuple[np.ndarray, float]:
-    """Points (n, 3) of a plane and a quarter of a cylinder, and how far apart they are."""
+def _row_of_holes(n: int) -> Measured:
+    """Points of a plate with a row of six holes."""
+    rng = np.random.default_rng(0)
+    flat = rng.uniform(0, 1, (n, 2)) * SIZE
+    centres = np.column_stack([20 + 18 * np.arange(6), np.full(6, 0.5 * SIZE[1])])
+    flat = flat[cKDTree(centres).query(flat)[0] > 5.0]
+    spacing = float(np.sqrt(SIZE[0] * SIZE[1] / n))
+    points = np.column_stack([flat, rng.normal(0, 0.1 * spacing, len(flat))])
+    return Measured(points, 0.1 * spacing, 0.5 * spacing)
+
+
+def _fillet(n: int) -> Measured:
+    """Points of a plane and a quarter of a cylinder."""
     truth = junction(np.random.default_rng(0), 0.0, 0.0, radii=(25.0, np.inf), n=n)
     spacing = float(np.sqrt(60 * (30 + 26) / n))
-    return truth.points + np.random.default_rng(1).normal(0, 0.05 * spacing, (n, 3)), spacing
+    points = truth.points + np.random.default_rng(1).normal(0, 0.05 * spacing, (n, 3))
+    return Measured(points, 0.05 * spacing, spacing)
 
 
-def _block(n: int) -> tuple[np.ndarray, float]:
-    """Points (n, 3) of a block of 100 by 60, its four long edges rounded by 10, and their distance."""
+def _block(n: int) -> Measured:
+    """Points of a block of 100 by 60, its four long edges rounded by 10."""
     rng, flats, radius = np.random.default_rng(0), (80.0, 40.0, 80.0, 40.0), 10.0
     arc = radius * np.pi / 2
     lengths = np.array([length for flat in flats for length in (flat, arc)])
@@ -304,47 +231,28 @@ def _block(n: int) -> tuple[np.ndarray, float]:
         x[on], y[on] = ends.T
     spacing = float(np.sqrt(lengths.sum() * 100 / n))
     points = np.column_stack([x, y, rng.uniform(0, 100, n)])
-    return points + rng.normal(0, 0.05 * spacing, (n, 3)), spacing
+    return Measured(points + rng.normal(0, 0.05 * spacing, (n, 3)), 0.05 * spacing, spacing)
+
+
+def _junctions_in(measured: Measured) -> Sequence[TemplateFit]:
+    return find_junctions(measured, ["junction"], rng=np.random.default_rng(0))
+
+
+def _holes_in(measured: Measured) -> Sequence[TemplateFit]:
+    return find_holes(measured, ["hole-row"], {}, rng=np.random.default_rng(0), budget=10**7)
+
+
+_GROWING = {
+    "row of six holes": (_row_of_holes, _holes_in),
+    "one fillet": (_fillet, _junctions_in),
+    "rounded block": (_block, _junctions_in),
+}
 
 
 _TRUE = {"stairs": {"going": 0.28, "rise": 0.17}, "column": {"width": 0.6, "radius": 0.2}}
-_POINTS = {"stairs": stairs_points, "column": column_points}
-_SPACING = 0.03
 
 
-@suite("solids")
-def solids(first: int = 10_000, n: int = 20) -> Iterator[str]:
-    """Stairs and columns among points, by noise and outliers; floors and walls that are neither."""
-    first_seed = first
-    for kind, true in _TRUE.items():
-        for sigma in (0.002, 0.005, 0.01):
-            for share in (0.0, 0.1, 0.3):
-                errors, shares, refused = [], [], 0
-                for seed in range(first_seed, first_seed + n):
-                    points = _POINTS[kind](np.random.default_rng(seed), sigma=sigma, outliers=share)
-                    measured = Measured(points, sigma, _SPACING)
-                    fit = find_solids(measured, [kind], rng=np.random.default_rng(0))[0]
-                    if fit.status is not Status.FOUND:
-                        refused += 1
-                        continue
-                    off = np.array([fit.value(name) - value for name, value in true.items()])
-                    errors.append(off)
-                    shares.append(off / [fit.deviation(name) for name in true])
-                rms = [np.sqrt(np.mean(np.square(one), axis=0)).round(5) for one in (errors, shares)]
-                yield (
-                    f"{kind} sigma {sigma} outliers {share:.0%}: refused {refused} {' '.join(true)} RMS "
-                    f"{rms[0]} by predicted {rms[1].round(2)}"
-                )
-    for kind in _TRUE:
-        false = 0
-        for seed in range(first_seed, first_seed + 2 * n):
-            points = room_points(np.random.default_rng(seed))
-            fit = find_solids(Measured(points, 0.005, _SPACING), [kind], rng=np.random.default_rng(0))[0]
-            false += fit.status is Status.FOUND
-        yield f"{kind} on {2 * n} floors with walls, boxes or a pole: {false} false"
-
-
-@suite("solid-rooms")
+@suite("solid-rooms", smallest="--n 1")
 def solid_rooms(first: int = 10_000, n: int = 20) -> Iterator[str]:
     """Columns and stairs in scanned rooms: how often they are found, how exactly, and where none are."""
     first_seed = first
@@ -365,25 +273,11 @@ def solid_rooms(first: int = 10_000, n: int = 20) -> Iterator[str]:
             yield f"{kind} in rooms with {content}: {said}{off}; {each:.1f} CPU s each"
 
 
-def room_points(rng: np.random.Generator, n: int = 1_500) -> np.ndarray:
-    """Points (m, 3) of a floor with a wall, and a box or a round pole on it."""
-    floor = np.column_stack([rng.uniform(-1.5, 1.5, (n, 2)), np.zeros(n)])
-    wall = np.column_stack([np.full(n, 1.5), rng.uniform(-1.5, 1.5, n), rng.uniform(0, 2.5, n)])
-    angle, radius = rng.uniform(0, 2 * np.pi, n), rng.uniform(0.1, 0.3)
-    pole = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0, 2.5, n)])
-    size = rng.uniform(0.3, 0.8, 3)
-    box = rng.uniform(-0.5, 0.5, (n, 3))
-    box[np.arange(n), rng.integers(0, 3, n)] = rng.choice([-0.5, 0.5], n)
-    box = box * size + [0, 0, size[2] / 2]
-    points = np.concatenate([floor, wall, (pole, box)[int(rng.integers(2))]])
-    return points + rng.normal(0, 0.005, points.shape)
-
-
 SIGMAS = (0.02, 0.1, 0.5)
 _TOLD = 400  # points at which error and deviation are compared
 
 
-@suite("patches")
+@suite("patches", smallest="--seeds 1 --points 2000")
 def patches(
     first: int = 1000,
     seeds: int = 10,
@@ -391,14 +285,8 @@ def patches(
 ) -> Iterator[str]:
     """Free-form patches between planes and cylinders."""
     yield from head(
-        "patch, noise mm",
-        "plane angle, rad",
-        "cylinder angle, rad",
-        "gap, mm",
-        "ratio, median (most)",
-        "error, mm",
-        "z",
-        "doubts",
+        "patch, noise mm | plane angle, rad | cylinder angle, rad | gap, mm | ratio, median (most) | error, "
+        "mm | z | doubts"
     )
     for kind in KINDS:
         for sigma in SIGMAS:
@@ -450,6 +338,9 @@ def _errors(found: PatchFit, case: PatchCase) -> tuple[FloatArray, FloatArray]:
     return feet.distance[inside], found.deviation(feet.uv[inside])
 
 
+_SIDES: tuple[Literal["u0", "u1", "v0"], ...] = ("u0", "u1", "v0")
+
+
 def _free_row(sigma: float, seeds: range) -> str:
     """Three planes from 200 points each, square to each other, and a blend of 20,000 points between them."""
     angles = np.zeros((3, len(seeds), 3))
@@ -464,19 +355,20 @@ def _free_row(sigma: float, seeds: range) -> str:
             np.column_stack([20 + places[2, :, 0], off[2], 20 + places[2, :, 1]]),
         ]
         fits = [fit_plane(cloud, np.array([200.0, 200.0, 200.0])) for cloud in clouds]
-        normals = np.array([one.surface.normal_direction for one in fits])
+        planes = [_plane_of(fit.surface) for fit in fits]
+        normals = np.array([plane.normal_direction for plane in planes])
         left, _, right = np.linalg.svd(normals)
         square = left @ right
-        joins_of = {"u0": Join.TANGENT, "u1": Join.TANGENT, "v0": Join.ORTHOGONAL}
+        joins_of = dict(zip(_SIDES, (Join.TANGENT, Join.TANGENT, Join.ORTHOGONAL), strict=True))
         given = {
-            side: Boundary(Plane(fit.surface.point, normal), joins_of[side], fit.parameter_deviations())
-            for side, fit, normal in zip(joins_of, fits, square, strict=True)
+            side: Boundary(Plane(plane.point, normal), joins_of[side], fit.parameter_deviations())
+            for side, plane, fit, normal in zip(joins_of, planes, fits, square, strict=True)
         }
         points = _upright_blend(sigma, seed)
         found = fit_patch(points, given, free=True)  # type: ignore[arg-type]
-        freed = np.array([found.boundaries[side].surface.normal_direction for side in joins_of])  # type: ignore[index, union-attr]
-        for row, own in enumerate((normals, square, freed)):
-            angles[row, k] = np.degrees(np.linalg.norm(np.cross(own, truth), axis=1))
+        freed = np.array([_plane_of(found.boundaries[side].surface).normal_direction for side in _SIDES])
+        for number, directions in enumerate((normals, square, freed)):
+            angles[number, k] = np.degrees(np.linalg.norm(np.cross(directions, truth), axis=1))
         ratios.append(found.ratio)
         joins.append(max(one.angle for one in found.joins.values()))
     alone, squared, together = np.sqrt(np.mean(angles**2, axis=(1, 2)))
@@ -486,5 +378,11 @@ def _free_row(sigma: float, seeds: range) -> str:
 def _upright_blend(sigma: float, seed: int) -> FloatArray:
     """A blend's points where its planes are those of the axes."""
     case = case_of("blend", seed, sigma, 20_000)
-    frame = np.array([case.boundaries[side].surface.normal_direction for side in ("u0", "v0", "u1")])  # type: ignore[union-attr]
-    return (case.points - case.boundaries["u0"].surface.point) @ frame.T
+    planes = [_plane_of(case.boundaries[side].surface) for side in ("u0", "v0", "u1")]
+    frame = np.array([plane.normal_direction for plane in planes])
+    return np.asarray((case.points - planes[0].point) @ frame.T)
+
+
+def _plane_of(surface: object) -> Plane:
+    assert isinstance(surface, Plane)
+    return surface

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from benchmarks.cases.frames import (
-    DATA,
     FURNISHED,
     HELD_OUT_HOUSES,
     HOUSES,
@@ -24,12 +23,11 @@ from benchmarks.cases.frames import (
     Source,
     groups,
 )
-from benchmarks.cases.houses.house import KINDS, random_thing, thing_of_file
 from benchmarks.cases.rooms import hypothesis_of
-from benchmarks.metrics.continued import Continued, continued_area, continued_area_of
+from benchmarks.metrics.continued import Continued, continued_area_of
 from benchmarks.metrics.inferred import Samples, sample
 from benchmarks.metrics.other_scans import TOLERANCE_M, is_there, score_by_others
-from benchmarks.run import head, row, suite
+from benchmarks.run import head, suite
 from benchmarks.store import each
 from completion import CompletionOptions, complete
 from completion.result.completed_model import CompletedModel
@@ -209,7 +207,7 @@ def table(rows: Iterable[Row]) -> str:
     return "\n".join(lines)
 
 
-@suite("ledger")
+@suite("ledger", smallest="--of open3d_redwood --every 5")
 def ledger(
     of: list[str] | None = None,
     together: int = 1,
@@ -319,15 +317,15 @@ def continued_in(
     }
 
 
-@suite("chairs")
-def chairs() -> Iterator[str]:
+@suite("chairs", smallest="--frames 1")
+def chairs(frames: int | None = None) -> Iterator[str]:
     """What is continued of chairs and sofas in real frames, on which they were outlined by hand."""
     sources = {one.name: one for one in REAL}
     worst: list[float] = []
     yield from head(
         "frame", "thing", "surfaces", "in enclosed holes m2", "on backs m2", "beyond m2", "of which"
     )
-    for name, frame, things in masked_frames():
+    for name, frame, things in list(masked_frames())[:frames]:
         source = sources[name]
         scan = source.frames[frame]
         found = continued_in(
@@ -345,46 +343,3 @@ def chairs() -> Iterator[str]:
         f"\n{kept} of {len(worst)} frames have at most {MOST_BEYOND_M2} m2 beyond on chairs; "
         f"{sum(worst):.3f} m2 in all, {max(worst):.3f} m2 at most"
     )
-
-
-OAK_CHAIR = DATA / "scenes" / "furniture" / "blendswap-cc-0" / "oakChair" / "oakChair.obj"
-_N_OAK = 4
-
-
-def _continued(kind: str, seed: int) -> list[Continued]:
-    """Complete each frame of a thing alone; return what was continued of it, a frame each."""
-    thing = (
-        thing_of_file(seed, kind, OAK_CHAIR, up="y", unit_m=0.01)
-        if kind == "oak chair"
-        else random_thing(seed)
-    )
-    results, options = [], CompletionOptions(texture=False, registration_m=0.005)
-    for scan in thing.frames:
-        completed = complete([scan], options, rng=0)
-        results.append(continued_area(completed, hypothesis_of(completed, [scan]), [scan], thing.is_thing))
-    return results
-
-
-@suite("things")
-def things(things: int = 24, first: int = 0) -> Iterator[str]:
-    """What is continued of figures, chairs and plants, which should be nothing beyond their outlines.
-
-    Each thing stands in a bare room of its own and is seen by three frames; each frame is completed alone.
-    """
-    seeds = [("", seed) for seed in range(first, first + things)]
-    seeds += [("oak chair", seed) for seed in range(first, first + _N_OAK)] if OAK_CHAIR.exists() else []
-    totals = {kind: np.zeros(5) for kind in (*KINDS, "oak chair")}
-    for kind, seed in seeds:
-        named = kind or random_thing(seed).kind
-        for (results,) in [list(each(_continued, kind, seed))]:
-            for number, part in enumerate(results):
-                totals[named] += [1, part.n_surfaces, part.enclosed_m2, part.turned_m2, part.beyond_m2]
-                yield (
-                    f"{named} {seed}, frame {number}: {part.n_surfaces} surfaces, "
-                    f"enclosed {part.enclosed_m2:.3f} m2, backs {part.turned_m2:.3f} m2, "
-                    f"beyond {part.beyond_m2:.3f} m2"
-                )
-    yield ""
-    yield from head("", "frames", "surfaces", "in enclosed holes m2", "on backs m2", "beyond m2")
-    for kind, (frames, surfaces, *areas) in totals.items():
-        yield row(kind, f"{frames:.0f}", f"{surfaces:.0f}", *(f"{area:.3f}" for area in areas))

@@ -16,7 +16,7 @@ from benchmarks.cases.frames import DATA
 from benchmarks.cases.walls import KINDS, NULLS, WallCase, null_case, opening_case
 from benchmarks.run import head, row, suite
 from benchmarks.store import each
-from benchmarks.suites.buildings import house_scans, leaf_groups
+from benchmarks.suites.buildings import has_rooms_on_both_sides, house_scans, leaf_groups
 from completion import CompletionOptions, complete
 from completion.extension.patch import Patch, Provenance
 from completion.features.engine.template import Seen, Status, TemplateFit
@@ -60,7 +60,7 @@ class _Wall(NamedTuple):
 
 def _wall(seed: int, kind: str, hidden: float, noise: float) -> _Wall:
     """Find the opening of a wall."""
-    case = opening_case(seed, kind, hidden, noise)  # type: ignore[arg-type]
+    case = opening_case(seed, kind, hidden, noise)
     fits = find_features([case.scan], KINDS).fits
     found = [fit for fit in fits if fit.status is not Status.NONE]
     same = [fit for fit in found if _overlap(case, fit) > _SAME]
@@ -72,7 +72,7 @@ def _wall(seed: int, kind: str, hidden: float, noise: float) -> _Wall:
     return _Wall(bool(same) and asked, asked, len(found) - len(same), right, sides, depth, told)
 
 
-@suite("openings")
+@suite("openings", smallest="--seeds 1")
 def openings(first: int = 0, seeds: int = 10, noise: float = 0.005, listed: bool = False) -> Iterator[str]:
     """Doorways, windows and niches behind clutter, 30, 50 and 70 % hidden; --noise in metres."""
     yield from head(
@@ -125,7 +125,7 @@ def _null(seed: int, kind: str, noise: float) -> list[tuple[str, float]]:
     return [(fit.status.value, float(fit.evidence)) for fit in find_features([case.scan], KINDS).fits]
 
 
-@suite("nulls")
+@suite("nulls", smallest="--seeds 1")
 def nulls(first: int = 0, seeds: int = 50, noise: float = 0.005, tail: bool = False) -> Iterator[str]:
     """Walls without openings, but with what looks like one: how many are found.
 
@@ -196,7 +196,7 @@ def _told(seed: int, case: WallCase, fits: Sequence[TemplateFit]) -> Iterator[st
 _OFF_M = 0.03  # from a true reveal, up to which a place is right
 
 
-@suite("reveals")
+@suite("reveals", smallest="--n 1")
 def reveals(first: int = 7000, n: int = 4) -> Iterator[str]:
     """Reveals of openings that completion infers: area, share that is right; -n seeds of nine walls each."""
     rows: dict[str, list[list[float]]] = {"measured": [], "unmeasured": []}
@@ -219,7 +219,7 @@ def reveals(first: int = 7000, n: int = 4) -> Iterator[str]:
 
 def _reveals_of(seed: int, kind: str, share: float) -> tuple[float, list[tuple[str, list[float]]]]:
     """True area of a wall's reveals; of each face of a feature the figures of `_rows`."""
-    case = opening_case(seed, kind, share)  # type: ignore[arg-type]
+    case = opening_case(seed, kind, share)
     done = complete(case.scan, CompletionOptions(texture=False), rng=0)
     return _truth_m2(case), [(name, [float(v) for v in values]) for name, values in _rows(case, done)]
 
@@ -249,7 +249,7 @@ def _is_right(case: WallCase, patch: Patch, places: FloatArray, done: Completion
     axis = int(np.argmax(np.abs(normal)))
     side = low[axis] if normal[axis] > 0 else high[axis]
     near = np.abs(places[:, axis] - side) <= _OFF_M
-    return near & ((places >= low - _OFF_M) & (places <= high + _OFF_M)).all(axis=1)
+    return np.asarray(near & ((places >= low - _OFF_M) & (places <= high + _OFF_M)).all(axis=1))
 
 
 def _truth_m2(case: WallCase) -> float:
@@ -265,7 +265,6 @@ def _truth_m2(case: WallCase) -> float:
 _LEAST_M2 = 0.05
 _OFF_M_OF_DUPLEX = 0.4  # between a hole's middle plane and the side of its wall
 _IN_REVEAL_M = 0.02  # behind the face of a wall
-_BESIDE_M = 0.6  # of the middle of a leaf: in a room, or outside
 _HOLE_M, _AROUND_M, _BEFORE_M = 0.01, 0.1, 0.35  # grid, margin, and where beams start before the middle
 _HALF_CELL_M = _HOLE_M / 2
 
@@ -306,7 +305,7 @@ class _Tally:
         return f"{self.told} of {self.holes}, {self.whole} with all seen sides right; {right}, {said}"
 
 
-@suite("duplex")
+@suite("duplex", smallest="--stations 2")
 def duplex(
     stations: int = 14,
     noise: str = "gaussian-2mm",
@@ -364,16 +363,8 @@ def _holes(truth: TrueBuilding) -> list[_Hole]:
         places = _hole(truth, box, axis)
         if len(places) * _HOLE_M**2 >= _LEAST_M2:
             low, high = places.min(axis=0) - _HALF_CELL_M, places.max(axis=0) + _HALF_CELL_M
-            out.append(_Hole(axis, low, high, not _is_inner(truth, box, axis)))
+            out.append(_Hole(axis, low, high, not has_rooms_on_both_sides(truth, box, axis)))
     return out
-
-
-def _is_inner(truth: TrueBuilding, box: FloatArray, axis: int) -> bool:
-    """Whether there are walls all around both places before a leaf."""
-    places = box.mean(axis=0) + _BESIDE_M * np.array([[-1.0], [1.0]]) * np.eye(3)[axis]
-    ways = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    hits = truth.closed.first_hit(np.repeat(places, len(ways), axis=0), np.tile(ways, (2, 1)))
-    return bool(hits.hit.all())
 
 
 def _hole(truth: TrueBuilding, box: FloatArray, axis: int) -> FloatArray:
@@ -392,7 +383,7 @@ def _hole(truth: TrueBuilding, box: FloatArray, axis: int) -> FloatArray:
     for count, along in ((hole.sum(axis=1), 1), (hole.sum(axis=0), 0)):
         few = count < count.max() / 2
         hole &= ~(few[:, None] if along else few[None, :])
-    return places[hole.ravel()] + _BEFORE_M * np.eye(3)[axis]
+    return np.asarray(places[hole.ravel()] + _BEFORE_M * np.eye(3)[axis])
 
 
 def _lies_in(fit: TemplateFit, hole: _Hole) -> bool:

@@ -51,7 +51,7 @@ _HEAD = (
 )
 
 
-@suite("panels")
+@suite("panels", smallest="--rooms 0 --duplex 1 --no-built-in --no-real --no-peers")
 def panels(
     rooms: int = 10,
     first_room: int = 2000,

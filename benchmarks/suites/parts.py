@@ -129,7 +129,9 @@ def true_groups(part: Part) -> list[int]:
 
 def holds(relation: str, one: Surface, two: Surface, length: float, angle: float) -> bool | None:
     """Whether a relation holds between two surfaces; None where they cannot have it."""
-    directions = [getattr(s, "normal_direction", getattr(s, "direction", None)) for s in (one, two)]
+    directions: list[Any] = [
+        getattr(s, "normal_direction", getattr(s, "direction", None)) for s in (one, two)
+    ]
     if relation == "equal radius":
         if type(one) is not type(two) or not isinstance(one, Sphere | Cylinder | Torus):
             return None
@@ -144,7 +146,7 @@ def holds(relation: str, one: Surface, two: Surface, length: float, angle: float
         return sine < angle
     if isinstance(one, Plane) or isinstance(two, Plane):
         return None
-    places = [getattr(s, "centre", getattr(s, "point", None)) for s in (one, two)]
+    places: list[Any] = [getattr(s, "centre", getattr(s, "point", None)) for s in (one, two)]
     gap = places[1] - places[0]
     offset = float(np.linalg.norm(gap - (gap @ directions[0]) * directions[0]))
     return sine < angle and offset < length
@@ -205,7 +207,7 @@ def evaluate(part: Part, noise: float, seed: int) -> Outcome:
     return Outcome(np.array(counts, dtype=np.float64), best, relations, seconds, found)
 
 
-@suite("parts")
+@suite("parts", smallest="--noise 0 --part PC29")
 def fit4cad(noise: list[float] | None = None, only: str = "", part: list[str] | None = None) -> Iterator[str]:
     """The parts of Fit4CAD: primitives found by intersection over union, and their relations.
 
@@ -389,7 +391,7 @@ _BALL = 1.5  # times the largest of the usual gaps between points
 _MM = 1e-3
 
 
-def exported(path: Path, noise: float, seed: int, folder: Path | None) -> dict[str, Any]:
+def exported(path: Path, noise: float, seed: int) -> dict[str, Any]:
     """What one part comes to."""
     truth = read_part(path)
     points = with_noise(truth, noise, seed) * _MM
@@ -407,8 +409,6 @@ def exported(path: Path, noise: float, seed: int, folder: Path | None) -> dict[s
     worst, n = relation_error(found, read, [one.number for one in model.faces if not one.reason])
     gap = float(np.quantile(cKDTree(truth.points).query(truth.points, k=7)[0][:, -1], 0.995))
     ball = ball_volume(truth.points * _MM, _BALL * gap * _MM)
-    if folder is not None:
-        (folder / f"{path.stem}.step").write_bytes(model.data)
     return {
         **out, **model.record(), "valid": model.is_valid and read.is_valid, "ball_m3": ball,
         "read_back": abs(read.volume_m3 / model.volume_m3 - 1) if model.n_solids else 0.0,
@@ -417,7 +417,7 @@ def exported(path: Path, noise: float, seed: int, folder: Path | None) -> dict[s
     }  # fmt: skip
 
 
-@suite("step")
+@suite("step", smallest="--part PC29")
 def step(noise: float = 0.0, only: str = "", part: list[str] | None = None) -> Iterator[str]:
     """The parts of Fit4CAD as STEP files: validity, solids, volumes and relations when they are read back.
 
@@ -433,7 +433,7 @@ def _exported_apart(name: str, noise: float) -> dict[str, Any]:
     """Export the part of a name in a process of its own."""
     place, path = next((k, path) for k, path in enumerate(parts()) if path.stem == name)
     with ProcessPoolExecutor(1) as pool:
-        return pool.submit(exported, path, noise, place, None).result()
+        return pool.submit(exported, path, noise, place).result()
 
 
 def line(row: dict[str, Any]) -> str:

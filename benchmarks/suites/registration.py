@@ -80,7 +80,7 @@ def _room_pairs(seed: int, has_before: bool) -> _Pairs:
     return _Pairs(pairs, within, strangers)
 
 
-@suite("pairs")
+@suite("pairs", smallest="--rooms 1")
 def pairs(first: int = 9000, rooms: int = 100) -> Iterator[str]:
     """Pairs of scans of rooms that look 30 to 120 degrees apart, and of different rooms, without a start.
 
@@ -136,7 +136,7 @@ def coordinates_within(
 _LEAST = 0.2  # overlap that connects two scans
 
 
-@suite("joint")
+@suite("joint", smallest="--rooms 1 --scans 2")
 def joint(first: int = 9000, rooms: int = 20, scans: int = 6) -> Iterator[str]:
     """All scans of a room registered at once: groups, right and wrong poses in them."""
     n_scans = scans
@@ -185,23 +185,17 @@ def connected(scans: list[RangeImage]) -> int:
 _LEAST_OF_REAL, _MOST_M = 0.3, 10.0  # overlap of pairs that are counted, and how far frames are moved
 
 
-@suite("real-pairs")
-def real_pairs() -> Iterator[str]:
+@suite("real-pairs", smallest="--only open3d_redwood")
+def real_pairs(only: str = "") -> Iterator[str]:
     """Real frames, each turned by any angle and moved by up to 10 m first: pairs, and all frames at once."""
     yield from head(
-        "frames",
-        "pairs, overlap from 30 %",
-        "best is right",
-        "of these claimed",
-        "wrong claims, all pairs",
-        "no motion is right",
-        "together: right",
-        "wrong",
-        "by themselves",
-        "median deg, mm",
+        "frames | pairs, overlap from 30 % | best is right | of these claimed | wrong claims, all pairs | "
+        "no motion is right | together: right | wrong | by themselves | median deg, mm"
     )
     rng = np.random.default_rng(24)
     for source in REAL:
+        if only not in ("", source.name):
+            continue
         frames, moved = source.frames, [_put_off(frame, rng) for frame in source.frames]
         counts = np.zeros(5, np.int64)
         for i, j in combinations(range(len(frames)), 2):
@@ -256,7 +250,7 @@ def _put_off(scan: RangeImage, rng: np.random.Generator) -> RangeImage:
     return scan.restated(world_from_sensor=Pose(matrix))
 
 
-@suite("objects")
+@suite("objects", smallest="--pairs 1")
 def objects(first: int = 0, pairs: int = 4) -> Iterator[str]:
     """Free-form objects of the shared data seen from two sides, 30, 60 and 90 degrees apart."""
     n_pairs = pairs

@@ -102,7 +102,7 @@ def true_relations(planes: Sequence[Plane]) -> list[Relation]:
 LEVELS = (0.05, 0.001)
 
 
-@suite("calibration")
+@suite("calibration", smallest="--rooms 1")
 def calibration(first: int = 2000, rooms: int = 20) -> Iterator[str]:
     """Share of true relations of rooms that are rejected at .05 and .001, before five sensors."""
     yield from head("sensor", "pairs", "independent", "blocks", "stated")
@@ -219,7 +219,7 @@ def _off(fit: SurfaceFit, points: FloatArray) -> FloatArray:
     return np.abs(fit.surface.distance(points))
 
 
-@suite("strips")
+@suite("strips", smallest="--rooms 1")
 def strips(first: int = 100, rooms: int = 25) -> Iterator[str]:
     """Root mean square error of a wall 1, 2 and 3 m beyond the strip that was seen of it."""
     yield from head("right wall", "sensor", "rooms", "alone, 1 / 2 / 3 m beyond, mm", "with relations")
@@ -235,50 +235,14 @@ def _cells(errors: FloatArray) -> str:
     return " / ".join(f"{1000 * one:.1f}" if one < 0.0195 else f"{1000 * one:.0f}" for one in errors)
 
 
-@suite("off-square")
-def off_square_walls(first: int = 100, rooms: int = 25) -> Iterator[str]:
-    """Walls that are .3, 1 and 3 deg off square: how often a right angle is imposed, and the harm."""
-    seeds, sensors = range(first, first + rooms), SENSORS
-    yield from head(
-        "sensor", "off, deg", "imposed", "angle off alone, deg", "related", "2 m beyond alone, mm", "related"
-    )
-    for sensor in sensors:
-        for off_deg in (0.3, 1.0, 3.0):
-            found = [off_square(sensor, seed, off_deg) for seed in seeds]
-            imposed = np.mean([one[0] for one in found])
-            rows = np.sqrt(np.mean(np.square([one[1:] for one in found]), axis=0))
-            yield (
-                f"| {sensor.name} | {off_deg:g} | {imposed:.2f} | {rows[0]:.2f} | {rows[1]:.2f} "
-                f"| {rows[2]:.1f} | {rows[3]:.1f} |"
-            )
-
-
-def off_square(sensor: SensorErrors, seed: int, off_deg: float) -> tuple[float, float, float, float, float]:
-    """Whether a relation is imposed on a wall that is off, its angle's error without and with, and 2 m on."""
-    surfaces, seen, true = seen_room(sensor, seed, None, off_deg * (1 if seed % 2 else -1))
-    stated = state_fits(surfaces, [seen], 0.0)
-    graph = infer(stated.fits, (), BUILT, doubt=doubt_of(stated))
-    on_wall = [one for one in graph.accepted if STRIP in one.surfaces]
-    wrong = any(one.kind == "parallel" or 0 not in one.surfaces for one in on_wall)  # the floor is square
-    points = surfaces[STRIP].points([seen], 2_000)
-    level = np.cross(true[STRIP].normal_direction, true[0].normal_direction)
-    there = points[np.argmax(points @ level)] + 2.0 * level
-    there -= float(true[STRIP].distance(there[None])[0]) * true[STRIP].normal_direction
-    out = []
-    for fit in (stated.fits[STRIP], graph.fits[STRIP]):
-        cosine = abs(float(fit.surface.normal(there[None])[0] @ true[STRIP].normal_direction))
-        out.append((float(np.degrees(np.arccos(min(cosine, 1.0)))), 1000 * float(_off(fit, there[None])[0])))
-    return float(wrong), out[0][0], out[1][0], out[0][1], out[1][1]
-
-
 _FILES = (("office1", "range/pcl/office1.pcd"), ("pumpA", "range/e57/pumpA.e57"))
 _LEFT_OUT = ("nyu_dining",)
 _NEAR_DEG = 5.0  # of square or parallel: what is farther off was not meant to be
 _EXACT_DEG = 0.05
 
 
-@suite("real-relations")
-def real_relations() -> Iterator[str]:
+@suite("real-relations", smallest="--only open3d_redwood")
+def real_relations(only: str = "") -> Iterator[str]:
     """Relations of real scans, all frames of a scan completed together.
 
     Of pairs of planes within 5 deg of square or parallel: how many are within .05 deg of it, and how far off
@@ -287,25 +251,13 @@ def real_relations() -> Iterator[str]:
     proposals that the data contradict, of all that could be decided.
     """
     yield from head(
-        "scan",
-        "frames",
-        "surfaces",
-        "pairs",
-        "within .05 deg",
-        "related",
-        "in the model",
-        "off, deg",
-        "related",
-        "in the model",
-        "largest turn, deg",
-        "sd",
-        "above 3 sd",
-        "stayed",
-        "accepted, implied",
-        "rejected",
-        "undecided",
+        "scan | frames | surfaces | pairs | within .05 deg | related | in the model | off, deg | related | "
+        "in the model | largest turn, deg | sd | above 3 sd | stayed | accepted, implied | rejected | "
+        "undecided"
     )
     for name, scans in _sources():
+        if only not in ("", name):
+            continue
         done = complete(scans, CompletionOptions(texture=False), rng=0)
         if done.relations is not None:
             yield f"| {name} | {len(scans)} | {_row(done.relations)} |"
@@ -378,7 +330,7 @@ class Corners(NamedTuple):
     n_planes: IntArray
 
 
-@suite("corners")
+@suite("corners", smallest="--rooms 1")
 def corner_errors_of_rooms(first: int = 2000, rooms: int = 10) -> Iterator[str]:
     """Hidden corners of rooms with and without relations, and what relations do to the strata."""
     tasks = tasks_of(generated_cases(rooms, first), "gaussian-2mm", dict(METHODS), 0)
@@ -480,7 +432,7 @@ _NOISE_MM = 0.1
 _PART_BOX = np.array([(-50.0, -40.0, 0.0), (75.0, 40.0, 60.0)])
 
 
-@suite("warps")
+@suite("warps", smallest="--rooms 1 --parts 1")
 def warps(first: int = 2000, rooms: int = 10, parts: int = 100) -> Iterator[str]:
     """True relations of rooms and parts that are warped as a whole: shares rejected, and what they came to.
 

@@ -25,7 +25,7 @@ from benchmarks.run import head, row, suite
 from scenes.checks import FloatArray
 
 
-@suite("segmentation")
+@suite("segmentation", smallest="--rounds 1")
 def segmentation(rounds: int = 3) -> Iterator[str]:
     """Faces of Hoover et al. (1996) at 80 % overlap, ten frames each of drum_and_post and office."""
     yield from head("method, frames", "CPU ms a frame", "correct", "of", "over", "under", "missed", "noise")

@@ -195,7 +195,7 @@ def _occluded(patch: Patch) -> BoolArray:
 HELD_OUT = 2000  # first seed of the desks that nothing is tuned on; constants come from 1000 on
 
 
-@suite("silence")
+@suite("silence", smallest="--desks 1")
 def silence(first: int = HELD_OUT, desks: int = 24, fit: bool = False) -> Iterator[str]:
     """Pixels without return of simulated desks before a Kinect: shadows, dark and clear things.
 

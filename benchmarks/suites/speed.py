@@ -23,19 +23,14 @@ from benchmarks.run import head, row, suite
 from benchmarks.store import peak_bytes
 from completion import CompletionOptions, complete
 from completion.result.completed_model import CompletedModel
-from completion.result.completion import Completion, placed
-from completion.result.record import completion_record
-from nbv import PinholeSensor, SphericalSensor, scan_scene
+from nbv import PinholeSensor, scan_scene
 from scenes import Pose, RangeImage, RayCaster
 from scenes.checks import FloatArray
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR
-from scenes.io.ply import write_meshes_ply
-from scenes.io.scan_files import read_scan, read_scans, write_scan
+from scenes.io.scan_files import read_scan, write_scan
 from scenes.mesh.blocks import morton_order
-from scenes.run.atomic import write_json
 from scenes.scan.colour import colour_bytes
 from scenes.scan.projection import PinholeProjection, SphericalProjection
-from scenes.world.builtin import builtin_scene
 
 SIDE, N_RAYS = 1000, 1_000_000
 Job = Callable[[], object]
@@ -134,19 +129,19 @@ def _open3d(work: Workload, n_threads: int) -> Iterator[tuple[str, str, Job]]:
     yield "primary", name, lambda: scene.cast_rays(image, nthreads=n_threads)
     for order, points in work.targets.items():
         ways = rays(points - work.viewpoint)
-        yield order, name, lambda ways=ways: scene.test_occlusions(ways, 0.0, 1.0, nthreads=n_threads)
+        yield order, name, partial(scene.test_occlusions, ways, 0.0, 1.0, nthreads=n_threads)
 
 
 def _ours(work: Workload, n_threads: int) -> Iterator[tuple[str, str, Job]]:
     """Both backends: float64 in, everything checked."""
     for backend in ("embreex", "packets"):
         caster = RayCaster(work.vertices, work.faces, n_threads, backend=backend)
-        yield "primary", f"unseen {backend}", lambda c=caster: c.first_hit(work.viewpoint, work.image)
+        yield "primary", f"unseen {backend}", partial(caster.first_hit, work.viewpoint, work.image)
         for order, points in work.targets.items():
-            yield order, f"unseen {backend}", lambda c=caster, p=points: c.blocked(work.viewpoint, p)
+            yield order, f"unseen {backend}", partial(caster.blocked, work.viewpoint, points)
 
 
-@suite("rays")
+@suite("rays", smallest="--rounds 1")
 def rays(rounds: int = 5) -> Iterator[str]:
     """Million rays a second of our ray caster beside its peers: same rays, same cores, in turn."""
     yield from head("scene", "rays", "caster", "threads", "Mray/s, best", "median")
@@ -225,7 +220,7 @@ def _stations(folder: str, n: int) -> dict[str, Any]:
     return _completed(lambda: [read_scan(f"{folder}/{k}.npz") for k in range(n)], warm)
 
 
-@suite("stations")
+@suite("stations", smallest="--numbers 1 --megapixels 0.02")
 def stations(numbers: str = "1,2,4,8", megapixels: float = 0.25) -> Iterator[str]:
     """Completing with the number of stations: rooms in rows with open doors, a panorama in each."""
     counts = [int(word) for word in numbers.split(",")]
@@ -250,7 +245,7 @@ def _frames(n: int, width: int) -> dict[str, Any]:
     return _completed(lambda: frames, frames[:2])
 
 
-@suite("frames")
+@suite("frames", smallest="--numbers 2 --width 160")
 def frames(numbers: str = "10,20,40,80", width: int = 320) -> Iterator[str]:
     """Completing with the number of RGB-D frames: the first N frames of a walk through rooms."""
     yield from _growth({int(n): _apart(_frames, int(n), width) for n in numbers.split(",")})
@@ -280,7 +275,9 @@ def write_as_scanners_do(scan: RangeImage, path: Path) -> None:
     column, line = np.nonzero(scan.valid.T)
     points = SCANNER_FROM_SENSOR.apply(scan.points_in_sensor()[line, column])
     points += np.random.default_rng(1).normal(0, 3e-4, points.shape)
-    data = {f"cartesian{axis}": points[:, k].astype(np.float32) for k, axis in enumerate("XYZ")}
+    data: dict[str, np.ndarray] = {
+        f"cartesian{axis}": points[:, k].astype(np.float32) for k, axis in enumerate("XYZ")
+    }
     for k, name in enumerate(("Red", "Green", "Blue")):
         data[f"color{name}"] = colour_bytes(scan.colour[line, column, k])
     data |= {"rowIndex": line.astype(np.uint16), "columnIndex": column.astype(np.uint16)}
@@ -301,7 +298,7 @@ def _read(small: str, large: str) -> dict[str, Any]:
     return {"points": int(scan.valid.sum()) / 1e6, "s": seconds, "peak": peak / 1e6, "scan": held / 1e6}
 
 
-@suite("e57")
+@suite("e57", smallest="--millions 0.01")
 def e57(millions: str = "1,3.27,20") -> Iterator[str]:
     """Reading a large E57 as we write it and as scanners do: CPU seconds and peak memory."""
     yield from head("written by", "M points", "CPU s", "MB at the peak", "MB of the scan")
@@ -314,68 +311,3 @@ def e57(millions: str = "1,3.27,20") -> Iterator[str]:
                 found = _apart(_read, small, large)
                 cells = [f"{found['points']:.2f}", f"{found['s']:.2f}"]
                 yield row(name, *cells, f"{found['peak']:.0f}", f"{found['scan']:.0f}")
-
-
-def _write_report(completion: Completion, path: Path) -> None:
-    from nbv.report.completion_report import completion_page
-
-    completion_page(completion, "Benchmark", n_threads=1).write(path)
-
-
-_FILES: dict[str, Callable[[Completion, Path], object]] = {
-    "completion.json": lambda completion, path: write_json(path, completion_record(completion)),
-    "completed.glb": lambda completion, path: completion.export(path),
-    "polygons.json": lambda completion, path: completion.export(path),
-    "observed.ply": lambda completion, path: write_meshes_ply(
-        path, placed(completion, completion.derived.observed_parts())
-    ),
-    "hypothesised.ply": lambda completion, path: write_meshes_ply(
-        path, placed(completion, completion.derived.hypothesised_parts())
-    ),
-    "report.html": _write_report,
-}
-"""Writers of each file, in the order of a run."""
-
-
-@suite("saving")
-def saving(scan: list[str] | None = None) -> Iterator[str]:
-    """Writing a completion: CPU seconds of each file after those above it, and by itself; the first loads.
-
-    --scan: files of scans; without any the built-in office by a camera and by a panorama of 3.3 megapixels.
-    """
-    yield from head("scan", "file", "in turn, CPU s", "alone, CPU s", "MB")
-    sensors = {
-        "camera": (PinholeSensor(fov_deg=70, width=640, height=480), (3.5, 1.0, 0.9)),
-        "panorama": (SphericalSensor(elevation_max_deg=90, width=2810, height=1171), (2.2, 2.9, 1.5)),
-    }
-    eye, office = (1.2, 2.9, 1.5), builtin_scene("office")
-    scans = [(f"{Path(name).name} #{k}", s) for name in scan or () for k, s in enumerate(read_scans(name))]
-    for name, (sensor, target) in sensors.items() if not scan else ():
-        pose = Pose.looking_at(eye, target)
-        scans.append((name, scan_scene(office, pose, sensor, noise="gaussian-2mm", rng=0)))
-    for title, image in scans:
-        options = CompletionOptions(texture=False)
-        complete(image, options, n_threads=1)
-        done = list[Completion]()
-        yield row(
-            title,
-            "(completing)",
-            _cpu(
-                lambda image=image, done=done: done.append(complete(image, CompletionOptions(texture=False)))
-            ),
-            "",
-            "",
-        )
-        with TemporaryDirectory() as folder:
-            for name, write in _FILES.items():
-                path = Path(folder, name)
-                in_turn = _cpu(partial(write, done[0], path))
-                alone = _cpu(partial(write, replace(done[0]), path))  # nothing is derived from it so far
-                yield row(title, name, in_turn, alone, f"{path.stat().st_size / 1e6:.2f}")
-
-
-def _cpu(work: Callable[[], object]) -> str:
-    """CPU seconds of a call, on all threads."""
-    begin = time.process_time()
-    work()
-    return f"{time.process_time() - begin:.2f}"

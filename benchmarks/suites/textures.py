@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import cv2
 import numpy as np
@@ -22,6 +23,7 @@ from benchmarks.methods.textures import (
 )
 from benchmarks.run import head, row, suite
 from benchmarks.store import each
+from scenes.checks import BoolArray
 from texture import (
     fill,
     fill_surface,
@@ -31,6 +33,7 @@ from texture import (
     measure_seam,
     measure_verbatim_share,
 )
+from texture.sampling.canvas import OrderName
 
 HOLE, CROP = np.s_[96:160, 96:160], np.s_[128:384, 128:384]
 PIECES = [(line, column) for line in (0, 64, 384, 448) for column in (0, 150, 300, 448)]
@@ -78,7 +81,7 @@ def _filled(name: str, order: str, window: int, seed: int) -> dict[str, float]:
     }
 
 
-@suite("textures")
+@suite("textures", smallest="--seeds 1")
 def textures(seeds: int = 30, window: int = 11) -> Iterator[str]:
     """Fills of brick, grass and gravel against what was cut out: hole of 64 x 64 in 256 x 256 pixels.
 
@@ -128,7 +131,7 @@ def _large_hole(name: str, side: int, rim: int, search: str, seed: int) -> list[
     return [float(value) for value in (seconds, distance, seam, phase, colour)]
 
 
-@suite("large-holes")
+@suite("large-holes", smallest="--seeds 1")
 def large_holes(seeds: int = 4) -> Iterator[str]:
     """Large holes filled exactly and by a budget, in 384 x 384 pixels: means over the seeds."""
     yield from head("texture", "hole", "search", "CPU s", "distance", "seam", "phase", "colour")
@@ -176,7 +179,15 @@ def _best(work: Callable[[], object], rounds: int) -> float:
     return min(seconds)
 
 
-@suite("texture-speed")
+def _filled_by_one_thread(image: Image8, hole: BoolArray, window: int, order: OrderName, seed: int) -> Image8:
+    """The image with its hole filled by one thread."""
+    return np.asarray(fill(image, hole, window=window, order=order, rng=seed, n_threads=1).image)
+
+
+_ORDERS: tuple[OrderName, ...] = ("paper", "window")
+
+
+@suite("texture-speed", smallest="--rounds 1")
 def texture_speed(rounds: int = 3) -> Iterator[str]:
     """CPU seconds and quality of a fill of 64 x 64 in 256 x 256 of brick, beside other programs."""
     yield from head("window", "fill", "CPU s", "distance", "seam")
@@ -185,21 +196,19 @@ def texture_speed(rounds: int = 3) -> Iterator[str]:
     for window in (11, 23):
         n_templates, n_positions = int(hole.sum()), (256 - window + 1) ** 2 - (64 + window - 1) ** 2
         makers: dict[str, Callable[[int], Image8]] = {
-            f"unseen, {order} order": lambda seed, order=order, window=window: np.asarray(
-                fill(image, hole, window=window, order=order, rng=seed, n_threads=1).image
-            )
-            for order in ("paper", "window")
+            f"unseen, {order} order": partial(_filled_by_one_thread, image, hole, window, order)
+            for order in _ORDERS
         }
         for peer in list_peers():
             if peer.fill is None:
                 yield row(window, peer.name, peer.reason, None, None)
             else:
-                makers[peer.name] = lambda seed, f=peer.fill, window=window: f(image, hole, window, seed)
+                makers[peer.name] = partial(peer.fill, image, hole, window)
         for name, make in makers.items():
             fills = [make(seed) for seed in range(3)]
             distance = np.mean([measure_distance(made[HOLE], image[HOLE]) for made in fills]) / scale
             seam = np.mean([measure_seam(np.where(hole, made, image), hole, image) for made in fills])
-            spent = _best(lambda make=make: make(0), rounds)
+            spent = _best(partial(make, 0), rounds)
             yield row(window, name, f"{spent:.2f}", f"{distance:.2f}", f"{seam:.2f}")
         floors = {
             "float32 matrix products (the floor)": time_products(window, n_templates, n_positions),

@@ -300,7 +300,7 @@ _COLUMNS = (
 )  # fmt: skip
 
 
-@suite("together")
+@suite("together", smallest="--of open3d_redwood")
 def together(
     of: list[str] | None = None, keep_poses: bool = False, registration_m: float = 0.005, seed: int = 0
 ) -> Iterator[str]:

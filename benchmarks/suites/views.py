@@ -78,7 +78,9 @@ def uniform_points(mesh: LabelledMesh, n: int, rng: np.random.Generator) -> Surf
     order = morton_order(points)
     face, points = face[order], points[order]
     equal = np.full(n, areas.sum() / n)
-    return SurfaceSamples(points, mesh.face_normals()[face], equal, face, mesh.face_surface[face])
+    return SurfaceSamples(
+        points, mesh.face_normals()[face], equal, face.astype(np.int32), mesh.face_surface[face]
+    )
 
 
 def stations_of(scene: Scene, standing: Standing) -> list[View]:
@@ -104,7 +106,7 @@ def shares_on(
     }
 
 
-@suite("wide")
+@suite("wide", smallest="--samples 1000 --target 0.5")
 def wide(samples: int = 34_000, target: float = 0.99) -> Iterator[str]:
     """The room with two occluders, about 16,000 poses of a camera of 60 deg: views, bound, CPU seconds."""
     begin = time.process_time()
@@ -116,7 +118,7 @@ def wide(samples: int = 34_000, target: float = 0.99) -> Iterator[str]:
     yield f"{time.process_time() - begin:.0f} CPU s in all, {(peak_bytes() or 0) / 1e6:.0f} MB at most"
 
 
-@suite("shares")
+@suite("shares", smallest="--scene builtin:two_occluders --points 10000")
 def shares(scene: list[str] | None = None, points: int = 1_000_000) -> Iterator[str]:
     """Shares met and seen from four stations at default sampling beside uniform points, and error bars."""
     names = scene or [name if name.startswith("builtin:") else str(DATA / name) for name in SCENES]

@@ -50,7 +50,7 @@ WEIGHTS: FloatArray = np.array([
 """Constant, and weight of each of `KNOWN`, in the logarithm of the odds (Cox 1958).
 
 The most likely ones on the generated rooms with seeds 1000 to 1015, the furnished flats with seeds 0 to 19
-and the frames of a walk through a furnished storey, rounded (examples/calibrate_confidence.py).
+and the frames of a walk through a furnished storey, rounded (`python -m benchmarks run confidence`).
 """
 
 _NEAREST = 0.02  # added to distances before their logarithm is taken: nearer is as near
@@ -255,7 +255,7 @@ TRUST: FloatArray = np.array([
 
 By what brought nothing back, unknown or a shadow of the projector, and by walls, in metres, and other
 surfaces, in units of the root of their measured area. The most likely ones on the desks with seeds 1000 to
-1047, rounded (`python -m benchmarks.completion.silence --fit`), but for wide holes in walls: whether they are
+1047, rounded (`python -m benchmarks run silence --fit`), but for wide holes in walls: whether they are
 screens or panes depends on the house, so that they fall off in half the width that is likeliest there.
 """
 

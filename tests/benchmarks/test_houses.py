@@ -11,12 +11,10 @@ from benchmarks.cases.frames import HELD_OUT_HOUSES, HOUSES, REAL, Flat
 from benchmarks.cases.houses.furnishing import AMIDST, AMIDST_BY_USE, AT_WALLS, USES
 from benchmarks.cases.houses.house import (
     FARTHEST_M,
-    KINDS,
     NEAREST_M,
     House,
     frames,
     random_house,
-    random_thing,
     station,
     without_mirrors,
 )
@@ -24,7 +22,6 @@ from benchmarks.cases.houses.plan import random_plan
 from benchmarks.cases.houses.solids import volume
 from benchmarks.metrics.other_scans import is_there
 from benchmarks.suites.ledger import chosen
-from tests.helpers.long_cases import first_in_gate
 
 SEEDS = (0, 6, 14, 21)  # four rooms, slopes with a skylight, crammed, stairs
 
@@ -204,19 +201,3 @@ def test_the_ledger_takes_houses_by_kind_and_by_name() -> None:
     assert chosen(["house 3"]) == [Flat(3)]
     assert chosen(["real"]) == list(REAL)
     assert not {one.seed for one in HOUSES} & {one.seed for one in HELD_OUT_HOUSES}
-
-
-@pytest.mark.parametrize("seed", first_in_gate(3, range(6)))
-def test_a_thing_stands_on_the_floor_of_a_bare_room_and_is_seen(seed: int) -> None:
-    thing = random_thing(seed)
-    assert thing.kind == KINDS[seed % 3]
-    corners = thing.scene.mesh.corners[thing.thing_faces]
-    assert corners[..., 2].min() == pytest.approx(0.0, abs=1e-9)
-    assert 6 < (~thing.thing_faces).sum() == 12
-    assert len(thing.frames) == 3
-    for scan in thing.frames:
-        seen = scan.truth.surface[scan.valid]
-        assert thing.is_thing[seen].mean() > 0.005
-        assert (~thing.is_thing[seen]).any()
-    again = random_thing(seed)
-    assert np.array_equal(again.scene.mesh.vertices, thing.scene.mesh.vertices)

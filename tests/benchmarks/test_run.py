@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from typer.main import get_command
 
 from benchmarks import run
 from benchmarks.metrics.completion import Outcome
@@ -13,9 +14,10 @@ from benchmarks.store import STORE, Store, each, from_record, measured, to_recor
 from benchmarks.suites.completion import Task, evaluate
 from nbv.scanning.effects import NO_EFFECTS
 from scenes.checks import InputError
-from tests.helpers.data_paths import ROOT
+from tests.helpers.data_paths import ROOT, requires_data
 from tests.helpers.sweep_examples import small_column
 
+run.load_suites()
 CALLS: list[int] = []
 
 
@@ -92,11 +94,35 @@ def test_a_section_is_replaced_and_the_rest_of_the_page_stays(tmp_path):
 
 
 def test_each_suite_has_a_line_for_the_list(capsys):
-    run.load_suites()
     run.listed()
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == len(run.SUITES) > 40
     assert all(line.endswith((".", ":", ",")) for line in lines)
+
+
+QUOTED = re.compile(r"python -m benchmarks run ([a-z0-9-]+(?: [^`\n;]*)?)`")
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs/results").glob("*.md")), ids=lambda page: page.stem)
+def test_commands_that_results_quote_exist(page):
+    suites = get_command(run.app).commands["run"].commands
+    for name, *words in map(str.split, QUOTED.findall(page.read_text("utf-8"))):
+        suites[name].make_context(name, words)  # raises for an unknown option
+
+
+@pytest.mark.long
+@requires_data
+@pytest.mark.parametrize("name", list(run.SUITES))
+def test_every_suite_runs_as_small_as_it_can_be(name, capsys):
+    run.app(["smallest", name], standalone_mode=False)
+    first, *lines = capsys.readouterr().out.strip().splitlines()
+    assert first.split()[0] == name
+    assert lines
+
+
+def test_an_unknown_suite_is_refused_by_its_name():
+    with pytest.raises(InputError, match="there is no suite nothing; there are completion, "):
+        run.app(["smallest", "nothing"], standalone_mode=False)
 
 
 def hull_of_guide():
@@ -127,4 +153,4 @@ def test_the_example_of_the_guide_is_scored_beside_others(store):
 def test_the_suite_of_the_guide_prints_its_table(store):
     names = hull_of_guide()
     assert list(names["halves"](cases=2)) == ["| seed | half |", "|---|---|", "| 0 | 0.0 |", "| 1 | 0.5 |"]
-    run.SUITES.pop("halves")
+    run.SUITES.pop("halves"), run.SMALLEST.pop("halves")

@@ -3,40 +3,27 @@
 
 import importlib.util
 import re
-import sys
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.suites import paper_study
 from scenes.world.builtin import builtin_scene
 from tests.helpers.data_paths import ROOT
 
-NAMES = ("score_paper_study", "plot_paper_study")
+
+@pytest.fixture(scope="module")
+def score():
+    return paper_study
 
 
 @pytest.fixture(scope="module")
-def scripts():
-    """Both scripts; the second imports the first."""
-    modules = []
-    for name in NAMES:
-        spec = importlib.util.spec_from_file_location(name, ROOT / f"examples/{name}.py")
-        sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-        modules.append(sys.modules[name])
-    yield modules
-    for name in NAMES:
-        del sys.modules[name]
-
-
-@pytest.fixture(scope="module")
-def score(scripts):
-    return scripts[0]
-
-
-@pytest.fixture(scope="module")
-def plot(scripts):
-    return scripts[1]
+def plot():
+    spec = importlib.util.spec_from_file_location("plot_paper_study", ROOT / "examples/plot_paper_study.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="module")

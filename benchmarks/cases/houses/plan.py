@@ -291,11 +291,6 @@ class Opening:
         """Its lower and upper end, metres."""
         return float(self.outline[:, 1].min()), float(self.outline[:, 1].max())
 
-    @property
-    def is_way(self) -> bool:
-        """Whether people go through it."""
-        return self.kind in ("door", "entrance", "passage", "arch", "glazed door")
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shaft:

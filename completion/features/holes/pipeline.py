@@ -3,7 +3,7 @@
 
 The null: how evident patterns become on plates without any, of which patches were lost.
 Measured on simulated blank plates, 30 % of them lost in discs, ellipses, strips, stars, clouds and
-rectangles, 10 % outliers (`python -m benchmarks.features holes --null`, seeds 500 to 549, 600 to 699 and, for
+rectangles, 10 % outliers (`python -m benchmarks run hole-nulls`, seeds 500 to 549, 600 to 699 and, for
 rows, 50000 to 50299): of each kind the greatest evidence of those patterns that nothing else refuses.
 """
 

@@ -2,7 +2,7 @@
 """Decision: the most probable recess, whether it is an opening, of which kind, and what of it nobody saw.
 
 The null: how often a room whose wall has no opening shows one as good.
-Measured by `python -m benchmarks.features nulls --first 4000 --seeds 12 --tail` on simulated walls that are
+Measured by `python -m benchmarks run nulls --first 4000 --seeds 12 --tail` on simulated walls that are
 plain, end, bear pictures or mirrors, lost a patch, or have cupboards, wardrobes, a table or shelves before
 them, each scanned once, with boxes, 5 mm of noise and 1 % of strays.
 """

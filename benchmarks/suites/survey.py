@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """What a survey of a building costs by each way of choosing stations: stations, walked length, minutes.
 
-    python examples/score_building.py [SCENE] [--up y] [--without PATTERN] [--planner NAME]... [--seeds N]
-
 A panoramic scanner in a building (default: the duplex of the data folder, `UNSEEN_DATA`, doors left out) by
 rules of thumb, by greedy choice, by cover, and online. All stand on the same poses, and are measured on the
 same samples, until 95 and 99 % of what these poses can reach is measured within 60 deg.
@@ -15,19 +13,21 @@ Minutes are stations x (scan + set-up) + walked length / speed. A leg without a 
 the next, say) is charged the straight line, and counted.
 """
 
-import argparse
-import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
+from typing import cast
 
 import numpy as np
 
+from benchmarks.cases.frames import DATA
+from benchmarks.run import head, suite
+from benchmarks.run import row as line
 from nbv import SurfaceSamples, load_sensor, plan_views
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
+from nbv.plan.planning import Method
 from nbv.plan.rules import GRID_M, grid_places, nearest_poses, room_and_doorway_places
 from nbv.plan.tour import Tour, plan_tour
 from nbv.scanning.sensor import Sensor
@@ -37,10 +37,10 @@ from nbv.visibility.standing.candidates import Standing, find_standing, samples_
 from nbv.visibility.standing.site import Site
 from nbv.visibility.standing.site_options import SiteOptions
 from scenes import Scene
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.io.scene_files import open_scene
+from scenes.mesh.orientation import Axis
 
-DATA = Path(os.environ.get("UNSEEN_DATA", "../shared/data"))
 SHARES = (0.95, 0.99)
 FINEST_M, FINER_M = 0.5, 0.5
 PLANNERS = ("rules", "greedy", "cover", "nbv", "nbv --infer")
@@ -99,7 +99,7 @@ class Building:
         sensor = load_sensor("panorama")
         standing = find_standing(scene, sensor, options)
         if standing.site is None:
-            raise SystemExit(f"{scene.name} is no building: nothing to stand on was found")
+            raise InputError(f"{scene.name} is no building: nothing to stand on was found")
         caster = scene.ray_caster()
         samples, _ = samples_that_count(scene, standing, caster)
         tally = CoverageTally.start(caster, samples, Requirement())
@@ -126,11 +126,11 @@ class Building:
         whole = np.append(np.zeros(len(views) - 1), shares[-1])  # a surveyor takes all of them
         return Survey(np.array([view.world_from_sensor.translation for view in views]), whole, best)
 
-    def planned(self, method: str, target: float, seed: int) -> Survey:
+    def planned(self, planner: str, target: float, seed: int) -> Survey:
         """Plan to a target."""
-        infer = method.endswith("--infer")
+        infer, method = planner.endswith("--infer"), cast(Method, planner.split()[0])
         plan = plan_views(
-            self.scene, self.sensor, method=method.split()[0], target=target, standing=self.standing,
+            self.scene, self.sensor, method=method, target=target, standing=self.standing,
             samples=self.samples, infer=infer, rng=seed,
         )  # fmt: skip
         if not isinstance(plan.coverage, Coverage) or plan.coverage.history is None:
@@ -175,7 +175,7 @@ def row(name: str, building: Building, survey: Survey, share: float, cost: Cost)
     n = survey.until(share)
     if n is None:
         end = f"{100 * survey.shares[-1]:.1f} % after {len(survey.shares)}"
-        return f"| {name} | never: {end} | {survey.enough or ''} | | | |"
+        return line(name, f"never: {end}", survey.enough or "", "", "", "")
     in_order = name.startswith("nbv")
     stations = survey.stations[:n]
     tour = building.tour(stations, in_order=in_order)
@@ -186,7 +186,7 @@ def row(name: str, building: Building, survey: Survey, share: float, cost: Cost)
     ]
     walked = tour.length_m + sum(straight)
     enough = survey.enough or ""
-    return f"| {name} | {n} | {enough} | {walked:.0f} | {len(straight)} | {cost.minutes(n, walked):.0f} |"
+    return line(name, n, enough, f"{walked:.0f}", len(straight), f"{cost.minutes(n, walked):.0f}")
 
 
 def surveys(building: Building, planner: str, share: float, seeds: int) -> Iterator[tuple[str, Survey]]:
@@ -199,43 +199,42 @@ def surveys(building: Building, planner: str, share: float, seeds: int) -> Itera
         yield name, building.planned(planner, share, seed)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Print a table for each share."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", nargs="?", default=str(DATA / "buildings/duplex.glb"))
-    parser.add_argument("--up", default="y", choices=["x", "y", "z"])
-    parser.add_argument("--without", nargs="*", default=["*Door*"], help="surfaces left out, by name")
-    parser.add_argument("--heights", nargs="*", type=float, default=[1.6], help="of the instrument, metres")
-    parser.add_argument(
-        "--rooms", nargs="*", type=int, help="numbers of the rooms asked for; all if not given"
+@suite("survey", smallest="--rooms 2 --planner greedy --share 0.5")
+def survey(
+    scene: str = str(DATA / "buildings/duplex.glb"),
+    up: Axis = "y",
+    without: list[str] | None = None,
+    heights: list[float] | None = None,
+    rooms: list[int] | None = None,
+    planner: list[str] | None = None,
+    share: list[float] | None = None,
+    seeds: int = 1,
+    scan_minutes: float = 3.0,
+    set_up_minutes: float = 1.0,
+    walking_speed: float = 1.0,
+) -> Iterator[str]:
+    """What a survey of a building costs by each way of choosing stations: stations, walked length, minutes.
+
+    --without: surfaces left out, by name (default *Door*); --heights of the instrument, metres; --rooms by
+    number, all if not given; --planner: rules, greedy, cover, nbv, nbv --infer; --walking-speed: m/s.
+    """
+    cost = Cost(scan_minutes, set_up_minutes, walking_speed)
+    whole = open_scene(scene, up=up).without(without or ["*Door*"])
+    options = SiteOptions(rooms=tuple(rooms) if rooms else "all", heights_m=tuple(heights or [1.6]))
+    building = Building.of(whole, options)
+    yield (
+        f"{whole.name}: {building.standing.candidates.n_poses} poses, {len(building.samples)} samples, "
+        f"{building.reachable_m2:.0f} of {building.samples.total_m2:.0f} m2 can be reached"
     )
-    parser.add_argument("--planner", action="append", choices=PLANNERS, help="default: all but the last")
-    parser.add_argument("--share", nargs="*", type=float, default=list(SHARES))
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--scan-minutes", type=float, default=3.0)
-    parser.add_argument("--set-up-minutes", type=float, default=1.0)
-    parser.add_argument("--walking-speed", type=float, default=1.0, help="metres a second")
-    asked = parser.parse_args(arguments)
-    cost = Cost(asked.scan_minutes, asked.set_up_minutes, asked.walking_speed)
-    scene = open_scene(asked.scene, up=asked.up).without(asked.without)
-    options = SiteOptions(rooms=tuple(asked.rooms) if asked.rooms else "all", heights_m=tuple(asked.heights))
-    building = Building.of(scene, options)
-    print(
-        f"{scene.name}: {building.standing.candidates.n_poses} poses, {len(building.samples)} samples, "
-        f"{building.reachable_m2:.0f} of {building.samples.total_m2:.0f} m2 can be reached",
-        flush=True,
-    )
-    for share in asked.share:
-        print(f"\n| {100 * share:g} % | stations | of which enough | walked, m | legs without way | min |")
-        print("|---|---|---|---|---|---|", flush=True)
-        for planner in asked.planner or PLANNERS[:-1]:
+    for part in share or SHARES:
+        yield ""
+        yield from head(
+            f"{100 * part:g} %", "stations", "of which enough", "walked, m", "legs without way", "min"
+        )
+        for name in planner or PLANNERS[:-1]:
             begun = time.process_time()
-            for name, survey in surveys(building, planner, share, asked.seeds):
-                print(row(name, building, survey, share, cost), flush=True)
-                if survey.remark:
-                    print(f"  {survey.remark}", flush=True)
-            print(f"  {planner}: {time.process_time() - begun:.0f} s of the processor", flush=True)
-
-
-if __name__ == "__main__":
-    main()
+            for title, found in surveys(building, name, part, seeds):
+                yield row(title, building, found, part, cost)
+                if found.remark:
+                    yield f"  {found.remark}"
+            yield f"  {name}: {time.process_time() - begun:.0f} s of the processor"

@@ -6,20 +6,18 @@ centre with 1280 x 720 pixels and a field of view of 70 deg. A true point counts
 point lies within 2 mm of it, and as seen well when a view sees it within 60 deg of its normal. The planner
 knows its voxels and its own scans alone; greedy knows both tables of the truth.
 
-    python examples/score_bunny.py [N_CANDIDATES] [N_SAMPLES]
-
-It prints medians over starts, in per cent of the area, for 2 to 8 views.
+Medians over starts, in per cent of the area, for 2 to 8 views.
 """
 
-import os
-import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from benchmarks.cases.frames import DATA
+from benchmarks.run import head, row, suite
 from nbv.online.planner import PlannerOptions, explore
 from nbv.online.targets import GainOptions
 from nbv.plan.baselines import farthest_poses
@@ -31,12 +29,12 @@ from nbv.visibility.viewpoints import Candidates, viewing_sphere
 from nbv.visibility.visibility import lines_of_sight
 from scenes.io.scene_files import load_scene
 from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 
-ROOT = Path(__file__).resolve().parents[1]
-BUNNY = Path(os.environ.get("UNSEEN_DATA", ROOT.parent / "shared/data")) / "scenes/objects/stanford-bunny.obj"
+BUNNY = DATA / "scenes/objects/stanford-bunny.obj"
 SENSOR = PinholeSensor(fov_deg=70, width=1280, height=720)
 DIAGONAL_M, RADIUS_M, WITHIN_M, WELL = 0.20, 1.2, 0.002, 0.5
 N_VIEWS, N_STARTS, N_BLIND = 8, 10, 200
@@ -88,7 +86,7 @@ def explore_bunny(
     number_of = {candidates.pose(k).translation.tobytes(): k for k in range(candidates.n_poses)}
     taken: list[int] = []
 
-    def scan(pose) -> RangeImage:  # type: ignore[no-untyped-def]
+    def scan(pose: Pose) -> RangeImage:
         taken.append(number_of[pose.translation.tobytes()])
         return scan_scene(scene, pose, SENSOR, caster=caster, truth=False)
 
@@ -106,37 +104,36 @@ def choose_greedily(seen: NDArray[np.bool_], start: int) -> list[int]:
     return chosen
 
 
-def show(name: str, sequences: Sequences, truth: Truth) -> None:
-    """Print the medians of a planner as a row of a table."""
+def _medians(name: str, sequences: Sequences, truth: Truth) -> str:
+    """Return the medians of a planner as a row of a table."""
     cells = []
     for seen in (truth.covered, truth.well):
         shares = [
             [seen[chosen[:k]].any(axis=0).mean() for k in range(2, N_VIEWS + 1)] for chosen in sequences
         ]
         cells += [f"{100 * share:.2f}" for share in np.median(shares, axis=0)]
-    print(f"| {name} | {len(sequences)} | {' | '.join(cells)} |", flush=True)
+    return row(name, len(sequences), *cells)
 
 
-def main(n_candidates: int = 500, n_samples: int = 60_000) -> None:
-    """Print the table."""
+@suite("bunny", smallest="--candidates 30 --samples 3000 --starts 1 --blind 2")
+def bunny(
+    candidates: int = 500, samples: int = 60_000, starts: int = N_STARTS, blind: int = N_BLIND
+) -> Iterator[str]:
+    """Views around the Stanford bunny: online beside random, farthest-point and greedy choices."""
     scene = load_bunny()
-    caster, candidates = scene.ray_caster(), place_candidates(scene, n_candidates)
-    spacing = float(np.sqrt(scene.mesh.face_areas().sum() / n_samples))
-    truth = measure_truth(scene, caster, candidates, sample_surface(scene.mesh, spacing))
+    caster, places = scene.ray_caster(), place_candidates(scene, candidates)
+    spacing = float(np.sqrt(scene.mesh.face_areas().sum() / samples))
+    truth = measure_truth(scene, caster, places, sample_surface(scene.mesh, spacing))
     rng = np.random.default_rng(0)
-    starts = rng.choice(candidates.n_poses, N_STARTS, replace=False).tolist()
-    blind = rng.integers(candidates.n_poses, size=N_BLIND).tolist()
-    heads = [f"{what} {k}" for what in ("2 mm,", "60 deg,") for k in range(2, N_VIEWS + 1)]
-    print(f"| planner | starts | {' | '.join(heads)} |")
-    print("|---" * (len(heads) + 2) + "|")
+    first = rng.choice(places.n_poses, starts, replace=False).tolist()
+    many = rng.integers(places.n_poses, size=blind).tolist()
+    yield from head(
+        "planner", "starts", *(f"{what} {k}" for what in ("2 mm,", "60 deg,") for k in range(2, N_VIEWS + 1))
+    )
     for name, gain in (("online", GainOptions()), ("online, w_q = 0", GainOptions(quality_weight=0.0))):
-        show(name, [explore_bunny(scene, caster, candidates, start, gain) for start in starts], truth)
-    show("farthest-point", [farthest_poses(candidates, start, N_VIEWS) for start in blind], truth)
-    random = [[start, *rng.integers(candidates.n_poses, size=N_VIEWS - 1).tolist()] for start in blind]
-    show("random", random, truth)
-    show("greedy for 2 mm", [choose_greedily(truth.covered, start) for start in starts], truth)
-    show("greedy for 60 deg", [choose_greedily(truth.well, start) for start in starts], truth)
-
-
-if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]))
+        yield _medians(name, [explore_bunny(scene, caster, places, start, gain) for start in first], truth)
+    yield _medians("farthest-point", [farthest_poses(places, start, N_VIEWS) for start in many], truth)
+    random = [[start, *rng.integers(places.n_poses, size=N_VIEWS - 1).tolist()] for start in many]
+    yield _medians("random", random, truth)
+    yield _medians("greedy for 2 mm", [choose_greedily(truth.covered, start) for start in first], truth)
+    yield _medians("greedy for 60 deg", [choose_greedily(truth.well, start) for start in first], truth)

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: MIT
 """The study of the paper: how many views a simple room with two occluders costs, and how many its last parts.
 
-    python examples/score_paper_study.py [N_STARTS] [SPACING_M]
-
-For a cone of 60 deg and for a panoramic scanner it prints how many views it takes online (the room is
+For a cone of 60 deg and for a panoramic scanner: how many views it takes online (the room is
 unknown), offline (it is known; with certified bounds) and by simple planners, until 95, 99 and 100 % of what
 any candidate could measure is measured as required: seen at all, or within 75, 60 or 45 deg of the normal.
-All choose from the same poses and are measured on the same samples. `plot_paper_study.py` makes the page.
+All choose from the same poses and are measured on the same samples. `examples/plot_paper_study.py` makes
+the page.
 """
 
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -18,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from benchmarks.run import suite
 from nbv import Candidates, CoverOptions, Requirement, Sensor, load_sensor, plan_views, sample_surface
 from nbv.cover.greedy import choose_greedily
 from nbv.cover.instance import CoverInstance
@@ -75,7 +74,9 @@ class Problem:
     def blind(self) -> list[list[int]]:
         """Poses of the runs that choose at random."""
         rng = np.random.default_rng(0)
-        return rng.integers(self.candidates.n_poses, size=(N_RUNS, MOST_VIEWS)).tolist()
+        return [
+            list(map(int, run)) for run in rng.integers(self.candidates.n_poses, size=(N_RUNS, MOST_VIEWS))
+        ]
 
     @cached_property
     def spread(self) -> list[list[int]]:
@@ -89,7 +90,7 @@ def stands_on_floor(caster: RayCaster, positions: NDArray[np.float64]) -> NDArra
     feet = FOOT_M * np.array([[0, 0, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
     starts = (positions[:, None] + feet).reshape(-1, 3)
     ranges = caster.first_hit(starts, np.tile([0.0, 0.0, -1.0], (len(starts), 1))).ranges
-    return (np.abs(ranges - starts[:, 2]) < 0.01).reshape(-1, len(feet)).all(axis=1)
+    return np.asarray((np.abs(ranges - starts[:, 2]) < 0.01).reshape(-1, len(feet)).all(axis=1))
 
 
 @dataclass(frozen=True)
@@ -150,6 +151,7 @@ def explored(problem: Problem, angle: int) -> Result:
             rng=seed,
             n_threads=problem.n_threads,
         )
+        assert plan.coverage is not None
         runs.append(np.array([view.met_fraction for view in plan.views]) / plan.coverage.reachable)
         poses.append([view.world_from_sensor for view in plan.views])
     return Result(runs, poses)
@@ -241,13 +243,15 @@ def measure(
     return {(study.name, angle): study.run(problem, angle) for angle in angles for study in studies}
 
 
-def main(n_starts: int = 5, spacing_m: float = 0.15) -> None:
-    """Print the tables."""
-    for name, words in SENSORS.items():
-        problem = Problem.of(builtin_scene("two_occluders"), load_sensor(name), spacing_m, n_starts)
-        results = measure(problem, STUDIES)
-        print(f"\n{words}\n\n{table(results, STUDIES)}\n\n{tail(results, (ONLINE, OFFLINE))}", flush=True)
+@suite("paper-study", smallest="--starts 1 --spacing 0.8 --sensor panorama --angle 90")
+def paper_study(
+    starts: int = 5, spacing: float = 0.15, sensor: list[str] | None = None, angle: list[int] | None = None
+) -> Iterator[str]:
+    """How many views a simple room with two occluders costs, and how many its last parts.
 
-
-if __name__ == "__main__":
-    main(*(kind(text) for kind, text in zip((int, float), sys.argv[1:3], strict=False)))
+    --spacing of samples, metres; --sensor: generic60cone or panorama; --angle of incidence: 90, 75, 60, 45.
+    """
+    for name in sensor or SENSORS:
+        problem = Problem.of(builtin_scene("two_occluders"), load_sensor(name), spacing, starts)
+        results = measure(problem, STUDIES, tuple(angle or ANGLES))
+        yield f"\n{SENSORS[name]}\n\n{table(results, STUDIES)}\n\n{tail(results, (ONLINE, OFFLINE))}"

@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: MIT
 """The law that nothing is inferred where a beam went through, on many random scenes.
 
-Run it with `python examples/check_free_space.py [COUNT] [FIRST_SEED]` (default: 500 scenes from seed 0, some
-minutes). Each scene is completed from all its scans and from the first alone, and
-`benchmarks.completion.cases.free_space` re-measures both with the beams of all scans. It prints the violating
-scenes, the worst of them and totals, and exits with 1 where a noise-free scene violates, or where a scan more
-made a violation larger.
+Each scene is completed from all its scans and from the first alone; `benchmarks.metrics.free_space` measures
+both again with the beams of all scans. The suite fails where a noise-free scene violates, or where a further
+scan made a violation larger.
 """
 
-import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from benchmarks.cases.clutter import random_clutter
 from benchmarks.metrics.free_space import Violation, violation_of
+from benchmarks.run import suite
 from completion import CompletionOptions, complete
 
 
@@ -59,30 +58,31 @@ def check(seed: int) -> Checked:
     )
 
 
-def main(count: int = 500, first: int = 0) -> int:
-    """Check `count` scenes; return 1 where the law is broken."""
-    checked = []
-    for seed in range(first, first + count):
+@suite("free-space", smallest="--scenes 2")
+def free_space(scenes: int = 500, first: int = 0) -> Iterator[str]:
+    """The law that nothing is inferred where a beam went through, on many random scenes.
+
+    Raises AssertionError: it is broken.
+    """
+    checked = list[Checked]()
+    for seed in range(first, first + scenes):
         checked.append(check(seed))
         if checked[-1].found.n_faces or checked[-1].grew:
-            print(checked[-1], flush=True)
-    grown = [scene for scene in checked if scene.grew]
-    for name, scenes in (
-        ("noise-free", [scene for scene in checked if scene.noise == "none"]),
-        ("noisy", [scene for scene in checked if scene.noise != "none"]),
-    ):
-        bad = [scene for scene in scenes if scene.found.n_faces]
-        area, whole = sum(s.found.area_m2 for s in scenes), sum(s.inferred_m2 for s in scenes)
-        print(
-            f"{name}: {len(bad)} of {len(scenes)} scenes violate, {area:.6f} of {whole:.1f} m2 "
+            yield str(checked[-1])
+    groups = {
+        name: [one for one in checked if (one.noise == "none") == exact]
+        for name, exact in (("noise-free", True), ("noisy", False))
+    }
+    for name, group in groups.items():
+        bad = [one for one in group if one.found.n_faces]
+        area, whole = sum(one.found.area_m2 for one in group), sum(one.inferred_m2 for one in group)
+        yield (
+            f"{name}: {len(bad)} of {len(group)} scenes violate, {area:.6f} of {whole:.1f} m2 "
             f"({1e6 * area / max(whole, 1e-9):.1f} ppm)"
         )
         if bad:
-            print(f"worst: {max(bad, key=lambda scene: scene.found.area_m2)}")
-    n_several = sum(scene.n_scans > 1 for scene in checked)
-    print(f"more scans made the violation larger in {len(grown)} of {n_several} scenes with several")
-    return int(bool(grown) or any(s.found.n_faces for s in checked if s.noise == "none"))
-
-
-if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:3])))
+            yield f"worst: {max(bad, key=lambda one: one.found.area_m2)}"
+    n_several, n_grown = sum(one.n_scans > 1 for one in checked), sum(one.grew for one in checked)
+    yield f"more scans made the violation larger in {n_grown} of {n_several} scenes with several"
+    if n_grown or any(one.found.n_faces for one in groups["noise-free"]):
+        raise AssertionError("area was inferred where a beam went through")

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The constants of confidence: how far surfaces go on, most likely on rooms, furnished flats and a walk.
 
-Run it with `python examples/calibrate_confidence.py [ROOMS] [FIRST_SEED] [FLATS]` (default: 32 rooms from
-seed 1000, 20 flats from seed 0; some minutes). Each room is scanned with 2 mm of noise and completed. Every
+Each room is scanned with 2 mm of noise and completed. Every
 hidden place that a surface was considered at is right or wrong by the truth. So are frames in furnished
 flats, and of a walk through the furnished lower storey of a house (`UNSEEN_DATA`, default ../shared/data;
 left out where that is absent). Rooms, flats and walk count the same. It prints the constants in use,
@@ -10,8 +9,7 @@ the most likely ones, and the mean log likelihood of both on the half of the pla
 fitted to.
 """
 
-import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -20,6 +18,7 @@ from scipy.optimize import minimize
 from benchmarks.cases.frames import DATA, WALKS, Flat, Known
 from benchmarks.cases.rooms import hypothesis_of, random_case
 from benchmarks.metrics.other_scans import is_there
+from benchmarks.run import suite
 from completion import CompletionOptions, Patch, complete
 from completion.evidence.evidence import Label
 from completion.extension.confidence import (
@@ -151,7 +150,7 @@ def most_likely(places: Places) -> tuple[FloatArray, float]:
     def cost(x: FloatArray) -> float:
         persistence, even_m = constants(x)
         prior = PRIOR / places.weight.sum() * float(np.sum(np.square(x - start)))
-        return prior - log_likelihood(places, persistence, WEIGHTS, even_m)
+        return float(prior - log_likelihood(places, persistence, WEIGHTS, even_m))
 
     return constants(minimize(cost, start, method="L-BFGS-B", options={"ftol": 1e-12, "gtol": 1e-8}).x)
 
@@ -193,51 +192,44 @@ def _ridge(known: FloatArray, base: FloatArray, places: Places, chosen: BoolArra
     return np.append(x[0] - (x[1:] / scale) @ mean, x[1:] / scale)
 
 
-def main() -> None:
-    """Fit and print."""
-    given = [int(word) for word in sys.argv[1:]]
-    n_rooms, first, n_flats = [*given, *(32, 1000, 20)[len(given) :]]
-    rooms = [places_in(seed) for seed in range(first, first + n_rooms)]
-    flats = [
-        [one for k in range(Flat(seed).n_frames) for one in places_in_frame(Flat(seed), k)]
-        for seed in range(n_flats)
-    ]
-    rooms += _as_heavy(flats, rooms)
-    n_frames = len(WALKS[0].frames) if (DATA / WALKS[0].scene).exists() else 0
-    frames = [places_in_frame(WALKS[0], number) for number in range(0, n_frames, EACH)]
-    rooms += _as_heavy(frames, rooms[:n_rooms])
-    halves = [together([one for room in rooms[k::2] for one in room]) for k in (0, 1)]
+def _frames_of(source: Known, every: int) -> list[list[Places]]:
+    return [places_in_frame(source, number) for number in range(0, len(source.frames), every)]
+
+
+@suite("confidence", smallest="--rooms 2 --flats 1 --no-walk")
+def confidence(rooms: int = 32, first: int = 1000, flats: int = 20, walk: bool = True) -> Iterator[str]:
+    """Constants of confidence: how far surfaces go on, most likely on rooms, furnished flats and a walk."""
+    own = [places_in(seed) for seed in range(first, first + rooms)]
+    in_flats = [[place for frame in _frames_of(Flat(seed), 1) for place in frame] for seed in range(flats)]
+    every = own + _as_heavy(in_flats, own)
+    if walk and (DATA / WALKS[0].scene).exists():
+        every += _as_heavy(_frames_of(WALKS[0], EACH), own)
+    halves = [together([place for room in every[k::2] for place in room]) for k in (0, 1)]
     for k in (0, 1):
         (fitted, even_m), weights = most_likely(halves[k]), most_likely_weights(halves[k])
-        past_end = most_likely_past_ends(halves[k])
-        print(
+        past_end, other = most_likely_past_ends(halves[k]), halves[1 - k]
+        yield (
             f"log likelihood on half {1 - k}: constants in use "
-            f"{log_likelihood(halves[1 - k], PERSISTENCE, WEIGHTS):.4f}, fitted to half {k} "
-            f"{log_likelihood(halves[1 - k], fitted, weights, even_m, past_end):.4f}"
+            f"{log_likelihood(other, PERSISTENCE, WEIGHTS):.4f}, "
+            f"fitted to half {k} {log_likelihood(other, fitted, weights, even_m, past_end):.4f}"
         )
-    every = together([one for room in rooms for one in room])
-    (best, even_m), weights, past_end = (
-        most_likely(every),
-        most_likely_weights(every),
-        most_likely_past_ends(every),
-    )
-    print(
-        f"on all: in use {log_likelihood(every, PERSISTENCE, WEIGHTS):.4f}, "
-        f"fitted {log_likelihood(every, best, weights, even_m, past_end):.4f}"
+    whole = together([place for room in every for place in room])
+    (best, even_m), weights = most_likely(whole), most_likely_weights(whole)
+    past_end = most_likely_past_ends(whole)
+    yield (
+        f"on all: in use {log_likelihood(whole, PERSISTENCE, WEIGHTS):.4f}, "
+        f"fitted {log_likelihood(whole, best, weights, even_m, past_end):.4f}"
     )
     for onward in list(Onward)[: len(PERSISTENCE)]:
-        n_surfaces = sum(bool((one.prospects.onward == onward).any()) for room in rooms for one in room)
+        n_surfaces = sum(bool((one.prospects.onward == onward).any()) for room in every for one in room)
         (a, b), (c, d) = PERSISTENCE[onward], best[onward]
         name = onward.name.lower().replace("_", " ")
-        print(f"{name:14s} {n_surfaces:4d} surfaces  in use {a:.3f} {b:6.2f}  most likely {c:.3f} {d:6.2f}")
-    print(f"even odds of an opening at half a width of {EVEN_M:.2f} m in use, most likely {even_m:.2f} m")
-    print("past the rectangle: log odds in use, most likely")
-    for name, used, fit in zip(("constant", *KNOWN), WEIGHTS, weights, strict=True):
-        print(f"{used:7.2f} {fit:7.2f}  {name}")
-    print("past the end of a cylinder: log odds in use, most likely")
-    for name, used, fit in zip(("constant", *KNOWN_PAST_END), PAST_END, past_end, strict=True):
-        print(f"{used:7.2f} {fit:7.2f}  {name}")
-
-
-if __name__ == "__main__":
-    main()
+        yield f"{name:14s} {n_surfaces:4d} surfaces  in use {a:.3f} {b:6.2f}  most likely {c:.3f} {d:6.2f}"
+    yield f"even odds of an opening at half a width of {EVEN_M:.2f} m in use, most likely {even_m:.2f} m"
+    for where, names, in_use, likely in (
+        ("past the rectangle", KNOWN, WEIGHTS, weights),
+        ("past the end of a cylinder", KNOWN_PAST_END, PAST_END, past_end),
+    ):
+        yield f"{where}: log odds in use, most likely"
+        for name, used, fit in zip(("constant", *names), in_use, likely, strict=True):
+            yield f"{used:7.2f} {fit:7.2f}  {name}"
