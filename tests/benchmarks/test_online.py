@@ -53,6 +53,7 @@ def test_the_interval_of_differences_holds_their_mean():
     assert text == "+2.0 (+1.0 to +3.0)"
 
 
+@pytest.mark.long
 def test_views_to_a_share_are_counted():
     found = online.plan(0, max_views=4, voxel_m=0.2)
     assert online.views_to(found) == pytest.approx([np.inf] * 4)

@@ -45,6 +45,7 @@ def test_shares_of_a_rule_are_those_of_a_plan_by_it(building):
     assert survey.shares[-1] == pytest.approx(plan.shares[-1])
 
 
+@pytest.mark.long
 def test_a_row_tells_what_was_never_reached(building):
     cost = suite.Cost(3.0, 1.0, 1.0)
     short = suite.Survey(np.zeros((2, 3)), np.array([0.2, 0.4]))
