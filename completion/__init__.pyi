@@ -41,4 +41,4 @@ from .result.verification import Finding as Finding
 from .result.verification import Verification as Verification
 from .result.verification import verify as verify
 from .segmentation.regions import SegmentationOptions as SegmentationOptions
-from .texturing.problem import TexturingOptions as TexturingOptions
+from .texturing.pipeline import TexturingOptions as TexturingOptions

@@ -18,7 +18,7 @@ from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.relations.options import BUILT, RelationOptions
 from completion.relations.relation import StatedRelation
 from completion.segmentation.regions import SegmentationOptions
-from completion.texturing.problem import TexturingOptions
+from completion.texturing.pipeline import TexturingOptions
 from scenes.checks import InputError, check_number, check_options
 
 

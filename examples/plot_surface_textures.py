@@ -292,7 +292,7 @@ A surface's chart is rasterised as finely as its pixels are. Each measured texel
 that sees it largest, interpolated among the surface's own pixels alone. What is inferred is synthesised by
 Efros-Leung sampling from the surface's own texels: from those seen finely enough, away from the occluders'
 rims, in the light, and of the material that borders on the hidden part
-(`completion/texturing/problem.py`). Shadows (`material.py`) and slow shading
+(`completion/texturing/pipeline.py`). Shadows (`material.py`) and slow shading
 (`texture/reflectance.py`) are set apart before, and put back after.
 
 Each picture: measured, with what is hidden in blue (grey: unknown); completed; and the truth, where it is

@@ -14,8 +14,8 @@ from shapely import affinity
 from completion.export.building.cut import CutLine, Plan, opening_at, plan_of, seen_below
 from completion.export.building.model import BuildingModel
 from completion.export.building.parts import BuildingParts
-from completion.export.dimensions.dimension import Dimension
-from completion.export.dimensions.rooms import room_sizes, widths_of
+from completion.export.dimension import Dimension
+from completion.export.room_dimensions import room_sizes, widths_of
 from scenes.checks import FloatArray
 
 _SCALES = (5, 10, 20, 25, 50, 100, 200, 250, 500, 1000, 2000, 2500, 5000)

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from completion.boundary.hidden_regions import divide_hidden, label_regions
-from completion.edits.edit import SurfaceEdits, outline_uv
-from completion.edits.fitted import FittedOpening, KnownFace
+from completion.edits.edit import FittedOpening, KnownFace, SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Label, Scans
 from completion.evidence.weighing import weigh

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.edits.application import EditedSurface
-from completion.edits.fitted import FittedHole, FittedJoint, FittedOpening, KnownFace
+from completion.edits.edit import FittedHole, FittedJoint, FittedOpening, KnownFace
 from completion.features.engine.options import OPENINGS
 from completion.features.engine.template import Seen, Side, Status, TemplateFit, moved_geometry
 from completion.features.openings.recess import SIDES

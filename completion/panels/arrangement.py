@@ -12,8 +12,8 @@ import shapely
 from numpy.typing import NDArray
 
 from completion.panels.fold import Fold, FoldCurve, facet_lines
+from completion.panels.outline import polygon_parts
 from completion.panels.sheet import Sheet, left_of, polygons_of_cells
-from completion.panels.straightening import polygon_parts
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder
 

@@ -1,22 +1,279 @@
 # SPDX-License-Identifier: MIT
-"""Panels on one page: from completed surfaces to facets that meet in their fold edges."""
+"""Panels on one page: from completed surfaces to facets that meet in their fold edges.
+
+Slim faces are what was measured beside a surface's straight edge, too slim to be a surface by itself. The
+sides of a board, a leg or a frame are a few pixels wide. Their plane has one free angle, for it goes through
+an edge that is known from the surface beside it (features in poor data, Fisher 2004, section 3).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from scipy import ndimage
+from scipy.spatial import cKDTree
 
+from completion.boundary.edges import Edge, Line
 from completion.panels.arrangement import arrange
-from completion.panels.fold import find_folds
-from completion.panels.fold_edge import close_corners, corner_point, fold_edge
-from completion.panels.model import PanelModel
+from completion.panels.fold import find_folds, fold_curves
+from completion.panels.model import FoldEdge, PanelModel, close_corners, corner_point, fold_edge
 from completion.panels.outline import NearOutline, OutlineCells
 from completion.panels.sheet import Sheet
-from completion.panels.slim_face import slim_folds
 from completion.panels.welding import edges_of, weld
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, IntArray
+from scenes.surfaces.catalogue import Plane
+from scenes.surfaces.surface import cross
+
+NO_SURFACE = 0
+_REACH = 8.0  # cells beside an edge that are looked at
+_NEAR = 4.0  # cells from an edge at which a face beside it begins
+_BRIDGED = 15  # cells along an edge without points
+_LEAST = 6.0  # cells of an edge
+_LEAST_WIDTH = 1.5  # cells of a face
+_LEAST_POINTS = 8
+_FLAT = 0.4  # cells that a point may be off the face, beside three deviations
+_SHARE = 0.7  # of the points beside the edge that lie on the face
+_KNOWN_DEG = 5.0  # standard deviation of the angle at most
+_LEAST_DEG = 20.0  # of the angle at the fold
+_VOTES = 36  # directions around an edge
+_FREE = 2.0  # cells from a fold that is known already
+_MEETS = 2.5  # cells between the far side of a face and another surface that it meets
+_STEP_M = 0.005  # between places of folds that are known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Section:
+    """Points near a run of an edge: how far along it, out of its surface and along the normal, metres."""
+
+    origin: FloatArray  # (3,) on the edge
+    axes: FloatArray  # (3, 3) along the edge, outward in the surface, its normal
+    local: FloatArray  # (n, 3) along, outward, above
+
+    @classmethod
+    def of(cls, surface: Plane, line: Line, sign: float, points: FloatArray) -> _Section:
+        """Return that of points (n, 3) at a line of a chart, on whose side `sign` the surface lies."""
+        places = np.stack([line.point, line.point + line.direction, line.point - sign * line.normal])
+        origin, further, beyond = surface.from_uv(places)
+        axes = np.stack([further - origin, beyond - origin, surface.normal_direction])
+        return cls(origin, axes, (points - origin) @ axes.T)
+
+    def at(self, along: FloatArray, outward: float) -> FloatArray:
+        """Points (n, 3) so far along (n,) and out."""
+        return np.asarray(self.origin + along[:, None] * self.axes[0] + outward * self.axes[1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlimFace:
+    """A slim face beside a surface's edge.
+
+    Attributes
+    ----------
+    sheet : Sheet
+        The surface.
+    ends : (2, 3) float
+        Of the fold between them, metres.
+    plane : Plane
+        The face; its normal looks away from what is solid.
+    degrees, sd_deg : float
+        Its direction at the fold, from out of the surface to the surface's normal, and how well it is known.
+    points : (n, 3) float
+        Those measured on it.
+    """
+
+    sheet: Sheet
+    ends: FloatArray
+    plane: Plane
+    degrees: float
+    sd_deg: float
+    points: FloatArray
+
+
+def slim_folds(sheets: Sequence[Sheet], rest: FloatArray, known: Sequence[FoldEdge]) -> list[FoldEdge]:
+    """Return the folds at which planes meet faces that are no surface, whose number is then 0.
+
+    `rest` (n, 3) are the points that no surface explains, working frame, metres; folds that are `known` are
+    not found again. A face holds where seven tenths of the points beside the edge lie on one plane through
+    it, at least 20 degrees from the surface's own, and its angle is known to 5 degrees.
+    """
+    if not len(rest):
+        return []
+    tree = cKDTree(rest)
+    places = [_along(fold.points, _STEP_M) for fold in known]
+    taken = cKDTree(np.concatenate(places)) if places else None
+    folds = []
+    for face in (face for sheet in sheets for face in _faces(sheet, rest, tree)):
+        found = [_at_its_edge(face), *_at_its_far_side(face, sheets)]
+        for fold in found:
+            middles = _along(fold.points, face.sheet.cell_m)
+            if taken is None or (taken.query(middles)[0] < _FREE * face.sheet.cell_m).mean() <= 0.5:
+                folds.append(fold)
+    return folds
+
+
+def _faces(sheet: Sheet, rest: FloatArray, tree: cKDTree) -> Iterator[SlimFace]:
+    """The slim faces beside the straight edges of a plane."""
+    surface, cell = sheet.surface, sheet.cell_m
+    if not isinstance(surface, Plane):
+        return
+    for edge in sheet.patch.edges:
+        line = edge.curve
+        if not isinstance(line, Line):
+            continue
+        for (low, high), sign in zip(edge.runs.tolist(), edge.sides.tolist(), strict=True):
+            if high - low < _LEAST * cell:
+                continue
+            places = surface.from_uv(line.at(np.arange(low, high + cell, cell)))
+            near = tree.query_ball_point(places, (_REACH + 1) * cell)
+            index = sorted({k for some in near for k in some})
+            if len(index) >= _LEAST_POINTS:
+                section = _Section.of(surface, line, sign, rest[index])
+                yield from _along_run(sheet, edge, section, (low, high))
+
+
+def _along_run(sheet: Sheet, edge: Edge, section: _Section, run: tuple[float, float]) -> Iterator[SlimFace]:
+    """The slim faces along one run of an edge: where there are points beside it, and they lie on a plane."""
+    cell, (along, outward, above) = sheet.cell_m, section.local.T
+    reach = np.hypot(outward, above)
+    held = np.flatnonzero((along >= run[0]) & (along <= run[1]) & (reach <= _REACH * cell))
+    for own in _stretches(held, along, _BRIDGED * cell):
+        low, high = float(along[own].min()), float(along[own].max())
+        line = _line_through(section.local[own, 1:], cell, max(edge.deviation, sheet.patch.source.fit.rms))
+        if high - low < _LEAST * cell or line is None or np.quantile(reach[own], 0.1) > _NEAR * cell:
+            continue
+        radians = np.radians(line.degrees)
+        across = np.sin(radians) * section.axes[1] - np.cos(radians) * section.axes[2]
+        ends = section.at(np.array([low, high]), line.shift_m)
+        solid = section.at(np.array([low]), line.shift_m - cell)[0] - ends[0]
+        normal = -across if float(across @ solid) > 0 else across
+        points = section.origin + section.local[own[line.kept]] @ section.axes
+        yield SlimFace(
+            sheet=sheet,
+            ends=ends,
+            plane=Plane(ends[0], normal),
+            degrees=line.degrees,
+            sd_deg=line.sd_deg,
+            points=points,
+        )
+
+
+def _stretches(held: IntArray, along: FloatArray, gap_m: float) -> list[IntArray]:
+    """Some points (n,) by the stretches of an edge along which they lie without a gap of so many metres."""
+    ordered = held[np.argsort(along[held], kind="stable")]
+    return np.split(ordered, np.flatnonzero(np.diff(along[ordered]) > gap_m) + 1) if len(held) else []
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SectionLine:
+    """A line in a section across an edge."""
+
+    shift_m: float  # where it cuts the surface, outward
+    degrees: float  # its direction, from outward to the normal
+    sd_deg: float
+    kept: FloatArray  # (n,) which points lie on it
+
+
+def _line_through(points: FloatArray, cell: float, deviation: float) -> _SectionLine | None:
+    """The line of points (n, 2) of a section, outward and above; None where there is none."""
+    far = np.hypot(*points.T) > cell
+    if np.count_nonzero(far) < _LEAST_POINTS:
+        return None
+    turn = (np.arctan2(points[far, 1], points[far, 0]) + np.pi) / (2 * np.pi) * _VOTES
+    votes = np.bincount(turn.astype(np.int64) % _VOTES, minlength=_VOTES)
+    towards = (
+        int((votes + np.roll(votes, 1) + np.roll(votes, -1)).argmax()) + 0.5
+    ) / _VOTES * 2 * np.pi - np.pi
+    direction, middle = np.array([np.cos(towards), np.sin(towards)]), np.zeros(2)
+    slack, kept = _FLAT * cell + 3 * deviation, far
+    for _ in range(4):
+        off = (points - middle) @ np.array([-direction[1], direction[0]])
+        kept = (np.abs(off) <= slack) & (points @ direction > -cell)
+        if np.count_nonzero(kept) < _LEAST_POINTS:
+            return None
+        middle = points[kept].mean(axis=0)
+        along = np.linalg.svd(points[kept] - middle, full_matrices=False)[2][0]
+        direction = along if along @ direction >= 0 else -along
+    reached = points[kept] @ direction
+    steep = abs(float(direction[1]))
+    if (
+        kept.mean() < _SHARE
+        or np.ptp(reached) < _LEAST_WIDTH * cell
+        or steep < np.sin(np.radians(_LEAST_DEG))
+    ):
+        return None
+    off = (points[kept] - middle) @ np.array([-direction[1], direction[0]])
+    spread = np.sqrt(np.square(off).mean() + np.square(cell / 12))
+    sd = float(np.degrees(spread / (np.sqrt(len(reached)) * np.std(reached))))
+    shift = float(middle[0] - middle[1] * direction[0] / direction[1])
+    if sd > _KNOWN_DEG or abs(shift) > 2 * cell:
+        return None
+    return _SectionLine(shift, float(np.degrees(np.arctan2(direction[1], direction[0]))), sd, kept)
+
+
+def _at_its_edge(face: SlimFace) -> FoldEdge:
+    """The fold between a surface and a slim face beside it."""
+    normal = face.sheet.patch.grid.surface.normal(face.ends[:1])[0]
+    return _fold(face, face.sheet, face.ends, 180.0 - face.degrees, normal)
+
+
+def _at_its_far_side(face: SlimFace, sheets: Sequence[Sheet]) -> Iterator[FoldEdge]:
+    """The folds between a slim face and other planes that its far side reaches."""
+    cell, tree = face.sheet.cell_m, cKDTree(face.points)
+    along = face.ends[1] - face.ends[0]
+    for other in sheets:
+        if other is face.sheet or not isinstance(other.surface, Plane):
+            continue
+        if np.abs(other.surface.distance(face.points)).min() > _MEETS * cell:
+            continue
+        for curve in fold_curves(face.plane, other.surface):
+            low, high = curve.span(np.stack([face.points.min(axis=0) - cell, face.points.max(axis=0) + cell]))
+            t = np.arange(low, high, cell)
+            if len(t) < _LEAST:
+                continue
+            places = curve.at(t)
+            near = (tree.query(places)[0] < _MEETS * cell) & other.is_within(
+                other.surface.to_uv(places), 2 * cell
+            )
+            near = ndimage.binary_closing(np.pad(near, _BRIDGED), np.ones(_BRIDGED))[_BRIDGED:-_BRIDGED]
+            held = np.flatnonzero(near)
+            direction = places[1] - places[0]
+            is_along = abs(float(direction @ along)) > 0.9 * np.linalg.norm(direction) * np.linalg.norm(along)
+            if len(held) < _LEAST or not is_along or len(held) < 0.8 * (held[-1] - held[0] + 1):
+                continue
+            facing = float(other.surface.normal_direction @ face.plane.normal_direction)
+            turn = float(np.degrees(np.arccos(np.clip(facing, -1, 1))))
+            inside = float(other.surface.distance(face.points.mean(axis=0, keepdims=True))[0]) > 0
+            dihedral = 180.0 - turn if inside else 180.0 + turn
+            yield _fold(face, other, places[held[[0, -1]]], dihedral, other.surface.normal_direction)
+
+
+def _fold(face: SlimFace, sheet: Sheet, ends: FloatArray, dihedral: float, normal: FloatArray) -> FoldEdge:
+    """The fold (2, 3) between a surface and a slim face."""
+    outward = cross(normal, (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0]))
+    spread = np.square(sheet.patch.stated.standard_deviation(ends))
+    wide = face.sheet.cell_m**2 / 12  # where in the surface the pixels end
+    return FoldEdge(
+        surfaces=(sheet.number, NO_SURFACE),
+        goes_on=(),
+        points=ends,
+        covariance=spread[:, None, None] * np.outer(normal, normal) + wide * np.outer(outward, outward),
+        dihedral_deg=dihedral,
+        length_m=float(np.linalg.norm(ends[1] - ends[0])),
+        measured_share=1.0,
+        normals=np.stack([normal, face.plane.normal_direction]),
+        dihedral_sd_deg=face.sd_deg,
+    )
+
+
+def _along(points: FloatArray, step_m: float) -> FloatArray:
+    """Places (n, 3) about a step apart along a polyline (k, 3)."""
+    found = [points[:1]]
+    for begin, end in pairwise(points):
+        count = max(1, int(np.linalg.norm(end - begin) / step_m))
+        found.append(begin + np.arange(1, count + 1)[:, None] / count * (end - begin))
+    return np.concatenate(found)
 
 
 def build_panels(

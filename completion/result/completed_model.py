@@ -23,10 +23,15 @@ from completion.merging.pieces import Unconfirmed
 from completion.merging.scan_surfaces import ScanSurfaces
 from completion.observe.observation import Observation
 from completion.panels.model import PanelModel, PanelPart
-from completion.panels.outline import BoundarySegment, OutlineCells, outline_cells, trace_boundary
+from completion.panels.outline import (
+    BoundarySegment,
+    OutlineCells,
+    outline_cells,
+    surface_polygon,
+    trace_boundary,
+)
 from completion.panels.pipeline import build_panels
 from completion.panels.sheet import Sheet
-from completion.panels.straightening import surface_polygon
 from completion.panels.unexplained import PixelMesh, light_rest
 from completion.registration.correction import Registration
 from completion.relations.pipeline import FoundRelations

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.export.building.parts import BuildingParts
-from completion.export.dimensions.dimension import TOLERANCE_M
-from completion.export.dimensions.pipeline import DecisionSheet, decision_sheet
-from completion.export.ifc.pipeline import ifc_of
+from completion.export.decisions import DecisionSheet, decision_sheet
+from completion.export.dimension import TOLERANCE_M
+from completion.export.ifc import ifc_of
 from completion.export.svg import svg_of
 from completion.result.building import building_of
 from completion.result.completed_model import CompletedModel

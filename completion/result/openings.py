@@ -11,12 +11,10 @@ import shapely
 from scipy import ndimage
 
 from completion.boundary.edges import Edge, Line
-from completion.edits.edit import SurfaceEdits, outline_uv
-from completion.edits.fitted import FittedHole, FittedOpening
+from completion.edits.edit import FittedHole, FittedOpening, SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
-from completion.panels.outline import straight_corners, trace_cells
-from completion.panels.straightening import crossing
+from completion.panels.outline import crossing, straight_corners, trace_cells
 from scenes.checks import BoolArray, FloatArray
 
 _MIN_CELLS = 25  # that beams went through

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.panels.fold_edge import FoldEdge, turned
+from completion.panels.model import FoldEdge, turned
 from completion.result.completed_model import CompletedModel
 from scenes.checks import FloatArray
 from scenes.io.ply import write_mesh_ply

@@ -11,8 +11,7 @@ import shapely
 
 from completion.extension.claims import role_of
 from completion.extension.patch import Patch
-from completion.panels.outline import NearOutline, runs_of
-from completion.panels.straightening import polygon_parts
+from completion.panels.outline import NearOutline, polygon_parts, runs_of
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.openings import Opening
 from scenes.checks import FloatArray

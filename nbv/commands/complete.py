@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from completion.edits.file import read_edits
-from completion.export.dimensions.dimension import TOLERANCE_M
-from completion.export.dimensions.pipeline import DecisionSheet
+from completion.export.decisions import DecisionSheet
+from completion.export.dimension import TOLERANCE_M
 from completion.extension.extent import Mode
 from completion.features.engine.options import FITTED, FeatureOptions
 from completion.features.stated import read_features
@@ -28,7 +28,7 @@ from completion.result.flat_scans import whole_flattening
 from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
-from completion.texturing.problem import TexturingOptions
+from completion.texturing.pipeline import TexturingOptions
 from nbv.commands.process.run import Shared, running
 from nbv.run.wording import count, square_metres
 from nbv.scans.registering import placed_of, register_request

@@ -9,7 +9,7 @@ from typing import Any
 from completion.observe.tiles import solve_plane
 from completion.options import CompletionOptions
 from completion.pipeline import complete
-from completion.texturing.problem import TexturingOptions
+from completion.texturing.pipeline import TexturingOptions
 from nbv.commands.plan import coverage_of
 from nbv.commands.process.run import Shared, running
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files

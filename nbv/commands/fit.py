@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import typer
 
-from completion.export.step.kernel import kernel
-from completion.export.step.step_file import patch_step
+from completion.export.step.kernel import kernel, patch_step
 from completion.fitting.patches.joins import PatchRequest, read_boundaries
 from completion.fitting.patches.pipeline import PatchFit, fit_patch
 from completion.fitting.pipeline import fit

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from completion.export.dimensions.pipeline import DecisionSheet
+from completion.export.decisions import DecisionSheet
 from completion.extension.patch import Patch
 from completion.features.engine.template import Status
 from completion.registration.correction import Registration

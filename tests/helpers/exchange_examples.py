@@ -7,7 +7,7 @@ import numpy as np
 
 from completion import Completion, CompletionOptions, complete
 from completion.export.building.model import BuildingModel
-from completion.export.dimensions.dimension import Dimension
+from completion.export.dimension import Dimension
 from completion.uncertainty.joint_errors import NO_ERRORS
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor_profile import load_sensor

@@ -30,8 +30,7 @@ from completion.export.building.faces import (
     wide,
 )
 from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline
-from completion.export.building.rooms import Room, RoomSide, find_rooms
-from completion.export.building.storeys import Storey, find_storeys
+from completion.export.building.rooms import Room, RoomSide, Storey, find_rooms, find_storeys
 from scenes.checks import FloatArray
 
 _LEAST_WIDE_M, _LEAST_M2 = 0.2, 0.2  # of an opening

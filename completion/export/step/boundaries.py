@@ -31,8 +31,7 @@ from completion.export.step.kernel import (
     turns_of,
     winding,
 )
-from completion.export.step.loops import RegionLoops, Side, loop_points
-from completion.export.step.pieces import Corner, Piece
+from completion.export.step.pieces import Corner, Piece, RegionLoops, Side, loop_points
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import cross

@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 
 from completion.export.step.folds import FoldCurve
 from completion.export.step.kernel import kernel, kernel_errors, kernel_point, winding
-from completion.export.step.loops import RegionLoops, Side, loop_points, nested
-from completion.export.step.pieces import Corner, Piece
+from completion.export.step.pieces import Corner, Piece, RegionLoops, Side, loop_points, nested
 from completion.export.step.regions import PartRegions
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Cone, Sphere, Surface, Torus

@@ -12,11 +12,9 @@ import numpy as np
 from completion.export.step.boundaries import OpenEnds, Seams
 from completion.export.step.faces import MEASURED, EdgeMaker, FaceMaker, is_valid, volume_of
 from completion.export.step.folds import FoldFinder
-from completion.export.step.kernel import kernel, kernel_errors, kernel_surface
-from completion.export.step.loops import Nearby, loops_of
-from completion.export.step.pieces import chosen, corners_of, pieces_of
+from completion.export.step.kernel import NamedFace, kernel, kernel_errors, kernel_surface, step_bytes
+from completion.export.step.pieces import Nearby, chosen, corners_of, loops_of, pieces_of
 from completion.export.step.regions import MM, PartRegions, in_millimetres, joined, without
-from completion.export.step.step_file import NamedFace, step_bytes
 from scenes.checks import InputError
 from scenes.scan.colour import surface_bytes
 

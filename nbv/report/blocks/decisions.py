@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from completion.export.dimensions.dimension import Advice, Dimension, told_rule
-from completion.export.dimensions.pipeline import DecisionSheet
+from completion.export.decisions import DecisionSheet
+from completion.export.dimension import Advice, Dimension, told_rule
 from nbv.report.blocks.page import Cell, Section, State, Table, Text
 from nbv.run.wording import count
 from scenes.scan.colour import surface_colour

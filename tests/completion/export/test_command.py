@@ -3,7 +3,7 @@
 
 from typer.testing import CliRunner
 
-from completion.export.ifc.pipeline import ifc_of
+from completion.export.ifc import ifc_of
 from completion.export.svg import svg_of
 from nbv.cli import app
 from scenes.io.scan_files import write_scan

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.export.dimensions.dimension import advice, told_rule
-from completion.export.dimensions.pipeline import COLUMNS, DecisionSheet, decision_sheet
+from completion.export.decisions import COLUMNS, DecisionSheet, decision_sheet
+from completion.export.dimension import advice, told_rule
 from completion.uncertainty.joint_errors import NO_ERRORS, RelatedErrors, SharedErrors
 from scenes.checks import InputError
 from tests.helpers.exchange_examples import length, panorama

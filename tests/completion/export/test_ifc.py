@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.export.ifc.entities import StepText
-from completion.export.ifc.pipeline import ifc_of
-from completion.export.ifc.products import Evidence, property_set, state_of
+from completion.export.ifc import ifc_of
+from completion.export.ifc_entities import StepText
+from completion.export.ifc_products import Evidence, property_set, state_of
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from scenes.checks import InputError

@@ -23,8 +23,7 @@ from completion.export.building.faces import (
     wide,
 )
 from completion.export.building.parts import building_parts, find_columns, find_pipes, with_gaps, within_rooms
-from completion.export.building.rooms import shut_volume
-from completion.export.building.storeys import bands, find_storeys, storey_at
+from completion.export.building.rooms import bands, find_storeys, shut_volume, storey_at
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose
 from tests.helpers.exchange_examples import SIZE, UTM, box, drawn, panorama

@@ -9,8 +9,7 @@ from tests.helpers.step_examples import needs_kernel, read_back
 needs_kernel()
 
 from completion.export.step.faces import is_valid  # noqa: E402
-from completion.export.step.kernel import kernel  # noqa: E402
-from completion.export.step.step_file import patch_step  # noqa: E402
+from completion.export.step.kernel import kernel, patch_step  # noqa: E402
 
 
 def test_the_file_holds_the_patch(tmp_path) -> None:

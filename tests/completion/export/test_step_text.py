@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from completion.export.ifc.entities import Ref, StepText, Typed, Word
+from completion.export.ifc_entities import Ref, StepText, Typed, Word
 
 
 def written(values):

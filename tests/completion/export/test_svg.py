@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from completion.export.building.cut import plan_of
-from completion.export.dimensions.rooms import room_widths
+from completion.export.room_dimensions import room_widths
 from completion.export.svg import Lettering, Paper, svg_of, told_width
 from tests.helpers.browser import Browser, needs_chromium
 from tests.helpers.exchange_examples import SIZE, drawn, length, panorama

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
-from completion.panels.fold_edge import meeting_covariance, turned
+from completion.panels.model import meeting_covariance, turned
 from completion.panels.sheet import Sheet, spread_provenance
 from completion.panels.welding import edges_of, vertices_within_edges
 from completion.pipeline import complete

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from completion.options import CompletionOptions
-from completion.panels.decimation import decimated, deviation
 from completion.panels.model import PanelModel
 from completion.panels.stitching import divided
-from completion.panels.unexplained import PixelMesh, light_rest
+from completion.panels.unexplained import PixelMesh, decimated, deviation, light_rest
 from completion.panels.welding import edges_of, vertices_within_edges
 from completion.pipeline import complete
 from scenes.mesh.labelled_mesh import triangle_areas

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from completion.boundary.edges import Edge, Line
-from completion.panels.slim_face import NO_SURFACE, slim_folds
+from completion.panels.pipeline import NO_SURFACE, slim_folds
 from scenes.surfaces.catalogue import Plane
 
 CELL = 0.01

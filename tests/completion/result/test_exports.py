@@ -13,8 +13,8 @@ from shapely import Polygon
 from completion.boundary.edges import Line
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
+from completion.panels.outline import Guide, straightened
 from completion.panels.sheet import polygons_of_cells
-from completion.panels.straightening import Guide, straightened
 from completion.pipeline import complete
 from completion.result.polygons import polygons_record
 from completion.result.record import inferred_points, model_parts

@@ -13,8 +13,7 @@ from completion import Completion, CompletionOptions, TexturingOptions, complete
 from completion.result.record import model_parts
 from completion.texturing.chart_texture import make_atlas, spread_colour
 from completion.texturing.material import MeasuredColour, cast_shadows, same_material
-from completion.texturing.pipeline import settled
-from completion.texturing.problem import choose_samples, distance_to
+from completion.texturing.pipeline import choose_samples, distance_to, settled
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError

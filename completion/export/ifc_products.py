@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from completion.export.building.model import Element, OpeningOutline
-from completion.export.ifc.entities import Ref, Shapes, StepText, Typed, Word
+from completion.export.ifc_entities import Ref, Shapes, StepText, Typed, Word
 from scenes.checks import FloatArray
 
 State = Literal["measured", "inferred", "partly"]

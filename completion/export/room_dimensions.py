@@ -13,9 +13,8 @@ import shapely
 from completion.export.building.cut import CutLine, Plan, plan_of
 from completion.export.building.model import REST, BuildingModel, OpeningOutline, PlaneElement
 from completion.export.building.parts import BuildingParts
-from completion.export.building.rooms import Room
-from completion.export.building.storeys import Storey
-from completion.export.dimensions.dimension import Dimension, Kind, Support, between, half_interval
+from completion.export.building.rooms import Room, Storey
+from completion.export.dimension import Dimension, Kind, Support, between, half_interval
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
 

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""IFC4 files."""
