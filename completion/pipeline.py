@@ -28,7 +28,7 @@ from completion.merging.scan_surfaces import ScanSurfaces, find_surfaces
 from completion.options import CompletionOptions
 from completion.relations.pipeline import relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
-from completion.result.completed_surfaces import CompletedSurfaces
+from completion.result.completed_model import CompletedSurfaces
 from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
 from completion.result.verification import Verification, compare_patches, prepared

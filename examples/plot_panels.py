@@ -37,7 +37,7 @@ def plot(scan: RangeImage, path: Path, camera: int) -> str:
     panels = done.panels()
     vertices = done.world_from_reference.apply(panels.vertices)
     drawing = MeshDrawing(LabelledMesh(vertices, panels.faces.astype(np.int32), panels.face_surface))
-    seen = drawing.look(aside_cameras(done.derived.scans[0])[camera], _SHAPE)
+    seen = drawing.look(aside_cameras(done.scans[0])[camera], _SHAPE)
     hit, face = seen.hit, np.maximum(seen.face, 0)
     image = np.ones((*_SHAPE, 3))
     colour = np.where(panels.is_measured[face][..., None], _MEASURED, _INFERRED)

@@ -336,7 +336,8 @@ _SQUARE = float(np.cos(np.radians(20.0)))  # of a side, to the direction that it
 def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
     """Return width and height of each opening in a wall, from side to side where both are straight.
 
-    Of those that are 0.2 m wide and high at least: smaller ones are gaps in what was measured.
+    Of those that are 0.2 m wide and high at least: smaller ones are gaps in what was measured. One without an
+    outline has no size.
 
     A size is taken between the two longest sides that end the opening in its direction. An opening that has
     not two such sides, as a round one, has its extent, and the interval of its worst side on either end. A
@@ -348,7 +349,7 @@ def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
         for face in building.faces
         if face.is_upright
         for one in face.openings
-        if min(one.width_m, one.height_m) >= _LEAST_OPENING_M
+        if len(one.points) and min(one.width_m, one.height_m) >= _LEAST_OPENING_M
     ]
     for wall, one in within:
         level = np.cross([0.0, 0.0, 1.0], wall.normal)
@@ -366,7 +367,7 @@ def _opening_size(
     side, middle = following - points, (points + following) / 2
     length = np.linalg.norm(side, axis=1)
     is_end = np.abs(side @ along) <= np.sqrt(1 - _SQUARE**2) * length
-    centre = middle[int(np.argmax(length))] if not len(points) else points.mean(axis=0)
+    centre = points.mean(axis=0)
     at, reach = middle @ along, points @ along
     ends, sides = [], []
     for sign in (-1.0, 1.0):

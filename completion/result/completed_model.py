@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import anchor_point
 from completion.edits.edit import Edit
+from completion.evidence.evidence import Scans
 from completion.extension.claims import Choice
 from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
@@ -36,13 +37,15 @@ from completion.panels.unexplained import PixelMesh, light_rest
 from completion.registration.correction import Registration
 from completion.relations.pipeline import FoundRelations
 from completion.result.audit import AuditResult
-from completion.result.completed_surfaces import CompletedSurfaces
 from completion.result.doubts import doubts_of
 from completion.result.flat_scans import FlatScan, flat_doubts
-from completion.result.labelled_points import LabelledPoints, hypothesised_parts, joined, mesh_area
-from completion.result.observed_points import (
+from completion.result.labelled_points import (
+    LabelledPoints,
     Remainder,
     Shifts,
+    hypothesised_parts,
+    joined,
+    mesh_area,
     observed_mesh,
     observed_parts,
     observed_step,
@@ -55,6 +58,41 @@ from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.run.mapping import NoSpill, Spill, spill_of, trim
 from scenes.scan.range_image import RangeImage
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompletedSurfaces:
+    """The surfaces of scans, continued behind their occluders, working frame.
+
+    Attributes
+    ----------
+    patches : tuple of Patch
+        The surfaces; number i + 1 in files.
+    scans : Scans
+        The scans as evidence, each pixel with the number of its surface.
+    relations : FoundRelations, optional
+        What surfaces are to each other; None where not asked for.
+    errors : JointErrors
+        Joint errors of the surfaces.
+    features : tuple of TemplateFit
+        Openings fitted whole: accepted, ambiguous and rejected ones.
+    choice : Choice
+        Which surfaces were wanted.
+    mode : str
+        How probable inferred area had to be.
+    edits : tuple of Edit
+        What a person says of the surfaces, world coordinates.
+    """
+
+    patches: tuple[Patch, ...]
+    scans: Scans
+    relations: FoundRelations | None
+    errors: JointErrors
+    features: tuple[TemplateFit, ...]
+    choice: Choice
+    mode: Mode
+    edits: tuple[Edit, ...]
+
 
 _MOST_SURFACES = 6  # that a card lists
 _REACH = 3.0  # cells between the border of a panel and the outermost pixels of its surface
@@ -143,116 +181,12 @@ class TexturedPart:
 
 
 @dataclass(frozen=True, eq=False)
-class DerivedModel:
-    """What follows from a completed model; each property is computed when it is first read, and kept.
-
-    Threads that read a property at the same moment may compute it twice, with the same result.
-    """
-
-    observations: tuple[Observation, ...]  # as of `Completion`
-    owners: tuple[NDArray[np.int32], ...]  # as of `Completion`
-    surfaces: tuple[DerivedSurface, ...]  # one for each completed surface
-    textures: tuple[ChartTexture | None, ...]  # as of `Completion`
-    world_from_reference: Pose  # as of `Completion`
-    spill: Spill | NoSpill  # where it is kept
-    shifts: Shifts = ()  # of pixels along their rays, in the meshes of what was measured
-
-    @cached_property
-    def scans(self) -> tuple[RangeImage, ...]:
-        """The scans in world coordinates."""
-        return tuple(seen.scan.transformed(self.world_from_reference) for seen in self.observations)
-
-    @cached_property
-    def atlas(self) -> Atlas:
-        """The textures on few pages; none when texture was not asked for."""
-        return make_atlas(self.textures or (None,) * len(self.surfaces))
-
-    @cached_property
-    def panels(self) -> PanelModel:
-        """The light model: all surfaces as facets that meet in their fold edges, and the rest beside them."""
-        sheets = [
-            Sheet.of(number, one.patch, one.polygon) for number, one in enumerate(self.surfaces, start=1)
-        ]
-        points, reach = self.remainder.points, [_REACH * sheet.cell_m for sheet in sheets]
-        faces, owner = points.faces.astype(np.int64), points.surface.astype(np.int64)
-        free = points.vertices[owner == 0]
-        panels = build_panels(sheets, lambda index: self.surfaces[index].outline, free)
-        pixels = PixelMesh(points.vertices, faces, owner, self.remainder.error_m)
-        surfaces = [sheet.surface for sheet in sheets]
-        return self.spill.keep(light_rest(panels, pixels, surfaces, np.array(reach)))
-
-    @cached_property
-    def textured(self) -> tuple[TexturedPart, ...]:
-        """The facets of each surface by provenance, what was measured first."""
-        panels, found = self.panels, []
-        for number in range(1, len(self.surfaces) + 1):
-            own = panels.face_surface == number
-            for why in np.unique(panels.face_provenance[own]).tolist():
-                part = panels.part(own & (panels.face_provenance == why))
-                uv, page = self.atlas.coordinates(number - 1, part.uv), int(self.atlas.page[number - 1])
-                found.append(TexturedPart(number, Provenance(why), part, uv, page))
-        return tuple(found)
-
-    def hypothesised_parts(self) -> Iterator[LabelledPoints]:
-        """Yield the inferred area surface by surface, working frame."""
-        meshes = [one.inferred_cells for one in self.surfaces]
-        return hypothesised_parts([one.patch for one in self.surfaces], meshes, self.textures)
-
-    @cached_property
-    def observed_m2(self) -> float:
-        """Measured area of all surfaces, square metres."""
-        total = 0.0
-        for surface in self.surfaces:
-            total += surface.patch.observed_m2
-            trim()
-        return total
-
-    @cached_property
-    def hypothesised_m2(self) -> float:
-        """Inferred area of all surfaces, square metres."""
-        total = 0.0
-        for surface in self.surfaces:
-            total += mesh_area(surface.inferred_cells.vertices, surface.inferred_cells.faces)
-            trim()
-        return total
-
-    @cached_property
-    def hypothesised(self) -> LabelledPoints:
-        """All inferred area as one mesh, working frame."""
-        return joined(list(self.hypothesised_parts()))
-
-    @cached_property
-    def observed_step(self) -> int:
-        """Every how many rows and columns of the scans observed.ply holds, unless it is to hold them all."""
-        return observed_step(self.observations)
-
-    def observed_parts(self, step: int = 1) -> Iterator[LabelledPoints]:
-        """Yield measured points of every step-th row and column, working frame, some rows at a time."""
-        return observed_parts(self.observations, self.owners, step, self.shifts)
-
-    @cached_property
-    def observed(self) -> LabelledPoints:
-        """All measured points of all scans as one mesh, working frame."""
-        return observed_mesh(self.observations, self.owners, self.shifts)
-
-    @cached_property
-    def remainder(self) -> Remainder:
-        """Measured points of no completed surface, working frame; of every k-th row and column."""
-        return self.spill.keep(remainder(self.observations, self.owners, self.shifts))
-
-    @cached_property
-    def light_remainder(self) -> LabelledPoints:
-        """The same as few triangles, those of the light model, with what is known of the nearest points."""
-        rest, points = self.panels.rest, self.remainder.points
-        columns = {name: getattr(points, name)[rest.source] for name in points.of_vertices}
-        columns["vertices"] = self.panels.vertices[rest.vertex]
-        faces = np.searchsorted(rest.vertex, rest.faces).astype(np.int32)
-        return self.spill.keep(LabelledPoints(faces=faces, **columns))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class CompletedModel:
-    """What `complete` found, before any file; `Completion` describes the attributes."""
+    """What `complete` found, before any file; `Completion` describes the attributes.
+
+    What follows from it is computed when it is first read, and kept; threads that read a property at the same
+    moment may compute it twice, with the same result.
+    """
 
     found: ScanSurfaces
     completed: CompletedSurfaces
@@ -261,24 +195,27 @@ class CompletedModel:
     audit: AuditResult
     flattened: tuple[FlatScan, ...]
     world_from_reference: Pose
-    derived: DerivedModel = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        spill = spill_of(sum(seen.scan.ranges.size for seen in self.observations))
-        surfaces = tuple(
-            DerivedSurface(patch, mesh, spill)
-            for patch, mesh in zip(self.patches, self.inferred, strict=True)
-        )
-        derived = DerivedModel(
-            observations=self.observations,
-            owners=self.owners,
-            surfaces=surfaces,
-            textures=self.textures,
-            world_from_reference=self.world_from_reference,
-            spill=spill,
-            shifts=tuple(one.shift_m for one in self.flattened),
-        )
-        object.__setattr__(self, "derived", derived)
+    @cached_property
+    def _spill(self) -> Spill | NoSpill:
+        """Where what follows from a large model is kept."""
+        return spill_of(sum(seen.scan.ranges.size for seen in self.observations))
+
+    @property
+    def _shifts(self) -> Shifts:
+        """By how much pixels move along their rays in the meshes of what was measured."""
+        return tuple(scan.shift_m for scan in self.flattened)
+
+    @cached_property
+    def surfaces(self) -> tuple[DerivedSurface, ...]:
+        """What follows from each completed surface."""
+        pairs = zip(self.patches, self.inferred, strict=True)
+        return tuple(DerivedSurface(patch, mesh, self._spill) for patch, mesh in pairs)
+
+    @property
+    def derived(self) -> CompletedModel:
+        """Itself: what follows from it are its own properties."""
+        return self
 
     @property
     def observations(self) -> tuple[Observation, ...]:
@@ -345,20 +282,96 @@ class CompletedModel:
         """Openings that were fitted whole: accepted, ambiguous and rejected, working frame."""
         return self.completed.features
 
-    @property
+    @cached_property
+    def scans(self) -> tuple[RangeImage, ...]:
+        """The scans in world coordinates."""
+        return tuple(seen.scan.transformed(self.world_from_reference) for seen in self.observations)
+
+    @cached_property
+    def atlas(self) -> Atlas:
+        """The textures on few pages; none when texture was not asked for."""
+        return make_atlas(self.textures or (None,) * len(self.surfaces))
+
+    @cached_property
+    def _panels(self) -> PanelModel:
+        sheets = [
+            Sheet.of(number, one.patch, one.polygon) for number, one in enumerate(self.surfaces, start=1)
+        ]
+        points, reach = self.remainder.points, [_REACH * sheet.cell_m for sheet in sheets]
+        faces, owner = points.faces.astype(np.int64), points.surface.astype(np.int64)
+        free = points.vertices[owner == 0]
+        panels = build_panels(sheets, lambda index: self.surfaces[index].outline, free)
+        pixels = PixelMesh(points.vertices, faces, owner, self.remainder.error_m)
+        surfaces = [sheet.surface for sheet in sheets]
+        return self._spill.keep(light_rest(panels, pixels, surfaces, np.array(reach)))
+
+    @cached_property
+    def textured(self) -> tuple[TexturedPart, ...]:
+        """The facets of each surface by provenance, what was measured first."""
+        panels, found = self._panels, []
+        for number in range(1, len(self.surfaces) + 1):
+            own = panels.face_surface == number
+            for why in np.unique(panels.face_provenance[own]).tolist():
+                part = panels.part(own & (panels.face_provenance == why))
+                uv, page = self.atlas.coordinates(number - 1, part.uv), int(self.atlas.page[number - 1])
+                found.append(TexturedPart(number, Provenance(why), part, uv, page))
+        return tuple(found)
+
+    def hypothesised_parts(self) -> Iterator[LabelledPoints]:
+        """Yield the inferred area surface by surface, working frame."""
+        meshes = [one.inferred_cells for one in self.surfaces]
+        return hypothesised_parts([one.patch for one in self.surfaces], meshes, self.textures)
+
+    @cached_property
     def observed_m2(self) -> float:
         """Measured area of all surfaces, square metres."""
-        return self.derived.observed_m2
+        total = 0.0
+        for surface in self.surfaces:
+            total += surface.patch.observed_m2
+            trim()
+        return total
 
-    @property
+    @cached_property
     def hypothesised_m2(self) -> float:
         """Inferred area of all surfaces, square metres."""
-        return self.derived.hypothesised_m2
+        total = 0.0
+        for surface in self.surfaces:
+            total += mesh_area(surface.inferred_cells.vertices, surface.inferred_cells.faces)
+            trim()
+        return total
 
-    @property
+    @cached_property
     def hypothesised(self) -> LabelledPoints:
         """All inferred area as one mesh, working frame: provenance, confidence, deviation at every vertex."""
-        return self.derived.hypothesised
+        return joined(list(self.hypothesised_parts()))
+
+    @cached_property
+    def observed_step(self) -> int:
+        """Every how many rows and columns of the scans observed.ply holds, unless it is to hold them all."""
+        return observed_step(self.observations)
+
+    def observed_parts(self, step: int = 1) -> Iterator[LabelledPoints]:
+        """Yield measured points of every step-th row and column, working frame, some rows at a time."""
+        return observed_parts(self.observations, self.owners, step, self._shifts)
+
+    @cached_property
+    def observed(self) -> LabelledPoints:
+        """All measured points of all scans as one mesh, working frame."""
+        return observed_mesh(self.observations, self.owners, self._shifts)
+
+    @cached_property
+    def remainder(self) -> Remainder:
+        """Measured points of no completed surface, working frame; of every k-th row and column."""
+        return self._spill.keep(remainder(self.observations, self.owners, self._shifts))
+
+    @cached_property
+    def light_remainder(self) -> LabelledPoints:
+        """The same as few triangles, those of the light model, with what is known of the nearest points."""
+        rest, points = self._panels.rest, self.remainder.points
+        columns = {name: getattr(points, name)[rest.source] for name in points.of_vertices}
+        columns["vertices"] = self._panels.vertices[rest.vertex]
+        faces = np.searchsorted(rest.vertex, rest.faces).astype(np.int32)
+        return self._spill.keep(LabelledPoints(faces=faces, **columns))
 
     @property
     def free_space_violation_m2(self) -> float:
@@ -392,11 +405,11 @@ class CompletedModel:
 
     def observed_mesh(self) -> LabelledPoints:
         """Return all measured points of all scans as one mesh, working frame."""
-        return self.derived.observed
+        return self.observed
 
     def panels(self) -> PanelModel:
         """Return the light model, working frame: few facets, and the folds and corners that they share."""
-        return self.derived.panels
+        return self._panels
 
     def _repr_html_(self) -> str:
         """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""

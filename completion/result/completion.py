@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from os import PathLike
 from pathlib import Path
@@ -13,26 +12,45 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.export.building.parts import BuildingParts
+from completion.export.building.bodies import Beams
+from completion.export.building.model import building_model
+from completion.export.building.parts import BuildingParts, building_parts
 from completion.export.decisions import DecisionSheet, decision_sheet
 from completion.export.dimension import TOLERANCE_M
 from completion.export.ifc import ifc_of
 from completion.export.svg import svg_of
-from completion.result.building import building_of
+from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
-from completion.result.panel_files import write_panels_ply
-from completion.result.polygons import polygons_record
-from completion.result.record import ObservedDetail, completion_record, inferred_points, model_parts
+from completion.result.meshes import inferred_points, model_parts, write_panels_ply
+from completion.result.record import ObservedDetail, completion_record, polygons_record
 from completion.result.verification import Verification
 from scenes.checks import InputError
-from scenes.io.e57_writer import InferredPoints, write_e57
+from scenes.io.e57_writer import write_e57
 from scenes.io.gltf import glb_of
 from scenes.io.obj import write_obj
 from scenes.io.ply import PlyMesh, write_meshes_ply
-from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.atomic import Stage, locked, make_folder, write_bytes, write_json, write_text
-from scenes.scan.range_image import RangeImage
+
+
+def building_of(completion: CompletedModel) -> BuildingParts:
+    """Return the light model in world coordinates with its walls, slabs, rooms, columns and pipes."""
+    several = len(completion.observations) > 1
+    tolerance = EvidenceOptions().tolerance(
+        flatness_m=completion.flatness_m, registration_m=REGISTRATION_M if several else 0.0
+    )
+    model = building_model(
+        completion.panels(),
+        completion.patches,
+        polygons_record(completion),
+        completion.errors,
+        world=completion.world_from_reference,
+    )
+    return building_parts(
+        model,
+        Beams.of(completion.observations, completion.found.reach, completion.world_from_reference, tolerance),
+    )
+
 
 _BUILDINGS = (".dxf", ".svg", ".ifc")
 _COMMENTS = ("unseen: objects called hypothesised were inferred, nobody measured them",)
@@ -57,11 +75,7 @@ class Completion(CompletedModel):
         How measured planes are flattened in the meshes that are written, by scan; empty where not asked for.
     world_from_reference : Pose
         From the working frame to the world.
-    derived : DerivedModel
-        Openings, outlines, meshes and the like, each computed when it is first read.
     """
-
-    __slots__ = ()
 
     def save(
         self,
@@ -130,7 +144,7 @@ class Completion(CompletedModel):
                 "save"
             )
         building = self.building() if suffix in _BUILDINGS else None
-        return _export(_Content.of(self, suffix, building), target)
+        return _export(self, target, building)
 
 
 def write_model(
@@ -169,11 +183,10 @@ def write_model(
     with locked(target), Stage(target) as stage:
         for name in ("completed.glb", "polygons.json", *(f"completed.{name}" for name in exports)):
             path = stage.path(name)
-            _export(_Content.of(completion, path.suffix, building), path)  # gone before the next is made
-        derived = completion.derived
+            _export(completion, path, building)
         for name, parts in (
-            ("observed.ply", derived.observed_parts(int(record["observed_step"]))),
-            ("hypothesised.ply", derived.hypothesised_parts()),
+            ("observed.ply", completion.observed_parts(int(record["observed_step"]))),
+            ("hypothesised.ply", completion.hypothesised_parts()),
         ):
             write_meshes_ply(stage.path(name), placed(completion, parts), legend)
         write_panels_ply(stage.path("model.ply"), completion, legend)
@@ -197,45 +210,24 @@ def placed(completion: CompletedModel, parts: Iterable[LabelledPoints]) -> Itera
         yield PlyMesh(completion.world_from_reference.apply(points.vertices), points.faces, known)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Content:
-    """What a file of one suffix holds, in world coordinates; the rest is empty."""
-
-    parts: Sequence[MeshPart]
-    polygons: Mapping[str, Any]
-    scans: Sequence[RangeImage]
-    clouds: Sequence[InferredPoints]
-    building: BuildingParts | None
-
-    @classmethod
-    def of(cls, completion: Completion, suffix: str, building: BuildingParts | None) -> _Content:
-        is_e57 = suffix == ".e57"
-        return cls(
-            parts=model_parts(completion) if suffix in (".glb", ".obj") else (),
-            polygons=polygons_record(completion) if suffix == ".json" else {},
-            building=building if suffix in _BUILDINGS else None,
-            clouds=list(inferred_points(completion)) if is_e57 else (),
-            scans=[scan for scan in completion.derived.scans if scan.valid.any()] if is_e57 else (),
-        )
-
-
-def _export(content: _Content, path: Path) -> list[Path]:
-    """Write one file by its suffix; return all that were written."""
+def _export(completion: Completion, path: Path, building: BuildingParts | None) -> list[Path]:
+    """Write one file by its suffix; return all that were written. DXF, SVG and IFC need the building."""
     match path.suffix.lower():
-        case ".dxf" if content.building is not None:
+        case ".dxf" if building is not None:
             from completion.export.dxf import dxf_of  # its library is loaded where it is asked for
 
-            write_bytes(path, dxf_of(content.building.model))
-        case ".svg" if content.building is not None:
-            write_text(path, svg_of(content.building))
-        case ".ifc" if content.building is not None:
-            write_text(path, ifc_of(content.building, path.name))
+            write_bytes(path, dxf_of(building.model))
+        case ".svg" if building is not None:
+            write_text(path, svg_of(building))
+        case ".ifc" if building is not None:
+            write_text(path, ifc_of(building, path.name))
         case ".obj":
-            return write_obj(content.parts, path, _COMMENTS)
+            return write_obj(model_parts(completion), path, _COMMENTS)
         case ".glb":
-            write_bytes(path, glb_of(content.parts))
+            write_bytes(path, glb_of(model_parts(completion)))
         case ".e57":
-            write_e57(content.scans, path, content.clouds)
+            scans = [scan for scan in completion.scans if scan.valid.any()]
+            write_e57(scans, path, list(inferred_points(completion)))
         case ".json":
-            write_json(path, content.polygons)
+            write_json(path, polygons_record(completion))
     return [path]

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Record: a completed model as files and pictures show it: named textured pieces, points, and JSON."""
+"""Record: what completion.json holds of a completed model, and its planes as polygons.json has them.
+
+Polygons are outlines with holes and openings; each edge is measured or inferred.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +11,64 @@ from dataclasses import asdict, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
+import shapely
 
 from completion.edits.file import edit_record
-from completion.extension.patch import Provenance
+from completion.extension.claims import role_of
+from completion.extension.patch import Patch
 from completion.features.engine.template import feature_record, moved_geometry
 from completion.fitting.result import surface_parameters
-from completion.panels.model import PanelPart
+from completion.panels.model import FoldEdge, turned
+from completion.panels.outline import NearOutline, polygon_parts, runs_of
 from completion.relations.graph import frame_records, freedom_record, relation_records
 from completion.relations.pipeline import FoundRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.flat_scans import surface_flattening, whole_flattening
 from completion.result.labelled_points import PROVENANCE_NAMES
-from completion.result.panel_files import panels_record
+from completion.result.openings import Opening
 from completion.result.verification import Finding, Verification, counterpart
-from scenes.checks import ColourArray, InputError
-from scenes.io.e57_writer import InferredPoints
-from scenes.mesh.blocks import in_blocks
-from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
-from scenes.mesh.mesh_parts import MeshPart
+from scenes.checks import FloatArray, InputError
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
+
+
+def panels_record(completion: CompletedModel) -> dict[str, Any]:
+    """Return the folds, corners and facets of the light model; world coordinates, metres."""
+    panels, world = completion.panels(), completion.world_from_reference
+    turn = world.rotation
+    return {
+        "folds": [_fold(one, world.apply(one.points), turn) for one in panels.folds],
+        "corners": [
+            {
+                "surfaces": list(one.surfaces),
+                "point": world.apply(one.point[None])[0].tolist(),
+                "covariance_m2": turned(one.covariance, turn).tolist(),
+            }
+            for one in panels.corners
+        ],
+        "panels": {
+            "triangles": len(panels.faces),
+            "rest_triangles": len(panels.rest.faces),
+            "vertices": len(panels.vertices),
+            "open_edges_m": dict(panels.open_m),
+        },
+    }
+
+
+def _fold(fold: FoldEdge, points: FloatArray, turn: FloatArray) -> dict[str, Any]:
+    return {
+        "surfaces": list(fold.surfaces),
+        "kind": fold.kind,
+        "goes_on": list(fold.goes_on),
+        "points": points.tolist(),
+        "length_m": fold.length_m,
+        "dihedral_deg": fold.dihedral_deg,
+        "dihedral_sd_deg": fold.dihedral_sd_deg,
+        "sd_m": fold.sd_m,
+        "covariance_m2": turned(fold.covariance, turn).tolist(),
+        "measured_share": fold.measured_share,
+    }
+
 
 _OF_PAIR = (
     "overlap_m2",
@@ -41,110 +82,6 @@ _OF_PAIR = (
 
 ObservedDetail = Literal["auto", "full"]
 """How many of the measured points observed.ply holds: few enough to be looked at, or all of them."""
-OBSERVED_GREY, HYPOTHESISED_BLUE = (0.72, 0.72, 0.70), (0.35, 0.55, 0.85)
-"""Colours of surface without texture, sRGB in 0..1."""
-
-
-def model_parts(completion: CompletedModel) -> list[MeshPart]:
-    """Return the model in world coordinates; a part for each surface and state, and one for the rest.
-
-    They are called `observed 1 plane`, `hypothesised 1 plane` and so on, and `observed remainder`: a
-    hypothesis can never pass for a measurement. Their textures lie on the pages of one atlas; without
-    texture, parts have the colour of their state. Those of large models are in blocks of space.
-    """
-    parts, derived = [], completion.derived
-    panels = derived.panels
-    for index, surface in enumerate(derived.surfaces):
-        trim()
-        own = panels.face_surface == index + 1
-        for state, kept in (
-            ("observed", own & panels.is_measured),
-            ("hypothesised", own & ~panels.is_measured),
-        ):
-            if kept.any():
-                name = f"{state} {index + 1} {surface.patch.grid.surface.kind}"
-                parts.append(_surface_part(completion, index, panels.part(kept), name))
-    rest = completion.derived.light_remainder
-    if len(rest.faces):
-        vertices = completion.world_from_reference.apply(rest.vertices)
-        faces = rest.faces.astype(np.int64)
-        parts.append(MeshPart("observed remainder", vertices, faces, 0, rest.colour))
-    return in_blocks(parts)
-
-
-def _surface_part(completion: CompletedModel, index: int, mesh: PanelPart, name: str) -> MeshPart:
-    """One state of a surface, with its page of the atlas or the state's colour."""
-    atlas = completion.derived.atlas
-    page = int(atlas.page[index])
-    vertices = completion.world_from_reference.apply(mesh.vertices)
-    faces = mesh.faces
-    if page < 0:
-        tint = OBSERVED_GREY if name.startswith("observed") else HYPOTHESISED_BLUE
-        return MeshPart(name, vertices, faces, index + 1, _plain(tint, len(vertices)))
-    uv = atlas.coordinates(index, mesh.uv).astype(np.float32)
-    white = _plain((1.0, 1.0, 1.0), len(vertices))
-    return MeshPart(name, vertices, faces, index + 1, white, image=atlas.pages[page], uv=uv)
-
-
-def _plain(tint: tuple[float, float, float], n: int) -> ColourArray:
-    return np.tile(np.rint(np.array(tint) * 255).astype(np.uint8), (n, 1))
-
-
-def display_mesh(
-    completion: CompletedModel, *, hypothesised: bool = True, mark: bool = False
-) -> LabelledMesh:
-    """The model as one textured mesh in world coordinates, for pictures: surface 0 observed, 1 not.
-
-    Inferred area is shown if `hypothesised`; `mark` paints it in one colour instead of its texture.
-    """
-    places, corners, colours, labels, face_image, corner_uv = [], [], [], [], [], []
-    atlas, n_places = completion.derived.atlas, 0
-    for one in completion.derived.textured:
-        trim()
-        state = int(one.provenance != Provenance.MEASURED)
-        if state and not hypothesised:
-            continue
-        page, faces = -1 if mark and state else one.page, one.part.faces
-        places.append(one.part.vertices)
-        corners.append(faces.astype(np.int32) + np.int32(n_places))
-        n_places += len(one.part.vertices)
-        tint = (OBSERVED_GREY, HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0)
-        colours.append(np.broadcast_to(np.array(tint, np.float32), (len(faces), 3, 3)))
-        labels.append(np.full(len(faces), state, np.int32))
-        face_image.append(np.full(len(faces), page, np.int32))
-        corner_uv.append(one.uv[faces])
-    rest = completion.derived.light_remainder
-    places.append(rest.vertices)
-    corners.append(rest.faces.astype(np.int32) + np.int32(n_places))
-    colours.append(rest.colour[rest.faces].astype(np.float32) / np.float32(255))
-    labels.append(np.zeros(len(rest.faces), np.int32))
-    face_image.append(np.full(len(rest.faces), -1, np.int32))
-    corner_uv.append(np.zeros((len(rest.faces), 3, 2)))
-    has_pages = bool(len(atlas.pages))
-    look = Appearance(
-        np.concatenate(colours),
-        atlas.pages,
-        np.concatenate(face_image) if has_pages else None,
-        np.concatenate(corner_uv).astype(np.float32) if has_pages else None,
-    )
-    vertices = completion.world_from_reference.apply(np.concatenate(places))
-    return LabelledMesh(vertices, np.concatenate(corners), np.concatenate(labels), look)
-
-
-def inferred_points(completion: CompletedModel) -> Iterator[InferredPoints]:
-    """Yield the vertices of what is inferred, surface by surface, in the world."""
-    for points in completion.derived.hypothesised_parts():
-        number = int(points.surface[0])
-        yield InferredPoints(
-            name=f"inferred {number} {completion.patches[number - 1].grid.surface.kind}",
-            points=completion.world_from_reference.apply(points.vertices),
-            colour=points.colour,
-            surface=points.surface,
-            provenance=points.provenance,
-            confidence=points.confidence,
-            sd=points.sd,
-            legend=dict(PROVENANCE_NAMES),
-        )
 
 
 def completion_record(
@@ -167,7 +104,7 @@ def completion_record(
         "edits": [edit_record(edit) for edit in completion.edits],
         "surfaces": [
             _surface_record(completion, number, surface)
-            for number, surface in enumerate(completion.derived.surfaces, start=1)
+            for number, surface in enumerate(completion.surfaces, start=1)
         ],
         "observed_m2": completion.observed_m2,
         "hypothesised_m2": completion.hypothesised_m2,
@@ -187,8 +124,8 @@ def completion_record(
         "flatness_m": completion.flatness_m,
         "choice": {**asdict(completion.choice), "only": list(completion.choice.only)},
         "projector": [seen.shadow._asdict() for seen in completion.observations],
-        "remainder_step": completion.derived.remainder.step,
-        "observed_step": 1 if observed == "full" else completion.derived.observed_step,
+        "remainder_step": completion.remainder.step,
+        "observed_step": 1 if observed == "full" else completion.observed_step,
         "provenance": {number: {"name": name} for number, name in PROVENANCE_NAMES.items()},
     }
     pose = completion.world_from_reference
@@ -332,4 +269,132 @@ def _texture_record(completion: CompletedModel, number: int) -> dict[str, Any] |
         "confidence": texture.confidence,
         "verbatim_share": texture.verbatim_share,
         "is_doubtful": texture.is_doubtful,
+    }
+
+
+FORMAT = "unseen polygons 1"
+_OF_SIDES = ("sd_m", "inwards_m", "outwards_m", "measured")
+_SHORT = 3  # samples, a cell apart: what is shorter takes after what comes before it
+_DOOR_M = 0.1  # how far above a wall's lower edge a door may begin
+
+
+def polygons_record(completion: CompletedModel) -> dict[str, Any]:
+    """Return what `polygons.json` holds: planes as polygons, world coordinates, metres.
+
+    Rings run anticlockwise seen from the normal's side, holes clockwise; they do not repeat their first
+    point, and edge k leads from point k to the next. An edge is "measured" where the surface was measured
+    up to it, else "inferred"; `kind` and `provenance` are those of completion.json. Outlines are those of the
+    cells, laid on the surface's straight edges and on where it meets what encloses the room (`guides_of`),
+    elsewhere straightened to within a cell; parts and holes of fewer than nine cells are left out.
+    """
+    planes = [
+        _surface(completion, number, surface)
+        for number, surface in enumerate(completion.surfaces, start=1)
+        if isinstance(surface.patch.grid.surface, Plane)
+    ]
+    return {"format": FORMAT, "unit": "m", "mode": completion.mode, "surfaces": planes}
+
+
+def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -> dict[str, Any]:
+    trim()
+    patch, world = surface.patch, completion.world_from_reference
+    normal = world.rotate(patch.grid.surface.normal(np.zeros((1, 3))))[0]
+    area, boundary = surface.polygon, NearOutline.of(patch.grid, surface.outline)
+    return {
+        "id": number,
+        "role": role_of(normal, encloses=patch.limits.encloses),
+        "plane": {
+            "point": world.apply(patch.grid.surface.from_uv(np.zeros((1, 2))))[0].tolist(),
+            "normal": normal.tolist(),
+        },
+        "standard_deviation": patch.stated.parameter_deviations(),
+        "observed_m2": patch.observed_m2,
+        "hypothesised_m2": patch.hypothesised_m2,
+        "area_m2": float(area.area),
+        "polygons": [
+            {
+                "outer": _ring(completion, patch, boundary, polygon.exterior, anticlockwise=True),
+                "holes": [
+                    _ring(completion, patch, boundary, hole, anticlockwise=False)
+                    for hole in polygon.interiors
+                ],
+            }
+            for polygon in polygon_parts(area)
+        ],
+        "openings": [_opening(completion, patch, normal, found) for found in surface.openings],
+    }
+
+
+def _ring(
+    completion: CompletedModel, patch: Patch, boundary: NearOutline, ring: Any, *, anticlockwise: bool
+) -> dict[str, Any]:
+    """Points of a ring, more where its state changes, and what is said of each edge."""
+    uv = np.asarray(shapely.get_coordinates(ring), dtype=np.float64)[:-1]
+    if bool(shapely.is_ccw(ring)) != anticlockwise:
+        uv = uv[::-1]
+    points, edges = [], []
+    for place, edge in _stretches(boundary, uv, float(patch.grid.cell.max())):
+        points.append(place)
+        edges.append(edge)
+    local = patch.grid.surface.from_uv(np.array(points))
+    sd = patch.stated.standard_deviation(local)
+    for k, edge in enumerate(edges):
+        edge["sd_m"] = float(max(sd[k], sd[(k + 1) % len(sd)]))
+    return {"points": completion.world_from_reference.apply(local).tolist(), "edges": edges}
+
+
+def _stretches(
+    boundary: NearOutline, corners: FloatArray, cell_m: float
+) -> Iterator[tuple[FloatArray, dict[str, Any]]]:
+    """The edges between a ring's corners (n, 2), cut where what is said of them changes.
+
+    The beginning of each stretch, and what is said; it is asked about once a cell of `cell_m` metres.
+    """
+    along = np.roll(corners, -1, axis=0) - corners
+    count = np.maximum(np.ceil(np.linalg.norm(along, axis=1) / cell_m), 1).astype(np.int64)
+    first_of, edge_of = np.cumsum(count) - count, np.repeat(np.arange(len(corners)), count)
+    share = (np.arange(len(edge_of)) - first_of[edge_of] + 0.5) / count[edge_of]
+    _, index = boundary.tree.query(corners[edge_of] + share[:, None] * along[edge_of])
+    known = boundary.known
+    said = list(zip(known.kinds[index].tolist(), known.provenances[index].tolist(), strict=True))
+    for k, (begin, n) in enumerate(zip(first_of.tolist(), count.tolist(), strict=True)):
+        for first, last in runs_of(said[begin : begin + n], _SHORT):
+            kind, provenance = said[begin + first]
+            confidence = known.confidence[index[begin + first : begin + last + 1]]
+            edge = {
+                "state": "measured" if provenance == "measured" else "inferred",
+                "kind": kind,
+                "provenance": provenance,
+                "confidence": float(np.mean(confidence)),
+            }
+            yield corners[k] + first / n * along[k], edge
+
+
+def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found: Opening) -> dict[str, Any]:
+    """An opening with its kind and its size along the level and upwards, metres."""
+    points = completion.world_from_reference.apply(found.points)
+    is_wall = found.feature > 0 or role_of(normal, encloses=patch.limits.encloses) == "wall"
+    farthest = np.linalg.svd(points - points.mean(axis=0))[2][0]  # the direction in which it reaches most
+    across = np.cross([0.0, 0, 1], normal) if is_wall else farthest
+    across /= np.linalg.norm(across)
+    other = np.cross(normal, across)
+    extent = [float(np.ptp(points @ direction)) for direction in (across, other)]
+    kind = "opening"
+    if is_wall:
+        all_points = completion.world_from_reference.apply(patch.grid.centres()[patch.observed.ravel()])
+        kind = "door" if points[:, 2].min() < all_points[:, 2].min() + _DOOR_M else "window"
+    return {
+        "kind": kind,
+        "width_m": extent[0],
+        "height_m": extent[1],
+        "area_m2": found.area_m2,
+        "seen_share": found.seen_share,
+        "provenance": "user" if found.declared else "inferred",
+        "points": points.tolist(),
+        "sides": [
+            {"sd_m": sd, "inwards_m": inwards, "outwards_m": outwards, "measured_share": measured}
+            for sd, inwards, outwards, measured in zip(
+                *(getattr(found.sides, name).tolist() for name in _OF_SIDES), strict=True
+            )
+        ],
     }

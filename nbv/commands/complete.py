@@ -334,7 +334,7 @@ def _lines_of_edits(completion: Completion) -> list[str]:
     """What came of a person's edits."""
     if not completion.edits:
         return []
-    effects = [surface.effect for surface in completion.derived.surfaces]
+    effects = [surface.effect for surface in completion.surfaces]
     filled, vetoed = sum(one.filled_m2 for one in effects), sum(one.vetoed_m2 for one in effects)
     lines = [f"edits     {len(completion.edits)}, by which {square_metres(filled)} m2 are inferred"]
     if vetoed > 0:

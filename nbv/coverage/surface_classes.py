@@ -82,7 +82,7 @@ class CompletedSurfaces:
 
     def measured(self) -> tuple[FloatArray, NDArray[np.int32]]:
         """Measured surface without the gaps between pixels: vertices (n, 3), world, and faces (m, 3)."""
-        meshes = [surface.observed for surface in self.completion.derived.surfaces]
+        meshes = [surface.observed for surface in self.completion.surfaces]
         start = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
         faces = [mesh.faces + first for mesh, first in zip(meshes, start, strict=False)]
         vertices = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in meshes)])

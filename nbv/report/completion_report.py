@@ -223,7 +223,7 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
 
 def scans_of(completion: Completion) -> Table:
     """A row for each scan."""
-    return scans_table(completion.derived.scans)
+    return scans_table(completion.scans)
 
 
 def before_and_after(completion: Completion, n_threads: int | None = None) -> tuple[Block, ...]:
@@ -233,7 +233,7 @@ def before_and_after(completion: Completion, n_threads: int | None = None) -> tu
         return (Text("There is no surface to show."),)
     camera, pictures = drawn
     trim()
-    view = completion_view(completion, is_room=not is_single_camera(completion.derived.scans), camera=camera)
+    view = completion_view(completion, is_room=not is_single_camera(completion.scans), camera=camera)
     return view, Legend(), Gallery(pictures, 2)
 
 
@@ -343,7 +343,7 @@ def edit_sections(completion: Completion) -> tuple[Section, ...]:
     if not completion.edits:
         return ()
     rows = []
-    for number, surface in enumerate(completion.derived.surfaces, start=1):
+    for number, surface in enumerate(completion.surfaces, start=1):
         if surface.patch.verdict.actions:
             effect = surface.effect
             areas = (effect.filled_m2, effect.vetoed_m2, effect.measured_m2)

@@ -15,7 +15,7 @@ import numpy as np
 
 from completion.result.completed_model import CompletedModel
 from completion.result.completion import Completion
-from completion.result.record import display_mesh
+from completion.result.meshes import display_mesh
 from nbv.scans.measured_area import MeasuredArea, MeasuredCells, PixelQuality
 from nbv.scans.room_coverage import RoomCoverage, room_coverage
 from nbv.scans.scan_map import ScanMap

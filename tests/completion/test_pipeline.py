@@ -22,9 +22,10 @@ from completion import (
 from completion.merging import scan_surfaces
 from completion.merging.scan_surfaces import SurfaceOptions
 from completion.observe.tolerance import FLATNESS_M, Tolerance
-from completion.result import observed_points
+from completion.result import labelled_points as observed_points
 from completion.result.labelled_points import mesh_area
-from completion.result.record import completion_record, display_mesh, model_parts
+from completion.result.meshes import display_mesh, model_parts
+from completion.result.record import completion_record
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError
@@ -221,7 +222,7 @@ def test_openings_are_found_and_outlines_closed():
     depth = np.full(camera.shape, 3.0)
     depth[40:70, 60:100] = 5.0  # a window
     scan = RangeImage(depth / camera.directions()[..., 2], camera, Pose.identity(), sigma_m=0.0)
-    (wall,) = complete(scan, PLAIN).derived.surfaces[:1]
+    (wall,) = complete(scan, PLAIN).surfaces[:1]
     (opening,) = wall.openings
     pixel = 3.0 / camera.fx
     assert opening.area_m2 == pytest.approx(30 * 40 * pixel**2, rel=0.1)

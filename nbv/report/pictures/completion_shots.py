@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from completion.result.completion import Completion
-from completion.result.record import display_mesh
+from completion.result.meshes import display_mesh
 from nbv.report.pictures.camera import Camera
 from nbv.report.pictures.drawing import MeshDrawing, SeenFaces, mark_inferred, mark_unknown, passes_hidden
 from nbv.report.pictures.picture import Picture, picture_of
@@ -54,7 +54,7 @@ class ModelDrawings:
         mesh = display_mesh(completion)
         mesh = mesh if in_colour else replace(mesh, appearance=None)
         bounds = solid_bounds(mesh) if len(mesh.faces) else np.zeros((2, 3))
-        return cls(MeshDrawing(mesh, n_threads=n_threads), bounds, completion.derived.scans)
+        return cls(MeshDrawing(mesh, n_threads=n_threads), bounds, completion.scans)
 
     @property
     def is_empty(self) -> bool:

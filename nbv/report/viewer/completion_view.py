@@ -81,10 +81,10 @@ def completion_view(
     A room is looked into from outside; `camera` is where it is seen from at first.
     """
     world = completion.world_from_reference
-    scans = [with_known_noise(scan) for scan in completion.derived.scans]
-    atlas = completion.derived.atlas
+    scans = [with_known_noise(scan) for scan in completion.scans]
+    atlas = completion.atlas
     occluders = set(occluding(completion.patches))
-    textured = completion.derived.textured
+    textured = completion.textured
     measured = [part for part in textured if part.provenance == Provenance.MEASURED]
     of = partial(_surfaces, completion)
     groups = (
@@ -96,9 +96,7 @@ def completion_view(
             of([part for part in textured if part.provenance != Provenance.MEASURED]),
         ),
     )
-    outlines = [
-        world.apply(hole.points) for surface in completion.derived.surfaces for hole in surface.openings
-    ]
+    outlines = [world.apply(hole.points) for surface in completion.surfaces for hole in surface.openings]
     names = _names(completion)
     most_sd = max(float(pieces.sd.max(initial=0)) for _, _, pieces in groups)
     layers = [
@@ -180,7 +178,7 @@ def _pieces(completion: CompletedModel, part: TexturedPart, limit_m2: float) -> 
 
 def _remainder(completion: CompletedModel) -> _Pieces:
     """What was measured and belongs to no surface."""
-    rest = completion.derived.light_remainder
+    rest = completion.light_remainder
     faces = rest.faces
     n = len(faces)
     return _Pieces(

@@ -116,7 +116,7 @@ def test_accepted_area_is_filled_whatever_its_confidence_and_never_where_beams_w
     assert found.free_space_violation_m2 == 0
     added = after.hypothesised & ~before.hypothesised
     assert (after.provenance[added] == Provenance.USER).mean() > 0.95
-    (effect,) = (one.effect for one in found.derived.surfaces if one.patch is after)
+    (effect,) = (one.effect for one in found.surfaces if one.patch is after)
     assert effect.filled_m2 == pytest.approx(added.sum() * after.grid.cell_area, rel=0.05)
     low, high = after.limits.known_window()
     uv = after.grid.centres_uv()[added]
@@ -138,7 +138,7 @@ def test_accepting_everything_never_fills_free_space(mode):
 def test_what_beams_went_through_is_told_when_it_was_accepted(wall_scan):
     window = pane((-1.2, -0.8), (-0.7, -0.8), (-0.7, -0.1), (-1.2, -0.1))
     found = edited(wall_scan, Edit(action="accept", surfaces=(MEASURED,), outline=window))
-    effect = found.derived.surfaces[0].effect
+    effect = found.surfaces[0].effect
     assert effect.filled_m2 == 0
     assert effect.vetoed_m2 == pytest.approx(0.35, rel=0.05)
     (section,) = edit_sections(found)
@@ -208,8 +208,8 @@ def test_a_surface_ends_where_a_person_says(wall, wall_scan):
     assert abs(inner.min()) < 1e-9
     assert found.hypothesised_m2 < 0.7 * wall.hypothesised_m2
     np.testing.assert_array_equal(found.patches[0].observed, wall.patches[0].observed)
-    assert found.derived.surfaces[0].effect.measured_m2 > 0.5
-    at_end = [part for part in found.derived.surfaces[0].boundary if part.provenance == "user"]
+    assert found.surfaces[0].effect.measured_m2 > 0.5
+    at_end = [part for part in found.surfaces[0].boundary if part.provenance == "user"]
     assert at_end
     assert all(np.abs(plane.distance(part.points)).max() < 0.1 for part in at_end)
 
@@ -231,21 +231,21 @@ def test_a_declared_opening_stays_empty_and_is_listed(wall, wall_scan):
     mesh = found.hypothesised
     centres = found.world_from_reference.apply(mesh.vertices[mesh.faces].mean(axis=1))
     assert not contains_xy(polygon.buffer(-1e-9), centres[:, 0], centres[:, 1]).any()
-    opening = found.derived.surfaces[0].openings[0]
+    opening = found.surfaces[0].openings[0]
     assert opening.declared
     assert opening.area_m2 == pytest.approx(polygon.area, rel=1e-9)
     assert opening.seen_share == 0
     gap = wall.hypothesised_m2 - found.hypothesised_m2
     cell = float(found.patches[0].grid.cell.max())
     assert polygon.area - 1e-9 <= gap <= polygon.area + 8 * cell**2  # a cell at each corner at most
-    assert "user" in {part.provenance for part in found.derived.surfaces[0].boundary}
+    assert "user" in {part.provenance for part in found.surfaces[0].boundary}
 
 
 def test_a_declared_opening_replaces_the_one_that_was_found(wall, wall_scan):
-    (window,) = wall.derived.surfaces[0].openings
+    (window,) = wall.surfaces[0].openings
     outline = wall.world_from_reference.apply(window.points)
     found = edited(wall_scan, Edit(action="opening", surfaces=(MEASURED,), outline=outline))
-    (again,) = found.derived.surfaces[0].openings
+    (again,) = found.surfaces[0].openings
     assert again.declared
     assert again.area_m2 == pytest.approx(window.area_m2)
     assert again.seen_share > 0.9

@@ -4,12 +4,15 @@
 import csv
 import io
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from completion.export.building.model import OpeningOutline
 from completion.export.decisions import COLUMNS, DecisionSheet, decision_sheet
 from completion.export.dimension import advice, told_rule
+from completion.export.room_dimensions import opening_sizes
 from completion.uncertainty.joint_errors import NO_ERRORS, RelatedErrors, SharedErrors
 from scenes.checks import InputError
 from tests.helpers.exchange_examples import length, panorama
@@ -155,3 +158,11 @@ def test_of_a_mesh_no_interval_is_known_until_somebody_says_how_wrong_it_is():
 def test_a_tolerance_is_a_length(wrong):
     with pytest.raises(InputError, match="give a positive length"):
         panorama().decisions(wrong)
+
+
+def test_an_opening_without_an_outline_has_no_size():
+    outline = OpeningOutline(1, "window", np.zeros((0, 3)), (), width_m=1.0, height_m=1.0, seen_share=1.0)
+    wall = SimpleNamespace(normal=np.array([1.0, 0.0, 0.0]))
+    face = SimpleNamespace(element=wall, is_upright=True, openings=(outline,))
+    building = SimpleNamespace(model=SimpleNamespace(errors=NO_ERRORS), faces=(face,))
+    assert opening_sizes(building) == ()

@@ -7,7 +7,7 @@ import pytest
 from completion import CompletionOptions, complete
 from completion.edits.edit import Anchor, Edit
 from completion.extension.claims import KINDS, is_chosen, role_of
-from completion.result.polygons import polygons_record
+from completion.result.record import polygons_record
 from nbv.cli import _KINDS
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
@@ -66,7 +66,7 @@ def test_what_is_left_out_is_measured_and_bounds_the_rest():
     assert set(np.unique(owner)) == set(range(len(walls.patches) + 1))
     assert np.count_nonzero(owner) < np.count_nonzero(before)
     assert before[owner > 0].min() > 0
-    rest, less = (done.derived.remainder.points for done in (walls, every))
+    rest, less = (done.remainder.points for done in (walls, every))
     assert len(rest.faces) > len(less.faces)
     occluders = np.concatenate([patch.evidence.occluder.ravel() for patch in walls.patches])
     assert occluders.max() <= len(walls.patches)

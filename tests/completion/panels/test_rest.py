@@ -156,8 +156,7 @@ def test_without_rest_nothing_is_added():
 
 
 def test_the_rest_of_a_scan_lies_within_its_error_with_the_panels(done):
-    derived = done.derived
-    panels, rest, pixels = derived.panels, derived.light_remainder, derived.remainder
+    panels, rest, pixels = done.panels(), done.light_remainder, done.remainder
     free = pixels.points.surface == 0
     bound_m = np.median(pixels.error_m[free])
     faces = np.concatenate([panels.faces[panels.is_measured], panels.rest.faces])
@@ -171,8 +170,8 @@ def test_the_rest_of_a_scan_lies_within_its_error_with_the_panels(done):
 
 def test_its_vertices_have_what_is_known_of_the_nearest_points(done):
     rest, pixels, source = (
-        done.derived.light_remainder,
-        done.derived.remainder.points,
+        done.light_remainder,
+        done.remainder.points,
         done.panels().rest.source,
     )
     apart = np.linalg.norm(rest.vertices[:, None] - pixels.vertices[None], axis=2)

@@ -16,8 +16,8 @@ from completion.options import CompletionOptions
 from completion.panels.outline import Guide, straightened
 from completion.panels.sheet import polygons_of_cells
 from completion.pipeline import complete
-from completion.result.polygons import polygons_record
-from completion.result.record import inferred_points, model_parts
+from completion.result.meshes import inferred_points, model_parts
+from completion.result.record import polygons_record
 from scenes.checks import InputError
 from scenes.io.e57_writer import INFERRED
 from scenes.io.point_files import read_points

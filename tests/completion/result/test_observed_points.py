@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from completion.observe.observation import observe
-from completion.result import observed_points
-from completion.result.labelled_points import mesh_area
-from completion.result.observed_points import observed_mesh, observed_parts, remainder
+from completion.result import labelled_points as observed_points
+from completion.result.labelled_points import mesh_area, observed_mesh, observed_parts, remainder
 from scenes.pose import Pose
 from tests.helpers.completion_examples import example
 

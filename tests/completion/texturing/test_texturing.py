@@ -10,7 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from completion import Completion, CompletionOptions, TexturingOptions, complete
-from completion.result.record import model_parts
+from completion.result.meshes import model_parts
 from completion.texturing.chart_texture import make_atlas, spread_colour
 from completion.texturing.material import MeasuredColour, cast_shadows, same_material
 from completion.texturing.pipeline import choose_samples, distance_to, settled

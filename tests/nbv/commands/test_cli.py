@@ -13,7 +13,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from completion.observe.tolerance import EvidenceOptions
-from completion.result import observed_points
+from completion.result import labelled_points as observed_points
 from nbv.cli import app
 from nbv.commands.complete import coarser_cells
 from nbv.report.blocks.page import Page

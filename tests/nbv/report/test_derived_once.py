@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 import completion.boundary.meshing as meshing
 import completion.panels.outline as outline
-import completion.result.observed_points as observed_points
+import completion.result.labelled_points as observed_points
 import completion.result.openings as openings
 import completion.texturing.chart_texture as atlas
 import nbv.report.completion_report  # noqa: F401 - so that all the command uses is loaded

@@ -87,7 +87,7 @@ def test_a_half_hidden_hole_is_as_round_as_the_others_of_its_row(plate, tmp_path
     away = np.linalg.norm(whole.world_from_reference.apply(outlines) - centre, axis=1)
     assert away.min() == pytest.approx(RADIUS * MM, rel=0.01)
     assert len(inferred_near(whole, centre, 1.4 * RADIUS * MM)) > 50
-    told = [opening for surface in whole.derived.surfaces for opening in surface.openings if opening.feature]
+    told = [opening for surface in whole.surfaces for opening in surface.openings if opening.feature]
     assert [opening.area_m2 for opening in told] == pytest.approx([np.pi * (RADIUS * MM) ** 2] * 3, rel=0.01)
 
 
