@@ -66,11 +66,11 @@ def measure_distance(
     distances = []
     for _ in range(n_levels):
         patches = [list_patches(pixels, mask) for pixels, mask in pieces]
-        if not all(len(some) for some in patches):
+        if not all(len(held) for held in patches):
             break
         directions = rng.standard_normal((patches[0].shape[1], n_directions))
         directions /= np.linalg.norm(directions, axis=0)
-        sorted_projections = [np.sort(some @ directions, axis=0) for some in patches]
+        sorted_projections = [np.sort(held @ directions, axis=0) for held in patches]
         distances.append(np.abs(np.subtract(*_match_sizes(sorted_projections))).mean())
         pieces = [_halve(pixels, mask) for pixels, mask in pieces]
     if not distances:

@@ -84,11 +84,11 @@ class Synthesis:
         itself = (self.source_rows == np.arange(height)[:, None]) & (self.source_cols == np.arange(width))
         filled = (self.source_rows >= 0) & ~itself
         agreement = f"{100 * float(self.confidence[filled].mean()):.0f} %" if filled.any() else "n/a"
-        said = (
+        summary = (
             f"{np.count_nonzero(filled)} pixels copied, window {self.window} px, mean confidence {agreement}"
         )
         if not self.is_complete:
-            said += "; not complete: the time was up"
+            summary += "; not complete: the time was up"
         sources = np.zeros((height, width, 4), np.uint8)
         for channel, place in enumerate((self.source_rows, self.source_cols)):
             sources[..., channel] = np.rint(255 * place.clip(0) / max(int(place.max(initial=0)), 1))
@@ -100,7 +100,7 @@ class Synthesis:
             'border:1px solid color-mix(in srgb,currentColor 25%,transparent)">'
             f'<div style="font-weight:600;margin-bottom:6px">Texture, {height} x {width} pixels</div>'
             f'<div style="display:flex;flex-wrap:wrap;gap:10px 22px">{pictures}</div>'
-            f'<div style="opacity:.7;margin-top:6px">{said}</div></div>'
+            f'<div style="opacity:.7;margin-top:6px">{summary}</div></div>'
         )
 
 

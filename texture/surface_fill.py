@@ -104,8 +104,8 @@ def fill_tiles(
     """
     hole, known, usable = whole.hole, whole.known, whole.usable
     image, done = whole.image.copy(), known.copy()
-    own = np.indices(hole.shape, dtype=np.int32)
-    rows, columns = (np.where(known, index, -1).astype(np.int32) for index in own)
+    places = np.indices(hole.shape, dtype=np.int32)
+    rows, columns = (np.where(known, index, -1).astype(np.int32) for index in places)
     error, confidence = np.zeros(hole.shape, np.float32), known.astype(np.float32)
     sampled = densest_block(usable, SAMPLE_SIDE)
     n_to_fill, deadline = int(np.count_nonzero(hole)), _deadline(time_budget_s)

@@ -109,15 +109,15 @@ def audit(
     beams, noisy = np.zeros(len(faces), np.int64), any(seen.is_noisy for seen in observations)
     for number in _facing(observations, bundles, vertices[np.unique(faces)]):
         seen, of_scan = observations[number], bundles[number]
-        own = tolerance.of_pose(seen.pose_error_m)
+        within = tolerance.of_pose(seen.pose_error_m)
         chosen = _towards(of_scan, seen.rays.origin, *spheres)
-        for some in np.array_split(chosen, -(-len(chosen) // _TILES)) if len(chosen) else ():
-            pixels = _returned(some, seen.scan.ranges)
+        for tile in np.array_split(chosen, -(-len(chosen) // _TILES)) if len(chosen) else ():
+            pixels = _returned(tile, seen.scan.ranges)
             hits = caster.first_hit(seen.scan.origin[None], seen.rays_at(pixels), coherent=True)
             met = np.flatnonzero(hits.hit)
             face, measured = hits.face[met], seen.scan.ranges.ravel()[pixels[met]]
             sd = vertex_sd[faces[face]].max(axis=1)
-            allowed = own.along_ray(seen.noise.deviation(measured), sd, hits.incidence_cosine[met])
+            allowed = within.along_ray(seen.noise.deviation(measured), sd, hits.incidence_cosine[met])
             through = (measured - hits.ranges[met] > allowed) & (allowed <= tolerance.max_m)
             beams += np.bincount(face[through], minlength=len(faces))
             trim()
@@ -134,7 +134,7 @@ def _facing(observations: Sequence[Observation], bundles: Sequence[Bundles], poi
     low, high = points.min(axis=0), points.max(axis=0)
     radius = float(np.linalg.norm(high - low)) / 2 + _SLACK
     way = (low + high) / 2 - np.array([seen.rays.origin for seen in observations])
-    around, distance = np.array([one.around for one in bundles]), np.linalg.norm(way, axis=1)
+    around, distance = np.array([bundle.around for bundle in bundles]), np.linalg.norm(way, axis=1)
     along = np.einsum("ij,ij->i", around[:, :3], way) / np.maximum(distance, radius)
     beside = np.arccos(np.clip(along, -1.0, 1.0)) > (
         around[:, 3] + np.arcsin(radius / np.maximum(distance, radius)) + _SLACK

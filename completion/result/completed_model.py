@@ -295,7 +295,8 @@ class CompletedModel:
     @cached_property
     def _panels(self) -> PanelModel:
         sheets = [
-            Sheet.of(number, one.patch, one.polygon) for number, one in enumerate(self.surfaces, start=1)
+            Sheet.of(number, surface.patch, surface.polygon)
+            for number, surface in enumerate(self.surfaces, start=1)
         ]
         points, reach = self.remainder.points, [_REACH * sheet.cell_m for sheet in sheets]
         faces, owner = points.faces.astype(np.int64), points.surface.astype(np.int64)
@@ -308,19 +309,19 @@ class CompletedModel:
     @cached_property
     def textured(self) -> tuple[TexturedPart, ...]:
         """The facets of each surface by provenance, what was measured first."""
-        panels, found = self._panels, []
+        panels, parts = self._panels, []
         for number in range(1, len(self.surfaces) + 1):
-            own = panels.face_surface == number
-            for why in np.unique(panels.face_provenance[own]).tolist():
-                part = panels.part(own & (panels.face_provenance == why))
+            is_facet = panels.face_surface == number
+            for provenance in np.unique(panels.face_provenance[is_facet]).tolist():
+                part = panels.part(is_facet & (panels.face_provenance == provenance))
                 uv, page = self.atlas.coordinates(number - 1, part.uv), int(self.atlas.page[number - 1])
-                found.append(TexturedPart(number, Provenance(why), part, uv, page))
-        return tuple(found)
+                parts.append(TexturedPart(number, Provenance(provenance), part, uv, page))
+        return tuple(parts)
 
     def hypothesised_parts(self) -> Iterator[LabelledPoints]:
         """Yield the inferred area surface by surface, working frame."""
-        meshes = [one.inferred_cells for one in self.surfaces]
-        return hypothesised_parts([one.patch for one in self.surfaces], meshes, self.textures)
+        meshes = [surface.inferred_cells for surface in self.surfaces]
+        return hypothesised_parts([surface.patch for surface in self.surfaces], meshes, self.textures)
 
     @cached_property
     def observed_m2(self) -> float:
@@ -386,8 +387,10 @@ class CompletedModel:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting it, in plain words."""
-        told = doubts_of(self.observations, self.patches, self.registration, self.unconfirmed, self.relations)
-        return (*told, *flat_doubts(self.flattened))
+        doubts = doubts_of(
+            self.observations, self.patches, self.registration, self.unconfirmed, self.relations
+        )
+        return (*doubts, *flat_doubts(self.flattened))
 
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.

@@ -35,41 +35,41 @@ def doubts_of(
     were said to be off; what single frames of a sequence took for surfaces; surfaces that their own points do
     not lie on, by centimetres and several times the noise.
     """
-    told = [f"{seen.scan.name}: {text}" for seen in observations for text in _of_scan(seen)]
+    doubts = [f"{seen.scan.name}: {text}" for seen in observations for text in _of_scan(seen)]
     rough = [
         (number, patch, times)
         for number, patch in enumerate(patches, start=1)
         if patch.source.fit.rms >= _ROUGH_M and (times := _times_noise(patch, observations)) >= _TIMES
     ]
-    told += pose_doubts(registration, way_out="--keep-poses keeps them")
-    told += _of_relations(relations)
+    doubts += pose_doubts(registration, way_out="--keep-poses keeps them")
+    doubts += _of_relations(relations)
     if unconfirmed.n_regions:
-        told.append(
+        doubts.append(
             f"{unconfirmed.n_regions} regions of single frames ({unconfirmed.n_pixels} pixels) are of no "
             "surface: five other frames looked there from as near and did not find them; their points are "
             "kept as measured"
         )
-    return (*told, *([_rough_text(rough)] if rough else []))
+    return (*doubts, *([_rough_text(rough)] if rough else []))
 
 
-def _of_relations(found: FoundRelations | None) -> list[str]:
+def _of_relations(relations: FoundRelations | None) -> list[str]:
     """What a person stated that does not hold, and surfaces that relations would turn too far."""
-    if found is None:
+    if relations is None:
         return []
-    told = [
-        f"it was stated that {kind_text(one.kind)} holds of {_numbered(one.surfaces, found.numbers)}, but it "
-        f"was rejected: {one.reason}"
-        for one in found.graph.relations
-        if one.is_given and one.status is Status.REJECTED
+    doubts = [
+        f"it was stated that {kind_text(relation.kind)} holds of "
+        f"{_numbered(relation.surfaces, relations.numbers)}, but it was rejected: {relation.reason}"
+        for relation in relations.graph.relations
+        if relation.is_given and relation.status is Status.REJECTED
     ]
-    worst = int(np.argmax(found.graph.moved_sd)) if found.graph.moved_sd else 0
-    if found.graph.moved_sd and found.graph.moved_sd[worst] > _SURE:
-        told.append(
-            f"relations move {_numbered([worst], found.numbers)} by {found.graph.moved_sd[worst]:.1f} of its "
-            "standard deviations: it is less well known than is stated, or a relation is wrong "
-            "(--relations off)"
+    worst = int(np.argmax(relations.graph.moved_sd)) if relations.graph.moved_sd else 0
+    if relations.graph.moved_sd and relations.graph.moved_sd[worst] > _SURE:
+        doubts.append(
+            f"relations move {_numbered([worst], relations.numbers)} by "
+            f"{relations.graph.moved_sd[worst]:.1f} of its standard deviations: it is less well known than "
+            "is stated, or a relation is wrong (--relations off)"
         )
-    return told
+    return doubts
 
 
 def _numbered(places: Sequence[int], numbers: Sequence[int]) -> str:
@@ -96,16 +96,16 @@ def _times_noise(patch: Patch, observations: Sequence[Observation]) -> float:
     squares = [np.zeros(0)]
     for scan, pixels in patch.source.pixels.held:
         seen = observations[scan]
-        some = pixels.flat[:: max(1, len(pixels.flat) // _FEW_PX)]
-        squares.append(np.square(seen.noise.sigma(seen.scan.ranges.ravel()[some])))
+        sample = pixels.flat[:: max(1, len(pixels.flat) // _FEW_PX)]
+        squares.append(np.square(seen.noise.sigma(seen.scan.ranges.ravel()[sample])))
     known = np.concatenate(squares)
     noise = float(np.sqrt(known.mean())) if len(known) else 0.0
     return patch.source.fit.rms / noise if noise > 0 else np.inf
 
 
 def _rough_text(rough: Sequence[tuple[int, Patch, float]]) -> str:
-    largest = sorted(rough, key=lambda one: -one[1].observed_m2)[:_NAMED]
-    named = ", ".join(_name(*one) for one in largest)
+    largest = sorted(rough, key=lambda entry: -entry[1].observed_m2)[:_NAMED]
+    named = ", ".join(_name(*entry) for entry in largest)
     more = f" and {len(rough) - _NAMED} more" if len(rough) > _NAMED else ""
     return (
         "points lie centimetres off their surface (rms), far more than the range noise: surface "

@@ -78,14 +78,14 @@ def flatten_scan(
 
 
 def _flattened(
-    seen: Observation, own: NDArray[np.bool_], patch: Patch, options: FlatteningOptions, seed: int
+    seen: Observation, is_plane: NDArray[np.bool_], patch: Patch, options: FlatteningOptions, seed: int
 ) -> tuple[NDArray[np.int64], FlattenedMesh | None]:
     """Flat pixels (n,) of a plane, and their mesh flattened; None where they are too few for a triangle."""
-    rows, columns = (np.flatnonzero(own.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero(is_plane.any(axis=axis)) for axis in (1, 0))
     window = np.ix_(np.arange(rows[0], rows[-1] + 1), np.arange(columns[0], columns[-1] + 1))
-    flat = (window[0] * own.shape[1] + window[1]).ravel()
+    flat = (window[0] * is_plane.shape[1] + window[1]).ravel()
     ranges = seen.scan.ranges.ravel()[flat]
-    members = own[window] & np.isfinite(ranges).reshape(own[window].shape)
+    members = is_plane[window] & np.isfinite(ranges).reshape(is_plane[window].shape)
     pixel = flat[members.ravel()]
     if len(pixel) < 3:
         return pixel, None
@@ -117,17 +117,17 @@ def _rounding_m(seen: Observation, pixel: NDArray[np.int64], normals: FloatArray
 
 def flat_doubts(scans: Sequence[FlatScan]) -> tuple[str, ...]:
     """Return what is to be known of flattened scans, a sentence each."""
-    told = [
-        f"surface {one.label} in scan {scan}, flattened: {one.doubt}"
+    doubts = [
+        f"surface {surface.label} in scan {scan}, flattened: {surface.doubt}"
         for scan, held in enumerate(scans, start=1)
-        for one in held.surfaces
-        if one.doubt
+        for surface in held.surfaces
+        if surface.doubt
     ]
-    if len(told) > _MOST_TOLD:
-        told[_MOST_TOLD:] = [f"so it is with {len(told) - _MOST_TOLD} others"]
+    if len(doubts) > _MOST_TOLD:
+        doubts[_MOST_TOLD:] = [f"so it is with {len(doubts) - _MOST_TOLD} others"]
     wrong = sum(scan.n_turned + scan.n_crossing for scan in scans)
     return (
-        *told,
+        *doubts,
         *([f"flattening turned {wrong} triangles over or made them cross others"] if wrong else []),
     )
 
@@ -135,37 +135,37 @@ def flat_doubts(scans: Sequence[FlatScan]) -> tuple[str, ...]:
 def surface_flattening(scans: Sequence[FlatScan], number: int) -> dict[str, Any]:
     """Return what became of a surface, in all scans together and in each."""
     every = [
-        (scan, one)
+        (scan, surface)
         for scan, held in enumerate(scans, start=1)
-        for one in held.surfaces
-        if one.label == number
+        for surface in held.surfaces
+        if surface.label == number
     ]
-    done = [one for _, one in every if one.is_flattened]
-    size = np.array([one.n for one in done])
-    plain = size - np.array([one.n_relief for one in done], dtype=np.int64)
-    relief = [region for one in done for region in one.regions if region.kind is RegionKind.RELIEF]
+    done = [surface for _, surface in every if surface.is_flattened]
+    size = np.array([surface.n for surface in done])
+    plain = size - np.array([surface.n_relief for surface in done], dtype=np.int64)
+    relief = [region for surface in done for region in surface.regions if region.kind is RegionKind.RELIEF]
     return {
         "is_flattened": bool(done),
-        "rms_before_m": _pooled([one.rms_before_m for one in done], size),
-        "rms_after_m": _pooled([one.rms_after_m for one in done], size),
-        "ripple_before_m": _pooled([one.ripple_before_m for one in done], plain),
-        "ripple_after_m": _pooled([one.ripple_after_m for one in done], plain),
+        "rms_before_m": _pooled([surface.rms_before_m for surface in done], size),
+        "rms_after_m": _pooled([surface.rms_after_m for surface in done], size),
+        "ripple_before_m": _pooled([surface.ripple_before_m for surface in done], plain),
+        "ripple_after_m": _pooled([surface.ripple_after_m for surface in done], plain),
         "relief_areas": len(relief),
-        "scans": [{"scan": scan, **flat_record(one)} for scan, one in every],
+        "scans": [{"scan": scan, **flat_record(surface)} for scan, surface in every],
     }
 
 
 def whole_flattening(scans: Sequence[FlatScan]) -> dict[str, Any]:
     """Return what became of all planes of all scans."""
-    every = [one for scan in scans for one in scan.surfaces]
-    done = [one for one in every if one.is_flattened]
-    plain = np.array([one.n - one.n_relief for one in done], dtype=np.int64)
+    every = [plane for scan in scans for plane in scan.surfaces]
+    done = [plane for plane in every if plane.is_flattened]
+    plain = np.array([plane.n - plane.n_relief for plane in done], dtype=np.int64)
     return {
-        "planes": len({one.label for one in done}),
-        "planes_left": len({one.label for one in every} - {one.label for one in done}),
-        "ripple_before_m": _pooled([one.ripple_before_m for one in done], plain),
-        "ripple_after_m": _pooled([one.ripple_after_m for one in done], plain),
-        "relief_areas": sum(region.kind is RegionKind.RELIEF for one in done for region in one.regions),
+        "planes": len({plane.label for plane in done}),
+        "planes_left": len({plane.label for plane in every} - {plane.label for plane in done}),
+        "ripple_before_m": _pooled([plane.ripple_before_m for plane in done], plain),
+        "ripple_after_m": _pooled([plane.ripple_after_m for plane in done], plain),
+        "relief_areas": sum(region.kind is RegionKind.RELIEF for plane in done for region in plane.regions),
         "moved_max_m": max((scan.moved_max_m for scan in scans), default=0.0),
         "turned_over": sum(scan.n_turned for scan in scans),
         "crossing_anew": sum(scan.n_crossing for scan in scans),

@@ -36,10 +36,10 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
     parts, panels = [], completion.panels()
     for index, surface in enumerate(completion.surfaces):
         trim()
-        own = panels.face_surface == index + 1
+        is_facet = panels.face_surface == index + 1
         for state, kept in (
-            ("observed", own & panels.is_measured),
-            ("hypothesised", own & ~panels.is_measured),
+            ("observed", is_facet & panels.is_measured),
+            ("hypothesised", is_facet & ~panels.is_measured),
         ):
             if kept.any():
                 name = f"{state} {index + 1} {surface.patch.grid.surface.kind}"
@@ -79,20 +79,20 @@ def display_mesh(
     """
     places, corners, colours, labels, face_image, corner_uv = [], [], [], [], [], []
     atlas, n_places = completion.atlas, 0
-    for one in completion.textured:
+    for piece in completion.textured:
         trim()
-        state = int(one.provenance != Provenance.MEASURED)
+        state = int(piece.provenance != Provenance.MEASURED)
         if state and not hypothesised:
             continue
-        page, faces = -1 if mark and state else one.page, one.part.faces
-        places.append(one.part.vertices)
+        page, faces = -1 if mark and state else piece.page, piece.part.faces
+        places.append(piece.part.vertices)
         corners.append(faces.astype(np.int32) + np.int32(n_places))
-        n_places += len(one.part.vertices)
+        n_places += len(piece.part.vertices)
         tint = (OBSERVED_GREY, HYPOTHESISED_BLUE)[state] if page < 0 else (1.0, 1.0, 1.0)
         colours.append(np.broadcast_to(np.array(tint, np.float32), (len(faces), 3, 3)))
         labels.append(np.full(len(faces), state, np.int32))
         face_image.append(np.full(len(faces), page, np.int32))
-        corner_uv.append(one.uv[faces])
+        corner_uv.append(piece.uv[faces])
     rest = completion.light_remainder
     places.append(rest.vertices)
     corners.append(rest.faces.astype(np.int32) + np.int32(n_places))

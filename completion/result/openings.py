@@ -86,8 +86,8 @@ def find_openings(patch: Patch) -> list[Opening]:
     unfilled = (patch.shadows.region >= 0) & ~solid
     within = patch.is_within | solid
     openings = [_declared(patch, outline, through) for outline in patch.verdict.openings]
-    openings += [_fitted(patch, one, through) for one in patch.verdict.fitted]
-    openings += [_round(patch, one, through) for one in patch.verdict.holes]
+    openings += [_fitted(patch, feature, through) for feature in patch.verdict.fitted]
+    openings += [_round(patch, feature, through) for feature in patch.verdict.holes]
     rest = within & ~solid & ~patch.verdict.open_cells(patch.grid)
     part, _ = ndimage.label((through | unfilled) & rest)
     seen = np.bincount(part[through])
@@ -170,7 +170,7 @@ def _sides(patch: Patch, corners: FloatArray, sd: FloatArray) -> Sides:
     """How far each side of an outline (n, 2) of the chart may lie inwards and outwards."""
     cell = float(patch.grid.cell.max())
     sign = 1.0 if shapely.is_ccw(shapely.LinearRing(corners)) else -1.0
-    found = []
+    reaches = []
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         length = float(np.linalg.norm(end - start))
         share = (np.arange(max(int(length / cell), 1)) + 0.5) / max(int(length / cell), 1)
@@ -178,14 +178,14 @@ def _sides(patch: Patch, corners: FloatArray, sd: FloatArray) -> Sides:
         outwards = sign * np.array([end[1] - start[1], start[0] - end[0]]) / max(length, 1e-12)
         beyond = _until(patch.grid, patch.observed, places, outwards)
         within = _until(patch.grid, patch.evidence.open, places, -outwards)
-        found.append(
+        reaches.append(
             [
                 float(max(np.quantile(within, _FEW) - _SEEN_CELLS * cell, 0.0)),
                 float(max(np.quantile(beyond, _FEW) - _SEEN_CELLS * cell, 0.0)),
                 float(np.mean(beyond <= _SEEN_CELLS * cell)),
             ]
         )
-    inwards, out, measured = np.array(found).T
+    inwards, out, measured = np.array(reaches).T
     return Sides(sd, inwards, out, measured=measured)
 
 

@@ -37,14 +37,14 @@ def panels_record(completion: CompletedModel) -> dict[str, Any]:
     panels, world = completion.panels(), completion.world_from_reference
     turn = world.rotation
     return {
-        "folds": [_fold(one, world.apply(one.points), turn) for one in panels.folds],
+        "folds": [_fold(fold, world.apply(fold.points), turn) for fold in panels.folds],
         "corners": [
             {
-                "surfaces": list(one.surfaces),
-                "point": world.apply(one.point[None])[0].tolist(),
-                "covariance_m2": turned(one.covariance, turn).tolist(),
+                "surfaces": list(corner.surfaces),
+                "point": world.apply(corner.point[None])[0].tolist(),
+                "covariance_m2": turned(corner.covariance, turn).tolist(),
             }
-            for one in panels.corners
+            for corner in panels.corners
         ],
         "panels": {
             "triangles": len(panels.faces),
@@ -135,9 +135,9 @@ def completion_record(
     ]
     if completion.flattened:
         record["flattening"] = whole_flattening(completion.flattened)
-        for number, one in enumerate(record["surfaces"], start=1):
-            if one["kind"] == Plane.kind:
-                one["flattening"] = surface_flattening(completion.flattened, number)
+        for number, entry in enumerate(record["surfaces"], start=1):
+            if entry["kind"] == Plane.kind:
+                entry["flattening"] = surface_flattening(completion.flattened, number)
     if completion.relations is not None:
         record |= _relations_record(completion, completion.relations)
     if len(completion.observations) > 1:
@@ -151,20 +151,22 @@ def completion_record(
     return record
 
 
-def _relations_record(completion: CompletedModel, found: FoundRelations) -> dict[str, Any]:
+def _relations_record(completion: CompletedModel, relations: FoundRelations) -> dict[str, Any]:
     """What surfaces are to each other; those without a number are named by their own point, world frame."""
-    world, graph = completion.world_from_reference, found.graph
+    world, graph = completion.world_from_reference, relations.graph
     names = [
         number
         or {"point": world.apply(np.array(fit.parameters()["point"])).tolist(), "kind": fit.surface.kind}
-        for number, fit in zip(found.numbers, graph.fits, strict=True)
+        for number, fit in zip(relations.numbers, graph.fits, strict=True)
     ]
     moved = [
         {"surface": name, "moved_sd": moved, "off_m": off, "is_moved": is_moved}
-        for name, moved, off, is_moved in zip(names, graph.moved_sd, found.off_m, found.is_moved, strict=True)
+        for name, moved, off, is_moved in zip(
+            names, graph.moved_sd, relations.off_m, relations.is_moved, strict=True
+        )
     ]
     return {
-        "relations": relation_records(graph, found.before, names, world=world),
+        "relations": relation_records(graph, relations.before, names, world=world),
         "direction_frames": frame_records(graph, names, world.rotation),
         "degrees_of_freedom": freedom_record(graph),
         "built_within": {"angle_deg": graph.options.tolerance_deg, "length_m": graph.options.tolerance_m},
@@ -189,24 +191,24 @@ def _poses_record(completion: CompletedModel) -> dict[str, Any]:
         )
     ]
     pairs = [
-        {"scans": [one.first + 1, one.second + 1], **{name: getattr(one, name) for name in _OF_PAIR}}
-        for one in registration.pairs
+        {"scans": [pair.first + 1, pair.second + 1], **{name: getattr(pair, name) for name in _OF_PAIR}}
+        for pair in registration.pairs
     ]
     return {"stated_m": registration.stated_m, "scans": scans, "pairs": pairs}
 
 
 def _verification_record(completion: CompletedModel, verification: Verification) -> dict[str, Any]:
     """What later scans say of what the first one alone inferred; surfaces numbered as in the completion."""
-    found = (Finding.CONFIRMED, Finding.REFUTED, Finding.HIDDEN)
+    findings = (Finding.CONFIRMED, Finding.REFUTED, Finding.HIDDEN)
     surfaces = [
         {
             "surface": counterpart(surface, completion),
             "anchor": surface.anchor.tolist(),
-            **{f"{finding.name.lower()}_m2": surface.area_m2(finding) for finding in found},
+            **{f"{finding.name.lower()}_m2": surface.area_m2(finding) for finding in findings},
         }
         for surface in verification.surfaces
     ]
-    totals = {f"{finding.name.lower()}_m2": verification.area_m2(finding) for finding in found}
+    totals = {f"{finding.name.lower()}_m2": verification.area_m2(finding) for finding in findings}
     return {**totals, "surfaces": surfaces}
 
 
@@ -321,7 +323,7 @@ def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -
             }
             for polygon in polygon_parts(area)
         ],
-        "openings": [_opening(completion, patch, normal, found) for found in surface.openings],
+        "openings": [_opening(completion, patch, normal, opening) for opening in surface.openings],
     }
 
 
@@ -356,10 +358,10 @@ def _stretches(
     share = (np.arange(len(edge_of)) - first_of[edge_of] + 0.5) / count[edge_of]
     _, index = boundary.tree.query(corners[edge_of] + share[:, None] * along[edge_of])
     known = boundary.known
-    said = list(zip(known.kinds[index].tolist(), known.provenances[index].tolist(), strict=True))
+    states = list(zip(known.kinds[index].tolist(), known.provenances[index].tolist(), strict=True))
     for k, (begin, n) in enumerate(zip(first_of.tolist(), count.tolist(), strict=True)):
-        for first, last in runs_of(said[begin : begin + n], _SHORT):
-            kind, provenance = said[begin + first]
+        for first, last in runs_of(states[begin : begin + n], _SHORT):
+            kind, provenance = states[begin + first]
             confidence = known.confidence[index[begin + first : begin + last + 1]]
             edge = {
                 "state": "measured" if provenance == "measured" else "inferred",
@@ -370,10 +372,12 @@ def _stretches(
             yield corners[k] + first / n * along[k], edge
 
 
-def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found: Opening) -> dict[str, Any]:
+def _opening(
+    completion: CompletedModel, patch: Patch, normal: FloatArray, opening: Opening
+) -> dict[str, Any]:
     """An opening with its kind and its size along the level and upwards, metres."""
-    points = completion.world_from_reference.apply(found.points)
-    is_wall = found.feature > 0 or role_of(normal, encloses=patch.limits.encloses) == "wall"
+    points = completion.world_from_reference.apply(opening.points)
+    is_wall = opening.feature > 0 or role_of(normal, encloses=patch.limits.encloses) == "wall"
     farthest = np.linalg.svd(points - points.mean(axis=0))[2][0]  # the direction in which it reaches most
     across = np.cross([0.0, 0, 1], normal) if is_wall else farthest
     across /= np.linalg.norm(across)
@@ -387,14 +391,14 @@ def _opening(completion: CompletedModel, patch: Patch, normal: FloatArray, found
         "kind": kind,
         "width_m": extent[0],
         "height_m": extent[1],
-        "area_m2": found.area_m2,
-        "seen_share": found.seen_share,
-        "provenance": "user" if found.declared else "inferred",
+        "area_m2": opening.area_m2,
+        "seen_share": opening.seen_share,
+        "provenance": "user" if opening.declared else "inferred",
         "points": points.tolist(),
         "sides": [
             {"sd_m": sd, "inwards_m": inwards, "outwards_m": outwards, "measured_share": measured}
             for sd, inwards, outwards, measured in zip(
-                *(getattr(found.sides, name).tolist() for name in _OF_SIDES), strict=True
+                *(getattr(opening.sides, name).tolist() for name in _OF_SIDES), strict=True
             )
         ],
     }

@@ -156,8 +156,8 @@ def compare_patches(
 
 def counterpart(surface: SurfaceVerification, completion: CompletedModel) -> int:
     """Number, from 1, of the surface in `completion`, of more scans, with most of its pixels; 0 for none."""
-    own = surface.patch.source.pixels[0].pick(completion.owners[0])
-    return int(np.argmax(np.bincount(own))) if len(own) else 0
+    numbers = surface.patch.source.pixels[0].pick(completion.owners[0])
+    return int(np.argmax(np.bincount(numbers))) if len(numbers) else 0
 
 
 def _findings(patch: Patch, scans: Scans) -> NDArray[np.int8]:

@@ -33,13 +33,13 @@ _EDGE_TEXELS = 3
 _SAME_HUE = 8.0  # CIELAB units of chroma between a material in light and in shadow
 
 
-def median_colour(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> NDArray[np.uint8]:
+def median_colour(image: NDArray[np.uint8], members: BoolArray, wraps: bool) -> NDArray[np.uint8]:
     """Median colour (rows, columns, 3) around each texel of an sRGB image (rows, columns, 3).
 
     Medians change at once where one material ends and another begins. Texels that are not the surface's
-    `own`, (rows, columns), count as the nearest one that is; some are. `wraps`: columns close.
+    `members`, (rows, columns), count as the nearest one that is; some are. `wraps`: columns close.
     """
-    nearest = ndimage.distance_transform_edt(~own, return_distances=False, return_indices=True)
+    nearest = ndimage.distance_transform_edt(~members, return_distances=False, return_indices=True)
     levels, around = image[tuple(nearest)], NEIGHBOURHOOD // 2
     if wraps:
         levels = np.concatenate([levels[:, -around:], levels, levels[:, :around]], axis=1)
@@ -47,18 +47,20 @@ def median_colour(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> NDAr
     return np.asarray(median[:, around:-around] if wraps else median, dtype=np.uint8)
 
 
-def same_material(image: NDArray[np.uint8], own: BoolArray, distance: FloatArray, wraps: bool) -> BoolArray:
+def same_material(
+    image: NDArray[np.uint8], members: BoolArray, distance: FloatArray, wraps: bool
+) -> BoolArray:
     """Texels of the materials that make two thirds of what is found beside the hidden area.
 
-    `image`, `own` and `wraps` as in `median_colour`; `distance` (rows, columns) to the nearest hidden texel,
-    texels.
+    `image`, `members` and `wraps` as in `median_colour`; `distance` (rows, columns) to the nearest hidden
+    texel, texels.
     """
-    beside = own & (distance <= NEIGHBOURHOOD)
-    if np.count_nonzero(own) < FEWEST or not beside.any():
-        return np.ones_like(own)
-    even = _without_shading(image, own, wraps)
-    bins = _bins(to_lab(median_colour(even, own, wraps)))
-    count = _histogram(bins, own)
+    beside = members & (distance <= NEIGHBOURHOOD)
+    if np.count_nonzero(members) < FEWEST or not beside.any():
+        return np.ones_like(members)
+    even = _without_shading(image, members, wraps)
+    bins = _bins(to_lab(median_colour(even, members, wraps)))
+    count = _histogram(bins, members)
     number, n_materials = ndimage.label(count >= max(1.0, _RARE * count.sum()), np.ones((3, 3, 3)))
     share = np.bincount(number[tuple(bins[beside].T)], minlength=n_materials + 1)
     share[0] = 0  # of colours too rare for a material
@@ -67,14 +69,14 @@ def same_material(image: NDArray[np.uint8], own: BoolArray, distance: FloatArray
     kept = np.zeros(n_materials + 1, dtype=np.bool_)
     kept[ranked[:n_kept]] = True
     its_colours = _dilated(kept[number]) & (kept[number] | (number == 0))
-    found = np.asarray(its_colours[tuple(np.moveaxis(bins, -1, 0))], dtype=np.bool_)
-    strange = found & ~_is_common(_bins(to_lab(even)), found & own)
-    return found & ~np.asarray(ndimage.binary_opening(strange, np.ones((_SPECK, _SPECK))), dtype=np.bool_)
+    alike = np.asarray(its_colours[tuple(np.moveaxis(bins, -1, 0))], dtype=np.bool_)
+    strange = alike & ~_is_common(_bins(to_lab(even)), alike & members)
+    return alike & ~np.asarray(ndimage.binary_opening(strange, np.ones((_SPECK, _SPECK))), dtype=np.bool_)
 
 
-def _without_shading(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> NDArray[np.uint8]:
+def _without_shading(image: NDArray[np.uint8], members: BoolArray, wraps: bool) -> NDArray[np.uint8]:
     values = image / np.float32(255)
-    values /= fit_shading(values.mean(axis=2), own, (False, wraps)).gain[..., None]
+    values /= fit_shading(values.mean(axis=2), members, (False, wraps)).gain[..., None]
     return np.asarray(np.rint(np.clip(values, 0, 1) * 255), dtype=np.uint8)
 
 
@@ -128,72 +130,74 @@ def _dilated(bins: BoolArray) -> BoolArray:
     return bins
 
 
-def cast_shadows(image: NDArray[np.uint8], own: BoolArray, wraps: bool) -> FloatArray:
+def cast_shadows(image: NDArray[np.uint8], members: BoolArray, wraps: bool) -> FloatArray:
     """Relative brightness (rows, columns, 3) of texels of an image like it: 1 in the light, less in a shadow.
 
     In a shadow is what is much darker than most of the surface, of its hue, and at once so, by the median of
     a neighbourhood. The shadow's depth is the ratio of the medians in it and around. Texels that are not
-    `own`, (rows, columns), are lit as those around them are, the more evenly the farther off these are.
+    `members`, (rows, columns), are lit as those around them are, the more evenly the farther off these are.
     `wraps`: columns close.
     """
-    gain = np.ones((*own.shape, 3))
-    if np.count_nonzero(own) < FEWEST:
+    gain = np.ones((*members.shape, 3))
+    if np.count_nonzero(members) < FEWEST:
         return gain
-    material = to_lab(median_colour(image, own, wraps))
-    luminance, usual = _luminance(material), np.median(material[own], axis=0)
+    material = to_lab(median_colour(image, members, wraps))
+    luminance, usual = _luminance(material), np.median(material[members], axis=0)
     hue = np.hypot(*np.moveaxis(material[..., 1:] - usual[1:], -1, 0))
-    dark = own & (luminance < _SHADOW * _luminance(usual)) & (hue <= _SAME_HUE)
+    dark = members & (luminance < _SHADOW * _luminance(usual)) & (hue <= _SAME_HUE)
     if not dark.any():
         return gain
     luminance = _luminance(to_lab(image))
-    dark = _to_edges(dark, own, luminance)
-    if np.count_nonzero(dark) > np.count_nonzero(own) / 2:
+    dark = _to_edges(dark, members, luminance)
+    if np.count_nonzero(dark) > np.count_nonzero(members) / 2:
         return gain  # the surface itself is dark, in parts
     number, n_shadows = ndimage.label(dark)
-    in_light = np.median(image[own & (number == 0)], axis=0)
+    in_light = np.median(image[members & (number == 0)], axis=0)
     for shadow in range(1, n_shadows + 1):
         inside = number == shadow
-        if _has_edge(inside, own, luminance):
+        if _has_edge(inside, members, luminance):
             gain[inside] = np.clip(np.median(image[inside], axis=0) / np.maximum(in_light, 1), 1 / 255, 1)
-    return np.where(own[..., None], gain, np.exp(_carried(np.log(gain), own)))
+    return np.where(members[..., None], gain, np.exp(_carried(np.log(gain), members)))
 
 
-def _to_edges(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> BoolArray:
+def _to_edges(dark: BoolArray, members: BoolArray, luminance: FloatArray) -> BoolArray:
     """Grow shadows over what is dark itself, into corners and strips where most of a neighbourhood is lit."""
-    between = np.sqrt(np.median(luminance[dark]) * np.median(luminance[own & ~dark]))
-    square, mask = np.ones((3, 3)), dark | own & (luminance < between)
+    between = np.sqrt(np.median(luminance[dark]) * np.median(luminance[members & ~dark]))
+    square, mask = np.ones((3, 3)), dark | members & (luminance < between)
     grown = ndimage.binary_propagation(dark, square, mask)
-    closed = ndimage.binary_closing(grown, square, iterations=_EDGE_TEXELS) & own
+    closed = ndimage.binary_closing(grown, square, iterations=_EDGE_TEXELS) & members
     return np.asarray(grown | closed, dtype=np.bool_)
 
 
-def _has_edge(dark: BoolArray, own: BoolArray, luminance: FloatArray) -> bool:
+def _has_edge(dark: BoolArray, members: BoolArray, luminance: FloatArray) -> bool:
     """Whether brightness jumps at the border of a dark part that is large enough for a shadow."""
     if np.count_nonzero(dark) < FEWEST:
         return False
     square = np.ones((3, 3))
-    inside = dark & ~ndimage.binary_erosion(dark | ~own, square, iterations=_EDGE_TEXELS)
-    outside = own & ~dark & ndimage.binary_dilation(dark, square, iterations=_EDGE_TEXELS)
+    inside = dark & ~ndimage.binary_erosion(dark | ~members, square, iterations=_EDGE_TEXELS)
+    outside = members & ~dark & ndimage.binary_dilation(dark, square, iterations=_EDGE_TEXELS)
     if not inside.any() or not outside.any():
         return False
     return bool(np.median(luminance[inside]) < _EDGE * np.median(luminance[outside]))
 
 
-def _carried(values: FloatArray, own: BoolArray) -> FloatArray:
+def _carried(values: FloatArray, members: BoolArray) -> FloatArray:
     """Carry values (rows, columns, 3) into what is not own: by a pyramid, each level from the next coarser.
 
     References
     ----------
     .. [1] Gortler et al. 1996, "The lumigraph", section 3.4 (pull and push).
     """
-    if own.all() or min(own.shape) < 2:
-        return np.where(own[..., None], values, 0.0)
-    rows, columns = (-(-size // 2) for size in own.shape)
-    weight = cv2.resize(own.astype(np.float64), (columns, rows), interpolation=cv2.INTER_AREA)
-    total = cv2.resize(np.where(own[..., None], values, 0.0), (columns, rows), interpolation=cv2.INTER_AREA)
+    if members.all() or min(members.shape) < 2:
+        return np.where(members[..., None], values, 0.0)
+    rows, columns = (-(-size // 2) for size in members.shape)
+    weight = cv2.resize(members.astype(np.float64), (columns, rows), interpolation=cv2.INTER_AREA)
+    total = cv2.resize(
+        np.where(members[..., None], values, 0.0), (columns, rows), interpolation=cv2.INTER_AREA
+    )
     coarse = _carried(total / np.maximum(weight, 1e-9)[..., None], weight > 0)
-    finer = cv2.resize(coarse, own.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    return np.where(own[..., None], values, finer)
+    finer = cv2.resize(coarse, members.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.where(members[..., None], values, finer)
 
 
 def _luminance(lab: FloatArray) -> FloatArray:

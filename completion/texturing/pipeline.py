@@ -180,9 +180,9 @@ def choose_samples(
     """
     genuine = ~find_foreign(measured, distance)
     fine = measured.fine if measured.fine.any() else measured.known
-    own = _kept(_kept(fine, genuine), lit)
-    alike = same_material(measured.image, own, distance, wraps)
-    chosen = _kept(own, alike)
+    lit_fine = _kept(_kept(fine, genuine), lit)
+    alike = same_material(measured.image, lit_fine, distance, wraps)
+    chosen = _kept(lit_fine, alike)
     return _near_blocks(chosen, distance, max_samples), measured.known & genuine & alike | chosen
 
 
