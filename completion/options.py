@@ -5,89 +5,53 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from completion.boundary.continuation import ALL_CUES, Cue
 from completion.edits.edit import Anchor, Edit
-from completion.extension.claims import KINDS
-from completion.extension.extent import ExtensionRules, Mode
+from completion.extension.extent import ExtensionRules
 from completion.features.engine.options import FITTED, FeatureOptions
 from completion.flattening.flat import FlatteningOptions
 from completion.merging.scan_surfaces import SurfaceOptions
-from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
+from completion.observe.tolerance import EvidenceOptions
+from completion.observe.user_options import UserOptions
 from completion.relations.options import BUILT, RelationOptions
 from completion.relations.relation import StatedRelation
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.pipeline import TexturingOptions
-from scenes.checks import InputError, check_number, check_options
+from scenes.checks import FloatArray, InputError, check_number
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class CompletionOptions:
-    """Options of `complete`.
+class CompletionOptions(UserOptions):
+    """Options of `complete`: those of `UserOptions`, which a person sets, and these.
 
     Attributes
     ----------
-    mode : "conservative", "standard" or "bold"
-        How probable inferred area must be (`LEAST_CONFIDENCE`); conservative area also lies in the hull of
-        what was measured.
-    sigma_m : float, optional
-        Range noise in metres; when None it is read off each scan.
-    projector_m : float, optional
-        Where the projector, or second camera, of triangulating cameras stands on their x axis, metres, to the
-        right when positive, 0 for none; when None it is read off each scan. What is hidden from it may be
-        inferred.
-    registration_m : float
-        Error of the poses of several scans, metres, where these do not show it: scans that measured the same
-        surfaces do. Of such scans it is what they show, and at least this, but no more than 5 mm.
     pose_deviations_m : tuple of float
-        How well the pose of each scan is known, metres, where registration told
-        (`Registered.pose_deviation`): twice this counts where scans hide the error of poses, instead of the
-        one number above.
-    moves_scans : bool
-        Whether scans whose poses contradict what they measured are moved, by as much as brings them together.
-    texture : bool
-        Whether hypothesised area is textured.
-    min_area_m2 : float
-        Surfaces of which less was measured, square metres, are not continued and have no number: they stay in
-        the model as they were measured.
-    only : tuple of str
-        The kinds of surface that are continued and numbered, of `extension.choice.KINDS`; all, when empty.
-        The others bound them, and hide them, all the same.
-    max_sd_m : float
-        A surface is continued only as far as its predicted standard deviation stays below this, metres.
+        Standard deviation of each scan's pose, metres, from registration (`Registered.pose_deviation`): one
+        per scan, or none. Where scans hide the error of poses, twice this replaces `registration_m`.
     cues : tuple of Cue
-        What is made use of; all that is known.
+        Cues of continuation that are used; all of them by default.
     edits : tuple of Edit
-        What a person says of the surfaces.
+        Edits of the surfaces by a person.
     relations : RelationOptions, optional
-        How exactly things are built, and which relations of surfaces are inferred; when None, none are.
+        How exactly things are built, and which relations of surfaces are inferred; none when None.
     features : FeatureOptions, optional
-        Which openings are fitted whole, and what is known of them; when None, none are.
+        Which openings are fitted whole, and their known values; none when None.
     stated_relations : tuple of StatedRelation
-        What a person says that surfaces are, or are not, to each other.
+        Relations of surfaces that a person states or forbids.
     flattening : FlatteningOptions, optional
-        Whether ripple is taken from measured planes in the meshes that are written, their relief left; when
-        None, they are as measured. What is inferred, and evidence, never depend on it.
+        Removes ripple from measured planes in the meshes that are written and keeps their relief; no
+        flattening when None. Inferred area and evidence never depend on it.
     segmentation, evidence, texturing : options
         Of the stages.
 
     Raises
     ------
     InputError
-        An unknown mode, cue or kind, or a length that is negative or not finite.
+        An unknown mode, cue or kind, a length outside its limits, or a negative pose deviation.
     """
 
-    mode: Mode = "standard"
-    sigma_m: float | None = None
-    projector_m: float | None = None
-    registration_m: float = REGISTRATION_M
     pose_deviations_m: tuple[float, ...] = ()
-    moves_scans: bool = True
-    texture: bool = True
-    min_area_m2: float = 0.0
-    only: tuple[str, ...] = ()
-    max_sd_m: float = 0.02
     cues: tuple[Cue, ...] = ALL_CUES
     edits: tuple[Edit, ...] = ()
     relations: RelationOptions | None = BUILT
@@ -99,20 +63,14 @@ class CompletionOptions:
     texturing: TexturingOptions = field(default_factory=TexturingOptions)
 
     def __post_init__(self) -> None:
-        if self.mode not in ("conservative", "standard", "bold"):
-            raise InputError(f"mode must be conservative, standard or bold, got {self.mode!r}")
+        UserOptions.__post_init__(self)
         for cue in self.cues:
             if cue not in ALL_CUES:
                 raise InputError(f"cues must be some of {', '.join(ALL_CUES)}, got {cue!r}")
-        for kind in self.only:
-            if kind not in KINDS:
-                raise InputError(f"only must be some of {', '.join(KINDS)}, got {kind!r}")
         if self.stated_relations and self.relations is None:
             raise InputError("stated relations are imposed where relations are on; give relations=BUILT")
         for number, deviation in enumerate(self.pose_deviations_m):
             check_number(f"pose_deviations_m[{number}]", deviation)
-        lengths = ("sigma_m", "registration_m", "max_sd_m", "min_area_m2")
-        check_options(self, **dict.fromkeys(lengths, (0.0, np.inf)), projector_m=(-1.0, 1.0))
         _ = self.of_surfaces  # its checks
 
     def rules(self) -> ExtensionRules:
@@ -139,8 +97,16 @@ class CompletionOptions:
             evidence=self.evidence,
         )
 
-    def in_force(self, n_scans: int) -> CompletionOptions:
-        """Return the options with the tolerances that hold for so many scans, the edits apart."""
-        held = self.of_surfaces.tolerance(n_scans)
-        evidence = replace(self.evidence, flatness_m=held.flatness_m, registration_m=held.registration_m)
+    def in_force(self, flatness_m: float, left_m: FloatArray) -> CompletionOptions:
+        """Return the options with the tolerances that a completion used, edits and stated relations apart.
+
+        Parameters
+        ----------
+        flatness_m : float
+            Deviation of real surfaces from their ideal form that it used (`Completion.flatness_m`), metres.
+        left_m : (n,) float
+            Pose errors that its scans show (`Completion.registration`), NaN where they do not, metres.
+        """
+        registration_m = float(self.of_surfaces.pose_errors(left_m).min())
+        evidence = replace(self.evidence, flatness_m=flatness_m, registration_m=registration_m)
         return replace(self, edits=(), stated_relations=(), evidence=evidence)

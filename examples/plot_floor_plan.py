@@ -12,7 +12,7 @@ from benchmarks.cases.houses.house import random_house
 from nbv import load_sensor, plan_views, sample_surface
 from nbv.plan.rules import compare_with_rules
 from nbv.report.blocks.rooms import rule_sentences, storey_plans
-from nbv.visibility.standing.site_options import SiteOptions
+from nbv.visibility.site_options import SiteOptions
 
 ROOT = Path(__file__).resolve().parents[1]
 SEED = 3

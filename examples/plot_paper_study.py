@@ -39,7 +39,7 @@ from matplotlib.patches import Rectangle
 
 from nbv import load_sensor
 from nbv.run.wording import count
-from nbv.visibility.viewpoints import TRIPOD_HEIGHTS_M
+from nbv.visibility.site_options import TRIPOD_HEIGHTS_M
 from scenes import Pose, Scene, builtin_scene
 
 Results = Mapping[tuple[str, int], Result]

@@ -37,7 +37,7 @@ from nbv.cover.instance import CoverInstance
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.reduction import reduce_instance
 from nbv.cover.swap_search import polish
-from nbv.visibility.standing.site_options import Clearance
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import room_lattice, sensor_directions
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes import Scene, builtin_scene

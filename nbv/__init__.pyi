@@ -36,8 +36,8 @@ from .study.spec import read_study as read_study
 from .visibility.requirement import Requirement as Requirement
 from .visibility.samples import SurfaceSamples as SurfaceSamples
 from .visibility.samples import sample_surface as sample_surface
+from .visibility.site_options import SiteOptions as SiteOptions
 from .visibility.standing.candidates import room_candidates as room_candidates
 from .visibility.standing.candidates import sphere_candidates as sphere_candidates
-from .visibility.standing.site_options import SiteOptions as SiteOptions
 from .visibility.viewpoints import Candidates as Candidates
 from .visibility.viewpoints import load_candidates as load_candidates

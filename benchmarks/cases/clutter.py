@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.extension.extent import Mode
+from completion.observe.user_options import Mode
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from scenes.checks import FloatArray

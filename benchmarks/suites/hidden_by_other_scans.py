@@ -20,7 +20,7 @@ from benchmarks.metrics.inferred import sample
 from benchmarks.metrics.other_scans import BUFFERS_M, HiddenScore, score_by_others
 from benchmarks.run import head, row, suite
 from completion import CompletionOptions, complete
-from completion.extension.extent import Mode
+from completion.observe.user_options import Mode
 from scenes import RangeImage, read_scan
 from scenes.scan.colour import unit_colour
 

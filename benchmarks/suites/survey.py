@@ -33,9 +33,9 @@ from nbv.plan.tour import Tour, plan_tour
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.view import View
 from nbv.visibility.requirement import Requirement
+from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.standing.candidates import Standing, find_standing, samples_that_count
 from nbv.visibility.standing.site import Site
-from nbv.visibility.standing.site_options import SiteOptions
 from scenes import Scene
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.io.scene_files import open_scene

@@ -21,9 +21,9 @@ from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.standing.candidates import Standing, counted, find_standing, samples_that_count
 from nbv.visibility.standing.site import find_site
-from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes.io.scene_files import open_scene
 from scenes.mesh.blocks import morton_order

@@ -142,9 +142,6 @@ def _without(patch: Patch, cells: BoolArray) -> Patch:
     return replace(patch, hypothesised=kept, provenance=provenance)
 
 
-KINDS = ("walls", "floors", "ceilings", "pipes", "planes", "cylinders")
-"""What may be chosen: roles of planes that enclose the room, cylinders seen from outside, shapes."""
-
 _LEVEL, _UPRIGHT = float(np.cos(np.radians(10.0))), float(np.sin(np.radians(10.0)))
 
 
@@ -155,7 +152,7 @@ class Choice:
     Attributes
     ----------
     only : tuple of str
-        Kinds, of `KINDS`; all, when empty.
+        Kinds, of `completion.observe.user_options.KINDS`; all, when empty.
     min_area_m2 : float
         Surfaces of which less was measured are left out, square metres.
     n_left_out : int

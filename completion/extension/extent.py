@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -17,15 +16,13 @@ from completion.boundary.edges import Line, find_edges
 from completion.extension.adjacency import Adjacency, is_upright
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
+from completion.observe.user_options import Mode
 from completion.segmentation.regions import observed_arc
 from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _INNER = 0.98  # of a surface's points that lie on the inner side of what it ends at
 _SIDEWAYS = 0.7  # cosine between a plane's normal and the direction whose side it closes
-
-
-Mode = Literal["conservative", "standard", "bold"]
 
 LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
 """Probability below which a place is left unknown."""

@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.features.engine.options import KNOWN, OPENINGS
 from completion.features.engine.template import Beams, Features, Given, Measured, TemplateFit, best_first
+from completion.features.holes.patterns import KINDS as HOLES
 from completion.features.holes.pipeline import find_holes
 from completion.features.junctions.pipeline import find_junctions
 from completion.features.openings.pipeline import find_openings_of_scans
+from completion.features.solids import KINDS as SOLIDS
 from completion.features.solids import find_solids
 from completion.observe.range_noise import estimate_noise
 from scenes.checks import FloatArray, InputError, IntArray, check_points, check_rng
@@ -97,10 +100,10 @@ KINDS = tuple(KNOWN)
 """What can be found."""
 
 _BUDGET = 200_000
-_FINDERS = {
-    **dict.fromkeys(("hole-row", "hole-grid", "bolt-circle"), find_holes),
+_FINDERS: dict[str, Callable[..., list[TemplateFit]]] = {
+    **dict.fromkeys(HOLES, find_holes),
     **dict.fromkeys(("junction", "elbow"), find_junctions),
-    **dict.fromkeys(("stairs", "column"), find_solids),
+    **dict.fromkeys(SOLIDS, find_solids),
 }
 
 
@@ -110,6 +113,7 @@ def find_features(
     *,
     given: Mapping[str, Given] | None = None,
     evaluations: int = _BUDGET,
+    up: Sequence[float] = (0.0, 0.0, 1.0),
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -132,6 +136,8 @@ def find_features(
         What a person knows of each kind, by name (`given.KNOWN`). It is held exactly.
     evaluations : int
         Of each search at most.
+    up : (3,) float
+        Up direction of points and meshes, for stairs and columns; scans are z up.
     rng : Generator, int or None
         Seed of the searches.
     n_threads, progress, journal
@@ -158,10 +164,12 @@ def find_features(
         # 2. Others: solids, patterns of holes and junctions, in the points of all scans together.
         if others:
             measured = material if isinstance(material, Measured) else of_scans(material)
-        for done, kind in enumerate(others):
+        for done, (kind, *more) in enumerate(_searches(others, known)):
             if progress is not None:
                 progress("features", done, len(others))
-            found += _FINDERS[kind](measured, [kind], known.get(kind, {}), rng=draws, budget=evaluations)
+            search = partial(_FINDERS[kind], up=up) if kind in SOLIDS else _FINDERS[kind]
+            budget = evaluations * (1 + len(more))
+            found += search(measured, [kind, *more], known.get(kind, {}), rng=draws, budget=budget)
     except KeyboardInterrupt:
         is_whole = False
 
@@ -173,6 +181,21 @@ def find_features(
     )
     is_whole = is_whole and all(fit.is_complete for fit in found)
     return Features(tuple(best_first(found)), n_points, is_complete=is_whole, doubts=tuple(doubts))
+
+
+def _searches(kinds: Sequence[str], known: Mapping[str, Given]) -> list[list[str]]:
+    """Return kinds in searches: patterns of holes with the same known values share the survey of plates."""
+    searches: list[list[str]] = []
+    for kind in kinds:
+        same = [
+            search for search in searches
+            if kind in HOLES and search[0] in HOLES and known.get(kind, {}) == known.get(search[0], {})
+        ]  # fmt: skip
+        if same:
+            same[0].append(kind)
+        else:
+            searches.append([kind])
+    return searches
 
 
 def _check(material: Sequence[RangeImage] | Measured, kinds: Sequence[str]) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from completion.observe.user_options import UserOptions
 from scenes.checks import FloatArray, check_options
 
 SMALLEST_CELL_M, LARGEST_CELL_M = 1e-4, 1.0
@@ -14,7 +15,7 @@ FLATNESS_M = 0.001
 """How far a real surface differs from its ideal form where nothing else is said, metres."""
 POSE_BOUND = 2.0
 """Standard deviations within which a pose is taken to be known."""
-REGISTRATION_M = 0.005
+REGISTRATION_M = UserOptions().registration_m
 """How far the poses of several scans may be off where nothing else is said, metres."""
 
 

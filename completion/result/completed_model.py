@@ -16,13 +16,13 @@ from completion.edits.application import anchor_point
 from completion.edits.edit import Edit
 from completion.evidence.evidence import Scans
 from completion.extension.claims import Choice
-from completion.extension.extent import Mode
 from completion.extension.patch import Patch, Provenance
 from completion.features.engine.template import TemplateFit
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.pieces import Unconfirmed
 from completion.merging.scan_surfaces import ScanSurfaces
 from completion.observe.observation import Observation
+from completion.observe.user_options import Mode
 from completion.panels.model import PanelModel, PanelPart
 from completion.panels.outline import (
     BoundarySegment,

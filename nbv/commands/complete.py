@@ -3,21 +3,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any, Literal
+from dataclasses import asdict, fields, replace
+from typing import Any
 
 import numpy as np
 
 from completion.edits.file import read_edits
 from completion.export.decisions import DecisionSheet
-from completion.export.dimension import TOLERANCE_M
-from completion.extension.extent import Mode
 from completion.features.engine.options import FITTED, FeatureOptions
 from completion.features.stated import read_features
 from completion.flattening.flat import FlatteningOptions
 from completion.observe.tiles import solve_plane
 from completion.observe.tolerance import EvidenceOptions
+from completion.observe.user_options import UserOptions
 from completion.options import CompletionOptions
 from completion.pipeline import complete, verify_first
 from completion.registration.facets import count_agreement
@@ -29,99 +27,42 @@ from completion.result.record import completion_record
 from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.pipeline import TexturingOptions
-from nbv.commands.process.run import Shared, running
+from nbv.commands.options import CompleteOptions, Shared
+from nbv.commands.process import running
 from nbv.run.wording import count, square_metres
 from nbv.scans.registering import placed_of, register_request
 from nbv.scans.remote_completion import complete_by_workers
-from scenes.io.scan_request import ScanRequest, read_request
+from scenes.io.scan_request import read_request
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CompleteRequest:
-    """How scans are to be completed, metres; what is None is read off the scans: noise, projector, flatness.
-
-    `search` is that of textures, `edits` a file, `relations` and `features` "auto", "off" or a file,
-    `exports` the formats ("obj", "e57", "dxf", "svg", "ifc") beside those that are always written, `observed`
-    how many points observed.ply holds, `scheduler` who works; results do not depend on it.
-    """
-
-    mode: Mode
-    sigma_m: float | None
-    max_sd_m: float
-    registration_m: float
-    moves_scans: bool = True
-    register: bool = False
-    texture: bool
-    edits: str | None
-    relations: str = "auto"
-    features: str = "auto"
-    flatten: bool = False
-    exports: tuple[str, ...] = ()
-    tolerance_m: float = TOLERANCE_M
-    search: Literal["auto", "exact", "budget"] = "auto"
-    cell_m: float | None = None
-    projector_m: float | None = None
-    flatness_m: float | None = None
-    min_area_m2: float = 0.0
-    only: tuple[str, ...] = ()
-    observed: Literal["auto", "full"] = "auto"
-    scheduler: str | None = None
-
-    def resolved(self) -> CompletionOptions:
-        """Return the options, the edits read from their file."""
-        return CompletionOptions(
-            mode=self.mode,
-            sigma_m=self.sigma_m,
-            projector_m=self.projector_m,
-            max_sd_m=self.max_sd_m,
-            registration_m=self.registration_m,
-            moves_scans=self.moves_scans,
-            min_area_m2=self.min_area_m2,
-            only=self.only,
-            texture=self.texture,
-            segmentation=SegmentationOptions(flatness_m=self.flatness_m),
-            evidence=EvidenceOptions(cell_m=self.cell_m),
-            texturing=TexturingOptions(search=self.search),
-            edits=() if self.edits is None else read_edits(self.edits),
-            relations=None if self.relations == "off" else BUILT,
-            stated_relations=tuple(one for file in self.stated for one in read_scan_relations(file)),
-            features=self._features(),
-            flattening=FlatteningOptions() if self.flatten else None,
-        )
-
-    def _features(self) -> FeatureOptions | None:
-        if self.features == "off":
-            return None
-        return (
-            FITTED if self.features == "auto" else FeatureOptions(stated=tuple(read_features(self.features)))
-        )
-
-    @property
-    def stated(self) -> tuple[str, ...]:
-        """The file of relations that a person states, if there is one."""
-        return () if self.relations in ("auto", "off") else (self.relations,)
-
-    @property
-    def files(self) -> tuple[str, ...]:
-        """The files with a person's say."""
-        said = () if self.features in ("auto", "off") else (self.features,)
-        return (*((self.edits,) if self.edits else ()), *self.stated, *said)
-
-    def options(self) -> dict[str, Any]:
-        """Return the options for manifest and report; files by name."""
-        own = {name: value for name, value in asdict(self).items() if name != "scheduler"}
-        edits = None if self.edits is None else Path(self.edits).name
-        names = {"relations": Path(self.relations).name, "features": Path(self.features).name}
-        return {**own, "edits": edits, **names}
+def completion_options(asked: CompleteOptions) -> CompletionOptions:
+    """Return the options of `complete`; edits, relations and features are read from their files."""
+    features: FeatureOptions | None = None
+    if asked.features == "auto":
+        features = FITTED
+    elif asked.features != "off":
+        features = FeatureOptions(stated=tuple(read_features(asked.features)))
+    return CompletionOptions(
+        **{entry.name: getattr(asked, entry.name) for entry in fields(UserOptions)},
+        segmentation=SegmentationOptions(flatness_m=asked.flatness_m),
+        evidence=EvidenceOptions(cell_m=asked.cell_m),
+        texturing=TexturingOptions(search=asked.search or "auto"),
+        edits=() if asked.edits is None else read_edits(asked.edits),
+        relations=None if asked.relations == "off" else BUILT,
+        stated_relations=tuple(entry for file in asked.stated for entry in read_scan_relations(file)),
+        features=features,
+        flattening=FlatteningOptions() if asked.flatten else None,
+    )
 
 
-def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> None:
-    """Complete the scans of `request` and write model, record and report."""
+def run_complete(shared: Shared, how: CompleteOptions) -> None:
+    """Complete scans and write model, record and report."""
+    request = how.request()
     with running("complete", shared, default="out/complete", is_folder=True) as run:
         run.watch.enter("load")
         run.read([*request.inputs, *how.files])
-        journal = run.journal({**request.options(), **how.options()})
-        options, placement = how.resolved(), []
+        journal = run.journal({**request.options(), **how.record()})
+        options, placement = completion_options(how), []
         if how.register:
             run.will_call(count_agreement, 20)
             placed = register_request(
@@ -137,8 +78,7 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
             given = read_request(request)
         scans = given.scans
         run.warn(given.doubts)
-        asked = {**request.options(), "instruments": given.instruments, **how.options()}
-        resolved = {**asked, "resolved": asdict(options.in_force(len(scans)))}
+        asked = {**request.options(), "instruments": given.instruments, **how.record()}
         run.will_call(solve_plane, 40)
         if how.scheduler is not None:
             complete_by_workers(
@@ -154,6 +94,8 @@ def run_complete(shared: Shared, request: ScanRequest, how: CompleteRequest) -> 
         completion = complete(
             scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress, journal=journal
         )
+        in_force = options.in_force(completion.flatness_m, completion.registration.left_m)
+        resolved = {**asked, "resolved": asdict(in_force)}
         found = [text for text in completion.warnings if text not in given.doubts]
         found += coarser_cells(completion, how.cell_m)
         run.warn(found)

@@ -4,76 +4,67 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import completion.extension.extent
-from nbv.commands.process.run import Run, Shared, running
+from completion.options import CompletionOptions
+from completion.pipeline import complete
+from nbv.commands.options import CoverageOptions, Shared
+from nbv.commands.process import Run, running
 from nbv.coverage.coverage import STATES, Coverage
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
+from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.coverage.unreachable import coverage_record
 from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
 from nbv.report.pictures.surface_values import fine_coverage
+from nbv.report.scans_report import scan_coverage_page
 from nbv.run.csv_table import csv_text
-from nbv.run.wording import count, percent_within
+from nbv.run.wording import count, percent_within, square_metres
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
+from nbv.scans.registering import placed_of, register_request
+from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
+from nbv.scans.scan_map import ScanMap, with_known_noise
+from nbv.scans.state_mesh import STATES as SCAN_STATES
+from nbv.scans.state_mesh import StateMesh
 from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.standing.candidates import Standing, find_standing, samples_that_count
-from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.visibility import facing
-from scenes.io.format import Units
 from scenes.io.ply import write_mesh_ply
-from scenes.io.scan_request import ScanRequest, read_request
+from scenes.io.scan_request import read_request
 from scenes.io.scene_files import open_scene
 from scenes.io.trajectory import read_poses
-from scenes.mesh.orientation import Axis
 from scenes.run.atomic import write_json, write_text
 from scenes.scan.range_image import RangeImage
-from scenes.world.scene import Mode, Scene
+from scenes.world.scene import Scene
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CoverageRequest:
-    """Which stations to judge, and by what: angles in degrees, lengths in metres."""
-
-    plan: str | None = None
-    scans: ScanRequest = field(default_factory=lambda: ScanRequest(()))
-    register: bool = False
-    sensor: str = "generic60"
-    max_incidence_deg: float = 60.0
-    max_range_m: float | None = None
-    mode: Mode | None = None
-    site: SiteOptions = field(default_factory=SiteOptions)
-    without: tuple[str, ...] = ()
-    inference: completion.extension.extent.Mode = "standard"
-    up: Axis = "z"
-    units: Units = "m"
-
-    def options(self) -> dict[str, Any]:
-        """Return the options for manifest and report; files by name."""
-        return {
-            "plan": None if self.plan is None else Path(self.plan).name,
-            **self.scans.options(),
-            "register": self.register,
-            "sensor": Path(self.sensor).name,
-            "max_incidence_deg": self.max_incidence_deg,
-            "max_range_m": self.max_range_m,
-            "mode": self.mode,
-            "site": asdict(self.site),
-            "without": list(self.without),
-            "up": self.up,
-            "units": self.units,
-        }
+def options_record(asked: CoverageOptions) -> dict[str, Any]:
+    """Return the options for manifest and report; files by name."""
+    requirement = asked.requirement
+    return {
+        "plan": None if asked.plan is None else Path(asked.plan).name,
+        **asked.request().options(),
+        "register": asked.register,
+        "sensor": Path(asked.sensor).name,
+        "max_incidence_deg": requirement.max_incidence_deg,
+        "max_range_m": requirement.max_range_m,
+        "mode": asked.mode,
+        "site": asdict(asked.site),
+        "without": list(asked.without),
+        "up": asked.up,
+        "units": asked.units,
+        **({"inference": asked.inference} if asked.scene is None else {}),
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,11 +78,19 @@ class _Measured:
     instruments: list[str]
 
 
-def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
+def run_coverage(shared: Shared, asked: CoverageOptions) -> None:
+    """Measure the coverage of a scene, or without one what scans have measured, and write it."""
+    if asked.scene is None:
+        _run_scan_coverage(shared, asked)
+    else:
+        _run_scene_coverage(shared, asked.scene, asked)
+
+
+def _run_scene_coverage(shared: Shared, scene: str, request: CoverageOptions) -> None:
     """Measure the coverage of `scene` by a plan's views or by scans, and write it."""
     with running("coverage", shared, default="out/coverage", is_folder=True) as run:
         run.watch.enter("load")
-        files = [request.plan] if request.plan else request.scans.inputs
+        files = [request.plan] if request.plan else request.request().inputs
         run.read([scene, request.sensor, *files])
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
         world = world.without(request.without)
@@ -101,8 +100,12 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         run.watch.enter("report")
         write_json(run.path("coverage.json"), coverage_record(coverage))
         write_text(run.path("coverage.csv"), csv_of(coverage))
-        _write_ply(run.path("coverage.ply"), world, coverage)
-        options = {**request.options(), "mode": request.mode or world.mode, "sensor": measured.sensor.name}
+        _write_scene_ply(run.path("coverage.ply"), world, coverage)
+        options = {
+            **options_record(request),
+            "mode": request.mode or world.mode,
+            "sensor": measured.sensor.name,
+        }
         if measured.instruments:
             options["instruments"] = measured.instruments
         given, sensor = measured.stations, measured.sensor
@@ -127,10 +130,10 @@ def run_coverage(shared: Shared, scene: str, request: CoverageRequest) -> None:
         run.finish(resolved, summary, [line])
 
 
-def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
+def _measure(run: Run, world: Scene, request: CoverageOptions) -> _Measured:
     """Measure by views or by scans."""
     threads = run.shared.threads
-    requirement = Requirement(max_incidence_deg=request.max_incidence_deg, max_range_m=request.max_range_m)
+    requirement = Requirement.of(request.requirement)
     if request.plan is not None:
         views = _views(request.plan, request.sensor)
         sensor = views[0].sensor if views else load_sensor(request.sensor)
@@ -143,7 +146,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
         )  # fmt: skip
         coverage = replace(coverage, apart_m2=apart)
         return _Measured(coverage, views, _history(coverage), sensor, [])
-    given = read_request(request.scans)
+    given = read_request(request.request())
     run.warn(given.doubts)
     sensor = load_sensor(request.sensor)
     run.will_call(facing, 10)
@@ -158,7 +161,7 @@ def _measure(run: Run, world: Scene, request: CoverageRequest) -> _Measured:
 
 
 def _standing(
-    run: Run, world: Scene, sensor: Sensor, request: CoverageRequest
+    run: Run, world: Scene, sensor: Sensor, request: CoverageOptions
 ) -> tuple[Standing, SurfaceSamples, Mapping[str, float]]:
     """What "reachable" refers to, and what surface counts; says what was assumed of rooms."""
     standing = find_standing(world, sensor, request.site, mode=request.mode)
@@ -206,7 +209,7 @@ def csv_of(coverage: Coverage) -> str:
     )
 
 
-def _write_ply(path: Path, world: Scene, coverage: Coverage) -> None:
+def _write_scene_ply(path: Path, world: Scene, coverage: Coverage) -> None:
     """Write the scene's faces, cut as finely as coverage was measured, with quality, views and state."""
     fine = fine_coverage(world.mesh, coverage)
     n = len(fine.corners)
@@ -224,3 +227,78 @@ def _write_ply(path: Path, world: Scene, coverage: Coverage) -> None:
     legend += [f"reason {value} {name}" for value, name in enumerate(REASONS)]
     triangles = np.arange(3 * n, dtype=np.int32).reshape(-1, 3)
     write_mesh_ply(path, fine.corners.reshape(-1, 3), triangles, properties, legend)
+
+
+_STATE_COLOURS = np.array(
+    [[158, 163, 163], [244, 211, 158], [46, 122, 204], [230, 159, 26], [219, 219, 214]], np.uint8
+)
+
+
+def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
+    """Report what scans have measured, and what completion makes of it."""
+    with running("coverage", shared, default="out/coverage", is_folder=True) as run:
+        run.watch.enter("load")
+        run.read([request.sensor, *request.request().inputs])
+        requirement, scan_request = Requirement.of(request.requirement), request.request()
+        sensor = load_sensor(request.sensor)
+        options, placement = CompletionOptions(mode=request.inference, texture=False), []
+        if request.register:
+            placed = register_request(
+                scan_request, request.up, n_threads=shared.threads, progress=run.progress
+            )
+            given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
+            placement = [placed.told]
+        else:
+            given = read_request(scan_request, request.up)
+        run.warn(given.doubts)
+        run.watch.enter("voxels")
+        scans = [with_known_noise(scan) for scan in given.scans]
+        model = complete(scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress)
+        completed = CompletedSurfaces(model, options.max_sd_m)
+        scan_map = ScanMap.of(
+            scans, sensor, mode=request.mode or "room", requirement=requirement, completed=completed
+        )
+        coverage = cover_by_scans(scan_map, requirement, completion=model)
+        run.watch.enter("report")
+        write_json(run.path("coverage.json"), coverage.to_json())
+        write_text(run.path("coverage.csv"), scan_csv(coverage))
+        state = StateMesh.of(coverage)
+        _write_state_ply(run.path("coverage.ply"), state)
+        asked = {**options_record(request), "mode": scan_map.mode, "instruments": given.instruments}
+        run.report(scan_coverage_page(coverage, state, sensor, scan_request.title, shared.threads), asked)
+        run.finish(asked, {**coverage.to_json(), **placed_of(placement)}, placement + scan_lines(coverage))
+
+
+def scan_csv(coverage: ScanCoverage) -> str:
+    """Return a row for each recognised surface: id, kind, measured area, share as required, inferred area."""
+    return csv_text(
+        ["id", "kind", "observed_m2", "met", "hypothesised_m2"],
+        ((one.id, one.kind, one.observed_m2, one.met, one.hypothesised_m2) for one in coverage.surfaces),
+    )
+
+
+def scan_lines(coverage: ScanCoverage) -> list[str]:
+    """Return the headline numbers for people."""
+    area, unseen, model = coverage.measured, coverage.unseen, coverage.completion
+    scans = count(len(coverage.scan_map.scans), "scan")
+    inferred = 0.0 if model is None else model.hypothesised_m2
+    return [
+        f"{scans} measured {square_metres(area.total_m2)} m2 of surface: "
+        f"{square_metres(area.met_m2)} m2 as required, {square_metres(area.worse_m2)} m2 worse",
+        f"inferred: {square_metres(inferred)} m2 of surface",
+        f"not explained: shadows begin on {square_metres(unseen.occluded_m2)} m2, fields of view end on "
+        f"{square_metres(unseen.frontier_m2)} m2 (areas of boundary, not of surface)",
+        *(room.describe() for room in coverage.rooms),
+    ]
+
+
+def _write_state_ply(path: Path, state: StateMesh) -> None:
+    """Write surface and boundary with the state of every vertex."""
+    colours = _STATE_COLOURS[state.state]
+    properties: dict[str, Any] = {
+        **{name: colours[:, k] for k, name in enumerate(("red", "green", "blue"))},
+        "state": state.state,
+        "cosine": state.cosine,
+    }
+    legend = [f"state {value} {name}" for value, name in enumerate(SCAN_STATES)]
+    write_mesh_ply(path, state.mesh.vertices, state.mesh.faces, properties, legend)

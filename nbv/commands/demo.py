@@ -10,8 +10,9 @@ from completion.observe.tiles import solve_plane
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from completion.texturing.pipeline import TexturingOptions
+from nbv.commands.options import DemoOptions, Shared
 from nbv.commands.plan import coverage_of
-from nbv.commands.process.run import Shared, running
+from nbv.commands.process import running
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import plan_views
 from nbv.report.demo_report import (
@@ -40,7 +41,7 @@ N_SCANS = 4  # that are completed
 TEXTURING = TexturingOptions(max_samples=12_000)  # less to search than by default: the demo is to be quick
 
 
-def run_demo(shared: Shared) -> None:
+def run_demo(shared: Shared, _asked: DemoOptions | None = None) -> None:
     """Plan views, complete the scans of a few of them, compare with the truth, and write everything."""
     with running("demo", shared, default="out/demo", is_folder=True) as run:
         run.read([f"builtin:{SCENE}"])

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ from completion.features.engine.options import OPENINGS, read_given
 from completion.features.engine.template import Features, Measured, Status
 from completion.features.openings.recess import log_likelihoods
 from completion.features.pipeline import find_features, of_points
-from nbv.commands.process.run import Run, Shared, running
+from nbv.commands.options import FeatureCommandOptions, Shared
+from nbv.commands.process import Run, running
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.io.mesh_file import is_mesh
 from scenes.io.ply import write_mesh_ply
@@ -24,21 +25,9 @@ from scenes.io.scan_request import ScanRequest, read_request
 from scenes.run.atomic import write_json
 from scenes.scan.colour import surface_bytes
 from scenes.scan.range_image import RangeImage
+from scenes.scan.upright import axis_direction
 
 _LEGEND = ("unseen: feature and face number what features.json lists, from 1; 0 for none",)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class FeatureRequest:
-    """What is asked for: the kinds, the file of what is known, and the evaluations of each search at most."""
-
-    kinds: tuple[str, ...]
-    given: str | None = None
-    evaluations: int = 200_000
-
-    def options(self) -> dict[str, Any]:
-        """Return the options for manifest and report; files by name."""
-        return {**asdict(self), "given": None if self.given is None else Path(self.given).name}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +39,7 @@ class _Input:
     rows: IntArray | None = None
     n_rows: int = 0
     warnings: tuple[str, ...] = field(default=())
+    up: tuple[float, ...] = (0.0, 0.0, 1.0)
 
     @property
     def scans(self) -> tuple[RangeImage, ...]:
@@ -62,13 +52,14 @@ class _Input:
         return self.material.faces if isinstance(self.material, Measured) else None
 
 
-def run_feature(shared: Shared, request: ScanRequest, how: FeatureRequest) -> None:
+def run_feature(shared: Shared, how: FeatureCommandOptions) -> None:
     """Find features and write features.json, features.ply and the report."""
+    request = how.request()
     with running("feature", shared, default="out/feature", is_folder=True) as run:
         run.watch.enter("load")
         run.read([*request.inputs, *([how.given] if how.given else [])])
         given = {} if how.given is None else read_given(how.given, how.kinds)
-        options = {**request.options(), **how.options()}
+        options = {**request.options(), **how.record()}
         held = _read(request, how.kinds)
         run.warn(held.warnings)
         if set(how.kinds) & set(OPENINGS):
@@ -78,6 +69,7 @@ def run_feature(shared: Shared, request: ScanRequest, how: FeatureRequest) -> No
             how.kinds,
             given=given,
             evaluations=how.evaluations,
+            up=held.up,
             rng=shared.seed,
             n_threads=shared.threads,
             progress=run.progress,
@@ -125,10 +117,13 @@ def _read(request: ScanRequest, kinds: Sequence[str]) -> _Input:
         measured = of_points(file.points, faces=faces)
     except InputError as error:
         raise InputError(f"{paths[0]}: {error}") from None
-    return _Input(file.points, measured, file.rows, n_rows=file.n_rows, warnings=file.warnings)
+    up = axis_direction("z" if request.up == "auto" else request.up)
+    return _Input(
+        file.points, measured, file.rows, n_rows=file.n_rows, warnings=file.warnings, up=tuple(up.tolist())
+    )
 
 
-def _write(run: Run, features: Features, held: _Input, how: FeatureRequest) -> None:
+def _write(run: Run, features: Features, held: _Input, how: FeatureCommandOptions) -> None:
     run.watch.enter("save")
     write_json(run.path("features.json"), {**features.record(), "asked": list(how.kinds)})
     feature, face = features.of_points()

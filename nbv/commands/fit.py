@@ -13,44 +13,39 @@ from completion.export.step.kernel import kernel, patch_step
 from completion.fitting.patches.joins import PatchRequest, read_boundaries
 from completion.fitting.patches.pipeline import PatchFit, fit_patch
 from completion.fitting.pipeline import fit
-from completion.fitting.result import FitError, Metric, Shape, SurfaceFit, inflated, surface_parameters
+from completion.fitting.result import FitError, Shape, SurfaceFit, inflated, surface_parameters
 from completion.fitting.selection import Selection, select
-from nbv.commands.process.run import Shared, running
+from nbv.commands.options import FitOptions, Shared
+from nbv.commands.process import running
 from scenes.checks import InputError
-from scenes.io.format import Units
 from scenes.io.point_files import PointCloud, read_points
 from scenes.run.atomic import json_text, write_bytes, write_json
 
 _PLACES = 9  # along u and along v, at which a patch's deviation is told
 
 
-def run_fit(
-    shared: Shared,
-    points: str,
-    *,
-    shape: Shape,
-    metric: Metric,
-    robust: bool,
-    rays: bool,
-    origin: tuple[float, ...] | None,
-    given: dict[str, Any],
-    units: Units,
-) -> None:
-    """Fit `shape` to the points of a file and print it as JSON; with an output file also there.
+def run_fit(shared: Shared, asked: FitOptions) -> None:
+    """Fit a surface or a patch to the points of a file, print it as JSON, and write it to an output file."""
+    if asked.shape == "patch":
+        _run_patch(shared, asked)
+    else:
+        _run_surface(shared, asked, asked.shape)
 
-    `given` holds `radius` and `axis`, None where they are not given.
-    """
+
+def _run_surface(shared: Shared, asked: FitOptions, shape: Shape) -> None:
+    points, metric, robust, origin = asked.points, asked.metric, asked.robust, asked.origin
+    given: dict[str, Any] = {"radius": asked.radius, "axis": asked.axis}
     default = Path(f"{Path(points.partition('#')[0]).name or 'points'}.fit.json")
     with running("fit", shared, default=str(default), is_folder=False, writes=shared.out is not None) as run:
         run.watch.enter("load")
         if shared.out is not None:
             run.read([points])
-        cloud = read_points(points, units)
-        along = cloud.rays(origin) if rays or origin is not None else None
+        cloud = read_points(points, asked.units)
+        along = cloud.rays(origin) if asked.rays or origin is not None else None
         run.watch.enter("fit")
         options = {
             "shape": shape, "metric": metric, "robust": robust, "rays": along is not None, "origin": origin,
-            "units": units, **given,
+            "units": asked.units, **given,
         }  # fmt: skip
         try:
             is_auto = shape == "auto" and not any(value is not None for value in given.values())
@@ -97,13 +92,10 @@ def fit_record(
     }
 
 
-def run_patch_fit(
-    shared: Shared, points: str, *, between: Path, exports: tuple[str, ...] = (), units: Units = "m"
-) -> None:
-    """Fit a patch between the surfaces of a file, and print it as JSON; with an output file also there.
-
-    STEP is written beside the output file.
-    """
+def _run_patch(shared: Shared, asked: FitOptions) -> None:
+    """Fit a patch between the surfaces of a file; STEP is written beside the output file."""
+    points, exports = asked.points, asked.export
+    between = asked.between or Path()
     default = Path(f"{Path(points.partition('#')[0]).name or 'points'}.fit.json")
     with running("fit", shared, default=str(default), is_folder=False, writes=shared.out is not None) as run:
         run.watch.enter("load")
@@ -111,30 +103,30 @@ def run_patch_fit(
             if shared.out is None:
                 raise InputError("--export step writes its file beside the output file: give -o FILE")
             kernel()  # what is missing is said before the work
-        asked = read_boundaries(between)
+        bounds = read_boundaries(between)
         if shared.out is not None:
-            run.read([points, str(between), *(str(file) for file in asked.files)])
-        cloud = read_points(points, units)
+            run.read([points, str(between), *(str(file) for file in bounds.files)])
+        cloud = read_points(points, asked.units)
         run.watch.enter("fit")
         try:
-            found = fit_patch(cloud.points, asked.boundaries, controls=asked.controls, free=asked.free)
+            fitted = fit_patch(cloud.points, bounds.boundaries, controls=bounds.controls, free=bounds.free)
         except InputError as error:
             raise FitError(f"{points} between {between}: {error}") from error
-        options = {"shape": "patch", "between": between.name, "export": list(exports), "units": units}
-        held = patch_record(found, cloud, asked, options)
+        options = {"shape": "patch", "between": between.name, "export": list(exports), "units": asked.units}
+        held = patch_record(fitted, cloud, bounds, options)
         run.warn(held["warnings"])
         if shared.out is not None:
             run.watch.enter("save")
             write_json(run.path(), held)
             if "step" in exports:
-                write_bytes(run.path(f"{run.out.stem}.step"), patch_step(found.patch, run.out.stem))
+                write_bytes(run.path(f"{run.out.stem}.step"), patch_step(fitted.patch, run.out.stem))
             run.keep(options)
         if shared.as_json or not shared.quiet:
             typer.echo(json_text(held).rstrip())
 
 
 def patch_record(
-    found: PatchFit, cloud: PointCloud, asked: PatchRequest, options: dict[str, Any]
+    fitted: PatchFit, cloud: PointCloud, request: PatchRequest, options: dict[str, Any]
 ) -> dict[str, Any]:
     """Return a patch ready for JSON: the spline, how well points and boundaries are met, how sure it is.
 
@@ -143,33 +135,33 @@ def patch_record(
     """
     places = np.linspace(0.0, 1.0, _PLACES)
     grid = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1)
-    deviation = found.deviation(grid.reshape(-1, 2)).reshape(_PLACES, _PLACES)
-    knots_u, knots_v = found.patch.knots
+    deviation = fitted.deviation(grid.reshape(-1, 2)).reshape(_PLACES, _PLACES)
+    knots_u, knots_v = fitted.patch.knots
     boundaries = {
         side: {
             "join": str(one.join),
             "surface": {"shape": one.surface.kind, "parameters": surface_parameters(one.surface)},
-            "angle": None if np.isnan(found.joins[side].angle) else found.joins[side].angle,
-            "gap": found.joins[side].gap,
+            "angle": None if np.isnan(fitted.joins[side].angle) else fitted.joins[side].angle,
+            "gap": fitted.joins[side].gap,
         }
-        for side, one in found.boundaries.items()
+        for side, one in fitted.boundaries.items()
     }
     return {
         "shape": "patch",
-        "controls": found.patch.controls.tolist(),
+        "controls": fitted.patch.controls.tolist(),
         "knots": {"u": knots_u.tolist(), "v": knots_v.tolist()},
-        "degree": list(found.patch.degree),
-        "rms": found.rms,
-        "n": found.n,
-        "unconstrained_rms": found.unconstrained_rms,
-        "ratio": found.ratio,
+        "degree": list(fitted.patch.degree),
+        "rms": fitted.rms,
+        "n": fitted.n,
+        "unconstrained_rms": fitted.unconstrained_rms,
+        "ratio": fitted.ratio,
         "boundaries": boundaries,
         "deviation": {
             "median": float(np.median(deviation)), "largest": float(deviation.max()),
             "u": places.tolist(), "v": places.tolist(), "at": deviation.tolist(),
         },
-        "free": asked.free,
+        "free": request.free,
         "n_points": len(cloud.points),
         "options": options,
-        "warnings": [*cloud.warnings, *found.warnings],
+        "warnings": [*cloud.warnings, *fitted.warnings],
     }  # fmt: skip

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,46 +20,19 @@ from completion.parts.part import Part, kinds_text
 from completion.parts.pipeline import MACHINED, divide_part, relate_part
 from completion.parts.step_export import outcome_lines, step_model
 from completion.relations.relation import StatedRelation, Status, read_part_relations
-from nbv.commands.process.run import Shared, running
+from nbv.commands.options import PartOptions, Shared
+from nbv.commands.process import running
 from nbv.run.wording import count
 from scenes.checks import InputError
-from scenes.io.format import Units
 from scenes.io.point_files import PartFile, read_part_file
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class PartRequest:
-    """What is asked for: `relations` "auto", "off" or a file; `noise_m` in metres, None if not known."""
-
-    shape: str
-    relations: str = "auto"
-    noise_m: float | None = None
-    ignores_labels: bool = False
-    flatten: bool = False
-    exports: tuple[str, ...] = ()
-    units: Units = "m"
-
-    @property
-    def files(self) -> tuple[str, ...]:
-        """The files that are read."""
-        stated = () if self.relations in ("auto", "off") else (self.relations,)
-        return (self.shape, *stated)
-
-    def stated(self) -> tuple[StatedRelation[int], ...]:
-        """Return what a person states."""
-        return tuple(one for file in self.files[1:] for one in read_part_relations(file))
-
-    def options(self) -> dict[str, Any]:
-        """Return the options for manifest and report; files by name."""
-        return {**asdict(self), "shape": Path(self.shape).name, "relations": Path(self.relations).name}
-
-
-def run_part(shared: Shared, request: PartRequest) -> None:
+def run_part(shared: Shared, request: PartOptions) -> None:
     """Divide a part into surfaces, relate them, flatten its planes on request, and write files and report."""
     with running("part", shared, default="out/part", is_folder=True) as run:
         run.watch.enter("load")
         run.read(request.files)
-        stated = request.stated()
+        stated = tuple(relation for file in request.files[1:] for relation in read_part_relations(file))
         held = read_part_file(request.shape, request.units)
         if "step" in request.exports:
             kernel()  # what is missing is said before the work
@@ -83,15 +56,15 @@ def run_part(shared: Shared, request: PartRequest) -> None:
         run.watch.enter("report")
         from nbv.report.part_report import part_page
 
-        run.report(part_page(part, Path(request.shape).name, flat), request.options())
+        run.report(part_page(part, Path(request.shape).name, flat), request.record())
         told = {} if step is None else {"step": step.record()}
         told |= {} if closed is None else {"closing": closing_record(closed)}
         lines = lines_of(part, flat) + ([] if step is None else list(outcome_lines(step)))
-        run.finish({**request.options(), **told}, {**summary_of(part, flat), **told}, lines)
+        run.finish({**request.record(), **told}, {**summary_of(part, flat), **told}, lines)
 
 
 def _modelled(
-    held: PartFile, request: PartRequest, stated: tuple[StatedRelation[int], ...], run: Any
+    held: PartFile, request: PartOptions, stated: tuple[StatedRelation[int], ...], run: Any
 ) -> Part:
     """The part, with what is doubtful of the file among its warnings."""
     shape = held.points if held.mesh is None else held.mesh
@@ -102,14 +75,14 @@ def _modelled(
         noise_m=request.noise_m,
         has_ripple=request.flatten,
         progress=run.progress,
-        journal=run.journal(request.options()),
+        journal=run.journal(request.record()),
     )
     wanted = None if request.relations == "off" else MACHINED
     part = relate_part(shape, found, relations=wanted, stated=stated, progress=run.progress)
     return replace(part, warnings=(*held.warnings, *part.warnings))
 
 
-def _flattened(part: Part, request: PartRequest, run: Any) -> FlatPart:
+def _flattened(part: Part, request: PartOptions, run: Any) -> FlatPart:
     """The part with its planes flattened."""
     run.watch.enter("flatten")
     try:
@@ -119,7 +92,7 @@ def _flattened(part: Part, request: PartRequest, run: Any) -> FlatPart:
         raise InputError(f"{Path(request.shape).name}: {error}{doubts}") from None
 
 
-def _as_step(part: Part, request: PartRequest, run: Any) -> StepModel:
+def _as_step(part: Part, request: PartOptions, run: Any) -> StepModel:
     """The part as STEP."""
     run.watch.enter("step")
     try:

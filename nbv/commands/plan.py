@@ -4,141 +4,109 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nbv.commands.process.run import Shared, running
+from nbv.commands.options import PlanOptions, ReadOptions, Shared, record_of
+from nbv.commands.process import running
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.coverage import Coverage
-from nbv.coverage.surface_classes import Shares
+from nbv.coverage.surface_classes import CompletedSurfaces, Shares
 from nbv.coverage.unreachable import coverage_record
+from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import Baseline, compare_with_baselines
 from nbv.plan.plan import Plan
 from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
-from nbv.plan.planning import Method, plan_views
+from nbv.plan.planning import plan_views
 from nbv.plan.remote_visibility import remote_visibility
 from nbv.plan.rules import compare_with_rules
 from nbv.report.blocks.rooms import rule_sentences
 from nbv.report.building_files import write_building_files
 from nbv.report.coverage_report import plan_page
+from nbv.report.scans_report import next_stations_page
 from nbv.run.wording import count, percent, percent_within, square_metres
 from nbv.scanning.sensor import chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
+from nbv.scans.next_stations import check_aperture, plan_next_stations, room_entries
+from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
+from nbv.scans.scan_map import ScanMap, with_known_noise
+from nbv.scans.scan_mesh import MOST_PIXELS
+from nbv.scans.scan_record import Said, ScanRecord, last_scan_in_words, record_scans, said_before
+from nbv.visibility.instances import with_aperture
 from nbv.visibility.requirement import Requirement
-from nbv.visibility.standing.site_options import SiteOptions
-from nbv.visibility.viewpoints import load_candidates
+from nbv.visibility.viewpoints import allowed, load_candidates
 from nbv.visibility.visibility import facing
 from nbv.visibility.zones import Box, Zones
-from scenes.io.format import Units
-from scenes.io.scan_request import GivenScans, ScanRequest, read_request
+from scenes.checks import InputError
+from scenes.io.scan_request import GivenScans, read_request
 from scenes.io.scene_files import open_scene
-from scenes.mesh.orientation import Axis
 from scenes.run.atomic import write_json
 from scenes.scan.range_image import RangeImage
-from scenes.world.scene import Mode, Scene
+from scenes.world.scene import Scene
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlanRequest:
-    """What to plan: angles in degrees, lengths in metres, the target a fraction of the reachable area."""
-
-    method: Method = "nbv"
-    sensor: str = "generic60"
-    max_incidence_deg: float = 60.0
-    max_range_m: float | None = None
-    min_density_per_m2: float | None = None
-    max_sd_m: float | None = None
-    registration_sd_m: float = 0.0
-    averaging_radius_m: float = 0.0
-    k: int = 1
-    polish_steps: int = CoverOptions().polish_steps
-    time_budget_s: float | None = None
-    overlap: float | None = None
-    infer: bool = False
-    scheduler: str | None = None
-    target: float = 0.99
-    views: int | None = None
-    mode: Mode | None = None
-    site: SiteOptions = field(default_factory=SiteOptions)
-    without: tuple[str, ...] = ()
-    candidates: str | None = None
-    scans: ScanRequest = field(default_factory=lambda: ScanRequest(()))
-    plan: str | None = None
-    region: tuple[float, ...] | None = None
-    keep_out: tuple[tuple[float, ...], ...] = ()
-    noise: str = "none"
-    up: Axis = "z"
-    units: Units = "m"
-
-    def requirement(self) -> Requirement:
-        """Return what counts as measured."""
-        return Requirement(**{one.name: getattr(self, one.name) for one in fields(Requirement)})
-
-    def zones(self) -> Zones:
-        """Return where surface counts, and where no station may be."""
-        boxes = [Box(np.array(box[:3]), np.array(box[3:])) for box in self.keep_out]
-        region = self.region
-        return Zones(None if region is None else Box(np.array(region[:3]), np.array(region[3:])), boxes)
-
-    def budgets(self) -> CoverOptions:
-        """Return the offline planner's budgets."""
-        return CoverOptions(polish_steps=self.polish_steps, time_budget_s=self.time_budget_s)
-
-    def options(self) -> dict[str, Any]:
-        """Return the options for manifest and report; files by name."""
-        own = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "scheduler"}
-        named = {
-            "sensor": Path(self.sensor).name,
-            "candidates": None if self.candidates is None else Path(self.candidates).name,
-            "plan": None if self.plan is None else Path(self.plan).name,
-            **self.scans.options(),
-            "up": self.up,
-            "units": self.units,
-            "site": asdict(self.site),
-        }
-        return {**own, **named}
-
-    @property
-    def inputs(self) -> list[str]:
-        """What the manifest lists beside the scene."""
-        return [self.sensor, *([self.candidates] if self.candidates else []), *self.scans.inputs]
+def options_record(asked: PlanOptions) -> dict[str, Any]:
+    """Return the options for manifest and report; files by name."""
+    record = record_of(
+        asked,
+        files=("sensor", "candidates", "plan"),
+        without=("scene", "scans", "site", "scheduler", *(entry.name for entry in fields(ReadOptions))),
+    )
+    scans = asked.request().options()
+    return {**record, **scans, "up": asked.up, "units": asked.units, "site": asdict(asked.site)}
 
 
-def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
+def zones_of(asked: PlanOptions) -> Zones:
+    """Return where surface counts, and where no station may be."""
+    boxes = [Box(np.array(box[:3]), np.array(box[3:])) for box in asked.keep_out]
+    region = asked.region
+    return Zones(None if region is None else Box(np.array(region[:3]), np.array(region[3:])), boxes)
+
+
+def run_plan(shared: Shared, asked: PlanOptions) -> None:
+    """Plan views of a scene, or next stations after scans, and write plan, coverage and report."""
+    if asked.scene is None:
+        _run_next_stations(shared, asked)
+    else:
+        _run_scene_plan(shared, asked.scene, asked)
+
+
+def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
     """Plan views of `scene` and write plan, coverage and report."""
     with running("plan", shared, default="out/plan", is_folder=True) as run:
         run.watch.enter("load")
         run.read([scene, *request.inputs])
-        zones = request.zones()
+        zones = zones_of(request)
         world = open_scene(scene, up=request.up, units=request.units, mode=request.mode)
         world = world.without(request.without)
         run.warn(world.warnings)
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
-        given = read_request(request.scans) if request.scans.paths else GivenScans.of(())
+        search = request.search
+        given = read_request(request.request()) if request.scans else GivenScans.of(())
         scans = given.scans
         run.warn(given.doubts)
-        journal = run.journal(request.options())
+        journal = run.journal(options_record(request))
         run.will_call(facing, 20)
         with remote_visibility(request.scheduler, shared.threads, run.out) as remote:
             plan = plan_views(
                 world,
                 sensor,
-                method=request.method,
-                requirement=request.requirement(),
-                target=request.target,
-                views=request.views,
+                method=search.method,
+                requirement=Requirement.of(request.requirement),
+                target=search.target,
+                views=search.views,
                 mode=request.mode,
                 site=request.site,
                 candidates=candidates,
                 noise=request.noise,
-                budgets=request.budgets(),
-                overlap=None if request.overlap is None else OverlapOptions(min_overlap=request.overlap),
-                infer=request.infer,
+                budgets=CoverOptions(polish_steps=search.polish_steps, time_budget_s=search.time_budget_s),
+                overlap=None if search.overlap is None else OverlapOptions(min_overlap=search.overlap),
+                infer=search.infer,
                 scans=scans,
                 zones=zones,
                 remote=remote,
@@ -164,7 +132,7 @@ def run_plan(shared: Shared, scene: str, request: PlanRequest) -> None:
         if plan.stations is not None:
             write_json(run.path("stations.json"), plan.stations.to_json())
         write_building_files(world, plan, run.path)
-        options = {**request.options(), "mode": request.mode or world.mode}
+        options = {**options_record(request), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
         page = plan_page(world, plan, coverage, shared.threads, baselines=baselines, rules=rules, scans=scans)
         run.report(page, options)
@@ -254,3 +222,128 @@ def _classes_line(shares: Shares, errors: Mapping[str, float]) -> str:
     right = percent(shares.right_m2 / shares.inferred_m2)
     claimed = square_metres(shares.inferred_m2)
     return f"{text}; {right} % of {claimed} m2 inferred lies within 2 cm of the true surface"
+
+
+def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
+    """Plan the next stations after scans, and write plan, coverage so far and report."""
+    with running("plan", shared, default="out/plan", is_folder=True) as run:
+        run.watch.enter("load")
+        before = _earlier_plan(request, run.out)
+        run.read([*request.inputs, *([] if before is None else [str(before)])])
+        zones, requirement = zones_of(request), Requirement.of(request.requirement)
+        site, scan_request = request.site, request.request()
+        candidates = None if request.candidates is None else load_candidates(request.candidates)
+        sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
+        given = read_request(scan_request, request.up)
+        run.warn(given.doubts)
+        said = _said(before, given.scans, is_asked_for=request.plan is not None)
+        run.watch.enter("complete")
+        scans = [with_known_noise(scan) for scan in given.scans]
+        few = [scan.thinned(MOST_PIXELS) for scan in scans]
+        completed = CompletedSurfaces.of(few, requirement.max_sd_m, relates=False, n_threads=shared.threads)
+        run.watch.enter("voxels")
+        options = PlannerOptions(zones=zones, clearance_m=site.clearance_m)
+        scan_map = ScanMap.of(
+            scans, sensor, mode=request.mode or "room", options=options, requirement=requirement,
+            completed=completed, zones=zones,
+        )  # fmt: skip
+        candidates = allowed(candidates or scan_map.candidates(sensor, site), zones)
+        chosen, warnings = ((), []) if scan_map.rooms is None else scan_map.rooms.chosen(site)
+        run.warn(warnings)
+        run.watch.enter("plan")
+        plan = plan_next_stations(
+            scan_map,
+            sensor,
+            requirement,
+            views=request.search.views or 1,
+            candidates=candidates,
+            options=options,
+            completed=completed if request.search.infer else None,
+            n_threads=shared.threads,
+        )
+        run.watch.enter("coverage")
+        coverage = cover_by_scans(scan_map, requirement, completion=completed.completion, zones=zones)
+        plan = replace(plan, rooms=room_entries(coverage, plan, chosen))
+        record = record_scans(coverage, said)
+        run.watch.enter("report")
+        entries = {"seed": shared.seed, "record": [scan.to_json() for scan in record]}
+        write_json(run.path("plan.json"), {**plan.to_json(), **entries})
+        write_plan_files(plan.views, plan.visiting_order, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
+        write_json(run.path("coverage.json"), coverage.to_json())
+        asked = {**options_record(request), "mode": scan_map.mode, "instruments": given.instruments}
+        page = next_stations_page(
+            plan, coverage, record, scan_request.title, infers=request.search.infer, n_threads=shared.threads
+        )
+        run.report(page, asked)
+        resolved = {**asked, "resolved_sensor": plan.sensor.to_json()}
+        run.finish(resolved, next_summary(plan, coverage, record), next_lines(plan, coverage, record))
+
+
+def _earlier_plan(request: PlanOptions, out: Path) -> Path | None:
+    """Return the plan that was made after fewer scans: the one that is given, or that in the folder."""
+    if request.plan is not None:
+        return Path(request.plan)
+    left = out / "plan.json"
+    return left if left.is_file() else None
+
+
+def _said(before: Path | None, scans: Sequence[RangeImage], *, is_asked_for: bool) -> tuple[Said | None, ...]:
+    """Return what an earlier plan said of the scans; one left in the folder may be of other scans."""
+    if before is None:
+        return ()
+    try:
+        return said_before(before, [scan.world_from_sensor for scan in scans])
+    except InputError:
+        if is_asked_for:
+            raise
+        return ()
+
+
+def next_summary(plan: Plan, coverage: ScanCoverage, record: Sequence[ScanRecord]) -> dict[str, Any]:
+    """Return the headline numbers."""
+    content = coverage.to_json()
+    return {
+        "method": plan.method,
+        "views": len(plan.views),
+        "predicted_gain_m2": [view.predicted_gain_m2 for view in plan.views],
+        "resumed_from": plan.resumed_from.summary() if plan.resumed_from else None,
+        "rooms": list(plan.rooms),
+        "record": [scan.to_json() for scan in record],
+        "surface": content["surface"],
+        "boundary": content["boundary"],
+        "stopped_because": plan.stopped_because,
+    }
+
+
+def next_lines(plan: Plan, coverage: ScanCoverage, record: Sequence[ScanRecord]) -> list[str]:
+    """Return the headline numbers for people."""
+    area, unseen, model = coverage.measured, coverage.unseen, coverage.completion
+    scans = count(len(coverage.scan_map.scans), "scan")
+    inferred = "" if model is None else f"; {square_metres(model.hypothesised_m2)} m2 more are inferred"
+    lines = [
+        f"{scans} measured {square_metres(area.total_m2)} m2 of surface, "
+        f"{square_metres(area.met_m2)} m2 of it as required{inferred}",
+        f"shadows begin on {square_metres(unseen.occluded_m2)} m2, fields of view end on "
+        f"{square_metres(unseen.frontier_m2)} m2 (areas of boundary, not of surface)",
+        *(room.describe() for room in coverage.rooms),
+        *last_scan_in_words(record),
+        *_stations(plan),
+        f"stopped because: {plan.stopped_because}",
+    ]
+    if coverage.scan_map.mode == "room" and coverage.scan_map.rooms is None:
+        lines.append("no floor was seen below the scanners: stations are where space is known to be free")
+    return lines
+
+
+def _stations(plan: Plan) -> Sequence[str]:
+    """A line for each station."""
+    lines = []
+    for number, view in enumerate(plan.views, start=1):
+        place = ", ".join(f"{c:.2f}" for c in view.world_from_sensor.translation)
+        way = ", ".join(f"{c:.2f}" for c in view.world_from_sensor.rotation[:, 2])
+        looks = "" if plan.sensor.kind == "spherical" else f", looking along {way}"
+        gain = square_metres(view.predicted_gain_m2 or 0.0)
+        names = [str(room["name"]) for room in plan.rooms if number in room["stations"]]
+        where = f" in {names[0]}" if names else ""
+        lines.append(f"station {number}{where}: at {place}{looks}; predicted to settle {gain} m2")
+    return lines

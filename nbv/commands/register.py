@@ -4,45 +4,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from completion.registration.facets import count_agreement
-from completion.registration.pipeline import LEVEL, check_poses, register_scans
+from completion.registration.pipeline import check_poses, register_scans
 from completion.registration.registered import Registered, registration_record
 from completion.registration.verdict import Verdict
-from nbv.commands.process.run import Shared, running
+from nbv.commands.options import RegisterOptions, Shared
+from nbv.commands.process import running
 from nbv.run.wording import count
 from nbv.scans.registering import copies_of, copies_told, doubts_of_poses
 from scenes.io.format import written_suffixes
 from scenes.io.scan_files import split_index, write_scan, write_scans
-from scenes.io.scan_request import GivenScans, ScanRequest, read_request
+from scenes.io.scan_request import GivenScans, read_request
 from scenes.pose import Pose
 from scenes.run.atomic import write_json
 from scenes.scan.range_image import RangeImage
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RegisterRequest:
-    """How scans are to be registered: see `register_scans`; `checks` computes no pose."""
-
-    upright: bool = False
-    checks: bool = False
-    level: float = LEVEL
-
-    def options(self) -> dict[str, Any]:
-        """Return the options for manifest and report."""
-        return asdict(self)
-
-
-def run_register(shared: Shared, request: ScanRequest, how: RegisterRequest) -> None:
-    """Register the scans of `request`, or check their poses; write registration.json, scans and report."""
+def run_register(shared: Shared, how: RegisterOptions) -> None:
+    """Register scans, or check their poses; write registration.json, scans and report."""
+    request = how.request()
     with running("register", shared, default="out/register", is_folder=True) as run:
         run.watch.enter("load")
         run.read(request.inputs)
         given = read_request(request, posed=how.checks)
-        asked = {**request.options(), **how.options()}
+        asked = {**request.options(), **how.record()}
         run.warn(given.doubts)
         run.will_call(count_agreement, 20)
         if how.checks:

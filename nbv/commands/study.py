@@ -6,7 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from nbv.commands.process.run import Run, Shared, running
+from nbv.commands.options import Shared, StudyOptions
+from nbv.commands.process import Run, running
 from nbv.report.figures.plots import on_white
 from nbv.report.study_report import spread, study_page
 from nbv.run.wording import count
@@ -18,14 +19,15 @@ from nbv.study.spec import StudySpec, common_share, read_study
 from scenes.run.atomic import write_bytes
 
 
-def run_study_file(shared: Shared, file: str, scheduler: str | None) -> None:
+def run_study_file(shared: Shared, asked: StudyOptions) -> None:
     """Run a study file and write its plans, tables, plots and report."""
+    file = asked.file
     with running("study", shared, default=f"out/{Path(file).stem}", is_folder=True) as run:
         run.watch.enter("load")
         spec = read_study(file)
         run.read([file, *(one.scene for one in spec.scenes), *(one.sensor for one in spec.sensors)])
         check_results(spec.results)
-        with workers_of(scheduler, shared.threads) as workers:
+        with workers_of(asked.scheduler, shared.threads) as workers:
             outcomes = run_study(
                 spec, run.out / "plans", first_seed=shared.seed, workers=workers, progress=run.progress
             )

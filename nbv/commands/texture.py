@@ -9,13 +9,14 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
-from nbv.commands.process.run import Shared, running
+from nbv.commands.options import Shared, TextureOptions
+from nbv.commands.process import running
 from scenes.checks import InputError
 from scenes.io.image import open_image
 from scenes.run.atomic import write_bytes
@@ -45,17 +46,9 @@ _SAMPLED, _GROWN = _Need(70, 28, 21), _Need(0, 50, 9)
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP", ".tif": "TIFF", ".tiff": "TIFF"}
 
 
-def run_texture(
-    shared: Shared,
-    image: str,
-    *,
-    mask: str | None,
-    shape: tuple[int, int] | None,
-    window: int | None,
-    order: Literal["paper", "window"],
-    is_surface: bool = False,
-) -> None:
-    """Fill the masked pixels of `image`, of a surface with shading apart, or grow a texture of `shape`."""
+def run_texture(shared: Shared, asked: TextureOptions) -> None:
+    """Fill the masked pixels of an image, on request shading apart, or grow a texture."""
+    image, mask, shape, is_surface = asked.image, asked.mask, asked.grow, asked.surface
     with running("texture", shared, default="texture.png", is_folder=False) as run:
         _format_of(run.out)
         run.read([image] if mask is None else [image, mask])
@@ -70,8 +63,8 @@ def run_texture(
             run.progress("texture", done, total)
 
         how: dict[str, Any] = {
-            "window": window,
-            "order": order,
+            "window": asked.window,
+            "order": asked.order,
             "rng": shared.seed,
             "n_threads": shared.threads,
             "progress": tell,
@@ -94,8 +87,8 @@ def run_texture(
         options = {
             "mask": None if mask is None else Path(mask).name,
             "grow": shape,
-            "window": window,
-            "order": order,
+            "window": asked.window,
+            "order": asked.order,
             "surface": is_surface,
         }
         found = None if hole is None else examine(made, hole)

@@ -12,20 +12,28 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from PIL import Image
 
 from completion.observe.tiles import solve_plane
-from nbv.commands.complete import CompleteRequest, run_complete
-from nbv.commands.plan import PlanRequest, run_plan
-from nbv.commands.process.run import Shared, running
-from nbv.commands.scan import Stand, run_scan
+from nbv.commands.complete import run_complete
+from nbv.commands.options import (
+    CompleteOptions,
+    PlanOptions,
+    ScanOptions,
+    Shared,
+    TextureOptions,
+    WarmOptions,
+)
+from nbv.commands.plan import run_plan
+from nbv.commands.process import running
+from nbv.commands.scan import run_scan
 from nbv.commands.texture import run_texture
+from nbv.run.plan_options import SearchOptions
 from nbv.visibility.standing.site import find_site
 from scenes.checks import InputError
-from scenes.io.scan_request import ScanRequest
 from scenes.io.scene_files import open_scene
 
 _ROOM = "builtin:two_occluders"
@@ -40,7 +48,7 @@ divergence_rad = 0.004
 """
 
 
-def run_warm(shared: Shared) -> None:
+def run_warm(shared: Shared, _: WarmOptions) -> None:
     """Compile what completion needs and what planning needs, side by side with two threads or more."""
     with running("warm", shared, default=os.devnull, is_folder=False, writes=False) as run:
         loop: Any = solve_plane
@@ -67,13 +75,14 @@ def warm_completion(folder: Path) -> None:
     image = folder / "noise.png"
     noise = np.random.default_rng(0).integers(0, 255, (24, 24, 3), np.uint8)
     Image.fromarray(noise).save(image)
-    stand, sensor = Stand((1.0, 1.0, 1.5), (3.0, 3.0, 1.0), None), _sensor(folder / "scanning.toml")
-    run_scan(_shared(folder / "scan.npz"), _ROOM, stand, sensor, "profile", truth=False, up="z", units="m")
-    how = CompleteRequest(
-        mode="standard", sigma_m=None, max_sd_m=0.02, registration_m=0.005, texture=True, edits=None
+    sensor = _sensor(folder / "scanning.toml")
+    scan = ScanOptions(
+        scene=_ROOM, at=(1.0, 1.0, 1.5), look=(3.0, 3.0, 1.0), sensor=sensor, noise="profile", truth=False
     )
-    run_complete(_shared(folder / "completed"), ScanRequest((str(folder / "scan.npz"),) * 2), how)
-    run_texture(_shared(folder / "grown.png"), str(image), mask=None, shape=(16, 16), window=5, order="paper")
+    run_scan(_shared(folder / "scan.npz"), scan)
+    scans = (str(folder / "scan.npz"),) * 2
+    run_complete(_shared(folder / "completed"), CompleteOptions(scans=scans, up="z"))
+    run_texture(_shared(folder / "grown.png"), TextureOptions(image=str(image), grow=(16, 16), window=5))
 
 
 def warm_planning(folder: Path) -> None:
@@ -83,11 +92,11 @@ def warm_planning(folder: Path) -> None:
     positions = np.array([[3.0, 1.0, 1.6], [1.0, 4.0, 1.0], [5.0, 1.0, 1.0]])
     np.savez(candidates, positions=positions, directions=np.vstack([np.eye(3), -np.eye(3)]))
     sensor = _sensor(folder / "planning.toml")
-    for method in ("nbv", "cover"):
-        asked = PlanRequest(
-            method=method, sensor=sensor, views=2, polish_steps=20, candidates=str(candidates)
-        )
-        run_plan(_shared(folder / method), _ROOM, asked)
+    methods: tuple[Literal["nbv", "cover"], ...] = ("nbv", "cover")
+    for method in methods:
+        search = SearchOptions(method=method, views=2, polish_steps=20)
+        asked = PlanOptions(scene=_ROOM, search=search, sensor=sensor, candidates=str(candidates))
+        run_plan(_shared(folder / method), asked)
 
 
 def _sensor(path: Path) -> str:

@@ -23,8 +23,8 @@ from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.instances import patch_samples, with_aperture
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.standing.candidates import Standing, counted, find_standing, samples_that_count, within
-from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, allowed
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones

@@ -17,7 +17,7 @@ from nbv.scanning.view import View
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_map import ScanMap
 from nbv.visibility.requirement import Requirement
-from nbv.visibility.standing.site_options import SiteOptions
+from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError
 

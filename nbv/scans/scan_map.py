@@ -19,7 +19,7 @@ from nbv.scans.expectation import Settled, settled
 from nbv.scans.scan_mesh import MOST_PIXELS
 from nbv.scans.seen_rooms import SeenRooms
 from nbv.visibility.requirement import Requirement
-from nbv.visibility.standing.site_options import SiteOptions
+from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, room_lattice, sensor_directions, viewing_sphere
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError

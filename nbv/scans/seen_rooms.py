@@ -18,12 +18,13 @@ from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_mesh import joined_faces, scan_faces
+from nbv.visibility.site_options import SiteOptions
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.standing.columns import cut_columns
 from nbv.visibility.standing.floors import WALKABLE, find_floors
 from nbv.visibility.standing.partition import find_rooms
 from nbv.visibility.standing.positions import lattice_spacing, room_positions
 from nbv.visibility.standing.rooms import Room, Rooms
-from nbv.visibility.standing.site_options import Clearance, SiteOptions
 from nbv.visibility.viewpoints import Candidates, sensor_directions
 from scenes.checks import FloatArray, InputError
 from scenes.mesh.labelled_mesh import LabelledMesh

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
 from nbv.plan.planning import Method
+from nbv.run.plan_options import RequirementOptions, SearchOptions
 from nbv.visibility.requirement import Requirement
 from scenes.checks import InputError
 from scenes.io.documents import read_toml, within_folder
@@ -19,7 +21,6 @@ from scenes.io.guard import one_line, reading
 _MOST_CASES = 100_000
 _COMPARED = 0.95  # beyond it a few square metres decide
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class Entry(BaseModel):
@@ -70,16 +71,30 @@ class SensorEntry(Entry):
         return self.name or (own if self.noise == "none" else f"{own}, {self.noise}")
 
 
-class RequirementEntry(Entry):
-    """What counts as measured; see `nbv.visibility.requirement.Requirement`."""
+def _fields_of(kind: type, **changed: Any) -> Any:
+    """Return an entry with the options that a dataclass declares; `changed` has other types and defaults.
 
-    max_incidence_deg: float = Field(default=60.0, gt=0, le=90)
-    max_range_m: Positive | None = None
-    min_density_per_m2: Positive | None = None
-    max_sd_m: Positive | None = None
-    registration_sd_m: NotNegative = 0.0
-    averaging_radius_m: NotNegative = 0.0
-    k: int = Field(default=1, ge=1)
+    Options that are changed to None are left out.
+    """
+    hints, described = get_type_hints(kind), dict[str, Any]()
+    for entry in fields(kind):
+        limits = entry.metadata["option"].limits
+        bounds: dict[str, Any] = {"gt": limits.above, "ge": limits.least, "le": limits.most}
+        bounds = {name: bound for name, bound in bounds.items() if bound is not None}
+        kinds = get_args(hints[entry.name]) or (hints[entry.name],)
+        if float in kinds:
+            bounds["allow_inf_nan"] = False
+        described[entry.name] = (hints[entry.name], Field(default=entry.default, **bounds))
+    described = {name: changed.get(name, given) for name, given in described.items()}
+    described = {name: given for name, given in described.items() if given is not None}
+    return create_model(kind.__name__, __base__=Entry, **described)
+
+
+_RequirementFields: Any = _fields_of(RequirementOptions)
+
+
+class RequirementEntry(_RequirementFields):  # type: ignore[misc]  # made from the declaration
+    """What counts as measured; see `nbv.visibility.requirement.Requirement`."""
 
     def requirement(self) -> Requirement:
         """Return the requirement."""
@@ -88,18 +103,21 @@ class RequirementEntry(Entry):
     @property
     def label(self) -> str:
         """Its name, or the requirement in words."""
-        return self.name or self.requirement().describe()
+        return str(self.name or self.requirement().describe())
 
 
-class PlannerEntry(Entry):
+_PlannerFields: Any = _fields_of(
+    SearchOptions,
+    method=(Method, ...),
+    views=(int | None, Field(default=None, ge=1, le=10_000)),
+    overlap=(float | None, Field(default=None, gt=0, lt=1)),
+    polish_steps=(int | None, Field(default=None, ge=0)),
+    time_budget_s=None,
+)
+
+
+class PlannerEntry(_PlannerFields):  # type: ignore[misc]  # made from the declaration
     """A planner, and when it ends: at the target, a share of the reachable area, or after so many views."""
-
-    method: Method
-    target: float = Field(default=0.99, gt=0, le=1)
-    views: int | None = Field(default=None, ge=1, le=10_000)
-    infer: bool = False
-    overlap: float | None = Field(default=None, gt=0, lt=1)
-    polish_steps: int | None = Field(default=None, ge=0)
 
     @model_validator(mode="after")
     def _fits_its_method(self) -> Self:
@@ -114,7 +132,7 @@ class PlannerEntry(Entry):
     @property
     def label(self) -> str:
         """Its name, or that of the method."""
-        return self.name or self.method + (" with completion" if self.infer else "")
+        return str(self.name or self.method + (" with completion" if self.infer else ""))
 
 
 class Sampling(BaseModel):
@@ -192,7 +210,7 @@ def common_share(spec: StudySpec) -> float:
     >>> common_share(StudySpec(scenes=[{"scene": "builtin:office"}], planners=planners))
     0.8
     """
-    return min(_COMPARED, *(planner.target for planner in spec.planners))
+    return float(min(_COMPARED, *(planner.target for planner in spec.planners)))
 
 
 def read_study(path: str | Path) -> StudySpec:

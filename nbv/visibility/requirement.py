@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from nbv.run.plan_options import RequirementOptions
 from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise, range_sigma_m
 from nbv.scanning.sensor import Sensor
@@ -139,7 +140,7 @@ class SightLimits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Requirement:
+class Requirement(RequirementOptions):
     """What counts as measured well enough.
 
     Parameters
@@ -171,14 +172,6 @@ class Requirement:
     0.5
     """
 
-    max_incidence_deg: float = 60.0
-    max_range_m: float | None = None
-    min_density_per_m2: float | None = None
-    max_sd_m: float | None = None
-    registration_sd_m: float = 0.0
-    averaging_radius_m: float = 0.0
-    k: int = 1
-
     def __post_init__(self) -> None:
         if not 0 < self.max_incidence_deg <= 90:
             raise InputError(f"max_incidence_deg must lie in 0..90 deg, got {self.max_incidence_deg}")
@@ -191,6 +184,11 @@ class Requirement:
                 raise InputError(f"{name} must not be negative, got {getattr(self, name)}")
         if self.k < 1:
             raise InputError(f"k must be at least 1 view, got {self.k}")
+
+    @classmethod
+    def of(cls, options: RequirementOptions) -> Requirement:
+        """Return the requirement with the numbers of `options`."""
+        return cls(**asdict(options))
 
     @property
     def min_cosine(self) -> float:

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from trimesh.creation import icosphere
 
 from nbv.scanning.sensor import Sensor
+from nbv.visibility.site_options import TRIPOD_HEIGHTS_M
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError, check_places, frozen_copy
 from scenes.io.guard import reading
 from scenes.io.npz import open_arrays
 from scenes.pose import Pose, rotations_towards
 
-TRIPOD_HEIGHTS_M = (0.4, 1.0, 1.6, 2.2)
 _MOST_POSITIONS = 600
 _OPTIONAL = ("half_angle_deg", "patch_points", "patch_normals")  # entries of a file of candidates
 _SPACING_M = 0.5

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from benchmarks.suites import survey as suite
-from nbv.visibility.standing.site_options import SiteOptions
+from nbv.visibility.site_options import SiteOptions
 from tests.helpers.buildings import house
 
 

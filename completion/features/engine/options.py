@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from completion.features.engine.template import Given, TemplateFit
-from scenes.checks import InputError
+from scenes.checks import InputError, check_number
 from scenes.io.documents import read_json
 
 OPENINGS = ("doorway", "window", "niche")
+KNOWN_OF_OPENINGS = ("width", "height", "depth")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -27,14 +28,14 @@ class FeatureOptions:
     kinds : tuple of str
         Some of "doorway", "window", "niche".
     given : mapping
-        What a person knows of all of them: "width", "height", "depth", metres.
+        Known values of all of them: "width", "height", "depth", metres, each above 0; held exactly.
     stated : tuple of TemplateFit, optional
         Features that are known (`applied.file.read_features`): these are used, and none are sought.
 
     Raises
     ------
     InputError
-        An unknown kind.
+        An unknown kind or name of a value; a value that is not above 0.
     """
 
     kinds: tuple[str, ...] = OPENINGS
@@ -45,6 +46,12 @@ class FeatureOptions:
         for kind in self.kinds:
             if kind not in OPENINGS:
                 raise InputError(f"completion uses features of kind {', '.join(OPENINGS)}, got {kind!r}")
+        for name, value in self.given.items():
+            if name not in KNOWN_OF_OPENINGS:
+                names = ", ".join(KNOWN_OF_OPENINGS)
+                raise InputError(f"{name} is no value of {', '.join(OPENINGS)}: {names}")
+            if check_number(name, value, -np.inf) <= 0:
+                raise InputError(f"{name} must be above 0, got {value}")
 
 
 FITTED = FeatureOptions()
@@ -52,7 +59,7 @@ FITTED = FeatureOptions()
 
 
 KNOWN: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(("doorway", "window", "niche"), ("width", "height", "depth")),
+    **dict.fromkeys(OPENINGS, KNOWN_OF_OPENINGS),
     "stairs": ("going", "rise", "width", "count"),
     "column": ("width", "top", "radius"),
     "hole-row": ("count", "pitch", "radius"),

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.samples import WISHED_SAMPLES, SurfaceSamples, default_spacing, sample_surface
+from nbv.visibility.site_options import TRIPOD_HEIGHTS_M, SiteOptions
 from nbv.visibility.standing.columns import Columns
 from nbv.visibility.standing.rooms import Rooms
 from nbv.visibility.standing.site import Site, find_site
-from nbv.visibility.standing.site_options import SiteOptions
-from nbv.visibility.viewpoints import TRIPOD_HEIGHTS_M, Candidates, room_lattice, viewing_sphere
+from nbv.visibility.viewpoints import Candidates, room_lattice, viewing_sphere
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
 from scenes.rays.raycast import RayCaster

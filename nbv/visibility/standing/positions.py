@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.run.wording import count
+from nbv.visibility.site_options import CLEARANCE_M, SiteOptions
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.standing.floors import HEADROOM_M
 from nbv.visibility.standing.rooms import Room, Rooms
-from nbv.visibility.standing.site_options import CLEARANCE_M, Clearance, SiteOptions
 from nbv.visibility.viewpoints import line_positions
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.run.memory import require

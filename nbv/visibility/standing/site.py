@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor
 from nbv.scanning.view import View
+from nbv.visibility.site_options import SiteOptions
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.standing.columns import cut_columns
 from nbv.visibility.standing.floors import STEP_M, Platform, find_floors
 from nbv.visibility.standing.partition import find_rooms
 from nbv.visibility.standing.positions import check_fits, lattice_spacing, room_positions
 from nbv.visibility.standing.rooms import Rooms
-from nbv.visibility.standing.site_options import Clearance, SiteOptions
 from nbv.visibility.viewpoints import Candidates, sensor_directions
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.world.scene import Scene

@@ -6,9 +6,9 @@ import pytest
 
 from completion import CompletionOptions, complete
 from completion.edits.edit import Anchor, Edit
-from completion.extension.claims import KINDS, is_chosen, role_of
+from completion.extension.claims import is_chosen, role_of
+from completion.observe.user_options import KINDS
 from completion.result.record import polygons_record
-from nbv.cli import _KINDS
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.completion_examples import completed, example
@@ -37,10 +37,6 @@ def test_kinds_are_roles_and_shapes(surface, kinds):
     assert is_chosen(surface, (), encloses=False, up=UP)
     inside = {kind for kind in KINDS if is_chosen(surface, (kind,), encloses=False, up=UP)}
     assert inside == kinds - {"walls", "floors", "ceilings"}
-
-
-def test_the_command_knows_the_same_kinds():
-    assert _KINDS == KINDS
 
 
 def test_a_plane_that_does_not_enclose_has_no_role():

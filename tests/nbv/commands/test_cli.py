@@ -101,7 +101,7 @@ REPORTS = {"matplotlib", "jinja2", "scipy.stats"}
             ("from nbv.cli import app; app(['plan', '--help'], standalone_mode=False)", SLOW),
             (
                 "from nbv.cli import app; app(['info', SCAN], standalone_mode=False)",
-                {"matplotlib", "jinja2", "scipy.stats", "completion"},
+                {"matplotlib", "jinja2", "scipy.stats", "completion.options", "completion.fitting"},
             ),
             ("import nbv.commands.complete", REPORTS),
         ],
@@ -212,7 +212,7 @@ def test_scan_says_what_was_active_and_info_repeats_it(tmp_path):
     at = ("--at", "0.3,-1.6,1.1", "--look", "0,1,0.8", "-o", tmp_path / "a.npz")
     said = succeed("scan", CHAIR, *at, "--sensor", "kinect_v1", "--noise", "profile").stdout
     active = "noise khoshelham2012 (per_m 0.001425); quantisation (inverse_depth_step_per_m 0.00285)"
-    assert f"kinect_v1: errs by {active}" in said
+    assert f"kinect_v1: range errors: {active}" in said
     described = json.loads(succeed("info", tmp_path / "a.npz", "--json").stdout)["scans"][0]
     assert (described["sensor"], described["noise"]) == ("kinect_v1", active)
     report = ("coverage", CHAIR, "--scans", tmp_path / "a.npz", "-o", tmp_path / "out", "--quiet")
@@ -457,7 +457,7 @@ def test_what_is_wanted_is_told(scan, tmp_path, monkeypatch):
         ("--min-area", "-1", "'--min-area': Input should be greater"),
         ("--min-area", "nan", "Input should be greater"),
         ("--flatness", "-0.01", "'--flatness': Input should be greater"),
-        ("--flatness", "inf", "flatness_m must be"),
+        ("--flatness", "inf", "--flatness is a finite number of metres, got inf"),
     ],
 )
 def test_nonsense_about_what_is_wanted_is_refused_in_one_line(option, value, word, scan, tmp_path):
@@ -681,4 +681,4 @@ def test_doubtful_units_are_warned_of_where_scenes_and_scans_are_used(tmp_path, 
 def test_a_scan_that_meets_nothing_is_told(tmp_path):
     away = succeed("scan", "builtin:chair_before_wall", "--sensor", "generic60", "--at", "50,50,1",
                    "--look", "80,80,1", "-o", tmp_path / "a.npz")  # fmt: skip
-    assert "warning: scan met nothing: is it looking away" in away.stderr
+    assert "warning: scan has no returns: is it looking away" in away.stderr

@@ -11,6 +11,7 @@ from benchmarks.cases.walls import opening_case
 from nbv.cli import app
 from scenes.io.npz import write_npz
 from scenes.io.point_files import read_points
+from tests.completion.features.solids.solid_points import stairs_points
 
 CASE = opening_case(102, "doorway", 0.3)
 
@@ -123,3 +124,17 @@ def test_a_plane_has_no_holes(folder) -> None:
     told = json.loads(result.stdout)
     assert told["found"] == 0
     assert told["features"][0]["reason"]
+
+
+def test_the_up_axis_of_points_is_used(tmp_path) -> None:
+    points = stairs_points(np.random.default_rng(1))
+    np.savetxt(tmp_path / "stairs.xyz", points[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
+    counts = {}
+    for up in ("y", "z"):
+        words = ("feature", tmp_path / "stairs.xyz", "--find", "stairs", "--up", up, "--json")
+        result = run(*words, "-o", tmp_path / up)
+        assert result.exit_code == 0, result.output
+        flights = json.loads(result.stdout)["features"]
+        counts[up] = [flight["count"] for flight in flights if flight["status"] == "found"]
+    assert counts["y"] == [6]
+    assert counts["z"] != [6]

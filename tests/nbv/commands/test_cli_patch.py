@@ -54,7 +54,7 @@ def test_the_record_is_a_spline_that_meets_its_planes(folder) -> None:
 def test_what_does_not_go_together_is_said(folder) -> None:
     for words, text in (
         ((), "--shape patch and --between FILE belong together"),
-        (("--between", folder / "between.json", "--robust"), "a patch knows no --metric, --robust"),
+        (("--between", folder / "between.json", "--robust"), "a patch has no --metric, --robust"),
         (("--between", folder / "between.json", "--export", "dxf"), "'dxf' is none of step"),
     ):
         result = run(folder, *words)

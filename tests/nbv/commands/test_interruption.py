@@ -6,7 +6,7 @@ import signal
 import pytest
 import typer
 
-from nbv.commands.process.interruption import Interruption, interruptible
+from nbv.commands.process import Interruption, interruptible
 
 
 def raised_within_native_code() -> None:

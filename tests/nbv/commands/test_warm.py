@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 from completion.observe.tiles import solve_plane
 from nbv.cli import app
+from nbv.commands import process as run
 from nbv.commands import warm
-from nbv.commands.process import run
 from tests.helpers.data_paths import ROOT
 
 

@@ -15,7 +15,7 @@ from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.site_options import SiteOptions
+from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, viewing_sphere
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError

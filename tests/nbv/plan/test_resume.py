@@ -18,7 +18,7 @@ from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.site_options import Clearance
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import Candidates, room_lattice, sphere_directions
 from scenes.checks import InputError
 from scenes.pose import Pose

@@ -16,8 +16,8 @@ from nbv.report.blocks.rooms import rule_sentences, rules_section
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from nbv.visibility.samples import sample_surface
+from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.standing.site import find_site
-from nbv.visibility.standing.site_options import SiteOptions
 from scenes.checks import InputError
 from scenes.world.builtin import builtin_scene
 from tests.helpers.buildings import Building, house

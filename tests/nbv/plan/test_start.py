@@ -12,8 +12,8 @@ from nbv.scanning.sensor import PinholeSensor
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
+from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.standing.site import find_site
-from nbv.visibility.standing.site_options import SiteOptions
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.world.builtin import builtin_scene

@@ -22,7 +22,7 @@ from nbv.scanning.sensor import PinholeSensor
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.scanning.view import View
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.site_options import SiteOptions
+from nbv.visibility.site_options import SiteOptions
 from scenes.pose import Pose
 from tests.helpers.buildings import house
 

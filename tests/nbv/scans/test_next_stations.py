@@ -20,7 +20,7 @@ from nbv.scans.scan_map import ScanMap
 from nbv.scans.scan_record import record_scans
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.site_options import Clearance
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.pose import Pose

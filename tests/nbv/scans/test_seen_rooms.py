@@ -10,7 +10,7 @@ from nbv.scanning.sensor import SphericalSensor
 from nbv.scans.scan_coverage import cover_by_scans
 from nbv.scans.scan_map import ScanMap
 from nbv.scans.seen_rooms import SeenRooms
-from nbv.visibility.standing.site_options import SiteOptions
+from nbv.visibility.site_options import SiteOptions
 from scenes.checks import InputError
 from scenes.pose import Pose
 from tests.helpers.buildings import house, warehouse

@@ -11,7 +11,7 @@ from nbv.visibility.reachability import find_reachable
 from nbv.visibility.requirement import Requirement, SightLimits
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.standing.candidates import find_standing, scene_candidates
-from nbv.visibility.standing.site_options import Clearance
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import orient, visible_from_positions, visible_from_view
 from scenes.checks import InputError

@@ -15,7 +15,7 @@ from nbv.report.coverage_report import plan_page
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.site_options import Clearance
+from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import Candidates, room_lattice, sphere_directions
 from nbv.visibility.zones import EVERYWHERE, Box, Zones
 from scenes.checks import InputError

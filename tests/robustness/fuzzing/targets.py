@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from completion.edits.file import read_edits
-from nbv.commands.description.outputs import describe_output, with_states
-from nbv.commands.info import _lines
+from nbv.commands.info import _lines, describe_output, with_states
 from nbv.commands.texture import read_image, read_mask
 from nbv.plan.plan import read_plan
 from nbv.scanning.sensor_profile import load_profile

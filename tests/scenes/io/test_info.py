@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nbv.commands.description.outputs import describe_output
-from nbv.commands.description.records import read_record
+from nbv.commands.info import describe_output, read_record
 from scenes.checks import InputError
 from scenes.io.describe import describe
 from scenes.io.limits import limits

@@ -21,7 +21,8 @@ from completion.pipeline import complete
 from examples.check_limits import commands, digests, run
 from nbv import plan_views, scan_scene
 from nbv.cli import app
-from nbv.commands.process.run import Shared, running
+from nbv.commands.options import Shared
+from nbv.commands.process import running
 from nbv.commands.texture import texture_bytes
 from nbv.cover import dual
 from nbv.cover.instance import CoverInstance

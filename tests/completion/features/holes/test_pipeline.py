@@ -11,9 +11,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.cases.plates import mesh
+from completion.features import pipeline
 from completion.features.engine.template import Beams, Measured, Seen, Status, TemplateFit
 from completion.features.holes.patterns import KINDS
 from completion.features.holes.pipeline import find_holes
+from completion.features.pipeline import find_features
 from scenes.checks import FloatArray, InputError
 from tests.completion.features.holes.plates import plate, row, without
 
@@ -194,3 +196,19 @@ def test_unknown_kinds_and_impossible_values_are_refused() -> None:
         found(blank, "door")
     with pytest.raises(InputError, match=r"pitch is given as -1"):
         found(blank, "hole-row", pitch=-1)
+
+
+def test_patterns_of_three_kinds_share_one_survey_of_the_plates(monkeypatch) -> None:
+    searched = []
+
+    def find(_measured, kinds, _given, **_options):
+        searched.append(tuple(kinds))
+        return []
+
+    for kind in KINDS:
+        monkeypatch.setitem(pipeline._FINDERS, kind, find)
+    points = np.random.default_rng(0).uniform(size=(100, 3))
+    measured = Measured(points, 0.001, 0.1)
+    find_features(measured, KINDS, rng=0)
+    find_features(measured, KINDS, given={"hole-row": {"count": 6.0}}, rng=0)
+    assert searched == [tuple(KINDS), ("hole-row",), tuple(kind for kind in KINDS if kind != "hole-row")]

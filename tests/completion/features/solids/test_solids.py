@@ -116,3 +116,14 @@ def test_boxes_in_a_scanned_room_are_no_column_and_no_stairs():
     scan, _ = solid_room(0, "boxes")
     found = find_features([scan.thinned(150_000)], ["stairs", "column"], rng=0).found
     assert not found
+
+
+def test_points_with_another_up_axis_are_searched_along_it():
+    """Rolled so that y is up: the flight is found with --up y, and not as if z were up."""
+    points = stairs_points(np.random.default_rng(1))
+    rolled = Measured(points[:, [0, 2, 1]] * [1.0, 1.0, -1.0], SIGMA, 0.03)
+    upright = find_features(rolled, ["stairs"], up=(0.0, 1.0, 0.0), rng=0).fits[0]
+    assert upright.status is Status.FOUND
+    assert upright.geometry["count"] == 6
+    lying = find_features(rolled, ["stairs"], rng=0).fits[0]
+    assert lying.status is not Status.FOUND or lying.geometry["count"] != 6

@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: MIT
-"""Run: what all commands share: output, progress, manifest, summary, and failure in one line."""
+"""Process of a command: outputs, progress, manifest, summary, interruption, and failure in one line."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from shutil import rmtree
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from nbv.commands.process.interruption import interruptible
-from nbv.commands.process.progress import Progress, progress_bars
+from nbv.commands.options import Shared
 
 if TYPE_CHECKING:
     from nbv.report.blocks.page import Page
@@ -22,25 +25,9 @@ if TYPE_CHECKING:
     from scenes.run.atomic import Stage
     from scenes.run.journal import FileJournal
 
+Progress = Callable[[str, int, int], None]
 _NOT_ENOUGH = "not enough memory for this input; use a smaller one, coarser options, or a larger limit"
 _JOURNAL = ".journal"  # in the output folder, of a run that is not finished
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Shared:
-    """Options that every command has.
-
-    `out` is the folder or file to write, the command's default when not given; `max_memory` are bytes, and
-    `limits` those of what files may hold that are not the defaults, by name; see `scenes.io.limits`.
-    """
-
-    out: Path | None = None
-    seed: int = 0
-    as_json: bool = False
-    quiet: bool = False
-    threads: int | None = None
-    max_memory: int | None = None
-    limits: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -223,3 +210,86 @@ def _prepared(out: Path, *, is_folder: bool) -> Path:
     if not os.access(out, os.W_OK):
         raise InputError(f"{out}: cannot write to this folder")
     return out
+
+
+@contextmanager
+def progress_bars(watch: Stopwatch, *, hidden: bool) -> Iterator[Progress]:
+    """Yield a callback that times stages and draws them on stderr, unless hidden or no terminal is there."""
+    if hidden or not sys.stderr.isatty():
+        yield lambda stage, _done, _total: watch.enter(stage)
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.progress import Progress as Bars
+
+    columns = (
+        TextColumn("{task.description:<18}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, Any] = {}
+
+        def tell(stage: str, done: int, total: int) -> None:
+            watch.enter(stage)
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total)
+            bars.update(tasks[stage], completed=done, total=total)
+
+        yield tell
+
+
+class Interruption(KeyboardInterrupt):
+    """A signal, by its number, that asks the command to end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+@contextmanager
+def interruptible(command: str) -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM raise in the main thread; tell it in one line, exit with 128 + their number.
+
+    Files are written whole or not at all, so that those of the run before are still there, or those of this
+    one, and nothing in between.
+    """
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():
+        handlers = {number: signal.signal(number, _raise) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    except (KeyboardInterrupt, SystemError) as error:
+        cause = _keyboard_interrupt(error)
+        if cause is None:
+            raise
+        number = cause.number if isinstance(cause, Interruption) else int(signal.SIGINT)
+        name = signal.Signals(number).name
+        handlers.clear()  # the process ends, and what else comes must not disturb that
+        typer.echo(f"unseen {command}: ended by {name}; every file is whole: run it again to go on", err=True)
+        raise typer.Exit(128 + number) from None
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+
+def _keyboard_interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
+    """What interrupted, though native code that called back into Python made a SystemError of it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error
+
+
+def _raise(number: int, _frame: FrameType | None) -> None:
+    for other in (signal.SIGINT, signal.SIGTERM):  # once is enough: what is put away meanwhile shall be whole
+        signal.signal(other, signal.SIG_IGN)
+    raise Interruption(number)

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Description: what outputs of unseen hold, for `unseen info`."""

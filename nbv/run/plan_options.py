@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: MIT
+"""Plan options: what counts as measured and when a plan ends, declared once.
+
+The command line, study files (`nbv.study.spec`) and `nbv.visibility.requirement.Requirement` are made of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from scenes.run.option import NOT_NEGATIVE, POSITIVE, Limits, option
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RequirementOptions:
+    """The numbers of a requirement; `nbv.visibility.requirement.Requirement` explains them."""
+
+    max_incidence_deg: float = option(
+        "--max-incidence",
+        "Largest angle between ray and surface normal.",
+        60.0,
+        metavar="DEG",
+        limits=Limits(above=0, most=90),
+    )
+    max_range_m: float | None = option(
+        "--max-range", "Largest range.", None, metavar="M", shown="the sensor's", limits=POSITIVE
+    )
+    min_density_per_m2: float | None = option(
+        "--min-density", "Fewest points per square metre.", None, metavar="N", shown=False, limits=POSITIVE
+    )
+    max_sd_m: float | None = option(
+        "--max-sd",
+        "Largest predicted standard deviation of a surface point.",
+        None,
+        metavar="M",
+        shown=False,
+        limits=POSITIVE,
+    )
+    registration_sd_m: float = option(
+        "--registration-sd",
+        "Standard deviation of a station's position, for --max-sd.",
+        0.0,
+        metavar="M",
+        limits=NOT_NEGATIVE,
+    )
+    averaging_radius_m: float = option(
+        "--averaging-radius",
+        "Radius of the disc over which a surface point is averaged, for --max-sd.",
+        0.0,
+        metavar="M",
+        limits=NOT_NEGATIVE,
+    )
+    k: int = option(
+        "--k", "Number of views that must each measure a point well enough.", 1, limits=Limits(least=1)
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchOptions:
+    """The planner, and when a plan ends: see `nbv.plan.planning.plan_views`."""
+
+    method: Literal["nbv", "cover"] = option(
+        "--method", "Plan online without knowing the scene (nbv), or offline with it (cover).", "nbv"
+    )
+    target: float = option(
+        "--target", "Fraction of the reachable area to measure.", 0.99, limits=Limits(above=0, most=1)
+    )
+    views: int | None = option("--views", "Largest number of views.", None, limits=Limits(least=1))
+    infer: bool = option("--infer", "Count surface that completion infers towards the target.", False)
+    overlap: float | None = option(
+        "--overlap",
+        "cover: smallest shared fraction of two scans, so that all scans can be registered.",
+        None,
+        metavar="FRACTION",
+        shown="none",
+        limits=Limits(least=0.0, most=1.0),
+    )
+    polish_steps: int = option(
+        "--polish-steps",
+        "cover: largest number of swaps tried to save views; the search ends earlier if 1,500 swaps per view "
+        "find no smaller plan.",
+        100_000,
+        limits=NOT_NEGATIVE,
+    )
+    time_budget_s: float | None = option(
+        "--time-budget",
+        "cover: end the search after this time; results are then not repeatable.",
+        None,
+        metavar="S",
+        shown="none",
+        limits=NOT_NEGATIVE,
+    )
