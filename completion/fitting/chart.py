@@ -425,8 +425,10 @@ class EllipticChart:
         return max(1.0, self.greater)
 
 
-def chart_of(surface: Surface, centre: FloatArray, scale: float) -> Chart:
-    """The chart at a surface, in coordinates relative to `centre` (3,) in units of `scale`."""
+def standard_chart(
+    surface: Plane | Sphere | Cylinder | Cone | EllipticCylinder | Torus, centre: FloatArray, scale: float
+) -> Chart:
+    """The chart at a surface of the catalogue, relative to `centre` (3,) in units of `scale`."""
     if isinstance(surface, Plane):
         frame = np.stack([surface.u_direction, surface.v_direction, surface.normal_direction])
         return PlaneChart((surface.point - centre) / scale, frame)
@@ -436,15 +438,13 @@ def chart_of(surface: Surface, centre: FloatArray, scale: float) -> Chart:
         frame = axis_frame(surface.direction)
         middle = (surface.centre - centre) / scale
         return TorusChart(middle, frame, surface.radius / scale, surface.tube_radius / scale)
-    if isinstance(surface, Cylinder | Cone | EllipticCylinder):
-        point = (surface.point - centre) / scale
-        along = -float(point @ surface.direction)
-        origin = point + along * surface.direction
-        if isinstance(surface, Cylinder):
-            return CylinderChart(origin, axis_frame(surface.direction), surface.radius / scale)
-        if isinstance(surface, EllipticCylinder):
-            frame = turned_frame(surface.direction, surface.zero_direction)
-            return EllipticChart(origin, frame, surface.radii[0] / scale, surface.radii[1] / scale)
-        radius = surface.radius / scale + along * np.tan(surface.half_angle)
-        return ConeChart(origin, axis_frame(surface.direction), float(radius), -surface.half_angle)
-    raise TypeError(f"no chart is known for a {type(surface).__name__}")
+    point = (surface.point - centre) / scale
+    along = -float(point @ surface.direction)
+    origin = point + along * surface.direction
+    if isinstance(surface, Cylinder):
+        return CylinderChart(origin, axis_frame(surface.direction), surface.radius / scale)
+    if isinstance(surface, EllipticCylinder):
+        frame = turned_frame(surface.direction, surface.zero_direction)
+        return EllipticChart(origin, frame, surface.radii[0] / scale, surface.radii[1] / scale)
+    radius = surface.radius / scale + along * np.tan(surface.half_angle)
+    return ConeChart(origin, axis_frame(surface.direction), float(radius), -surface.half_angle)

@@ -6,17 +6,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri
 
-from completion.fitting.kinds import KINDS
+from completion.fitting.kinds import KINDS, kind_of
+from completion.fitting.limits import CHANCE_OF_BEND, FLAT, LEAST_RADIUS, MOST_EXTENT_M
+from completion.fitting.moments import centroid
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Torus
+from scenes.surfaces.catalogue import Plane
 
-_FLAT = 1e-9  # singular values below this part of the greatest count as zero
-_LEAST_RADIUS = 4.0  # times the residuals' rms
-_CHANCE = 1e-3  # that noise on a plane passes for a bend
 _CHUNK = 8192
 _N_SAMPLE = 1000
-_MOST = 1e60  # m; fourth powers of it can be reckoned with
 
 
 def undetermined(n: int, shape: str) -> str:
@@ -42,7 +40,7 @@ def check_sample(points: FloatArray, shape: str) -> None:
     """
     sample = points[:: max(1, len(points) // _N_SAMPLE)]
     extent = float(np.abs(sample - sample[:1]).max(initial=0.0))
-    if not extent < _MOST or 0 < extent < 1 / _MOST:
+    if not extent < MOST_EXTENT_M or 0 < extent < 1 / MOST_EXTENT_M:
         raise FitError(f"{len(points)} points extend over {extent:.3g} m; give coordinates in metres")
     least = KINDS.get(shape, KINDS["plane"]).least_points
     n_places = len(np.unique(sample, axis=0))
@@ -50,12 +48,6 @@ def check_sample(points: FloatArray, shape: str) -> None:
         raise FitError(
             f"{undetermined(len(points), shape)}: they lie in {n_places} places, {least} are needed"
         )
-
-
-def centroid(points: FloatArray) -> FloatArray:
-    """The mean (3,) of points (n, 3) by one product, several times as fast as numpy's mean of rows."""
-    with np.errstate(all="ignore"):
-        return np.asarray(np.ones(len(points)) @ points / max(len(points), 1), dtype=np.float64)
 
 
 def principal(points: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -77,7 +69,7 @@ def check_spread(n: int, spread: FloatArray, centre: FloatArray, rank: int) -> N
         The points extend in too few directions.
     """
     rounding = 8 * np.finfo(np.float64).eps * float(np.abs(centre).max()) * np.sqrt(n)
-    floor = max(_FLAT * float(spread[0]), rounding)
+    floor = max(FLAT * float(spread[0]), rounding)
     if spread[0] <= rounding:
         raise FitError(f"{n} points lie in one spot, at {centre.tolist()}: singular values {spread.tolist()}")
     if spread[1] <= floor:
@@ -86,20 +78,18 @@ def check_spread(n: int, spread: FloatArray, centre: FloatArray, rank: int) -> N
         raise FitError(f"{n} points lie in one plane: singular values {spread.tolist()}")
 
 
-def check_layer(found: SurfaceFit) -> None:
+def check_layer(fit: SurfaceFit) -> None:
     """Refuse radii within the noise: a flat layer of noise has two sides, and an ellipse fits them both."""
-    surface = found.surface
-    if isinstance(surface, Sphere | Cylinder | Cone | EllipticCylinder | Torus):
-        radii = [surface.radii[1]] if isinstance(surface, EllipticCylinder) else [surface.radius]
-        least = min(radii + ([surface.tube_radius] if isinstance(surface, Torus) else []))
-        if least < _LEAST_RADIUS * found.rms:
-            raise FitError(
-                f"{undetermined(found.n, surface.kind)}: the radius {least:.3g} m is within the noise, "
-                f"{found.rms:.3g} m (a layer or a line)"
-            )
+    surface = fit.surface
+    radii = kind_of(surface).geometry.radii(surface)
+    if radii and min(radii) < LEAST_RADIUS * fit.rms:
+        raise FitError(
+            f"{undetermined(fit.n, surface.kind)}: the radius {min(radii):.3g} m is within the noise, "
+            f"{fit.rms:.3g} m (a layer or a line)"
+        )
 
 
-def check_bend(found: SurfaceFit, points: FloatArray) -> None:
+def check_bend(fit: SurfaceFit, points: FloatArray) -> None:
     """Refuse a curved surface where a plane explains the points (n, 3) as well.
 
     The likelihood ratio against the plane, the fall of the sum of squares over the residuals' variance, is
@@ -111,20 +101,20 @@ def check_bend(found: SurfaceFit, points: FloatArray) -> None:
     FitError
         A plane explains them as well.
     """
-    used = points if found.inliers is None else points[found.inliers]
-    n_more = max(found.n - found.degrees_of_freedom - 3, 1)
-    is_known = isinstance(found.surface, Plane) or "radius" in found.held
-    if is_known or found.degrees_of_freedom < 1 or not found.rms > 0:
+    used = points if fit.inliers is None else points[fit.inliers]
+    n_more = max(fit.n - fit.degrees_of_freedom - 3, 1)
+    is_known = isinstance(fit.surface, Plane) or "radius" in fit.held
+    if is_known or fit.degrees_of_freedom < 1 or not fit.rms > 0:
         return
     sample = used[:: max(1, len(used) // _N_SAMPLE)]
-    if len(sample) > 100 and _plane_residual(sample) > 2 * found.rms**2 * len(sample):
+    if len(sample) > 100 and _plane_residual(sample) > 2 * fit.rms**2 * len(sample):
         return  # by far, so that the rest need not be asked
-    residual = float(found.rms**2) * found.degrees_of_freedom
-    gain = (_plane_residual(used) - residual) / found.rms**2
-    needed = float(chdtri(n_more, _CHANCE))
+    residual = float(fit.rms**2) * fit.degrees_of_freedom
+    gain = (_plane_residual(used) - residual) / fit.rms**2
+    needed = float(chdtri(n_more, CHANCE_OF_BEND))
     if gain < needed:
         raise FitError(
-            f"{undetermined(len(used), found.surface.kind)}: a plane explains them as well (chi squared "
+            f"{undetermined(len(used), fit.surface.kind)}: a plane explains them as well (chi squared "
             f"{max(gain, 0.0):.3g} for {n_more} more parameters, {needed:.3g} needed)"
         )
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.fitting.chart import Chart, ConeChart, CylinderChart, chart_of
+from completion.fitting.chart import Chart, ConeChart, CylinderChart
 from completion.fitting.degeneracy import (
-    centroid,
     check_enough,
     check_layer,
     check_spread,
@@ -18,14 +17,16 @@ from completion.fitting.degeneracy import (
     undetermined,
 )
 from completion.fitting.held import Held, HeldChart
+from completion.fitting.kinds import KINDS, chart_of
+from completion.fitting.limits import MOST_CONDITION
+from completion.fitting.moments import centroid
 from completion.fitting.result import FitError, SurfaceFit
-from completion.fitting.starts import cones_along, starts, starts_along
+from completion.fitting.starts import cones_along, starts_along
 from scenes.checks import BoolArray, FloatArray, InputError, check_points
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _CHUNK = 8192  # points at a time: a chunk's rows stay in the cache
 _MOST_STEPS = 300
-_MAX_CONDITION = 1e13
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +63,7 @@ class Normal:
         scale = np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
         scaled = self.matrix / np.outer(scale, scale)
         values, vectors = np.linalg.eigh(scaled)
-        if values[-1] > _MAX_CONDITION * values[0] or not np.isfinite(values).all():
+        if values[-1] > MOST_CONDITION * values[0] or not np.isfinite(values).all():
             condition = values[-1] / max(values[0], 1e-300)
             raise FitError(f"{what}: condition number {condition:.3g}")
         change = vectors @ ((vectors.T @ (self.gradient / scale)) / (values + damping))
@@ -270,12 +271,12 @@ def fit_euclidean(
             chart, normal = full_step(chart, cloud, what)
     elif is_turned:
         chart, normal = full_step(chart, cloud, what)
-    found = _result(chart, normal, cloud, bool(getattr(start, "concave", False)), what)
+    fit = _result(chart, normal, cloud, bool(getattr(start, "concave", False)), what)
     if held is not None:
-        found = held.marked(found)
+        fit = held.marked(fit)
     if damped:
-        check_layer(found)
-    return found
+        check_layer(fit)
+    return fit
 
 
 def _fit_level(points: FloatArray, held: Held) -> SurfaceFit:
@@ -341,10 +342,10 @@ def _searched(shape: str, cloud: Cloud, what: str, held: Held | None) -> Chart:
     unit = cloud.thinned(_SUBSAMPLE).unit()
     if held is not None:
         axis = [] if held.direction is None else starts_along(shape, unit, held.direction)
-        return _best_held([*axis, *starts(shape, unit, n_best)], cloud, what, held)
-    best = _best_polished(starts(shape, unit, n_best), sample)
+        return _best_held([*axis, *KINDS[shape].geometry.starts(unit, n_best)], cloud, what, held)
+    best = _best_polished(KINDS[shape].geometry.starts(unit, n_best), sample)
     if shape == "cone":
-        along = _best_polished(starts("cylinder", unit, min(n_best, 8)), sample)
+        along = _best_polished(KINDS["cylinder"].geometry.starts(unit, min(n_best, 8)), sample)
         if along is not None and isinstance(along[1], CylinderChart):
             touching = _best_polished(cones_along(along[1]), sample)
             best = min((b for b in (best, touching) if b is not None), key=lambda b: b[0], default=None)
@@ -359,7 +360,7 @@ def _best_polished(candidates: list[Chart], sample: Cloud) -> tuple[float, Chart
     Where there are many points and starts, only those that lead after a few steps go on.
     """
     if len(sample.points) > _FEW and len(candidates) > _N_LEADING:
-        heat = sorted(_polished_each(candidates, sample, 8), key=lambda one: one[0])
+        heat = sorted(_polished_each(candidates, sample, 8), key=lambda candidate: candidate[0])
         candidates = [chart for _, chart in heat[:_N_LEADING]]
     best: tuple[float, Chart] | None = None
     for cost, chart in _polished_each(candidates, sample, 60):

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from completion.fitting.chart import Chart, chart_of
-from completion.fitting.kinds import KINDS
+from completion.fitting.chart import Chart
+from completion.fitting.kinds import KINDS, chart_of
 from completion.fitting.result import SurfaceFit
 from scenes.checks import FloatArray, InputError, check_direction
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
@@ -138,18 +138,22 @@ class Held:
 
     def exact(self, surface: Surface) -> Surface:
         """A surface that has the given values but for rounding, with them to the last digit."""
-        found = surface
+        turned = surface
         if self.direction is not None:
-            found = _with_direction(found, _signed(self.direction, found))
-        if self.radius is not None and isinstance(found, Sphere):
+            turned = _with_direction(turned, _signed(self.direction, turned))
+        if self.radius is not None and isinstance(turned, Sphere):
             return Sphere(
-                found.centre, self.radius, found.pole_direction, found.zero_direction, found.concave
+                turned.centre, self.radius, turned.pole_direction, turned.zero_direction, turned.concave
             )
-        if self.radius is not None and isinstance(found, Cylinder):
-            return Cylinder(found.point, found.direction, self.radius, found.zero_direction, found.concave)
-        if self.radius is not None and isinstance(found, Torus):
-            return Torus(found.centre, found.direction, self.radius, found.tube_radius, concave=found.concave)
-        return found
+        if self.radius is not None and isinstance(turned, Cylinder):
+            return Cylinder(
+                turned.point, turned.direction, self.radius, turned.zero_direction, turned.concave
+            )
+        if self.radius is not None and isinstance(turned, Torus):
+            return Torus(
+                turned.centre, turned.direction, self.radius, turned.tube_radius, concave=turned.concave
+            )
+        return turned
 
     def chart(self, surface: Surface, centre: FloatArray, scale: float) -> HeldChart:
         """The chart at a surface that has the given values, relative to `centre` (3,); see `chart_of`."""
@@ -157,14 +161,14 @@ class Held:
 
     def starts(self, charts: list[Chart]) -> list[Chart]:
         """Charts with the given values near others, in coordinates about the points' centroid."""
-        origin, found = np.zeros(3), list[Chart]()
+        origin, near_charts = np.zeros(3), list[Chart]()
         for chart in charts:
             try:
                 near = list(self.imposed(chart.surface(origin, 1.0, False), origin))
-                found += [self.chart(surface, origin, 1.0) for surface in near]
+                near_charts += [self.chart(surface, origin, 1.0) for surface in near]
             except InputError:
                 continue  # a spindle, or a cone that is none
-        return found
+        return near_charts
 
     def marked(self, fit: SurfaceFit) -> SurfaceFit:
         """The fit, told what was held, and with that to the last digit."""

@@ -11,9 +11,10 @@ from completion.fitting.held import holding
 from completion.fitting.kinds import KINDS
 from completion.fitting.quadrics import fit_by_quadric
 from completion.fitting.rays import fit_along_rays
-from completion.fitting.result import FitError, Metric, Shape, SurfaceFit
+from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.robust import fit_robust
 from completion.fitting.selection import select
+from completion.fitting.shape import Metric, Shape
 from scenes.checks import FloatArray, InputError, check_points, check_vectors
 from scenes.surfaces.catalogue import Surface
 
@@ -76,18 +77,20 @@ def fit(
     along = None if rays is None else _unit_rays(rays, len(cloud))
     selection = select(cloud, robust=robust) if shape == "auto" else None
     kind = shape if selection is None else selection.decided()
-    if metric != "euclidean" and kind == "torus":
-        raise FitError(f"a torus is no quadric: {metric!r} cannot fit it; use the euclidean metric")
+    if metric != "euclidean" and not KINDS[kind].is_quadric:
+        raise FitError(
+            f"{KINDS[kind].title} is no quadric: {metric!r} cannot fit it; use the euclidean metric"
+        )
     if metric != "euclidean" and kind != "plane":  # a plane's three metrics are one
         return fit_by_quadric(cloud, kind, metric)
     if selection is not None:
-        found = selection.fits[kind]
+        result = selection.fits[kind]
     else:
-        found = (
+        result = (
             fit_robust(cloud, kind, start, held) if robust else fit_euclidean(cloud, kind, start, held=held)
         )
-    check_bend(found, cloud)
-    return found if along is None else fit_along_rays(found, cloud, along, held)
+    check_bend(result, cloud)
+    return result if along is None else fit_along_rays(result, cloud, along, held)
 
 
 def _check_options(shape: str, metric: str, robust: bool, rays: object | None) -> None:

@@ -12,12 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.fitting.chart import Chart, chart_of
+from completion.fitting.chart import Chart
 from completion.fitting.degeneracy import undetermined
 from completion.fitting.euclidean import Cloud, Normal, normalised
 from completion.fitting.held import Held, HeldChart
+from completion.fitting.kinds import chart_of
+from completion.fitting.limits import LEAST_SLOPE, STILL, TUKEY
 from completion.fitting.result import FitError, SurfaceFit
-from completion.fitting.robust import TUKEY, scale_within, tukey_variance, tukey_weights
+from completion.fitting.robust import scale_within, tukey_variance, tukey_weights
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 
@@ -25,8 +27,6 @@ _N_STEPS = 50
 _N_NEWTON = 25
 _N_CHOOSING = 4  # steps after which the choice of rays stands, so that the steps can converge
 _N_WEIGHING = 12  # the same for a robust fit, whose weights and scale must settle too
-_LEAST_SLOPE = 0.1  # |cosine| between ray and normal below which a grazing ray says nothing
-_STILL = 1e-10  # of the points' RMS radius
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class _Crossings:
 
 
 def fit_along_rays(
-    found: SurfaceFit, points: FloatArray, rays: FloatArray, held: Held | None = None
+    fit: SurfaceFit, points: FloatArray, rays: FloatArray, held: Held | None = None
 ) -> SurfaceFit:
     """Refit by Gauss-Newton on the errors along the rays, from an orthogonal fit.
 
@@ -57,15 +57,15 @@ def fit_along_rays(
     FitError
         Too few rays meet the surface, or no convergence.
     """
-    cloud, is_robust = normalised(points), found.inliers is not None
-    what = f"{undetermined(len(points), found.surface.kind)} along rays"
-    chart: Chart = chart_of(found.surface, cloud.centre, cloud.scale)
+    cloud, is_robust = normalised(points), fit.inliers is not None
+    what = f"{undetermined(len(points), fit.surface.kind)} along rays"
+    chart: Chart = chart_of(fit.surface, cloud.centre, cloud.scale)
     if held is not None:
-        chart = held.chart(found.surface, cloud.centre, cloud.scale)
+        chart = held.chart(fit.surface, cloud.centre, cloud.scale)
     weights: FloatArray = np.ones(len(points))
-    if found.inliers is not None:
-        weights = found.inliers.astype(np.float64)
-    sigma = found.rms
+    if fit.inliers is not None:
+        weights = fit.inliers.astype(np.float64)
+    sigma = fit.rms
     reach = np.zeros(len(points))
     for step in range(_N_STEPS):
         crossings = _crossings(chart, cloud, rays, reach)
@@ -73,8 +73,8 @@ def fit_along_rays(
         if is_robust and step < _N_WEIGHING:
             weights, sigma = _weighed(crossings, weights, sigma)
         elif not is_robust and step < _N_CHOOSING:
-            weights = crossings.steeper(_LEAST_SLOPE).astype(np.float64)
-        used = crossings.steeper(_LEAST_SLOPE / 2) & (weights > 0)  # a ray at the brink does not flicker
+            weights = crossings.steeper(LEAST_SLOPE).astype(np.float64)
+        used = crossings.steeper(LEAST_SLOPE / 2) & (weights > 0)  # a ray at the brink does not flicker
         if int(used.sum()) <= chart.n_parameters:
             raise FitError(f"{what}: only {int(used.sum())} of {len(rays)} rays meet it")
         rows = _gradient(chart, cloud, rays, crossings)[:, used]
@@ -86,13 +86,13 @@ def fit_along_rays(
         if moved is None:
             break
         chart = moved
-        if float(np.abs(change).max()) < _STILL:
+        if float(np.abs(change).max()) < STILL:
             k = chart.n_parameters
             variance = (
                 tukey_variance(error, sigma, k) if is_robust else float(error @ error) / (len(error) - k)
             )
             inverse = Normal(rows @ rows.T, normal.gradient, cost, normal.basis).inverse()
-            result = _result(found, chart, cloud=cloud, covariance=variance * inverse, error=error, used=used)
+            result = _result(fit, chart, cloud=cloud, covariance=variance * inverse, error=error, used=used)
             return result if held is None else held.marked(result)
     raise FitError(f"no convergence along the rays: {what}")
 
@@ -101,7 +101,7 @@ def _weighed(crossings: _Crossings, weights: FloatArray, sigma: float) -> tuple[
     """Tukey's weights of the rays, zero for those that miss, and the scale of the errors along them."""
     error = np.abs(crossings.reach)
     sigma = scale_within(error[crossings.met & (weights > 0)], sigma)
-    return tukey_weights(error, TUKEY * sigma) * crossings.steeper(_LEAST_SLOPE), sigma
+    return tukey_weights(error, TUKEY * sigma) * crossings.steeper(LEAST_SLOPE), sigma
 
 
 def _gradient(chart: Chart, cloud: Cloud, rays: FloatArray, crossings: _Crossings) -> FloatArray:
@@ -130,10 +130,10 @@ def _crossings(chart: Chart, cloud: Cloud, rays: FloatArray, begin: FloatArray) 
 
 
 def _result(
-    found: SurfaceFit, chart: Chart, cloud: Cloud, covariance: FloatArray, error: FloatArray, used: BoolArray
+    fit: SurfaceFit, chart: Chart, cloud: Cloud, covariance: FloatArray, error: FloatArray, used: BoolArray
 ) -> SurfaceFit:
     """The fit in metres."""
-    concave = bool(getattr(found.surface, "concave", False))
+    concave = bool(getattr(fit.surface, "concave", False))
     surface: Surface = chart.surface(cloud.centre, cloud.scale, concave)
     units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
     rms = float(np.sqrt(error @ error / (len(error) - len(covariance))))

@@ -4,16 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
-from completion.fitting.chart import chart_of
+from completion.fitting.kinds import chart_of, chart_origin, kind_of
 from scenes.checks import BoolArray, FloatArray, InputError, freeze_arrays
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
-
-Shape = Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus"]
-Metric = Literal["euclidean", "taubin", "algebraic"]
+from scenes.surfaces.catalogue import Cone, Plane, Surface
 
 
 class FitError(InputError):
@@ -84,7 +80,7 @@ class SurfaceFit:
 
     def gradient(self, points: FloatArray) -> FloatArray:
         """Derivative (n, k) of the signed distance at `points` by the chart's parameters."""
-        origin = _chart_origin(self.surface)
+        origin = chart_origin(self.surface)
         chart = chart_of(self.surface, origin, 1.0)
         return np.ascontiguousarray(chart.linearise(chart.frame @ (points - origin).T)[1].T)
 
@@ -99,7 +95,7 @@ class SurfaceFit:
         """
         return {
             name: np.atleast_2d(jacobian @ self.covariance @ jacobian.T)
-            for name, jacobian in _natural_jacobians(self.surface).items()
+            for name, jacobian in kind_of(self.surface).geometry.jacobians(self.surface).items()
         }
 
     def parameter_deviations(self) -> dict[str, float]:
@@ -159,24 +155,7 @@ def _digits(value: object) -> str:
 
 def surface_parameters(surface: Surface) -> dict[str, object]:
     """The parameters of a surface by name, in the order that files use."""
-    if isinstance(surface, Plane):
-        return {"point": surface.point.tolist(), "normal": surface.normal_direction.tolist()}
-    if isinstance(surface, Sphere):
-        return {"centre": surface.centre.tolist(), "radius": surface.radius, "concave": surface.concave}
-    if isinstance(surface, Torus):
-        place = {"centre": surface.centre.tolist(), "direction": surface.direction.tolist()}
-        radii = {"radius": surface.radius, "tube_radius": surface.tube_radius}
-        return place | radii | {"concave": surface.concave}
-    if not isinstance(surface, Cylinder | Cone | EllipticCylinder):
-        raise TypeError(f"no parameters are known for a {type(surface).__name__}")
-    axis = {"point": surface.point.tolist(), "direction": surface.direction.tolist()}
-    if isinstance(surface, Cylinder):
-        return axis | {"radius": surface.radius, "concave": surface.concave}
-    if isinstance(surface, Cone):
-        half_angle = {"half_angle_deg": float(np.degrees(surface.half_angle)), "apex": surface.apex.tolist()}
-        return axis | {"radius": surface.radius} | half_angle | {"concave": surface.concave}
-    radii = {"greater_radius": surface.radii[0], "smaller_radius": surface.radii[1]}
-    return axis | radii | {"zero_direction": surface.zero_direction.tolist(), "concave": surface.concave}
+    return kind_of(surface).geometry.parameters(surface)
 
 
 def inflated(fit: SurfaceFit, points: FloatArray, block: float | None = None) -> SurfaceFit:
@@ -220,42 +199,3 @@ def warped(fit: SurfaceFit, points: FloatArray, relief_m: float) -> SurfaceFit:
     moment = gradient.T @ gradient / len(points)
     warp = relief_m**2 * np.linalg.pinv(moment, rcond=1e-12, hermitian=True)
     return replace(fit, covariance=fit.covariance + warp)
-
-
-def _chart_origin(surface: Surface) -> FloatArray:
-    if isinstance(surface, Sphere | Torus):
-        return surface.centre
-    if isinstance(surface, Plane | Cylinder | Cone | EllipticCylinder):
-        return surface.point
-    raise TypeError(f"no chart is known for a {type(surface).__name__}")
-
-
-def _natural_jacobians(surface: Surface) -> dict[str, FloatArray]:
-    """Derivatives of the natural parameters by those of the chart, each (3, k) or (1, k)."""
-    if isinstance(surface, Plane):
-        across = np.stack([surface.u_direction, surface.v_direction])
-        zero = np.zeros((3, 1))
-        point = np.column_stack([surface.normal_direction, np.zeros((3, 2))])
-        return {"point": point, "normal": np.column_stack([zero, -across.T])}
-    if isinstance(surface, Sphere):
-        return {"centre": np.eye(4)[:3], "radius": np.eye(4)[3:]}
-    if isinstance(surface, Torus):
-        unit, frame = np.eye(7), chart_of(surface, surface.centre, 1.0).frame
-        place = {"centre": frame.T @ unit[[0, 1, 4]], "direction": frame[:2].T @ unit[2:4]}
-        return place | {"radius": unit[5:6], "tube_radius": unit[6:]}
-    if not isinstance(surface, Cylinder | Cone | EllipticCylinder):
-        raise TypeError(f"no parameters are known for a {type(surface).__name__}")
-    k = {Cylinder: 5, Cone: 6, EllipticCylinder: 7}[type(surface)]
-    frame = chart_of(surface, surface.point, 1.0).frame
-    unit = np.eye(k)
-    natural = {"point": frame[:2].T @ unit[:2], "direction": frame[:2].T @ unit[2:4]}
-    if isinstance(surface, Cylinder):
-        return natural | {"radius": unit[4:]}
-    if isinstance(surface, EllipticCylinder):
-        return natural | {"greater_radius": unit[4:5] + unit[5:6], "smaller_radius": unit[4:5] - unit[5:6]}
-    tangent = np.tan(max(surface.half_angle, 1e-100))  # a cylinder's apex is far away, not nowhere
-    height = -surface.radius / tangent
-    # phi = -half angle; height = radius / tan(phi).
-    by_height = -unit[4:5] / tangent - surface.radius * (1 + 1 / tangent**2) * unit[5:6]
-    apex = natural["point"] + height * natural["direction"] + np.outer(frame[2], by_height[0])
-    return natural | {"radius": unit[4:5], "half_angle": unit[5:], "apex": apex}

@@ -7,18 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.fitting.chart import Chart, chart_of
+from completion.fitting.chart import Chart
 from completion.fitting.degeneracy import check_layer
 from completion.fitting.euclidean import Cloud, normal_equations, polished
 from completion.fitting.held import Held, HeldChart
-from completion.fitting.kinds import KINDS
+from completion.fitting.kinds import KINDS, chart_of
+from completion.fitting.limits import CUTS, LEAST_AGREEING, TUKEY
 from completion.fitting.result import FitError, SurfaceFit
-from completion.fitting.starts import N_NEIGHBOURS, oriented, torus_about
+from completion.fitting.starts import N_NEIGHBOURS, oriented
 from scenes.checks import BoolArray, FloatArray, InputError
-from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
+from scenes.surfaces.catalogue import Plane, Surface
 
 _N_SCORED = 600
-_LEAST_ANGLE = np.radians(8.0)  # between the normals of a minimal set
 
 
 def consensus_surface(
@@ -43,7 +43,7 @@ def consensus_surface(
     best: Surface | None = None
     least, n_spanned = np.inf, 0
     for drawn in rng.integers(0, len(points), (n_sets, n_drawn)):
-        surface = _spanned(shape, points[drawn], normals[drawn])
+        surface = KINDS[shape].geometry.spanned(points[drawn], normals[drawn])
         if surface is None:
             continue
         n_spanned += 1
@@ -55,7 +55,7 @@ def consensus_surface(
     if best is None:
         raise FitError(f"none of {n_sets} sets of {n_drawn} oriented points spans {KINDS[shape].title}")
     n_agree = int((np.abs(best.distance(points)) <= 3 * tolerance).sum())
-    if n_agree < 0.2 * len(points):
+    if n_agree < LEAST_AGREEING * len(points):
         raise FitError(f"only {n_agree} of {len(points)} points agree on {KINDS[shape].title}")
     return best
 
@@ -68,124 +68,8 @@ def _with_given(surface: Surface, place: FloatArray, held: Held | None) -> list[
         return []
 
 
-def _spanned(shape: str, points: FloatArray, normals: FloatArray) -> Surface | None:
-    """The surface through a minimal set, None where the set is degenerate."""
-    try:
-        if shape == "plane":
-            return Plane(points[0], normals[0])
-        if shape == "cone":
-            return _spanned_cone(points, normals)
-        if shape == "torus":
-            return _spanned_torus(points, normals)
-        if shape == "sphere":
-            return _spanned_sphere(points, normals)
-        return _spanned_cylinder(shape, points, normals)
-    except (np.linalg.LinAlgError, InputError):
-        return None
-
-
-def _spanned_sphere(points: FloatArray, normals: FloatArray) -> Sphere | None:
-    """The centre is nearest to both normals."""
-    across = np.eye(3)[None] - normals[:, :, None] * normals[:, None, :]
-    if abs(float(normals[0] @ normals[1])) > np.cos(_LEAST_ANGLE):
-        return None
-    centre = np.linalg.solve(across.sum(axis=0), np.einsum("kij,kj->i", across, points))
-    radii = np.linalg.norm(points - centre, axis=1)
-    return Sphere(centre, float(radii.mean())) if np.ptp(radii) < 0.3 * radii.mean() else None
-
-
-def _spanned_cylinder(shape: str, points: FloatArray, normals: FloatArray) -> Surface | None:
-    axis = np.cross(normals[0], normals[1])
-    sine = float(np.linalg.norm(axis))
-    if sine < np.sin(_LEAST_ANGLE):
-        return None
-    axis = axis / sine
-    frame = np.stack([normals[0], np.cross(axis, normals[0]), axis])
-    if shape == "elliptic-cylinder":
-        return _spanned_ellipse(points, frame)
-    flat, direction = (points[:2] - points[0]) @ frame[:2].T, normals[:2] @ frame[:2].T
-    along = np.linalg.solve(np.column_stack([direction[0], -direction[1]]), flat[1])
-    radii = np.abs(along)
-    if np.ptp(radii) > 0.3 * radii.mean():
-        return None
-    return Cylinder(points[0] + along[0] * normals[0], axis, float(radii.mean()))
-
-
-def _spanned_ellipse(points: FloatArray, frame: FloatArray) -> EllipticCylinder | None:
-    x, y = (points[2:] - points[2]) @ frame[0], (points[2:] - points[2]) @ frame[1]
-    basis = np.column_stack([x * x - y * y, 2 * x * y, x, y, np.ones(5)])
-    a, b, *linear, constant = np.linalg.solve(basis, x * x + y * y)
-    form = np.array([[1 - a, -b], [-b, 1 + a]])
-    values, vectors = np.linalg.eigh(form)
-    if values[0] < 0.01 * values[1]:
-        return None
-    centre = np.linalg.solve(form, np.array(linear) / 2)
-    level = float(constant + centre @ form @ centre)
-    if level <= 0:
-        return None
-    radii = np.sqrt(level / values)
-    place = points[2] + centre @ frame[:2]
-    return EllipticCylinder(place, frame[2], (float(radii[0]), float(radii[1])), vectors[:, 0] @ frame[:2])
-
-
-def _spanned_cone(points: FloatArray, normals: FloatArray) -> Cone | None:
-    """The apex lies in all tangent planes; the rays from it to the points make one angle with the axis."""
-    apex = np.linalg.solve(normals, np.einsum("ij,ij->i", normals, points))
-    rays = points - apex
-    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    axis = np.linalg.solve(rays, np.ones(3))
-    axis = axis / np.linalg.norm(axis)
-    cosine = float(rays[0] @ axis)
-    height = float(((points - apex) @ axis).mean())
-    if not 0.01 < cosine < 0.99999 or height <= 0:
-        return None
-    half_angle = float(np.arccos(cosine))
-    agrees = np.abs(normals @ axis) - np.sin(half_angle)
-    if np.abs(agrees).max() > 0.2:
-        return None
-    return Cone(apex + height * axis, axis, height * float(np.tan(half_angle)), half_angle)
-
-
-def _spanned_torus(points: FloatArray, normals: FloatArray) -> Torus | None:
-    """The axis meets all four normals, which two lines do; about it the points lie on one circle."""
-    centre = points.mean(axis=0)
-    offset = points - centre
-    lines = np.hstack([np.cross(offset, normals), normals])
-    first, second = np.linalg.svd(lines)[2][4:]
-    # (c + t c') . (m + t m') = 0: a line among the complexes
-    a, b, c = second[:3] @ second[3:], first[:3] @ second[3:] + second[:3] @ first[3:], first[:3] @ first[3:]
-    best: Torus | None = None
-    least = 0.1  # of the tube's radius: how far the normals may be from the tube's middle
-    for turn in np.roots([a, b, c]):
-        line = first + float(turn.real) * second
-        length = float(np.linalg.norm(line[:3]))
-        if abs(turn.imag) > 1e-9 or length < 1e-9:
-            continue
-        axis, moment = line[:3] / length, line[3:] / length
-        found = _torus_about(offset, normals, np.cross(axis, moment), axis)
-        if found is not None and found[1] < least:
-            torus, least = found
-            best = Torus(torus.centre + centre, torus.direction, torus.radius, torus.tube_radius)
-    return best
-
-
-def _torus_about(
-    points: FloatArray, normals: FloatArray, point: FloatArray, axis: FloatArray
-) -> tuple[Torus, float] | None:
-    """The torus about an axis through the points, and how far off they and their normals are (in radii)."""
-    charts = torus_about(points, point, axis)
-    if not charts:
-        return None
-    torus = charts[0].surface(np.zeros(3), 1.0, False)
-    aligned = np.abs(np.einsum("ij,ij->i", torus.normal(points), normals))
-    off = np.abs(torus.distance(points)) / torus.tube_radius
-    return torus, float(max(off.max(), (1 - aligned).max()))
-
-
 _N_SAMPLE = 1_500  # points that take part in the consensus
 _N_ANNEALED = 20_000  # points that the scale is annealed on before two last rounds on all
-_CUTS = (20.0, 14.0, 10.0, 7.0)  # sigma; the last cut is Tukey's, 95 % efficient for normal residuals
-TUKEY = 4.685  # sigma
 _N_FINAL = 20
 
 
@@ -229,13 +113,13 @@ def fit_robust(
         else consensus_surface(sample, normals, shape, 3 * sigma, held)
     )
     part = points[:: max(1, len(points) // _N_ANNEALED)]
-    for cut in _CUTS:
+    for cut in CUTS:
         surface, sigma = _reweighted(part, surface, cut, sigma, held)
     surface, sigma, inliers = _settled(part, surface, sigma, _N_FINAL, held)
     if len(part) < len(points):
         surface, sigma, inliers = _settled(points, surface, sigma, 2, held)
-    found = _robust_result(points, surface, sigma, inliers, held)
-    return found if held is None else held.marked(found)
+    fit = _robust_result(points, surface, sigma, inliers, held)
+    return fit if held is None else held.marked(fit)
 
 
 def _held_start(start: Surface, held: Held | None, points: FloatArray) -> Surface:
@@ -332,6 +216,6 @@ def _robust_result(
         covariance = chart.widened(covariance)
     rms = float(np.sqrt(residual @ residual / max(n - k, 1)))
     placed = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
-    found = SurfaceFit(placed, rms, covariance if n > k else covariance * np.nan, n, inliers=inliers)
-    check_layer(found)
-    return found
+    fit = SurfaceFit(placed, rms, covariance if n > k else covariance * np.nan, n, inliers=inliers)
+    check_layer(fit)
+    return fit

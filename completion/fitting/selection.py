@@ -10,13 +10,12 @@ import numpy as np
 
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.kinds import KINDS
-from completion.fitting.result import FitError, Shape, SurfaceFit
+from completion.fitting.limits import LEAST_RATIO, ROUNDING, TUKEY
+from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.robust import fit_robust
+from completion.fitting.shape import Shape
 from scenes.checks import check_points
 
-LEAST_RATIO = 20.0  # "strong" evidence (Kass & Raftery 1995)
-_ROUNDING = 1e-12
-_CUT = 4.685
 _N_STEPS = 100  # a shape that is not found in so many is not this one
 
 
@@ -85,7 +84,7 @@ def select(points: object, *, robust: bool = False) -> Selection:
             )
         except FitError as error:
             failures[shape] = str(error)
-    residuals = {shape: found.surface.distance(cloud) for shape, found in fits.items()}
+    residuals = {shape: fit.surface.distance(cloud) for shape, fit in fits.items()}
     size = np.abs(cloud).max(initial=0.0)
     spread = np.abs(cloud - cloud[:1]).max(initial=0.0)
     extent = float(spread + 1e-3 * size)  # rounding grows with the distance from the origin
@@ -112,14 +111,14 @@ def weigh(
     if not tried:
         reasons = "; ".join(f"{shape}: {why}" for shape, why in failures.items())
         raise FitError(f"no shape can be fitted with a degree of freedom to spare ({reasons})")
-    floor = _ROUNDING * extent
+    floor = ROUNDING * extent
     robust = any(fit.inliers is not None for fit in tried.values())
     scale = max(min(_scale(fit, robust, tried) for fit in tried.values()), floor)
     bic = {}
     for shape, fit in tried.items():
         n = len(residuals[shape])
         if robust:
-            misfit = float(np.sum(np.minimum(np.abs(residuals[shape]) / scale, _CUT) ** 2))
+            misfit = float(np.sum(np.minimum(np.abs(residuals[shape]) / scale, TUKEY) ** 2))
         else:
             misfit = n * float(np.log(max(np.mean(residuals[shape] ** 2), floor**2)))
         bic[shape] = misfit + len(fit.covariance) * float(np.log(n))

@@ -31,7 +31,8 @@ from completion.fitting.chart import (
     axis_frame,
     turned_frame,
 )
-from completion.fitting.quadrics import moments
+from completion.fitting.limits import LEAST_CURVATURE
+from completion.fitting.moments import moments
 from scenes.checks import FloatArray
 
 _N_TREE = 50_000
@@ -48,9 +49,6 @@ def oriented(sample: FloatArray, points: FloatArray) -> tuple[FloatArray, float]
     extent = float(np.sqrt(np.einsum("ij,ij->", sample - sample.mean(axis=0), sample - sample.mean(axis=0))))
     roughness = float(np.median(np.sqrt(np.maximum(values[:, 0], 0.0))))
     return vectors[:, :, 0], max(roughness, 1e-9 * extent / np.sqrt(len(sample)))
-
-
-LEAST_CURVATURE = 1e-6  # in units of the points' inverse RMS radius
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,28 +98,28 @@ def rotation_axes(points: FloatArray, normals: FloatArray, n_best: int = 3) -> l
     """
     lines = np.hstack([np.cross(points, normals), normals])
     _, vectors = np.linalg.eigh(lines.T @ lines)
-    found: list[tuple[FloatArray, ...]] = []
+    axes: list[tuple[FloatArray, ...]] = []
     for vector in vectors.T[:n_best]:
         along, moment = vector[:3], vector[3:]
         length = float(np.linalg.norm(along))
         if length > 1e-6:
             axis = along / length
-            found.append((np.cross(axis, moment / length), axis))
-    return found
+            axes.append((np.cross(axis, moment / length), axis))
+    return axes
 
 
 def torus_starts(unit: FloatArray) -> list[TorusChart]:
     """Tori to polish from, about axes and by curvature, for points (n, 3) near the unit ball."""
-    found = _osculating(unit)
+    charts = _osculating(unit)
     if len(unit) >= _LEAST_NEIGHBOURS:
         places = np.unique(np.linspace(0, len(unit) - 1, _N_ORIENTED).astype(np.int64))
         normals, _ = oriented(unit[places], unit)
         for point, axis in rotation_axes(unit[places], normals, 4):
-            found = [*torus_about(unit[places], point, axis), *found]
+            charts = [*torus_about(unit[places], point, axis), *charts]
     _, principal = np.linalg.eigh(unit.T @ unit)
     for axis in principal.T:
-        found += torus_about(unit, np.zeros(3), axis)
-    return found
+        charts += torus_about(unit, np.zeros(3), axis)
+    return charts
 
 
 def torus_about(points: FloatArray, point: FloatArray, axis: FloatArray) -> list[TorusChart]:
@@ -144,7 +142,7 @@ def _osculating(unit: FloatArray) -> list[TorusChart]:
     """
     touching = Paraboloid.of(unit)
     foot, normal, curvatures = touching.foot, touching.normal, touching.curvatures
-    found: list[TorusChart] = []
+    charts: list[TorusChart] = []
     for tube in (0, 1):
         bent, other = float(curvatures[tube]), float(curvatures[1 - tube])
         if abs(bent) < LEAST_CURVATURE:
@@ -162,8 +160,8 @@ def _osculating(unit: FloatArray) -> list[TorusChart]:
             for side in (along, -along):
                 axis, level_out = sine * outward + cosine * side, cosine * outward - sine * side
                 centre = foot - radius * outward - ring * level_out
-                found.append(TorusChart(centre, axis_frame(axis), min(ring, 1e3), radius))
-    return found
+                charts.append(TorusChart(centre, axis_frame(axis), min(ring, 1e3), radius))
+    return charts
 
 
 _N_DIRECTIONS = 600
@@ -181,24 +179,24 @@ def starts(shape: str, unit: FloatArray, n_best: int) -> list[Chart]:
         return [*_spheres(gram), *_shallow(unit, shape)]
     searched = "cylinder" if shape == "elliptic-cylinder" else shape
     axes = _best_axes(gram, searched, n_best)
-    found: list[Chart] = [] if shape == "cone" else _shallow(unit, "cylinder")
+    charts: list[Chart] = [] if shape == "cone" else _shallow(unit, "cylinder")
     if shape == "elliptic-cylinder":
-        found = [_nearly_round(chart) for chart in found if isinstance(chart, CylinderChart)]
+        charts = [_nearly_round(chart) for chart in charts if isinstance(chart, CylinderChart)]
     for axis in axes:
         frame = axis_frame(axis)
         if shape == "cone":
-            found.extend(_cones(gram, frame))
+            charts.extend(_cones(gram, frame))
         elif shape == "cylinder":
-            found.extend(_cylinders(gram, frame))
+            charts.extend(_cylinders(gram, frame))
         else:
-            found.extend(_ellipses(gram, frame))
+            charts.extend(_ellipses(gram, frame))
     if shape == "elliptic-cylinder":
         for axis in _best_axes(gram, "ellipse", n_best):
-            found.extend(_ellipses(gram, axis_frame(axis)))
+            charts.extend(_ellipses(gram, axis_frame(axis)))
     if shape == "cone":
         for axis in _best_axes(gram, "blunt", n_best):
-            found.extend(_blunt_cones(gram, axis_frame(axis)))
-    return found
+            charts.extend(_blunt_cones(gram, axis_frame(axis)))
+    return charts
 
 
 def starts_along(shape: str, unit: FloatArray, axis: FloatArray) -> list[Chart]:
@@ -262,15 +260,15 @@ def _cones(gram: FloatArray, frame: FloatArray) -> list[Chart]:
     if solution[4] > 0:
         slopes.append(float(np.copysign(np.sqrt(solution[4]), solution[3])))
     radius = float(np.sqrt(max(radius2, 1e-6)))
-    found: list[Chart] = [
+    charts: list[Chart] = [
         ConeChart(centre @ frame[:2], frame, radius, float(-np.arctan(slope))) for slope in slopes
     ]
     if solution[4] > 0 and abs(solution[3]) > 1e-12:  # the apex condition: B = 2 s k
         slope = float(np.sqrt(solution[4]))
         radius = abs(float(solution[3])) / (2 * slope)
         phi = -float(np.arctan(np.copysign(slope, solution[3])))
-        found.append(ConeChart(centre @ frame[:2], frame, radius, phi))
-    return found
+        charts.append(ConeChart(centre @ frame[:2], frame, radius, phi))
+    return charts
 
 
 def cones_along(chart: CylinderChart) -> list[Chart]:
@@ -280,7 +278,7 @@ def cones_along(chart: CylinderChart) -> list[Chart]:
     """
     away = -chart.origin / max(float(np.linalg.norm(chart.origin)), 1e-300)
     touch = chart.origin + chart.radius * away
-    found: list[Chart] = []
+    charts: list[Chart] = []
     for alpha in np.radians(_HALF_ANGLES_DEG):
         radius = chart.radius * np.cos(alpha)
         for generator in (chart.frame[2], -chart.frame[2]):
@@ -289,8 +287,8 @@ def cones_along(chart: CylinderChart) -> list[Chart]:
             point = touch - radius * level
             along = -float(point @ axis)
             grown = float(radius + along * np.tan(alpha))
-            found.append(ConeChart(point + along * axis, axis_frame(axis), grown, -float(alpha)))
-    return found
+            charts.append(ConeChart(point + along * axis, axis_frame(axis), grown, -float(alpha)))
+    return charts
 
 
 def _blunt_cones(gram: FloatArray, frame: FloatArray) -> list[Chart]:
@@ -309,7 +307,7 @@ def _ellipses(gram: FloatArray, frame: FloatArray) -> list[Chart]:
     q, basis = _section(frame[None], "ellipse")
     a, b, *linear, constant = _regress(gram, q, basis)[0][0][[3, 4, 0, 1, 2]]
     form = np.array([[1 - a, -b], [-b, 1 + a]])
-    found: list[Chart] = []
+    charts: list[Chart] = []
     values, vectors = np.linalg.eigh(form)
     if values[0] > 1e-6:
         centre = np.linalg.solve(form, np.array(linear) / 2)
@@ -317,8 +315,8 @@ def _ellipses(gram: FloatArray, frame: FloatArray) -> list[Chart]:
         if level > 0:
             greater, smaller = np.sqrt(level / values)
             turned = turned_frame(frame[2], vectors[:, 0] @ frame[:2])
-            found.append(EllipticChart(centre @ frame[:2], turned, float(greater), float(smaller)))
-    return [*found, *(_nearly_round(chart) for chart in _cylinders(gram, frame))]
+            charts.append(EllipticChart(centre @ frame[:2], turned, float(greater), float(smaller)))
+    return [*charts, *(_nearly_round(chart) for chart in _cylinders(gram, frame))]
 
 
 def _nearly_round(chart: CylinderChart) -> EllipticChart:

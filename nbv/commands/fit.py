@@ -13,8 +13,9 @@ from completion.export.step.kernel import kernel, patch_step
 from completion.fitting.patches.joins import PatchRequest, read_boundaries
 from completion.fitting.patches.pipeline import PatchFit, fit_patch
 from completion.fitting.pipeline import fit
-from completion.fitting.result import FitError, Shape, SurfaceFit, inflated, surface_parameters
+from completion.fitting.result import FitError, SurfaceFit, inflated, surface_parameters
 from completion.fitting.selection import Selection, select
+from completion.fitting.shape import Shape
 from nbv.commands.options import FitOptions, Shared
 from nbv.commands.process import running
 from scenes.checks import InputError

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
+from completion.fitting.shape import Metric, Shape
 from completion.observe.user_options import Mode, UserOptions
 from nbv.run.plan_options import RequirementOptions, SearchOptions
 from nbv.visibility.site_options import SiteOptions
@@ -488,10 +489,10 @@ class FitOptions:
     """A surface to fit."""
 
     points: str = argument("POINTS", "A file of points or scans; PATH#k for one scan.")
-    shape: Literal["auto", "plane", "sphere", "cylinder", "elliptic-cylinder", "cone", "torus", "patch"] = (
+    shape: Literal[Shape, "patch"] = (
         option("--shape", "Surface to fit; auto chooses by evidence; a patch needs --between.", "auto")
     )
-    metric: Literal["euclidean", "taubin", "algebraic"] = option(
+    metric: Metric = option(
         "--metric", "Distance to minimise: Euclidean, or an approximation.", "euclidean"
     )
     robust: bool = option("--robust", "Allow for many points of other surfaces.", False)

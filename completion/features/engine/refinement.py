@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from completion.fitting.robust import TUKEY, scale_within, tukey_variance, tukey_weights
+from completion.fitting.limits import TUKEY
+from completion.fitting.robust import scale_within, tukey_variance, tukey_weights
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 Distance = Callable[[FloatArray], FloatArray]

@@ -20,8 +20,9 @@ from completion.features.engine.refinement import (
 from completion.features.engine.search import REACH, Equations, Gate, breach, equations, explore
 from completion.features.engine.template import Given, Measured, Side, Status, Template, TemplateFit
 from completion.fitting.euclidean import fit_euclidean
+from completion.fitting.limits import TUKEY
 from completion.fitting.result import FitError
-from completion.fitting.robust import TUKEY, fit_robust
+from completion.fitting.robust import fit_robust
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 
 MOST_POINTS = 3_000

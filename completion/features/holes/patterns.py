@@ -10,7 +10,8 @@ from scipy.special import ndtr
 
 from completion.features.holes.candidates import LEAST, N_SECTORS, rim_scores
 from completion.features.holes.plates import Openings, Plate, Survey
-from completion.fitting.robust import TUKEY, scale_within, tukey_weights
+from completion.fitting.limits import TUKEY
+from completion.fitting.robust import scale_within, tukey_weights
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 ROW, GRID, CIRCLE = "hole-row", "hole-grid", "bolt-circle"

@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from completion.fitting.chart import Chart, chart_of
+from completion.fitting.chart import Chart
 from completion.fitting.euclidean import Cloud, normal_equations, polished
+from completion.fitting.kinds import chart_of
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.starts import rotation_axes, torus_about
 from completion.parts.division.neighbourhoods import Neighbourhoods

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.fitting.degeneracy import centroid, check_spread, principal
+from completion.fitting.degeneracy import check_spread, principal
+from completion.fitting.moments import centroid
 from completion.fitting.result import FitError, SurfaceFit
 from scenes.checks import FloatArray, InputError, IntArray, check_points, frozen_copy
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.fitting.chart import chart_of
 from completion.fitting.euclidean import normal_equations, normalised
+from completion.fitting.kinds import chart_of
 from completion.fitting.pipeline import fit
 from completion.fitting.result import FitError
 from completion.fitting.robust import tukey_weights
