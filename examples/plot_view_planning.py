@@ -31,13 +31,11 @@ from nbv import (
     plan_views,
     sample_surface,
 )
-from nbv.cover.dual import find_certificate
-from nbv.cover.greedy import choose_greedily, drop_redundant
+from nbv.cover.dual import find_certificate, reduce_instance
 from nbv.cover.instance import CoverInstance
 from nbv.cover.overlap import OverlapOptions
-from nbv.cover.reduction import reduce_instance
-from nbv.cover.swap_search import polish
-from nbv.visibility.standing.clearance import Clearance
+from nbv.cover.swap_search import choose_greedily, drop_redundant, polish
+from nbv.visibility.clearance import Clearance
 from nbv.visibility.viewpoints import room_lattice, sensor_directions
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes import Scene, builtin_scene

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-from .cover.cover import LowerBound as LowerBound
+from .cover.instance import LowerBound as LowerBound
 from .cover.pipeline import CoverOptions as CoverOptions
 from .coverage.coverage import Coverage as Coverage
 from .coverage.coverage import CoverageSummary as CoverageSummary
@@ -25,19 +25,19 @@ from .scanning.scanner import scan_scene as scan_scene
 from .scanning.sensor import PinholeSensor as PinholeSensor
 from .scanning.sensor import Sensor as Sensor
 from .scanning.sensor import SphericalSensor as SphericalSensor
+from .scanning.sensor import View as View
 from .scanning.sensor_profile import load_sensor as load_sensor
 from .scanning.sensor_profile import sensor_names as sensor_names
 from .scanning.triangulation import LineSensor as LineSensor
 from .scanning.triangulation import TriangulationSensor as TriangulationSensor
-from .scanning.view import View as View
 from .study.outcome import groups_of as groups_of
 from .study.pipeline import run_study as run_study
 from .study.spec import read_study as read_study
+from .visibility.candidates import room_candidates as room_candidates
+from .visibility.candidates import sphere_candidates as sphere_candidates
 from .visibility.requirement import Requirement as Requirement
 from .visibility.samples import SurfaceSamples as SurfaceSamples
 from .visibility.samples import sample_surface as sample_surface
 from .visibility.site_options import SiteOptions as SiteOptions
-from .visibility.standing.candidates import room_candidates as room_candidates
-from .visibility.standing.candidates import sphere_candidates as sphere_candidates
 from .visibility.viewpoints import Candidates as Candidates
 from .visibility.viewpoints import load_candidates as load_candidates

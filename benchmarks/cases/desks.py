@@ -9,9 +9,8 @@ import numpy as np
 
 from benchmarks.cases.rooms import Case
 from nbv.scanning.beam import Dropout
-from nbv.scanning.sensor import Sensor, with_effects
+from nbv.scanning.sensor import Sensor, View, with_effects
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.world.builtin import Finish, SceneBuilder

@@ -19,8 +19,7 @@ from completion.result.completed_model import CompletedModel
 from completion.result.record import completion_record
 from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor, View
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster

@@ -10,8 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import SphericalSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import SphericalSensor, View
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage

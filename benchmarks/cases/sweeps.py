@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.cases.rooms import Case
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
 from scenes.world.builtin import PLASTER, Finish, SceneBuilder

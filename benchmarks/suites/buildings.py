@@ -25,8 +25,8 @@ from completion.export.building.parts import BuildingParts
 from completion.export.building.rooms import Room
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.visibility.site import find_site
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.standing.site import find_site
 from scenes.checks import FloatArray
 from scenes.io.scene_files import open_scene
 from scenes.pose import Pose

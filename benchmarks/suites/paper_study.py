@@ -18,12 +18,12 @@ from scipy.sparse import csr_array
 
 from benchmarks.run import suite
 from nbv import Candidates, CoverOptions, Requirement, Sensor, load_sensor, plan_views, sample_surface
-from nbv.cover.greedy import choose_greedily
 from nbv.cover.instance import CoverInstance
 from nbv.cover.pipeline import find_cover
+from nbv.cover.swap_search import choose_greedily
 from nbv.plan.baselines import farthest_poses
+from nbv.visibility.candidates import scene_candidates
 from nbv.visibility.samples import SurfaceSamples
-from nbv.visibility.standing.candidates import scene_candidates
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes import Pose, RayCaster, Scene, builtin_scene
 

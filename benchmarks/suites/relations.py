@@ -38,7 +38,7 @@ from completion.result.completed_model import CompletedModel
 from completion.uncertainty.pipeline import StatedFits, state_fits
 from completion.uncertainty.space_warp import find_warp
 from nbv.scanning.effects import Effects
-from nbv.scanning.view import View
+from nbv.scanning.sensor import View
 from scenes import read_scan
 from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose

@@ -30,12 +30,11 @@ from nbv.coverage.measurement import CoverageTally
 from nbv.plan.planning import Method
 from nbv.plan.rules import GRID_M, grid_places, nearest_poses, room_and_doorway_places
 from nbv.plan.tour import Tour, plan_tour
-from nbv.scanning.sensor import Sensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import Sensor, View
+from nbv.visibility.candidates import Standing, find_standing, samples_that_count
 from nbv.visibility.requirement import Requirement
+from nbv.visibility.site import Site
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.standing.candidates import Standing, find_standing, samples_that_count
-from nbv.visibility.standing.site import Site
 from scenes import Scene
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.io.scene_files import open_scene

@@ -14,16 +14,16 @@ from benchmarks.run import head, row, suite
 from benchmarks.store import each, peak_bytes
 from nbv.cover.instance import CoverInstance
 from nbv.cover.pipeline import CoverOptions, find_cover
+from nbv.coverage.coverage import share_error
 from nbv.coverage.measurement import CoverageTally
-from nbv.coverage.share_error import share_error
 from nbv.plan.baselines import farthest_poses
+from nbv.scanning.sensor import View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
+from nbv.visibility.candidates import Standing, counted, find_standing, samples_that_count
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples, sample_surface
+from nbv.visibility.site import find_site
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.standing.candidates import Standing, counted, find_standing, samples_that_count
-from nbv.visibility.standing.site import find_site
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes.io.scene_files import open_scene
 from scenes.mesh.blocks import morton_order

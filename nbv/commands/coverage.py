@@ -15,30 +15,27 @@ from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv.commands.options import CoverageOptions, Shared
 from nbv.commands.process import Run, running
-from nbv.coverage.coverage import STATES, Coverage
+from nbv.coverage.coverage import STATES, Coverage, VisibilityHistory
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
 from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.coverage.unreachable import coverage_record
-from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
 from nbv.report.pictures.surface_values import fine_coverage
 from nbv.report.scans_report import scan_coverage_page
 from nbv.run.csv_table import csv_text
 from nbv.run.wording import count, percent_within, square_metres
-from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor import Sensor, View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
 from nbv.scans.registering import placed_of, register_request
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap, with_known_noise
 from nbv.scans.state_mesh import STATES as SCAN_STATES
 from nbv.scans.state_mesh import StateMesh
-from nbv.visibility.reachability import REASONS
+from nbv.visibility.candidates import Standing, find_standing, samples_that_count
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
-from nbv.visibility.standing.candidates import Standing, find_standing, samples_that_count
-from nbv.visibility.visibility import facing
+from nbv.visibility.visibility import REASONS, facing
 from scenes.io.ply import write_mesh_ply
 from scenes.io.scan_request import read_request
 from scenes.io.scene_files import open_scene

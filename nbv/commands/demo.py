@@ -13,7 +13,7 @@ from completion.texturing.pipeline import TexturingOptions
 from nbv.commands.options import DemoOptions, Shared
 from nbv.commands.plan import coverage_of
 from nbv.commands.process import running
-from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
+from nbv.plan.plan import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import plan_views
 from nbv.report.demo_report import (
     INFERRED,
@@ -26,8 +26,8 @@ from nbv.report.demo_report import (
 )
 from nbv.run.wording import count, percent, percent_within, square_metres
 from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.visibility import visible_from_view

@@ -231,7 +231,7 @@ def _counts(provenance: Any, comments: tuple[str, ...]) -> dict[str, int]:
 
 def _csv(path: Path) -> dict[str, Any] | None:
     """A table of stations or of coverage; None for others."""
-    from nbv.plan.plan_files import COLUMNS
+    from nbv.plan.plan import COLUMNS
     from nbv.plan.station_list import STATION_COLUMNS
 
     with path.open(encoding="utf-8", newline="") as file:

@@ -489,12 +489,10 @@ class FitOptions:
     """A surface to fit."""
 
     points: str = argument("POINTS", "A file of points or scans; PATH#k for one scan.")
-    shape: Literal[Shape, "patch"] = (
-        option("--shape", "Surface to fit; auto chooses by evidence; a patch needs --between.", "auto")
+    shape: Literal[Shape, "patch"] = option(
+        "--shape", "Surface to fit; auto chooses by evidence; a patch needs --between.", "auto"
     )
-    metric: Metric = option(
-        "--metric", "Distance to minimise: Euclidean, or an approximation.", "euclidean"
-    )
+    metric: Metric = option("--metric", "Distance to minimise: Euclidean, or an approximation.", "euclidean")
     robust: bool = option("--robust", "Allow for many points of other surfaces.", False)
     rays: bool = option("--rays", "Errors lie along the scanner's rays, as range noise does.", False)
     origin: tuple[float, ...] | None = option(

@@ -19,10 +19,9 @@ from nbv.coverage.surface_classes import CompletedSurfaces, Shares
 from nbv.coverage.unreachable import coverage_record
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import Baseline, compare_with_baselines
-from nbv.plan.plan import Plan
-from nbv.plan.plan_files import CSV_NAME, TRAJECTORY_NAME, write_plan_files
+from nbv.plan.plan import CSV_NAME, TRAJECTORY_NAME, Plan, write_plan_files
 from nbv.plan.planning import plan_views
-from nbv.plan.remote_visibility import remote_visibility
+from nbv.plan.problem import remote_visibility
 from nbv.plan.rules import compare_with_rules
 from nbv.report.blocks.rooms import rule_sentences
 from nbv.report.building_files import write_building_files
@@ -36,7 +35,7 @@ from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap, with_known_noise
 from nbv.scans.scan_mesh import MOST_PIXELS
 from nbv.scans.scan_record import Said, ScanRecord, last_scan_in_words, record_scans, said_before
-from nbv.visibility.instances import with_aperture
+from nbv.visibility.candidates import with_aperture
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.viewpoints import allowed, load_candidates
 from nbv.visibility.visibility import facing

@@ -32,7 +32,7 @@ from nbv.commands.process import running
 from nbv.commands.scan import run_scan
 from nbv.commands.texture import run_texture
 from nbv.run.plan_options import SearchOptions
-from nbv.visibility.standing.site import find_site
+from nbv.visibility.site import find_site
 from scenes.checks import InputError
 from scenes.io.scene_files import open_scene
 

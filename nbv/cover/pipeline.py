@@ -7,12 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nbv.cover.cover import Cover, LowerBound
-from nbv.cover.dual import find_certificate, solve_exactly
-from nbv.cover.greedy import Progress, by_gain, choose_greedily, drop_redundant
-from nbv.cover.instance import CoverInstance
-from nbv.cover.reduction import reduce_instance
-from nbv.cover.swap_search import polish
+from nbv.cover.dual import find_certificate, reduce_instance, solve_exactly
+from nbv.cover.instance import Cover, CoverInstance, LowerBound
+from nbv.cover.swap_search import Progress, by_gain, choose_greedily, drop_redundant, polish
 from scenes.checks import InputError
 
 _DUAL, _EXACT = "dual of the linear relaxation, checked exactly", "branch and bound (HiGHS)"

@@ -1,5 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""Coverage: which share of a scene's area is measured as required, which could be, and what hinders."""
+"""Coverage: which share of a scene's area is measured as required, which could be, and what hinders.
+
+Error of a share: samples are drawn one in each of many pieces of surface, and neighbouring pieces come in
+pairs (or threes; `nbv.visibility.samples`). A share p is a ratio of two sums over samples; of its linear part
+u = z - p within the surface in question, and 0 elsewhere, the variance is estimated from the differences
+within pairs (Cochran, Sampling Techniques, 1977, sections 5A.12 and 6.3):
+
+    sd(p)^2 = sum over pairs of m / (m - 1) * a^2 * sum of (u - mean u)^2 / A^2
+
+with m samples in a pair, a^2 their mean squared area, and A the area in question. The two pieces of a pair
+are taken as if one were drawn from both, so that the estimate is too large rather than too small: where the
+share changes along a smooth line, the sd comes out a third too large; where it changes from sample to sample,
+right. What samples never met they cannot tell: no sd is less than the share that one sample stands for.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +24,81 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.coverage.share_error import share_error
 from nbv.coverage.surface_classes import INFERRED, MODELLED
-from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.run.showing import show_report
-from nbv.visibility.reachability import REASONS
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
+from nbv.visibility.visibility import REASONS
 from scenes.checks import BoolArray, FloatArray, freeze_arrays, frozen_copy
 
+
+def share_error(samples: SurfaceSamples, where: BoolArray, among: BoolArray | None = None) -> float:
+    """Return the standard deviation of the share of area that lies in the samples `where` (n,).
+
+    The share is of the samples `among` (n,), of all when not given; 0 where these have no area.
+
+    Examples
+    --------
+    >>> one, row = np.ones(4), np.zeros((4, 3))
+    >>> samples = SurfaceSamples(row, row, one, np.zeros(4), np.zeros(4))
+    >>> share_error(samples, np.array([True, True, False, False]))
+    0.25
+    >>> round(share_error(samples, np.array([True, False, True, False])), 3)
+    0.354
+    """
+    areas = samples.areas if among is None else np.where(among, samples.areas, 0.0)
+    total, counts = float(areas.sum()), areas > 0
+    if total == 0:
+        return 0.0
+    share = float(areas[where].sum()) / total
+    off = np.where(counts, where - share, 0.0)
+    pair = np.unique(samples.pair, return_inverse=True)[1]
+    n = np.maximum(np.bincount(pair), 2)
+    squares = np.bincount(pair, areas**2) / np.maximum(np.bincount(pair, counts), 1)
+    spread = np.bincount(pair, off**2) - np.bincount(pair, off) ** 2 / n
+    variance = float((n / (n - 1) * squares * np.maximum(spread, 0.0)).sum()) / total**2
+    one_sample = float((areas**2).sum()) / counts.sum() / total**2
+    return float(np.sqrt(max(variance, one_sample)))
+
+
+NEVER = 1 << 20
+"""First view of samples that no view measures as required."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisibilityHistory:
+    """What views see of n samples, one after the other.
+
+    What is seen of sample k stands from `start[k]` to `start[k + 1]`, (n + 1,): number (m,) of the view, from
+    1 and ascending, 0 for what was scanned before, and cosine (m,) of incidence. `first_met` (n,) is the view
+    after which a sample meets the requirement, `NEVER` where none does; `met` the share of the area that
+    meets it before the first view and after each.
+    """
+
+    start: NDArray[np.int64]
+    view: NDArray[np.int64]
+    cosine: FloatArray
+    first_met: NDArray[np.int64]
+    met: tuple[float, ...]
+
+    @classmethod
+    def of(
+        cls,
+        seen: Sequence[tuple[int, NDArray[np.int64], FloatArray]],
+        first_met: NDArray[np.int64],
+        met: Sequence[float],
+    ) -> VisibilityHistory:
+        """Return the history of (view, samples seen (m,), their cosines (m,)), in the order of the views."""
+        sample = np.concatenate([np.zeros(0, np.int64), *(index for _, index, _ in seen)])
+        view = np.concatenate([np.zeros(0, np.int64), *(np.full(len(i), k, np.int64) for k, i, _ in seen)])
+        cosine = np.concatenate([np.zeros(0), *(values for _, _, values in seen)])
+        order = np.argsort(sample, kind="stable")
+        start = np.concatenate([[0], np.cumsum(np.bincount(sample, minlength=len(first_met)))])
+        return cls(start, view[order], cosine[order], first_met.copy(), tuple(met))
+
+
 if TYPE_CHECKING:
-    from nbv.scanning.view import View
+    from nbv.scanning.sensor import View
     from scenes.scan.range_image import RangeImage
     from scenes.world.scene import Scene
 
@@ -48,7 +125,7 @@ class SurfaceCoverage:
     mean_cosine : float
         Area-weighted mean of the best cosines of incidence.
     standard_error : mapping
-        Of each fraction, by its name (`nbv.coverage.share_error`).
+        Of each fraction, by its name (`nbv.coverage.coverage`).
     """
 
     surface: int
@@ -101,7 +178,7 @@ class CoverageSummary:
         surface that is known exactly enough, and neither; without completion, unknown is what is not met;
         None in files that do not tell it.
     standard_error : mapping
-        Of each fraction, by its name (`nbv.coverage.share_error`); empty in files that do not tell it.
+        Of each fraction, by its name (`nbv.coverage.coverage`); empty in files that do not tell it.
     """
 
     total_m2: float
@@ -135,7 +212,7 @@ class Coverage:
     state : (n,) int8
         `UNREACHABLE`, `REACHABLE` (but not met) or `MET`.
     reason : (n,) int8
-        Why unreachable, index into `nbv.visibility.reachability.REASONS`; -1 elsewhere.
+        Why unreachable, index into `nbv.visibility.visibility.REASONS`; -1 elsewhere.
     surface_names : tuple of str
         Names of the surfaces that the samples refer to.
     n_faces : int
@@ -146,7 +223,7 @@ class Coverage:
         Which view saw which sample, as measuring found it.
     apart_m2 : mapping
         Area that bounds none of the rooms asked for and counts for nothing, by reason
-        (`nbv.visibility.standing.candidates.APART`), square metres; the samples there stand for no area.
+        (`nbv.visibility.candidates.APART`), square metres; the samples there stand for no area.
     """
 
     samples: SurfaceSamples
@@ -225,7 +302,7 @@ class Coverage:
         return share_error(self.samples, self.state == MET, self.state != UNREACHABLE)
 
     def standard_errors(self) -> dict[str, float]:
-        """Standard error of each fraction of the area, by its name (`nbv.coverage.share_error`)."""
+        """Standard error of each fraction of the area, by its name (`nbv.coverage.coverage`)."""
         return self._errors(np.ones(len(self.samples), np.bool_))
 
     def reasons(self) -> dict[str, float]:

@@ -9,17 +9,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
-from nbv.coverage.visibility_history import NEVER, VisibilityHistory
-from nbv.scanning.sensor import Sensor
+from nbv.coverage.coverage import MET, NEVER, REACHABLE, UNREACHABLE, Coverage, VisibilityHistory
+from nbv.scanning.sensor import Sensor, View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
-from nbv.visibility.reachability import Reachability, find_reachable
+from nbv.visibility.candidates import counted, find_standing, samples_that_count
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing.candidates import counted, find_standing, samples_that_count
 from nbv.visibility.viewpoints import Candidates
-from nbv.visibility.visibility import Progress, visible_from_view
+from nbv.visibility.visibility import Progress, Reachability, find_reachable, visible_from_view
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage

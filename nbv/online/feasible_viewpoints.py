@@ -2,7 +2,7 @@
 """Feasible viewpoints: the candidates in space that is known to be free, above floor that was seen.
 
 Seen floor: where scans show that one walks to from the places where scanners stood, on every storey.
-Told as in a known scene (`nbv.visibility.standing.floors`): level surface with headroom, joined where one
+Told as in a known scene (`nbv.visibility.floors`): level surface with headroom, joined where one
 steps from one patch to the next. A table is a step too high, so it is no floor, whatever its area.
 """
 
@@ -17,8 +17,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
-from nbv.online.surfels import UPWARD
-from nbv.visibility.standing.floors import FOOT_M, HEADROOM_M, RAMP_DEG, SILL_M, STEP_M, UNEVEN_M, WALKABLE
+from nbv.online.voxels import UPWARD
+from nbv.visibility.floors import FOOT_M, HEADROOM_M, RAMP_DEG, SILL_M, STEP_M, UNEVEN_M, WALKABLE
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray

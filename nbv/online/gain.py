@@ -15,24 +15,168 @@ nothing new. Where a ray meets measured surface from the rear, or meets nothing,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.targets import Targets
-from nbv.online.view_evaluation import Accumulator, ViewEvaluation, cell_directions
+from nbv.online.voxels import VoxelGrid
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.viewpoints import Candidates
-from nbv.visibility.voxel_grid import VoxelGrid
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.run.memory import threads
 from scenes.scan.range_image import RangeImage
+from texture.engine.compiled import compiled
+
+
+@compiled
+def fill_cells(offsets: FloatArray, n: int, cells: NDArray[np.int64]) -> None:
+    """Write the cell (k,) of a cube map with n cells along an edge that each direction (k, 3) falls into."""
+    for k in range(len(offsets)):
+        axis = 0
+        for other in range(1, 3):
+            if abs(offsets[k, other]) > abs(offsets[k, axis]):
+                axis = other
+        away = abs(offsets[k, axis])
+        cell = axis + 3 if offsets[k, axis] < 0 else axis
+        for step in range(1, 3):
+            along = (offsets[k, (axis + step) % 3] / away + 1) / 2 * n
+            cell = cell * n + int(min(max(along, 0.0), n - 1.0))
+        cells[k] = cell
+
+
+@compiled
+def add_gains(
+    worth: FloatArray,
+    cells: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    begins: NDArray[np.int32],
+    directions: NDArray[np.int32],
+    gains: FloatArray,
+) -> None:
+    """Add to the gains (positions, directions) what each position sees within the aperture of each direction.
+
+    What position i sees stands from `ends[i]` to `ends[i + 1]`, its `worth` and its cell; the directions in
+    whose aperture a cell lies stand from `begins` of that cell to the next one's.
+    """
+    for i in range(len(gains)):
+        for k in range(ends[i], ends[i + 1]):
+            if worth[k] != 0:
+                for at in range(begins[cells[k]], begins[cells[k] + 1]):
+                    gains[i, directions[at]] += worth[k]
+
+
+_SPHERE_CELLS = 16  # cells of the accumulator along a cube edge: 6 x 16 x 16, about 5.6 deg each
+_REFINED = 8  # best poses of the accumulator whose gain is counted exactly
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewEvaluation:
+    """What a position sees of n targets in all directions.
+
+    `offsets` (n, 3) are from the position, metres along the world's axes; `worth_m2` (n,) is what each is
+    worth from there. A ray that meets nothing known leaves the volume by the `side` (n,) 0..5 (+x, +y, +z,
+    -x, -y, -z); -1 for what is known to be there.
+    """
+
+    offsets: FloatArray
+    worth_m2: FloatArray
+    voxel: NDArray[np.int64]
+    is_unknown: BoolArray
+    side: NDArray[np.int64]
+
+    def some(self, chosen: BoolArray) -> ViewEvaluation:
+        """Return those that are chosen (n,)."""
+        return ViewEvaluation(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def joined(self, other: ViewEvaluation) -> ViewEvaluation:
+        """Return both together."""
+        parts = [
+            np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self)
+        ]
+        return ViewEvaluation(*parts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Accumulator:
+    """What each position sees, by direction, over which the sensor's aperture slides.
+
+    Attributes
+    ----------
+    offsets : tuple of (k, 3) float
+        For each position what it sees in any direction, from there, metres along the world's axes.
+    cells : (sum of k,) int
+        Cell of the accumulator in which each of them is seen.
+    apertures : (n_cells, n_directions) csr or None
+        1 where a cell lies in the aperture of a direction; None where each position has its own directions.
+    """
+
+    candidates: Candidates
+    sensor: Sensor
+    offsets: tuple[FloatArray, ...]
+    cells: NDArray[np.int64]
+    apertures: csr_array | None
+
+    @classmethod
+    def of(cls, offsets: Sequence[FloatArray], candidates: Candidates, sensor: Sensor) -> Accumulator:
+        """Return the accumulator of what each position sees, as offsets (k, 3) along the world's axes."""
+        cells = cell_of(np.concatenate(offsets))
+        if candidates.directions.ndim == 3:
+            return cls(candidates, sensor, tuple(offsets), cells, None)
+        middles = cell_directions()
+        inside = [sensor.sees(middles @ rotation) for rotation in candidates.rotations()]
+        apertures = csr_array(np.array(inside, dtype=np.float64).T)
+        return cls(candidates, sensor, tuple(offsets), cells, apertures)
+
+    def best(self, worth: Sequence[FloatArray]) -> int | None:
+        """Return the number of the pose that sees the largest worth, the first of equals; None without any.
+
+        `worth` holds for each position (k,) what each that it sees is worth from there.
+        """
+        best, most = None, 0.0
+        for number in self._promising(worth):
+            i, pose = number // self.candidates.n_directions, self.candidates.pose(number)
+            gain = float(worth[i][self.sensor.sees(self.offsets[i] @ pose.rotation)].sum())
+            if gain > most:
+                best, most = number, gain
+        return best
+
+    def _promising(self, worth: Sequence[FloatArray]) -> list[int]:
+        """Numbers of the few poses that see most by whole cells; of all where directions differ."""
+        if self.apertures is None:
+            return list(range(self.candidates.n_poses))
+        ends = np.cumsum([0] + [len(offsets) for offsets in self.offsets])
+        gains, apertures = np.zeros((len(self.offsets), self.candidates.n_directions)), self.apertures
+        add_gains(np.concatenate(worth), self.cells, ends, apertures.indptr, apertures.indices, gains)
+        numbers = np.argsort(-gains.ravel(), kind="stable")[:_REFINED]
+        return sorted(numbers.tolist())
+
+
+def cell_of(offsets: FloatArray) -> NDArray[np.int64]:
+    """Cell (n,) of the spherical accumulator, a cube map, that each direction (n, 3) falls into."""
+    cells = np.empty(len(offsets), np.int64)
+    fill_cells(offsets, _SPHERE_CELLS, cells)
+    return cells
+
+
+def cell_directions(n: int = _SPHERE_CELLS) -> FloatArray:
+    """Unit directions (6 * n * n, 3) of the middles of a cube map's cells; by default the accumulator's."""
+    side, i, j = np.unravel_index(np.arange(6 * n**2), (6, n, n))
+    rows, axis = np.arange(len(side)), side % 3
+    directions = np.zeros((len(side), 3))
+    directions[rows, axis] = np.where(side < 3, 1.0, -1.0)
+    directions[rows, (axis + 1) % 3] = (i + 0.5) / n * 2 - 1
+    directions[rows, (axis + 2) % 3] = (j + 0.5) / n * 2 - 1
+    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+
 
 _AGAINST = 0.05  # cosine by which a ray must run against a measured normal to meet that surface's front
 _INTO_M = 1e-6  # rays that go on start this far behind the face that they entered by

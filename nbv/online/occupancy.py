@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from nbv.online.surfels import Surfels
+from nbv.online.voxels import Surfels, VoxelGrid
 from nbv.scanning.sensor import Sensor
-from nbv.visibility.voxel_grid import VoxelGrid
 from scenes.checks import BoolArray, FloatArray, frozen_copy
 from scenes.scan.range_image import RangeImage
 

@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
-from nbv.online.view_evaluation import Accumulator
+from nbv.online.gain import Accumulator
 from nbv.plan.plan import Plan
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement

@@ -21,9 +21,9 @@ from scipy.spatial import cKDTree
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
 from nbv.plan.plan import Plan
-from nbv.scanning.view import View
-from nbv.visibility.standing.rooms import Room
-from nbv.visibility.standing.site import Site
+from nbv.scanning.sensor import View
+from nbv.visibility.rooms import Room
+from nbv.visibility.site import Site
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import FloatArray
 from scenes.rays.raycast import RayCaster

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.plan.plan import Plan
-from nbv.plan.plan_files import aim_of
+from nbv.plan.plan import Plan, aim_of
 from nbv.run.csv_table import csv_text
-from nbv.visibility.standing.rooms import Room
+from nbv.visibility.rooms import Room
 from scenes.checks import FloatArray
 
 STATION_COLUMNS = (
@@ -38,7 +37,7 @@ class Station:
     views : tuple of int
         The plan's views from here, from 1.
     headings_deg, pitches_deg : tuple of float
-        Where each of them looks, as `nbv.plan.plan_files.Aim` has it; none for a sensor that turns by itself.
+        Where each of them looks, as `nbv.plan.plan.Aim` has it; none for a sensor that turns by itself.
     visit : int or None
         Its place in the tour, from 1; None without a tour.
     """

@@ -5,10 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
+from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage, VisibilityHistory, share_error
 from nbv.coverage.measurement import visibility_history
-from nbv.coverage.share_error import share_error
-from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
 from nbv.plan.rules import RuleOutcome
@@ -39,8 +37,7 @@ from nbv.report.pictures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import given_markers, opening_lines, tour_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE, scene_view
 from nbv.run.wording import count, percent_within, square_metres
-from nbv.scanning.sensor import Sensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import Sensor, View
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.scan.projection import Projection
 from scenes.scan.range_image import RangeImage

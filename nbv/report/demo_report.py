@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.result.completion import Completion
-from nbv.coverage.coverage import Coverage
+from nbv.coverage.coverage import Coverage, share_error
 from nbv.coverage.measurement import measured_samples, visibility_history
-from nbv.coverage.share_error import share_error
 from nbv.coverage.surface_classes import CLOSE_M
 from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import reasons, views_table

@@ -23,9 +23,8 @@ from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.report.pictures.picture import Picture, picture_of, range_colours
 from nbv.run.showing import register
-from nbv.scanning.sensor import Sensor
+from nbv.scanning.sensor import Sensor, View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
 from scenes.checks import InputError
 from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Sensors: aperture, pixels, range limits and effects of a range scanner."""
+"""Sensors: aperture, pixels, range limits and effects of a range scanner; a view is a sensor at a pose."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from nbv.scanning.effects import NO_EFFECTS, PROFILE, Effects, named_effects
 from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 
 Aperture = Literal["square", "circular"]
@@ -336,3 +337,45 @@ def check_gate(name: str, nearest: float, farthest: float) -> None:
     """Raise InputError for an empty range gate, metres."""
     if not 0 <= nearest < farthest:
         raise InputError(f"sensor {name}: ranges must satisfy 0 <= min < max, got {nearest}..{farthest} m")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class View:
+    """One station.
+
+    Parameters
+    ----------
+    world_from_sensor : Pose
+        Where the sensor stands and looks (z forward, y down).
+    sensor : Sensor
+        What stands there.
+    gain_m2 : float, optional
+        Area that meets the requirement since this view and did not before, square metres.
+    met_fraction : float, optional
+        Share of the scene's area that meets the requirement after this view.
+    predicted_gain_m2 : float, optional
+        Where the scene is not known: weighted area of unknown faces and of badly seen surface that the view
+        should settle by what the voxels say, square metres.
+    """
+
+    world_from_sensor: Pose
+    sensor: Sensor
+    gain_m2: float | None = None
+    met_fraction: float | None = None
+    predicted_gain_m2: float | None = None
+
+    def __repr__(self) -> str:
+        met = "" if self.met_fraction is None else f", met {self.met_fraction:.4f}"
+        x, y, z = self.world_from_sensor.translation.tolist()
+        return f"View({self.sensor.name} at {x:.3f}, {y:.3f}, {z:.3f}{met})"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of `plan.json`."""
+        entry = {
+            "world_from_sensor": self.world_from_sensor.matrix.tolist(),
+            "gain_m2": self.gain_m2,
+            "met_fraction": self.met_fraction,
+        }
+        if self.predicted_gain_m2 is not None:
+            entry["predicted_gain_m2"] = self.predicted_gain_m2
+        return entry

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nbv.online.gain import seen_from
+from nbv.online.gain import ViewEvaluation, seen_from
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.planner import wanted_cosine
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
-from nbv.online.view_evaluation import ViewEvaluation
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.zones import EVERYWHERE, Zones

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.online.image_normals import image_normals
-from nbv.online.surfels import sides_of
+from nbv.online.voxels import VoxelGrid, image_normals, sides_of
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits
-from nbv.visibility.voxel_grid import VoxelGrid
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import BoolArray, FloatArray
 from scenes.scan.range_image import RangeImage

@@ -12,8 +12,7 @@ import numpy as np
 from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.online.planner import PlannerOptions, PlannerState, next_view
 from nbv.plan.plan import Plan, Resumption
-from nbv.scanning.sensor import Sensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import Sensor, View
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_map import ScanMap
 from nbv.visibility.requirement import Requirement

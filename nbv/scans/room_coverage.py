@@ -13,7 +13,7 @@ from nbv.run.wording import letters, square_metres
 from nbv.scans.measured_area import MeasuredCells
 from nbv.scans.scan_map import ScanMap
 from nbv.scans.unseen_boundary import UnseenBoundary
-from nbv.visibility.standing.rooms import Room
+from nbv.visibility.rooms import Room
 from scenes.checks import FloatArray
 
 ELSEWHERE = "elsewhere"

@@ -18,13 +18,11 @@ from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_mesh import joined_faces, scan_faces
+from nbv.visibility.clearance import Clearance
+from nbv.visibility.floors import WALKABLE, cut_columns, find_floors
+from nbv.visibility.rooms import Room, Rooms, find_rooms
+from nbv.visibility.site import lattice_spacing, room_positions
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.standing.clearance import Clearance
-from nbv.visibility.standing.columns import cut_columns
-from nbv.visibility.standing.floors import WALKABLE, find_floors
-from nbv.visibility.standing.partition import find_rooms
-from nbv.visibility.standing.positions import lattice_spacing, room_positions
-from nbv.visibility.standing.rooms import Room, Rooms
 from nbv.visibility.viewpoints import Candidates, sensor_directions
 from scenes.checks import FloatArray, InputError
 from scenes.mesh.labelled_mesh import LabelledMesh

@@ -21,8 +21,8 @@ from nbv.run.manifest import sha256_of, versions
 from nbv.scanning.sensor import Sensor, chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
+from nbv.visibility.candidates import Standing, counted, find_standing, samples_that_count
 from nbv.visibility.samples import SurfaceSamples, sample_surface
-from nbv.visibility.standing.candidates import Standing, counted, find_standing, samples_that_count
 from scenes.checks import InputError
 from scenes.io.documents import read_json
 from scenes.io.scene_files import open_scene

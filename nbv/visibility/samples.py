@@ -234,7 +234,7 @@ class SurfaceSamples:
         A line of sight may end this far before the point, metres: for given patches that lie on rims.
     pair : (n,) int32, optional
         Samples of one number stand for neighbouring pieces of surface, from which the error of a share is
-        told (`nbv.coverage.share_error`); those that follow one another when not given.
+        told (`nbv.coverage.coverage`); those that follow one another when not given.
     extent_m : float
         Longest side of their bounding box, metres.
     """

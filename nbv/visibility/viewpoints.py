@@ -143,7 +143,7 @@ def at_chosen_heights(
     candidates : Candidates
         Of p positions.
     spots, taken_spots : (p, 3), (t, 3) float
-        Alike for what is over one spot of the floor (`nbv.visibility.standing.site.Site.spots`).
+        Alike for what is over one spot of the floor (`nbv.visibility.site.Site.spots`).
     taken : (t, 3) float
         Where the stations are, metres.
     """

@@ -11,8 +11,7 @@ from benchmarks.methods.baselines import BASELINES, baseline_hypothesis
 from benchmarks.metrics.completion import score
 from benchmarks.metrics.truth import Sight, TrueCells
 from nbv.scanning.effects import NO_EFFECTS
-from nbv.scanning.sensor import PinholeSensor, SphericalSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Cylinder, Plane
 from tests.helpers.evaluation_examples import plain_wall

@@ -23,8 +23,7 @@ from benchmarks.suites.summary import (
 )
 from completion import CompletionOptions, complete
 from nbv.scanning.effects import NO_EFFECTS
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 from scenes.checks import InputError
 from scenes.world.builtin import builtin_scene
 from tests.helpers.completion_examples import VIEWS

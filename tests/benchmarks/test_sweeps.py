@@ -10,8 +10,7 @@ from benchmarks.suites.completion import SWEEPS, Bench, Task
 from benchmarks.suites.summary import sweep_record, sweep_table
 from completion import CompletionOptions
 from nbv.scanning.effects import NO_EFFECTS
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 from scenes.surfaces.catalogue import Cylinder
 from tests.helpers.sweep_examples import small_column, with_few_pixels
 

@@ -10,8 +10,8 @@ from completion.export.building.model import BuildingModel
 from completion.export.dimension import Dimension
 from completion.uncertainty.joint_errors import NO_ERRORS
 from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import measure_coverage
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates
 from scenes.pose import Pose

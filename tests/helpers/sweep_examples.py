@@ -5,8 +5,7 @@ from dataclasses import replace
 
 from benchmarks.cases.rooms import Case
 from benchmarks.cases.sweeps import column_case
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 
 FEW = PinholeSensor(fov_deg=62.7, width=160, height=120, max_range_m=12.0)
 

@@ -24,8 +24,7 @@ from nbv.report.study_report import study_page
 from nbv.report.viewer.block import Lines, Marker, Viewer
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Sightings
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor, SphericalSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
 from nbv.scans.next_stations import plan_next_stations
 from nbv.scans.scan_coverage import cover_by_scans
 from nbv.scans.scan_map import ScanMap

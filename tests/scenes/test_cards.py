@@ -15,7 +15,7 @@ from PIL import Image
 
 import nbv.report.pictures.picture as report_picture
 from completion.fitting.pipeline import fit
-from nbv.cover.cover import LowerBound
+from nbv.cover.instance import LowerBound
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.tour import Leg, Stations, Tour
 from scenes import card

@@ -31,9 +31,8 @@ from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor
-from nbv.visibility.standing.columns import cut_columns
-from nbv.visibility.standing.floors import find_floors
-from nbv.visibility.standing.partition import find_rooms
+from nbv.visibility.floors import cut_columns, find_floors
+from nbv.visibility.rooms import find_rooms
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster

@@ -12,8 +12,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from nbv.coverage.coverage import Coverage
-from nbv.plan.plan import Plan
-from nbv.plan.plan_files import aim_of
+from nbv.plan.plan import Plan, aim_of
 from nbv.plan.rules import RuleOutcome
 from nbv.plan.station_list import stations_of
 from nbv.report.blocks.page import Block, Cell, Section, Table, Text
@@ -24,7 +23,7 @@ from nbv.scans.room_coverage import RoomCoverage
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_record import ScanRecord
 from nbv.scans.seen_rooms import SeenRooms
-from nbv.visibility.standing.rooms import Room, Rooms
+from nbv.visibility.rooms import Room, Rooms
 from nbv.visibility.zones import EVERYWHERE
 from scenes.checks import FloatArray
 from scenes.world.scene import Scene

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from completion.extension.patch import Provenance
 from completion.result.labelled_points import PROVENANCE_NAMES
+from nbv.coverage.coverage import VisibilityHistory
 from nbv.coverage.measurement import measured_samples
-from nbv.coverage.visibility_history import VisibilityHistory
 from nbv.report.pictures import picture
 from nbv.report.viewer.layers import Category, Numbers, Sightings, count_channel, incidence_channel
 from nbv.scans.scan_map import with_known_noise

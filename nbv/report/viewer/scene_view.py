@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE, Coverage
+from nbv.coverage.coverage import MET, NEVER, REACHABLE, UNREACHABLE, Coverage, VisibilityHistory
 from nbv.coverage.surface_classes import INFERRED as CLASS_INFERRED
 from nbv.coverage.surface_classes import MET as CLASS_MET
 from nbv.coverage.surface_classes import MODELLED as CLASS_MODELLED
-from nbv.coverage.visibility_history import NEVER, VisibilityHistory
 from nbv.report.pictures import picture
 from nbv.report.pictures.picture import Picture
 from nbv.report.pictures.surface_values import FineCoverage, fine_coverage
@@ -30,7 +29,7 @@ from nbv.report.viewer.layers import (
     count_channel,
     incidence_channel,
 )
-from nbv.visibility.reachability import REASONS
+from nbv.visibility.visibility import REASONS
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import Appearance

@@ -8,11 +8,9 @@ import pytest
 from scipy.sparse import csr_array
 
 from nbv.cover import dual
-from nbv.cover.cover import Certificate
-from nbv.cover.dual import find_certificate
-from nbv.cover.greedy import choose_greedily
-from nbv.cover.instance import CoverInstance
-from nbv.cover.reduction import reduce_instance
+from nbv.cover.dual import find_certificate, reduce_instance
+from nbv.cover.instance import Certificate, CoverInstance
+from nbv.cover.swap_search import choose_greedily
 from scenes.checks import InputError
 from tests.helpers.cover_examples import optimum, random_instance
 from tests.helpers.long_cases import first_in_gate

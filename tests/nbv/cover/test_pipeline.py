@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from nbv.cover.dual import solve_exactly
-from nbv.cover.greedy import by_gain, choose_greedily, drop_redundant
+from nbv.cover.dual import reduce_instance, solve_exactly
 from nbv.cover.instance import CoverInstance
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions, find_cover
-from nbv.cover.reduction import reduce_instance
-from nbv.cover.swap_search import polish
+from nbv.cover.swap_search import by_gain, choose_greedily, drop_redundant, polish
 from nbv.plan.planning import plan_views
 from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.requirement import Requirement

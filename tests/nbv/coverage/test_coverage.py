@@ -8,8 +8,7 @@ from nbv.coverage.coverage import MET, REACHABLE
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
 from nbv.coverage.unreachable import unreachable_patches
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from nbv.coverage.share_error import share_error
+from nbv.coverage.coverage import share_error
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from scenes.mesh.labelled_mesh import LabelledMesh
 

@@ -4,12 +4,10 @@
 import numpy as np
 import pytest
 
-from nbv.coverage.coverage import MET
+from nbv.coverage.coverage import MET, NEVER
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage, visibility_history
-from nbv.coverage.visibility_history import NEVER
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates

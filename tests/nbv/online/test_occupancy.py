@@ -6,16 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nbv.online.gain import best_view
-from nbv.online.image_normals import image_normals
+from nbv.online.gain import best_view, cell_directions, cell_of
 from nbv.online.occupancy import EMPTY, OCCLUDED, OCCPLANE, SEEN, UNSEEN, VoxelMap
-from nbv.online.surfels import Surfels
 from nbv.online.targets import GainOptions, find_targets
-from nbv.online.view_evaluation import cell_directions, cell_of
+from nbv.online.voxels import Surfels, VoxelGrid, image_normals
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.viewpoints import Candidates
-from nbv.visibility.voxel_grid import VoxelGrid
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose

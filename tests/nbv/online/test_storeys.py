@@ -8,9 +8,9 @@ import pytest
 
 from nbv import load_sensor, plan_views
 from nbv.online.planner import PlannerOptions
+from nbv.visibility.candidates import find_standing
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.standing.candidates import find_standing
 from tests.helpers.buildings import house
 
 HEIGHT = 1.5

@@ -18,19 +18,17 @@ from nbv.coverage.surface_classes import (
     classify,
     shares_of,
 )
-from nbv.online.gain import ExpectedGain, SurfacePrior
+from nbv.online.gain import ExpectedGain, SurfacePrior, ViewEvaluation
 from nbv.online.occupancy import VoxelMap
 from nbv.online.planner import PlannerOptions
 from nbv.online.targets import voxels_of_interest
-from nbv.online.view_evaluation import ViewEvaluation
+from nbv.online.voxels import VoxelGrid
 from nbv.plan.plan import read_plan
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.voxel_grid import VoxelGrid
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.mesh.triangle_distance import distances

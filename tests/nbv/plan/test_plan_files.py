@@ -7,9 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from nbv.plan.plan_files import COLUMNS, aim_of, stations_csv
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.plan.plan import COLUMNS, aim_of, stations_csv
+from nbv.scanning.sensor import PinholeSensor, View
 from scenes.io.scan_files import read_scans
 from scenes.io.trajectory import read_poses, read_timed_poses
 from scenes.pose import Pose

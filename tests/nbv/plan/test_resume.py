@@ -16,9 +16,9 @@ from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import plan_page
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
+from nbv.visibility.clearance import Clearance
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import Candidates, room_lattice, sphere_directions
 from scenes.checks import InputError
 from scenes.pose import Pose

@@ -13,11 +13,11 @@ from nbv.coverage.measurement import measure_coverage
 from nbv.plan.planning import plan_views
 from nbv.plan.rules import RULES, compare_with_rules, grid_places, room_and_doorway_places, rule_poses
 from nbv.report.blocks.rooms import rule_sentences, rules_section
+from nbv.scanning.sensor import View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
 from nbv.visibility.samples import sample_surface
+from nbv.visibility.site import find_site
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.standing.site import find_site
 from scenes.checks import InputError
 from scenes.world.builtin import builtin_scene
 from tests.helpers.buildings import Building, house

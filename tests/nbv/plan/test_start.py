@@ -7,13 +7,13 @@ import pytest
 from nbv.cover.pipeline import CoverOptions
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
-from nbv.plan.visiting_order import short_order
+from nbv.plan.tour import short_order
 from nbv.scanning.sensor import PinholeSensor
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
+from nbv.visibility.site import find_site
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.standing.site import find_site
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.world.builtin import builtin_scene

@@ -6,8 +6,7 @@ from itertools import pairwise, permutations
 import numpy as np
 import pytest
 
-from nbv.plan.tour import BODY_M, plan_tour
-from nbv.plan.visiting_order import short_order
+from nbv.plan.tour import BODY_M, plan_tour, short_order
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.world.builtin import builtin_scene

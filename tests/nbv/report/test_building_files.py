@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 
 from nbv.cover.pipeline import CoverOptions
-from nbv.plan.plan_files import aim_of
+from nbv.plan.plan import aim_of
 from nbv.plan.planning import plan_views
 from nbv.plan.station_list import STATION_COLUMNS, station_csv, stations_of
 from nbv.report.blocks.rooms import storey_plans
 from nbv.report.building_files import write_building_files
 from nbv.report.coverage_report import plan_page
 from nbv.report.figures.storey_plan import sheets_pdf
-from nbv.scanning.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor, View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.site_options import SiteOptions
 from scenes.pose import Pose

@@ -17,8 +17,7 @@ from nbv import show
 from nbv.plan.plan import Plan, read_plan
 from nbv.run.wording import percent_within
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import SphericalSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import SphericalSensor, View
 from scenes.checks import InputError
 from scenes.pose import Pose
 from tests.helpers.completion_examples import example

@@ -9,8 +9,7 @@ from typer.testing import CliRunner
 
 from nbv.cli import app
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 from scenes.io.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene

@@ -25,8 +25,7 @@ from nbv.report.viewer.markers import box_edges, given_markers, slope_of, tour_l
 from nbv.report.viewer.scene_view import near_hull, scene_view
 from nbv.report.viewer.state_view import state_view
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor, SphericalSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
 from nbv.scans.next_stations import plan_next_stations
 from nbv.scans.scan_coverage import cover_by_scans
 from nbv.scans.scan_map import ScanMap

@@ -4,7 +4,7 @@
 import pytest
 
 from nbv.commands.plan import lines_of
-from nbv.cover.cover import LowerBound
+from nbv.cover.instance import LowerBound
 from nbv.coverage.measurement import visibility_history
 from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import coverage_page, plan_page

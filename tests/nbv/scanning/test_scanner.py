@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor, SphericalSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.pose import Pose

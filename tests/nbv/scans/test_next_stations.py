@@ -11,16 +11,15 @@ from nbv.coverage.measurement import CoverageTally
 from nbv.online.planner import PlannerOptions
 from nbv.report.scans_report import next_stations_page
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor, View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
 from nbv.scans.next_stations import check_aperture, plan_next_stations
 from nbv.scans.scan_coverage import cover_by_scans
 from nbv.scans.scan_map import ScanMap
 from nbv.scans.scan_record import record_scans
+from nbv.visibility.clearance import Clearance
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.pose import Pose

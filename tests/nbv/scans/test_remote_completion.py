@@ -20,8 +20,7 @@ from completion.pipeline import complete, complete_first
 from nbv.cli import app
 from nbv.run.workers import DaskWorkers, Share, cluster
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 from nbv.scans import remote_completion
 from nbv.scans.remote_completion import CompletionTask
 from scenes.checks import InputError

@@ -10,6 +10,7 @@ from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv.coverage.measurement import CoverageTally
 from nbv.online.occupancy import VoxelMap
+from nbv.online.voxels import VoxelGrid
 from nbv.report.scans_report import scan_coverage_page
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
@@ -20,7 +21,6 @@ from nbv.scans.state_mesh import FRONTIER, INFERRED, MEASURED, SEEN_WORSE, SHADO
 from nbv.scans.unseen_boundary import UnseenBoundary
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.voxel_grid import VoxelGrid
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.pose import Pose

@@ -21,7 +21,7 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.plan.baselines import farthest_poses
 from nbv.plan.plan import read_plan
 from nbv.plan.planning import Method, plan_views
-from nbv.plan.remote_visibility import RemoteVisibility, SharedArrays
+from nbv.plan.problem import RemoteVisibility, SharedArrays
 from nbv.run.manifest import versions
 from nbv.run.workers import ThisProcess, _check_versions, cluster
 from nbv.scanning.sensor import PinholeSensor
@@ -30,9 +30,9 @@ from nbv.study.outcome import COLUMNS, SHARES, groups_of, outcome_of
 from nbv.study.pipeline import run_study
 from nbv.study.results import check_results, write_results
 from nbv.study.spec import read_study
+from nbv.visibility.candidates import scene_candidates
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.candidates import scene_candidates
 from nbv.visibility.visibility import visible_from_positions
 from scenes.checks import InputError
 from scenes.run.atomic import lock_file, locked

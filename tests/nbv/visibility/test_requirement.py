@@ -11,9 +11,8 @@ from nbv.scanning.beam import Intensity
 from nbv.scanning.effects import Effects, PointingNoise, named_effects
 from nbv.scanning.noise_models import ConstantNoise, TerrestrialNoise
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor, SphericalSensor
+from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
 from nbv.visibility.requirement import Precision, Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates

@@ -4,16 +4,14 @@
 import numpy as np
 import pytest
 
-from nbv.scanning.sensor import PinholeSensor
+from nbv.scanning.sensor import PinholeSensor, View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.scanning.view import View
-from nbv.visibility.reachability import find_reachable
+from nbv.visibility.candidates import find_standing, scene_candidates
+from nbv.visibility.clearance import Clearance
 from nbv.visibility.requirement import Requirement, SightLimits
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.candidates import find_standing, scene_candidates
-from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import Candidates
-from nbv.visibility.visibility import orient, visible_from_positions, visible_from_view
+from nbv.visibility.visibility import find_reachable, orient, visible_from_positions, visible_from_view
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.world.builtin import builtin_scene

@@ -14,8 +14,8 @@ from nbv.plan.tour import plan_tour
 from nbv.report.coverage_report import plan_page
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
+from nbv.visibility.clearance import Clearance
 from nbv.visibility.samples import sample_surface
-from nbv.visibility.standing.clearance import Clearance
 from nbv.visibility.viewpoints import Candidates, room_lattice, sphere_directions
 from nbv.visibility.zones import EVERYWHERE, Box, Zones
 from scenes.checks import InputError

@@ -12,8 +12,7 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
+from nbv.scanning.sensor import PinholeSensor, View
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError

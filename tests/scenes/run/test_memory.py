@@ -25,18 +25,16 @@ from nbv.commands.options import Shared
 from nbv.commands.process import running
 from nbv.commands.texture import texture_bytes
 from nbv.cover import dual
+from nbv.cover.dual import reduce_instance
 from nbv.cover.instance import CoverInstance
 from nbv.cover.pipeline import CoverOptions
-from nbv.cover.reduction import reduce_instance
 from nbv.scanning.beam import Footprint
 from nbv.scanning.effects import Effects
-from nbv.scanning.sensor import PinholeSensor
-from nbv.scanning.view import View
-from nbv.visibility.reachability import find_reachable
+from nbv.scanning.sensor import PinholeSensor, View
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.viewpoints import Candidates
-from nbv.visibility.visibility import visible_from_positions
+from nbv.visibility.visibility import find_reachable, visible_from_positions
 from scenes import builtin_scene
 from scenes.checks import InputError
 from scenes.pose import Pose

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
+from nbv.visibility.site import find_site
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.standing.site import find_site
 from tests.helpers import building_kinds as kinds
 from tests.helpers.buildings import house
 from tests.helpers.long_cases import first_in_gate

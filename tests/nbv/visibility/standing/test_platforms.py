@@ -3,7 +3,7 @@
 
 import pytest
 
-from nbv.visibility.standing.site import find_site
+from nbv.visibility.site import find_site
 from tests.helpers.buildings import Building, house
 
 WIDE = (3.0, 2.5)

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from nbv.visibility.candidates import bounding_surface
 from nbv.visibility.samples import sample_surface
+from nbv.visibility.site import find_site
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.standing.candidates import bounding_surface
-from nbv.visibility.standing.site import find_site
 from scenes.checks import InputError
 from scenes.io.scene_files import load_scene
 from scenes.mesh.labelled_mesh import LabelledMesh

@@ -4,10 +4,9 @@
 import numpy as np
 import pytest
 
+from nbv.visibility.rooms import Room
+from nbv.visibility.site import find_site, lattice_spacing
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.standing.positions import lattice_spacing
-from nbv.visibility.standing.rooms import Room
-from nbv.visibility.standing.site import find_site
 from scenes.checks import InputError
 from scenes.run.memory import memory_limit, resident
 from tests.helpers.buildings import house, warehouse
