@@ -83,11 +83,11 @@ def complete(
     world_from_reference = scans[0].world_from_sensor
     with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
         # 1. Surfaces: observe, register, segment and merge.
-        found = find_surfaces(scans, options.of_surfaces, steps)
+        surfaces = find_surfaces(scans, options.of_surfaces, steps)
 
         # 2. Continue: relate the surfaces, fit features, and extend each behind its occluders.
-        completed = continue_surfaces(found, world_from_reference, options, steps)
-        patches, observations = completed.patches, found.observations
+        completed = continue_surfaces(surfaces, world_from_reference, options, steps)
+        patches, observations = completed.patches, surfaces.observations
 
         # 3. Texture: continue the colour of each surface over its inferred part.
         texturing = settled(options.texturing, patches if options.texture else (), observations)
@@ -110,24 +110,24 @@ def complete(
             else []
         )
     return Completion(
-        found=found,
+        found=surfaces,
         completed=completed,
         textures=tuple(textures),
         inferred=tuple(mesh for mesh, _ in audits),
-        audit=_together(audits, overlap_m2(patches, found.tolerance.flatness_m)),
+        audit=_together(audits, overlap_m2(patches, surfaces.tolerance.flatness_m)),
         flattened=tuple(flattened),
         world_from_reference=world_from_reference,
     )
 
 
 def continue_surfaces(
-    found: ScanSurfaces, world_from_reference: Pose, options: CompletionOptions, steps: Steps
+    scan_surfaces: ScanSurfaces, world_from_reference: Pose, options: CompletionOptions, steps: Steps
 ) -> CompletedSurfaces:
     """Continue the surfaces of scans behind their occluders.
 
     Parameters
     ----------
-    found : ScanSurfaces
+    scan_surfaces : ScanSurfaces
         The surfaces, working frame.
     world_from_reference : Pose
         From the working frame to the world.
@@ -137,9 +137,11 @@ def continue_surfaces(
         Where to run.
     """
     # 1. Edit and relate: join and part as a person says; infer relations of surfaces, and impose them.
-    observations, flatness_m = found.observations, found.tolerance.flatness_m
+    observations, flatness_m = scan_surfaces.observations, scan_surfaces.tolerance.flatness_m
     up: FloatArray = world_from_reference.matrix[2, :3]
-    edited = apply_edits(found.surfaces, options.edits, observations, world_from_reference, flatness_m)
+    edited = apply_edits(
+        scan_surfaces.surfaces, options.edits, observations, world_from_reference, flatness_m
+    )
     related = relate_surfaces(
         edited,
         state_fits([edit.surface for edit in edited], observations, flatness_m),
@@ -149,7 +151,7 @@ def continue_surfaces(
         world_from_reference=world_from_reference,
     )
     surfaces = [edit.surface for edit in related.surfaces]
-    scans = found.evidence(steps, surfaces)
+    scans = scan_surfaces.evidence(steps, surfaces)
 
     # 2. Features: fit doorways and windows whole, or take the openings, rows of holes and joints that a
     #    person states; a known hole is no surface, and its reveals are surfaces of their own.
@@ -159,8 +161,10 @@ def continue_surfaces(
 
     # 3. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
     boundaries = [
-        steps.keep(find_boundary_pixels(one.fit, one.pixels, observations, scans.tolerance, scans.keys))
-        for one in surfaces
+        steps.keep(
+            find_boundary_pixels(surface.fit, surface.pixels, observations, scans.tolerance, scans.keys)
+        )
+        for surface in surfaces
     ]
     adjacency = find_adjacency(surfaces, boundaries, scans, up)
 
@@ -253,15 +257,18 @@ def verify_first(
 
     The scans are used as `completion` prepared them, with their corrected poses.
     """
-    found, alone = completion.found, complete_first(completion, options, n_threads=n_threads, journal=journal)
-    others = found.registration.seen_from_first(found.observations)[1:]
+    surfaces, alone = (
+        completion.found,
+        complete_first(completion, options, n_threads=n_threads, journal=journal),
+    )
+    others = surfaces.registration.seen_from_first(surfaces.observations)[1:]
     evidence = replace(options.evidence, flatness_m=alone.scans.tolerance.flatness_m)
     tolerance = evidence.tolerance(registration_m=min(seen.pose_error_m for seen in others))
-    is_same = all(seen is other for seen, other in zip(others, found.observations[1:], strict=True))
+    is_same = all(seen is other for seen, other in zip(others, surfaces.observations[1:], strict=True))
     return compare_patches(
         alone.patches,
         alone.scans.observations,
-        prepared(others, tolerance, found.reach[1:] if is_same else ()),
+        prepared(others, tolerance, surfaces.reach[1:] if is_same else ()),
         completion.world_from_reference,
     )
 
@@ -288,9 +295,9 @@ def _audited(patch: Patch, scans: Scans, bundles: Sequence[Bundles]) -> tuple[Ch
     return mesh, audit(mesh.vertices, mesh.faces, sd, seen, bundles, tolerance=scans.tolerance)
 
 
-def _together(found: Sequence[tuple[ChartMesh, AuditResult]], overlap: float) -> AuditResult:
+def _together(pairs: Sequence[tuple[ChartMesh, AuditResult]], overlap: float) -> AuditResult:
     """What the beams say of all surfaces, faces numbered on from one to the next, and where they overlap."""
-    first = np.cumsum([0, *(len(mesh.faces) for mesh, _ in found)])
-    faces = [result.faces + start for (_, result), start in zip(found, first, strict=False)]
-    area = float(sum(result.violation_m2 for _, result in found))
+    first = np.cumsum([0, *(len(mesh.faces) for mesh, _ in pairs)])
+    faces = [result.faces + start for (_, result), start in zip(pairs, first, strict=False)]
+    area = float(sum(result.violation_m2 for _, result in pairs))
     return AuditResult(area, np.concatenate([np.zeros(0, np.int64), *faces]), overlap)

@@ -168,8 +168,8 @@ def _halve(pixels: FloatArray, mask: BoolArray) -> tuple[FloatArray, BoolArray]:
 
 def _match_sizes(projections: list[FloatArray]) -> list[FloatArray]:
     """Return the quantiles of sorted columns at as many levels as the longer one has."""
-    n = max(len(some) for some in projections)
-    return [some[(np.arange(n) * len(some)) // n] for some in projections]
+    n = max(len(projection) for projection in projections)
+    return [projection[(np.arange(n) * len(projection)) // n] for projection in projections]
 
 
 def _find_border(within: BoolArray) -> BoolArray:

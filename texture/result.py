@@ -236,16 +236,16 @@ def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = Non
     image = np.where(np.isfinite(synthesis.image), synthesis.image, 0).astype(synthesis.image.dtype)
     boxes = list_pieces(within, around)
     shape = within[boxes[0]] if boxes else within
-    own, *pieces = [image[box] for box in boxes] or [image]
+    values, *pieces = [image[box] for box in boxes] or [image]
     among = [_distance(first, second, shape) for k, first in enumerate(pieces) for second in pieces[k + 1 :]]
-    to_fill = [_distance(own, piece, shape) for piece in pieces]
+    to_fill = [_distance(values, piece, shape) for piece in pieces]
     filled = within & (synthesis.source_rows >= 0)
     confidence = float(synthesis.confidence[filled].mean()) if filled.any() else 1.0
     distance = float(np.mean(to_fill)) if to_fill else float("nan")
     mean, spread = (float(np.mean(among)), float(np.std(among))) if among else (float("nan"),) * 2
     verbatim = measure_verbatim_share(synthesis.source_rows, synthesis.source_cols, within)
     phase_error = measure_phase_error(image, within, around)
-    found = {
+    flags = {
         "garbage": distance > mean + CLEARLY * max(spread, 0.1 * mean) or confidence < MOSTLY,
         "verbatim": verbatim > MOSTLY,
         "incomplete": not synthesis.is_complete,
@@ -259,7 +259,7 @@ def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = Non
         verbatim_share=verbatim,
         phase_error=phase_error,
         confidence=confidence,
-        alarms=tuple(name for name, rings in found.items() if rings),
+        alarms=tuple(name for name, rings in flags.items() if rings),
     )
 
 
@@ -272,8 +272,8 @@ def list_pieces(hole: BoolArray, known: BoolArray) -> list[tuple[slice, slice]]:
     rows, columns = np.nonzero(hole)
     if not rows.size:
         return []
-    own = np.s_[int(rows.min()) : int(rows.max()) + 1, int(columns.min()) : int(columns.max()) + 1]
-    shape = hole[own]
+    stretches = np.s_[int(rows.min()) : int(rows.max()) + 1, int(columns.min()) : int(columns.max()) + 1]
+    shape = hole[stretches]
     step = max(1, min(shape.shape) // 2)
     boxes = [
         np.s_[top : top + shape.shape[0], left : left + shape.shape[1]]
@@ -282,7 +282,7 @@ def list_pieces(hole: BoolArray, known: BoolArray) -> list[tuple[slice, slice]]:
     ]
     pieces = [box for box in boxes if known[box][shape].all()]
     chosen = np.unique(np.linspace(0, len(pieces) - 1, min(N_PIECES, len(pieces))).astype(int))
-    return [own, *(pieces[k] for k in chosen)]
+    return [stretches, *(pieces[k] for k in chosen)]
 
 
 def _distance(first: NDArray[np.generic], second: NDArray[np.generic], shape: BoolArray) -> float:

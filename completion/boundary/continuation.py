@@ -68,12 +68,16 @@ def continue_edges(
         followed = []
         for run in range(len(edge.runs)):
             for sign in (-1.0, 1.0):
-                found = _follow(
+                continued_edge_none = _follow(
                     edge, run, sign=sign, grid=grid, hidden=hidden, lead=_LEAD * float(grid.cell.max())
                 )
-                followed += _turn(edge, run, sign, grid, hidden) if found is None else [found]
+                followed += (
+                    _turn(edge, run, sign, grid, hidden)
+                    if continued_edge_none is None
+                    else [continued_edge_none]
+                )
         continued += _paired(followed, float(grid.cell.max()))
-    return [one for one in continued if one.provenance in cues]
+    return [continued_edge for continued_edge in continued if continued_edge.provenance in cues]
 
 
 def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray) -> list[ContinuedEdge]:
@@ -88,9 +92,9 @@ def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray)
         back = -float(line.normal @ (sign * edge.curve.direction))  # surface there, if it is turned to
         side = np.sign(back) * (1.0 if turn == edge.sides[run] else -1.0)
         short = Edge(line, np.zeros((1, 2)), np.array([side]), edge.deviation)
-        found = _follow(short, 0, sign=1.0, grid=grid, hidden=hidden, lead=lead)
-        if found is not None:
-            turned.append(replace(found, provenance=Cue.CLOSURE))
+        continued_edge_none = _follow(short, 0, sign=1.0, grid=grid, hidden=hidden, lead=lead)
+        if continued_edge_none is not None:
+            turned.append(replace(continued_edge_none, provenance=Cue.CLOSURE))
     return turned
 
 
@@ -154,12 +158,12 @@ def _meets_run(edge: Edge, run: int, end: float, slack: float) -> int | None:
 def _paired(continued: list[ContinuedEdge], cell: float) -> list[ContinuedEdge]:
     """The continuations of one edge, those that were followed from both ends kept once."""
     kept: list[ContinuedEdge] = []
-    for found in continued:
+    for edge in continued:
         twin = any(
-            (other.two_sided and found.two_sided and other.side == found.side)
-            and abs(other.end - found.start) <= 2 * _LEAD * 2 * cell
+            (other.two_sided and edge.two_sided and other.side == edge.side)
+            and abs(other.end - edge.start) <= 2 * _LEAD * 2 * cell
             for other in kept
         )
         if not twin:
-            kept.append(found)
+            kept.append(edge)
     return kept

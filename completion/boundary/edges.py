@@ -356,10 +356,10 @@ def find_edges(boundary: BoundaryPixels) -> list[Edge]:
             edges.append(_edge(circle, boundary.only(agrees)))
             left &= ~agrees
     while left.sum() >= MIN_POINTS and len(edges) < _MAX_EDGES:
-        found = _best_line(boundary, left)
-        if found is None:
+        pair = _best_line(boundary, left)
+        if pair is None:
             break
-        line, members = found
+        line, members = pair
         edges.append(_edge(line, boundary.only(members)))
         left &= ~members
     return [edge for edge in edges if len(edge.runs)]

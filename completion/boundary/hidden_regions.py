@@ -32,10 +32,10 @@ def further_flow(rest: Any, is_source: BoolArray) -> NDArray[np.int64]:
     is_source : (n + 2,) bool
         Nodes on the source's side: no capacity is left from these to the others.
     """
-    some = coo_array(rest)
-    rows, columns = np.append(some.row, some.col), np.append(some.col, some.row)
+    item = coo_array(rest)
+    rows, columns = np.append(item.row, item.col), np.append(item.col, item.row)
     key, index = np.unique(rows.astype(np.int64) * len(is_source) + columns, return_inverse=True)
-    capacity = np.bincount(index[: some.nnz], some.data, minlength=len(key)).astype(np.int64)
+    capacity = np.bincount(index[: item.nnz], item.data, minlength=len(key)).astype(np.int64)
     row, column = np.divmod(key, len(is_source))
     start, back = np.searchsorted(row, np.arange(len(is_source) + 1)), np.lexsort((row, column))
     more = np.zeros(len(is_source) - 2, np.int64)
@@ -167,20 +167,20 @@ def divide_hidden(
 
 
 def _neighbours(
-    grid: ChartGrid, one: BoolArray, other: BoolArray
+    grid: ChartGrid, first: BoolArray, second: BoolArray
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-    """Pairs (n,) of flat neighbours, the left or upper of `one` and the other of `other`, and their sides.
+    """Pairs (n,) of flat neighbours, the left or upper of `first` and the other of `second`, and their sides.
 
     Both (rows, columns) are cells; sides (n,) are in metres.
     """
-    index = np.arange(one.size).reshape(grid.shape)
+    index = np.arange(first.size).reshape(grid.shape)
     sides: list[tuple[Any, Any, float]] = [
         (np.s_[:, :-1], np.s_[:, 1:], grid.cell[1]),
         (np.s_[:-1], np.s_[1:], grid.cell[0]),
     ]
     if grid.wraps:
         sides.append((np.s_[:, -1:], np.s_[:, :1], grid.cell[1]))
-    both = [one[a] & other[b] for a, b, _ in sides]
+    both = [first[a] & second[b] for a, b, _ in sides]
     return (
         np.concatenate([index[a][mask] for mask, (a, _, _) in zip(both, sides, strict=True)]),
         np.concatenate([index[b][mask] for mask, (_, b, _) in zip(both, sides, strict=True)]),
@@ -204,13 +204,15 @@ def _parted(
     slack = 2 * float(grid.cell.max())
     cost = np.ones((len(first), 2))
     edge = np.full(len(first), -1, np.int32)
-    for number, one in enumerate(continued):
-        side = one.curve.across(centres) >= 0
+    for number, continued_edge in enumerate(continued):
+        side = continued_edge.curve.across(centres) >= 0
         parted = np.flatnonzero(side[first] != side[second])
-        progress = one.progress((centres[first[parted]] + centres[second[parted]]) / 2)
-        parted = parted[(progress >= -slack) & (progress <= abs(one.end - one.start) + slack)]
+        progress = continued_edge.progress((centres[first[parted]] + centres[second[parted]]) / 2)
+        parted = parted[
+            (progress >= -slack) & (progress <= abs(continued_edge.end - continued_edge.start) + slack)
+        ]
         edge[parted[edge[parted] < 0]] = number
-        cost[parted, np.where(side[first[parted]] == (one.side > 0), 0, 1)] = 1 - GOES_ON
+        cost[parted, np.where(side[first[parted]] == (continued_edge.side > 0), 0, 1)] = 1 - GOES_ON
     return edge, cost
 
 

@@ -114,8 +114,8 @@ class _Polygons:
         return _Polygons(np.stack([self.corner, crossing], axis=1)[kept], size[left]), left
 
 
-def _joined(one: _Polygons, other: _Polygons) -> _Polygons:
-    return _Polygons(np.concatenate([one.corner, other.corner]), np.concatenate([one.size, other.size]))
+def _joined(first: _Polygons, second: _Polygons) -> _Polygons:
+    return _Polygons(np.concatenate([first.corner, second.corner]), np.concatenate([first.size, second.size]))
 
 
 def _distinct(corner: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:

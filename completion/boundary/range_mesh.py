@@ -65,9 +65,9 @@ def _join(
 
 
 @inlined
-def _distance(one: FloatArray, other: FloatArray) -> float:
+def _distance(first: FloatArray, second: FloatArray) -> float:
     """Distance of two points (3,)."""
-    x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    x, y, z = first[0] - second[0], first[1] - second[1], first[2] - second[2]
     return sqrt(x * x + y * y + z * z)
 
 

@@ -76,20 +76,20 @@ def apply_edits(
     place = _Place(observations, world_from_reference.inverse(), flatness_m)
     edited = [EditedSurface(surface) for surface in surfaces]
     for edit in edits:
-        found = [
+        results = [
             surface_at(edited, anchor, edit.source, observations, world_from_reference)
             for anchor in edit.surfaces
         ]
-        numbers = list(dict.fromkeys(found))
+        numbers = list(dict.fromkeys(results))
         chosen = [edited[number] for number in numbers]
-        rest = [one for number, one in enumerate(edited) if number not in numbers]
+        rest = [surface for number, surface in enumerate(edited) if number not in numbers]
         if edit.action == "merge":
             edited = [*rest, _merged(chosen, edit, place)]
         elif edit.action == "split":
             edited = [*rest, *_split(chosen[0], edit, place)]
         else:
             edited[numbers[0]] = _noted(chosen[0], edit, place)
-    return sorted(edited, key=lambda one: -one.surface.n_pixels)
+    return sorted(edited, key=lambda edited_surface: -edited_surface.surface.n_pixels)
 
 
 def surface_at(
@@ -105,8 +105,8 @@ def surface_at(
     """
     point = world_from_reference.inverse().apply(anchor.point)
     away = [
-        float(np.min(np.linalg.norm(one.surface.points(observations) - point, axis=1), initial=np.inf))
-        for one in edited
+        float(np.min(np.linalg.norm(surface.surface.points(observations) - point, axis=1), initial=np.inf))
+        for surface in edited
     ]
     nearest = int(np.argmin(away)) if away else -1
     x, y, z = anchor.point
@@ -191,16 +191,16 @@ def _refitted(surface: MergedSurface, edit: Edit, place: _Place) -> MergedSurfac
     return replace(surface, fit=fit)
 
 
-def _noted(one: EditedSurface, edit: Edit, place: _Place) -> EditedSurface:
+def _noted(surface: EditedSurface, edit: Edit, place: _Place) -> EditedSurface:
     """The surface with an edit that says how it is to be continued."""
-    edits = replace(one.edits, actions=(*one.edits.actions, edit.action))
+    edits = replace(surface.edits, actions=(*surface.edits.actions, edit.action))
     if edit.action == "end":
-        return replace(one, edits=replace(edits, ends=(*edits.ends, _cut(one.surface, edit, place))))
-    outline = None if edit.outline is None else _on_surface(one.surface, edit.outline, edit, place)
+        return replace(surface, edits=replace(edits, ends=(*edits.ends, _cut(surface.surface, edit, place))))
+    outline = None if edit.outline is None else _on_surface(surface.surface, edit.outline, edit, place)
     if edit.action == "opening" and outline is not None:
-        return replace(one, edits=replace(edits, openings=(*edits.openings, outline)))
+        return replace(surface, edits=replace(edits, openings=(*edits.openings, outline)))
     wish = Wish(edit.action == "accept", outline)
-    return replace(one, edits=replace(edits, wishes=(*edits.wishes, wish)))
+    return replace(surface, edits=replace(edits, wishes=(*edits.wishes, wish)))
 
 
 def _cut(surface: MergedSurface, edit: Edit, place: _Place) -> Plane:

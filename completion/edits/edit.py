@@ -208,15 +208,17 @@ class Edit:
             raise InputError(f"{self.source}: do must be one of {', '.join(ACTIONS)}, got {self.action!r}")
         source = f"{self.source} ({self.action})"
         object.__setattr__(self, "source", source)
-        named = tuple(one if isinstance(one, Anchor) else Anchor(one) for one in self.surfaces)
+        named = tuple(
+            surface if isinstance(surface, Anchor) else Anchor(surface) for surface in self.surfaces
+        )
         object.__setattr__(self, "surfaces", named)
         if self.action == "merge" and len(named) < 2:
             raise InputError(f"{source}: takes two surfaces or more, got {len(named)}")
         if self.action != "merge" and len(named) != 1:
             raise InputError(f"{source}: takes one surface, got {len(named)}")
         if (self.cut is not None) != (self.action in ("split", "end")):
-            said = "needs a plane, or a line" if self.cut is None else "has no use for a plane or line"
-            raise InputError(f"{source}: {said}")
+            sentence = "needs a plane, or a line" if self.cut is None else "has no use for a plane or line"
+            raise InputError(f"{source}: {sentence}")
         if self.outline is None and self.action == "opening":
             raise InputError(f"{source}: needs an outline")
         if self.outline is not None and self.action in ("merge", "split", "end"):
@@ -259,7 +261,7 @@ class SurfaceEdits:
     @property
     def outlines(self) -> tuple[FloatArray, ...]:
         """Outlines (n, 3) with corners, of declared and fitted openings."""
-        return (*self.openings, *(one.outline for one in self.fitted))
+        return (*self.openings, *(opening.outline for opening in self.fitted))
 
     @property
     def of_features(self) -> SurfaceEdits:

@@ -57,7 +57,8 @@ def read_edits(path: str | PathLike[str]) -> tuple[Edit, ...]:
             raise InputError('holds no list "edits"; write {"edits": [{"do": "reject", "surface": 3}]}')
         anchors = anchors_of(held.get("surfaces", []))
         return tuple(
-            _edit(one, anchors, f"{file}: edit {number}") for number, one in enumerate(held["edits"], start=1)
+            _edit(edit, anchors, f"{file}: edit {number}")
+            for number, edit in enumerate(held["edits"], start=1)
         )
 
 
@@ -84,10 +85,10 @@ def anchors_of(surfaces: object) -> dict[int, Anchor]:
         raise InputError('its "surfaces" are no list; leave them as unseen complete wrote them')
     try:
         return {
-            int(one["id"]): Anchor(
-                check_coordinates(one["anchor"]), _kind(one.get("kind")), f"surface {one['id']}"
+            int(surface["id"]): Anchor(
+                check_coordinates(surface["anchor"]), _kind(surface.get("kind")), f"surface {surface['id']}"
             )
-            for one in surfaces
+            for surface in surfaces
         }
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(
@@ -95,29 +96,29 @@ def anchors_of(surfaces: object) -> dict[int, Anchor]:
         ) from error
 
 
-def _edit(one: object, anchors: Mapping[int, Anchor], source: str) -> Edit:
-    if not isinstance(one, dict) or one.get("do") not in ACTIONS:
-        said = f", not {one['do']!r}" if isinstance(one, dict) and "do" in one else ""
-        raise InputError(f'{source}: needs a "do" of {", ".join(ACTIONS)}{said}')
-    action = one["do"]
+def _edit(item: object, anchors: Mapping[int, Anchor], source: str) -> Edit:
+    if not isinstance(item, dict) or item.get("do") not in ACTIONS:
+        sentence = f", not {item['do']!r}" if isinstance(item, dict) and "do" in item else ""
+        raise InputError(f'{source}: needs a "do" of {", ".join(ACTIONS)}{sentence}')
+    action = item["do"]
     known = _FIELDS[action]
-    strange = [name for name in one if name not in (*known, "do", "note")]
+    strange = [name for name in item if name not in (*known, "do", "note")]
     if strange:
         raise InputError(f"{source}: {action} knows no {strange[0]!r}, only {', '.join(known)}")
-    if known[0] not in one:
+    if known[0] not in item:
         raise InputError(f'{source}: {action} needs "{known[0]}"')
-    named = one[known[0]]
+    named = item[known[0]]
     if action == "merge" and not isinstance(named, list):
         raise InputError(f'{source}: "surfaces" are a list, such as [3, 7], got {named!r}')
     surfaces = named if action == "merge" else [named]
-    if "plane" in one and "line" in one:
+    if "plane" in item and "line" in item:
         raise InputError(f"{source}: give a plane or a line, not both")
     try:
         return Edit(
             action=action,
             surfaces=tuple(named_anchor(name, anchors, source) for name in surfaces),
-            cut=_cut(one),
-            outline=check_coordinates(one["outline"]) if "outline" in one else None,
+            cut=_cut(item),
+            outline=check_coordinates(item["outline"]) if "outline" in item else None,
             source=source,
         )
     except InputError as error:
@@ -143,12 +144,12 @@ def named_anchor(name: object, anchors: Mapping[int, Anchor], source: str) -> An
     raise InputError(f"{source}: surface {name} is not among the surfaces of this file: {cure}")
 
 
-def _cut(one: Mapping[str, Any]) -> Plane | Any | None:
-    if "line" in one:
-        return check_coordinates(one["line"])
-    if "plane" not in one:
+def _cut(items: Mapping[str, Any]) -> Plane | Any | None:
+    if "line" in items:
+        return check_coordinates(items["line"])
+    if "plane" not in items:
         return None
-    plane = one["plane"]
+    plane = items["plane"]
     if not isinstance(plane, dict) or not {"point", "normal"} <= plane.keys():
         raise InputError(f'a plane is {{"point": [x, y, z], "normal": [x, y, z]}}, got {plane!r}')
     return Plane(check_coordinates(plane["point"]), check_coordinates(plane["normal"]))

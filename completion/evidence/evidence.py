@@ -103,7 +103,10 @@ class Scans:
             object.__setattr__(self, "sights", sights)
         if not self.reach:
             object.__setattr__(self, "reach", tuple(map(reach_of, self.observations)))
-        eyes, farthest = (sight.eye for sight in self.sights), (float(one.far.max()) for one in self.reach)
+        eyes, farthest = (
+            (sight.eye for sight in self.sights),
+            (float(reach.far.max()) for reach in self.reach),
+        )
         object.__setattr__(self, "views", Views.of(eyes, farthest))
 
     def numbered(self, owners: Sequence[NDArray[np.int32]]) -> Scans:

@@ -78,24 +78,24 @@ def _across_plane(
         plus(down, part.high - foot[1], toward),
     )
     sigma = deviation_at(noise, high)  # of ranges that get there: it grows with the range
-    found = np.zeros(far.shape, np.bool_)
+    mask = np.zeros(far.shape, np.bool_)
     for i in range(far.shape[0]):
         for j in range(far.shape[1]):
             if far[i, j] < 0.0:
                 continue
-            found[i, j] = True
+            mask[i, j] = True
             if high == 0.0:
                 continue
             excess = _least_excess(eye, sigma * min(high / max(far[i, j], high), 1.0), least_sd)
             slack = _SLACK * (high + far[i, j])
             if farthest_along(reach.boxes, i, j, toward) < high + excess - slack:
-                found[i, j] = False
+                mask[i, j] = False
                 continue
             for side in sides:
                 if farthest_along(reach.boxes, i, j, side) < -_SLACK * far[i, j] * np.sqrt(dot(side, side)):
-                    found[i, j] = False
+                    mask[i, j] = False
                     break
-    return found
+    return mask
 
 
 @inlined
@@ -110,7 +110,7 @@ def _across_cylinder(eye: Eye, form: Form, reach: Reach, part: Rectangle, least_
     top = plus(bottom, part.high - part.low, form.axis)
     away = plus(bottom, -dot(bottom, form.axis), form.axis)  # from the sensor to the axis, the shortest way
     distance, excess = np.sqrt(dot(away, away)), _least_excess(eye, 0.0, least_sd)
-    found = np.zeros(far.shape, np.bool_)
+    mask = np.zeros(far.shape, np.bool_)
     for i in range(far.shape[0]):
         for j in range(far.shape[1]):
             if far[i, j] < 0.0:
@@ -118,18 +118,18 @@ def _across_cylinder(eye: Eye, form: Form, reach: Reach, part: Rectangle, least_
             middle = boxes[i, j, 0, 0], boxes[i, j, 0, 1], boxes[i, j, 0, 2]
             slack = _SLACK * (distance + form.radius + far[i, j])
             if distance <= form.radius:
-                found[i, j] = _farthest_from_axis(boxes, i, j, form, minus(middle, away)) > (
+                mask[i, j] = _farthest_from_axis(boxes, i, j, form, minus(middle, away)) > (
                     form.radius + excess - slack
                 )
                 continue
             aside = _cross(form.axis, middle)
             upward = _cross(middle, aside)
-            found[i, j] = not (
+            mask[i, j] = not (
                 _parts(boxes, i, j, away, bottom, top, form.radius + slack)
                 or _parts(boxes, i, j, aside, bottom, top, form.radius + slack)
                 or _parts(boxes, i, j, upward, bottom, top, form.radius + slack)
             )
-    return found
+    return mask
 
 
 @inlined
@@ -196,7 +196,7 @@ def free_cells(
     than a cell. `views` are those of the scans, made here when not given.
     """
     if views is None:
-        views = Views.of((one.eye for one in sights), (float(one.far.max()) for one in reaches))
+        views = Views.of((eye.eye for eye in sights), (float(item.far.max()) for item in reaches))
     form, around, count = form_of(grid.surface), _with_margin(grid), np.zeros(grid.shape, np.int32)
     sd = predicted_sd.reshape(grid.shape)
     cells = _Cells(_pair(grid.corner), _pair(grid.cell), grid.wraps, sd, count)

@@ -44,33 +44,33 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     owner : int
         This surface's number in `scans.owners`.
     """
-    found, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
+    results, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
     may_see = scans.views.may_see(ball_around(grid.bounds(), grid.cell)).tolist()
     for number, is_key in scans.order:  # of equal claims the first scan's counts
         if not may_see[number]:
             continue
         owners = scans.owners[number].ravel()
-        _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, is_key, found)
+        _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, is_key, results)
         trim()
-    observed, own = found.observed.reshape(grid.shape), found.own.reshape(grid.shape)
+    observed, is_member = results.observed.reshape(grid.shape), results.own.reshape(grid.shape)
 
     # Measured cells far from the surface's own pixels are of something else on its plane.
-    near = cv2.dilate(own.view(np.uint8), np.ones((2 * _NEAR_CELLS + 1,) * 2, np.uint8))
+    near = cv2.dilate(is_member.view(np.uint8), np.ones((2 * _NEAR_CELLS + 1,) * 2, np.uint8))
     observed &= near.astype(np.bool_)
 
     # Veto: nothing is where beams went through, but what was measured.
     vetoed = free_cells(grid, predicted_sd, scans.sights, scans.reach, scans.views)
-    labels = found.labels.reshape(grid.shape)
+    labels = results.labels.reshape(grid.shape)
     labels[vetoed.reshape(grid.shape) & ~observed] = Label.FREE
     return Evidence(
         labels=labels,
         observed=observed,
-        own=own,
-        pixel=found.pixel.reshape(grid.shape),
-        scan=found.scan.reshape(grid.shape),
-        occluder=np.where(labels == Label.OCCLUDED, np.maximum(found.occluder, 0).reshape(grid.shape), 0),
-        through=found.through.reshape(grid.shape) & ~observed,
-        limb=found.limb.reshape(grid.shape) & ~observed,
+        own=is_member,
+        pixel=results.pixel.reshape(grid.shape),
+        scan=results.scan.reshape(grid.shape),
+        occluder=np.where(labels == Label.OCCLUDED, np.maximum(results.occluder, 0).reshape(grid.shape), 0),
+        through=results.through.reshape(grid.shape) & ~observed,
+        limb=results.limb.reshape(grid.shape) & ~observed,
     )
 
 
@@ -93,13 +93,13 @@ class _Found(NamedTuple):
     def of(cls, centres: FloatArray, predicted_sd: FloatArray) -> _Found:
         """Nothing, yet."""
         n = len(centres)
-        observed, own, through, limb = np.zeros((4, n), dtype=np.bool_)
+        observed, is_member, through, limb = np.zeros((4, n), dtype=np.bool_)
         return cls(
             centres=centres,
             predicted_sd=predicted_sd,
             labels=np.full(n, Label.OUT, np.int8),
             observed=observed,
-            own=own,
+            own=is_member,
             pixel=np.full(n, -1, np.int64),
             scan=np.full(n, -1, np.int32),
             footprint=np.full(n, np.inf),
@@ -136,7 +136,7 @@ def _hold(
     owner: int,
     number: int,
     is_key: bool,
-    found: _Found,
+    results: _Found,
 ) -> None:
     """Hold the cells of a grid against one scan, block by block; `owners` are its (pixels,).
 
@@ -167,22 +167,22 @@ def _hold(
                     continue
             for row in range(top, bottom):
                 cells = row * columns + left, row * columns + right
-                _hold_cells(sight, form, cells, owners, owner, number, is_key, found)
+                _hold_cells(sight, form, cells, owners, owner, number, is_key, results)
             if not blocks.is_hidden[i, j]:
-                _note_hidden(blocks, i, j, found)
+                _note_hidden(blocks, i, j, results)
 
 
 @inlined
-def _note_hidden(blocks: _Blocks, i: int, j: int, found: _Found) -> None:
+def _note_hidden(blocks: _Blocks, i: int, j: int, results: _Found) -> None:
     """Note whether all cells of a block are hidden or more."""
     rows, columns = blocks.shape
     sd = 0.0
     for row in range(i * _BLOCK, min((i + 1) * _BLOCK, rows)):
         for cell in range(row * columns + j * _BLOCK, row * columns + min((j + 1) * _BLOCK, columns)):
-            label = found.labels[cell]
-            if label < _OCCLUDED or (label == _OCCLUDED and found.occluder[cell] < 0):
+            label = results.labels[cell]
+            if label < _OCCLUDED or (label == _OCCLUDED and results.occluder[cell] < 0):
                 return
-            sd = max(sd, found.predicted_sd[cell])
+            sd = max(sd, results.predicted_sd[cell])
     blocks.is_hidden[i, j], blocks.sd[i, j] = True, sd
 
 
@@ -195,61 +195,66 @@ def _hold_cells(
     owner: int,
     number: int,
     is_key: bool,
-    found: _Found,
+    results: _Found,
 ) -> None:
     """Hold the centres of cells, from a first one up to an end, against the pixels that see them."""
-    centres, predicted_sd, labels, observed = found.centres, found.predicted_sd, found.labels, found.observed
-    own, pixels, scans, footprints = found.own, found.pixel, found.scan, found.footprint
-    occluder, through, at_limb = found.occluder, found.through, found.limb
+    centres, predicted_sd, labels, observed = (
+        results.centres,
+        results.predicted_sd,
+        results.labels,
+        results.observed,
+    )
+    is_member, pixels, scans, footprints = results.own, results.pixel, results.scan, results.footprint
+    occluder, through, at_limb = results.occluder, results.through, results.limb
     eye, ranges = sight.eye, sight.ranges
     for cell in range(cells[0], cells[1]):
-        if own[cell] and not is_key:
+        if is_member[cell] and not is_key:
             continue
         place = centres[cell, 0], centres[cell, 1], centres[cell, 2]
         pixel = pixel_of(eye, sight.angles, place)
         if pixel < 0:
             continue
         measured = ranges[pixel]
-        said = look(eye, form, place, predicted_sd[cell], (measured, deviation_at(sight.noise, measured)))
-        is_sure = said.allowed <= eye.max_m
+        sentence = look(eye, form, place, predicted_sd[cell], (measured, deviation_at(sight.noise, measured)))
+        is_sure = sentence.allowed <= eye.max_m
         label = _NO_RETURN  # free space is claimed by the beams themselves: a cell's centre is not its beam
-        if said.behind > said.allowed:
+        if sentence.behind > sentence.allowed:
             # 1. Something stands before the cell.
             label = _OCCLUDED
             if occluder[cell] < 0:
                 occluder[cell] = owners[pixel]
-        elif said.behind >= -said.allowed:
+        elif sentence.behind >= -sentence.allowed:
             # 2. It is measured by the surface's own pixels, or surely by pixels of no surface. Of several
             #    keep the one with the smallest footprint.
             is_own = owners[pixel] == owner
             is_measured = is_own or (owners[pixel] == 0 and is_sure)
             label = _VISIBLE if is_measured or is_sure else _NO_RETURN
-            own[cell] |= is_own
+            is_member[cell] |= is_own
             observed[cell] |= is_measured
-            footprint = said.distance * said.distance / max(said.cosine, _LEAST_COSINE)
+            footprint = sentence.distance * sentence.distance / max(sentence.cosine, _LEAST_COSINE)
             if is_measured and footprint <= footprints[cell]:
                 footprints[cell], pixels[cell], scans[cell] = footprint, pixel, number
 
-        elif measured == np.inf and _is_unlit(sight, pixel, place, said, predicted_sd[cell]):
+        elif measured == np.inf and _is_unlit(sight, pixel, place, sentence, predicted_sd[cell]):
             # 3. Nothing came back, since something hid the cell from the projector.
             label = _UNLIT
 
         # 4. Note cells beside which a beam got farther, and those too oblique to tell.
-        limb = said.distance * eye.pixel_angle / form.radius if form.is_curved else 0.0
-        if np.isfinite(measured) and said.behind < -said.allowed and is_sure:
+        limb = sentence.distance * eye.pixel_angle / form.radius if form.is_curved else 0.0
+        if np.isfinite(measured) and sentence.behind < -sentence.allowed and is_sure:
             through[cell] = True
-        at_limb[cell] |= said.cosine < np.sqrt(min(2 * _LIMB_PIXELS * limb, 1.0))
+        at_limb[cell] |= sentence.cosine < np.sqrt(min(2 * _LIMB_PIXELS * limb, 1.0))
 
         # 5. Keep the strongest label of all scans.
         labels[cell] = max(labels[cell], label)
 
 
 @inlined
-def _is_unlit(sight: Sight, pixel: int, place: Triple, said: Look, predicted_sd: float) -> bool:
+def _is_unlit(sight: Sight, pixel: int, place: Triple, sentence: Look, predicted_sd: float) -> bool:
     """Tell whether a place that a pixel without return sees was hidden from the projector."""
     eye = sight.eye
     if eye.is_spherical or not max(sight.devices.shadow) > 0.0:
         return False
     depth = dot(eye.turn[2], place) + eye.shift[2]
-    allowed = along_ray(eye, deviation_at(sight.noise, said.distance), predicted_sd, said.cosine)
+    allowed = along_ray(eye, deviation_at(sight.noise, sentence.distance), predicted_sd, sentence.cosine)
     return bool(is_shadowed(sight.devices, sight.ranges, pixel, depth, allowed))

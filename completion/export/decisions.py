@@ -52,12 +52,14 @@ def cylinder_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
     """
     model = building.model
     columns = [
-        one.cylinder for one in building.columns if one.cylinder is not None and _is_round(one.cylinder)
+        column.cylinder
+        for column in building.columns
+        if column.cylinder is not None and _is_round(column.cylinder)
     ]
-    pipes = [one for one in building.pipes if _is_round(one)]
-    found = [one for column in columns for one in _own(column, model, "column")]
-    found += [one for pipe in pipes for one in _own(pipe, model, "pipe")]
-    middles = [one.ends.mean(axis=0) for one in columns]
+    pipes = [pipe for pipe in building.pipes if _is_round(pipe)]
+    dimensions = [dimension for column in columns for dimension in _own(column, model, "column")]
+    dimensions += [dimension for pipe in pipes for dimension in _own(pipe, model, "pipe")]
+    middles = [column.ends.mean(axis=0) for column in columns]
     for k, m in combinations(range(len(columns)), 2):
         ends = np.stack([middles[k], middles[m]])
         ends[:, 2] = ends[:, 2].mean()
@@ -65,8 +67,8 @@ def cylinder_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
         apart = np.linalg.norm(ends[1] - ends[0])
         between = [n for n in range(len(columns)) if n not in (k, m)]
         if all(np.linalg.norm(middles[n][:2] - ends.mean(axis=0)[:2]) >= apart / 2 for n in between):
-            found.append(_spacing((columns[k], columns[m]), ends, model.errors))
-    return tuple(found)
+            dimensions.append(_spacing((columns[k], columns[m]), ends, model.errors))
+    return tuple(dimensions)
 
 
 def _is_round(cylinder: CylinderElement) -> bool:
@@ -93,7 +95,7 @@ def _own(cylinder: CylinderElement, model: BuildingModel, what: Literal["column"
         measured_share=1.0,
         existence=1.0,
     )
-    caps = [one for one in (_end(cylinder, which, model) for which in (0, 1)) if one is not None]
+    caps = [end for end in (_end(cylinder, which, model) for which in (0, 1)) if end is not None]
     if len(caps) < 2:
         return [radius]
     ends = np.stack([caps[0].place, caps[1].place])
@@ -107,7 +109,7 @@ def _own(cylinder: CylinderElement, model: BuildingModel, what: Literal["column"
         high=value + half + caps[0].outwards_m + caps[1].outwards_m,
         supports=(Support(cylinder, ends[0], 0.0), *planes),
         ends=ends,
-        measured_share=float(np.mean([one.inwards_m + one.outwards_m == 0 for one in caps])),
+        measured_share=float(np.mean([cap.inwards_m + cap.outwards_m == 0 for cap in caps])),
         existence=1.0,
     )
     return [radius, length]
@@ -166,13 +168,13 @@ def _is_solid(plane: PlaneElement, place: FloatArray, cylinder: CylinderElement)
     facing = float(plane.normal @ (place - cylinder.ends.mean(axis=0))) > 0
     far = cylinder.radius_m * (_WITHIN if facing else _AROUND)
     around = [place + far * way for way in _across(_direction(cylinder))]
-    return plane.kind != "plane" or sum(plane.provenance(one) == 0 for one in around) > len(around) / 2
+    return plane.kind != "plane" or sum(plane.provenance(values) == 0 for values in around) > len(around) / 2
 
 
 def _is_plate(plane: PlaneElement, place: FloatArray, cylinder: CylinderElement) -> bool:
     """Whether a plane that faces outwards goes on around the cylinder, so that it is no lid."""
     around = [place + _BEYOND * cylinder.radius_m * way for way in _across(_direction(cylinder))]
-    return any(plane.provenance(one) >= 0 for one in around)
+    return any(plane.provenance(values) >= 0 for values in around)
 
 
 def _meetings(
@@ -271,17 +273,17 @@ class DecisionSheet:
     @property
     def advice(self) -> tuple[Advice, ...]:
         """What is said of each."""
-        return tuple(advice(one, self.tolerance_m) for one in self.dimensions)
+        return tuple(advice(dimension, self.tolerance_m) for dimension in self.dimensions)
 
     @property
     def told_doubt(self) -> str:
         """What is said where intervals are not known, as of a mesh; nothing else."""
-        return "" if all(np.isfinite(one.half) for one in self.dimensions) else UNKNOWN
+        return "" if all(np.isfinite(dimension.half) for dimension in self.dimensions) else UNKNOWN
 
     def counts(self) -> dict[str, int]:
         """How many of them there are of each word."""
-        said = Counter(self.advice)
-        return {word: said[word] for word in ("rely", "check", "do not build")}
+        literal = Counter(self.advice)
+        return {word: literal[word] for word in ("rely", "check", "do not build")}
 
     def to_csv(self) -> str:
         """What `decisions.csv` holds: lengths in metres, areas in m2, volumes in m3, as `unit` says.
@@ -291,9 +293,18 @@ class DecisionSheet:
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
         rows.writerow(COLUMNS)
-        for one, word in zip(self.dimensions, self.advice, strict=True):
-            numbers = [f"{number:.4f}" for number in (one.value, one.low, one.high)]
-            rows.writerow([one.name, one.kind, *numbers, f"{one.measured_share:.2f}", word, one.unit])
+        for dimension, word in zip(self.dimensions, self.advice, strict=True):
+            numbers = [f"{number:.4f}" for number in (dimension.value, dimension.low, dimension.high)]
+            rows.writerow(
+                [
+                    dimension.name,
+                    dimension.kind,
+                    *numbers,
+                    f"{dimension.measured_share:.2f}",
+                    word,
+                    dimension.unit,
+                ]
+            )
         return text.getvalue()
 
 
@@ -310,7 +321,7 @@ def decision_sheet(building: BuildingParts, tolerance_m: float = TOLERANCE_M) ->
     model = building.model
 
     # 1. Rooms: widths between walls, heights between floors and ceilings; areas and volumes of closed ones.
-    heights = [one for storey in building.storeys for one in room_heights(storey, model.errors)]
+    heights = [height for storey in building.storeys for height in room_heights(storey, model.errors)]
     rooms = (*widths_of(building), *heights, *room_sizes(building))
 
     # 2. Walls and slabs that were seen from both sides.

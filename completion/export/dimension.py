@@ -89,7 +89,7 @@ class Dimension:
     @property
     def surfaces(self) -> tuple[int, ...]:
         """Numbers of the surfaces it rests on, in their order along it."""
-        return tuple(dict.fromkeys(one.element.number for one in self.supports))
+        return tuple(dict.fromkeys(support.element.number for support in self.supports))
 
     @property
     def name(self) -> str:
@@ -112,10 +112,14 @@ def half_interval(supports: Sequence[Support], errors: JointErrors, *, more_sd: 
     """
     contrast: dict[int, FloatArray] = {}
     shifts: dict[int, FloatArray] = {}
-    for one in supports:
-        number = one.element.number - 1
-        contrast[number] = contrast.get(number, 0.0) + one.weight * one.element.gradient(one.place)
-        shifts[number] = shifts.get(number, np.zeros(3)) + one.weight * one.element.normal_at(one.place)
+    for support in supports:
+        number = support.element.number - 1
+        contrast[number] = contrast.get(number, 0.0) + support.weight * support.element.gradient(
+            support.place
+        )
+        shifts[number] = shifts.get(number, np.zeros(3)) + support.weight * support.element.normal_at(
+            support.place
+        )
     return errors.half_interval(contrast, shifts, more_sd=more_sd, level=LEVEL)
 
 
@@ -136,8 +140,10 @@ def between(
         high=value + half,
         supports=supports,
         ends=ends,
-        measured_share=float(np.mean([one.element.provenance(one.place) == 0 for one in supports])),
-        existence=min(one.element.confidence(one.place) for one in supports),
+        measured_share=float(
+            np.mean([support.element.provenance(support.place) == 0 for support in supports])
+        ),
+        existence=min(support.element.confidence(support.place) for support in supports),
     )
 
 

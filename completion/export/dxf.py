@@ -83,10 +83,10 @@ def _add_folds(space: Modelspace, model: BuildingModel) -> None:
 
 
 def _add_openings(space: Modelspace, model: BuildingModel) -> None:
-    for one in model.openings:
-        entity = space.add_polyline3d(one.points.tolist(), close=True, dxfattribs={"layer": "OPENING"})
-        sizes = [(1040, one.width_m), (1040, one.height_m)]
-        entity.set_xdata(_APP, [(1071, one.surface), (1000, one.kind), *sizes])
+    for opening in model.openings:
+        entity = space.add_polyline3d(opening.points.tolist(), close=True, dxfattribs={"layer": "OPENING"})
+        sizes = [(1040, opening.width_m), (1040, opening.height_m)]
+        entity.set_xdata(_APP, [(1071, opening.surface), (1000, opening.kind), *sizes])
 
 
 def _add_lines(space: Modelspace, lines: Sequence[CutLine], name: str) -> None:
@@ -154,9 +154,9 @@ def _inner_edges(model: BuildingModel) -> NDArray[np.bool_]:
     """Which edges (m, 3) of the facets part two of one surface and one state."""
     corners = model.faces
     edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
-    own = np.repeat(np.column_stack([model.surface, ~model.is_measured]), 3, axis=0)
+    values = np.repeat(np.column_stack([model.surface, ~model.is_measured]), 3, axis=0)
     _, index, count = np.unique(
-        np.column_stack([edges, own]), axis=0, return_inverse=True, return_counts=True
+        np.column_stack([edges, values]), axis=0, return_inverse=True, return_counts=True
     )
     return np.asarray(count[index.ravel()] > 1).reshape(-1, 3)
 

@@ -60,7 +60,10 @@ _SETS = {
 
 def body_product(shapes: Shapes, parts: BuildingParts, body: Body, part: Any, key: str) -> Product:
     """Return part of a wall or a slab with its thickness; openings of either face go through it."""
-    face, other = (next(one for one in parts.faces if one.number == number) for number in body.surfaces)
+    face, other = (
+        next(plane_face for plane_face in parts.faces if plane_face.number == number)
+        for number in body.surfaces
+    )
     holes = [(outline, area) for outline, area in _through(body, face, other) if _is_beside(area, part)]
     open_area = joined(area for _, area in holes)
     whole = smoothed(joined((common(body.area, part), open_area)), _SLIT_M)
@@ -137,10 +140,10 @@ def sheet_product(
     words = {"IfcSlab": "FLOOR", "IfcCovering": "CEILING"}
     taken = joined(_laid_on(parts, face))
     holes = [
-        Hole(one, [shapes.world_loop(one.points)], "Curve3D", None)
-        for one in face.openings
+        Hole(opening, [shapes.world_loop(opening.points)], "Curve3D", None)
+        for opening in face.openings
         if entity != "IfcBuildingElementProxy"
-        and not _is_within(shapely.Polygon(face.frame.flat(one.points)), taken)
+        and not _is_within(shapely.Polygon(face.frame.flat(opening.points)), taken)
     ]
     return Product(
         key=key,
@@ -166,8 +169,8 @@ def _laid_on(parts: BuildingParts, face: PlaneFace) -> Iterator[Any]:
     """The areas that bodies take of a face, with the openings through them."""
     for body in parts.bodies:
         if face.number in body.surfaces:
-            one, other = (next(f for f in parts.faces if f.number == number) for number in body.surfaces)
-            through = joined((body.area, *(area for _, area in _through(body, one, other))))
+            first, second = (next(f for f in parts.faces if f.number == number) for number in body.surfaces)
+            through = joined((body.area, *(area for _, area in _through(body, first, second))))
             yield moved(through, body.frame, face.frame)
 
 
@@ -175,11 +178,11 @@ def _through(body: Body, face: PlaneFace, other: PlaneFace) -> Iterator[tuple[Op
     """The openings in a body and their outlines on its first face; of two that are one, the first."""
     around = shapely.buffer(body.area, 0.0).convex_hull
     known: list[Any] = []
-    for one in (*face.openings, *other.openings):
-        area = _outline(one, body.frame)
+    for outline in (*face.openings, *other.openings):
+        area = _outline(outline, body.frame)
         if area.area and not _is_within(area, joined(known)) and _is_within(area, around):
             known.append(area)
-            yield one, less(common(area, around), known[:-1])
+            yield outline, less(common(area, around), known[:-1])
 
 
 def _outline(opening: OpeningOutline, frame: Frame) -> Any:
@@ -259,12 +262,12 @@ def pipe_product(shapes: Shapes, pipe: CylinderElement) -> Product:
 
 def cylinder_product(shapes: Shapes, model: BuildingModel, cylinder: CylinderElement) -> Product | None:
     """Return another cylinder as its facets; None where it has none."""
-    own, seen = model.surface == cylinder.number, model.is_measured
+    item, seen = model.surface == cylinder.number, model.is_measured
     pieces = (
-        Piece(shapes.triangles(model.vertices, model.faces[own & seen]), "measured"),
-        Piece(shapes.triangles(model.vertices, model.faces[own & ~seen]), "inferred"),
+        Piece(shapes.triangles(model.vertices, model.faces[item & seen]), "measured"),
+        Piece(shapes.triangles(model.vertices, model.faces[item & ~seen]), "inferred"),
     )
-    if not own.any():
+    if not item.any():
         return None
     return Product(
         key=f"Cylinder {cylinder.number}",
@@ -307,16 +310,26 @@ def write_space(
             top = Frame(base.place(np.zeros(2), room.height_m), _UP.right, _UP.up, _UP.normal)
             items, kind = shapes.extruded(room.outline, top, room.height_m), "SweptSolid"
         shape = represented(file, contexts.body, "Body", kind, items)
-    told = "closed" if room.closed else "open: walls were not found all around it"
-    values = [file.guid(key), None, key, told, None, shapes.placement(above), shape, None, Word("ELEMENT")]
+    sentence = "closed" if room.closed else "open: walls were not found all around it"
+    values = [
+        file.guid(key),
+        None,
+        key,
+        sentence,
+        None,
+        shapes.placement(above),
+        shape,
+        None,
+        Word("ELEMENT"),
+    ]
     space = file.add("IfcSpace", [*values, Word("INTERNAL" if room.closed else "NOTDEFINED"), None])
-    around = [one for one in model.planes if one.number in room.surfaces]
+    around = [plane for plane in model.planes if plane.number in room.surfaces]
     evidence = Evidence(
         surfaces=room.surfaces,
         measured_share=room.measured_share,
         sd_m=None,
-        confidence=min((mean_confidence(one) for one in around), default=None),
-        more={"Boundary": told, "Volume": room.told},
+        confidence=min((mean_confidence(element) for element in around), default=None),
+        more={"Boundary": sentence, "Volume": room.told},
     )
     quantities = [Quantity("NetFloorArea", "Area", room.area_m2)]
     if room.height_m is not None:
@@ -353,7 +366,7 @@ def ifc_of(parts: BuildingParts, name: str = "completed.ifc") -> str:
     IfcMapConversion leads to the scans' coordinates.
     """
     model = parts.model
-    file = StepText(b"".join(np.ascontiguousarray(one).tobytes() for one in (model.vertices, model.faces)))
+    file = StepText(b"".join(np.ascontiguousarray(bit).tobytes() for bit in (model.vertices, model.faces)))
     origin = _origin(model.drawn)
     contexts = _contexts(file, origin)
     units = file.add("IfcUnitAssignment", [[
@@ -414,7 +427,7 @@ def _products(parts: BuildingParts, levels: Sequence[_Level]) -> Iterator[tuple[
         split = bands(storeys, rest, face.frame, _begin(face)) if entity == "IfcWall" else [(k, rest)]
         for k, part, key in _keyed(split, f"{_NAMES[entity]} {face.number}"):
             yield k, sheet_product(levels[k].shapes, parts, face, rest=part, named=(entity, key))
-    cylinders = {one.number: one for one in model.cylinders}
+    cylinders = {element.number: element for element in model.cylinders}
     for column in parts.columns:
         known = [cylinders.get(number) or face_of[number].element for number in column.surfaces]
         k = storey_at(storeys, column.bottom_m + _STANDING_M)
@@ -498,7 +511,7 @@ def _contexts(file: StepText, origin: FloatArray) -> tuple[Contexts, Ref]:
         for name, view in kinds
     )
     if origin.any():
-        told = "coordinates of the scans; which reference system they are in is not known"
-        system = file.add("IfcProjectedCRS", ["unknown", told, None, None, None, None, None])
+        sentence = "coordinates of the scans; which reference system they are in is not known"
+        system = file.add("IfcProjectedCRS", ["unknown", sentence, None, None, None, None, None])
         file.add("IfcMapConversion", [whole, system, *origin.tolist(), 1.0, 0.0, 1.0])
     return Contexts(body, foot_print, reference), whole

@@ -135,15 +135,15 @@ def _real(value: float) -> str:
 
 def _characters(text: str) -> str:
     """Characters beyond ASCII by their codes; apostrophes and backslashes twice."""
-    found = []
+    texts = []
     for character in text:
         if character in "'\\":
-            found.append(2 * character)
+            texts.append(2 * character)
         elif 32 <= ord(character) < 127:
-            found.append(character)
+            texts.append(character)
         else:
-            found.append(f"\\X2\\{character.encode('utf-16-be').hex().upper()}\\X0\\")
-    return "".join(found)
+            texts.append(f"\\X2\\{character.encode('utf-16-be').hex().upper()}\\X0\\")
+    return "".join(texts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,10 +184,10 @@ class Shapes:
         corner = np.array(area.bounds[:2] if not area.is_empty else (0.0, 0.0))  # where profiles begin
         axes = self.axes(frame.place(corner, -depth_m) - self.origin, frame.normal, frame.right)
         along = self.direction(np.array([0, 0, 1.0]))
-        own = shapely.transform(area, lambda uv: uv - corner)
+        item = shapely.transform(area, lambda uv: uv - corner)
         return [
-            self.file.add("IfcExtrudedAreaSolid", [self.profile(one), axes, along, depth_m - low_m])
-            for one in polygons(own)
+            self.file.add("IfcExtrudedAreaSolid", [self.profile(polygon), axes, along, depth_m - low_m])
+            for polygon in polygons(item)
         ]
 
     def profile(self, polygon: Any) -> Ref:
@@ -233,12 +233,12 @@ class Shapes:
 
     def solid(self, vertices: FloatArray, faces: NDArray[np.int64]) -> list[Ref]:
         """The solid within closed triangles (m, 3) that face outwards."""
-        found = []
+        refs = []
         for corners in vertices[faces] - self.origin:
             loop = self.file.add("IfcPolyLoop", [[self.point(place) for place in corners]])
             bound = self.file.add("IfcFaceOuterBound", [loop, True])
-            found.append(self.file.add("IfcFace", [[bound]]))
-        return [self.file.add("IfcFacetedBrep", [self.file.add("IfcClosedShell", [found])])]
+            refs.append(self.file.add("IfcFace", [[bound]]))
+        return [self.file.add("IfcFacetedBrep", [self.file.add("IfcClosedShell", [refs])])]
 
     def rod(self, ends: FloatArray, radius_m: float) -> list[Ref]:
         """A solid cylinder between the ends (2, 3) of its axis, world coordinates."""
@@ -254,4 +254,4 @@ class Shapes:
 
 def outlines(area: Any) -> Sequence[FloatArray]:
     """Outer rings (n, 2) of an area's polygons."""
-    return [rings(one)[0] for one in polygons(area)]
+    return [rings(polygon)[0] for polygon in polygons(area)]

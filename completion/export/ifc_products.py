@@ -92,12 +92,12 @@ def property_set(file: StepText, key: str, known: Evidence) -> Ref:
 
 def quantity_set(file: StepText, key: str, name: str, quantities: Sequence[Quantity]) -> Ref:
     """Return a set of quantities."""
-    found = [
-        file.add(MEASURES[one.measure], [one.name, None, None, one.value, None], alone=True)
-        for one in quantities
+    refs = [
+        file.add(MEASURES[quantity.measure], [quantity.name, None, None, quantity.value, None], alone=True)
+        for quantity in quantities
     ]
     identifier = file.guid(f"{key} quantities")
-    return file.add("IfcElementQuantity", [identifier, None, name, None, None, found])
+    return file.add("IfcElementQuantity", [identifier, None, name, None, None, refs])
 
 
 def _ratio(share: float) -> float:
@@ -224,9 +224,9 @@ def define(
     definitions = [property_set(file, key, known)]
     if quantities[1]:
         definitions.append(quantity_set(file, key, *quantities))
-    for k, one in enumerate(definitions):
+    for k, definition in enumerate(definitions):
         identifier = file.guid(f"{key} definition {k}")
-        file.add("IfcRelDefinesByProperties", [identifier, None, None, None, [element], one])
+        file.add("IfcRelDefinesByProperties", [identifier, None, None, None, [element], definition])
 
 
 def _write_hole(shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Ref, Hole], key: str) -> None:
@@ -240,8 +240,8 @@ def _write_hole(shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Ref, H
         hole.representation,
         hole.items,
     )
-    told = f"{outline.kind} by its place and size; nothing else says so"
-    values = [*_named(shapes, above, key, told), shape, None, Word("OPENING")]
+    sentence = f"{outline.kind} by its place and size; nothing else says so"
+    values = [*_named(shapes, above, key, sentence), shape, None, Word("OPENING")]
     opening = file.add("IfcOpeningElement", values)
     identifier = file.guid(f"{key} voids")
     file.add("IfcRelVoidsElement", [identifier, None, None, None, element, opening])
@@ -259,9 +259,9 @@ def _write_hole(shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Ref, H
     define(file, key, opening, evidence, ("Qto_OpeningElementBaseQuantities", quantities))
 
 
-def _named(shapes: Shapes, above: Ref, key: str, told: str) -> list[Ref | str | None]:
+def _named(shapes: Shapes, above: Ref, key: str, sentence: str) -> list[Ref | str | None]:
     """The attributes that all products begin with."""
-    return [shapes.file.guid(key), None, key, told, None, shapes.placement(above)]
+    return [shapes.file.guid(key), None, key, sentence, None, shapes.placement(above)]
 
 
 def _style(file: StepText, state: str) -> Ref:

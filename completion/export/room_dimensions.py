@@ -30,31 +30,31 @@ def room_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
     An area changes with each wall by its length in the plan, a volume with each of its faces by its area.
     """
     planes = {plane.number: plane for plane in building.model.planes}
-    found = []
+    dimensions = []
     for room in building.rooms:
         if not room.closed:
             continue
         sides = [support for support in _sides(room, planes) if support is not None]
         area = _size(room, sides, building.model.errors)
-        found.append(area)
+        dimensions.append(area)
         level = [planes[k] for k in room.surfaces if k in planes and planes[k].kind in ("floor", "ceiling")]
         if room.volume_m3 is not None and room.height_m is not None and level:
-            found.append(_volume(room, sides, level, building.model.errors))
-    return tuple(found)
+            dimensions.append(_volume(room, sides, level, building.model.errors))
+    return tuple(dimensions)
 
 
 def thicknesses(building: BuildingParts) -> tuple[Dimension, ...]:
     """Return the thickness of each wall and slab that was seen from both sides, the greatest first."""
     planes = {plane.number: plane for plane in building.model.planes}
-    found = []
+    dimensions = []
     for body in building.bodies:
         faces = planes[body.surfaces[0]], planes[body.surfaces[1]]
         through = -faces[0].normal
         reach = float((faces[1].point - body.place) @ faces[1].normal / (through @ faces[1].normal))
         ends = np.stack([body.place, body.place + reach * through])
         if reach > 0:
-            found.append(between(_KINDS[body.kind], ends, faces, building.model.errors))
-    return tuple(sorted(found, key=lambda one: -one.value))
+            dimensions.append(between(_KINDS[body.kind], ends, faces, building.model.errors))
+    return tuple(sorted(dimensions, key=lambda dimension: -dimension.value))
 
 
 def _sides(room: Room, planes: dict[int, PlaneElement]) -> list[Support | None]:
@@ -62,14 +62,14 @@ def _sides(room: Room, planes: dict[int, PlaneElement]) -> list[Support | None]:
     corners = shapely.get_coordinates(shapely.normalize(room.outline).exterior)
     walls = [planes[k] for k in room.surfaces if k in planes and planes[k].kind not in ("floor", "ceiling")]
     height = room.floor_m + (room.height_m or 2.0) / 2
-    found: list[Support | None] = []
+    supports: list[Support | None] = []
     for start, end in pairwise(corners):
         length = float(np.linalg.norm(end - start))
         middle = np.array([*(start + end) / 2, height])
         wall = _wall_at(middle, (end - start) / max(length, 1e-12), walls)
         place = None if wall is None else _there(wall, start, end, height)
-        found.append(None if wall is None or place is None else Support(wall, place, length))
-    return found
+        supports.append(None if wall is None or place is None else Support(wall, place, length))
+    return supports
 
 
 def _wall_at(middle: FloatArray, along: FloatArray, walls: list[PlaneElement]) -> PlaneElement | None:
@@ -80,7 +80,7 @@ def _wall_at(middle: FloatArray, along: FloatArray, walls: list[PlaneElement]) -
         for wall in walls
         if abs(float(wall.normal[:2] @ square)) >= _SAME
     ]
-    best = min(near, key=lambda one: one[:2], default=None)
+    best = min(near, key=lambda triple: triple[:2], default=None)
     return best[2] if best is not None and best[0] <= _ON_LINE_M else None
 
 
@@ -118,7 +118,7 @@ def _volume(room: Room, sides: list[Support], level: list[PlaneElement], errors:
         )
         for plane in level
     ]
-    supports = [*(Support(one.element, one.place, one.weight * height) for one in sides), *above]
+    supports = [*(Support(side.element, side.place, side.weight * height) for side in sides), *above]
     half = half_interval(supports, errors)
     return Dimension(
         kind="room volume",
@@ -136,7 +136,7 @@ def _volume(room: Room, sides: list[Support], level: list[PlaneElement], errors:
 
 def _existence(sides: list[Support]) -> float:
     """Probability that the least certain side is there; that of an opening in it does not count."""
-    return min((one.element.confidence(one.place) or 1.0 for one in sides), default=1.0)
+    return min((side.element.confidence(side.place) or 1.0 for side in sides), default=1.0)
 
 
 def _middle(room: Room) -> FloatArray:
@@ -153,14 +153,14 @@ _AT_WALL_M = 0.02  # from its ends, where what a dimension meets is its own wall
 
 def widths_of(building: BuildingParts) -> tuple[Dimension, ...]:
     """Return the widths of all storeys, each by a plan 1.1 m above its floor; see `room_widths`."""
-    found: list[Dimension] = []
+    dimensions: list[Dimension] = []
     model = building.model
     for number, storey in enumerate(building.storeys):
         plan = plan_of(model if number == 0 else replace(model, floor_m=storey.elevation_m))
         rooms = [room.outline for room in building.rooms if room.storey == number and room.closed]
         walls = sorted((face.element for face in storey.walls), key=lambda wall: wall.number)
-        found += room_widths(walls, plan, model.errors, rooms, barriers=_barriers(building, storey))
-    return tuple(found)
+        dimensions += room_widths(walls, plan, model.errors, rooms, barriers=_barriers(building, storey))
+    return tuple(dimensions)
 
 
 def room_widths(
@@ -178,8 +178,8 @@ def room_widths(
     that room, and does not go through its door. None goes through a wall, or a surface of the numbers
     `barriers`. The greatest come first.
     """
-    own = {wall.number: [line for line in plan.lines if line.surface == wall.number] for wall in walls}
-    closed = {*own, *barriers}
+    entries = {wall.number: [line for line in plan.lines if line.surface == wall.number] for wall in walls}
+    closed = {*entries, *barriers}
     solid = [
         shapely.LineString(line.points[:, :2])
         for line in plan.lines
@@ -192,17 +192,19 @@ def room_widths(
     ]
     borders = shapely.union_all([room.exterior for room in rooms])
     obstacles = shapely.union_all([*solid, borders]), shapely.union_all(rest)
-    found = []
-    for one, other in combinations([wall for wall in walls if own[wall.number]], 2):
+    dimensions = []
+    for first, second in combinations([wall for wall in walls if entries[wall.number]], 2):
         facing = (
-            float((other.point - one.point) @ one.normal)
+            float((second.point - first.point) @ first.normal)
             > 0
-            > float((other.point - one.point) @ other.normal)
+            > float((second.point - first.point) @ second.normal)
         )
-        if facing and float(one.normal @ other.normal) <= -_PARALLEL:
-            ends = _ends((one, other), (own[one.number], own[other.number]), plan.height_m, obstacles)
-            found += [] if ends is None else [between("room width", ends, (one, other), errors)]
-    return tuple(sorted(found, key=lambda dimension: -dimension.value))
+        if facing and float(first.normal @ second.normal) <= -_PARALLEL:
+            ends = _ends(
+                (first, second), (entries[first.number], entries[second.number]), plan.height_m, obstacles
+            )
+            dimensions += [] if ends is None else [between("room width", ends, (first, second), errors)]
+    return tuple(sorted(dimensions, key=lambda dimension: -dimension.value))
 
 
 def _barriers(building: BuildingParts, storey: Storey) -> set[int]:
@@ -221,7 +223,7 @@ def _ends(
     normal = walls[0].normal
     square = np.array([*normal[:2], 0.0]) / np.hypot(*normal[:2])
     along = np.array([-square[1], square[0], 0.0])
-    reach = [np.concatenate([line.points @ along for line in some]) for some in lines]
+    reach = [np.concatenate([line.points @ along for line in cut_line]) for cut_line in lines]
     low, high = max(r.min() for r in reach), min(r.max() for r in reach)
     if high - low < _LEAST_M:
         return None
@@ -230,7 +232,7 @@ def _ends(
         start = low + share * (high - low)
         ends = np.array([_meeting(wall, start * along, square, height_m) for wall in walls])
         value = float((ends[1] - ends[0]) @ square)
-        states = tuple(_state(some, start, along) for some in lines)
+        states = tuple(_state(line, start, along) for line in lines)
         inner = ends[:, :2] + np.array([[_AT_WALL_M], [-_AT_WALL_M]]) * square[:2]
         sight = shapely.LineString(inner)
         if value < _LEAST_M or None in states or sight.intersects(obstacles[0]):
@@ -268,17 +270,19 @@ def room_heights(storey: Storey, errors: JointErrors) -> tuple[Dimension, ...]:
     It is taken upright, near the middle of what both share, where both were measured if there is such a
     place. The greatest come first.
     """
-    floors, ceilings = ([face.element for face in some] for some in (storey.floors, storey.ceilings))
-    level = {one.number: plan_area(one) for one in (*floors, *ceilings)}
-    found = []
+    floors, ceilings = ([face.element for face in faces] for faces in (storey.floors, storey.ceilings))
+    level = {element.number: plan_area(element) for element in (*floors, *ceilings)}
+    dimensions = []
     for floor, ceiling in product(floors, ceilings):
         shared = level[floor.number].intersection(level[ceiling.number])
         if shared.area < _LEAST_M2:
             continue
-        others = [one for one in (*floors, *ceilings) if one not in (floor, ceiling)]
-        ends = _ends_of_height(floor, ceiling, shared, [(one, level[one.number]) for one in others])
-        found += [] if ends is None else [between("room height", ends, (floor, ceiling), errors)]
-    return tuple(sorted(found, key=lambda one: -one.value))
+        others = [element for element in (*floors, *ceilings) if element not in (floor, ceiling)]
+        ends = _ends_of_height(
+            floor, ceiling, shared, [(element, level[element.number]) for element in others]
+        )
+        dimensions += [] if ends is None else [between("room height", ends, (floor, ceiling), errors)]
+    return tuple(sorted(dimensions, key=lambda dimension: -dimension.value))
 
 
 def plan_area(plane: PlaneElement) -> shapely.Geometry:
@@ -318,7 +322,7 @@ def _ends_of_height(
         if not shared.contains(point):
             continue
         ends = np.array([level_at(plane, place) for plane in (floor, ceiling)])
-        heights = [level_at(one, place)[2] for one, area in others if area.contains(point)]
+        heights = [level_at(element, place)[2] for element, area in others if area.contains(point)]
         if ends[1, 2] - ends[0, 2] < _APART_M or any(ends[0, 2] < h < ends[1, 2] for h in heights):
             continue
         cost = sum(plane.provenance(end) != 0 for plane, end in zip((floor, ceiling), ends, strict=True))
@@ -343,20 +347,20 @@ def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
     not two such sides, as a round one, has its extent, and the interval of its worst side on either end. A
     side that is hidden may be anywhere between where beams went through and where the wall was measured.
     """
-    model, found = building.model, []
+    model, dimensions = building.model, []
     within = [
-        (face.element, one)
+        (face.element, opening)
         for face in building.faces
         if face.is_upright
-        for one in face.openings
-        if len(one.points) and min(one.width_m, one.height_m) >= _LEAST_OPENING_M
+        for opening in face.openings
+        if len(opening.points) and min(opening.width_m, opening.height_m) >= _LEAST_OPENING_M
     ]
-    for wall, one in within:
+    for wall, outline in within:
         level = np.cross([0.0, 0.0, 1.0], wall.normal)
         level /= np.linalg.norm(level)
-        found.append(_opening_size("opening width", one, wall, level, model))
-        found.append(_opening_size("opening height", one, wall, np.cross(wall.normal, level), model))
-    return tuple(found)
+        dimensions.append(_opening_size("opening width", outline, wall, level, model))
+        dimensions.append(_opening_size("opening height", outline, wall, np.cross(wall.normal, level), model))
+    return tuple(dimensions)
 
 
 def _opening_size(
@@ -379,9 +383,9 @@ def _opening_size(
         else:
             ends.append(float(reach.max() if sign > 0 else reach.min()))
             beyond = np.arange(len(points))
-        some = [opening.sides[k] for k in beyond.tolist()]
-        sides.append({name: max(one[name] for one in some) for name in _OF_SIDES})
-        sides[-1]["measured_share"] = min(one["measured_share"] for one in some)
+        tables = [opening.sides[k] for k in beyond.tolist()]
+        sides.append({name: max(values[name] for values in tables) for name in _OF_SIDES})
+        sides[-1]["measured_share"] = min(values["measured_share"] for values in tables)
     places = centre + (np.array(ends) - centre @ along)[:, None] * along
     supports = tuple(Support(wall, place, 0.0) for place in places)
     sd = float(np.hypot(sides[0]["sd_m"], sides[1]["sd_m"]))
@@ -390,10 +394,10 @@ def _opening_size(
     return Dimension(
         kind=kind,
         value=value,
-        low=max(value - half - sum(one["inwards_m"] for one in sides), 0.0),
-        high=value + half + sum(one["outwards_m"] for one in sides),
+        low=max(value - half - sum(values["inwards_m"] for values in sides), 0.0),
+        high=value + half + sum(values["outwards_m"] for values in sides),
         supports=supports,
         ends=places,
-        measured_share=float(np.mean([one["measured_share"] for one in sides])),
+        measured_share=float(np.mean([values["measured_share"] for values in sides])),
         existence=1.0,
     )

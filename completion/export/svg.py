@@ -52,7 +52,7 @@ class Paper:
         for width, height in ((_LONG_MM, _SHORT_MM), (_SHORT_MM, _LONG_MM)):
             room = np.array([width, height - _BLOCK_MM]) - 2 * (_MARGIN_MM + _AIR_MM)
             least = float((1000 * (high - low) / room).max())
-            scale = next((one for one in _SCALES if one >= least), int(np.ceil(least / 1000)) * 1000)
+            scale = next((number for number in _SCALES if number >= least), int(np.ceil(least / 1000)) * 1000)
             sheets.append(cls(width, height, scale, (low + high) / 2))
         return min(sheets, key=lambda sheet: sheet.scale)
 
@@ -97,7 +97,7 @@ class Lettering:
 
     def keep(self, ends: Sequence[FloatArray]) -> None:
         """Keep text off the lines between ends (2, 2)."""
-        self.taken += [shapely.LineString(one).buffer(0.3) for one in ends]
+        self.taken += [shapely.LineString(end).buffer(0.3) for end in ends]
 
 
 _TEXT_MM, _TICK_MM, _OUTSIDE_MM = 2.6, 1.2, 4.0
@@ -137,13 +137,13 @@ def svg_of(building: BuildingParts) -> str:
     """
     model, plan = building.model, plan_of(building.model)
     below = seen_below(model, plan.height_m)
-    own = [line.points[:, :2] for line in plan.lines if line.surface] + below
-    places = own or [line.points[:, :2] for line in plan.lines]
+    arrays = [line.points[:, :2] for line in plan.lines if line.surface] + below
+    places = arrays or [line.points[:, :2] for line in plan.lines]
     paper = Paper.of(np.concatenate([np.zeros((0, 2)), *places]))
     lines = {state: _points(plan.lines, state) for state in ("rest", "inferred", "measured")}
-    drawn = {state: some for state, some in {"below": below, **lines}.items() if some}
+    drawn = {state: item for state, item in {"below": below, **lines}.items() if item}
     lettering = Lettering()
-    drawn_widths = [one for one in widths_of(building) if abs(one.ends[0, 2] - plan.height_m) < _SAME_M]
+    drawn_widths = [width for width in widths_of(building) if abs(width.ends[0, 2] - plan.height_m) < _SAME_M]
     widths = _dimensions(drawn_widths, paper, lettering)
     areas = _areas(building, plan, paper, lettering)
     left, top, wide, high = paper.frame
@@ -151,7 +151,7 @@ def svg_of(building: BuildingParts) -> str:
         f'<clipPath id="frame"><rect x="{_n(left)}" y="{_n(top)}" width="{_n(wide)}" height="{_n(high)}"/>'
         "</clipPath>",
         '<g clip-path="url(#frame)">',
-        *(_path(paper, some, state) for state, some in drawn.items()),
+        *(_path(paper, item, state) for state, item in drawn.items()),
         *_openings(model, plan, paper, lettering),
         *widths,
         *areas,
@@ -189,26 +189,26 @@ def _path(paper: Paper, lines: Sequence[FloatArray], state: str) -> str:
 def _openings(model: BuildingModel, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
     """Openings that the plan cuts, as thin lines with what they are outside of the wall."""
     outward = {wall.number: -wall.normal[:2] / np.hypot(*wall.normal[:2]) for wall in model.walls}
-    found = []
-    for one in model.openings:
-        places = opening_at(one, plan.height_m) if one.surface in outward else None
+    texts = []
+    for opening in model.openings:
+        places = opening_at(opening, plan.height_m) if opening.surface in outward else None
         if places is None:
             continue
         ends = paper.place(places)
-        aside = outward[one.surface] * np.array([1.0, -1.0])
-        found.append(_line(ends, "opening"))
-        text = f"{one.kind} {one.width_m:.2f} \u00d7 {one.height_m:.2f}"
+        aside = outward[opening.surface] * np.array([1.0, -1.0])
+        texts.append(_line(ends, "opening"))
+        text = f"{opening.kind} {opening.width_m:.2f} \u00d7 {opening.height_m:.2f}"
         foot = ends + (_OUTSIDE_MM if aside[1] > 0 or aside[0] > 0.5 else 1.2) * aside
         put = lettering.along(foot, text, _TEXT_MM)
-        found += [_text(*put, text, ' class="label"')] if put else []
-    return found
+        texts += [_text(*put, text, ' class="label"')] if put else []
+    return texts
 
 
 def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Lettering) -> list[str]:
     """Dimensions whose text finds a place: line, ticks, text, and the numbers as attributes."""
-    found = []
-    for one in dimensions:
-        ends, text = paper.place(one.ends), told_width(one)
+    texts = []
+    for dimension in dimensions:
+        ends, text = paper.place(dimension.ends), told_width(dimension)
         along = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
         across = np.array([-along[1], along[0]])
         upright = along[1] ** 2 > 0.99  # the foot stands to the left of an upright line
@@ -219,42 +219,43 @@ def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Letter
             continue
         lettering.keep([ends])
         slant = _TICK_MM * (along + across) / np.sqrt(2)
-        state = "" if one.measured_share == 1 else " on-inferred"
-        found += [
-            f'<g class="dimension{state}" data-surfaces="{one.surfaces[0]} {one.surfaces[1]}" '
-            f'data-value-m="{one.value:.6f}" data-low-m="{one.low:.6f}" data-high-m="{one.high:.6f}">',
+        state = "" if dimension.measured_share == 1 else " on-inferred"
+        texts += [
+            f'<g class="dimension{state}" data-surfaces="{dimension.surfaces[0]} {dimension.surfaces[1]}" '
+            f'data-value-m="{dimension.value:.6f}" data-low-m="{dimension.low:.6f}" '
+            f'data-high-m="{dimension.high:.6f}">',
             _line(ends, "thin"),
             *(f'<path d="M{_xy(end - slant)}L{_xy(end + slant)}"/>' for end in ends),
             _text(*put, text),
             "</g>",
         ]
-    return found
+    return texts
 
 
 def _areas(building: BuildingParts, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
     """The area of each closed room that the plan cuts, in its middle or as near to it as is free."""
-    found = []
-    for one in room_sizes(building):
-        if one.kind != "room area" or abs(one.ends[0, 2] - plan.height_m) > _STOREY_M:
+    texts = []
+    for size in room_sizes(building):
+        if size.kind != "room area" or abs(size.ends[0, 2] - plan.height_m) > _STOREY_M:
             continue
-        middle = paper.place(one.ends)[0]
+        middle = paper.place(size.ends)[0]
         half = ""
-        if np.isfinite(one.half):
-            half = f" \u00b1 {max(np.ceil(100 * one.half - 1e-9) / 100, 0.01):.2f}"
-        text = f"{one.value:.2f}{half} m\u00b2"
+        if np.isfinite(size.half):
+            half = f" \u00b1 {max(np.ceil(100 * size.half - 1e-9) / 100, 0.01):.2f}"
+        text = f"{size.value:.2f}{half} m\u00b2"
         for off in _BESIDE_MM:
             put = lettering.along(middle + off + np.array([[-1.0, 0.0], [1.0, 0.0]]), text, _TEXT_MM)
             if put is not None:
-                found.append(_text(*put, text, ' class="label area"'))
+                texts.append(_text(*put, text, ' class="label area"'))
                 break
-    return found
+    return texts
 
 
 def _told_widths(drawn: Sequence[str]) -> list[str]:
     """What is said of widths, if any are drawn."""
     is_inferred = any("on-inferred" in text for text in drawn)
-    told = _TOLD_WIDTHS if any("\u00b1" in text for text in drawn) else _TOLD_UNKNOWN
-    return [told + (_TOLD_INFERRED if is_inferred else "")] if drawn else []
+    sentence = _TOLD_WIDTHS if any("\u00b1" in text for text in drawn) else _TOLD_UNKNOWN
+    return [sentence + (_TOLD_INFERRED if is_inferred else "")] if drawn else []
 
 
 def told_width(dimension: Dimension) -> str:
@@ -266,13 +267,13 @@ def told_width(dimension: Dimension) -> str:
     return f"{dimension.value:.{digits}f} \u00b1 {max(half, 10.0**-digits):.{digits}f}"
 
 
-def _block(paper: Paper, told: Sequence[str], states: Collection[str]) -> list[str]:
+def _block(paper: Paper, sentences: Sequence[str], states: Collection[str]) -> list[str]:
     """Below the frame: what it is, what the lines of some states are, the scale bar and the axes."""
     left, top, wide, high = paper.frame
     foot, right = top + high, left + wide
-    found = [
+    texts = [
         f'<text x="{_n(left)}" y="{_n(foot + 6 + 4 * k)}">{escape(text)}</text>'
-        for k, text in enumerate(told)
+        for k, text in enumerate(sentences)
     ]
     names = {
         "measured": "measured",
@@ -283,8 +284,8 @@ def _block(paper: Paper, told: Sequence[str], states: Collection[str]) -> list[s
     shown = {state: name for state, name in names.items() if state in states}
     for k, (state, name) in enumerate(shown.items()):
         start = np.array([left + 34 * k, foot + 16.0])
-        found.append(_line(np.array([start, start + [10, 0]]), state))
-        found.append(f'<text x="{_n(start[0] + 12)}" y="{_n(start[1] + 0.9)}">{name}</text>')
+        texts.append(_line(np.array([start, start + [10, 0]]), state))
+        texts.append(f'<text x="{_n(start[0] + 12)}" y="{_n(start[1] + 0.9)}">{name}</text>')
     metres = max(
         base * 10.0**power
         for base in (1, 2, 5)
@@ -292,21 +293,21 @@ def _block(paper: Paper, told: Sequence[str], states: Collection[str]) -> list[s
         if base * 10.0**power * 1000 / paper.scale <= _SCALE_BAR_MM
     )
     bar, base_line = metres * 1000 / paper.scale, foot + 26
-    found.append(f'<path class="thin" d="M{_n(left)} {_n(base_line)}h{_n(bar)}v-2h{_n(-bar)}z"/>')
-    found.append(f'<path class="full" d="M{_n(left)} {_n(base_line)}h{_n(bar / 2)}v-2h{_n(-bar / 2)}z"/>')
-    found.append(f'<text x="{_n(left)}" y="{_n(base_line + 4)}">0</text>')
-    found.append(f'<text x="{_n(left + bar)}" y="{_n(base_line + 4)}" class="label">{metres:g} m</text>')
-    found.append(f'<text x="{_n(left + bar + 8)}" y="{_n(base_line)}">1 : {paper.scale} on A4</text>')
+    texts.append(f'<path class="thin" d="M{_n(left)} {_n(base_line)}h{_n(bar)}v-2h{_n(-bar)}z"/>')
+    texts.append(f'<path class="full" d="M{_n(left)} {_n(base_line)}h{_n(bar / 2)}v-2h{_n(-bar / 2)}z"/>')
+    texts.append(f'<text x="{_n(left)}" y="{_n(base_line + 4)}">0</text>')
+    texts.append(f'<text x="{_n(left + bar)}" y="{_n(base_line + 4)}" class="label">{metres:g} m</text>')
+    texts.append(f'<text x="{_n(left + bar + 8)}" y="{_n(base_line)}">1 : {paper.scale} on A4</text>')
     corner = np.array([right - 16, foot + 28.0])
     for name, way in (("+x", np.array([10.0, 0])), ("+y", np.array([0, -10.0]))):
         tip, side = corner + way, np.array([-way[1], way[0]]) * 0.08
-        found.append(_line(np.array([corner, tip]), "thin"))
+        texts.append(_line(np.array([corner, tip]), "thin"))
         wings = f"M{_xy(tip - 0.2 * way + side)}L{_xy(tip)}L{_xy(tip - 0.2 * way - side)}"
-        found.append(f'<path class="thin" d="{wings}"/>')
-        found.append(
+        texts.append(f'<path class="thin" d="{wings}"/>')
+        texts.append(
             f'<text x="{_n(tip[0] + 1)}" y="{_n(tip[1] + (1 if name == "+x" else 0))}">{name}</text>'
         )
-    return found
+    return texts
 
 
 def _line(ends: FloatArray, state: str) -> str:

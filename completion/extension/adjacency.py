@@ -51,9 +51,9 @@ def find_insets(
     """
     hosts = np.full(len(surfaces), -1, np.int64)
     planes = [
-        (k, one.fit.surface)
-        for k, one in enumerate(surfaces)
-        if isinstance(one.fit.surface, Plane) and one.n_pixels
+        (k, surface.fit.surface)
+        for k, surface in enumerate(surfaces)
+        if isinstance(surface.fit.surface, Plane) and surface.n_pixels
     ]
     if len(planes) < 2:
         return hosts
@@ -238,11 +238,11 @@ def find_enclosing(
     scale = float(np.median(np.hypot(sigma, flatness_m))) if len(sigma) else 0.0
     sizes = [surface.n_pixels for surface in surfaces]
     least = _LEAST_PIXELS * sum(sizes)
-    found = [
-        size >= least and _holds(one, observations, beams, scale)
-        for one, size in zip(surfaces, sizes, strict=True)
+    flags = [
+        size >= least and _holds(surface, observations, beams, scale)
+        for surface, size in zip(surfaces, sizes, strict=True)
     ]
-    return np.array(found, dtype=np.bool_)
+    return np.array(flags, dtype=np.bool_)
 
 
 def _above_floor(surfaces: Sequence[MergedSurface], up: FloatArray) -> BoolArray:
@@ -252,11 +252,11 @@ def _above_floor(surfaces: Sequence[MergedSurface], up: FloatArray) -> BoolArray
     """
     least = _LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
     planes = {
-        number: one.fit.surface
-        for number, one in enumerate(surfaces)
-        if isinstance(one.fit.surface, Plane)
-        and one.n_pixels >= least
-        and float(one.fit.surface.normal_direction @ up) > _LEVEL
+        number: surface.fit.surface
+        for number, surface in enumerate(surfaces)
+        if isinstance(surface.fit.surface, Plane)
+        and surface.n_pixels >= least
+        and float(surface.fit.surface.normal_direction @ up) > _LEVEL
     }
     above = np.zeros(len(surfaces), dtype=np.bool_)
     for number, plane in planes.items():
@@ -302,9 +302,9 @@ def _holds(
 def _outline(plane: Plane, pixels: ScanPixels, observations: Sequence[Observation]) -> BaseGeometry:
     """The convex hull of a plane's pixels in all scans, in its chart."""
     hulls = []
-    for scan, some in pixels.held:
-        if len(some) > 1:
-            hulls.append(LineString(plane.to_uv(observations[scan].points_at(some.flat))).convex_hull)
+    for scan, sample in pixels.held:
+        if len(sample) > 1:
+            hulls.append(LineString(plane.to_uv(observations[scan].points_at(sample.flat))).convex_hull)
             trim()
     return GeometryCollection(hulls).convex_hull
 

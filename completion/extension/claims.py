@@ -33,16 +33,16 @@ def settle_claims(patches: Sequence[Patch], flatness_m: float) -> list[Patch]:
     """
     pairs, ways = _pairs(patches), _ways(patches)
     lost = {k: np.zeros(patches[k].grid.shape, dtype=np.bool_) for pair in pairs for k in pair}
-    for one, other in pairs:
-        for first, second in ((one, other), (other, one)):
+    for number, other in pairs:
+        for first, second in ((number, other), (other, number)):
             cells, at = _contested(first, second, patches, ways, flatness_m)
             rival = np.where(patches[second].hypothesised, patches[second].confidence, -1.0).ravel()[at]
-            own = patches[first].confidence.ravel()[cells]
-            gives_way = (rival > own) | ((rival == own) & (first > second))
+            values = patches[first].confidence.ravel()[cells]
+            gives_way = (rival > values) | ((rival == values) & (first > second))
             lost[first].ravel()[cells[gives_way]] = True
-    for one, other in pairs:  # cells of two charts overlap in part
-        cells, at = _contested(other, one, patches, ways, flatness_m)
-        both = (patches[one].hypothesised & ~lost[one]).ravel()[at] & ~lost[other].ravel()[cells]
+    for number, other in pairs:  # cells of two charts overlap in part
+        cells, at = _contested(other, number, patches, ways, flatness_m)
+        both = (patches[number].hypothesised & ~lost[number]).ravel()[at] & ~lost[other].ravel()[cells]
         lost[other].ravel()[cells[both]] = True
     return [
         _without(patch, lost[k]) if k in lost and lost[k].any() else patch for k, patch in enumerate(patches)
@@ -52,10 +52,10 @@ def settle_claims(patches: Sequence[Patch], flatness_m: float) -> list[Patch]:
 def overlap_m2(patches: Sequence[Patch], flatness_m: float) -> float:
     """Area that is inferred of several planes at once, square metres, counted once for each further one."""
     area, ways = 0.0, _ways(patches)
-    for one, other in _pairs(patches):
-        _, at = _contested(other, one, patches, ways, flatness_m)
-        claimed = patches[one].hypothesised.ravel()[at]
-        area += float(np.count_nonzero(claimed)) * patches[other].grid.cell_area
+    for first, second in _pairs(patches):
+        _, at = _contested(second, first, patches, ways, flatness_m)
+        claimed = patches[first].hypothesised.ravel()[at]
+        area += float(np.count_nonzero(claimed)) * patches[second].grid.cell_area
     return area
 
 

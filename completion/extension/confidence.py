@@ -109,8 +109,8 @@ def known_beyond(
     probability by the surface's edges. The side (n,) is 0 and 1 for low and high u, 2 and 3 for v, -1 for
     places within the rectangle.
     """
-    own = np.array([extent.own_low, extent.own_high])
-    side, past, past_m = _farthest_past(uv, own)
+    values = np.array([extent.own_low, extent.own_high])
+    side, past, past_m = _farthest_past(uv, values)
     row, axis = side % 2, side // 2
     well_seen = min(sides.passed_outline / _WELL_SEEN, 1.0)
     closed = np.isfinite(extent.ends)[row, axis]
@@ -170,8 +170,8 @@ def probability_beyond(known: FloatArray, weights: FloatArray = WEIGHTS) -> Floa
 
 
 @compiled
-def _farthest_past(uv: FloatArray, own: FloatArray) -> tuple[NDArray[np.int8], FloatArray, FloatArray]:
-    """The side (n,) of the rectangle `own` (2, 2) that places (n, 2) are farthest past, and how far.
+def _farthest_past(uv: FloatArray, values: FloatArray) -> tuple[NDArray[np.int8], FloatArray, FloatArray]:
+    """The side (n,) of the rectangle `values` (2, 2) that places (n, 2) are farthest past, and how far.
 
     Distances (n,) are in units of the rectangle's side, and in metres; of the latter the largest counts.
     """
@@ -179,9 +179,9 @@ def _farthest_past(uv: FloatArray, own: FloatArray) -> tuple[NDArray[np.int8], F
     side, past, past_m = np.full(n, -1, np.int8), np.zeros(n), np.zeros(n)
     for i in range(n):
         for axis in range(2):
-            size = max(own[1, axis] - own[0, axis], _LEAST_SIZE)
+            size = max(values[1, axis] - values[0, axis], _LEAST_SIZE)
             for row in range(2):
-                away = own[0, axis] - uv[i, axis] if row == 0 else uv[i, axis] - own[1, axis]
+                away = values[0, axis] - uv[i, axis] if row == 0 else uv[i, axis] - values[1, axis]
                 if away > 0.0:
                     past_m[i] = max(past_m[i], away)
                     if side[i] < 0 or away / size > past[i]:
@@ -330,18 +330,18 @@ def silent_parts(
         return
     silent, solid, within = silent[box], solid[box], within[box]
     level = half_widths(silent)
-    for one in sorted(set(level[silent].tolist()), reverse=True):
-        number, n_parts = ndimage.label(level == one, _ALL_AROUND)
+    for item in sorted(set(level[silent].tolist()), reverse=True):
+        number, n_parts = ndimage.label(level == item, _ALL_AROUND)
         row, column = np.nonzero(number)
-        own = number[row, column]
+        members = number[row, column]
         good, bad = np.zeros(n_parts + 1), _at_border(number, n_parts, wraps)
-        _look_beside(number, row, column, solid, within, level, one, good, bad)
-        order = np.argsort(own, kind="stable")
-        ends = np.searchsorted(own[order], np.arange(n_parts + 2))
+        _look_beside(number, row, column, solid, within, level, item, good, bad)
+        order = np.argsort(members, kind="stable")
+        ends = np.searchsorted(members[order], np.arange(n_parts + 2))
         cells = ((row + box[0].start) * columns + column + box[1].start)[order]
         for part in range(1, n_parts + 1):
             share = float(good[part] / max(good[part] + bad[part], 1.0))
-            yield SilentPart(cells[ends[part] : ends[part + 1]], one * cell_m, share)
+            yield SilentPart(cells[ends[part] : ends[part + 1]], item * cell_m, share)
 
 
 def _box_around(cells: BoolArray, margin: int = 1) -> tuple[slice, slice] | None:
@@ -349,7 +349,7 @@ def _box_around(cells: BoolArray, margin: int = 1) -> tuple[slice, slice] | None
     rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return None
-    row, column = (slice(max(some[0] - margin, 0), some[-1] + margin + 1) for some in (rows, columns))
+    row, column = (slice(max(values[0] - margin, 0), values[-1] + margin + 1) for values in (rows, columns))
     return row, column
 
 
@@ -387,13 +387,13 @@ def _look_beside(
     solid: BoolArray,
     within: BoolArray,
     level: FloatArray,
-    one: float,
+    value: float,
     good: FloatArray,
     bad: FloatArray,
 ) -> None:
     """Count for each part, of cells at rows (n,) and columns (n,), those beside that are surface, and not.
 
-    Silent cells of a `level` below `one`, which narrower parts have, are neither.
+    Silent cells of a `level` below `value`, which narrower parts have, are neither.
     """
     for k in range(len(rows)):
         part = number[rows[k], columns[k]]
@@ -405,7 +405,7 @@ def _look_beside(
                 continue
             if solid[row, column]:
                 good[part] += 1.0
-            elif within[row, column] and not 0.0 < level[row, column] < one:
+            elif within[row, column] and not 0.0 < level[row, column] < value:
                 bad[part] += 1.0
 
 
@@ -479,8 +479,8 @@ def estimate(
     """Probability (rows, columns) that the surface is at each cell; 1 where it was measured."""
     result = np.where(evidence.observed, 1.0, 0.0)
     if evidence.observed.any() and regions.n_regions:
-        found = prospects(grid, regions, labelling, extent, evidence)
-        result[regions.region >= 0] = found.probability()
+        results = prospects(grid, regions, labelling, extent, evidence)
+        result[regions.region >= 0] = results.probability()
     return result
 
 

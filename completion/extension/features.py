@@ -64,25 +64,25 @@ def lay_openings(
         return filled, confidence, edits
     filled, confidence, laid = filled.copy(), confidence.copy(), []
     hole = (hidden & ~filled) | open_
-    for one in edits.fitted:
-        at, size = _local(grid, one)
+    for opening in edits.fitted:
+        at, size = _local(grid, opening)
         part = _touching(hole, _within(at, np.zeros(2), size))
-        low, high = _reaching(one, at, size, part, step=float(grid.cell.max()))
-        inside, past = _within(at, low, high), _past_seen(one, at, low, high, step=float(grid.cell.max()))
+        low, high = _reaching(opening, at, size, part, step=float(grid.cell.max()))
+        inside, past = _within(at, low, high), _past_seen(opening, at, low, high, step=float(grid.cell.max()))
         surface = np.where(
-            part & hidden & past, _GOES_ON, _ended(one, at, size, (low[1], high[1])) * (hidden & ~filled)
+            part & hidden & past, _GOES_ON, _ended(opening, at, size, (low[1], high[1])) * (hidden & ~filled)
         )
         beside = (surface >= least) & (surface > confidence)
         filled[beside], confidence[beside] = True, surface[beside]
         filled[inside & hidden] = False
         confidence[inside & hidden] = np.minimum(confidence[inside & hidden], 1 - _GOES_ON)
-        laid.append(_moved(one, low, high, size))
+        laid.append(_moved(opening, low, high, size))
     return filled, confidence, replace(edits, fitted=tuple(laid))
 
 
-def _local(grid: ChartGrid, one: FittedOpening) -> tuple[FloatArray, FloatArray]:
+def _local(grid: ChartGrid, opening: FittedOpening) -> tuple[FloatArray, FloatArray]:
     """Places of all cells (rows, columns, 2) from the first corner, along the sides, and the size (2,)."""
-    corners = outline_uv(grid.surface, one.outline)
+    corners = outline_uv(grid.surface, opening.outline)
     sides = np.stack([corners[1] - corners[0], corners[3] - corners[0]])
     size = np.linalg.norm(sides, axis=1)
     return (grid.centres_uv() - corners[0]) @ (sides / size[:, None]).T, size
@@ -100,7 +100,7 @@ def _touching(cells: BoolArray, others: BoolArray) -> BoolArray:
 
 
 def _reaching(
-    one: FittedOpening, at: FloatArray, size: FloatArray, hole: BoolArray, *, step: float
+    opening: FittedOpening, at: FloatArray, size: FloatArray, hole: BoolArray, *, step: float
 ) -> tuple[FloatArray, FloatArray]:
     """Corners (2,), (2,) of the opening with unseen sides where the hole ends that it lies in.
 
@@ -108,8 +108,8 @@ def _reaching(
     """
     low, high = np.zeros(2), size.copy()
     for side in range(4):
-        inwards, outwards = one.slack[side]
-        if one.seen[side] > 0 or inwards + outwards == 0:
+        inwards, outwards = opening.slack[side]
+        if opening.seen[side] > 0 or inwards + outwards == 0:
             continue
         axis, sign = int(np.argmax(np.abs(_INWARDS[side]))), -_INWARDS[side].sum()
         edge = (high if sign > 0 else low)[axis]
@@ -125,14 +125,14 @@ def _reaching(
     return low, high
 
 
-def _ended(one: FittedOpening, at: FloatArray, size: FloatArray, band: tuple[float, float]) -> FloatArray:
+def _ended(opening: FittedOpening, at: FloatArray, size: FloatArray, band: tuple[float, float]) -> FloatArray:
     """Probability (rows, columns) that the opening has ended past a side that nobody saw; 0 elsewhere.
 
     Elsewhere are also places below and above the `band` of it.
     """
     out = np.zeros(at.shape[:2])
     for side in _SIDEWAYS:
-        if one.seen[side] > 0:
+        if opening.seen[side] > 0:
             continue
         beyond = at[..., 0] - size[0] if side == _RIGHT else -at[..., 0]
         past = (beyond > 0) & (at[..., 1] > band[0]) & (at[..., 1] < band[1])
@@ -141,21 +141,21 @@ def _ended(one: FittedOpening, at: FloatArray, size: FloatArray, band: tuple[flo
 
 
 def _past_seen(
-    one: FittedOpening, at: FloatArray, low: FloatArray, high: FloatArray, *, step: float
+    opening: FittedOpening, at: FloatArray, low: FloatArray, high: FloatArray, *, step: float
 ) -> BoolArray:
     """Cells (rows, columns) past sides that were seen, or are known to two cells, and past no other."""
     beyond = [at[..., 1] < low[1], at[..., 0] > high[0], at[..., 1] > high[1], at[..., 0] < low[0]]
-    known = (one.seen > 0) | (one.slack.sum(axis=1) < 2 * step)
+    known = (opening.seen > 0) | (opening.slack.sum(axis=1) < 2 * step)
     seen = [cells for cells, is_known in zip(beyond, known, strict=True) if is_known]
     unseen = [cells for cells, is_known in zip(beyond, known, strict=True) if not is_known]
     none = np.zeros(at.shape[:2], dtype=np.bool_)
     return np.asarray(np.any([none, *seen], axis=0) & ~np.any([none, *unseen], axis=0))
 
 
-def _moved(one: FittedOpening, low: FloatArray, high: FloatArray, size: FloatArray) -> FittedOpening:
+def _moved(opening: FittedOpening, low: FloatArray, high: FloatArray, size: FloatArray) -> FittedOpening:
     """The opening with its sides at these places, and what may still be off of those that nobody saw."""
-    first = one.outline[0]
-    along = (one.outline[1] - first) / size[0], (one.outline[3] - first) / size[1]
+    first = opening.outline[0]
+    along = (opening.outline[1] - first) / size[0], (opening.outline[3] - first) / size[1]
     places: Sequence[tuple[float, float]] = (
         (low[0], low[1]),
         (high[0], low[1]),
@@ -164,8 +164,8 @@ def _moved(one: FittedOpening, low: FloatArray, high: FloatArray, size: FloatArr
     )
     outline = np.stack([first + a * along[0] + b * along[1] for a, b in places])
     shifts = np.array([-low[1], high[0] - size[0], high[1] - size[1], -low[0]])
-    slack = np.stack([one.slack[:, 0] + shifts, np.maximum(one.slack[:, 1] - shifts, 0.0)], axis=1)
-    return replace(one, outline=outline, slack=slack)
+    slack = np.stack([opening.slack[:, 0] + shifts, np.maximum(opening.slack[:, 1] - shifts, 0.0)], axis=1)
+    return replace(opening, outline=outline, slack=slack)
 
 
 Owners = NDArray[np.int32]

@@ -72,7 +72,7 @@ def extend(
     surface, edits, least = edited.surface, edited.edits, LEAST_CONFIDENCE[rules.mode]
     is_said = edits.ends or edits.wishes
     if edits.joints:
-        extent = with_joints(extent, [one.plane for one in edits.joints])
+        extent = with_joints(extent, [joint.plane for joint in edits.joints])
     extent = with_ends(extent, edits.ends) if is_said else as_far_as_probable(extent, least)
     grid = lay_grid(surface, extent, scans, max_cells=rules.max_cells, cell_m=rules.cell_m)
     predicted_sd = surface.fit.standard_deviation(grid.centres())

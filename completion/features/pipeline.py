@@ -88,8 +88,8 @@ def _check_extent(points: FloatArray) -> None:
 def _spacing_and_noise(points: FloatArray) -> tuple[float, float]:
     """Median distance to the nearest neighbour, and deviation from planes through neighbours."""
     tree, step = cKDTree(points), max(1, len(points) // _SAMPLE)
-    some = points[::step]
-    away, near = tree.query(some, k=min(_AROUND + 1, len(points)))
+    sample = points[::step]
+    away, near = tree.query(sample, k=min(_AROUND + 1, len(points)))
     group = points[near] - points[near].mean(axis=1, keepdims=True)
     least = np.linalg.svd(group, compute_uv=False)[:, -1]
     rough = least / np.sqrt(max(near.shape[1] - _PARAMETERS_OF_A_PLANE, 1))
@@ -150,7 +150,7 @@ def find_features(
     """
     _check(material, kinds)
     known, draws = given or {}, check_rng(rng)
-    is_whole, found, doubts = True, list[TemplateFit](), list[str]()
+    is_whole, template_fit, doubts = True, list[TemplateFit](), list[str]()
     openings = [kind for kind in kinds if kind in OPENINGS]
     others = [kind for kind in kinds if kind not in OPENINGS]
     try:
@@ -158,8 +158,8 @@ def find_features(
         if openings and not isinstance(material, Measured):
             sizes = [scan.ranges.size for scan in material]
             with Steps.over(sizes, n_threads, progress, journal) as steps:
-                fits, told = find_openings_of_scans(material, openings, known, steps)
-            found, doubts = [*found, *fits], [*doubts, *told]
+                fits, sentences = find_openings_of_scans(material, openings, known, steps)
+            template_fit, doubts = [*template_fit, *fits], [*doubts, *sentences]
 
         # 2. Others: solids, patterns of holes and junctions, in the points of all scans together.
         if others:
@@ -169,7 +169,7 @@ def find_features(
                 progress("features", done, len(others))
             search = partial(_FINDERS[kind], up=up) if kind in SOLIDS else _FINDERS[kind]
             budget = evaluations * (1 + len(more))
-            found += search(measured, [kind, *more], known.get(kind, {}), rng=draws, budget=budget)
+            template_fit += search(measured, [kind, *more], known.get(kind, {}), rng=draws, budget=budget)
     except KeyboardInterrupt:
         is_whole = False
 
@@ -179,8 +179,8 @@ def find_features(
         if isinstance(material, Measured)
         else sum(int(np.count_nonzero(scan.valid)) for scan in material)
     )
-    is_whole = is_whole and all(fit.is_complete for fit in found)
-    return Features(tuple(best_first(found)), n_points, is_complete=is_whole, doubts=tuple(doubts))
+    is_whole = is_whole and all(fit.is_complete for fit in template_fit)
+    return Features(tuple(best_first(template_fit)), n_points, is_complete=is_whole, doubts=tuple(doubts))
 
 
 def _searches(kinds: Sequence[str], known: Mapping[str, Given]) -> list[list[str]]:

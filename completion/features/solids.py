@@ -56,11 +56,11 @@ class Column:
         v = cosine * local[:, 1] - sine * local[:, 0]
         up, out, half = local[:, 2], np.hypot(local[:, 0], local[:, 1]), width / 2
         over = np.maximum(up, 0.0)
-        beside = [np.maximum(np.abs(one) - half, 0.0) for one in (v, u)]
+        beside = [np.maximum(np.abs(item) - half, 0.0) for item in (v, u)]
         sides = [
-            np.sqrt((one - sign * half) ** 2 + over**2 + past**2)
+            np.sqrt((item - sign * half) ** 2 + over**2 + past**2)
             for sign in (1.0, -1.0)
-            for one, past in zip((u, v), beside, strict=True)
+            for item, past in zip((u, v), beside, strict=True)
         ]
         within = np.maximum(radius - out, 0.0)
         flat = np.sqrt(up**2 + beside[0] ** 2 + beside[1] ** 2 + within**2)
@@ -118,7 +118,7 @@ class Stairs:
         each = np.hstack([np.hypot(v, u - np.clip(u, 0.0, going)), np.hypot(u, v - np.clip(v, -rise, 0.0))])
         numbers = np.hstack([step + 1, step + 1 + self.count])
         best = each.argmin(axis=1)[:, None]
-        nearest, number = (np.take_along_axis(one, best, 1)[:, 0] for one in (each, numbers))
+        nearest, number = (np.take_along_axis(values, best, 1)[:, 0] for values in (each, numbers))
         return np.hypot(nearest, beside), number
 
 
@@ -238,8 +238,8 @@ def _column(
         near = _about_shaft(local, shaft, sample, measured)
         starts = column_starts(shaft, local[near, 2])
         each = budget // len(shafts)
-        one = _fitted(Column(frame), measured, near, known, rng=rng, budget=each, starts=starts)
-        fits.append(_as_column(one, frame))
+        fit = _fitted(Column(frame), measured, near, known, rng=rng, budget=each, starts=starts)
+        fits.append(_as_column(fit, frame))
     return best_first(fits)[0]
 
 
@@ -265,11 +265,11 @@ def _as_column(fit: TemplateFit, frame: Upright) -> TemplateFit:
             reason = f"shaft and base belong to a column: seen were {', '.join(sorted(seen))}"
             fit = replace(fit, status=Status.NONE, reason=reason)
         elif against:
-            told = f"beams went through {', '.join(against)}"
-            fit = replace(fit, status=Status.NONE, reason=told)
+            sentence = f"beams went through {', '.join(against)}"
+            fit = replace(fit, status=Status.NONE, reason=sentence)
         elif len(of_base) == 1 and fit.status is Status.FOUND:
-            told = "one side of its base was seen: anything may stand beside a shaft"
-            fit = replace(fit, status=Status.AMBIGUOUS, reason=told)
+            sentence = "one side of its base was seen: anything may stand beside a shaft"
+            fit = replace(fit, status=Status.AMBIGUOUS, reason=sentence)
         elif width < 2 * radius:
             fit = replace(fit, status=Status.NONE, reason="the base is narrower than the shaft")
     place = frame.outside(np.array([[x, y, top]]))
@@ -288,9 +288,9 @@ def _fitted(
 ) -> TemplateFit:
     """A template fitted to some of the points that are near (n,); all near ones are assigned to its faces."""
     which = np.flatnonzero(near)
-    some = which[:: max(1, len(which) // _MOST_POINTS)]
-    beam = None if measured.beam_of_point is None else measured.beam_of_point[some]
-    part = replace(measured, points=measured.points[some], beam_of_point=beam, faces=None)
+    sample = which[:: max(1, len(which) // _MOST_POINTS)]
+    beam = None if measured.beam_of_point is None else measured.beam_of_point[sample]
+    part = replace(measured, points=measured.points[sample], beam_of_point=beam, faces=None)
     fit = fit_template(template, part, known, rng=rng, budget=budget, starts=starts)
     off, _ = template.distance(part.points, fit.x)
     allowed = float(np.abs(off[fit.assignment > 0]).max(initial=0.0))

@@ -67,7 +67,7 @@ def reveals_of(
         for number, fit in enumerate(features, start=1)
         if fit.status is Status.FOUND
         for outline in _outlines(fit, number, surfaces)
-        if not any(_is_on(outline, one, observations, flatness_m) for one in surfaces)
+        if not any(_is_on(outline, surface, observations, flatness_m) for surface in surfaces)
     ]
     pixels: list[list[PixelSet]] = [[] for _ in outlines]
     for seen, owner in zip(observations, owners, strict=True) if outlines else ():
@@ -184,8 +184,8 @@ def _read_opening(source: str, entry: Mapping[str, Any]) -> TemplateFit:
         raise InputError(f"{source}: corners must be four points, got {len(places)}; {_CURE}")
     if (np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1) < _LEAST_M).any():
         raise InputError(f"{source}: two corners lie at one place; {_CURE}")
-    told = entry.get("standard_deviation")
-    sd = told.get("depth") if isinstance(told, Mapping) else None
+    item = entry.get("standard_deviation")
+    sd = item.get("depth") if isinstance(item, Mapping) else None
     geometry = {
         "corners": places,
         "depth_m": _number(source, "depth_m", entry.get("depth_m")),
@@ -215,7 +215,7 @@ def _read_joint(source: str, entry: Mapping[str, Any]) -> TemplateFit:
         radii = entry.get("radii")
         if not isinstance(radii, list) or len(radii) != _N_RADII:
             raise InputError(f"{source}: radii must be that of the bend and that of the tube; {_CURE}")
-        geometry["radii"] = np.array([_number(source, "radii", one) for one in radii])
+        geometry["radii"] = np.array([_number(source, "radii", radius) for radius in radii])
         geometry["centres"] = _places(source, "centres", entry.get("centres"))
         away = np.linalg.norm(np.cross(axis, joint - geometry["centres"][:1]), axis=1)
         if len(geometry["centres"]) != 1 or (away < _LEAST_M).any():
@@ -240,7 +240,7 @@ def _fit(
         names=(),
         x=np.zeros(0),
         covariance=np.zeros((0, 0)),
-        sides=tuple(_side(f"{source}: {name}", name, told) for name, told in sides.items()),
+        sides=tuple(_side(f"{source}: {name}", name, side) for name, side in sides.items()),
         evidence=_number(source, "evidence", entry.get("evidence")),
         faces=(),
         assignment=np.zeros(0, np.int64),
@@ -248,8 +248,8 @@ def _fit(
     )
 
 
-def _side(source: str, name: str, told: object) -> Side:
-    held = told if isinstance(told, Mapping) else {}
+def _side(source: str, name: str, item: object) -> Side:
+    held = item if isinstance(item, Mapping) else {}
     seen, sd = held.get("seen"), held.get("sd_m")
     if not isinstance(seen, bool) or not (sd is None or (isinstance(sd, int | float) and 0 <= sd < np.inf)):
         raise InputError(f"{source}: needs seen (true or false) and sd_m (metres, or null); {_CURE}")
@@ -309,7 +309,7 @@ def ends_of(
     observations : sequence of Observation
         The scans.
     """
-    found = []
+    pairs = []
     for end in _tubes(fit) if fit.kind == "elbow" else _seams(fit, surfaces):
         index, plane = end
         if index is None:
@@ -319,10 +319,10 @@ def ends_of(
         points = surfaces[index].points(observations, _MOST_JOINT_POINTS)
         sides = plane.distance(points)
         if np.mean(sides > 0) >= _ONE_SIDE:
-            found.append((index + 1, plane))
+            pairs.append((index + 1, plane))
         elif fit.kind != "elbow" and np.mean(sides < 0) >= _ONE_SIDE:
-            found.append((index + 1, plane.flipped()))
-    return found
+            pairs.append((index + 1, plane.flipped()))
+    return pairs
 
 
 def _tubes(fit: TemplateFit) -> Iterator[tuple[int | None, Plane]]:
@@ -338,8 +338,8 @@ def _tube_at(end: Plane, fit: TemplateFit, surfaces: Sequence[MergedSurface]) ->
     """The cylinder of a tube's radius whose axis passes an end's middle along its normal."""
     radius = float(np.asarray(fit.geometry["radii"])[1])
     best, least = None, _OFF * radius
-    for number, one in enumerate(surfaces):
-        tube = one.fit.surface
+    for number, surface in enumerate(surfaces):
+        tube = surface.fit.surface
         if not isinstance(tube, Cylinder) or abs(tube.radius - radius) > _OFF * radius:
             continue
         if abs(float(tube.direction @ end.normal_direction)) < _ALONG:
@@ -355,8 +355,8 @@ def _seams(fit: TemplateFit, surfaces: Sequence[MergedSurface]) -> Iterator[tupl
     """Surfaces on which the line of a tangent junction lies, and the planes across them there."""
     joint, axis = np.asarray(fit.geometry["joint"]), np.asarray(fit.geometry["axis"])
     allowed = _OFF * float(np.linalg.norm(joint[1] - joint[0]))
-    for number, one in enumerate(surfaces):
-        shape = one.fit.surface
+    for number, surface in enumerate(surfaces):
+        shape = surface.fit.surface
         if isinstance(shape, Cylinder):
             runs_along = abs(float(shape.direction @ axis)) >= _ALONG
             allowed_here = min(allowed, _OFF * shape.radius)
@@ -398,7 +398,7 @@ def place_features(
             continue
         places = np.asarray(geometry["centres" if fit.kind in PATTERNS else "corners"])
         allowed = _ON_PLATE * float(str(geometry["radius"])) if fit.kind in PATTERNS else _NEAR_M
-        away = [_away(one, places, observations, allowed) for one in surfaces]
+        away = [_away(surface, places, observations, allowed) for surface in surfaces]
         nearest = int(np.argmin(away)) if away else 0
         if not away or away[nearest] > allowed:
             least = f"{100 * away[nearest]:.0f} cm away" if away and np.isfinite(away[nearest]) else "none"
@@ -432,22 +432,24 @@ def with_features(surfaces: Sequence[EditedSurface], features: Sequence[Template
     Features that are not found change nothing. A side that nobody saw lies where beams still went through,
     and may lie farther out; holes of a pattern that nobody saw, or that are filled, are none.
     """
-    edits = [one.edits for one in surfaces]
+    edits = [edited_surface.edits for edited_surface in surfaces]
     for number, fit in enumerate(features, start=1):
         if fit.status is not Status.FOUND or fit.geometry.get("is_closed"):
             continue
         for surface, plane in cast(Sequence[tuple[int, Plane]], fit.geometry.get("ends", ())):
-            one = edits[surface - 1]
-            edits[surface - 1] = replace(one, joints=(*one.joints, FittedJoint(plane, number)))
+            surface_edits = edits[surface - 1]
+            edits[surface - 1] = replace(
+                surface_edits, joints=(*surface_edits.joints, FittedJoint(plane, number))
+            )
         if "surface" not in fit.geometry:
             continue
         index = int(str(fit.geometry["surface"])) - 1
-        one = edits[index]
+        surface_edits = edits[index]
         if fit.kind in PATTERNS:
-            edits[index] = replace(one, holes=(*one.holes, *_holes(fit, number)))
+            edits[index] = replace(surface_edits, holes=(*surface_edits.holes, *_holes(fit, number)))
         else:
-            edits[index] = replace(one, fitted=(*one.fitted, _fitted(fit, number)))
-    return [replace(one, edits=said) for one, said in zip(surfaces, edits, strict=True)]
+            edits[index] = replace(surface_edits, fitted=(*surface_edits.fitted, _fitted(fit, number)))
+    return [replace(edited_surface, edits=edit) for edited_surface, edit in zip(surfaces, edits, strict=True)]
 
 
 def _holes(fit: TemplateFit, number: int) -> Iterator[FittedHole]:

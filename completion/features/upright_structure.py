@@ -111,7 +111,7 @@ def levels(heights: FloatArray, width: float, least: int) -> FloatArray:
     around = count[:-2] + count[1:-1] + count[2:]
     peak = (count[1:-1] >= count[:-2]) & (count[1:-1] > count[2:]) & (around >= least)
     middles = first + width * (np.flatnonzero(peak) + 0.5)
-    return np.array([heights[np.abs(heights - one) <= 1.5 * width].mean() for one in middles])
+    return np.array([heights[np.abs(heights - middle) <= 1.5 * width].mean() for middle in middles])
 
 
 _LEAST_STEPS = 3
@@ -152,13 +152,13 @@ def find_flight(sample: UprightSample, noise: float, spacing: float, given: dict
     patches = _patches(sample.flat, max(4 * noise, 0.7 * spacing))
     if len(patches) < _LEAST_STEPS:
         return f"{len(patches)} level patches; a flight has {_LEAST_STEPS}"
-    heights = np.array([float(np.median(one[:, 2])) for one in patches])
-    middles = np.array([(one[:, :2].min(axis=0) + one[:, :2].max(axis=0)) / 2 for one in patches])
+    heights = np.array([float(np.median(patch[:, 2])) for patch in patches])
+    middles = np.array([(patch[:, :2].min(axis=0) + patch[:, :2].max(axis=0)) / 2 for patch in patches])
     row = _longest_row(patches, heights, middles, max(4 * noise, 0.7 * spacing), given)
     if len(row) < _LEAST_STEPS:
-        told = f"{len(patches)} level patches, of which {len(row)} rise and move on equally"
-        return f"{told}; a flight has {_LEAST_STEPS}"
-    number, step = (np.array(some) for some in zip(*row, strict=True))
+        sentence = f"{len(patches)} level patches, of which {len(row)} rise and move on equally"
+        return f"{sentence}; a flight has {_LEAST_STEPS}"
+    number, step = (np.array(items) for items in zip(*row, strict=True))
     rise = given.get("rise", float(np.median(np.diff(heights[number]) / np.diff(step))))
     move = np.median(np.diff(middles[number], axis=0) / np.diff(step)[:, None], axis=0)
     going = given.get("going", float(np.linalg.norm(move)))
@@ -209,7 +209,7 @@ def _longest_row(
             if not (_is_deep(patches[i], move, going) and _is_deep(patches[j], move, going)):
                 continue
             members = _members(i, heights, middles, rise, move)
-            members = [one for one in members if _is_deep(patches[one[0]], move, going)]
+            members = [member for member in members if _is_deep(patches[member[0]], move, going)]
             score = len(members) - (members[-1][1] + 1 - len(members))
             if score > most:
                 best, most = members, score
@@ -218,8 +218,8 @@ def _longest_row(
 
 def _agrees(rise: float, going: float, given: dict[str, float]) -> bool:
     """Whether a step is as large as it is known to be."""
-    told = {"rise": rise, "going": going}
-    return all(abs(told[name] - given[name]) < _SAME * given[name] for name in told if name in given)
+    values = {"rise": rise, "going": going}
+    return all(abs(values[name] - given[name]) < _SAME * given[name] for name in values if name in given)
 
 
 def _is_deep(patch: FloatArray, move: FloatArray, going: float) -> bool:
@@ -298,14 +298,16 @@ def find_shafts(
     radii = np.array([radius]) if radius is not None else np.geomspace(low, max(high, low), _N_RADII)
     fitted = [
         _fitted(flat, rough, noise, fixed=radius is not None)
-        for one in radii
-        for rough in _peaks(flat, way, one)
+        for item in radii
+        for rough in _peaks(flat, way, item)
     ]
-    found: list[Shaft] = []
-    for shaft in sorted((one for one in fitted if one.n), key=lambda one: -one.n):
-        if all(np.hypot(shaft.x - one.x, shaft.y - one.y) > max(shaft.radius, one.radius) for one in found):
-            found.append(shaft)
-    return found[:_MOST]
+    pairs: list[Shaft] = []
+    for shaft in sorted((item for item in fitted if item.n), key=lambda one: -one.n):
+        if all(
+            np.hypot(shaft.x - item.x, shaft.y - item.y) > max(shaft.radius, item.radius) for item in pairs
+        ):
+            pairs.append(shaft)
+    return pairs[:_MOST]
 
 
 def _peaks(flat: FloatArray, way: FloatArray, radius: float) -> Iterator[Shaft]:

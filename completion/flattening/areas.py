@@ -83,29 +83,29 @@ def flat_zones(field: FloatArray, most: float) -> Labels:
     """Labels (rows, columns) from 0 of cells joined by steps of at most `most` between neighbours."""
     index = np.arange(field.size).reshape(field.shape)
     down, right = np.abs(np.diff(field, axis=0)) <= most, np.abs(np.diff(field, axis=1)) <= most
-    one = np.concatenate([index[:-1][down], index[:, :-1][right]])
+    values = np.concatenate([index[:-1][down], index[:, :-1][right]])
     other = np.concatenate([index[1:][down], index[:, 1:][right]])
-    return joined(one, other, field.size)[1].reshape(field.shape)
+    return joined(values, other, field.size)[1].reshape(field.shape)
 
 
 def borders_of(labels: Labels) -> tuple[Labels, Labels, FloatArray]:
     """Neighbouring pieces (n,), (n,), the lower label first, and the lengths of their borders (n,), cells."""
-    one = np.concatenate([labels[:-1].ravel(), labels[:, :-1].ravel()])
+    values = np.concatenate([labels[:-1].ravel(), labels[:, :-1].ravel()])
     other = np.concatenate([labels[1:].ravel(), labels[:, 1:].ravel()])
-    return _together(one, other, np.full(len(one), CROSSED), int(labels.max()) + 1)
+    return _together(values, other, np.full(len(values), CROSSED), int(labels.max()) + 1)
 
 
-def _together(one: Labels, other: Labels, length: FloatArray, n: int) -> tuple[Labels, Labels, FloatArray]:
+def _together(first: Labels, second: Labels, length: FloatArray, n: int) -> tuple[Labels, Labels, FloatArray]:
     """Pairs of different pieces, each once, their lengths added."""
-    apart = one != other
-    one, other, length = one[apart], other[apart], length[apart]
-    key, place = np.unique(np.minimum(one, other) * n + np.maximum(one, other), return_inverse=True)
+    apart = first != second
+    first, second, length = first[apart], second[apart], length[apart]
+    key, place = np.unique(np.minimum(first, second) * n + np.maximum(first, second), return_inverse=True)
     return key // n, key % n, np.bincount(place, length, minlength=len(key)).astype(np.float64)
 
 
-def joined(one: Labels, other: Labels, n: int) -> tuple[int, Labels]:
+def joined(first: Labels, second: Labels, n: int) -> tuple[int, Labels]:
     """How many remain of n when pairs are joined, and which each becomes."""
-    graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(n, n))
+    graph = coo_matrix((np.ones(len(first)), (first, second)), shape=(n, n))
     count, onto = connected_components(graph, directed=False)
     return int(count), onto.astype(np.int64)
 
@@ -148,29 +148,33 @@ class Levels:
             white = ripple.whitened(heights)[known].astype(np.float32)
         return cls(np.asarray(level, dtype=np.float64), np.asarray(covariance, dtype=np.float64))
 
-    def variance_between(self, one: Labels, other: Labels) -> FloatArray:
+    def variance_between(self, first: Labels, second: Labels) -> FloatArray:
         """Variance (n,) of the steps from some areas (n,) to others (n,), m^2."""
-        both = self.covariance[one, one] + self.covariance[other, other] - 2 * self.covariance[one, other]
+        both = (
+            self.covariance[first, first]
+            + self.covariance[second, second]
+            - 2 * self.covariance[first, second]
+        )
         return np.maximum(both, 1e-30)
 
-    def against(self, one: Labels, other: Labels) -> FloatArray:
+    def against(self, first: Labels, second: Labels) -> FloatArray:
         """Evidence (n,) against some areas (n,) being level with others (n,): half the chi-square, nats."""
         out: FloatArray = (
-            (self.height_m[one] - self.height_m[other]) ** 2 / self.variance_between(one, other) / 2
+            (self.height_m[first] - self.height_m[second]) ** 2 / self.variance_between(first, second) / 2
         )
         return out
 
-    def with_equal(self, one: int, other: int) -> Levels:
+    def with_equal(self, first: int, second: int) -> Levels:
         """The estimate given that two areas are level."""
-        toward = self.covariance[one] - self.covariance[other]
-        square = max(float(toward[one] - toward[other]), 1e-30)
-        height = self.height_m - toward * ((self.height_m[one] - self.height_m[other]) / square)
+        toward = self.covariance[first] - self.covariance[second]
+        square = max(float(toward[first] - toward[second]), 1e-30)
+        height = self.height_m - toward * ((self.height_m[first] - self.height_m[second]) / square)
         return Levels(height, self.covariance - np.outer(toward, toward) / square)
 
-    def over(self, one: int) -> Levels:
+    def over(self, number: int) -> Levels:
         """Heights over one of the areas, with their covariance."""
-        toward = self.covariance - self.covariance[one]
-        return Levels(self.height_m - self.height_m[one], toward - toward[:, one][:, None])
+        toward = self.covariance - self.covariance[number]
+        return Levels(self.height_m - self.height_m[number], toward - toward[:, number][:, None])
 
 
 def _normal_equations(
@@ -180,8 +184,8 @@ def _normal_equations(
     n = len(columns)
     normal = np.zeros((n, n), np.float32)
     for first in range(0, columns.shape[1], _CHUNK):
-        some = columns[:, first : first + _CHUNK]
-        normal += (some * weight[first : first + _CHUNK]) @ some.T
+        sample = columns[:, first : first + _CHUNK]
+        normal += (sample * weight[first : first + _CHUNK]) @ sample.T
     return normal.astype(np.float64), (columns @ (weight * white)).astype(np.float64)
 
 
@@ -244,9 +248,9 @@ def join_pieces(heights: FloatArray, pieces: Labels, ripple: Ripple, known: Bool
     levels = Levels.fitted(heights, _with_rims(areas), ripple, known)
     ripple_m = max(float(np.std((heights - levels.height_m[areas])[known])), 1e-30)
     plane = _plane_of(levels, areas, heights, ripple_m, known)
-    found = _join_plane(levels, areas, plane, ripple_m)
-    joins += [replace(one, pieces=tuple(np.flatnonzero(owner == one.pieces[0]).tolist())) for one in found]
-    owner = np.where(np.isin(owner, [one.pieces[0] for one in found]), plane, owner)
+    join = _join_plane(levels, areas, plane, ripple_m)
+    joins += [replace(item, pieces=tuple(np.flatnonzero(owner == item.pieces[0]).tolist())) for item in join]
+    owner = np.where(np.isin(owner, [item.pieces[0] for item in join]), plane, owner)
     plane = int(np.searchsorted(np.unique(owner), plane))
     owner = np.unique(owner, return_inverse=True)[1]
     return Areas(owner, Levels.fitted(heights, owner[pieces], ripple, known).over(plane), plane, tuple(joins))
@@ -327,12 +331,12 @@ def _with_rims(areas: Labels) -> Labels:
     pairs = np.concatenate([np.stack([first, second], 1), np.stack([second, first], 1)])[np.r_[long, long]]
     boxes = ndimage.find_objects(areas + 1)
     deepest = _depths(areas, n)
-    for one, other in pairs:
+    for item, other in pairs:
         box = tuple(slice(max(side.start - _RIM, 0), side.stop + _RIM) for side in boxes[other])
-        inside, near = areas[box] == one, areas[box] == other
-        for _ in range(min(_RIM, deepest[one] - 1)):
+        inside, near = areas[box] == item, areas[box] == other
+        for _ in range(min(_RIM, deepest[item] - 1)):
             near = ndimage.binary_dilation(near, np.ones((3, 3)))
-            rim = near & inside & (out[box] == one)
+            rim = near & inside & (out[box] == item)
             if rim.any():
                 out[box][rim] = new
                 new += 1
@@ -354,8 +358,8 @@ def _plane_of(levels: Levels, areas: Labels, heights: FloatArray, ripple_m: floa
     n = int(areas.max()) + 1
     size = np.bincount(areas[known], minlength=n).astype(np.float64)
     total = np.bincount(areas[known], heights[known], minlength=n)
-    one, other = np.divmod(np.arange(n * n), n)
-    level = _above_level(levels, one, other, ripple_m).reshape(n, n) <= 0
+    first, second = np.divmod(np.arange(n * n), n)
+    level = _above_level(levels, first, second, ripple_m).reshape(n, n) <= 0
     together, sums = level @ size, level @ total
     near = (sums / np.maximum(together, 1) / (_NEAR * ripple_m)) ** 2
     score = np.log(np.maximum(together, 1e-9)) - near / 2
@@ -363,9 +367,9 @@ def _plane_of(levels: Levels, areas: Labels, heights: FloatArray, ripple_m: floa
     return int(np.argmax(score))
 
 
-def _above_level(levels: Levels, one: Labels, other: Labels, ripple_m: float) -> FloatArray:
+def _above_level(levels: Levels, first: Labels, second: Labels, ripple_m: float) -> FloatArray:
     """Nats by which areas are more probably as high over others as the ripple than level with them."""
-    step = levels.height_m[other] - levels.height_m[one]
-    variance = levels.variance_between(one, other) + (_MISPLACED * ripple_m) ** 2
+    step = levels.height_m[second] - levels.height_m[first]
+    variance = levels.variance_between(first, second) + (_MISPLACED * ripple_m) ** 2
     above = step**2 / variance / 2 - np.log1p(ripple_m**2 / variance) / 2 - _EQUAL
     return np.where(variance <= (_KNOWN * ripple_m) ** 2, above, np.inf)

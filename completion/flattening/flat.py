@@ -180,21 +180,21 @@ def _rms(distance: FloatArray) -> float:
     return float(np.sqrt(np.mean(distance**2))) if len(distance) else 0.0
 
 
-def flat_record(one: FlatSurface) -> dict[str, Any]:
+def flat_record(surface: FlatSurface) -> dict[str, Any]:
     """Return what became of a plane: metres, square metres, p of each region, most evident first."""
-    regions = [(region.kind, _region_record(region)) for region in one.regions]
+    regions = [(region.kind, _region_record(region)) for region in surface.regions]
     return {
-        "is_flattened": one.is_flattened,
-        "reason": one.reason or None,
-        "cell_m": one.cell_m,
-        "ripple_sd_m": one.ripple_sd_m,
-        "noise_sd_m": one.noise_sd_m,
-        "points": one.n,
-        "relief_points": one.n_relief,
-        "rms_before_m": one.rms_before_m,
-        "rms_after_m": one.rms_after_m,
-        "ripple_before_m": one.ripple_before_m,
-        "ripple_after_m": one.ripple_after_m,
+        "is_flattened": surface.is_flattened,
+        "reason": surface.reason or None,
+        "cell_m": surface.cell_m,
+        "ripple_sd_m": surface.ripple_sd_m,
+        "noise_sd_m": surface.noise_sd_m,
+        "points": surface.n,
+        "relief_points": surface.n_relief,
+        "rms_before_m": surface.rms_before_m,
+        "rms_after_m": surface.rms_after_m,
+        "ripple_before_m": surface.ripple_before_m,
+        "ripple_after_m": surface.ripple_after_m,
         "relief": [record for kind, record in regions if kind is RegionKind.RELIEF],
         "flattened": [record for kind, record in regions if kind is RegionKind.FLATTENED],
     }

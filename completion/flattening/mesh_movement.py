@@ -72,32 +72,32 @@ def _mark(
     """Mark the faces that cross newly; `entries` from each start to the next are the faces of one cell."""
     for cell in range(len(starts) - 1):
         for i in range(starts[cell], starts[cell + 1]):
-            one = entries[i]
+            item = entries[i]
             for j in range(i + 1, starts[cell + 1]):
                 other = entries[j]
-                if not (moved[one] or moved[other]) or (crossing[one] and crossing[other]):
+                if not (moved[item] or moved[other]) or (crossing[item] and crossing[other]):
                     continue
                 apart = False
                 for k in range(3):
-                    if low[one, k] > high[other, k] or low[other, k] > high[one, k]:
+                    if low[item, k] > high[other, k] or low[other, k] > high[item, k]:
                         apart = True
                     for m in range(3):
-                        if faces[one, k] == faces[other, m]:
+                        if faces[item, k] == faces[other, m]:
                             apart = True
                 if apart:
                     continue
-                if _cross(after, faces, one, other) and not _cross(before, faces, one, other):
-                    crossing[one] = True
+                if _cross(after, faces, item, other) and not _cross(before, faces, item, other):
+                    crossing[item] = True
                     crossing[other] = True
 
 
 @inlined
-def _cross(points: FloatArray, faces: NDArray[np.int32], one: int, other: int) -> bool:
+def _cross(points: FloatArray, faces: NDArray[np.int32], first: int, second: int) -> bool:
     """Whether an edge of one face runs through the other."""
     for k in range(3):
-        if _pierces(points, faces[other], faces[one, k], faces[one, (k + 1) % 3]):
+        if _pierces(points, faces[second], faces[first, k], faces[first, (k + 1) % 3]):
             return True
-        if _pierces(points, faces[one], faces[other, k], faces[other, (k + 1) % 3]):
+        if _pierces(points, faces[first], faces[second, k], faces[second, (k + 1) % 3]):
             return True
     return False
 
@@ -188,9 +188,9 @@ def _off_others(
     """How far the first of each pair (m, 2) is off the plane of the second, over what is still on it."""
     off = np.full(len(pairs), np.inf)
     for label, (plane, rms) in planes.items():
-        some = np.flatnonzero(flat[pairs[:, 1]] == label)
-        reach = [_NEAR * max(rms, planes[int(own)][1]) for own in flat[pairs[some, 0]]]
-        off[some] = np.abs(plane.distance(vertices[pairs[some, 0]])) / np.maximum(reach, 1e-300)
+        values = np.flatnonzero(flat[pairs[:, 1]] == label)
+        reach = [_NEAR * max(rms, planes[int(item)][1]) for item in flat[pairs[values, 0]]]
+        off[values] = np.abs(plane.distance(vertices[pairs[values, 0]])) / np.maximum(reach, 1e-300)
     return off
 
 
@@ -229,11 +229,11 @@ def wrong_faces(
     there.
     """
     moved = np.any(after != before, axis=1)[faces].any(axis=1)
-    some = faces[moved]
+    sample = faces[moved]
     if origin is None:
-        turned = _flipped(before, after, some)
+        turned = _flipped(before, after, sample)
     else:
-        old, new = (np.linalg.det((at - origin)[some]) for at in (before, after))
+        old, new = (np.linalg.det((at - origin)[sample]) for at in (before, after))
         turned = (old * new <= 0) & (old != 0)
     return int(turned.sum()), int(new_crossings(before, after, faces, moved).sum())
 
@@ -344,7 +344,7 @@ def _cells_of_faces(
     return at[inside, 0] * shape[1] + at[inside, 1], np.sum(corner * share, axis=1)
 
 
-def _plane_cross(one: FloatArray, other: FloatArray) -> FloatArray:
+def _plane_cross(first: FloatArray, second: FloatArray) -> FloatArray:
     """Cross product of plane vectors (n, 2)."""
-    out: FloatArray = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+    out: FloatArray = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     return out

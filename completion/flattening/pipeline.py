@@ -87,8 +87,8 @@ def learn_null(parts: Separation, rng: np.random.Generator) -> Null:
     for _ in range(n_walls):
         noise = rng.choice(white, wide) * rng.choice([-1.0, 1.0], wide)
         heights = fft.irfft2(fft.rfft2(noise) * gain, s=wide)[: shape[0], : shape[1]]
-        found = separate(heights - heights.mean(), np.ones(shape, np.bool_)).candidates
-        evidence += [one.evidence for one in found]
+        candidates = separate(heights - heights.mean(), np.ones(shape, np.bool_)).candidates
+        evidence += [candidate.evidence for candidate in candidates]
     n_cells = n_walls * shape[0] * shape[1]
     largest = np.sort(evidence)[::-1][: _TAIL * n_walls + 1]
     if len(largest) < 3:
@@ -100,10 +100,10 @@ def learn_null(parts: Separation, rng: np.random.Generator) -> Null:
 
 def _white_noise(parts: Separation) -> FloatArray:
     """Whitened errors (n,) of unit sd, where there is no evident relief."""
-    evident = tuple(one for one in parts.candidates if one.stands_out and one.evidence > _CLEAR)
+    evident = tuple(item for item in parts.candidates if item.stands_out and item.evidence > _CLEAR)
     used = parts.known.copy()
-    for one in evident:
-        used &= ~parts.cells(one)
+    for candidate in evident:
+        used &= ~parts.cells(candidate)
     used = ndimage.binary_erosion(used, np.ones((3, 3)), iterations=_RIM, border_value=1) if evident else used
     if used.sum() < 0.1 * parts.known.sum():
         used = parts.known
@@ -174,17 +174,17 @@ def flatten_heights(
     # 1. Separate heights into levels and ripple, and learn what the ripple alone may look like.
     parts = separate(np.where(known, heights, 0.0), known)
     could_stay = [
-        one.stands_out and one.n_cells >= _LEAST and abs(one.height_m) > options.rounding_m
-        for one in parts.candidates
+        item.stands_out and item.n_cells >= _LEAST and abs(item.height_m) > options.rounding_m
+        for item in parts.candidates
     ]
     hidden_by_steps = options.rounding_m > 0 and not any(could_stay)
     null = NOTHING if hidden_by_steps else learn_null(parts, np.random.default_rng(rng))
-    p = [null.p(one.evidence, int(known.sum())) for one in parts.candidates]
+    p = [null.p(item.evidence, int(known.sum())) for item in parts.candidates]
 
     # 2. Keep what a wall without relief would hardly show; all else is the plane.
     kept = tuple(
-        one
-        for one, q, could in zip(parts.candidates, p, could_stay, strict=True)
+        item
+        for item, q, could in zip(parts.candidates, p, could_stay, strict=True)
         if could and q <= options.level
     )
     level = parts.levels(kept)[: heights.shape[0], : heights.shape[1]]
@@ -197,19 +197,21 @@ def flatten_heights(
     flat = np.where(plane, 0.0, np.where(known, heights, np.nan))
     label = np.where(known, 0, -1).astype(np.int32)
     regions = list[Region]()
-    for one, q in sorted(zip(parts.candidates, p, strict=True), key=lambda pair: pair[1]):
-        if one in kept:
-            cells = parts.cells(one)[: heights.shape[0], : heights.shape[1]] & known
+    for candidate, q in sorted(zip(parts.candidates, p, strict=True), key=lambda pair: pair[1]):
+        if candidate in kept:
+            cells = parts.cells(candidate)[: heights.shape[0], : heights.shape[1]] & known
             size = float(np.sqrt(np.mean(ripple[cells] ** 2)))
-            clear = options.clears_relief and one.sd_m <= _CLEAN * ripple_sd and size <= _USUAL * ripple_sd
+            clear = (
+                options.clears_relief and candidate.sd_m <= _CLEAN * ripple_sd and size <= _USUAL * ripple_sd
+            )
             if clear:
                 flat[cells] -= ripple[cells]
-            regions.append(_region(one, RegionKind.RELIEF, q, cell_m, clear))
+            regions.append(_region(candidate, RegionKind.RELIEF, q, cell_m, clear))
             label[cells] = len(regions)
     regions += [
-        _region(one, RegionKind.FLATTENED, q, cell_m, True)
-        for one, q in sorted(zip(parts.candidates, p, strict=True), key=lambda pair: pair[1])
-        if one not in kept and one.evidence > null.start
+        _region(item, RegionKind.FLATTENED, q, cell_m, True)
+        for item, q in sorted(zip(parts.candidates, p, strict=True), key=lambda pair: pair[1])
+        if item not in kept and item.evidence > null.start
     ]
     noise_sd = float(np.sqrt(parts.ripple.noise_power()))
     mean = float(np.mean(heights[plane])) if plane.any() else 0.0
@@ -272,31 +274,33 @@ def flatten_mesh(
 
     # 1. Flatten the heights of each plane, and move its vertices to them.
     for label, fit in enumerate(fits, 1):
-        own = np.flatnonzero(labels == label)
-        if not isinstance(fit.surface, Plane) or len(own) < 3:
+        values = np.flatnonzero(labels == label)
+        if not isinstance(fit.surface, Plane) or len(values) < 3:
             continue
         number = np.full(len(vertices), -1)
-        number[own] = np.arange(len(own))
+        number[values] = np.arange(len(values))
         inner = number[faces[np.all(labels[faces] == label, axis=1)]].astype(np.int32)
-        grid = grid_of(vertices[own], inner, fit.surface, options.cell_m, options.most_cells)
-        found = flatten_heights(grid.heights, grid.cell_m, options, seed)
+        grid = grid_of(vertices[values], inner, fit.surface, options.cell_m, options.most_cells)
+        heights = flatten_heights(grid.heights, grid.cell_m, options, seed)
         surfaces.append(
             FlatSurface(
                 label=label,
-                regions=found.regions,
-                ripple_sd_m=found.ripple_sd_m,
-                noise_sd_m=found.noise_sd_m,
-                plane_m=found.plane_m,
+                regions=heights.regions,
+                ripple_sd_m=heights.ripple_sd_m,
+                noise_sd_m=heights.noise_sd_m,
+                plane_m=heights.plane_m,
                 cell_m=grid.cell_m,
-                reason=found.reason,
+                reason=heights.reason,
             )
         )
-        if found.reason:
+        if heights.reason:
             continue
-        height, region = _heights_of(grid, found, fit.surface.distance(vertices[own]))
-        moved[own] = move_onto(vertices[own], fit.surface, height, None if rays is None else rays[own])
-        is_relief[own] = region > 0
-        flat[own[region == 0]] = label
+        height, region = _heights_of(grid, heights, fit.surface.distance(vertices[values]))
+        moved[values] = move_onto(
+            vertices[values], fit.surface, height, None if rays is None else rays[values]
+        )
+        is_relief[values] = region > 0
+        flat[values[region == 0]] = label
         planes[label] = fit.surface, fit.rms
 
     # 2. Creases stay creases; what would turn over or cross stays where it was.
@@ -307,10 +311,10 @@ def flatten_mesh(
     n_turned, n_crossing = wrong_faces(vertices, moved, faces, rays)
 
     # 3. Tell how far all that lies from its plane, before and after.
-    for place, one in enumerate(surfaces):
-        own, plane = np.flatnonzero(labels == one.label), fits[one.label - 1].surface
-        before, after = plane.distance(vertices[own]), plane.distance(moved[own])
-        surfaces[place] = one.measured(before, after, is_relief[own])
+    for place, surface in enumerate(surfaces):
+        values, plane = np.flatnonzero(labels == surface.label), fits[surface.label - 1].surface
+        before, after = plane.distance(vertices[values]), plane.distance(moved[values])
+        surfaces[place] = surface.measured(before, after, is_relief[values])
     return FlattenedMesh(
         vertices=moved,
         moved_m=np.linalg.norm(moved - vertices, axis=1),
@@ -323,20 +327,26 @@ def flatten_mesh(
 
 
 def _heights_of(
-    grid: ChartGrid, found: FlatHeights, height: FloatArray
+    grid: ChartGrid, heights: FlatHeights, height: FloatArray
 ) -> tuple[FloatArray, NDArray[np.int32]]:
     """New heights (n,) of vertices that were at some over the plane, and their regions, 0 for the plane."""
     place = np.clip(np.rint(grid.places).astype(np.int64), 0, np.array(grid.heights.shape) - 1)
-    region = found.label[place[:, 0], place[:, 1]]
-    clear = np.array([False, *(one.is_cleared for one in found.regions)])[np.maximum(region, 0)]
-    ripple = ndimage.map_coordinates(found.ripple, grid.places.T, order=1, mode="nearest")
+    region = heights.label[place[:, 0], place[:, 1]]
+    clear = np.array([False, *(item.is_cleared for item in heights.regions)])[np.maximum(region, 0)]
+    ripple = ndimage.map_coordinates(heights.ripple, grid.places.T, order=1, mode="nearest")
     return np.where(region == 0, 0.0, np.where(clear, height - ripple, height)), region
 
 
-def _region(one: Candidate, kind: RegionKind, p: float, cell_m: float, clear: bool) -> Region:
+def _region(candidate: Candidate, kind: RegionKind, p: float, cell_m: float, clear: bool) -> Region:
     """A candidate as a region."""
     return Region(
-        kind, p, one.evidence, one.height_m, one.sd_m, area_m2=one.n_cells * cell_m**2, is_cleared=clear
+        kind,
+        p,
+        candidate.evidence,
+        candidate.height_m,
+        candidate.sd_m,
+        area_m2=candidate.n_cells * cell_m**2,
+        is_cleared=clear,
     )
 
 

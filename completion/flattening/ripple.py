@@ -71,9 +71,9 @@ def estimate_spectrum(heights: FloatArray, known: BoolArray, quantile: float, wi
         part = heights[i : i + size, j : j + size].ravel()
         part = part - (normal @ (slopes @ (squared * part))) @ slopes
         power[:] = np.abs(fft.rfft2(part.reshape(size, size) * weight)) ** 2
-    found = np.quantile(powers, quantile, axis=0) / -np.log1p(-quantile)
-    found = np.maximum(found, 1e-9 * found.max() + 1e-30)
-    return Spectrum(found * _turning(powers / found, quantile))
+    item = np.quantile(powers, quantile, axis=0) / -np.log1p(-quantile)
+    item = np.maximum(item, 1e-9 * item.max() + 1e-30)
+    return Spectrum(item * _turning(powers / item, quantile))
 
 
 def _turning(ratios: FloatArray, quantile: float) -> FloatArray:
@@ -286,9 +286,9 @@ def without_jumps(heights: FloatArray) -> FloatArray:
         np.cos(np.pi * np.arange(rows) / rows)[:, None] + np.cos(np.pi * np.arange(columns) / columns) - 2
     )
     waves[0, 0] = 1.0
-    found = fft.dctn(sources, norm="ortho") / waves
-    found[0, 0] = heights.mean() * np.sqrt(heights.size)
-    out: FloatArray = fft.idctn(found, norm="ortho")
+    item = fft.dctn(sources, norm="ortho") / waves
+    item[0, 0] = heights.mean() * np.sqrt(heights.size)
+    out: FloatArray = fft.idctn(item, norm="ortho")
     return out
 
 
@@ -309,5 +309,5 @@ def find_spikes(heights: FloatArray, known: BoolArray) -> BoolArray:
     if not len(differ):
         return np.zeros_like(known)
     near = np.sum(away <= _SPIKE * np.median(differ), axis=0)
-    found: BoolArray = known & (near <= 1) & (np.sum(np.isfinite(away), axis=0) >= 3)
-    return found
+    mask: BoolArray = known & (near <= 1) & (np.sum(np.isfinite(away), axis=0) >= 3)
+    return mask

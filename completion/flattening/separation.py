@@ -125,34 +125,34 @@ def find_candidates(pieces: Labels, areas: Areas, known: BoolArray) -> list[Cand
     """
     n, owner = len(areas.owner), areas.owner
     first, second, length = borders_of(pieces)
-    one, other = owner[first], owner[second]
-    out = (one != areas.plane) & (other != areas.plane)
+    indices, other = owner[first], owner[second]
+    out = (indices != areas.plane) & (other != areas.plane)
     part = joined(first[out], second[out], n)[1]
     size = np.bincount(pieces.ravel(), minlength=n).astype(np.float64)
     seen = np.bincount(pieces[known], minlength=n)
-    found = []
+    candidates = []
     for number in np.unique(part[owner != areas.plane]):
         members = np.flatnonzero((part == number) & (owner != areas.plane))
         owners, place = np.unique(owner[members], return_inverse=True)
         step, covariance = areas.levels.height_m[owners], areas.levels.covariance[np.ix_(owners, owners)]
         square = float(step @ np.linalg.solve(covariance, step))
         inside = (part[first] == number) | (part[second] == number)
-        border = float(length[inside & (one != other)].sum())
+        border = float(length[inside & (indices != other)].sum())
         weight = np.bincount(place, size[members]) / size[members].sum()
         evidence = square / 2 - PRICE * border - PIECE * len(owners)
         sd = float(np.sqrt(weight @ covariance @ weight))
         count = int(seen[members].sum())
-        found.append(
+        candidates.append(
             Candidate(
                 tuple(members.tolist()), evidence, float(weight @ step), sd, n_cells=count, stands_out=True
             )
         )
     for join in areas.joins:
         count = int(seen[list(join.pieces)].sum())
-        found.append(
+        candidates.append(
             Candidate(join.pieces, join.evidence, join.height_m, join.sd_m, n_cells=count, stands_out=False)
         )
-    return [candidate for candidate in found if candidate.n_cells]
+    return [candidate for candidate in candidates if candidate.n_cells]
 
 
 _WINDOWS = ((0.3, 48), (0.5, 48), (0.5, 48))
@@ -190,8 +190,8 @@ class Separation:
     def levels(self, kept: tuple[Candidate, ...]) -> FloatArray:
         """Levels (rows, columns) over the plane: of the regions kept, and 0 of all else."""
         height = np.zeros(len(self.areas.owner))
-        for one in kept:
-            members = list(one.pieces)
+        for candidate in kept:
+            members = list(candidate.pieces)
             height[members] = self.areas.levels.height_m[self.areas.owner[members]]
         return height[self.pieces]
 

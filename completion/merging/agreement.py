@@ -239,35 +239,35 @@ class Agreement:
     log_evidence: float  # log of how many times likelier the difference is if they are one
 
 
-def compare(one: Part, other: Part) -> Agreement:
+def compare(first: Part, second: Part) -> Agreement:
     """Compare two parts of one kind.
 
     The difference is the height of the other surface above this one at points of both, expressed by the
     parameters of this one, and so is the other's covariance. The evidence is for that against an unrelated
     surface, which lies anywhere within the size of the points, with any tilt.
     """
-    if one.form.is_curved:
-        return compare_at_points(one, other)
-    doubt = one.doubt.against(other.doubt)
+    if first.form.is_curved:
+        return compare_at_points(first, second)
+    doubt = first.doubt.against(second.doubt)
     square, log_density = compare_planes(
-        one.form, other.form, one.covariance, other.covariance, doubt, LEAST_COSINE
+        first.form, second.form, first.covariance, second.covariance, doubt, LEAST_COSINE
     )
-    return _agreement(one, other, square, log_density)
+    return _agreement(first, second, square, log_density)
 
 
 def compare_all(parts: Sequence[Part], pairs: IntArray) -> tuple[FloatArray, FloatArray]:
     """How pairs (k, 2) of parts `compare`: `Agreement.chi2` (k,) and `Agreement.log_evidence` (k,)."""
     chi2, log_evidence = np.zeros(len(pairs)), np.zeros(len(pairs))
-    curved = np.array([one.form.is_curved for one in parts], dtype=np.bool_)
+    curved = np.array([part.form.is_curved for part in parts], dtype=np.bool_)
     flat = np.flatnonzero(~curved[pairs].any(axis=1))
     for k in np.flatnonzero(curved[pairs].any(axis=1)).tolist():
-        found = compare(parts[pairs[k, 0]], parts[pairs[k, 1]])
-        chi2[k], log_evidence[k] = found.chi2, found.log_evidence
+        agreement = compare(parts[pairs[k, 0]], parts[pairs[k, 1]])
+        chi2[k], log_evidence[k] = agreement.chi2, agreement.log_evidence
     if len(flat):
         table = _Planes.of(parts)
         for start in range(0, len(flat), _TOGETHER):
-            some = flat[start : start + _TOGETHER]
-            chi2[some], log_evidence[some] = table.compared(pairs[some])
+            sample = flat[start : start + _TOGETHER]
+            chi2[sample], log_evidence[sample] = table.compared(pairs[sample])
     return chi2, log_evidence
 
 
@@ -285,53 +285,53 @@ class _Planes:
     def of(cls, parts: Sequence[Part]) -> _Planes:
         """Return the numbers of parts; those of curved ones are 0."""
         forms, covariances = np.zeros((len(parts), 12)), np.zeros((len(parts), 3, 3))
-        for number, one in enumerate(parts):
-            if not one.form.is_curved:
-                forms[number] = *one.form.point, *one.form.axis, *one.form.first, *one.form.second
-                covariances[number] = one.covariance
-        doubts = [one.doubt for one in parts]
+        for number, part in enumerate(parts):
+            if not part.form.is_curved:
+                forms[number] = *part.form.point, *part.form.axis, *part.form.first, *part.form.second
+                covariances[number] = part.covariance
+        doubts = [item.doubt for item in parts]
         return cls(
             forms=forms,
             covariances=covariances,
-            boxes=np.array([one.box for one in parts]),
-            scans=np.array([one.scan for one in doubts], dtype=np.int64),
-            doubts=np.array([(one.shift_m**2, one.turn**2) for one in doubts]),
+            boxes=np.array([item.box for item in parts]),
+            scans=np.array([doubt.scan for doubt in doubts], dtype=np.int64),
+            doubts=np.array([(doubt.shift_m**2, doubt.turn**2) for doubt in doubts]),
         )
 
     def compared(self, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
         """`compare` of pairs (k, 2) of planes."""
-        one, other = pairs.T
-        is_of_one_scan = (self.scans[one] == self.scans[other]) & (self.scans[one] >= 0)
-        doubts = np.where(is_of_one_scan[:, None], 0.0, self.doubts[one] + self.doubts[other])
+        first, second = pairs.T
+        is_of_one_scan = (self.scans[first] == self.scans[second]) & (self.scans[first] >= 0)
+        doubts = np.where(is_of_one_scan[:, None], 0.0, self.doubts[first] + self.doubts[second])
         square, log_density = compare_plane_pairs(
             pairs.astype(np.int64), self.forms, self.covariances, doubts, LEAST_COSINE
         )
-        low = np.minimum(self.boxes[one, 0], self.boxes[other, 0])
-        high = np.maximum(self.boxes[one, 1], self.boxes[other, 1])
+        low = np.minimum(self.boxes[first, 0], self.boxes[second, 0])
+        high = np.maximum(self.boxes[first, 1], self.boxes[second, 1])
         return square / _CHI2[3], log_density + _log_prior_volume(1, np.linalg.norm(high - low, axis=1))
 
 
-def compare_at_points(one: Part, other: Part) -> Agreement:
+def compare_at_points(first: Part, second: Part) -> Agreement:
     """Compare two parts of one kind by the least squares that `compare` solves for planes in closed form."""
-    here, there = one.fit.surface, other.fit.surface
-    points = np.concatenate([one.few, other.few])
+    here, there = first.fit.surface, second.fit.surface
+    points = np.concatenate([first.few, second.few])
     feet = points - there.distance(points)[:, None] * there.normal(points)
     facing = np.einsum("ij,ij->i", here.normal(feet), there.normal(feet))
     if float(np.median(facing)) < LEAST_COSINE:
-        return _agreement(one, other, np.inf, -np.inf)
-    basis = np.linalg.pinv(one.fit.gradient(feet))
+        return _agreement(first, second, np.inf, -np.inf)
+    basis = np.linalg.pinv(first.fit.gradient(feet))
     difference = basis @ here.distance(feet)
-    carried = basis @ other.fit.gradient(feet)
-    covariance = one.covariance + carried @ other.covariance @ carried.T
-    covariance = covariance + _doubtful(len(covariance), *one.doubt.against(other.doubt))
-    return _agreement(one, other, *density(difference, covariance))
+    carried = basis @ second.fit.gradient(feet)
+    covariance = first.covariance + carried @ second.covariance @ carried.T
+    covariance = covariance + _doubtful(len(covariance), *first.doubt.against(second.doubt))
+    return _agreement(first, second, *density(difference, covariance))
 
 
-def _agreement(one: Part, other: Part, square: float, log_density: float) -> Agreement:
+def _agreement(first: Part, second: Part, square: float, log_density: float) -> Agreement:
     """The agreement from squared Mahalanobis distance and log density of a difference."""
-    size = np.maximum(one.box[1], other.box[1]) - np.minimum(one.box[0], other.box[0])
-    volume = _log_prior_volume(3 if one.form.is_curved else 1, np.sqrt(size @ size))
-    return Agreement(square / _CHI2[len(one.covariance)], log_density + float(volume))
+    size = np.maximum(first.box[1], second.box[1]) - np.minimum(first.box[0], second.box[0])
+    volume = _log_prior_volume(3 if first.form.is_curved else 1, np.sqrt(size @ size))
+    return Agreement(square / _CHI2[len(first.covariance)], log_density + float(volume))
 
 
 def lies_on(small: Part, large: Part) -> bool:
@@ -385,8 +385,8 @@ class Prior:
     @classmethod
     def of(cls, parts: Sequence[Part], n_scans: int) -> Prior:
         """Return the prior of the parts of so many scans."""
-        boxes = np.array([one.box for one in parts]).reshape(-1, 2, 3)
-        return cls(parts, boxes, np.array([one.form.is_curved for one in parts], dtype=np.bool_), n_scans)
+        boxes = np.array([part.box for part in parts]).reshape(-1, 2, 3)
+        return cls(parts, boxes, np.array([part.form.is_curved for part in parts], dtype=np.bool_), n_scans)
 
     def log_odds(self, first: int, second: int) -> float:
         """Logarithm of the odds that two parts, by their indices, are one surface.
@@ -411,10 +411,10 @@ class Prior:
         return int(np.count_nonzero(rivals)) - int(rivals[first])
 
 
-def _log_growth(one: Part, other: Part) -> float:
+def _log_growth(part: Part, other: Part) -> float:
     """Logarithm of how many times the outline around both holds what their own outlines hold."""
     surface = other.fit.surface
-    first, second = surface.to_uv(one.points), surface.to_uv(other.points)
+    first, second = surface.to_uv(part.points), surface.to_uv(other.points)
     if np.isfinite(surface.period):
         first[:, 0] += np.rint((second[:, 0].mean() - first[:, 0]) / surface.period) * surface.period
     seen = max(_outlined(first) + _outlined(second), _LEAST_AREA)

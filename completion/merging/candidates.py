@@ -64,9 +64,9 @@ def plant(spots: Spots) -> Tree:
     balls = [_around(spots, order[start:end]) for start, end in limits]
     start, end = np.array(limits).T
     return Tree(
-        spots=Spots(*(one[order] for one in spots)),
+        spots=Spots(*(spot[order] for spot in spots)),
         number=order,
-        around=Spots(*(np.array(one) for one in zip(*balls, strict=True))),
+        around=Spots(*(np.array(items) for items in zip(*balls, strict=True))),
         start=start.copy(),
         end=end.copy(),
         after=np.array(after),
@@ -99,7 +99,7 @@ def find_near(
     and b, and d the distance from its own point, metres. A plane's normal and that of the spot are to have
     at least this cosine.
     """
-    found, n = np.empty(tree.number.size, np.int64), 0
+    hits, n = np.empty(tree.number.size, np.int64), 0
     ball = int64(0)
     while ball < tree.start.size:
         if not _may_pass(tree.around, ball, form, spread, least_cosine):
@@ -108,10 +108,10 @@ def find_near(
         if tree.after[ball] == ball + 1:
             for spot in range(tree.start[ball], tree.end[ball]):
                 if _may_pass(tree.spots, spot, form, spread, least_cosine):
-                    found[n] = tree.number[spot]
+                    hits[n] = tree.number[spot]
                     n += 1
         ball += 1
-    return found[:n]
+    return hits[:n]
 
 
 @inlined
@@ -148,14 +148,15 @@ def find_candidates(parts: Sequence[Part]) -> IntArray:
     """
     if not parts:
         return np.zeros((0, 2), dtype=np.int64)
-    middles = np.array([one.middle() for one in parts])
-    own = np.array([
-        one.variance_at(middle[None], one.own_doubt())[0] for one, middle in zip(parts, middles, strict=True)
+    middles = np.array([item.middle() for item in parts])
+    values = np.array([
+        part.variance_at(middle[None], part.own_doubt())[0]
+        for part, middle in zip(parts, middles, strict=True)
     ])  # fmt: skip
-    normals = np.array([one.fit.surface.normal(m[None])[0] for one, m in zip(parts, middles, strict=True)])
-    curved = np.array([one.form.is_curved for one in parts])
+    normals = np.array([item.fit.surface.normal(m[None])[0] for item, m in zip(parts, middles, strict=True)])
+    curved = np.array([item.form.is_curved for item in parts])
     none = np.zeros(len(parts))
-    tree = plant(_spots(middles, none, _DEVIATIONS * np.sqrt(own), normals, curved))
+    tree = plant(_spots(middles, none, _DEVIATIONS * np.sqrt(values), normals, curved))
     passed = []
     for i, part in enumerate(parts):
         trim()
@@ -165,12 +166,12 @@ def find_candidates(parts: Sequence[Part]) -> IntArray:
             part.fit.surface.distance(middles[near]),
             part.variance_at(middles[near], part.own_doubt()),
         )
-        passes = np.square(height) <= _DEVIATIONS**2 * (variance + own[near])
+        passes = np.square(height) <= _DEVIATIONS**2 * (variance + values[near])
         if not part.form.is_curved:
             passes &= ~(normals[near] @ normals[i] < LEAST_COSINE)
         passed.append(i * len(parts) + near[passes])
-    one, other = np.divmod(np.concatenate(passed), len(parts))
-    both = np.intersect1d(one * len(parts) + other, other * len(parts) + one)
+    first, second = np.divmod(np.concatenate(passed), len(parts))
+    both = np.intersect1d(first * len(parts) + second, second * len(parts) + first)
     pairs = np.stack(np.divmod(both, len(parts)), axis=1)
     return np.asarray(pairs[pairs[:, 0] < pairs[:, 1]], dtype=np.int64)
 
@@ -180,14 +181,14 @@ def find_hosts(small: Sequence[Part], parts: Sequence[Part]) -> list[list[int]]:
     hosts: list[list[int]] = [[] for _ in small]
     if not small:
         return hosts
-    middles = np.array([one.points.mean(axis=0) for one in small])
+    middles = np.array([item.points.mean(axis=0) for item in small])
     radii = np.array(
-        [np.linalg.norm(one.points - m, axis=1).max() for one, m in zip(small, middles, strict=True)]
+        [np.linalg.norm(item.points - m, axis=1).max() for item, m in zip(small, middles, strict=True)]
     )
-    normals = np.array([one.fit.surface.normal(m[None])[0] for one, m in zip(small, middles, strict=True)])
-    curved = np.array([one.form.is_curved for one in small])
-    factor = float(np.sqrt(max(1 + one.slack for one in small)))
-    scales = np.array([np.hypot(one.scale, one.doubt.shift_m) for one in small])
+    normals = np.array([item.fit.surface.normal(m[None])[0] for item, m in zip(small, middles, strict=True)])
+    curved = np.array([item.form.is_curved for item in small])
+    factor = float(np.sqrt(max(1 + item.slack for item in small)))
+    scales = np.array([np.hypot(item.scale, item.doubt.shift_m) for item in small])
     tree = plant(_spots(middles, radii, factor * scales, normals, curved))
     for i, part in enumerate(parts):
         trim()

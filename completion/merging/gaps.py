@@ -47,21 +47,21 @@ class Sights:
     @classmethod
     def of(cls, sights: Sequence[Sight]) -> Sights:
         """Pack scans."""
-        ranges = tuple(np.ascontiguousarray(one.ranges, dtype=np.float64) for one in sights)
+        ranges = tuple(np.ascontiguousarray(sight.ranges, dtype=np.float64) for sight in sights)
         packed = Packed(
-            numbers=np.array([_numbers(one) for one in sights]),
-            angles=np.concatenate([one.angles for one in sights]),
-            first=np.cumsum([0, *(len(one.angles) for one in sights)]),
-            address=np.array([one.ctypes.data for one in ranges], dtype=np.int64),
-            farthest=np.array([_farthest(one) for one in ranges]),
+            numbers=np.array([_numbers(sight) for sight in sights]),
+            angles=np.concatenate([sight.angles for sight in sights]),
+            first=np.cumsum([0, *(len(sight.angles) for sight in sights)]),
+            address=np.array([range_m.ctypes.data for range_m in ranges], dtype=np.int64),
+            farthest=np.array([_farthest(range_m) for range_m in ranges]),
         )
-        return cls(packed, Views.of((one.eye for one in sights), packed.farthest), ranges)
+        return cls(packed, Views.of((sight.eye for sight in sights), packed.farthest), ranges)
 
 
 def _farthest(ranges: FloatArray) -> float:
     """The greatest finite range, a block after the other; -inf where there is none."""
     blocks = np.array_split(ranges, len(ranges) // _BLOCK + 1)
-    farthest = max(float(np.max(one, where=np.isfinite(one), initial=-np.inf)) for one in blocks)
+    farthest = max(float(np.max(block, where=np.isfinite(block), initial=-np.inf)) for block in blocks)
     trim()
     return farthest
 
@@ -117,18 +117,18 @@ _CLOSED = 0.5  # of a bridge's steps, that are to be hidden or measured
 _SLACK = 1e-6  # of rounding, metres
 
 
-def gap_is_hidden(one: Part, other: Part, sights: Sights) -> bool:
+def gap_is_hidden(part: Part, other: Part, sights: Sights) -> bool:
     """Tell whether a strip between two parts is wholly hidden or measured on the surface, by all scans.
 
     Bridges run on the other's surface from points of one part to points of the other. They make a strip
     where `_STRIP` of them, neighbours at either end, are closed: no step lies where a beam went through, and
     most are occluded or measured. Beside the strip it may be open: a window between two parts of a wall.
     """
-    first, second = _ends(other.fit.surface, one.points, other.points)
+    first, second = _ends(other.fit.surface, part.points, other.points)
     n = min(_STRIP, len(first), len(second))
     near_first = cKDTree(first).query(first, k=n)[1].reshape(len(first), n)
     near_second = cKDTree(second).query(second, k=n)[1].reshape(len(second), n)
-    scale = max(one.scale, other.scale)
+    scale = max(part.scale, other.scale)
     order, n_reaching = _nearest_scans(first, second, other, sights.views)
     return _has_strip(
         sights.packed, order, n_reaching, other.form, scale, first, second, near_first, near_second
@@ -224,8 +224,8 @@ def _is_closed(
             measured = number_at(address, pixel)
             if not np.isfinite(measured):
                 continue
-            said = look(eye, form, place, sd, (measured, deviation_at(noise, measured)))
-            if said.behind < -said.allowed:
+            sentence = look(eye, form, place, sd, (measured, deviation_at(noise, measured)))
+            if sentence.behind < -sentence.allowed:
                 for place_in_order in range(rank, 0, -1):
                     order[place_in_order] = order[place_in_order - 1]
                 order[0], hint[0] = scan, k
@@ -236,9 +236,9 @@ def _is_closed(
     return n_seen > _CLOSED * _N_STEPS
 
 
-def _ends(surface: Surface, one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _ends(surface: Surface, first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Chart coordinates of the points of both parts that bridges run between, those that face the other."""
-    start, end = surface.to_uv(one), surface.to_uv(other)
+    start, end = surface.to_uv(first), surface.to_uv(second)
     if np.isfinite(surface.period):
         end[:, 0] += np.rint((start[:, 0].mean() - end[:, 0]) / surface.period) * surface.period
     return _facing(start, end), _facing(end, start)

@@ -43,25 +43,25 @@ class MergedSurface:
 
         They are counted on from scan to scan; all of them, if there are fewer than twice `most`.
         """
-        step, found, before = max(1, self.n_pixels // most), [], 0
+        step, pairs, before = max(1, self.n_pixels // most), [], 0
         for scan, held in self.pixels.held:
-            found.append((scan, held.flat[-before % step :: step]))
+            pairs.append((scan, held.flat[-before % step :: step]))
             before += len(held)
-        return tuple(found)
+        return tuple(pairs)
 
     def sampled_by(
         self, observations: Sequence[Observation], most: int
     ) -> Iterator[tuple[Observation, IntArray]]:
         """Yield each scan that measured it, and its `sampled` pixels (n,) there."""
-        for scan, some in self.sampled(most):
-            if len(some):
-                yield observations[scan], some
+        for scan, subset in self.sampled(most):
+            if len(subset):
+                yield observations[scan], subset
 
     def points(self, observations: Sequence[Observation], most: int | None = None) -> FloatArray:
         """Its measured points (n, 3) in the working frame, or a sample of them."""
         points = [np.zeros((0, 3))]
-        for seen, some in self.sampled_by(observations, self.n_pixels + 1 if most is None else most):
-            points.append(seen.points_at(some))
+        for seen, subset in self.sampled_by(observations, self.n_pixels + 1 if most is None else most):
+            points.append(seen.points_at(subset))
             trim()
         return np.concatenate(points)
 

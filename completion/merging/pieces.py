@@ -77,17 +77,17 @@ class Piece:
         if len(pieces) == 1:
             return pieces[0]
         trim()
-        weight = np.array([one.n_pixels for one in pieces], dtype=np.float64)
-        systematic = float(np.average([one.systematic_m for one in pieces], weights=weight))
-        scale = float(np.average([one.part.scale for one in pieces], weights=weight))
+        weight = np.array([piece.n_pixels for piece in pieces], dtype=np.float64)
+        systematic = float(np.average([piece.systematic_m for piece in pieces], weights=weight))
+        scale = float(np.average([piece.part.scale for piece in pieces], weights=weight))
         held = fitted.pixels.held
         sample = _sampled(held)
-        points = np.concatenate([observations[number].points_at(own) for number, own in sample])
+        points = np.concatenate([observations[number].points_at(members) for number, members in sample])
         return cls(
             fit=fitted.fit,
             pixels=held,
             part=Part.of(fitted.fit, points, scale, systematic, _doubt_of(pieces, weight)),
-            n_regions=sum(one.n_regions for one in pieces),
+            n_regions=sum(piece.n_regions for piece in pieces),
             n_pixels=int(weight.sum()),
             systematic_m=systematic,
             sample=sample,
@@ -97,12 +97,12 @@ class Piece:
     def thinned(self, share: float) -> list[tuple[int, NDArray[np.int32]]]:
         """Return a share of the sample by scan, flat pixels (n,), one of each scan at least."""
         step = max(int(1 / share), 1)
-        return [(scan, own[::step]) for scan, own in self.sample]
+        return [(scan, members[::step]) for scan, members in self.sample]
 
 
 def _sampled(held: Sequence[tuple[int, PixelSet]]) -> tuple[tuple[int, NDArray[np.int32]], ...]:
     """Some flat pixels (n,) by scan, evenly over all of them, without bringing these together."""
-    ends = np.cumsum([len(own) for _, own in held])
+    ends = np.cumsum([len(item) for _, item in held])
     chosen = np.linspace(0, ends[-1] - 1, min(_N_SAMPLE, int(ends[-1]))).astype(np.int64)
     which = np.searchsorted(ends, chosen, side="right")
     return tuple(
@@ -113,11 +113,11 @@ def _sampled(held: Sequence[tuple[int, PixelSet]]) -> tuple[tuple[int, NDArray[n
 
 def _doubt_of(pieces: Sequence[Piece], weight: FloatArray) -> PoseDoubt:
     """The means (n,) of what is doubtful of the poses, by their pixels."""
-    doubts = [one.part.doubt for one in pieces]
-    scans = {one.scan for one in doubts}
+    doubts = [piece.part.doubt for piece in pieces]
+    scans = {doubt.scan for doubt in doubts}
     shift, turn = (
-        float(np.average(some, weights=weight))
-        for some in ([one.shift_m for one in doubts], [one.turn for one in doubts])
+        float(np.average(values, weights=weight))
+        for values in ([doubt.shift_m for doubt in doubts], [doubt.turn for doubt in doubts])
     )
     return PoseDoubt(scans.pop() if len(scans) == 1 else -1, shift, turn)
 
@@ -139,7 +139,7 @@ def fit_groups(
 
     The fit of a piece alone stays. Where the pixels determine no surface, that of the largest piece does.
     """
-    starts = [max(pieces, key=lambda one: one.n_pixels).fit for pieces in groups]
+    starts = [max(pieces, key=lambda piece: piece.n_pixels).fit for pieces in groups]
     shapes = np.array([seen.scan.shape for seen in observations], np.int32).reshape(-1, 2)
     pixels = [ScanPixels(_together(pieces, spill), shapes) for pieces in groups]
     several = [k for k, pieces in enumerate(groups) if len(pieces) > 1]
@@ -151,13 +151,13 @@ def fit_groups(
         for k, fit in zip(several, fits, strict=True)
         if fit is not None
     }
-    return [Fitted(own, anew.get(k, starts[k])) for k, own in enumerate(pixels)]
+    return [Fitted(pixel, anew.get(k, starts[k])) for k, pixel in enumerate(pixels)]
 
 
 def _relief_of(pieces: Sequence[Piece]) -> float:
     """How far some pieces of one surface stray from their planes, the mean by pixels, metres."""
-    weights = [one.n_pixels for one in pieces]
-    return float(np.sqrt(np.average([one.relief_m**2 for one in pieces], weights=weights)))
+    weights = [piece.n_pixels for piece in pieces]
+    return float(np.sqrt(np.average([piece.relief_m**2 for piece in pieces], weights=weights)))
 
 
 def _with_relief(fit: SurfaceFit, pieces: Sequence[Piece], flatness_m: float) -> SurfaceFit:
@@ -165,18 +165,20 @@ def _with_relief(fit: SurfaceFit, pieces: Sequence[Piece], flatness_m: float) ->
     relief = _relief_of(pieces)
     if relief <= flatness_m:
         return fit
-    return warped(fit, np.concatenate([one.part.points for one in pieces]), relief)
+    return warped(fit, np.concatenate([piece.part.points for piece in pieces]), relief)
 
 
 def _together(pieces: Sequence[Piece], spill: Spill | NoSpill) -> tuple[tuple[int, PixelSet], ...]:
     """The pixels of some pieces, by scan; those of one are kept before the next are put together."""
-    found: dict[int, list[PixelSet]] = {}
-    for scan, some in (pair for one in pieces for pair in one.pixels):
-        found.setdefault(scan, []).append(some)
+    entries: dict[int, list[PixelSet]] = {}
+    for scan, sample in (pair for piece in pieces for pair in piece.pixels):
+        entries.setdefault(scan, []).append(sample)
     kept = []
-    for scan, own in sorted(found.items(), key=lambda item: item[0]):
+    for scan, members in sorted(entries.items(), key=lambda item: item[0]):
         trim()
-        kept.append((scan, spill.keep(own[0] if len(own) == 1 else PixelSet.union(own, own[0].shape))))
+        kept.append(
+            (scan, spill.keep(members[0] if len(members) == 1 else PixelSet.union(members, members[0].shape)))
+        )
     return tuple(kept)
 
 
@@ -194,8 +196,10 @@ class Unconfirmed(NamedTuple):
     @classmethod
     def of(cls, regions: Sequence[Sequence[Region]], merged: Sequence[MergedSurface]) -> Unconfirmed:
         """Count the regions, and the pixels, of all scans that are of no merged surface."""
-        n_regions = sum(len(own) for own in regions) - sum(one.n_parts for one in merged)
-        n_pixels = sum(one.n_pixels for own in regions for one in own) - sum(one.n_pixels for one in merged)
+        n_regions = sum(len(region) for region in regions) - sum(surface.n_parts for surface in merged)
+        n_pixels = sum(region.n_pixels for item in regions for region in item) - sum(
+            surface.n_pixels for surface in merged
+        )
         return cls(n_regions, n_pixels)
 
 
@@ -220,20 +224,20 @@ def confirmed(groups: Sequence[list[Piece]], sights: Sequence[Sight], first: int
     if not alone or len(sights) <= _VOTES:
         return list(groups)
     pieces = [groups[number][0] for number in alone]
-    which = np.repeat(np.arange(len(pieces)), [len(one.part.points) for one in pieces])
-    points = np.concatenate([one.part.points for one in pieces])
-    scale = np.array([one.part.scale for one in pieces])[which]
-    own = np.array([one.pixels[0][0] - first for one in pieces])
+    which = np.repeat(np.arange(len(pieces)), [len(piece.part.points) for piece in pieces])
+    points = np.concatenate([piece.part.points for piece in pieces])
+    scale = np.array([piece.part.scale for piece in pieces])[which]
+    values = np.array([piece.pixels[0][0] - first for piece in pieces])
     reach = np.empty(len(points))
-    for scan in np.unique(own).tolist():
-        of_scan = own[which] == scan
+    for scan in np.unique(values).tolist():
+        of_scan = values[which] == scan
         reach[of_scan] = np.linalg.norm(points[of_scan] - np.array(sights[scan].eye.origin), axis=1)
 
     n_points, votes = np.bincount(which), np.zeros(len(pieces), np.int64)
     for number, sight in enumerate(sights):
         sees = _sees(sight, points, scale, _AS_NEAR * reach)
         share = np.bincount(which, sees, minlength=len(pieces)) / n_points
-        votes += (share > _MAJORITY) & (own != number)
+        votes += (share > _MAJORITY) & (values != number)
         trim()
     left_out = {number for number, n in zip(alone, votes.tolist(), strict=True) if n >= _VOTES}
     return [group for number, group in enumerate(groups) if number not in left_out]
@@ -245,7 +249,7 @@ def _sees(sight: Sight, points: FloatArray, scale: FloatArray, farthest: FloatAr
 
     From no farther than `farthest` (n,), metres.
     """
-    eye, found = sight.eye, np.zeros(len(points), np.int8)
+    eye, hits = sight.eye, np.zeros(len(points), np.int8)
     for i in range(len(points)):
         place = points[i, 0], points[i, 1], points[i, 2]
         ray = minus(place, eye.origin)
@@ -258,5 +262,5 @@ def _sees(sight: Sight, points: FloatArray, scale: FloatArray, farthest: FloatAr
         measured = sight.ranges[pixel]
         sigma = deviation_at(sight.noise, measured)
         allowed = eye.n_sigma * np.sqrt(sigma * sigma + scale[i] * scale[i]) + eye.registration_m
-        found[i] = measured >= distance - allowed
-    return found
+        hits[i] = measured >= distance - allowed
+    return hits

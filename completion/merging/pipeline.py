@@ -35,16 +35,16 @@ class Verdicts:
         for here, there in (pairs.T, pairs.T[::-1]):
             self._known[here, there] = np.where(chi2 > 1, _DIFFERENT, _ALIKE)
 
-    def contradict(self, one: Sequence[int], other: Sequence[int]) -> bool:
+    def contradict(self, first: Sequence[int], second: Sequence[int]) -> bool:
         """Tell whether some pair across two groups of parts fails the test."""
-        found = self._known[np.ix_(one, other)]
-        if (found == _DIFFERENT).any():
+        hits = self._known[np.ix_(first, second)]
+        if (hits == _DIFFERENT).any():
             return True
-        return any(self._differ(one[i], other[j]) for i, j in np.argwhere(found == 0).tolist())
+        return any(self._differ(first[i], second[j]) for i, j in np.argwhere(hits == 0).tolist())
 
-    def _differ(self, one: int, other: int) -> bool:
+    def _differ(self, number: int, other: int) -> bool:
         """Compare two parts, the one with the lower number with the other."""
-        first, second = min(one, other), max(one, other)
+        first, second = min(number, other), max(number, other)
         is_so = compare(self._parts[first], self._parts[second]).chi2 > 1
         self._known[first, second] = self._known[second, first] = _DIFFERENT if is_so else _ALIKE
         return is_so
@@ -103,8 +103,10 @@ def merge(
     """
 
     def pieces_of(scan: int) -> list[Piece]:
-        found = (Piece.of_region(scan, one, observations[scan], tolerance) for one in regions[scan])
-        return [spill.keep(piece) for piece in found]
+        piece_none_none = (
+            Piece.of_region(scan, region, observations[scan], tolerance) for region in regions[scan]
+        )
+        return [spill.keep(piece) for piece in piece_none_none]
 
     if across:
         sights = sights or [sight_of(seen, tolerance) for seen in observations]
@@ -112,7 +114,7 @@ def merge(
         pieces = _in_blocks(pieces_of, observations, sights, packed, tolerance, spill=spill)
         groups = _grouped(pieces, observations, packed, tolerance)
     else:
-        groups = [[one] for scan in range(len(observations)) for one in pieces_of(scan)]
+        groups = [[piece] for scan in range(len(observations)) for piece in pieces_of(scan)]
     merged = _merged(groups, observations, tolerance, spill)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
@@ -135,8 +137,8 @@ def _in_blocks(
         limit, blocks = _BLOCK, []
         for first in range(0, n_blocks, _BLOCK):
             numbers = range(first, min(first + _BLOCK, n_blocks))
-            some = [one for number in numbers for one in pieces_of(number)]
-            groups = _grouped(some, observations, packed, tolerance)
+            pieces = [piece for number in numbers for piece in pieces_of(number)]
+            groups = _grouped(pieces, observations, packed, tolerance)
             if n_blocks == len(observations):
                 groups = confirmed(groups, sights[first : first + _BLOCK], first)
             fitted = fit_groups(groups, observations, tolerance, spill)
@@ -145,7 +147,7 @@ def _in_blocks(
                 for group, fit in zip(groups, fitted, strict=True)
             ])  # fmt: skip
         pieces_of, n_blocks = blocks.__getitem__, len(blocks)
-    return [one for number in range(n_blocks) for one in pieces_of(number)]
+    return [piece for number in range(n_blocks) for piece in pieces_of(number)]
 
 
 def _grouped(
@@ -153,7 +155,9 @@ def _grouped(
 ) -> list[list[Piece]]:
     """The pieces of each surface."""
     groups = Groups(len(pieces))
-    prior = Prior.of([one.part for one in pieces], len({scan for one in pieces for scan, _ in one.sample}))
+    prior = Prior.of(
+        [piece.part for piece in pieces], len({scan for piece in pieces for scan, _ in piece.sample})
+    )
     _join_alike(groups, pieces, observations, sights, tolerance, prior=prior)
     _adopt_small(groups, pieces, sights, prior)
     return [[pieces[k] for k in several] for several in groups.all()]
@@ -169,7 +173,7 @@ def _join_alike(
     prior: Prior,
 ) -> None:
     """Join the groups of pairs that pass all tests, those that agree best first."""
-    alone = [one.part for one in parts]
+    alone = [part.part for part in parts]
     pairs, chi2, log_evidence = _agreements(alone)
     verdicts = Verdicts(alone, pairs, chi2)
     order = np.lexsort([pairs[:, 1], pairs[:, 0], chi2])
@@ -194,29 +198,31 @@ def _agreements(parts: Sequence[Part]) -> tuple[IntArray, FloatArray, FloatArray
 
 def _fits_all(parts: Sequence[Piece], observations: Sequence[Observation], tolerance: Tolerance) -> bool:
     """Tell whether one surface leaves each of the parts no rougher than its own noise and warps do."""
-    start = max(parts, key=lambda one: one.n_pixels).fit.surface
-    most = max(one.n_pixels for one in parts)
-    shares = [max(one.n_pixels / most, _LEAST_SHARE) for one in parts]
-    pairs = [pair for one, share in zip(parts, shares, strict=True) for pair in one.thinned(share)]
+    start = max(parts, key=lambda piece: piece.n_pixels).fit.surface
+    most = max(piece.n_pixels for piece in parts)
+    shares = [max(piece.n_pixels / most, _LEAST_SHARE) for piece in parts]
+    pairs = [pair for piece, share in zip(parts, shares, strict=True) for pair in piece.thinned(share)]
     pairs.sort(key=lambda pair: pair[0])
     beams = [
-        Beams.at(observations[scan], np.concatenate([own for _, own in several]))
+        Beams.at(observations[scan], np.concatenate([members for _, members in several]))
         for scan, several in groupby(pairs, key=lambda pair: pair[0])
     ]
     (joint,) = improve([start], beams, tolerance.flatness_m, n_rounds=2)
     if joint is None:
         return False
-    scans = {one.part.doubt.scan for one in parts}
+    scans = {piece.part.doubt.scan for piece in parts}
     among_several = len(scans) > 1 or min(scans) < 0
-    for one in parts:
-        own = one.fit.rms**2 + (_APART * one.systematic_m) ** 2 + among_several * one.part.doubt.shift_m**2
-        if not np.mean(np.square(joint.distance(one.part.points))) <= (1 + one.part.slack) * own:
+    for part in parts:
+        value = (
+            part.fit.rms**2 + (_APART * part.systematic_m) ** 2 + among_several * part.part.doubt.shift_m**2
+        )
+        if not np.mean(np.square(joint.distance(part.part.points))) <= (1 + part.part.slack) * value:
             return False
     return True
 
 
-def _hidden_between(one: Piece, other: Piece, sights: Sights) -> bool:
-    larger, smaller = (one, other) if one.n_pixels >= other.n_pixels else (other, one)
+def _hidden_between(first: Piece, second: Piece, sights: Sights) -> bool:
+    larger, smaller = (first, second) if first.n_pixels >= second.n_pixels else (second, first)
     return gap_is_hidden(smaller.part, larger.part, sights)
 
 
@@ -229,7 +235,7 @@ def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights, prior: 
     by_size = sorted(range(len(parts)), key=lambda index: -parts[index].n_pixels)
     rank = {index: place for place, index in enumerate(by_size)}
     single = [j for j in reversed(by_size) if len(groups.of(j)) == 1]
-    hosts = find_hosts([parts[j].part for j in single], [one.part for one in parts])
+    hosts = find_hosts([parts[j].part for j in single], [part.part for part in parts])
     for j, near in zip(single, hosts, strict=True):
         trim()
         small = parts[j]
@@ -260,6 +266,6 @@ def _merged(
     ordered = sorted(groups, key=lambda pieces: len(pieces) == 1)
     fitted = fit_groups(ordered, observations, tolerance, spill)
     return [
-        MergedSurface(one.fit, one.pixels, sum(piece.n_regions for piece in pieces))
-        for pieces, one in zip(ordered, fitted, strict=True)
+        MergedSurface(item.fit, item.pixels, sum(piece.n_regions for piece in pieces))
+        for pieces, item in zip(ordered, fitted, strict=True)
     ]

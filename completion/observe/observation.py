@@ -93,9 +93,9 @@ def observe(
         Where a triangulating camera's projector stands on its x axis, metres, to the right when positive; 0
         for none; when None, it is read off the scan (`find_shadow`).
     """
-    pose, own = Pose.identity(), scan.world_from_sensor
-    if not np.array_equal(own.matrix, world_from_reference.matrix):
-        pose = world_from_reference.inverse() @ own
+    pose, members = Pose.identity(), scan.world_from_sensor
+    if not np.array_equal(members.matrix, world_from_reference.matrix):
+        pose = world_from_reference.inverse() @ members
     moved = scan.restated(world_from_sensor=pose)
     known = scan.sigma_m if sigma_m is None else sigma_m
     noise = estimate_noise(moved) if known is None else RangeNoise(float(known), 0.0)
@@ -178,7 +178,7 @@ class PixelSet:
     def union(cls, sets: Sequence[PixelSet], shape: tuple[int, int]) -> PixelSet:
         """Return the pixels (n,) of all sets of one image, of whose pixels none is in two."""
         none = np.zeros(0, np.int32)
-        return cls(np.sort(np.concatenate([none, *(one.flat for one in sets)])), shape)
+        return cls(np.sort(np.concatenate([none, *(item.flat for item in sets)])), shape)
 
     def __len__(self) -> int:
         """How many there are."""
@@ -206,13 +206,13 @@ class ScanPixels(Sequence[PixelSet]):
     @classmethod
     def of(cls, sets: Sequence[PixelSet]) -> ScanPixels:
         """Return the pixels of all scans, from those of each."""
-        shapes = np.array([one.shape for one in sets], np.int32).reshape(-1, 2)
-        return cls(tuple((scan, one) for scan, one in enumerate(sets) if len(one)), shapes)
+        shapes = np.array([item.shape for item in sets], np.int32).reshape(-1, 2)
+        return cls(tuple((scan, item) for scan, item in enumerate(sets) if len(item)), shapes)
 
     @property
     def n_pixels(self) -> int:
         """How many there are in all scans together."""
-        return sum(len(one) for _, one in self.held)
+        return sum(len(item) for _, item in self.held)
 
     def __len__(self) -> int:
         """How many scans there are."""
@@ -256,14 +256,14 @@ def find_key_frames(observations: Sequence[Observation]) -> tuple[int, ...]:
     if len(observations) <= FEW:
         return tuple(range(len(observations)))
     pixels = [_some_pixels(seen) for seen in observations]
-    far = np.concatenate([_ranges(seen, some) for seen, some in zip(observations, pixels, strict=True)])
+    far = np.concatenate([_ranges(seen, subset) for seen, subset in zip(observations, pixels, strict=True)])
     if not len(far):
         return tuple(range(len(observations)))
     angle = np.median([max(seen.scan.shape) * seen.scan.projection.pixel_angle for seen in observations])
     size, keys, finest = float(np.median(far) * angle / _CELLS_ACROSS), [], dict[tuple[int, ...], float]()
-    for number, (seen, some) in enumerate(zip(observations, pixels, strict=True)):
-        footprint = (_ranges(seen, some) * seen.scan.projection.pixel_angle).tolist()
-        cells = list(map(tuple, _cells(seen, some, size).tolist()))
+    for number, (seen, pixel) in enumerate(zip(observations, pixels, strict=True)):
+        footprint = (_ranges(seen, pixel) * seen.scan.projection.pixel_angle).tolist()
+        cells = list(map(tuple, _cells(seen, pixel, size).tolist()))
         known = [finest.get(cell, np.inf) for cell in cells]
         new = [width * _FINER < before for width, before in zip(footprint, known, strict=True)]
         if sum(new) > _NEW * len(new):
@@ -282,9 +282,9 @@ def _some_pixels(seen: Observation) -> IntArray:
     return np.asarray(flat[np.isfinite(seen.scan.ranges.ravel()[flat])])
 
 
-def _ranges(seen: Observation, some: IntArray) -> FloatArray:
+def _ranges(seen: Observation, subset: IntArray) -> FloatArray:
     trim()
-    return np.asarray(seen.scan.ranges.ravel()[some])
+    return np.asarray(seen.scan.ranges.ravel()[subset])
 
 
 def _cells(seen: Observation, pixels: IntArray, size: float) -> NDArray[np.int64]:

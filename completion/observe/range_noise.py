@@ -122,7 +122,7 @@ def _camera_noise(scan: RangeImage) -> RangeNoise:
         return RangeNoise(0.0, 0.0)
     middle = np.array([np.median(ranges[which == b]) for b in bins])
     rough = np.array([_quartile(square[which == b], _CAMERA_TILE) for b in bins])
-    step, seen = (one[bins] for one in _steps(scan, edges, 0.0, _MICRON))
+    step, seen = (values[bins] for values in _steps(scan, edges, 0.0, _MICRON))
     variance = rough + step**2 / 12
     weight = 1.0 / np.maximum(variance, _ROUNDING)  # relative errors: near bins count as much as far ones
     basis = np.stack([np.ones_like(middle), middle**4], axis=1)
@@ -144,9 +144,9 @@ def _scanner_noise(scan: RangeImage) -> RangeNoise:
             break
     else:  # no bin has enough tiles: all are one
         bins = [np.ones(len(ranges), np.bool_)]
-    middle = np.array([np.median(ranges[own]) for own in bins])
-    rough = np.array([_quartile(square[own], _SCANNER_TILE) for own in bins])
-    edges = np.exp2((octave[[int(np.flatnonzero(own)[0]) for own in bins]][:, None] + [0, 1]) / _PER_OCTAVE)
+    middle = np.array([np.median(ranges[item]) for item in bins])
+    rough = np.array([_quartile(square[item], _SCANNER_TILE) for item in bins])
+    edges = np.exp2((octave[[int(np.flatnonzero(item)[0]) for item in bins]][:, None] + [0, 1]) / _PER_OCTAVE)
     step = np.array([_steps(scan, edge, 0.0)[0][0] for edge in edges])
     variance = np.maximum(rough, step**2 / 12)
     if np.median(variance) <= _ROUNDING:
@@ -187,16 +187,16 @@ def _slow_law(ranges: FloatArray, variance: FloatArray, far: float) -> tuple[flo
     The best of the laws that are exact at one bin or at two.
     """
     square = np.square(ranges)
-    laws = [(one, 0.0) for one in variance]
+    laws = [(item, 0.0) for item in variance]
     for i, j in combinations(range(len(ranges)), 2):
         slope = (variance[j] - variance[i]) / (square[j] - square[i])
         if slope > 0:
             laws.append((max(variance[i] - slope * square[i], 0.0), slope))
-    found = np.array(laws)
-    model = np.log(found[:, :1] + found[:, 1:] * square)
+    values = np.array(laws)
+    model = np.log(values[:, :1] + values[:, 1:] * square)
     ends = np.square([ranges.min(), max(far, ranges.max())])
-    growth = np.diff(np.log(found[:, :1] + found[:, 1:] * ends), axis=1)[:, 0]
-    best = found[np.argmin(np.abs(model - np.log(variance)).sum(axis=1) + growth)]
+    growth = np.diff(np.log(values[:, :1] + values[:, 1:] * ends), axis=1)[:, 0]
+    best = values[np.argmin(np.abs(model - np.log(variance)).sum(axis=1) + growth)]
     return float(np.sqrt(best[0])), float(np.sqrt(best[1]))
 
 
@@ -220,14 +220,14 @@ def _steps(scan: RangeImage, edges: FloatArray, *equal_m: float) -> list[FloatAr
 
     Depths are equal that are so to `equal_m`, metres: for each of these, the steps (n,) of all bins.
     """
-    some = slice(None, None, -(-scan.ranges.size // _ENOUGH))
-    valid = scan.valid[some]
-    ranges = scan.ranges[some][valid]
+    stretch = slice(None, None, -(-scan.ranges.size // _ENOUGH))
+    valid = scan.valid[stretch]
+    ranges = scan.ranges[stretch][valid]
     pinhole = scan.projection.kind == "pinhole"
-    depth = scan.points_in_sensor()[some][valid][:, 2] if pinhole else ranges
+    depth = scan.points_in_sensor()[stretch][valid][:, 2] if pinhole else ranges
     which = np.clip(np.searchsorted(edges, ranges, side="right") - 1, 0, len(edges) - 2)
     bins = [np.sort(depth[which == b]) for b in range(len(edges) - 1)]
-    return [np.array([_quantisation_step(one, equal) for one in bins]) for equal in equal_m]
+    return [np.array([_quantisation_step(values, equal) for values in bins]) for equal in equal_m]
 
 
 def _quantisation_step(depth: FloatArray, equal_m: float) -> float:

@@ -115,11 +115,11 @@ def _add_rays(
             last += 1
         if label < 0 or charts[label, 0] < 0.0:
             continue
-        some, chart, own = pixels[first:last], charts[label], (matrix[label], vector[label], sums[label])
+        subset, chart, items = pixels[first:last], charts[label], (matrix[label], vector[label], sums[label])
         if chart[0] == 0.0:
-            _add_to_plane(some, chart, ranges, rays, noise, flat, own)
+            _add_to_plane(subset, chart, ranges, rays, noise, flat, items)
         else:
-            _add_to_cylinder(some, chart, ranges, rays, noise, flat, least, own)
+            _add_to_cylinder(subset, chart, ranges, rays, noise, flat, least, items)
 
 
 @inlined
@@ -130,10 +130,10 @@ def _add_to_plane(
     rays: Rays,
     noise: Noise,
     flat: float,
-    own: tuple[FloatArray, FloatArray, FloatArray],
+    arrays: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
     """Add the rays of some pixels to a plane's sums: offset, and the slopes along its two axes."""
-    matrix, vector, sums = own
+    matrix, vector, sums = arrays
     cost, square, count = sums[0], sums[1], sums[2]
     v0, v1, v2 = vector[0], vector[1], vector[2]
     m00, m10, m11 = matrix[0, 0], matrix[1, 0], matrix[1, 1]
@@ -179,10 +179,10 @@ def _add_to_cylinder(
     noise: Noise,
     flat: float,
     least: float,
-    own: tuple[FloatArray, FloatArray, FloatArray],
+    arrays: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
     """Add the rays of some pixels to a cylinder's sums: axis across, its slopes, and the radius."""
-    (matrix, vector, sums), terms, columns = own, np.zeros(5), ranges.shape[1]
+    (matrix, vector, sums), terms, columns = arrays, np.zeros(5), ranges.shape[1]
     ox, oy, oz, radius = chart[1], chart[2], chart[3], abs(chart[13])
     for pixel in pixels:
         row, column = pixel // columns, pixel % columns
@@ -240,8 +240,8 @@ def block_sums(surfaces: Sequence[Surface | None], beams: Iterable[Beams], flatn
         models = np.array(
             [np.full(9, np.nan) if surface is None else pack(surface, origin) for surface in surfaces]
         ).reshape(len(surfaces), 9)
-        some = beam.pixel, beam.label, models, beam.ranges, beam.rays, beam.noise
-        _add_blocks(*some, flatness_m, _BLOCK, sums)
+        rays = beam.pixel, beam.label, models, beam.ranges, beam.rays, beam.noise
+        _add_blocks(*rays, flatness_m, _BLOCK, sums)
     return sums
 
 
@@ -254,8 +254,8 @@ def residual_correlation(sums: FloatArray) -> FloatArray:
         excess = (sums[:, 0] / sums[:, 1]) / (sums[:, 2] / sums[:, 3])
         total = sums.sum(axis=0)
         together = (total[0] / total[1]) / (total[2] / total[3])
-    own = np.where(sums[:, 1] >= _LEAST_BLOCKS, excess, together if total[1] >= _LEAST_BLOCKS else 1.0)
-    return np.fmax(own, 1.0)
+    values = np.where(sums[:, 1] >= _LEAST_BLOCKS, excess, together if total[1] >= _LEAST_BLOCKS else 1.0)
+    return np.fmax(values, 1.0)
 
 
 @compiled
@@ -393,10 +393,10 @@ def refit_each(
     placed: list[Surface | None] = []
     sums: list[NormalEquations] = []
     blocks = np.zeros((len(surfaces), 4))
-    for k, (surface, own) in enumerate(zip(surfaces, pixels, strict=True)):
-        beams = _BeamsOfOne(observations, own)
-        (one,), (equations,), blocks[k : k + 1] = _placed([surface], beams, flatness_m, n_rounds)
-        placed.append(one)
+    for k, (surface, pixel) in enumerate(zip(surfaces, pixels, strict=True)):
+        beams = _BeamsOfOne(observations, pixel)
+        (surface_none,), (equations,), blocks[k : k + 1] = _placed([surface], beams, flatness_m, n_rounds)
+        placed.append(surface_none)
         sums.append(equations)
     return _with_inflation(placed, sums, blocks)
 
@@ -410,9 +410,9 @@ class _BeamsOfOne:
 
     def __iter__(self) -> Iterator[Beams]:
         """Return the beams of each scan that has any."""
-        for scan, some in self.pixels.held:
+        for scan, sample in self.pixels.held:
             trim()
-            yield Beams.at(self.observations[scan], some.flat)
+            yield Beams.at(self.observations[scan], sample.flat)
 
 
 def _placed(
@@ -428,8 +428,8 @@ def _with_inflation(
 ) -> list[SurfaceFit | None]:
     """The fits, their covariances inflated by what the means over blocks (n, 4) say."""
     return [
-        None if surface is None or found.step() is None else _fit(surface, found, growth)
-        for surface, found, growth in zip(placed, sums, residual_correlation(blocks), strict=True)
+        None if surface is None or equations.step() is None else _fit(surface, equations, growth)
+        for surface, equations, growth in zip(placed, sums, residual_correlation(blocks), strict=True)
     ]
 
 
@@ -443,7 +443,7 @@ def improve(
     placed: list[Surface | None] = list(surfaces)
     for _ in range(n_rounds):
         sums = add_up(placed, beams, flatness_m)
-        placed = [_moved(surface, found) for surface, found in zip(placed, sums, strict=True)]
+        placed = [_moved(surface, equations) for surface, equations in zip(placed, sums, strict=True)]
     return placed
 
 
@@ -454,9 +454,9 @@ def _thinned_sums(
 
     Those that a grid's stride leaves of a narrow surface may stand in one line.
     """
-    some = map(_thinned, beams)
-    sums = [found.repeated(_THINNING) for found in add_up(surfaces, some, flatness_m)]
-    small = np.array([number for number, found in enumerate(sums) if found.n < _FEW], dtype=np.int64)
+    sample = map(_thinned, beams)
+    sums = [equations.repeated(_THINNING) for equations in add_up(surfaces, sample, flatness_m)]
+    small = np.array([number for number, equations in enumerate(sums) if equations.n < _FEW], dtype=np.int64)
     if len(small):
         every = add_up(surfaces, (beam.of_surfaces(small + 1) for beam in beams), flatness_m)
         sums = [every[k] if sums[k].n < _FEW else sums[k] for k in range(len(sums))]

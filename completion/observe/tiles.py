@@ -88,12 +88,12 @@ def tile_side(ranges: FloatArray, noise: Noise, spacing: float) -> int:
     Ranges are (rows, columns), metres, inf where nothing came back; `spacing` is the angle between pixels,
     radians.
     """
-    some = ranges[::_EVERY, ::_EVERY]
-    some = some[np.isfinite(some)]
-    if not len(some):
+    sample = ranges[::_EVERY, ::_EVERY]
+    sample = sample[np.isfinite(sample)]
+    if not len(sample):
         return LEAST_TILE
-    footprint = float(np.median(some)) * spacing
-    spread = float(np.median(deviations(noise, some)))
+    footprint = float(np.median(sample)) * spacing
+    spread = float(np.median(deviations(noise, sample)))
     side = np.ceil(np.sqrt(spread * np.sqrt(12.0) / (footprint * _NORMAL_SD)))
     return int(np.clip(side, LEAST_TILE, MOST_TILE))
 

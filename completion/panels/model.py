@@ -49,19 +49,19 @@ def close_corners(folds: Sequence[Fold], sheets: Sequence[Sheet]) -> tuple[list[
         ends = []
         for end in (fold.start, fold.end):
             is_fixed = (fold.first, fold.second, end) in fixed
-            found = None if is_fixed else _nearest_crossing(fold, end, sheets)
-            ends.append(end if found is None else found[0])
-            if found is not None:
-                first, second, third = sorted((fold.first, fold.second, found[1]))
-                point = fold.curve.at(np.array([found[0]]))[0]
+            pair = None if is_fixed else _nearest_crossing(fold, end, sheets)
+            ends.append(end if pair is None else pair[0])
+            if pair is not None:
+                first, second, third = sorted((fold.first, fold.second, pair[1]))
+                point = fold.curve.at(np.array([pair[0]]))[0]
                 corners.append(Corner((first, second, third), point))
         start, end = ends
         moved.append(replace(fold, start=start, end=end) if start < end else fold)
     return moved, _distinct(corners)
 
 
-def _same_pair(one: Fold, other: Fold) -> bool:
-    return (one.first, one.second) == (other.first, other.second)
+def _same_pair(first: Fold, second: Fold) -> bool:
+    return (first.first, first.second) == (second.first, second.second)
 
 
 def _nearest_crossing(fold: Fold, end: float, sheets: Sequence[Sheet]) -> tuple[float, int] | None:
@@ -88,8 +88,8 @@ def _nearest_crossing(fold: Fold, end: float, sheets: Sequence[Sheet]) -> tuple[
 
 def _volume(fold: Fold, sheets: Sequence[Sheet], third: Surface, place: FloatArray) -> float:
     """Volume that the unit normals of three surfaces span at a place (1, 3)."""
-    own = [sheets[number - 1].surface for number in (fold.first, fold.second)]
-    normals = np.stack([surface.normal(place)[0] for surface in (*own, third)])
+    surfaces = [sheets[number - 1].surface for number in (fold.first, fold.second)]
+    normals = np.stack([surface.normal(place)[0] for surface in (*surfaces, third)])
     return float(abs(np.linalg.det(normals)))
 
 
@@ -108,10 +108,10 @@ def _root(fold: Fold, surface: Surface, low: float, high: float) -> float:
 def _distinct(corners: Sequence[Corner]) -> list[Corner]:
     """Each corner once, by its surfaces and place."""
     kept: list[Corner] = []
-    for one in sorted(corners, key=lambda corner: corner.surfaces):
-        same = (other for other in kept if other.surfaces == one.surfaces)
-        if not any(float(np.linalg.norm(one.point - other.point)) < _SAME_M for other in same):
-            kept.append(one)
+    for item in sorted(corners, key=lambda corner: corner.surfaces):
+        same = (other for other in kept if other.surfaces == item.surfaces)
+        if not any(float(np.linalg.norm(item.point - other.point)) < _SAME_M for other in same):
+            kept.append(item)
     return kept
 
 
@@ -179,33 +179,33 @@ def fold_edge(fold: Fold, sheets: Sequence[Sheet]) -> FoldEdge:
     """Return what is told of a fold."""
     t = fold.stations()
     points = fold.curve.at(t)
-    own = [sheets[number - 1] for number in (fold.first, fold.second)]
+    members = [sheets[number - 1] for number in (fold.first, fold.second)]
     ends = points[[0, -1]]
     fine = np.linspace(fold.start, fold.end, max(2, int((fold.end - fold.start) / fold.cell_m) + 1))
     measured = np.ones(len(fine), np.bool_)
-    for sheet, sides in zip(own, fold.sides, strict=True):
+    for sheet, sides in zip(members, fold.sides, strict=True):
         uv, left = sheet.along(fold.curve.at(fine))
-        found = np.zeros(len(fine), np.bool_)
+        mask = np.zeros(len(fine), np.bool_)
         for sign in np.array([1.0, -1.0])[sides]:
             beside = uv + sign * _BESIDE * sheet.cell_m * left
-            found |= sheet.provenance_at(beside) == Provenance.MEASURED
-        measured &= found
+            mask |= sheet.provenance_at(beside) == Provenance.MEASURED
+        measured &= mask
     return FoldEdge(
         surfaces=(fold.first, fold.second),
         goes_on=fold.goes_on,
         points=points,
-        covariance=np.stack([meeting_covariance(own, place) for place in ends]),
-        dihedral_deg=_dihedral(fold, own),
+        covariance=np.stack([meeting_covariance(members, place) for place in ends]),
+        dihedral_deg=_dihedral(fold, members),
         length_m=float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()),
         measured_share=float(measured.mean()),
-        normals=np.stack([sheet.surface.normal(points[[len(points) // 2]])[0] for sheet in own]),
+        normals=np.stack([sheet.surface.normal(points[[len(points) // 2]])[0] for sheet in members]),
     )
 
 
 def corner_point(corner: Corner, sheets: Sequence[Sheet]) -> CornerPoint:
     """Return what is told of a corner."""
-    own = [sheets[number - 1] for number in corner.surfaces]
-    return CornerPoint(corner.surfaces, corner.point, meeting_covariance(own, corner.point))
+    sheet = [sheets[number - 1] for number in corner.surfaces]
+    return CornerPoint(corner.surfaces, corner.point, meeting_covariance(sheet, corner.point))
 
 
 def meeting_covariance(sheets: Sequence[Sheet], place: FloatArray) -> FloatArray:
@@ -234,20 +234,20 @@ def turned(covariance: FloatArray, rotation: FloatArray) -> FloatArray:
 def _moves(normals: Sequence[FloatArray]) -> list[FloatArray]:
     """The vectors (3,) that leave one of two or three planes by one, and lie in the others and across."""
     if len(normals) == _PAIR:
-        one, other = normals
-        cosine = float((one * other).sum())
-        return [(a - cosine * b) / (1 - cosine**2) for a, b in ((one, other), (other, one))]
+        first, second = normals
+        cosine = float((first * second).sum())
+        return [(a - cosine * b) / (1 - cosine**2) for a, b in ((first, second), (second, first))]
     across = [cross(normals[k - 2], normals[k - 1]) for k in range(3)]
     return [vector / float((vector * normal).sum()) for vector, normal in zip(across, normals, strict=True)]
 
 
-def _dihedral(fold: Fold, own: Sequence[Sheet]) -> float:
+def _dihedral(fold: Fold, sheets: Sequence[Sheet]) -> float:
     """Angle of the free space at the middle of a fold, degrees."""
     middle = fold.curve.at(np.array([(fold.start + fold.end) / 2]))
-    one, other = (sheet.surface.normal(middle)[0] for sheet in own)
-    turn = float(np.degrees(np.arccos(np.clip(one @ other, -1.0, 1.0))))
-    sheet, sides = (own[1], fold.sides[1]) if not fold.sides[1].all() else (own[0], fold.sides[0])
-    facing = one if sheet is own[1] else other
+    first, second = (sheet.surface.normal(middle)[0] for sheet in sheets)
+    turn = float(np.degrees(np.arccos(np.clip(first @ second, -1.0, 1.0))))
+    sheet, sides = (sheets[1], fold.sides[1]) if not fold.sides[1].all() else (sheets[0], fold.sides[0])
+    facing = first if sheet is sheets[1] else second
     t = np.array([(fold.start + fold.end) / 2, (fold.start + fold.end) / 2 + 1e-4])
     uv, left = sheet.along(fold.curve.at(t))
     inside = sheet.surface.from_uv(uv[:1] + (1e-3 if sides[0] else -1e-3) * left[:1])

@@ -120,8 +120,8 @@ def _greatest_outside(
     outside, label = ~inside[row, column], patch.evidence.labels[row, column].astype(np.int64)
     unknown = np.isin(label, (Label.OUT, Label.NO_RETURN, Label.UNLIT)) & patch.is_within[row, column]
     still = np.where(unknown, 1.0, patch.confidence[row, column])
-    found = (np.where(in_grid, np.where(outside, label, -1), Label.OUT), np.where(outside, still, -1.0))
-    return found[0].max(axis=0), np.where(in_grid, found[1], 1.0).max(axis=0)
+    arrays = (np.where(in_grid, np.where(outside, label, -1), Label.OUT), np.where(outside, still, -1.0))
+    return arrays[0].max(axis=0), np.where(in_grid, arrays[1], 1.0).max(axis=0)
 
 
 def trace_boundary(grid: ChartGrid, cells: OutlineCells) -> list[BoundarySegment]:
@@ -146,8 +146,8 @@ def trace_cells(mask: BoolArray, *, holes: bool = True) -> list[NDArray[np.int64
     Each is (n, 2): row and column of neighbouring cells; the first follows the last.
     """
     mode = cv2.RETR_CCOMP if holes else cv2.RETR_EXTERNAL
-    found, _ = cv2.findContours(mask.astype(np.uint8), mode, cv2.CHAIN_APPROX_NONE)
-    return [np.asarray(contour[:, 0, ::-1], dtype=np.int64) for contour in found]
+    items, _ = cv2.findContours(mask.astype(np.uint8), mode, cv2.CHAIN_APPROX_NONE)
+    return [np.asarray(contour[:, 0, ::-1], dtype=np.int64) for contour in items]
 
 
 def straight_corners(chain: NDArray[np.int64], slack: float, *, closed: bool) -> NDArray[np.int64]:
@@ -183,19 +183,19 @@ def _provenances(
         hidden = (progress >= -beside) & (progress <= abs(stretch.end - stretch.start) + beside)
         result[hidden & (np.abs(stretch.curve.across(uv)) <= beside)] = str(stretch.provenance)
     result[at_cuts] = str(Cue.ARCHITECTURAL)
-    said, fitted = patch.verdict, patch.verdict.of_features
+    edits, fitted = patch.verdict, patch.verdict.of_features
     joints = [joint.plane for joint in fitted.joints]
     of_feature = _near(patch, uv, joints) | _near_openings(patch, fitted)[row, column] | (patch.feature > 0)
     result[of_feature] = "feature"
-    by_person = SurfaceEdits(openings=said.openings)
-    result[_near(patch, uv, said.ends) | _near_openings(patch, by_person)[row, column]] = "user"
+    by_person = SurfaceEdits(openings=edits.openings)
+    result[_near(patch, uv, edits.ends) | _near_openings(patch, by_person)[row, column]] = "user"
     return np.where(patch.hypothesised[row, column], result, "measured")
 
 
-def _near_openings(patch: Patch, said: SurfaceEdits) -> BoolArray:
+def _near_openings(patch: Patch, edits: SurfaceEdits) -> BoolArray:
     """Cells (rows, columns) within about a cell of an opening that is said."""
     crossed = np.zeros(patch.grid.shape, dtype=np.bool_)
-    for side in said.trims(patch.grid):
+    for side in edits.trims(patch.grid):
         crossed |= side.cells
     return np.asarray(ndimage.binary_dilation(crossed, np.ones((3, 3))), dtype=np.bool_)
 
@@ -342,7 +342,7 @@ def _put_right(polygons: Any) -> Any:
     parts = shapely.get_parts(polygons)
     rings = [[part.exterior for part in parts], [hole for part in parts for hole in part.interiors]]
     shells, holes = (
-        shapely.union_all(shapely.make_valid([shapely.Polygon(r) for r in some])) for some in rings
+        shapely.union_all(shapely.make_valid([shapely.Polygon(r) for r in ring])) for ring in rings
     )
     return shapely.difference(shells, holes)
 
@@ -382,9 +382,9 @@ def _on_guides(uv: FloatArray, guides: Sequence[Guide]) -> FloatArray:
         moved[near] -= across[k, near, None] * guide.line.normal
     if len(guides) > 1:
         for place in np.flatnonzero(np.isfinite(np.take_along_axis(across, order[1:2], axis=0)[0])):
-            one, other = (guides[k] for k in order[:, place])
-            corner = crossing(one.line, other.line)
-            reach = 1.5 * max(one.reach_m, other.reach_m)
+            first, second = (guides[k] for k in order[:, place])
+            corner = crossing(first.line, second.line)
+            reach = 1.5 * max(first.reach_m, second.reach_m)
             if corner is not None and np.linalg.norm(corner - uv[place]) <= reach:
                 moved[place] = corner
     return moved
@@ -397,10 +397,10 @@ def _follows(uv: FloatArray, guide: Guide) -> Any:
     return beside & (np.abs(guide.line.across(uv)) <= guide.reach_m)
 
 
-def crossing(one: Line, other: Line) -> FloatArray | None:
+def crossing(first: Line, second: Line) -> FloatArray | None:
     """Return where two lines of a chart cross (2,); None where the angle between them is below 10 degrees."""
-    across = float(other.normal @ one.direction)
+    across = float(second.normal @ first.direction)
     if abs(across) < _PARALLEL:
         return None
-    along = float(other.normal @ (other.point - one.point)) / across
-    return np.asarray(one.at(np.array(along)), dtype=np.float64)
+    along = float(second.normal @ (second.point - first.point)) / across
+    return np.asarray(first.at(np.array(along)), dtype=np.float64)

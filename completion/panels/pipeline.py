@@ -105,8 +105,8 @@ def slim_folds(sheets: Sequence[Sheet], rest: FloatArray, known: Sequence[FoldEd
     taken = cKDTree(np.concatenate(places)) if places else None
     folds = []
     for face in (face for sheet in sheets for face in _faces(sheet, rest, tree)):
-        found = [_at_its_edge(face), *_at_its_far_side(face, sheets)]
-        for fold in found:
+        edges = [_at_its_edge(face), *_at_its_far_side(face, sheets)]
+        for fold in edges:
             middles = _along(fold.points, face.sheet.cell_m)
             if taken is None or (taken.query(middles)[0] < _FREE * face.sheet.cell_m).mean() <= 0.5:
                 folds.append(fold)
@@ -127,7 +127,7 @@ def _faces(sheet: Sheet, rest: FloatArray, tree: cKDTree) -> Iterator[SlimFace]:
                 continue
             places = surface.from_uv(line.at(np.arange(low, high + cell, cell)))
             near = tree.query_ball_point(places, (_REACH + 1) * cell)
-            index = sorted({k for some in near for k in some})
+            index = sorted({k for item in near for k in item})
             if len(index) >= _LEAST_POINTS:
                 section = _Section.of(surface, line, sign, rest[index])
                 yield from _along_run(sheet, edge, section, (low, high))
@@ -138,17 +138,19 @@ def _along_run(sheet: Sheet, edge: Edge, section: _Section, run: tuple[float, fl
     cell, (along, outward, above) = sheet.cell_m, section.local.T
     reach = np.hypot(outward, above)
     held = np.flatnonzero((along >= run[0]) & (along <= run[1]) & (reach <= _REACH * cell))
-    for own in _stretches(held, along, _BRIDGED * cell):
-        low, high = float(along[own].min()), float(along[own].max())
-        line = _line_through(section.local[own, 1:], cell, max(edge.deviation, sheet.patch.source.fit.rms))
-        if high - low < _LEAST * cell or line is None or np.quantile(reach[own], 0.1) > _NEAR * cell:
+    for stretch in _stretches(held, along, _BRIDGED * cell):
+        low, high = float(along[stretch].min()), float(along[stretch].max())
+        line = _line_through(
+            section.local[stretch, 1:], cell, max(edge.deviation, sheet.patch.source.fit.rms)
+        )
+        if high - low < _LEAST * cell or line is None or np.quantile(reach[stretch], 0.1) > _NEAR * cell:
             continue
         radians = np.radians(line.degrees)
         across = np.sin(radians) * section.axes[1] - np.cos(radians) * section.axes[2]
         ends = section.at(np.array([low, high]), line.shift_m)
         solid = section.at(np.array([low]), line.shift_m - cell)[0] - ends[0]
         normal = -across if float(across @ solid) > 0 else across
-        points = section.origin + section.local[own[line.kept]] @ section.axes
+        points = section.origin + section.local[stretch[line.kept]] @ section.axes
         yield SlimFace(
             sheet=sheet,
             ends=ends,
@@ -269,11 +271,11 @@ def _fold(face: SlimFace, sheet: Sheet, ends: FloatArray, dihedral: float, norma
 
 def _along(points: FloatArray, step_m: float) -> FloatArray:
     """Places (n, 3) about a step apart along a polyline (k, 3)."""
-    found = [points[:1]]
+    arrays = [points[:1]]
     for begin, end in pairwise(points):
         count = max(1, int(np.linalg.norm(end - begin) / step_m))
-        found.append(begin + np.arange(1, count + 1)[:, None] / count * (end - begin))
-    return np.concatenate(found)
+        arrays.append(begin + np.arange(1, count + 1)[:, None] / count * (end - begin))
+    return np.concatenate(arrays)
 
 
 def build_panels(
@@ -294,10 +296,10 @@ def build_panels(
         Measured points that belong to no surface, metres.
     """
     # 1. Fold: find the stretches of curves that two surfaces reach, and on which sides of them they go on.
-    found = find_folds(sheets)
+    results = find_folds(sheets)
 
     # 2. Close: a fold that ends near a third surface ends at it, so that corners are points.
-    folds, corners = close_corners(found, sheets)
+    folds, corners = close_corners(results, sheets)
 
     # 3. Arrange: fill each surface up to its folds, cut off what lies beyond, and divide its chart by its
     #    outline, the borders between measured and inferred, its folds, and the facets of cylinders.
@@ -333,9 +335,9 @@ def _open_edges(
     middle = facets.vertices[edges].mean(axis=1)
     total: dict[str, float] = {}
     for number in np.unique(facets.face_surface[owner]).tolist():
-        own = facets.face_surface[owner] == number
+        item = facets.face_surface[owner] == number
         grid = sheets[number - 1].patch.grid
-        said = NearOutline.of(grid, outline(number - 1)).kinds(grid.surface.to_uv(middle[own]))
-        for kind in np.unique(said).tolist():
-            total[kind] = total.get(kind, 0.0) + float(length[own][said == kind].sum())
+        kinds = NearOutline.of(grid, outline(number - 1)).kinds(grid.surface.to_uv(middle[item]))
+        for kind in np.unique(kinds).tolist():
+            total[kind] = total.get(kind, 0.0) + float(length[item][kinds == kind].sum())
     return dict(sorted(total.items()))

@@ -96,8 +96,8 @@ class Sheet:
         grid = self.patch.grid
         column, row = np.floor((self._within_period(uv) - grid.corner) / grid.cell).astype(np.int64).T
         rows, columns = grid.shape
-        found = self.provenance[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-        return np.asarray(found, dtype=np.int8)
+        item = self.provenance[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
+        return np.asarray(item, dtype=np.int8)
 
     def is_free(self, uv: FloatArray) -> BoolArray:
         """Which places (n, 2) of the chart beams went through."""
@@ -110,13 +110,13 @@ class Sheet:
         """Which places (n, 2) of the chart lie in the area, or no farther from it than a distance."""
         shapely.prepare(self.area)
         uv = self._within_period(uv)
-        found = np.asarray(shapely.dwithin(self.area, shapely.points(uv), distance_m), dtype=np.bool_)
+        mask = np.asarray(shapely.dwithin(self.area, shapely.points(uv), distance_m), dtype=np.bool_)
         if self.wraps:
             half = self.surface.period / 2
-            near = np.flatnonzero(~found & (np.abs(uv[:, 0]) > half - 4 * self.cell_m - distance_m))
+            near = np.flatnonzero(~mask & (np.abs(uv[:, 0]) > half - 4 * self.cell_m - distance_m))
             beyond = uv[near] - np.stack([np.sign(uv[near, 0]) * 2 * half, np.zeros(len(near))], axis=1)
-            found[near] = shapely.dwithin(self.area, shapely.points(beyond), distance_m)
-        return found
+            mask[near] = shapely.dwithin(self.area, shapely.points(beyond), distance_m)
+        return mask
 
 
 def left_of(uv: FloatArray) -> FloatArray:

@@ -58,8 +58,8 @@ class Border:
         edges, surface = [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
         measured = panels.is_measured
         for number in np.unique(panels.face_surface[measured]).tolist():
-            found, count, _ = edges_of(panels.faces[measured & (panels.face_surface == number)])
-            edges.append(found[count == 1])
+            hits, count, _ = edges_of(panels.faces[measured & (panels.face_surface == number)])
+            edges.append(hits[count == 1])
             surface.append(np.full(np.count_nonzero(count == 1), number))
         return cls(panels.vertices, np.concatenate(edges), np.concatenate(surface))
 
@@ -70,21 +70,24 @@ class Border:
         """
         result = OnBorder(np.full(len(points), -1, np.int64), np.zeros(len(points)))
         for number in np.unique(owner[owner > 0]).tolist():
-            asked, own = np.flatnonzero(owner == number), np.flatnonzero(self.surface == number)
-            if not len(own):
+            asked, values = np.flatnonzero(owner == number), np.flatnonzero(self.surface == number)
+            if not len(values):
                 continue
-            edge, share, off = self._nearest(points[asked], own, float(reach_m[number - 1]))
+            edge, share, off = self._nearest(points[asked], values, float(reach_m[number - 1]))
             near = off <= reach_m[number - 1]
             result.edge[asked[near]], result.share[asked[near]] = edge[near], share[near]
         return result
 
     def _nearest(
-        self, points: FloatArray, own: NDArray[np.int64], spacing_m: float
+        self, points: FloatArray, members: NDArray[np.int64], spacing_m: float
     ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
         """The nearest of some edges to points (n, 3), how far along it (n,), and how far off (n,), metres."""
-        begin, way = self.vertices[self.edges[own, 0]], np.diff(self.vertices[self.edges[own]], axis=1)[:, 0]
+        begin, way = (
+            self.vertices[self.edges[members, 0]],
+            np.diff(self.vertices[self.edges[members]], axis=1)[:, 0],
+        )
         n_pieces = np.ceil(np.linalg.norm(way, axis=1) / spacing_m).astype(np.int64) + 1
-        of = np.repeat(np.arange(len(own)), n_pieces)
+        of = np.repeat(np.arange(len(members)), n_pieces)
         step = np.arange(len(of)) - np.repeat(np.cumsum(n_pieces) - n_pieces, n_pieces)
         samples = begin[of] + (step / np.maximum(n_pieces[of] - 1, 1))[:, None] * way[of]
         k = min(_TRIED, len(samples))
@@ -94,7 +97,7 @@ class Border:
         share = np.clip(share, 0.0, 1.0)
         off = np.linalg.norm(begin[tried] + share[..., None] * way[tried] - points[:, None], axis=2)
         row, best = np.arange(len(points)), off.argmin(axis=1)
-        return own[tried[row, best]], share[row, best], off[row, best]
+        return members[tried[row, best]], share[row, best], off[row, best]
 
     def at(self, place: OnBorder) -> FloatArray:
         """Return the points (k, 3) of those places that are within reach."""
@@ -121,7 +124,7 @@ def divided(
     known = np.array([a * n + b for a, b in chains if max(a, b) < n], np.int64)
     touched = np.isin(ends[..., 0] * n + ends[..., 1], known).any(axis=1)
     fans = [list(_fan(tuple(faces[k].tolist()), chains)) for k in np.flatnonzero(touched)]
-    new = np.array([one for fan in fans for one in fan], np.int64).reshape(-1, 3)
+    new = np.array([numbers for fan in fans for numbers in fan], np.int64).reshape(-1, 3)
     source = np.repeat(np.flatnonzero(touched), [len(fan) for fan in fans])
     return np.concatenate([faces[~touched], new]), np.concatenate([np.flatnonzero(~touched), source])
 
@@ -139,14 +142,14 @@ def _fan(corner: _Corners, chains: Mapping[tuple[int, int], Chain]) -> Iterator[
         links = chain if chain[0] == corner[at] else chain[::-1]
         apex, last = corner[(at + 2) % 3], len(links) - 2
         for k in range(last + 1):  # of the sides of the apex only the outer two were there before
-            own = (False, is_own[(at + 1) % 3] and k == last, is_own[(at + 2) % 3] and k == 0)
-            pending.append(((links[k], links[k + 1], apex), own))
+            flags = (False, is_own[(at + 1) % 3] and k == last, is_own[(at + 2) % 3] and k == 0)
+            pending.append(((links[k], links[k + 1], apex), flags))
 
 
 def edge_key(corner: _Corners, k: int) -> tuple[int, int]:
     """Return the edge from the k-th corner of a triangle, its vertices in ascending order."""
-    one, other = corner[k], corner[(k + 1) % 3]
-    return (one, other) if one < other else (other, one)
+    first, second = corner[k], corner[(k + 1) % 3]
+    return (first, second) if first < second else (second, first)
 
 
 _SAME = 0.25  # of the reach, within which places on a border are one node
@@ -243,8 +246,8 @@ def along_border(
         chain = _way(near, a, b, float(np.linalg.norm(vertices[b] - vertices[a])) + slack_m)
         if len(chain) > 2 and not _turns_over(vertices, rest[face], chain):
             chains[a, b] = chain
-    found, _ = divided(rest, chains)
-    return found
+    hits, _ = divided(rest, chains)
+    return hits
 
 
 def _neighbours(vertices: FloatArray, edges: NDArray[np.int64]) -> dict[int, list[tuple[int, float]]]:

@@ -48,10 +48,10 @@ def decimated(vertices: FloatArray, faces: NDArray[np.int64], bound_m: float) ->
     tree = TriangleTree.of(vertices[faces])
     few, many, tried = (float(np.log(_FEWEST)), np.inf), (0.0, -np.inf), float(np.log(_FIRST))
     for _ in range(_ROUNDS):
-        found = _thinner(vertices, faces, bound_m, max(1, round(len(faces) * float(np.exp(tried)))))
-        excess = float(np.log(max(_deviation(vertices, tree, found, bound_m) / bound_m, _LEAST)))
+        thinner = _thinner(vertices, faces, bound_m, max(1, round(len(faces) * float(np.exp(tried)))))
+        excess = float(np.log(max(_deviation(vertices, tree, thinner, bound_m) / bound_m, _LEAST)))
         if excess <= 0:
-            best, many = found, (tried, excess)
+            best, many = thinner, (tried, excess)
         else:
             few = tried, excess
         if many[0] - few[0] < _CLOSE:
@@ -110,9 +110,9 @@ def _thinner(vertices: FloatArray, faces: NDArray[np.int64], bound_m: float, n_f
     tips, flaps = _flaps(vertices, faces)
     points = np.concatenate([vertices, tips]) / bound_m
     corners = np.concatenate([faces, flaps]).astype(np.int32)
-    places, found = fast_simplification.simplify(points, corners, target_count=min(n_faces, len(corners)))
+    places, item = fast_simplification.simplify(points, corners, target_count=min(n_faces, len(corners)))
     is_tip = np.isin(as_one(places), as_one(points[len(vertices) :]))
-    return _compact(places * bound_m, found[~is_tip[found].any(axis=1)].astype(np.int64))
+    return _compact(places * bound_m, item[~is_tip[item].any(axis=1)].astype(np.int64))
 
 
 def as_one(points: FloatArray) -> NDArray[np.void]:
@@ -223,9 +223,9 @@ def _unexplained(panels: PanelModel, pixels: PixelMesh) -> PixelMesh:
     """The mesh without triangles whose corners are of surfaces, or as near to panels as the scans tell."""
     free = np.flatnonzero(pixels.owner == 0)
     off = distances(pixels.vertices[free], panels.vertices[panels.faces[panels.is_measured]])
-    told: BoolArray = pixels.owner > 0
-    told[free] = off <= np.minimum(pixels.error_m[free], pixels.bound_m)
-    return _part(pixels, ~np.all(told[pixels.faces], axis=1))
+    mask: BoolArray = pixels.owner > 0
+    mask[free] = off <= np.minimum(pixels.error_m[free], pixels.bound_m)
+    return _part(pixels, ~np.all(mask[pixels.faces], axis=1))
 
 
 def _snapped(
@@ -237,8 +237,8 @@ def _snapped(
     """
     moved = pixels.vertices.copy()
     for number in np.unique(pixels.owner[pixels.owner > 0]).tolist():
-        own, surface = pixels.owner == number, surfaces[number - 1]
-        moved[own] = surface.from_uv(surface.to_uv(moved[own]))
+        item, surface = pixels.owner == number, surfaces[number - 1]
+        moved[item] = surface.from_uv(surface.to_uv(moved[item]))
     border = Border.of(panels)
     place = border.nearest(moved, pixels.owner, reach_m)
     on = place.edge >= 0
@@ -286,10 +286,10 @@ def _joined(
 ) -> PanelModel:
     """Panels with the triangles of the rest, whose own vertices follow those of the panels."""
     n, n_faces = len(panels.vertices), len(panels.faces)
-    own = np.unique(faces[faces >= n])
+    members = np.unique(faces[faces >= n])
     index = np.arange(len(vertices))
-    index[own] = n + np.arange(len(own))
-    places = np.concatenate([panels.vertices, vertices[own]])
+    index[members] = n + np.arange(len(members))
+    places = np.concatenate([panels.vertices, vertices[members]])
     uv = np.concatenate([panels.corner_uv, np.zeros((len(faces), 3, 2))])
     every, uv, source = heal(places, np.concatenate([panels.faces, index[faces]]), uv, PRECISION_M)
     is_rest = source >= n_faces

@@ -45,7 +45,7 @@ def vertices_within_edges(
     begin, end = vertices[edges[is_open, 0]], vertices[edges[is_open, 1]]
     length = np.linalg.norm(end - begin, axis=1)
     near = tree.query_ball_point((begin + end) / 2, length / 2, return_sorted=True)
-    found = []
+    pairs = []
     for k, held in enumerate(near):
         if len(held) < 1:
             continue
@@ -58,8 +58,8 @@ def vertices_within_edges(
         if on.any():
             order = np.argsort(t[on], kind="stable")
             first, second = edges[is_open[k]].tolist()
-            found.append((first, second, int(owner[is_open[k]]), candidates[on][order]))
-    return found
+            pairs.append((first, second, int(owner[is_open[k]]), candidates[on][order]))
+    return pairs
 
 
 def heal(
@@ -72,13 +72,13 @@ def heal(
     """
     source = np.arange(len(faces))
     for _ in range(_ROUNDS):
-        found: dict[int, tuple[int, int, int, NDArray[np.int64]]] = {}
-        for one in vertices_within_edges(vertices, faces, slack_m):
-            found.setdefault(one[2], one)  # one edge of a triangle at a time
-        if not found:
+        entries: dict[int, tuple[int, int, int, NDArray[np.int64]]] = {}
+        for edge in vertices_within_edges(vertices, faces, slack_m):
+            entries.setdefault(edge[2], edge)  # one edge of a triangle at a time
+        if not entries:
             break
         new_faces, new_uv, new_source = [], [], []
-        for first, second, face, between in found.values():
+        for first, second, face, between in entries.values():
             corner = faces[face].tolist()
             at = next(k for k in range(3) if {corner[k], corner[(k + 1) % 3]} == {first, second})
             chain = [first, *between.tolist(), second]
@@ -93,7 +93,7 @@ def heal(
                 new_uv.append([uv[k], uv[k + 1], corner_uv[face, apex]])
                 new_source.append(int(source[face]))
         kept = np.ones(len(faces), np.bool_)
-        kept[list(found)] = False
+        kept[list(entries)] = False
         faces = np.concatenate([faces[kept], np.array(new_faces, np.int64)])
         corner_uv = np.concatenate([corner_uv[kept], np.array(new_uv)])
         source = np.concatenate([source[kept], np.array(new_source, np.int64)])
@@ -113,24 +113,26 @@ def weld(charts: Sequence[Arrangement]) -> PanelModel:
     """
     rings = [_Rings.of(chart) for chart in charts if len(chart.faces)]
     shared: dict[int, list[FloatArray]] = {}
-    for one in rings:
-        for line, on in zip(one.chart.tracks, one.on, strict=True):
+    for ring in rings:
+        for line, on in zip(ring.chart.tracks, ring.on, strict=True):
             shared.setdefault(line.key, []).append(on[np.isfinite(on)])
-    nodes = {key: _merged(np.concatenate(found)) for key, found in shared.items()}
-    placed = [_triangulated(one, nodes) for one in rings]
-    starts = np.cumsum([0, *(len(one.vertices) for one in placed)])
+    nodes = {key: _merged(np.concatenate(arrays)) for key, arrays in shared.items()}
+    placed = [_triangulated(item, nodes) for item in rings]
+    starts = np.cumsum([0, *(len(item.vertices) for item in placed)])
     if not len(starts) > 1:
         return PanelModel()
-    vertices = np.concatenate([one.vertices for one in placed])
-    on_fold = np.concatenate([one.on_fold for one in placed])
-    faces = np.concatenate([one.faces + start for one, start in zip(placed, starts, strict=False)])
+    vertices = np.concatenate([item.vertices for item in placed])
+    on_fold = np.concatenate([item.on_fold for item in placed])
+    faces = np.concatenate([item.faces + start for item, start in zip(placed, starts, strict=False)])
     vertices, index = _welded(vertices, on_fold)
     faces = index[faces]
     proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    uv = np.concatenate([one.uv[one.faces] for one in placed])[proper]
+    uv = np.concatenate([item.uv[item.faces] for item in placed])[proper]
     faces, uv, source = heal(vertices, faces[proper], uv, PRECISION_M)
-    number = np.repeat([one.number for one in placed], [len(one.faces) for one in placed]).astype(np.int32)
-    provenance = np.concatenate([one.provenance for one in placed])
+    number = np.repeat([item.number for item in placed], [len(item.faces) for item in placed]).astype(
+        np.int32
+    )
+    provenance = np.concatenate([item.provenance for item in placed])
     return PanelModel(vertices, faces, number[proper][source], provenance[proper][source], uv)
 
 
@@ -241,15 +243,15 @@ def _with_nodes(
             place = uv[k] + share[:, None] * (uv[k + 1] - uv[k])
             added.append((np.full(len(between), k), share, place, known[between], number))
     if added:
-        after, share = (np.concatenate([one[k] for one in added]) for k in (0, 1))
+        after, share = (np.concatenate([row[k] for row in added]) for k in (0, 1))
         order = np.lexsort((share, after))
         where = np.insert(
             where,
             after[order] + 1,
-            np.repeat([one[4] for one in added], [len(one[0]) for one in added])[order],
+            np.repeat([row[4] for row in added], [len(row[0]) for row in added])[order],
         )
-        t = np.insert(t, after[order] + 1, np.concatenate([one[3] for one in added])[order])
-        uv = np.insert(uv, after[order] + 1, np.concatenate([one[2] for one in added])[order], axis=0)
+        t = np.insert(t, after[order] + 1, np.concatenate([row[3] for row in added])[order])
+        uv = np.insert(uv, after[order] + 1, np.concatenate([row[2] for row in added])[order], axis=0)
         ring = np.insert(ring, after[order] + 1, ring[after[order]])
     return uv, ring, where, t
 

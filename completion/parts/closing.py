@@ -97,11 +97,11 @@ def close_holes(part: Part) -> ClosedPart | None:
     n_points, tree = len(part.points), cKDTree(part.points)
     for loop, beside in loops:
         labels, corners_beside = part.triangle_surface[beside], part.points[part.faces[beside]]
-        found = _closed(part, loop, labels, corners_beside, tree=tree)
-        if isinstance(found, str):
-            left[found] += 1
+        results = _closed(part, loop, labels, corners_beside, tree=tree)
+        if isinstance(results, str):
+            left[results] += 1
             continue
-        label, added, triangles = found
+        label, added, triangles = results
         faces.append(np.where(triangles >= 0, triangles, n_points - 1 - triangles))
         points.append(added)
         surface.append(np.full(len(triangles), label))
@@ -178,15 +178,15 @@ def _closed(
     middle = part.points[loop].mean(axis=0)
     reach = float(np.linalg.norm(part.points[loop] - middle, axis=1).max())
     near = np.setdiff1d(tree.query_ball_point(middle, reach), loop).astype(np.int64)
-    own = near[part.surface[near] == label]
-    if _within(polygon, surface, part.points[own]):
+    item = near[part.surface[near] == label]
+    if _within(polygon, surface, part.points[item]):
         return "filled"
     inner = _between(polygon, part.spacing_m) if isinstance(surface, Cylinder) else np.zeros((0, 2))
     triangles = _triangulated(uv, inner, polygon)
     added = surface.from_uv(inner) if len(inner) else np.zeros((0, 3))
     corner_of = np.append(loop, -1 - np.arange(len(inner)))
-    found = corner_of[triangles]
-    return label, added, found[:, ::-1] if turned else found
+    hits = corner_of[triangles]
+    return label, added, hits[:, ::-1] if turned else hits
 
 
 def _runs_clockwise(surface: Plane | Cylinder, corners: FloatArray) -> bool:
@@ -224,20 +224,20 @@ def _triangulated(uv: FloatArray, inner: FloatArray, polygon: shapely.Polygon) -
     """
     every = np.concatenate([uv, inner])
     if len(inner):
-        found = np.array(Delaunay(every).simplices, dtype=np.int64)
-        found = found[shapely.contains_xy(polygon, every[found].mean(axis=1))]
-        area = _doubled(every, found)
-        found = np.where((area < 0)[:, None], found[:, ::-1], found)
+        hits = np.array(Delaunay(every).simplices, dtype=np.int64)
+        hits = hits[shapely.contains_xy(polygon, every[hits].mean(axis=1))]
+        area = _doubled(every, hits)
+        hits = np.where((area < 0)[:, None], hits[:, ::-1], hits)
         if abs(np.abs(area).sum() / 2 - polygon.area) < 1e-9 * polygon.area:
-            return np.asarray(found)
+            return np.asarray(hits)
     pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
     number = {tuple(place): k for k, place in enumerate(uv.tolist())}
-    found = np.array([[number[tuple(corner)] for corner in shapely.get_coordinates(piece)[:3].tolist()]
+    hits = np.array([[number[tuple(corner)] for corner in shapely.get_coordinates(piece)[:3].tolist()]
                       for piece in pieces])  # fmt: skip
-    return np.asarray(np.where((_doubled(uv, found) < 0)[:, None], found[:, ::-1], found))
+    return np.asarray(np.where((_doubled(uv, hits) < 0)[:, None], hits[:, ::-1], hits))
 
 
 def _doubled(places: FloatArray, triangles: IntArray) -> FloatArray:
     """Twice the signed area (m,) of triangles."""
-    one, two = (places[triangles[:, k]] - places[triangles[:, 0]] for k in (1, 2))
-    return np.asarray(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    values, two = (places[triangles[:, k]] - places[triangles[:, 0]] for k in (1, 2))
+    return np.asarray(values[:, 0] * two[:, 1] - values[:, 1] * two[:, 0])

@@ -78,26 +78,28 @@ def write_part(
         every = _Places(rows, n_rows)
         surface = every.of(part.surface, 0)
         colour = surface_bytes(places_of(part, surface))
-        told = {"surface": surface, "red": colour[:, 0], "green": colour[:, 1], "blue": colour[:, 2]}
+        arrays = {"surface": surface, "red": colour[:, 0], "green": colour[:, 1], "blue": colour[:, 2]}
         points = every.of(part.points, np.nan)
-        write_mesh_ply(stage.path("part.ply"), points, part.faces, told, _LEGEND)
+        write_mesh_ply(stage.path("part.ply"), points, part.faces, arrays, _LEGEND)
         if flat is not None:
-            told = {
+            arrays = {
                 "surface": every.of(flat.surface.astype(np.int32), 0),
                 "relief": every.of(flat.is_relief.astype(np.uint8), 0),
                 "moved": every.of(flat.moved_m.astype(np.float32), 0.0),
             }
             points = every.of(flat.points, np.nan)
-            write_mesh_ply(stage.path("flat.ply"), points, part.faces, told, _LEGEND)
+            write_mesh_ply(stage.path("flat.ply"), points, part.faces, arrays, _LEGEND)
         stage.commit()
 
 
 def _write_closed(closed: ClosedPart, stage: Stage) -> None:
     """Write the mesh with its holes closed."""
     state = closed.is_inferred.astype(np.uint8)
-    told = {"surface": closed.surface, "state": state}
+    arrays = {"surface": closed.surface, "state": state}
     legend = [*_LEGEND, "state 0 measured", "state 1 inferred: nobody measured it, and no beam vetoes it"]
-    write_mesh_ply(stage.path("closed.ply"), closed.points, closed.faces, None, legend, face_properties=told)
+    write_mesh_ply(
+        stage.path("closed.ply"), closed.points, closed.faces, None, legend, face_properties=arrays
+    )
 
 
 def closing_record(closed: ClosedPart) -> dict[str, Any]:
@@ -138,7 +140,7 @@ def part_record(part: Part, flat: FlatPart | None = None) -> dict[str, Any]:
     """
     graph = part.relations
     moved = dict(zip(part.related, graph.moved_sd, strict=True)) if graph is not None else {}
-    flattened = {} if flat is None else {one.label: flat_record(one) for one in flat.surfaces}
+    flattened = {} if flat is None else {surface.label: flat_record(surface) for surface in flat.surfaces}
     surfaces: list[dict[str, Any]] = []
     for place, label in enumerate(part.labels):
         fit, measured = part.fits[place], part.measured[place]
@@ -180,8 +182,8 @@ def whole_record(flat: FlatPart) -> dict[str, Any]:
     """Return what became of a part that was flattened, all its planes together."""
     return {
         "level": flat.level,
-        "planes": sum(one.is_flattened for one in flat.surfaces),
-        "planes_left": sum(not one.is_flattened for one in flat.surfaces),
+        "planes": sum(surface.is_flattened for surface in flat.surfaces),
+        "planes_left": sum(not surface.is_flattened for surface in flat.surfaces),
         "relief_points": int(flat.is_relief.sum()),
         "moved_median_m": float(np.median(flat.moved_m[flat.moved_m > 0])) if flat.moved_m.any() else 0.0,
         "moved_max_m": float(flat.moved_m.max(initial=0.0)),

@@ -60,14 +60,23 @@ class FlatPart:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What is to be known of it, a sentence each: planes left as they were, and faults."""
-        told = [f"surface {one.label} is not flattened: {one.reason}" for one in self.surfaces if one.reason]
-        if len(told) > _MOST_TOLD:
-            told[_MOST_TOLD:] = [f"{len(told) - _MOST_TOLD} other planes are too small to be flattened"]
+        sentences = [
+            f"surface {surface.label} is not flattened: {surface.reason}"
+            for surface in self.surfaces
+            if surface.reason
+        ]
+        if len(sentences) > _MOST_TOLD:
+            sentences[_MOST_TOLD:] = [
+                f"{len(sentences) - _MOST_TOLD} other planes are too small to be flattened"
+            ]
         if self.n_turned or self.n_crossing:
-            told.append(
+            sentences.append(
                 f"flattening turned {self.n_turned} triangles over and made {self.n_crossing} cross others"
             )
-        return (*told, *(f"surface {one.label}: {text}" for one in self.surfaces if (text := one.doubt)))
+        return (
+            *sentences,
+            *(f"surface {surface.label}: {text}" for surface in self.surfaces if (text := surface.doubt)),
+        )
 
 
 def flatten_part(
@@ -105,8 +114,8 @@ def flatten_part(
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     place = _with_those_between(part, points, faces, place.astype(np.int64))
     flat = flatten_mesh(points, faces, place.astype(np.int64), part.fits, options, rng=rng)
-    if not any(one.is_flattened for one in flat.surfaces):
-        largest = max(flat.surfaces, key=lambda one: one.n)
+    if not any(surface.is_flattened for surface in flat.surfaces):
+        largest = max(flat.surfaces, key=lambda flat_surface: flat_surface.n)
         raise InputError(
             f"no plane can be flattened; the largest, surface {part.labels[largest.label - 1]}, has "
             f"{largest.reason}: give a finer mesh, or denser points"
@@ -116,7 +125,7 @@ def flatten_part(
         moved_m=flat.moved_m[where],
         is_relief=flat.is_relief[where],
         surface=np.array([0, *part.labels])[place][where],
-        surfaces=tuple(one.named(part.labels[one.label - 1]) for one in flat.surfaces),
+        surfaces=tuple(surface.named(part.labels[surface.label - 1]) for surface in flat.surfaces),
         n_held=int(flat.is_held[where].sum()),
         n_turned=flat.n_turned,
         n_crossing=flat.n_crossing,
@@ -136,16 +145,16 @@ def _with_those_between(part: Part, points: FloatArray, faces: IntArray, place: 
         return place
     n, piece = connected_components(csr_array(links[free][:, free]), directed=False)
     beside = links[free].tocoo()
-    own, label = piece[beside.row], place[beside.col]
+    item, label = piece[beside.row], place[beside.col]
     touched = np.zeros((n, len(part.fits) + 1), dtype=np.bool_)
-    touched[own, label] = True
+    touched[item, label] = True
     touched[:, 0] = False
     is_plane = np.array([True, *(isinstance(fit.surface, Plane) for fit in part.fits)])
     only: BoolArray = np.asarray(touched.any(axis=1) & ~touched[:, ~is_plane].any(axis=1))
     off = np.full((len(free), len(part.fits) + 1), np.inf)
     for number in np.flatnonzero(is_plane)[1:]:
-        fit, some = part.fits[number - 1], touched[piece, number]
-        off[some, number] = np.abs(fit.surface.distance(points[free[some]])) / max(fit.rms, 1e-300)
+        fit, sample = part.fits[number - 1], touched[piece, number]
+        off[sample, number] = np.abs(fit.surface.distance(points[free[sample]])) / max(fit.rms, 1e-300)
     best = off.argmin(axis=1)
     single: BoolArray = np.asarray(only & (touched.sum(axis=1) == 1))
     piece_at = np.full(len(points), -1)
@@ -162,11 +171,11 @@ def _links(points: FloatArray, faces: IntArray) -> csr_array:
     """Which points (n, 3) are beside one another: by triangles (m, 3), or by distance; symmetric."""
     n = len(points)
     if len(faces):
-        one, two = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
+        indices, two = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
     else:
         near = cKDTree(points).query(points, k=min(_N_BESIDE + 1, n))[1]
-        one, two = np.repeat(np.arange(n), near.shape[1]), near.ravel()
-    graph = coo_array((np.ones(len(one)), (one, two)), shape=(n, n)).tocsr()
+        indices, two = np.repeat(np.arange(n), near.shape[1]), near.ravel()
+    graph = coo_array((np.ones(len(indices)), (indices, two)), shape=(n, n)).tocsr()
     return csr_array(graph + graph.T)
 
 

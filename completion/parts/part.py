@@ -100,7 +100,9 @@ class Part:
         return [target]
 
     def __repr__(self) -> str:
-        holding = 0 if self.relations is None else sum(one.holds for one in self.relations.relations)
+        holding = (
+            0 if self.relations is None else sum(relation.holds for relation in self.relations.relations)
+        )
         share = float(np.mean(self.surface > 0)) if len(self.surface) else 0.0
         return (
             f"Part({kinds_text(self.fits)}; {share:.1%} of {len(self.surface)} points; {holding} relations)"

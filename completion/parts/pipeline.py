@@ -80,10 +80,10 @@ def model_part(
     ('plane', 'perpendicular')
     """
     # 1. Divide: which surface each point is on, and a fit for each; given labels are kept.
-    found = divide_part(shape, labels, normals=normals, noise_m=noise_m, progress=progress, journal=journal)
+    part = divide_part(shape, labels, normals=normals, noise_m=noise_m, progress=progress, journal=journal)
 
     # 2. Relate: of the surfaces that are known well enough, and of all that a person names.
-    return relate_part(shape, found, relations=relations, stated=stated, progress=progress)
+    return relate_part(shape, part, relations=relations, stated=stated, progress=progress)
 
 
 def divide_part(
@@ -117,7 +117,7 @@ def divide_part(
 
 def relate_part(
     shape: object,
-    found: PartSegmentation,
+    segmentation: PartSegmentation,
     *,
     relations: RelationOptions | None = MACHINED,
     stated: Sequence[StatedRelation[int]] = (),
@@ -127,12 +127,12 @@ def relate_part(
     tell = progress or (lambda _stage, _done, _total: None)
     tell("relate", 0, 1)
     points = np.asarray(shape.vertices if isinstance(shape, LabelledMesh) else shape, dtype=np.float64)
-    made = None if relations is None else related_faces(found, relations, stated, points)
-    fits = list(found.fits)
+    made = None if relations is None else related_faces(segmentation, relations, stated, points)
+    fits = list(segmentation.fits)
     for place, number in enumerate(made.numbers if made else ()):
         fits[number] = fits[number] if made is None else made.graph.fits[place]
     tell("relate", 1, 1)
-    return part_of(shape, found, made, fits)
+    return part_of(shape, segmentation, made, fits)
 
 
 class RelatedFaces(NamedTuple):
@@ -144,7 +144,7 @@ class RelatedFaces(NamedTuple):
 
 
 def related_faces(
-    found: PartSegmentation,
+    segmentation: PartSegmentation,
     options: RelationOptions,
     stated: Sequence[StatedRelation[int]],
     points: FloatArray | None = None,
@@ -156,17 +156,20 @@ def related_faces(
 
     Raises InputError: a label that there is not, a relation that its surfaces cannot have.
     """
-    place = {label: number for number, label in enumerate(found.names)}
-    named = [[_place_of(label, one.source, place) for label in one.surfaces] for one in stated]
-    known = {number for number, fit in enumerate(found.fits) if is_settled(fit)}
+    place = {label: number for number, label in enumerate(segmentation.names)}
+    named = [[_place_of(label, relation.source, place) for label in relation.surfaces] for relation in stated]
+    known = {number for number, fit in enumerate(segmentation.fits) if is_settled(fit)}
     chosen = tuple(sorted(known.union(*named)))
     among = {number: k for k, number in enumerate(chosen)}
-    given = [one.of([among[number] for number in some]) for one, some in zip(stated, named, strict=True)]
-    fits = [found.fits[number] for number in chosen]
+    given = [
+        relation.of([among[number] for number in numbers])
+        for relation, numbers in zip(stated, named, strict=True)
+    ]
+    fits = [segmentation.fits[number] for number in chosen]
     graph = infer(fits, given, options)
     if points is None or not graph.numbered(Status.REJECTED):
         return RelatedFaces(graph, chosen, None)
-    warp = find_warp(fits, [points[found.members(number + 1)] for number in chosen])
+    warp = find_warp(fits, [points[segmentation.members(number + 1)] for number in chosen])
     if warp is not None:
         again = infer(fits, given, options, doubt=doubt_of_warp(warp, len(fits)))
         if again.free < graph.free:
@@ -181,30 +184,30 @@ def doubt_of_warp(warp: SpaceWarp | None, n: int) -> Doubt:
 
 def part_of(
     shape: object,
-    found: PartSegmentation,
+    segmentation: PartSegmentation,
     made: RelatedFaces | None,
     fits: Sequence[SurfaceFit],
 ) -> Part:
     """The part that a division and its relations make."""
     mesh = shape if isinstance(shape, LabelledMesh) else None
-    names = np.array([0, *found.names], dtype=np.int64)
-    triangles = found.triangle_labels
+    names = np.array([0, *segmentation.names], dtype=np.int64)
+    triangles = segmentation.triangle_labels
     if mesh is not None and triangles is None:
-        triangles = _of_corners(mesh, found.labels)
+        triangles = _of_corners(mesh, segmentation.labels)
     return Part(
         points=np.asarray(shape if mesh is None else mesh.vertices, dtype=np.float64),
-        surface=names[found.labels],
-        labels=found.names,
-        measured=found.fits,
+        surface=names[segmentation.labels],
+        labels=segmentation.names,
+        measured=segmentation.fits,
         fits=tuple(fits),
-        groups=found.groups,
-        noise_m=found.noise_m,
-        spacing_m=found.spacing_m,
+        groups=segmentation.groups,
+        noise_m=segmentation.noise_m,
+        spacing_m=segmentation.spacing_m,
         relations=None if made is None else made.graph,
         related=() if made is None else made.numbers,
         faces=None if mesh is None else mesh.faces,
         triangle_surface=None if triangles is None else names[triangles],
-        warnings=(*found.warnings, *_warp_text(None if made is None else made.warp)),
+        warnings=(*segmentation.warnings, *_warp_text(None if made is None else made.warp)),
     )
 
 
@@ -226,6 +229,6 @@ def _of_corners(mesh: LabelledMesh, labels: IntArray) -> IntArray:
 
 def _place_of(label: int, source: str, place: dict[int, int]) -> int:
     if label not in place:
-        known = ", ".join(str(one) for one in list(place)[:20]) or "none"
+        known = ", ".join(str(number) for number in list(place)[:20]) or "none"
         raise InputError(f"{source}: there is no surface {label}; there are {known}")
     return place[label]

@@ -73,8 +73,8 @@ def regions_of(part: DividedPart) -> PartRegions:
     """
     points, label = part.points, part.surface
     if part.faces is not None and part.triangle_surface is not None and part.spacing_m > 0:
-        points, own = _on_triangles(part.points, part.faces, part.spacing_m)
-        label = part.triangle_surface[own]
+        points, members = _on_triangles(part.points, part.faces, part.spacing_m)
+        label = part.triangle_surface[members]
     place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
     place[list(part.labels)] = np.arange(len(part.labels))
     region = np.where(label > 0, place[np.maximum(label, 0)], -1)
@@ -89,8 +89,8 @@ def _deviation(fit: SurfaceFit, points: FloatArray) -> float:
     """The usual standard deviation of a surface along its normal at points (n, 3), metres."""
     if not len(points):
         return 0.0
-    some = points[:: max(1, len(points) // _MOST_ASKED)]
-    return float(np.median(fit.standard_deviation(some)))
+    sample = points[:: max(1, len(points) // _MOST_ASKED)]
+    return float(np.median(fit.standard_deviation(sample)))
 
 
 def _on_triangles(vertices: FloatArray, faces: IntArray, spacing: float) -> tuple[FloatArray, IntArray]:
@@ -99,23 +99,23 @@ def _on_triangles(vertices: FloatArray, faces: IntArray, spacing: float) -> tupl
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.cumsum(np.linalg.norm(across, axis=1) / 2)
     n = int(np.clip(_DENSER * total[-1] / spacing**2, 1, _MOST_SAMPLES))
-    own = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(faces) - 1)
+    item = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(faces) - 1)
     index, step = np.arange(1, n + 1)[:, None], 1.324717957244746  # plastic number (Roberts 2018)
     a, b = (0.5 + index / step) % 1.0, (0.5 + index / step**2) % 1.0
     over = a + b > 1
     a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
-    some = corners[own]
-    return some[:, 0] + a * (some[:, 1] - some[:, 0]) + b * (some[:, 2] - some[:, 0]), own
+    sample = corners[item]
+    return sample[:, 0] + a * (sample[:, 1] - sample[:, 0]) + b * (sample[:, 2] - sample[:, 0]), item
 
 
 def outcome_lines(model: StepModel) -> Sequence[str]:
     """What became of a part as STEP, for people."""
-    n_faces = sum(not one.reason for one in model.faces)
+    n_faces = sum(not face.reason for face in model.faces)
     what = f"{_count(model.n_solids, 'solid')}, {1e6 * model.volume_m3:.4g} cm3" if model.is_solid else "open"
     lines = [f"step       {_count(n_faces, 'face')} of {_count(len(model.faces), 'surface')}, {what}"]
-    left = [one for one in model.faces if one.reason] if model.is_solid else []
-    told = [f"surface {one.number} ({one.kind}) is {one.reason}" for one in left]
-    return [*lines, *(f"           {text}" for text in (told if model.is_solid else [model.reason]))]
+    left = [face for face in model.faces if face.reason] if model.is_solid else []
+    sentences = [f"surface {outcome.number} ({outcome.kind}) is {outcome.reason}" for outcome in left]
+    return [*lines, *(f"           {text}" for text in (sentences if model.is_solid else [model.reason]))]
 
 
 def _count(n: int, noun: str) -> str:

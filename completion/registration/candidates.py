@@ -74,8 +74,8 @@ def plane_candidates(a: Directions, b: Directions, reach_m: float) -> FloatArray
 
 def _rotations(a: Directions, b: Directions) -> list[FloatArray]:
     """Rotations (3, 3) under which directions agree, most area first."""
-    found: list[tuple[float, FloatArray]] = []
-    weight_a, weight_b = (np.array([float(one.sum()) for one in some.areas]) for some in (a, b))
+    pairs: list[tuple[float, FloatArray]] = []
+    weight_a, weight_b = (np.array([float(area.sum()) for area in directions.areas]) for directions in (a, b))
     for i, j in combinations(range(len(a.normals)), 2):
         cross = np.cross(a.normals[i], a.normals[j])
         if np.linalg.norm(cross) < LEAST_SINE:
@@ -91,10 +91,10 @@ def _rotations(a: Directions, b: Directions) -> list[FloatArray]:
             rotation = _frame_of_two(a.normals[i], a.normals[j]) @ _frame_of_two(b.normals[k], b.normals[m]).T
             cosine = a.normals @ rotation @ b.normals.T
             together = np.minimum(weight_a[:, None], weight_b[None])[cosine > SAME_DIRECTION].sum()
-            found.append((float(together), rotation))
-    found.sort(key=lambda one: -one[0])
+            pairs.append((float(together), rotation))
+    pairs.sort(key=lambda pair: -pair[0])
     kept: list[FloatArray] = []
-    for _, rotation in found:
+    for _, rotation in pairs:
         if all(np.trace(rotation.T @ other) < 1 + 2 * SAME_DIRECTION for other in kept):
             kept.append(rotation)
         if len(kept) == N_ROTATIONS:
@@ -113,17 +113,17 @@ def places_of(a: Directions, b: Directions, rotation: FloatArray, reach_m: float
     """Return shifts (n, 3) under which planes of directions that agree lie in each other, metres."""
     cosine = a.normals @ rotation @ b.normals.T
     pairs = [(i, int(cosine[i].argmax())) for i in range(len(a.normals)) if cosine[i].max() > SAME_DIRECTION]
-    told = [(a.normals[i], *votes(a, b, i, k)) for i, k in pairs]
-    told.sort(key=lambda one: -float(one[2].sum()))
+    sentence = [(a.normals[i], *votes(a, b, i, k)) for i, k in pairs]
+    sentence.sort(key=lambda triple: -float(triple[2].sum()))
     places = [np.zeros((0, 3))]
-    for three in combinations(told, 3):
-        matrix = np.array([one[0] for one in three])
+    for three in combinations(sentence, 3):
+        matrix = np.array([triple[0] for triple in three])
         if abs(np.linalg.det(matrix)) > LEAST_VOLUME:
-            offsets = np.array(list(product(*(one[1] for one in three))))
+            offsets = np.array(list(product(*(triple[1] for triple in three))))
             places.append(np.linalg.solve(matrix, offsets.T).T)
             break
     steps = np.arange(-reach_m, reach_m, STEP_M)
-    for first, second in list(combinations(told, 2))[:3]:
+    for first, second in list(combinations(sentence, 2))[:3]:
         along = np.cross(first[0], second[0])
         if np.linalg.norm(along) < LEAST_SINE:
             continue
@@ -138,15 +138,15 @@ def votes(a: Directions, b: Directions, i: int, k: int) -> tuple[FloatArray, Flo
     offsets = (a.heights[i][:, None] - b.heights[k][None]).ravel()
     weight = np.minimum(a.areas[i][:, None], b.areas[k][None]).ravel()
     kept: list[float] = []
-    said: list[float] = []
+    values: list[float] = []
     left = np.argsort(-weight, kind="stable")
     while len(left) and len(kept) < N_VOTES:
         near = np.abs(offsets[left] - offsets[left[0]]) < SAME_OFFSET_M
-        own = left[near]
-        kept.append(float((offsets[own] * weight[own]).sum() / weight[own].sum()))
-        said.append(float(weight[own].sum()))
+        item = left[near]
+        kept.append(float((offsets[item] * weight[item]).sum() / weight[item].sum()))
+        values.append(float(weight[item].sum()))
         left = left[~near]
-    return np.array(kept), np.array(said)
+    return np.array(kept), np.array(values)
 
 
 def turn_candidates(a: StationView, b: StationView) -> FloatArray:
@@ -156,8 +156,8 @@ def turn_candidates(a: StationView, b: StationView) -> FloatArray:
     side = 2 * int(np.ceil(reach / CELL_M)) + 1
     for i in range(min(N_SHARED, len(a.directions.normals))):
         for k in range(min(N_SHARED, len(b.directions.normals))):
-            own, other = _frame_along(a.directions.normals[i]), _frame_along(b.directions.normals[k])
-            places_a, facing_a = _upright(a, own)
+            values, other = _frame_along(a.directions.normals[i]), _frame_along(b.directions.normals[k])
+            places_a, facing_a = _upright(a, values)
             places_b, facing_b = _upright(b, other)
             for height in votes(a.directions, b.directions, i, k)[0][:N_HEIGHTS].tolist():
                 shifts, votes_of, turns = _vote_of_turns(
@@ -165,8 +165,8 @@ def turn_candidates(a: StationView, b: StationView) -> FloatArray:
                 )
                 c, s, zero = np.cos(turns), np.sin(turns), np.zeros_like(turns)
                 turn = np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]).transpose(2, 0, 1)
-                rotation = own @ turn @ other.T
-                shift = np.concatenate([shifts, np.full((len(shifts), 1), height)], axis=1) @ own.T
+                rotation = values @ turn @ other.T
+                shift = np.concatenate([shifts, np.full((len(shifts), 1), height)], axis=1) @ values.T
                 motions.append(np.concatenate([rotation, shift[:, :, None]], axis=2))
                 counts.append(votes_of)
     order = np.argsort(-np.concatenate(counts), kind="stable")[:N_TURN_CANDIDATES]
@@ -183,10 +183,10 @@ def _frame_along(normal: FloatArray) -> FloatArray:
 
 def _upright(view: StationView, frame: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Places and normals (n, 3) in a frame of the facets that do not face along its third axis."""
-    some = view.sample[::EVERY]
-    normals = view.facets.normal[some] @ frame
+    sample = view.sample[::EVERY]
+    normals = view.facets.normal[sample] @ frame
     chosen = np.abs(normals[:, 2]) < ALONG_PLANE
-    return np.ascontiguousarray((view.facets.centre[some] @ frame)[chosen]), np.ascontiguousarray(
+    return np.ascontiguousarray((view.facets.centre[sample] @ frame)[chosen]), np.ascontiguousarray(
         normals[chosen]
     )
 
@@ -255,9 +255,9 @@ def form_candidates(a: StationView, b: StationView) -> FloatArray:
         return np.zeros((0, 3, 4))
     middle_a, middle_b = places_a.mean(axis=0), places_b.mean(axis=0)
     places_a, places_b = places_a - middle_a, places_b - middle_b
-    spread = min(float(np.sqrt(np.square(one).sum(axis=1).mean())) for one in (places_a, places_b))
+    spread = min(float(np.sqrt(np.square(item).sum(axis=1).mean())) for item in (places_a, places_b))
     cell = max(FORM_CELL * spread, 1e-6)
-    reach = sum(float(np.linalg.norm(one, axis=1).max()) for one in (places_a, places_b))
+    reach = sum(float(np.linalg.norm(item, axis=1).max()) for item in (places_a, places_b))
     side = 2 * int(np.ceil(reach / cell)) + 1
     turns = even_turns(N_TURNS)
     shifts, counts = _vote_of_forms(
@@ -282,8 +282,8 @@ def even_turns(n: int) -> FloatArray:
 
 def _facets_that_vote(view: StationView) -> tuple[FloatArray, FloatArray]:
     """Places and normals (n, 3) of some facets of a scan, evenly over its sample."""
-    some = view.sample[:: max(1, len(view.sample) // N_FORM_FACETS)]
-    return view.facets.centre[some], np.ascontiguousarray(view.facets.normal[some])
+    sample = view.sample[:: max(1, len(view.sample) // N_FORM_FACETS)]
+    return view.facets.centre[sample], np.ascontiguousarray(view.facets.normal[sample])
 
 
 @compiled

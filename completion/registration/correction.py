@@ -73,7 +73,7 @@ class Registration:
     @property
     def groups(self) -> tuple[tuple[int, ...], ...]:
         """Scans that beams hold together, two or more a group; groups stay to each other as they came."""
-        return tuple(one for one in self._components() if len(one) > 1)
+        return tuple(component for component in self._components() if len(component) > 1)
 
     @property
     def parts(self) -> tuple[tuple[int, ...], ...]:
@@ -82,7 +82,9 @@ class Registration:
 
     def _components(self) -> tuple[tuple[int, ...], ...]:
         n = len(self.motions)
-        held = [(one.first, one.second) for one in self.pairs if (one.first, one.second) not in self.refused]
+        held = [
+            (pair.first, pair.second) for pair in self.pairs if (pair.first, pair.second) not in self.refused
+        ]
         ends = np.array(held, dtype=np.int64).reshape(-1, 2)
         graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
         component = connected_components(graph, directed=False)[1]
@@ -175,7 +177,7 @@ def scan_pairs(
     settled : Settling
         The motions from the poses as given.
     """
-    found, asked = [], set(pairs)
+    scan_pair, asked = [], set(pairs)
     still = np.tile(np.eye(4), (len(facets), 1, 1))
     for i, j in sorted({(min(pair), max(pair)) for pair in pairs}):
         both = [pair for pair in ((i, j), (j, i)) if pair in asked]
@@ -183,15 +185,15 @@ def scan_pairs(
         used = dict(meet_all(facets, sights, both, settled.motions))
         links = [link(pair, given[pair], facets, still, settled.pivots) for pair in both]
         after = [link(pair, used[pair], facets, settled.motions, settled.pivots) for pair in both]
-        if sum(len(one.offset) for one in after) < LEAST_MEETINGS:
+        if sum(len(item.offset) for item in after) < LEAST_MEETINGS:
             continue
-        if sum(len(one.offset) for one in links) < LEAST_MEETINGS:
+        if sum(len(item.offset) for item in links) < LEAST_MEETINGS:
             links = after
         offset, sd = _spread(both, links, settled)
         known = float(np.hypot(sd, _excess(after)))
         passed, depth = _passed(facets, given)
         still_passed, _ = _passed(facets, used)
-        found.append(
+        scan_pair.append(
             ScanPair(
                 first=i,
                 second=j,
@@ -204,20 +206,20 @@ def scan_pairs(
                 still_contradicted_m2=still_passed,
             )
         )
-    return found
+    return scan_pair
 
 
 def _spread(both: Sequence[Pair], links: Sequence[Links], settled: Settling) -> tuple[float, float]:
     """How far the motions shift the facets of two scans apart, root mean square, and its deviation."""
-    parts = [settled.between(pair, one) for pair, one in zip(both, links, strict=True)]
+    parts = [settled.between(pair, item) for pair, item in zip(both, links, strict=True)]
     shift, variance = (np.concatenate(several) for several in zip(*parts, strict=True))
     return float(np.sqrt(np.mean(np.square(shift)))), float(np.sqrt(np.mean(variance)))
 
 
 def _excess(links: Sequence[Links]) -> float:
     """By how much offsets are larger than noise makes them, robust, metres."""
-    offset = np.concatenate([one.offset for one in links])
-    deviation = np.concatenate([one.deviation for one in links])
+    offset = np.concatenate([item.offset for item in links])
+    deviation = np.concatenate([item.deviation for item in links])
     spread = MAD_TO_SD * float(np.median(np.abs(offset)))
     return float(np.sqrt(max(spread**2 - float(np.mean(np.square(deviation))), 0.0)))
 
@@ -225,10 +227,10 @@ def _excess(links: Sequence[Links]) -> float:
 def _passed(facets: Sequence[Facets], meetings: Mapping[Pair, Meetings]) -> tuple[float, float]:
     """Area of facets that beams of the other scan went through, square metres, and how far these went on."""
     area, depths = 0.0, [np.zeros(0)]
-    for (_, j), one in meetings.items():
-        passed = one.depth > 0
+    for (_, j), meeting in meetings.items():
+        passed = meeting.depth > 0
         area += float(facets[j].area[passed].sum())
-        depths.append(one.depth[passed])
+        depths.append(meeting.depth[passed])
     depth: FloatArray = np.concatenate(depths)
     return area, float(np.median(depth)) if len(depth) else 0.0
 
@@ -254,7 +256,7 @@ class Adjusted:
     @property
     def is_off(self) -> bool:
         """Whether the poses as they came are off by more than the flatness of surfaces and chance explain."""
-        return any(one.offset_m > max(NOTICED_M, SURE * one.offset_sd_m) for one in self.pairs)
+        return any(pair.offset_m > max(NOTICED_M, SURE * pair.offset_sd_m) for pair in self.pairs)
 
 
 def deviations_left(pairs: Sequence[ScanPair], n: int) -> FloatArray:
@@ -264,9 +266,9 @@ def deviations_left(pairs: Sequence[ScanPair], n: int) -> FloatArray:
     far off as its best pair says.
     """
     left = np.full(n, np.nan)
-    for one in pairs:
-        for number in (one.first, one.second):
-            left[number] = np.fmin(left[number], BOUND * one.left_m)
+    for pair in pairs:
+        for number in (pair.first, pair.second):
+            left[number] = np.fmin(left[number], BOUND * pair.left_m)
     return left
 
 
@@ -311,7 +313,9 @@ class PosedScans:
         n, pairs = len(self.facets), []
         motions, shifts = np.tile(np.eye(4), (n, 1, 1)), np.zeros(n)
         for scans, several in partners:
-            group = self._settle(scans, [one for one in several if _in_order(one) not in refused], motions)
+            group = self._settle(
+                scans, [numbers for numbers in several if _in_order(numbers) not in refused], motions
+            )
             motions[[*scans]] = group.settled.motions[: len(scans)]
             shifts[[*scans]] = group.settled.shifts[: len(scans)]
             pairs += self._pairs(group)
@@ -324,9 +328,9 @@ class PosedScans:
         Beams may lose what makes a pose worth a word (`LEAST_SCORE`), summed over the pairs of a scan, before
         any pair is contradicted: a correction by several scans costs some pair a little.
         """
-        numbers = [(one.first, one.second) for one in adjusted.pairs]
+        numbers = [(pair.first, pair.second) for pair in adjusted.pairs]
         still = np.tile(np.eye(4), (len(self.facets), 1, 1))
-        samples = [sample_of(one.normal) for one in self.facets]
+        samples = [sample_of(facet.normal) for facet in self.facets]
         before, after = (self._scores(numbers, motions, samples) for motions in (still, adjusted.motions))
         losses = {pair: before[pair] - after[pair] for pair in numbers}
         by_scan = [sum(loss for pair, loss in losses.items() if k in pair) for k in range(len(self.facets))]
@@ -356,17 +360,17 @@ class PosedScans:
         """Settle scans by pairs with others, whose `motions` (n, 4, 4) are known where not among them."""
         several = (*scans, *sorted({number for pair in pairs for number in pair} - set(scans)))
         place = {number: k for k, number in enumerate(several)}
-        own = tuple((place[i], place[j]) for i, j in pairs)
+        members = tuple((place[i], place[j]) for i, j in pairs)
         known = {place[number]: motions[number] for number in several[len(scans) :]}
-        return _Group(several, own, settle(*self._of(several), own, known))
+        return _Group(several, members, settle(*self._of(several), members, known))
 
     def _pairs(self, group: _Group) -> list[ScanPair]:
         """Return what the scans of a group say of each other's poses, moved as they settled."""
-        found = scan_pairs(*self._of(group.scans), group.pairs, group.settled)
-        numbers = [sorted((group.scans[one.first], group.scans[one.second])) for one in found]
+        pairs = scan_pairs(*self._of(group.scans), group.pairs, group.settled)
+        numbers = [sorted((group.scans[pair.first], group.scans[pair.second])) for pair in pairs]
         return [
-            replace(one, first=first, second=second)
-            for one, (first, second) in zip(found, numbers, strict=True)
+            replace(pair, first=first, second=second)
+            for pair, (first, second) in zip(pairs, numbers, strict=True)
         ]
 
     def _of(self, scans: Sequence[int]) -> tuple[list[Facets], list[Sight]]:
@@ -375,20 +379,20 @@ class PosedScans:
     def _partners(self, scans: Sequence[int], others: Sequence[int]) -> list[Pair]:
         """The pairs of scans and those of the others that they share most with, both ways round."""
         views = Views.of((self.sights[k].eye for k in others), np.zeros(len(others)))
-        found: set[Pair] = set()
+        pairs: set[Pair] = set()
         for scan in scans:
-            own, shared = self.facets[scan], []
-            if not len(own.centre):
+            facets, shared = self.facets[scan], []
+            if not len(facets.centre):
                 continue
-            low, high = own.centre.min(axis=0), own.centre.max(axis=0)
+            low, high = facets.centre.min(axis=0), facets.centre.max(axis=0)
             ball = Ball(triple((low + high) / 2), float(np.linalg.norm(high - low)) / 2)
             for other in (others[k] for k in np.flatnonzero(views.may_see(ball)).tolist()):
                 if other != scan:
-                    met = meet(own, STILL, self.sights[other], self.facets[other], THINNED).met
+                    met = meet(facets, STILL, self.sights[other], self.facets[other], THINNED).met
                     shared.append((-THINNED * int(met.sum()), other))
             best = [other for count, other in sorted(shared)[:N_PARTNERS] if -count >= LEAST_MEETINGS]
-            found |= {pair for other in best for pair in ((scan, other), (other, scan))}
-        return sorted(found)
+            pairs |= {pair for other in best for pair in ((scan, other), (other, scan))}
+        return sorted(pairs)
 
 
 def _in_order(pair: Pair) -> Pair:

@@ -55,12 +55,12 @@ def surplus_of(a: StationView, b: StationView, motion: FloatArray, within_m: flo
     return _share(b, a, motion, within_m) + _share(a, b, inverse(motion), within_m)
 
 
-def _share(own: StationView, other: StationView, motion: FloatArray, within_m: float) -> float:
-    told = ask_facets(own.facets, own.sample, motion, other.sight, other.facets, within_m)
-    left = own.sample[told == AGREES]
+def _share(view: StationView, other: StationView, motion: FloatArray, within_m: float) -> float:
+    facets = ask_facets(view.facets, view.sample, motion, other.sight, other.facets, within_m)
+    left = view.sample[facets == AGREES]
     for _ in range(N_FREE_PLANES):
-        left = _without_largest(own.facets.normal[left], own.facets.centre[left], left)
-    return len(left) / max(len(own.sample), 1)
+        left = _without_largest(view.facets.normal[left], view.facets.centre[left], left)
+    return len(left) / max(len(view.sample), 1)
 
 
 def _without_largest(normals: FloatArray, places: FloatArray, facets: IntArray) -> IntArray:
@@ -131,7 +131,7 @@ def find_hypotheses(
     motions = distinct(
         motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=N_JUDGES), second, n_short
     )
-    motions = np.array([refine(first, second, one, *SHORT) for one in motions]).reshape(-1, 3, 4)
+    motions = np.array([refine(first, second, motion, *SHORT) for motion in motions]).reshape(-1, 3, 4)
     scores = scores_of(first, second, motions, MIDDLE_M, VIOLATION, n=N_JUDGES)
     motions = distinct(motions, scores, second, n_full)
     if start is not None:
@@ -144,17 +144,17 @@ def best_of(stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray)
 
     Curved things creep into place: the best are refined once more, until they stand still.
     """
-    settled = [_slid(stay, move, refine(stay, move, one, *FULL)) for one in motions]
+    settled = [_slid(stay, move, refine(stay, move, motion, *FULL)) for motion in motions]
     motions = np.array(settled).reshape(-1, 3, 4)
     motions = distinct(motions, scores_of(stay, move, motions, MIDDLE_M, VIOLATION), move, N_KEPT)
-    motions = np.array([refine(stay, move, one, *LAST) for one in motions]).reshape(-1, 3, 4)
+    motions = np.array([refine(stay, move, motion, *LAST) for motion in motions]).reshape(-1, 3, 4)
     kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), move, N_KEPT)
-    return [judged(stay, move, one) for one in kept]
+    return [judged(stay, move, item) for item in kept]
 
 
 def judged(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -> Hypothesis:
     """Return a motion (3, 4) with what speaks for it."""
-    counts = np.sum([one for one, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
+    counts = np.sum([indices for indices, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
     score = float(scores_of(stay, move, motion[None], FINE_M, VIOLATION)[0])
     equations, _ = equations_of(stay, move, motion, LAST_GATE_M)
     stiff = stiffness(equations)
@@ -197,15 +197,15 @@ def _counts(
     stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray, within_m: float, n: int = N_SAMPLES
 ) -> list[tuple[IntArray, int]]:
     """What each scan says of each other one across (n, 3), and the size of the sample it was asked of."""
-    found = []
+    pairs = []
     for a in stay:
         for b in move:
             there = composed(composed(inverse(a.pose), motions), b.pose)
-            for own, other, one in ((b.view, a.view, there), (a.view, b.view, inverses(there))):
-                some = own.sample[:: max(1, round(len(own.sample) / n))]
-                counts = count_agreement(own.facets, some, one, other.sight, other.facets, within_m)
-                found.append((counts, max(len(some), 1)))
-    return found
+            for view, second, first in ((b.view, a.view, there), (a.view, b.view, inverses(there))):
+                sample = view.sample[:: max(1, round(len(view.sample) / n))]
+                counts = count_agreement(view.facets, sample, first, second.sight, second.facets, within_m)
+                pairs.append((counts, max(len(sample), 1)))
+    return pairs
 
 
 def distinct(motions: FloatArray, scores: FloatArray, move: Sequence[Placed], n: int) -> FloatArray:
@@ -213,8 +213,10 @@ def distinct(motions: FloatArray, scores: FloatArray, move: Sequence[Placed], n:
 
     They are where they turn the scans otherwise, or put the middle of what these saw elsewhere.
     """
-    spread = max(one.view.spread_m for one in move)
-    middle = np.mean([one.pose[:, :3] @ one.view.middle + one.pose[:, 3] for one in move], axis=0)
+    spread = max(placement.view.spread_m for placement in move)
+    middle = np.mean(
+        [placement.pose[:, :3] @ placement.view.middle + placement.pose[:, 3] for placement in move], axis=0
+    )
     places = motions[:, :, :3] @ middle + motions[:, :, 3]
     kept: list[int] = []
     for k in np.argsort(-scores, kind="stable").tolist():
@@ -234,10 +236,10 @@ def _slid(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) ->
     """
     best = float(scores_of(stay, move, motion[None], MIDDLE_M, VIOLATION, n=N_JUDGES)[0])
     for _ in range(N_SLIDES):
-        told = stiffness(equations_of(stay, move, motion, LAST_GATE_M)[0])
-        if not told.free.any():
+        sentence = stiffness(equations_of(stay, move, motion, LAST_GATE_M)[0])
+        if not sentence.free.any():
             break
-        tried = np.array([moved(motion, step * told.change, told.middle) for step in SLIDES_M])
+        tried = np.array([moved(motion, step * sentence.change, sentence.middle) for step in SLIDES_M])
         scores = scores_of(stay, move, tried, MIDDLE_M, VIOLATION, n=N_JUDGES)
         again = refine(stay, move, tried[int(scores.argmax())], *FULL)
         score = float(scores_of(stay, move, again[None], MIDDLE_M, VIOLATION, n=N_JUDGES)[0])

@@ -104,83 +104,83 @@ def group_scans(
     standing += [Group({number: STILL}) for number in range(len(views)) if number not in known]
     joints: dict[tuple[_Scans, _Scans], _Joint] = {}
     while len(standing) > 1:
-        for one, two in combinations(standing, 2):
-            if (one.scans, two.scans) not in joints:
-                joints[one.scans, two.scans] = _joint(one, two, views, pairs, level)
+        for item, two in combinations(standing, 2):
+            if (item.scans, two.scans) not in joints:
+                joints[item.scans, two.scans] = _joint(item, two, views, pairs, level)
         ranked = sorted(
-            ((joints[one.scans, two.scans].lead, one, two) for one, two in combinations(standing, 2)),
+            ((joints[group.scans, two.scans].lead, group, two) for group, two in combinations(standing, 2)),
             key=lambda each: (-each[0], each[1].scans, each[2].scans),
         )
-        lead, one, two = ranked[0]
+        lead, item, two = ranked[0]
         if lead < 0:
             break
-        joined = settled(one.joined(two, joints[one.scans, two.scans].hypotheses[0].motion))
+        joined = settled(item.joined(two, joints[item.scans, two.scans].hypotheses[0].motion))
         standing = sorted(
-            [*(group for group in standing if group is not one and group is not two), joined],
+            [*(group for group in standing if group is not item and group is not two), joined],
             key=lambda group: group.scans,
         )
     return standing
 
 
-def _joint(one: Group, two: Group, views: Sequence[StationView], pairs: Hypotheses, level: float) -> _Joint:
+def _joint(group: Group, two: Group, views: Sequence[StationView], pairs: Hypotheses, level: float) -> _Joint:
     """Judge the motions of one group to another that pairs of their scans propose."""
-    stay, move = one.placed(views), two.placed(views)
+    stay, move = group.placed(views), two.placed(views)
     motions = [
         composed(composed(pose_a, motion), inverse(pose_b))
-        for a, pose_a in one.poses.items()
+        for a, pose_a in group.poses.items()
         for b, pose_b in two.poses.items()
         for motion in _motions(pairs, a, b)
     ]
     if not motions:
         return _Joint((), judge((), level))
-    if len(one.poses) == len(two.poses) == 1:
-        (a,), (b,) = one.poses, two.poses
-        found: Sequence[Hypothesis] = pairs[a, b]
+    if len(group.poses) == len(two.poses) == 1:
+        (a,), (b,) = group.poses, two.poses
+        best: Sequence[Hypothesis] = pairs[a, b]
     else:
         several = np.array(motions)
         scores = scores_of(stay, move, several, MIDDLE_M, VIOLATION)
-        found = best_of(stay, move, distinct(several, scores, move, N_JOINT))
+        best = best_of(stay, move, distinct(several, scores, move, N_JOINT))
         alike = [
             composed(composed(pose_a, motion), inverse(pose_b))
-            for a, pose_a in one.poses.items()
+            for a, pose_a in group.poses.items()
             for b, pose_b in two.poses.items()
             for motion in _motions(_alike(pairs), a, b)
         ]
-        found = _with_images_told(found, alike, move)
-    return _Joint(found, judge(found, level))
+        best = _with_images_told(best, alike, move)
+    return _Joint(best, judge(best, level))
 
 
 def _alike(pairs: Hypotheses) -> Hypotheses:
     """Of each pair the poses that are images of each other."""
     return {
-        pair: [several[0], *(one for one in several if one.is_image)]
+        pair: [several[0], *(hypothesis for hypothesis in several if hypothesis.is_image)]
         for pair, several in pairs.items()
-        if any(one.is_image for one in several)
+        if any(hypothesis.is_image for hypothesis in several)
     }
 
 
 def _with_images_told(
-    found: Sequence[Hypothesis], alike: Sequence[FloatArray], move: Sequence[Placed]
+    hypothesis: Sequence[Hypothesis], alike: Sequence[FloatArray], move: Sequence[Placed]
 ) -> list[Hypothesis]:
     """The hypotheses of two groups; those that are images of the first one, for some pair across, say so."""
     if not alike:
-        return list(found)
+        return list(hypothesis)
 
     def is_alike(motion: FloatArray) -> bool:
-        return any(len(distinct(np.array([motion, one]), np.zeros(2), move, 2)) == 1 for one in alike)
+        return any(len(distinct(np.array([motion, values]), np.zeros(2), move, 2)) == 1 for values in alike)
 
-    told = is_alike(found[0].motion)
+    flag = is_alike(hypothesis[0].motion)
     return [
-        replace(one, is_image=told and k > 0 and is_approved(one) and is_alike(one.motion))
-        for k, one in enumerate(found)
+        replace(item, is_image=flag and k > 0 and is_approved(item) and is_alike(item.motion))
+        for k, item in enumerate(hypothesis)
     ]
 
 
 def _motions(pairs: Hypotheses, a: int, b: int) -> list[FloatArray]:
     """The motions (3, 4) of scan b into the frame of scan a that are proposed."""
     if a < b:
-        return [one.motion for one in pairs.get((a, b), ())]
-    return [inverse(one.motion) for one in pairs.get((b, a), ())]
+        return [hypothesis.motion for hypothesis in pairs.get((a, b), ())]
+    return [inverse(hypothesis.motion) for hypothesis in pairs.get((b, a), ())]
 
 
 Surface = list[tuple[int, int]]
@@ -194,11 +194,12 @@ def adjusted(
 
     Facets that met and lie in no plane that both scans share count by pairs, as they do without planes.
     """
-    labels = [_labels(one, poses, views) for one in links]
+    labels = [_labels(link, poses, views) for link in links]
     surfaces = _surfaces(links, labels)
     surface_of = {member: number for number, several in enumerate(surfaces) for member in several}
     besides = [
-        _without(one, ~_are_shared(one, told, surface_of)) for one, told in zip(links, labels, strict=True)
+        _without(link, ~_are_shared(link, label, surface_of))
+        for link, label in zip(links, labels, strict=True)
     ]
     fixed, pull = normal_equations(besides, len(poses))
     now, change = list(poses), np.zeros(6 * len(poses))
@@ -208,8 +209,8 @@ def adjusted(
             _add(matrix, vector, several, now, views)
         step = -solved(matrix[6:, 6:], vector[6:])
         change[6:] += step
-        for k, one in enumerate(step.reshape(-1, 6), start=1):
-            now[k] = moved(now[k], one, now[k][:, 3])
+        for k, values in enumerate(step.reshape(-1, 6), start=1):
+            now[k] = moved(now[k], values, now[k][:, 3])
         if np.abs(step).max(initial=0.0) < STILL_PLANES:
             break
     return now
@@ -217,7 +218,7 @@ def adjusted(
 
 def _labels(link: Link, poses: Sequence[FloatArray], views: Sequence[StationView]) -> IntArray:
     """The plane of either scan (2, m) that each place where they met lies in; -1 for none."""
-    found = []
+    arrays = []
     for k in (link.first, link.second):
         planes, pose = views[k].planes, poses[k]
         places = (link.equations.places - pose[:, 3]) @ pose[:, :3]
@@ -225,38 +226,40 @@ def _labels(link: Link, poses: Sequence[FloatArray], views: Sequence[StationView
         off = np.abs(places @ planes.normals.T - planes.heights)
         off[np.abs(normals @ planes.normals.T) < PARALLEL] = np.inf
         if not off.shape[1]:
-            found.append(np.full(len(places), -1))
+            arrays.append(np.full(len(places), -1))
             continue
         best = off.argmin(axis=1)
-        found.append(np.where(off[np.arange(len(off)), best] < SAME_PLANE_M, best, -1))
-    return np.array(found)
+        arrays.append(np.where(off[np.arange(len(off)), best] < SAME_PLANE_M, best, -1))
+    return np.array(arrays)
 
 
 def _surfaces(links: Sequence[Link], labels: Sequence[IntArray]) -> list[Surface]:
     """The planes that are one surface, since facets of them met, of two scans at least each."""
     met: dict[tuple[tuple[int, int], tuple[int, int]], int] = defaultdict(int)
-    for link, (one, two) in zip(links, labels, strict=True):
+    for link, (item, two) in zip(links, labels, strict=True):
         pairs, counts = np.unique(
-            np.stack([one, two])[:, (one >= 0) & (two >= 0)], axis=1, return_counts=True
+            np.stack([item, two])[:, (item >= 0) & (two >= 0)], axis=1, return_counts=True
         )
         for (p, q), count in zip(pairs.T.tolist(), counts.tolist(), strict=True):
             if count >= LEAST_FOR_MOTION:
                 met[(link.first, p), (link.second, q)] += count
     nodes = sorted({node for pair in met for node in pair})
     number = {node: k for k, node in enumerate(nodes)}
-    ends = np.array([[number[one], number[two]] for one, two in met]).reshape(-1, 2)
+    ends = np.array([[number[numbers], number[two]] for numbers, two in met]).reshape(-1, 2)
     graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(nodes), len(nodes)))
     count, component = connected_components(graph, directed=False) if nodes else (0, np.zeros(0))
-    return [[node for node, own in zip(nodes, component, strict=True) if own == k] for k in range(count)]
+    return [
+        [node for node, members in zip(nodes, component, strict=True) if members == k] for k in range(count)
+    ]
 
 
-def _are_shared(link: Link, told: IntArray, surface_of: dict[tuple[int, int], int]) -> BoolArray:
+def _are_shared(link: Link, places: IntArray, surface_of: dict[tuple[int, int], int]) -> BoolArray:
     """Whether each place (m,) where two scans met lies in planes that are one surface."""
-    one, two = (
-        np.array([surface_of.get((k, p), -1) for p in own.tolist()], dtype=np.int64)
-        for k, own in zip((link.first, link.second), told, strict=True)
+    indices, two = (
+        np.array([surface_of.get((k, p), -1) for p in item.tolist()], dtype=np.int64)
+        for k, item in zip((link.first, link.second), places, strict=True)
     )
-    return np.asarray((one >= 0) & (one == two))
+    return np.asarray((indices >= 0) & (indices == two))
 
 
 def _without(link: Link, kept: BoolArray) -> Link:
@@ -346,7 +349,7 @@ class Network:
         """Return the same in metres whose lengths were in units of `unit_m`."""
         scale = np.tile([1.0] * 3 + [unit_m] * 3, len(self.group.poses))
         poses = {number: in_units(pose, 1.0 / unit_m) for number, pose in self.group.poses.items()}
-        edges = tuple(replace(one, rms_m=unit_m * one.rms_m) for one in self.edges)
+        edges = tuple(replace(edge, rms_m=unit_m * edge.rms_m) for edge in self.edges)
         return Network(Group(poses), self.covariance * np.outer(scale, scale), edges)
 
 
@@ -370,8 +373,8 @@ def settle_group(group: Group, views: Sequence[StationView], *, by_planes: bool 
         links = links_of(numbers, poses, views, gate)
         matrix, vector = normal_equations(links, n)
         change = -solved(matrix[6:, 6:], vector[6:]).reshape(-1, 6)
-        for k, one in enumerate(change, start=1):
-            poses[k] = moved(poses[k], one, poses[k][:, 3])
+        for k, values in enumerate(change, start=1):
+            poses[k] = moved(poses[k], values, poses[k][:, 3])
         if number >= len(NETWORK_GATES_M) and np.abs(change).max(initial=0.0) < SMALL_STEP:
             break
     if by_planes and n > 1:
@@ -382,8 +385,8 @@ def settle_group(group: Group, views: Sequence[StationView], *, by_planes: bool 
         by_sensors = known @ _pull_of_sensors(links, n)[6:]
         covariance[6:, 6:] = known + by_sensors @ by_sensors.T
     edges = tuple(
-        Edge((numbers[one.first], numbers[one.second]), len(one.equations.offset), _rms(one.equations))
-        for one in links
+        Edge((numbers[link.first], numbers[link.second]), len(link.equations.offset), _rms(link.equations))
+        for link in links
     )
     return Network(Group(dict(zip(numbers, poses, strict=True))), covariance, edges)
 
@@ -399,8 +402,8 @@ def _if_alike(
     """
     change = np.concatenate(
         [
-            [*Rotation.from_matrix(one[:, :3] @ two[:, :3].T).as_rotvec(), *(one[:, 3] - two[:, 3])]
-            for one, two in zip(efficient, safe, strict=True)
+            [*Rotation.from_matrix(values[:, :3] @ two[:, :3].T).as_rotvec(), *(values[:, 3] - two[:, 3])]
+            for values, two in zip(efficient, safe, strict=True)
         ]
     )
     return list(efficient if change @ matrix @ change <= len(change) - 6 else safe)
@@ -409,15 +412,15 @@ def _if_alike(
 def _pull_of_sensors(links: Sequence[Link], n: int) -> FloatArray:
     """What each mode of the sensors' errors adds to the right side (6 n, k), the same mode in all scans."""
     pull = np.zeros((6 * n, N_MODES))
-    for one in links:
-        normals, places = one.equations.growth[:, 3:], one.equations.places
+    for link in links:
+        normals, places = link.equations.growth[:, 3:], link.equations.places
         apart = np.zeros((N_MODES, len(places)))
-        for placed, sign in ((one.b, 1.0), (one.a, -1.0)):
+        for placed, sign in ((link.b, 1.0), (link.a, -1.0)):
             turn = placed.pose[:, :3]
-            own = (places - placed.pose[:, 3]) @ turn
-            moves = displacements(placed.view.seen, own) @ turn.T
+            values = (places - placed.pose[:, 3]) @ turn
+            moves = displacements(placed.view.seen, values) @ turn.T
             apart += sign * np.einsum("mij,ij->mi", moves, normals)
-        pull[one.columns] += one.growth.T @ (one.equations.weight * apart).T
+        pull[link.columns] += link.growth.T @ (link.equations.weight * apart).T
     return pull
 
 

@@ -103,8 +103,8 @@ def settle(
     """
     held = dict(known or {})
     n = len(facets)
-    pivots = np.array([_middle(one, sight) for one, sight in zip(facets, sights, strict=True)])
-    moments = np.array([_moment(one, pivot) for one, pivot in zip(facets, pivots, strict=True)])
+    pivots = np.array([_middle(facet, sight) for facet, sight in zip(facets, sights, strict=True)])
+    moments = np.array([_moment(facet, pivot) for facet, pivot in zip(facets, pivots, strict=True)])
     reach = np.sqrt(np.maximum(np.trace(moments[:, :3, :3], axis1=1, axis2=2), LEAST_SCALE_M))
     vectors: FloatArray = np.zeros((n, 6))
     covariance: FloatArray = np.zeros((6 * n, 6 * n))
@@ -159,8 +159,8 @@ def link(
     met, (i, j) = meetings.met, pair
     places = facets[j].centre[met] @ motions[j, :3, :3].T + motions[j, :3, 3]
     normals = meetings.normal[met] @ motions[i, :3, :3].T
-    own, other = (_by_motion(places, normals, pivots[k]) for k in (j, i))
-    return Links(own, other, meetings.offset[met], meetings.deviation[met], places)
+    values, other = (_by_motion(places, normals, pivots[k]) for k in (j, i))
+    return Links(values, other, meetings.offset[met], meetings.deviation[met], places)
 
 
 def _by_motion(places: FloatArray, normals: FloatArray, pivot: FloatArray) -> FloatArray:
@@ -176,18 +176,18 @@ def _by_motion(places: FloatArray, normals: FloatArray, pivot: FloatArray) -> Fl
 def _equations(links: Iterable[tuple[Pair, Links]], n: int) -> tuple[FloatArray, FloatArray]:
     """Normal equations (6 n, 6 n), (6 n,) of the pairs that tell anything."""
     matrix, vector = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
-    for (i, j), one in links:
-        if len(one.offset) < LEAST_MEETINGS:
+    for (i, j), item in links:
+        if len(item.offset) < LEAST_MEETINGS:
             continue
-        weight = _weights(one)[:, None]
+        weight = _weights(item)[:, None]
         here, there = slice(6 * i, 6 * i + 6), slice(6 * j, 6 * j + 6)
-        own, other = weight * one.own, weight * one.other
-        matrix[there, there] += own.T @ one.own
-        matrix[here, here] += other.T @ one.other
-        matrix[there, here] -= own.T @ one.other
-        matrix[here, there] -= other.T @ one.own
-        vector[there] -= own.T @ one.offset
-        vector[here] += other.T @ one.offset
+        values, other = weight * item.own, weight * item.other
+        matrix[there, there] += values.T @ item.own
+        matrix[here, here] += other.T @ item.other
+        matrix[there, here] -= values.T @ item.other
+        matrix[here, there] -= other.T @ item.own
+        vector[there] -= values.T @ item.offset
+        vector[here] += other.T @ item.offset
     return matrix, vector
 
 
@@ -214,8 +214,8 @@ def _shifts(moments: FloatArray, vectors: FloatArray) -> FloatArray:
 def _scales(moments: FloatArray, vectors: FloatArray, covariance: FloatArray) -> FloatArray:
     """The same, as expected from the motions and their covariance."""
     n = len(vectors)
-    own = covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n)]
-    square = np.square(_shifts(moments, vectors)) + np.einsum("nij,nji->n", moments, own)
+    values = covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n)]
+    square = np.square(_shifts(moments, vectors)) + np.einsum("nij,nji->n", moments, values)
     return np.asarray(np.sqrt(np.clip(square, LEAST_SCALE_M**2, MOST_SCALE_M**2)))
 
 

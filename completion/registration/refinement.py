@@ -64,7 +64,7 @@ def refine(
     Every step-th facet takes part. Rounds end early where a step is small beside the pose's own standard
     deviation: going on would settle what facets do not know.
     """
-    reach = max(one.view.radius_m for one in move)
+    reach = max(placement.view.radius_m for placement in move)
     scale = np.array([reach] * 3 + [1.0] * 3)
     for number in range(n_rounds):
         gate = GATES_M[min(number, len(GATES_M) - 1)]
@@ -74,8 +74,8 @@ def refine(
         weight = equations.weight
         matrix = equations.growth.T @ (weight[:, None] * equations.growth)
         ridge = RIDGE * np.trace(matrix / np.outer(scale, scale)) / 6 * np.square(scale)
-        told = equations.growth.T @ (weight * equations.offset)
-        change: FloatArray = -np.linalg.solve(matrix + np.diag(ridge), told).astype(np.float64)
+        values = equations.growth.T @ (weight * equations.offset)
+        change: FloatArray = -np.linalg.solve(matrix + np.diag(ridge), values).astype(np.float64)
         motion = moved(motion, change, middle)
         if number >= len(GATES_M) and _is_settled(change, matrix, scale, reach):
             break
@@ -92,7 +92,7 @@ def equations_of(
     stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray, gate_m: float, step: int = 1
 ) -> tuple[Equations, FloatArray]:
     """Return the equations of all facets that meet across, and the place (3,) that turns are about."""
-    middle = np.mean([composed(motion, one.pose)[:, 3] for one in move], axis=0)
+    middle = np.mean([composed(motion, placement.pose)[:, 3] for placement in move], axis=0)
     parts = [
         part
         for a in stay
@@ -111,11 +111,11 @@ def _linked(
     here = meet(a.view.facets, inverse(relative), b.view.sight, b.view.facets, step)
     chosen = there.met & (np.abs(there.offset) <= gate_m)
     places = _moved(b.view.facets.centre[::step][chosen], b.pose)
-    own = _equations(places, middle, there.normal[chosen] @ a.pose[:, :3].T, there, chosen)
+    equations = _equations(places, middle, there.normal[chosen] @ a.pose[:, :3].T, there, chosen)
     chosen = here.met & (np.abs(here.offset) <= gate_m)
     places = _moved(a.view.facets.centre[::step][chosen], a.pose)
     other = _equations(places, middle, -here.normal[chosen] @ b.pose[:, :3].T, here, chosen)
-    return own, other
+    return equations, other
 
 
 def _equations(
@@ -151,8 +151,8 @@ def stiffness(equations: Equations) -> Stiffness:
     middle = equations.places.mean(axis=0)
     arms, normals = equations.places - middle, equations.growth[:, 3:]
     reach = float(np.sqrt(np.square(arms).sum(axis=1).mean()))
-    own = np.concatenate([np.cross(arms, normals) / max(reach, SMALL_STEP), normals], axis=1)
-    values, vectors = np.linalg.eigh(own.T @ own / len(own))
+    members = np.concatenate([np.cross(arms, normals) / max(reach, SMALL_STEP), normals], axis=1)
+    values, vectors = np.linalg.eigh(members.T @ members / len(members))
     return Stiffness(max(float(values[0]), 0.0), np.asarray(vectors[:, 0]), middle, reach)
 
 
@@ -176,27 +176,27 @@ def links_of(
     numbers: Sequence[int], poses: Sequence[FloatArray], views: Sequence[StationView], gate_m: float
 ) -> list[Link]:
     """Return all pairs of scans that share surface, of those with these numbers at poses (3, 4)."""
-    found = []
+    pairs = []
     for i, j in combinations(range(len(numbers)), 2):
         a, b = Placed(views[numbers[i]], poses[i]), Placed(views[numbers[j]], poses[j])
         equations, middle = equations_of([a], [b], STILL, gate_m)
         if len(equations.offset) < LEAST_MEETINGS:
             continue
-        own = equations.growth
-        both = np.concatenate([-_about(own, poses[i][:, 3] - middle), own], axis=1)
-        found.append(Link(i, j, a=a, b=b, equations=equations, growth=both))
-    return found
+        values = equations.growth
+        both = np.concatenate([-_about(values, poses[i][:, 3] - middle), values], axis=1)
+        pairs.append(Link(i, j, a=a, b=b, equations=equations, growth=both))
+    return pairs
 
 
 def normal_equations(links: Sequence[Link], n: int) -> tuple[FloatArray, FloatArray]:
     """Return normal equations (m, m) and (m,), m = 6 n, of turns and shifts of all scans about them."""
     matrix, vector = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
-    for one in links:
-        if not len(one.growth):
+    for link in links:
+        if not len(link.growth):
             continue
-        weight = one.equations.weight
-        matrix[np.ix_(one.columns, one.columns)] += one.growth.T @ (weight[:, None] * one.growth)
-        vector[one.columns] += one.growth.T @ (weight * one.equations.offset)
+        weight = link.equations.weight
+        matrix[np.ix_(link.columns, link.columns)] += link.growth.T @ (weight[:, None] * link.growth)
+        vector[link.columns] += link.growth.T @ (weight * link.equations.offset)
     return matrix, vector
 
 

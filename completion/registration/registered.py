@@ -105,21 +105,21 @@ class Registered:
         """Return the same in metres whose poses and alternatives were in units of `unit_m`."""
         if unit_m == 1.0:
             return self
-        networks = tuple(one.in_metres(unit_m) for one in self.networks)
+        networks = tuple(network.in_metres(unit_m) for network in self.networks)
         pairs = tuple(
-            replace(one, alternatives=in_units(one.alternatives, 1.0 / unit_m)) for one in self.pairs
+            replace(pair, alternatives=in_units(pair.alternatives, 1.0 / unit_m)) for pair in self.pairs
         )
         return replace(self, networks=networks, pairs=pairs, unit_m=unit_m)
 
     @property
     def groups(self) -> tuple[Network, ...]:
         """Groups of two scans or more."""
-        return tuple(one for one in self.networks if len(one.group.poses) > 1)
+        return tuple(network for network in self.networks if len(network.group.poses) > 1)
 
     def group_of(self, scan: int) -> int | None:
         """Return the number of a scan's group, from 0; None where it is by itself."""
-        for number, one in enumerate(self.groups):
-            if scan in one.group.poses:
+        for number, group in enumerate(self.groups):
+            if scan in group.group.poses:
                 return number
         return None
 
@@ -157,7 +157,7 @@ class Registered:
         if not met:
             return np.zeros((0, 3)), np.zeros(0)
         places, offset = (
-            np.concatenate([getattr(one, name) for one in met]) for name in ("places", "offset")
+            np.concatenate([getattr(equations, name) for equations in met]) for name in ("places", "offset")
         )
         return self.unit_m * places, self.unit_m * offset
 
@@ -193,15 +193,15 @@ def verdicts_of(
     hypotheses: Hypotheses, networks: Sequence[Network], views: Sequence[StationView], level: float
 ) -> tuple[PairVerdict, ...]:
     """Return what is known of each pair of scans."""
-    group_of = {scan: one for one in networks for scan in one.group.poses}
-    found = []
+    group_of = {scan: item for item in networks for scan in item.group.poses}
+    verdicts = []
     for (i, j), several in hypotheses.items():
         network = group_of[i]
         if j in network.group.poses and any(edge.scans == (i, j) for edge in network.edges):
             motion = composed(inverse(network.group.poses[i]), network.group.poses[j])
             held = judged([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
             reason = "placed in one group, and they share surface there"
-            found.append(PairVerdict.of_pose((i, j), held, Verdict.REGISTERED, reason))
+            verdicts.append(PairVerdict.of_pose((i, j), held, Verdict.REGISTERED, reason))
             continue
         judgement = judge(several, level)
         verdict = judgement.verdict
@@ -210,9 +210,9 @@ def verdicts_of(
             verdict, reason, direction = Verdict.NO_OVERLAP, "in one group, but they share no surface", None
         elif verdict is Verdict.REGISTERED:
             verdict, reason = Verdict.AMBIGUOUS, "other scans speak against it"
-        motions = np.array([one.motion for one in several]).reshape(-1, 3, 4)
+        motions = np.array([hypothesis.motion for hypothesis in several]).reshape(-1, 3, 4)
         best = several[0] if several else None
-        found.append(
+        verdicts.append(
             PairVerdict(
                 scans=(i, j),
                 verdict=verdict,
@@ -223,7 +223,7 @@ def verdicts_of(
                 alternatives=motions if verdict in (Verdict.AMBIGUOUS, Verdict.SLIDES) else motions[:0],
             )
         )
-    return tuple(found)
+    return tuple(verdicts)
 
 
 def held_poses(
@@ -254,7 +254,7 @@ def held_poses(
         Network(
             Group({k: composed(inverse(poses[part[0]]), poses[k]) for k in part}),
             np.full((6 * len(part), 6 * len(part)), np.nan),
-            tuple(one for one in edges if {*one.scans} <= {*part}),
+            tuple(edge for edge in edges if {*edge.scans} <= {*part}),
         )
         for part in checked.parts
     )
@@ -269,9 +269,9 @@ def pose_doubts(
     Scans have `names`, or numbers from 1. `way_out` follows in brackets where scans were moved.
     """
     doubts, stated = [], registration.stated_m
-    off = [one for one in registration.pairs if one.offset_m > max(stated, SURE * one.offset_sd_m)]
+    off = [pair for pair in registration.pairs if pair.offset_m > max(stated, SURE * pair.offset_sd_m)]
     if off:
-        worst = max(off, key=lambda one: one.offset_m)
+        worst = max(off, key=lambda scan_pair: scan_pair.offset_m)
         more = (
             f", and {len(off) - 1} more pairs by more than the {1000 * stated:.3g} mm stated"
             if off[1:]
@@ -283,13 +283,13 @@ def pose_doubts(
             f"{_cure(registration, names, way_out)}"
         )
     passed = [
-        one
-        for one in registration.pairs
-        if one.still_contradicted_m2 > max(CONTRADICTED_M2, CONTRADICTED_SHARE * one.overlap_m2)
-        and (one.first, one.second) not in registration.refused
+        pair
+        for pair in registration.pairs
+        if pair.still_contradicted_m2 > max(CONTRADICTED_M2, CONTRADICTED_SHARE * pair.overlap_m2)
+        and (pair.first, pair.second) not in registration.refused
     ]
     if passed:
-        worst = max(passed, key=lambda one: one.still_contradicted_m2)
+        worst = max(passed, key=lambda item: item.still_contradicted_m2)
         more = f"; so it is with {len(passed) - 1} more pairs" if passed[1:] else ""
         doubts.append(
             f"{_named([worst.first, worst.second], names)} contradict each other: beams of one went through "
@@ -329,61 +329,67 @@ FORMAT = "unseen-registration/1"
 
 
 def registration_record(
-    found: Registered, scans: Sequence[RangeImage], names: Sequence[str]
+    registration: Registered, scans: Sequence[RangeImage], names: Sequence[str]
 ) -> dict[str, Any]:
     """Return registration.json: scans with group, pose and covariance, and what is known of each pair.
 
     Parameters
     ----------
-    found : Registered
+    registration : Registered
         What was found.
     scans : sequence of RangeImage
         The scans (n,), with the poses that they came with.
     names : sequence of str
         What each is called.
     """
-    poses = found.world_poses(scans)
+    poses = registration.world_poses(scans)
     return {
         "format": FORMAT,
         "units": "m",
-        "level": found.level,
-        "groups": len(found.groups),
+        "level": registration.level,
+        "groups": len(registration.groups),
         "scans": [
             {
                 "scan": names[number],
-                "group": found.group_of(number),
+                "group": registration.group_of(number),
                 "world_from_sensor": None if pose is None else pose.matrix.tolist(),
-                "covariance": _covariance(found, number, scans),
+                "covariance": _covariance(registration, number, scans),
             }
             for number, pose in enumerate(poses)
         ],
-        "pairs": [_pair_record(one, scans) for one in found.pairs],
+        "pairs": [_pair_record(pair, scans) for pair in registration.pairs],
     }
 
 
-def _covariance(found: Registered, number: int, scans: Sequence[RangeImage]) -> list[list[float]] | None:
+def _covariance(
+    registration: Registered, number: int, scans: Sequence[RangeImage]
+) -> list[list[float]] | None:
     """The covariance of a pose, turned into the world's axes; None where it is not known."""
-    own, group = found.covariance_of(number), found.group_of(number)
-    if own is None or group is None or not np.isfinite(own).all():
+    values, group = registration.covariance_of(number), registration.group_of(number)
+    if values is None or group is None or not np.isfinite(values).all():
         return None
-    first = next(iter(found.groups[group].group.poses))
+    first = next(iter(registration.groups[group].group.poses))
     turn = np.kron(np.eye(2), scans[first].world_from_sensor.rotation)
-    turned: FloatArray = turn @ own @ turn.T
+    turned: FloatArray = turn @ values @ turn.T
     return [[float(value) for value in row] for row in turned]
 
 
-def _pair_record(one: PairVerdict, scans: Sequence[RangeImage]) -> dict[str, Any]:
+def _pair_record(verdict: PairVerdict, scans: Sequence[RangeImage]) -> dict[str, Any]:
     """A pair; alternatives are poses of its second scan in the world in which the first stands."""
-    world = scans[one.scans[0]].world_from_sensor
-    direction = None if one.direction is None else (world.rotation @ one.direction).tolist()
-    there = composed(world.matrix[:3], one.alternatives) if len(one.alternatives) else one.alternatives
+    world = scans[verdict.scans[0]].world_from_sensor
+    direction = None if verdict.direction is None else (world.rotation @ verdict.direction).tolist()
+    there = (
+        composed(world.matrix[:3], verdict.alternatives)
+        if len(verdict.alternatives)
+        else verdict.alternatives
+    )
     row = np.array([[0.0, 0.0, 0.0, 1.0]])
     return {
-        "scans": list(one.scans),
-        "verdict": one.verdict.value,
-        "reason": one.reason,
-        "overlap": one.overlap,
-        "violations": one.violations,
+        "scans": list(verdict.scans),
+        "verdict": verdict.verdict.value,
+        "reason": verdict.reason,
+        "overlap": verdict.overlap,
+        "violations": verdict.violations,
         "direction": direction,
         "alternatives": [np.vstack([motion, row]).tolist() for motion in there],
     }

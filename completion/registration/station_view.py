@@ -57,7 +57,9 @@ class PlaneSums:
     @classmethod
     def of(cls, regions: Sequence[Region], seen: Observation, side: int) -> PlaneSums:
         """Return the planes among the regions of a scan, whose facets have `side` pixels, in their order."""
-        planes = [(one.fit.surface, one.pixels) for one in regions if isinstance(one.fit.surface, Plane)]
+        planes = [
+            (region.fit.surface, region.pixels) for region in regions if isinstance(region.fit.surface, Plane)
+        ]
         n, angle = len(planes), seen.scan.projection.pixel_angle
         normals, heights, areas, scatter = np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros((n, 4, 4))
         for k, (plane, pixels) in enumerate(planes):
@@ -201,27 +203,27 @@ def _even_sample(normals: FloatArray, n: int) -> IntArray:
         cap += 1
     chosen = []
     for k in range(len(count)):
-        own = np.flatnonzero(cell == k)
-        step = max(1.0, len(own) / cap)
-        chosen.append(own[(np.arange(min(cap, len(own))) * step).astype(np.int64)])
+        values = np.flatnonzero(cell == k)
+        step = max(1.0, len(values) / cap)
+        chosen.append(values[(np.arange(min(cap, len(values))) * step).astype(np.int64)])
     return np.sort(np.concatenate(chosen)) if chosen else np.zeros(0, np.int64)
 
 
 def _directions(planes: PlaneSums) -> Directions:
     """What the planes of a scan face; parallel ones are one direction."""
     normals, heights, areas = planes.normals, planes.heights, planes.areas
-    found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    pairs: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     left = np.argsort(-areas, kind="stable")
     while len(left):
         alike = normals[left] @ normals[left[0]] > PARALLEL
-        own = left[alike]
-        mean = (normals[own] * areas[own, None]).sum(axis=0)
-        found.append((mean / np.linalg.norm(mean), heights[own], areas[own]))
+        item = left[alike]
+        mean = (normals[item] * areas[item, None]).sum(axis=0)
+        pairs.append((mean / np.linalg.norm(mean), heights[item], areas[item]))
         left = left[~alike]
-    found.sort(key=lambda one: -float(one[2].sum()))
-    found = found[:N_DIRECTIONS]
+    pairs.sort(key=lambda arrays: -float(arrays[2].sum()))
+    pairs = pairs[:N_DIRECTIONS]
     return Directions(
-        np.array([one[0] for one in found]).reshape(-1, 3),
-        tuple(one[1] for one in found),
-        tuple(one[2] for one in found),
+        np.array([arrays[0] for arrays in pairs]).reshape(-1, 3),
+        tuple(arrays[1] for arrays in pairs),
+        tuple(arrays[2] for arrays in pairs),
     )

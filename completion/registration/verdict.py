@@ -72,9 +72,11 @@ def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
         return Judgement(Verdict.NO_OVERLAP, "no plane of one scan can be one of the other")
     best = hypotheses[0]
     if not is_approved(best):
-        told = f"the best pose has score {best.score:.2f}, beams contradict {100 * best.violate:.1f} % of it"
-        return Judgement(Verdict.NO_OVERLAP, told)
-    rivals = [one for one in hypotheses[1:] if one.score > RIVAL * best.score]
+        sentence = (
+            f"the best pose has score {best.score:.2f}, beams contradict {100 * best.violate:.1f} % of it"
+        )
+        return Judgement(Verdict.NO_OVERLAP, sentence)
+    rivals = [hypothesis for hypothesis in hypotheses[1:] if hypothesis.score > RIVAL * best.score]
     direction = _slide(best, rivals)
     if direction is not None:
         reason = "facets tell nothing of a shift along one direction"
@@ -84,15 +86,15 @@ def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
     trust, asked = trust_of(hypotheses), trust_for(level)
     if trust >= asked:
         return Judgement(Verdict.REGISTERED, f"right with probability {trust:.2f}")
-    told = f"right with probability {trust:.2f}, where {asked:.2f} is asked"
+    sentence = f"right with probability {trust:.2f}, where {asked:.2f} is asked"
     if rivals:
-        told += f"; {len(rivals)} others come within {100 * RIVAL:.0f} % of the best score"
-    return Judgement(Verdict.AMBIGUOUS, told)
+        sentence += f"; {len(rivals)} others come within {100 * RIVAL:.0f} % of the best score"
+    return Judgement(Verdict.AMBIGUOUS, sentence)
 
 
-def is_approved(one: Hypothesis) -> bool:
+def is_approved(hypothesis: Hypothesis) -> bool:
     """Tell whether beams say nothing against a pose that is worth a word."""
-    return one.score > LEAST_SCORE and one.violate < MOST_VIOLATED
+    return hypothesis.score > LEAST_SCORE and hypothesis.violate < MOST_VIOLATED
 
 
 def trust_of(hypotheses: Sequence[Hypothesis]) -> float:
@@ -105,22 +107,29 @@ def trust_of(hypotheses: Sequence[Hypothesis]) -> float:
     of the pose that this makes of the first, neither is more probable.
     """
     best, *others = hypotheses
-    second = max((one.score for one in others), default=0.0)
+    second = max((hypothesis.score for hypothesis in others), default=0.0)
     odds = _odds_alone(best) + BY_RIVAL * max(second, 0.0) / max(best.score, 1e-9)
-    odds = min([odds, *(_odds_alone(best) - _odds_alone(one) for one in others if one.score > 0)])
-    if any(one.is_image for one in others):
+    odds = min(
+        [
+            odds,
+            *(_odds_alone(best) - _odds_alone(hypothesis) for hypothesis in others if hypothesis.score > 0),
+        ]
+    )
+    if any(hypothesis.is_image for hypothesis in others):
         odds = min(odds, 0.0)
     return float(1.0 / (1.0 + np.exp(-odds)))
 
 
-def _odds_alone(one: Hypothesis) -> float:
+def _odds_alone(hypothesis: Hypothesis) -> float:
     """Log odds of a pose without any other one beside it."""
-    return float(TRUST + BY_VIOLATION * one.violate + BY_SURPLUS * np.log(one.surplus + LEAST_SURPLUS))
+    return float(
+        TRUST + BY_VIOLATION * hypothesis.violate + BY_SURPLUS * np.log(hypothesis.surplus + LEAST_SURPLUS)
+    )
 
 
 def trust_for(level: float) -> float:
     """Return the probability from which on a pose is claimed where `level` of the claims may be false."""
-    levels, asked = np.log([one for one, _ in CLAIMED_FROM]), [one for _, one in CLAIMED_FROM]
+    levels, asked = np.log([value for value, _ in CLAIMED_FROM]), [value for _, value in CLAIMED_FROM]
     return float(np.interp(np.log(max(level, 1e-12)), levels, asked))
 
 
@@ -129,21 +138,21 @@ def _slide(best: Hypothesis, rivals: Sequence[Hypothesis]) -> FloatArray | None:
     direction = _free_shift(best)
     if direction is None:
         return None
-    for one in rivals:
-        apart = one.motion[:, 3] - best.motion[:, 3]
+    for rival in rivals:
+        apart = rival.motion[:, 3] - best.motion[:, 3]
         is_along = abs(float(apart @ direction)) >= ALONG * np.linalg.norm(apart)
-        if is_along and angle_between(best.motion, one.motion[None])[0] <= LEAST_TURN:
+        if is_along and angle_between(best.motion, rival.motion[None])[0] <= LEAST_TURN:
             continue
-        own = _free_shift(one)
-        if own is None or abs(float(own @ direction)) < ALONG:
+        values = _free_shift(rival)
+        if values is None or abs(float(values @ direction)) < ALONG:
             return None
     return direction
 
 
-def _free_shift(one: Hypothesis) -> FloatArray | None:
+def _free_shift(hypothesis: Hypothesis) -> FloatArray | None:
     """The direction (3,) of a shift of which facets tell nothing; None where they do, or of a turn."""
-    turn, shift = one.free[:3], one.free[3:]
-    if one.stiffness >= LEAST_STIFFNESS or np.linalg.norm(shift) < np.linalg.norm(turn):
+    turn, shift = hypothesis.free[:3], hypothesis.free[3:]
+    if hypothesis.stiffness >= LEAST_STIFFNESS or np.linalg.norm(shift) < np.linalg.norm(turn):
         return None
     return np.asarray(shift / np.linalg.norm(shift))
 
@@ -153,20 +162,20 @@ def with_images(hypotheses: Sequence[Hypothesis], a: StationView, b: StationView
 
     Images come of shifts under which either scan fits itself. They are looked for where a claim is near.
     """
-    found = list(hypotheses)
-    if not found or trust_of(found) < CLAIMABLE:
-        return found
-    best = found[0].motion
+    hypothesis = list(hypotheses)
+    if not hypothesis or trust_of(hypothesis) < CLAIMABLE:
+        return hypothesis
+    best = hypothesis[0].motion
     motions = np.concatenate(
         [composed(shifts_onto_itself(a), best), composed(best, shifts_onto_itself(b))]
     ).reshape(-1, 3, 4)
     first, second = [Placed(a, STILL)], [Placed(b, STILL)]
-    motions = np.array([refine(first, second, one, FULL[0]) for one in motions]).reshape(-1, 3, 4)
+    motions = np.array([refine(first, second, motion, FULL[0]) for motion in motions]).reshape(-1, 3, 4)
     apart = np.linalg.norm(motions[:, :, 3] - best[:, 3], axis=1) > LEAST_SHIFT_M
     motions = motions[apart]
     motions = distinct(motions, scores_of(first, second, motions, FINE_M, VIOLATION), second, N_KEPT)
-    images = [judged(first, second, one) for one in motions]
-    return found + [replace(one, is_image=True) for one in images if is_approved(one)]
+    images = [judged(first, second, motion) for motion in motions]
+    return hypothesis + [replace(image, is_image=True) for image in images if is_approved(image)]
 
 
 def shifts_onto_itself(view: StationView) -> FloatArray:
@@ -175,19 +184,19 @@ def shifts_onto_itself(view: StationView) -> FloatArray:
     places = places_of(view.directions, view.directions, np.eye(3), reach)
     places = places[np.linalg.norm(places, axis=1) > LEAST_SHIFT_M]
     motions = np.concatenate([np.repeat(np.eye(3)[None], len(places), axis=0), places[:, :, None]], axis=2)
-    own = [Placed(view, STILL)]
-    scores = scores_of(own, own, motions, COARSE_M, COARSE_VIOLATION, n=N_SCREENS)
+    pairs = [Placed(view, STILL)]
+    scores = scores_of(pairs, pairs, motions, COARSE_M, COARSE_VIOLATION, n=N_SCREENS)
     motions = motions[np.argsort(-scores, kind="stable")[:N_SHIFTS]]
-    scores = scores_of(own, own, motions, MIDDLE_M, COARSE_VIOLATION)
-    motions = distinct(motions, scores, own, N_SHIFTS_REFINED)
-    motions = np.array([refine(own, own, one, FULL[0]) for one in motions]).reshape(-1, 3, 4)
+    scores = scores_of(pairs, pairs, motions, MIDDLE_M, COARSE_VIOLATION)
+    motions = distinct(motions, scores, pairs, N_SHIFTS_REFINED)
+    motions = np.array([refine(pairs, pairs, motion, FULL[0]) for motion in motions]).reshape(-1, 3, 4)
     chosen = np.linalg.norm(motions[:, :, 3], axis=1) > LEAST_SHIFT_M
     chosen &= angle_between(STILL, motions) < LEAST_TURN
-    kept = [one for one in motions[chosen] if _fits(judged(own, own, one))]
+    kept = [item for item in motions[chosen] if _fits(judged(pairs, pairs, item))]
     shifts = np.array(kept).reshape(-1, 3, 4)
     return np.concatenate([shifts, inverses(shifts)])
 
 
-def _fits(one: Hypothesis) -> bool:
+def _fits(hypothesis: Hypothesis) -> bool:
     """Whether a scan fits itself, and not because it slides along what is bare."""
-    return is_approved(one) and one.stiffness >= LEAST_STIFFNESS
+    return is_approved(hypothesis) and hypothesis.stiffness >= LEAST_STIFFNESS

@@ -47,24 +47,24 @@ def symmetric(surfaces: tuple[int, ...], at: Mapping[int, Placement], frame: Fra
     Raises InputError: halves of different kinds, cones, tori; pairs that do not tell the mirror.
     """
     pairs = list(zip(surfaces[::2], surfaces[1::2], strict=True))
-    for one, two in pairs:
-        _check_halves(at[one], at[two])
+    for index, two in pairs:
+        _check_halves(at[index], at[two])
     if surfaces not in frame.kept:
         frame.kept[surfaces] = _Beginning.of(surfaces, frame.start)
     begun: _Beginning = frame.kept[surfaces]
     begin, frames, kept, change = begun.mirror, begun.frames, begun.kept, np.zeros(3)
     for _ in range(_N_ROUNDS):
-        found, by_mirror = _misfits(*begin.moved(change), frames, at)
-        step = np.linalg.solve(by_mirror[kept], found.value[kept])
+        constraint, by_mirror = _misfits(*begin.moved(change), frames, at)
+        step = np.linalg.solve(by_mirror[kept], constraint.value[kept])
         largest = float(np.abs(step * np.array([1.0, 1.0, 1 / begun.reach])).max())
         if largest < _SMALL:
             break
         change = change - step * min(1.0, _MOST / largest)
-    rest = [k for k in range(len(found.rows)) if k not in kept]
+    rest = [k for k in range(len(constraint.rows)) if k not in kept]
     by = by_mirror[rest] @ np.linalg.inv(by_mirror[kept])
-    blocks = {number: block[rest] - by @ block[kept] for number, block in found.blocks.items()}
-    value = found.value[rest] - by @ found.value[kept]
-    return Constraint(value, blocks, tuple(found.rows[k] for k in rest))
+    blocks = {number: block[rest] - by @ block[kept] for number, block in constraint.blocks.items()}
+    value = constraint.value[rest] - by @ constraint.value[kept]
+    return Constraint(value, blocks, tuple(constraint.rows[k] for k in rest))
 
 
 def _reach(surfaces: Sequence[int], at: Mapping[int, Placement]) -> float:
@@ -78,11 +78,11 @@ def mirror_of(surfaces: Sequence[int], at: Mapping[int, Placement]) -> Mirror:
 
     Raises InputError: no pair tells one.
     """
-    pairs = [(at[one], at[two]) for one, two in zip(surfaces[::2], surfaces[1::2], strict=True)]
+    pairs = [(at[surface], at[two]) for surface, two in zip(surfaces[::2], surfaces[1::2], strict=True)]
     centre, reach = np.mean([at[number].point for number in surfaces], axis=0), _reach(surfaces, at)
     least, best = np.inf, None
-    for one, two in pairs:
-        for mirror in mirrors_between(one, two):
+    for placement, two in pairs:
+        for mirror in mirrors_between(placement, two):
             parts = [_PairFrame.of(mirror, *pair).misfit(mirror, *pair, _STILL) for pair in pairs]
             off = sum(
                 float(value) ** 2 * (reach**2 if row == ANGLE else 1.0)
@@ -104,10 +104,10 @@ class _PairFrame:
     sign: float
 
     @classmethod
-    def of(cls, mirror: Mirror, one: Placement, two: Placement) -> _PairFrame:
+    def of(cls, mirror: Mirror, placement: Placement, two: Placement) -> _PairFrame:
         if not two.direction.any():
             return cls(np.vstack([mirror.normal, mirror.tilts]), 1.0)
-        image, _ = mirror.turned(one.direction, _STILL)
+        image, _ = mirror.turned(placement.direction, _STILL)
         first = mirror.normal - float(mirror.normal @ two.direction) * two.direction
         length = float(np.linalg.norm(first))
         first = first / length if length > _LEAST_TOLD else perpendicular(two.direction)
@@ -115,22 +115,22 @@ class _PairFrame:
         return cls(across, -1.0 if image @ two.direction < 0 else 1.0)
 
     def misfit(
-        self, mirror: Mirror, one: Placement, two: Placement, by: FloatArray
+        self, mirror: Mirror, placement: Placement, two: Placement, by: FloatArray
     ) -> tuple[Constraint, FloatArray]:
         """How far the first half's image is off the second, and its derivative (m, 3) by the mirror.
 
         Blocks are 0 for the first half and 1 for the second; `by` (3, 3) is the derivative of the normal.
         """
         turn = np.eye(3) - 2 * np.outer(mirror.normal, mirror.normal)
-        image, moves = mirror.image(one.point, by)
+        image, moves = mirror.image(placement.point, by)
         apart, across, axis = image - two.point, self.across, two.direction
-        own_point = turn @ one.by_point
+        own_point = turn @ placement.by_point
         if not axis.any():
             blocks = {0: across @ own_point, 1: -across @ two.by_point}
             placed, slopes = built((across @ apart, blocks), LENGTH), across @ moves
-            return stacked([placed, _radii(one, two)]), np.vstack([slopes, np.zeros((1, 3))])
-        turned, turns = mirror.turned(one.direction, by)
-        blocks = {0: across @ turn @ one.by_direction, 1: -self.sign * across @ two.by_direction}
+            return stacked([placed, _radii(placement, two)]), np.vstack([slopes, np.zeros((1, 3))])
+        turned, turns = mirror.turned(placement.direction, by)
+        blocks = {0: across @ turn @ placement.by_direction, 1: -self.sign * across @ two.by_direction}
         angles = built((across @ (turned - self.sign * axis), blocks), ANGLE)
         if two.is_plane:
             blocks = {0: axis @ own_point, 1: apart @ two.by_direction - axis @ two.by_point}
@@ -138,12 +138,12 @@ class _PairFrame:
             return stacked([angles, placed]), np.vstack([across @ turns, axis @ moves])
         tilt, reach = across @ axis, float(axis @ apart)
         sideways = across - np.outer(tilt, axis)
-        own = -np.outer(tilt, apart @ two.by_direction) - reach * across @ two.by_direction
+        values = -np.outer(tilt, apart @ two.by_direction) - reach * across @ two.by_direction
         placed = built(
-            (sideways @ apart, {0: sideways @ own_point, 1: own - sideways @ two.by_point}), LENGTH
+            (sideways @ apart, {0: sideways @ own_point, 1: values - sideways @ two.by_point}), LENGTH
         )
         slopes = np.vstack([across @ turns, sideways @ moves, np.zeros((1, 3))])
-        return stacked([angles, placed, _radii(one, two)]), slopes
+        return stacked([angles, placed, _radii(placement, two)]), slopes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +159,7 @@ class _Beginning:
     def of(cls, surfaces: Sequence[int], start: Mapping[int, Placement]) -> _Beginning:
         pairs = zip(surfaces[::2], surfaces[1::2], strict=True)
         mirror, reach = mirror_of(surfaces, start), _reach(surfaces, start)
-        frames = {(one, two): _PairFrame.of(mirror, start[one], start[two]) for one, two in pairs}
+        frames = {(number, two): _PairFrame.of(mirror, start[number], start[two]) for number, two in pairs}
         first, by_mirror = _misfits(*mirror.moved(np.zeros(3)), frames, start)
         return cls(mirror, reach, frames, _telling(by_mirror, first.rows, reach))
 
@@ -169,9 +169,9 @@ def _misfits(
 ) -> tuple[Constraint, FloatArray]:
     """The misfits (m,) of all pairs in a mirror, and their derivative (m, 3) by its tilts and offset."""
     parts, slopes = list[Constraint](), list[FloatArray]()
-    for (one, two), own in frames.items():
-        part, slope = own.misfit(mirror, at[one], at[two], by)
-        parts.append(Constraint(part.value, {one: part.blocks[0], two: part.blocks[1]}, part.rows))
+    for (number, two), frame in frames.items():
+        part, slope = frame.misfit(mirror, at[number], at[two], by)
+        parts.append(Constraint(part.value, {number: part.blocks[0], two: part.blocks[1]}, part.rows))
         slopes.append(slope)
     return stacked(parts), np.vstack(slopes)
 
@@ -190,13 +190,15 @@ def _telling(by_mirror: FloatArray, rows: Sequence[int], reach: float) -> list[i
     return sorted(int(k) for k in order[:3])
 
 
-def _radii(one: Placement, two: Placement) -> Constraint:
-    return built((np.float64(one.radius - two.radius), {0: one.by_radius, 1: -two.by_radius}), RADIUS)
+def _radii(placement: Placement, two: Placement) -> Constraint:
+    return built(
+        (np.float64(placement.radius - two.radius), {0: placement.by_radius, 1: -two.by_radius}), RADIUS
+    )
 
 
-def _check_halves(one: Placement, two: Placement) -> None:
+def _check_halves(placement: Placement, two: Placement) -> None:
     kinds = []
-    for half in (one, two):
+    for half in (placement, two):
         if half.half_angle > 0 or half.ring_radius > 0:
             raise InputError("symmetric relates pairs of planes, of cylinders or of spheres")
         kinds.append("plane" if half.is_plane else "cylinder" if half.direction.any() else "sphere")
@@ -213,7 +215,7 @@ def constrain(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> 
 
     Raises InputError: a relation that these surfaces cannot have.
     """
-    one = relation.surfaces[0]
+    index = relation.surfaces[0]
     kind = relation.kind
     if kind in ("radius", "half_angle", "equal_radius", "equal_ring_radius"):
         return _sizes(relation, at)
@@ -229,23 +231,23 @@ def constrain(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> 
         return _regular(relation.surfaces, at, frame)
     two = relation.surfaces[1]
     if kind == "parallel":
-        return built(_parallel(one, two, at, frame), ANGLE)
+        return built(_parallel(index, two, at, frame), ANGLE)
     if kind == "perpendicular":
-        return built(_inclined(one, two, at, 1.0, 0.0), ANGLE)
+        return built(_inclined(index, two, at, 1.0, 0.0), ANGLE)
     if kind == "angle":
         return built(_angle(relation, at, frame), ANGLE)
     if kind == "axis_in_plane":
-        rows = _inclined(one, two, at, 1.0, 0.0), _height(one, two, at)
+        rows = _inclined(index, two, at, 1.0, 0.0), _height(index, two, at)
         return stacked([built(rows[0], ANGLE), built(rows[1], LENGTH)])
-    turned = built(_parallel(one, two, at, frame), ANGLE)
+    turned = built(_parallel(index, two, at, frame), ANGLE)
     if kind in ("coplanar", "coaxial"):
-        beside = _height(one, two, at) if kind == "coplanar" else _offset(one, two, at)
+        beside = _height(index, two, at) if kind == "coplanar" else _offset(index, two, at)
         return stacked([turned, built(beside, LENGTH)])
     if kind == "distance":
-        apart = _distance(one, two, at, frame)
+        apart = _distance(index, two, at, frame)
         return built((apart[0] - float(relation.value or 0.0), apart[1]), LENGTH)
     three, four = relation.surfaces[2:]
-    first, second = _distance(one, two, at, frame), _distance(three, four, at, frame)
+    first, second = _distance(index, two, at, frame), _distance(three, four, at, frame)
     return built(weighted([(1.0, first), (-1.0, second)]), LENGTH)
 
 
@@ -266,20 +268,20 @@ def _sign(first: FloatArray, second: FloatArray) -> float:
     return -1.0 if first @ second < 0 else 1.0
 
 
-def _parallel(one: int, two: int, at: Mapping[int, Placement], frame: Frame) -> Rows:
+def _parallel(number: int, two: int, at: Mapping[int, Placement], frame: Frame) -> Rows:
     """Both components of the directions' difference across where the first one began."""
-    across = frame.start[one].across
-    sign = _sign(frame.start[one].direction, frame.start[two].direction)
-    value = across @ (at[one].direction - sign * at[two].direction)
-    return value, {one: across @ at[one].by_direction, two: -sign * across @ at[two].by_direction}
+    across = frame.start[number].across
+    sign = _sign(frame.start[number].direction, frame.start[two].direction)
+    value = across @ (at[number].direction - sign * at[two].direction)
+    return value, {number: across @ at[number].by_direction, two: -sign * across @ at[two].by_direction}
 
 
-def _inclined(one: int, two: int, at: Mapping[int, Placement], sign: float, cosine: float) -> Rows:
+def _inclined(number: int, two: int, at: Mapping[int, Placement], sign: float, cosine: float) -> Rows:
     """The cosine of the angle less that which it shall be."""
-    first, second = at[one], at[two]
+    first, second = at[number], at[two]
     value = sign * first.direction @ second.direction - cosine
     blocks = {
-        one: sign * second.direction @ first.by_direction,
+        number: sign * second.direction @ first.by_direction,
         two: sign * first.direction @ second.by_direction,
     }
     return value, blocks
@@ -287,32 +289,32 @@ def _inclined(one: int, two: int, at: Mapping[int, Placement], sign: float, cosi
 
 def _angle(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> Rows:
     """The cosine's misfit over the sine: to first order the angle's, radians."""
-    one, two = relation.surfaces
+    index, two = relation.surfaces
     angle = float(relation.value or 0.0)
     sine = np.sin(angle)
     if sine < 1e-3:
         raise InputError(f"an angle of {np.degrees(angle):g} deg is the relation parallel")
-    sign = 1.0 if np.cos(angle) == 0 else _sign(frame.start[one].direction, frame.start[two].direction)
+    sign = 1.0 if np.cos(angle) == 0 else _sign(frame.start[index].direction, frame.start[two].direction)
     sign *= 1.0 if np.cos(angle) >= 0 else -1.0
-    value, blocks = _inclined(one, two, at, sign, float(np.cos(angle)))
+    value, blocks = _inclined(index, two, at, sign, float(np.cos(angle)))
     return value / sine, {number: block / sine for number, block in blocks.items()}
 
 
-def _height(one: int, two: int, at: Mapping[int, Placement]) -> Rows:
+def _height(number: int, two: int, at: Mapping[int, Placement]) -> Rows:
     """How far the second's point is above the first, a plane."""
-    normal, step = at[one].direction, at[two].point - at[one].point
-    own = step @ at[one].by_direction - normal @ at[one].by_point
-    return normal @ step, {one: own, two: normal @ at[two].by_point}
+    normal, step = at[number].direction, at[two].point - at[number].point
+    values = step @ at[number].by_direction - normal @ at[number].by_point
+    return normal @ step, {number: values, two: normal @ at[two].by_point}
 
 
-def _offset(one: int, two: int, at: Mapping[int, Placement]) -> Rows:
+def _offset(number: int, two: int, at: Mapping[int, Placement]) -> Rows:
     """Both components of the way between two parallel axes, across the first."""
-    first, step = at[one], at[two].point - at[one].point
-    across, along = at[one].across, at[one].direction
+    first, step = at[number], at[two].point - at[number].point
+    across, along = at[number].across, at[number].direction
     tilt, reach = across @ along, float(along @ step)
     sideways = across - np.outer(tilt, along)  # of the step
-    own = -np.outer(tilt, step @ first.by_direction) - reach * across @ first.by_direction
-    return sideways @ step, {one: own - sideways @ first.by_point, two: sideways @ at[two].by_point}
+    values = -np.outer(tilt, step @ first.by_direction) - reach * across @ first.by_direction
+    return sideways @ step, {number: values - sideways @ first.by_point, two: sideways @ at[two].by_point}
 
 
 def _regular(surfaces: Sequence[int], at: Mapping[int, Placement], frame: Frame) -> Constraint:
@@ -338,15 +340,15 @@ def spacing_of(surfaces: Sequence[int], at: Mapping[int, Placement]) -> float:
     return float(np.abs(apart)) / (len(surfaces) - 1)
 
 
-def _distance(one: int, two: int, at: Mapping[int, Placement], frame: Frame) -> Rows:
+def _distance(index: int, two: int, at: Mapping[int, Placement], frame: Frame) -> Rows:
     """How far apart two parallel planes, a plane and an axis, or two axes are."""
-    planes = [at[number].is_plane for number in (one, two)]
+    planes = [at[number].is_plane for number in (index, two)]
     if not any(planes):
-        value, blocks = _offset(one, two, at)
+        value, blocks = _offset(index, two, at)
         length = float(np.linalg.norm(value))
         way = value / length if length > 0 else np.array([1.0, 0.0])
         return np.float64(length), {number: way @ block for number, block in blocks.items()}
-    flat, other = (one, two) if planes[0] else (two, one)
+    flat, other = (index, two) if planes[0] else (two, index)
     value, blocks = _height(flat, other, at)
     began = frame.start[flat].direction @ (frame.start[other].point - frame.start[flat].point)
     sign = -1.0 if began < 0 else 1.0
@@ -356,38 +358,40 @@ def _distance(one: int, two: int, at: Mapping[int, Placement], frame: Frame) -> 
 def _sizes(relation: Relation, at: Mapping[int, Placement]) -> Constraint:
     """Radii and half angles against each other or against a value."""
     if relation.kind == "half_angle":
-        (one,) = relation.surfaces
-        if at[one].half_angle <= 0:
+        (index,) = relation.surfaces
+        if at[index].half_angle <= 0:
             raise InputError("only a cone has a half angle")
-        value = at[one].half_angle - float(relation.value or 0.0)
-        return built((np.float64(value), {one: at[one].by_half_angle}), ANGLE)
+        value = at[index].half_angle - float(relation.value or 0.0)
+        return built((np.float64(value), {index: at[index].by_half_angle}), ANGLE)
     if relation.kind == "equal_ring_radius":
-        one, two = relation.surfaces
-        if min(at[one].ring_radius, at[two].ring_radius) <= 0:
+        index, two = relation.surfaces
+        if min(at[index].ring_radius, at[two].ring_radius) <= 0:
             raise InputError("only tori have a ring")
-        value = at[one].ring_radius - at[two].ring_radius
-        return built((np.float64(value), {one: at[one].by_ring_radius, two: -at[two].by_ring_radius}), RADIUS)
+        value = at[index].ring_radius - at[two].ring_radius
+        return built(
+            (np.float64(value), {index: at[index].by_ring_radius, two: -at[two].by_ring_radius}), RADIUS
+        )
     for number in relation.surfaces:
         if at[number].radius <= 0 or at[number].half_angle > 0:
             raise InputError("only spheres, cylinders and tubes of tori have one radius")
-    one, *others = relation.surfaces
+    index, *others = relation.surfaces
     if not others:
-        value = at[one].radius - float(relation.value or 0.0)
-        return built((np.float64(value), {one: at[one].by_radius}), RADIUS)
+        value = at[index].radius - float(relation.value or 0.0)
+        return built((np.float64(value), {index: at[index].by_radius}), RADIUS)
     (two,) = others
-    value = at[one].radius - at[two].radius
-    return built((np.float64(value), {one: at[one].by_radius, two: -at[two].by_radius}), RADIUS)
+    value = at[index].radius - at[two].radius
+    return built((np.float64(value), {index: at[index].by_radius, two: -at[two].by_radius}), RADIUS)
 
 
 def _against_gravity(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> Constraint:
     """A plane that is vertical has a level normal, an axis that is vertical goes along gravity."""
     if frame.up is None:
         raise InputError(f"{relation.kind} needs to know which way is up")
-    (one,) = relation.surfaces
-    if not at[one].direction.any():
+    (number,) = relation.surfaces
+    if not at[number].direction.any():
         raise InputError(f"a sphere has no direction: it cannot be {relation.kind}")
-    if (relation.kind == "vertical") == at[one].is_plane:
-        return built((frame.up @ at[one].direction, {one: frame.up @ at[one].by_direction}), ANGLE)
-    across, sign = frame.start[one].across, _sign(frame.start[one].direction, frame.up)
-    value = across @ (at[one].direction - sign * frame.up)
-    return built((value, {one: across @ at[one].by_direction}), ANGLE)
+    if (relation.kind == "vertical") == at[number].is_plane:
+        return built((frame.up @ at[number].direction, {number: frame.up @ at[number].by_direction}), ANGLE)
+    across, sign = frame.start[number].across, _sign(frame.start[number].direction, frame.up)
+    value = across @ (at[number].direction - sign * frame.up)
+    return built((value, {number: across @ at[number].by_direction}), ANGLE)

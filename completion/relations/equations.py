@@ -233,9 +233,9 @@ class Constraint:
 
     def only(self, kept: Sequence[int]) -> Constraint:
         """Some of the equations."""
-        some = list(kept)
-        blocks = {one: block[some] for one, block in self.blocks.items()}
-        return Constraint(self.value[some], blocks, tuple(self.rows[k] for k in some))
+        numbers = list(kept)
+        blocks = {number: block[numbers] for number, block in self.blocks.items()}
+        return Constraint(self.value[numbers], blocks, tuple(self.rows[k] for k in numbers))
 
 
 def built(rows: Rows, what: int) -> Constraint:
@@ -260,8 +260,8 @@ def stacked(parts: Sequence[Constraint]) -> Constraint:
 def weighted(parts: Sequence[tuple[float, Rows]]) -> Rows:
     """The sum of values, each with its weight, and its derivatives."""
     blocks: dict[int, FloatArray] = {}
-    for weight, (_, some) in parts:
-        for number, block in some.items():
+    for weight, (_, arrays) in parts:
+        for number, block in arrays.items():
             blocks[number] = blocks[number] + weight * block if number in blocks else weight * block
     return sum((weight * np.asarray(value) for weight, (value, _) in parts), np.zeros(())), blocks
 
@@ -316,36 +316,36 @@ class Mirror:
         return point - 2 * above * self.normal, slope
 
 
-def mirrors_between(one: Placement, two: Placement) -> Iterator[Mirror]:
+def mirrors_between(placement: Placement, two: Placement) -> Iterator[Mirror]:
     """The planes in which one surface may be the other's image: bisectors, as far as the two tell them."""
-    middle = (one.point + two.point) / 2
-    if not one.direction.any():
-        yield Mirror.of(two.point - one.point, middle)
+    middle = (placement.point + two.point) / 2
+    if not placement.direction.any():
+        yield Mirror.of(two.point - placement.point, middle)
         return
     for sign in (1.0, -1.0):
-        between = one.direction - sign * two.direction
+        between = placement.direction - sign * two.direction
         apart = float(np.linalg.norm(between))
-        if one.is_plane and apart > 2 * LEAST_APART:
+        if placement.is_plane and apart > 2 * LEAST_APART:
             level = (
-                one.direction @ (one.point - middle) - sign * two.direction @ (two.point - middle)
+                placement.direction @ (placement.point - middle) - sign * two.direction @ (two.point - middle)
             ) / apart
             yield Mirror.of(between, middle + level * between / apart)
-        elif not one.is_plane and apart > 2 * LEAST_APART and apart < 2 * np.sqrt(1 - LEAST_APART**2):
-            yield Mirror.of(between, _nearest(one, two))
-    if not one.is_plane:
-        along = one.direction + np.copysign(1.0, one.direction @ two.direction) * two.direction
-        step = two.point - one.point
+        elif not placement.is_plane and apart > 2 * LEAST_APART and apart < 2 * np.sqrt(1 - LEAST_APART**2):
+            yield Mirror.of(between, _nearest(placement, two))
+    if not placement.is_plane:
+        along = placement.direction + np.copysign(1.0, placement.direction @ two.direction) * two.direction
+        step = two.point - placement.point
         aside = step - float(step @ along) * along / float(along @ along)
         if np.linalg.norm(aside) > 1e-9 * max(1e-12, float(np.linalg.norm(step))):
             yield Mirror.of(aside, middle)
 
 
-def _nearest(one: Placement, two: Placement) -> FloatArray:
+def _nearest(placement: Placement, two: Placement) -> FloatArray:
     """The point (3,) midway between two axes where they are nearest."""
-    step, cosine = two.point - one.point, float(one.direction @ two.direction)
+    step, cosine = two.point - placement.point, float(placement.direction @ two.direction)
     along = np.linalg.solve(
         np.array([[1.0, -cosine], [cosine, -1.0]]),
-        np.array([one.direction @ step, two.direction @ step]),
+        np.array([placement.direction @ step, two.direction @ step]),
     )
-    nearest = one.point + along[0] * one.direction, two.point + along[1] * two.direction
+    nearest = placement.point + along[0] * placement.direction, two.point + along[1] * two.direction
     return np.asarray((nearest[0] + nearest[1]) / 2)

@@ -74,9 +74,9 @@ class _Placements(dict[int, Placement]):
         self._estimate = estimate
 
     def __missing__(self, number: int) -> Placement:
-        found = place(self._estimate.fits[number].surface, self._estimate.change(number))
-        self[number] = found
-        return found
+        placement = place(self._estimate.fits[number].surface, self._estimate.change(number))
+        self[number] = placement
+        return placement
 
 
 class Estimate:
@@ -131,7 +131,7 @@ class Estimate:
     @property
     def rank(self) -> int:
         """Degrees of freedom that the imposed relations take away."""
-        return sum(len(one.rows) for one in self.imposed)
+        return sum(len(item.rows) for item in self.imposed)
 
     def change(self, number: int) -> FloatArray:
         """How far the parameters (k,) of a surface have moved from its fit."""
@@ -139,8 +139,8 @@ class Estimate:
 
     def covariance_of(self, number: int) -> FloatArray:
         """Covariance (k, k) of the parameters of a surface, given the relations."""
-        own = self.columns(number)
-        return np.asarray(self.covariance[own, own])
+        stretch = self.columns(number)
+        return np.asarray(self.covariance[stretch, stretch])
 
     def constraint(self, relation: Relation) -> Constraint:
         """The equations of a relation where the surfaces are now."""
@@ -149,12 +149,12 @@ class Estimate:
     def variance(self, constraint: Constraint, *, prior: bool = False) -> FloatArray:
         """Covariance (m, m) of the equations' values, with nothing imposed where `prior`."""
         n = len(constraint.value)
-        found = np.zeros((n, n))
-        for one, block in constraint.blocks.items():
+        hits = np.zeros((n, n))
+        for number, block in constraint.blocks.items():
             for two, other in constraint.blocks.items():
-                among = (self._prior if prior else self.covariance)[self.columns(one), self.columns(two)]
-                found += block @ among @ other.T
-        return found
+                among = (self._prior if prior else self.covariance)[self.columns(number), self.columns(two)]
+                hits += block @ among @ other.T
+        return hits
 
     def built_within(self, constraint: Constraint) -> FloatArray:
         """Variances (m,) of the equations by how exactly things are built."""
@@ -170,24 +170,26 @@ class Estimate:
     def freedom_of(self, surfaces: Sequence[int]) -> float:
         """Degrees of freedom of a test of these surfaces: those of the least well known covariance."""
         return (
-            min((self._doubt.freedom[one] for one in surfaces), default=np.inf)
+            min((self._doubt.freedom[surface] for surface in surfaces), default=np.inf)
             if self._doubt.freedom
             else np.inf
         )
 
     def moved_sd(self, number: int) -> float:
         """How far a surface was moved: the most along any principal direction, in deviations."""
-        own = self.columns(number)
-        scale, prior = self.prior_sd[own], self._prior[own, own]
+        stretch = self.columns(number)
+        scale, prior = self.prior_sd[stretch], self._prior[stretch, stretch]
         values, vectors = np.linalg.eigh(prior / np.outer(scale, scale))
-        along = vectors.T @ (self.x[own] / scale)
+        along = vectors.T @ (self.x[stretch] / scale)
         return float(np.max(np.abs(along) / np.sqrt(np.maximum(values, np.finfo(np.float64).eps))))
 
     def impose(self, relation: Relation, rows: list[int]) -> None:
         """Impose some equations of a relation, and move the surfaces by one step."""
         constraint = self.constraint(relation).only(rows)
         self.imposed.append(Imposed(relation, rows))
-        where = np.concatenate([np.arange(self.n_unknowns)[self.columns(one)] for one in constraint.blocks])
+        where = np.concatenate(
+            [np.arange(self.n_unknowns)[self.columns(block)] for block in constraint.blocks]
+        )
         jacobian = np.concatenate(list(constraint.blocks.values()), axis=1)
         gain = self.covariance[:, where] @ jacobian.T
         spread = jacobian @ gain[where] + np.diag(self.built_within(constraint))
@@ -220,15 +222,15 @@ class Estimate:
 
     def equations(self) -> tuple[csr_array, FloatArray, FloatArray]:
         """All equations that are imposed: their derivative (m, n), value (m,), variance as built (m,)."""
-        parts = [self.constraint(one.relation).only(one.rows) for one in self.imposed]
+        parts = [self.constraint(item.relation).only(item.rows) for item in self.imposed]
         data, row, column, first = [], [], [], 0
         for part in parts:
             n = len(part.value)
             for number, block in part.blocks.items():
-                own = self.columns(number)
+                stretch = self.columns(number)
                 data.append(block.ravel())
-                row.append(np.repeat(np.arange(first, first + n), own.stop - own.start))
-                column.append(np.tile(np.arange(own.start, own.stop), n))
+                row.append(np.repeat(np.arange(first, first + n), stretch.stop - stretch.start))
+                column.append(np.tile(np.arange(stretch.start, stretch.stop), n))
             first += n
         places = np.concatenate(row), np.concatenate(column)
         jacobian = csr_array((np.concatenate(data), places), shape=(first, self.n_unknowns))
@@ -336,14 +338,14 @@ def multiplier_tests(estimate: Estimate) -> list[float]:
     _, factor = estimate.factor(jacobian, within)
     multiplier = cho_solve(factor, jacobian @ estimate.x - value)
     inverse = cho_solve(factor, np.eye(len(value)))
-    found, first = [], 0
-    for one in estimate.imposed:
-        own = slice(first, first + len(one.rows))
-        square = float(multiplier[own] @ np.linalg.solve(inverse[own, own], multiplier[own]))
-        freedom = estimate.freedom_of(one.relation.surfaces)
-        found.append(probability(square, len(one.rows), freedom))
-        first += len(one.rows)
-    return found
+    values, first = [], 0
+    for item in estimate.imposed:
+        stretch = slice(first, first + len(item.rows))
+        square = float(multiplier[stretch] @ np.linalg.solve(inverse[stretch, stretch], multiplier[stretch]))
+        freedom = estimate.freedom_of(item.relation.surfaces)
+        values.append(probability(square, len(item.rows), freedom))
+        first += len(item.rows)
+    return values
 
 
 def probability(square: float, rank: int, freedom: float) -> float:
@@ -359,14 +361,14 @@ def what_determines(constraint: Constraint, estimate: Estimate) -> list[int]:
     They are the ones whose derivatives have a part in the sum that gives the equations' derivatives.
     """
     jacobian, _, _ = estimate.equations()
-    own = np.zeros((len(constraint.value), estimate.n_unknowns))
+    members = np.zeros((len(constraint.value), estimate.n_unknowns))
     for number, block in constraint.blocks.items():
-        own[:, estimate.columns(number)] = block
+        members[:, estimate.columns(number)] = block
     scaled = jacobian.toarray() * estimate.prior_sd
     size = np.linalg.norm(scaled, axis=1, keepdims=True)
-    share, *_ = np.linalg.lstsq((scaled / size).T, (own * estimate.prior_sd).T, rcond=1e-9)
+    share, *_ = np.linalg.lstsq((scaled / size).T, (members * estimate.prior_sd).T, rcond=1e-9)
     weight = np.abs(share).max(axis=1) / max(float(np.abs(share).max()), np.finfo(np.float64).tiny)
-    which = np.repeat(np.arange(len(estimate.imposed)), [len(one.rows) for one in estimate.imposed])
+    which = np.repeat(np.arange(len(estimate.imposed)), [len(item.rows) for item in estimate.imposed])
     return sorted(set(which[weight > _PART].tolist()))
 
 

@@ -87,7 +87,7 @@ def _extent(
     if what == RADIUS:
         placed = [estimate.at[number] for number in relation.surfaces]
         is_ring = relation.kind == "equal_ring_radius"
-        radii = [one.ring_radius if is_ring else one.radius for one in placed]
+        radii = [placement.ring_radius if is_ring else placement.radius for placement in placed]
         return 2 * SHARE * max(radii)
     return 2 * SHARE * size_m if what == LENGTH else float(2 * ASIDE)
 
@@ -112,10 +112,10 @@ def direction_classes(estimate: Estimate) -> list[list[int]]:
     directed = [number for number in range(len(estimate.fits)) if _has_direction(estimate, number)]
     deviation = {number: direction_sd(estimate, number) for number in directed}
     classes: list[list[int]] = []
-    for number in sorted(directed, key=lambda one: (deviation[one], one)):
+    for number in sorted(directed, key=lambda index: (deviation[index], index)):
         if deviation[number] > MOST_SD:
             continue
-        angles = [angle_between(estimate.at[number], estimate.at[own[0]]) for own in classes]
+        angles = [angle_between(estimate.at[number], estimate.at[kind[0]]) for kind in classes]
         nearest = int(np.argmin(angles)) if angles else -1
         if nearest >= 0 and angles[nearest] <= _allowed(deviation[number], deviation[classes[nearest][0]]):
             classes[nearest].append(number)
@@ -141,7 +141,7 @@ def near(relation: Relation, estimate: Estimate) -> Iterator[Relation]:
 
 def parallel_now(estimate: Estimate) -> list[list[int]]:
     """The surfaces with a direction, grouped by what is imposed as parallel, best known first."""
-    order = [number for own in direction_classes(estimate) for number in own]
+    order = [number for kind in direction_classes(estimate) for number in kind]
     return grouped(order, estimate, ("parallel", "coplanar", "coaxial"))
 
 
@@ -149,25 +149,25 @@ def grouped(order: Sequence[int], estimate: Estimate, kinds: Sequence[RelationKi
     """Group surfaces by the relations of some kinds that are imposed, each group and all in their order."""
     group = {number: {number} for number in order}
     for relation in (imposed.relation for imposed in estimate.imposed):
-        one, two = relation.surfaces[0], relation.surfaces[-1]
-        if relation.kind in kinds and one in group and two in group and group[one] is not group[two]:
-            group[one] |= group[two]
+        index, two = relation.surfaces[0], relation.surfaces[-1]
+        if relation.kind in kinds and index in group and two in group and group[index] is not group[two]:
+            group[index] |= group[two]
             for member in group[two]:
-                group[member] = group[one]
-    found: dict[int, list[int]] = {}
+                group[member] = group[index]
+    entries: dict[int, list[int]] = {}
     for number in order:
-        found.setdefault(id(group[number]), []).append(number)
-    return list(found.values())
+        entries.setdefault(id(group[number]), []).append(number)
+    return list(entries.values())
 
 
 def _has_direction(estimate: Estimate, number: int) -> bool:
     return bool(estimate.at[number].direction.any())
 
 
-def angle_between(one: Placement, two: Placement) -> float:
+def angle_between(placement: Placement, two: Placement) -> float:
     """Angle between two directions without their signs, radians, 0 to 90 deg."""
-    across: FloatArray = np.cross(one.direction, two.direction)
-    return float(np.arctan2(np.linalg.norm(across), abs(one.direction @ two.direction)))
+    across: FloatArray = np.cross(placement.direction, two.direction)
+    return float(np.arctan2(np.linalg.norm(across), abs(placement.direction @ two.direction)))
 
 
 def angle_allowed(estimate: Estimate, *numbers: int) -> float:

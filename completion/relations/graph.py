@@ -81,11 +81,11 @@ class RelationGraph:
     @property
     def accepted(self) -> tuple[Relation, ...]:
         """The relations that are imposed."""
-        return tuple(one for one in self.relations if one.status is Status.ACCEPTED)
+        return tuple(relation for relation in self.relations if relation.status is Status.ACCEPTED)
 
     def numbered(self, status: Status) -> int:
         """How many relations came to a status."""
-        return sum(one.status is status for one in self.relations)
+        return sum(relation.status is status for relation in self.relations)
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{self.numbered(status)} {status.value}" for status in Status)
@@ -98,11 +98,11 @@ _MOST_SHARE = 0.1  # of a radius that may be doubtful
 
 def is_settled(fit: SurfaceFit) -> bool:
     """Whether a surface is known so well that its equations are linear within what is doubtful of it."""
-    told = fit.parameter_deviations()
-    if max(told.get("direction", 0.0), told.get("normal", 0.0)) >= _MOST_TILT:
+    deviations = fit.parameter_deviations()
+    if max(deviations.get("direction", 0.0), deviations.get("normal", 0.0)) >= _MOST_TILT:
         return False
-    radii = [name for name in ("radius", "tube_radius") if name in told]
-    return all(told[name] < _MOST_SHARE * float(getattr(fit.surface, name)) for name in radii)
+    radii = [name for name in ("radius", "tube_radius") if name in deviations]
+    return all(deviations[name] < _MOST_SHARE * float(getattr(fit.surface, name)) for name in radii)
 
 
 FORMAT = "unseen-relations/1"
@@ -120,10 +120,10 @@ def misfit_of(relation: Relation, fits: Sequence[SurfaceFit], up: np.ndarray | N
     """Return how far fits are from a relation of theirs; `up` (3,) is against gravity where that is known."""
     at = {number: place(fits[number].surface, np.zeros(len(fits[number].covariance)))
           for number in relation.surfaces}  # fmt: skip
-    found = constrain(relation, at, Frame(at, up))
-    size = np.abs(found.value)
-    turned = [value for value, row in zip(size, found.rows, strict=True) if row == ANGLE]
-    apart = [value for value, row in zip(size, found.rows, strict=True) if row != ANGLE]
+    constraint = constrain(relation, at, Frame(at, up))
+    size = np.abs(constraint.value)
+    turned = [value for value, row in zip(size, constraint.rows, strict=True) if row == ANGLE]
+    apart = [value for value, row in zip(size, constraint.rows, strict=True) if row != ANGLE]
     return Misfit(
         float(np.degrees(np.hypot.reduce(turned))) if turned else float("nan"),
         float(np.hypot.reduce(apart)) if apart else float("nan"),
@@ -146,20 +146,20 @@ def relation_records(
     """
     return [
         {
-            "type": one.kind,
-            "surfaces": [names[number] for number in one.surfaces],
-            "value": None if one.value is None else _value(one),
-            "status": one.status.value,
-            "p": _finite(one.p),
-            "log_evidence": _finite(one.log_evidence),
-            "given": one.is_given,
-            "reason": one.reason,
-            "conflicts": [place + 1 for place in one.conflicts],
-            "before": _misfit_record(misfit_of(one, before, up)),
-            "after": _misfit_record(misfit_of(one, graph.fits, up)),
-            **_pattern_record(one, graph, world),
+            "type": relation.kind,
+            "surfaces": [names[number] for number in relation.surfaces],
+            "value": None if relation.value is None else _value(relation),
+            "status": relation.status.value,
+            "p": _finite(relation.p),
+            "log_evidence": _finite(relation.log_evidence),
+            "given": relation.is_given,
+            "reason": relation.reason,
+            "conflicts": [place + 1 for place in relation.conflicts],
+            "before": _misfit_record(misfit_of(relation, before, up)),
+            "after": _misfit_record(misfit_of(relation, graph.fits, up)),
+            **_pattern_record(relation, graph, world),
         }
-        for one in graph.relations
+        for relation in graph.relations
     ]
 
 
@@ -238,28 +238,31 @@ class DirectionFrame:
 def direction_frames(graph: RelationGraph) -> tuple[DirectionFrame, ...]:
     """Return the frames of a graph, by the relations that hold; those of most surfaces first."""
     classes = shared_directions(graph)
-    of = {number: k for k, own in enumerate(classes) for number in own}
+    of = {number: k for k, kind in enumerate(classes) for number in kind}
     square = {
         frozenset((of[relation.surfaces[0]], of[relation.surfaces[1]]))
         for relation in graph.relations
         if relation.kind in _SQUARE and relation.holds
     }
-    told = [_direction(own, graph.fits) for own in classes]
-    found = [
-        DirectionFrame(kind, tuple(told[k] for k in some)) for kind, some in _frames(len(classes), square)
+    directions = [_direction(kind, graph.fits) for kind in classes]
+    frames = [
+        DirectionFrame(kind, tuple(directions[k] for k in numbers))
+        for kind, numbers in _frames(len(classes), square)
     ]
-    return tuple(sorted(found, key=lambda frame: -sum(len(one.surfaces) for one in frame.directions)))
+    return tuple(
+        sorted(frames, key=lambda frame: -sum(len(direction.surfaces) for direction in frame.directions))
+    )
 
 
 def shared_directions(graph: RelationGraph) -> list[list[int]]:
     """Group the surfaces that have a direction by those which the relations that hold make one."""
     placed = [place(fit.surface, np.zeros(len(fit.covariance))) for fit in graph.fits]
-    group = {number: {number} for number, one in enumerate(placed) if one.direction.any()}
+    group = {number: {number} for number, placement in enumerate(placed) if placement.direction.any()}
     for relation in graph.relations:
         if relation.kind in _ALIKE and relation.holds:
             joined = set().union(*(group[number] for number in relation.surfaces))
             group |= dict.fromkeys(joined, joined)
-    return [sorted(own) for number, own in group.items() if min(own) == number]
+    return [sorted(numbers) for number, numbers in group.items() if min(numbers) == number]
 
 
 def frame_records(
@@ -272,11 +275,11 @@ def frame_records(
             "type": frame.kind,
             "directions": [
                 {
-                    "direction": (world @ one.vector).tolist(),
-                    "standard_deviation_deg": float(np.degrees(one.sd)),
-                    "surfaces": [names[number] for number in one.surfaces],
+                    "direction": (world @ direction.vector).tolist(),
+                    "standard_deviation_deg": float(np.degrees(direction.sd)),
+                    "surfaces": [names[number] for number in direction.surfaces],
                 }
-                for one in frame.directions
+                for direction in frame.directions
             ],
         }
         for frame in direction_frames(graph)
@@ -290,10 +293,10 @@ def _frames(
     for three in combinations(range(n), 3):
         if all(frozenset(pair) in square for pair in combinations(three, 2)):
             yield "manhattan", three
-    for one in range(n):
-        across = [other for other in range(n) if other != one and frozenset((one, other)) in square]
+    for number in range(n):
+        across = [other for other in range(n) if other != number and frozenset((number, other)) in square]
         if len(across) >= _LEAST_ACROSS:
-            yield "atlanta", (one, *across)
+            yield "atlanta", (number, *across)
 
 
 def _direction(surfaces: Sequence[int], fits: Sequence[SurfaceFit]) -> Direction:
@@ -304,5 +307,5 @@ def _direction(surfaces: Sequence[int], fits: Sequence[SurfaceFit]) -> Direction
         by = at.across @ at.by_direction
         variance = np.linalg.eigvalsh(by @ fits[number].covariance @ by.T)[-1]
         known.append((float(np.sqrt(max(variance, 0.0))), at.direction))
-    sd, vector = min(known, key=lambda one: one[0])
+    sd, vector = min(known, key=lambda pair: pair[0])
     return Direction(vector, sd, tuple(surfaces))

@@ -49,7 +49,10 @@ def by_evidence(
     relations: Sequence[Relation], estimate: Estimate, options: RelationOptions, size_m: float
 ) -> list[Relation]:
     """Return the relations in the order of the evidence for them where the surfaces are now."""
-    evidence = [log_evidence(one, wald_test(one, estimate), estimate, options, size_m) for one in relations]
+    evidence = [
+        log_evidence(relation, wald_test(relation, estimate), estimate, options, size_m)
+        for relation in relations
+    ]
     return [relations[k] for k in sorted(range(len(relations)), key=lambda k: (-evidence[k], k))]
 
 
@@ -92,13 +95,13 @@ def settle_conflict(refused: Relation, estimate: Estimate) -> Relation | None:
     moved least. Proposals are not set against what a person stated.
     """
     against = [estimate.imposed[k].relation for k in refused.conflicts]
-    rivals = [one for one in against if one.is_given == refused.is_given or refused.is_given]
+    rivals = [relation for relation in against if relation.is_given == refused.is_given or refused.is_given]
     if not rivals or len(against) > _MOST_MEMBERS:
         return None
-    kept = [one.relation for one in estimate.imposed]
+    kept = [item.relation for item in estimate.imposed]
     least, worst = estimate.cost, None
     for rival in rivals:
-        cost = with_only([*(one for one in kept if one is not rival), refused], estimate).cost
+        cost = with_only([*(relation for relation in kept if relation is not rival), refused], estimate).cost
         if cost < least:
             least, worst = cost, rival
     return worst
@@ -122,7 +125,7 @@ def without_evidence(relations: Sequence[Relation]) -> list[Relation]:
     """Return the accepted proposals that hang together in groups with too little evidence in all."""
     group: dict[int, set[int]] = {}
     for relation in relations:
-        members = set(relation.surfaces).union(*(group.get(one, set()) for one in relation.surfaces))
+        members = set(relation.surfaces).union(*(group.get(surface, set()) for surface in relation.surfaces))
         for member in members:
             group[member] = members
     total: dict[int, float] = {}
@@ -130,22 +133,22 @@ def without_evidence(relations: Sequence[Relation]) -> list[Relation]:
         gain = np.inf if relation.is_given else relation.log_evidence
         key = id(group[relation.surfaces[0]])
         total[key] = total.get(key, 0.0) + gain
-    return [one for one in relations if total[id(group[one.surfaces[0]])] < LEAST_GROUP]
+    return [item for item in relations if total[id(group[item.surfaces[0]])] < LEAST_GROUP]
 
 
 def _misfit(test: WaldTest) -> str:
     """How far the equations are from 0, in words."""
-    found: list[str] = []
+    texts: list[str] = []
     least = _NOTHING * float(np.abs(test.constraint.value).max())
     for value, what in zip(test.constraint.value, test.constraint.rows, strict=True):
         if abs(value) < least:
             continue
         size = f"{np.degrees(abs(value)):.3g} deg" if what == ANGLE else f"{1000 * abs(value):.3g} mm"
-        found.append(size)
-    angles = [one for one in found if one.endswith("deg")]
-    lengths = [one for one in found if one.endswith("mm")]
+        texts.append(size)
+    angles = [text for text in texts if text.endswith("deg")]
+    lengths = [text for text in texts if text.endswith("mm")]
     return " and ".join(
-        max(some, key=lambda one: float(one.split()[0])) for some in (angles, lengths) if some
+        max(item, key=lambda line: float(line.split()[0])) for item in (angles, lengths) if item
     )
 
 
@@ -227,45 +230,45 @@ def infer(
     estimate = Estimate(fits, options.up, options.built_sd, doubt)
     options = with_tolerance(options, propose(0, estimate, options), estimate)
     estimate = Estimate(fits, options.up, options.built_sd, doubt)
-    size_m, found = size_of(fits), list[Relation]()
-    stated = [replace(one, is_given=True) for one in given if not one.is_forbidden]
-    forbidden = {_key(one) for one in given if one.is_forbidden}
+    size_m, relations = size_of(fits), list[Relation]()
+    stated = [replace(item, is_given=True) for item in given if not item.is_forbidden]
+    forbidden = {_key(item) for item in given if item.is_forbidden}
 
     # 2. Examine: directions first, then angles, places, radii and distances; in each stage what a person
     #    states, then what is proposed, the strongest evidence first. Each is tested given those before it.
     for stage, kinds in enumerate(STAGES):
-        n_found = len(found)
-        todo = [one for one in stated if one.kind in kinds]
-        known = {_key(one) for one in [*stated, *found]} | forbidden
+        n_found = len(relations)
+        todo = [item for item in stated if item.kind in kinds]
+        known = {_key(item) for item in [*stated, *relations]} | forbidden
         for proposed in (False, True):
             if proposed:
                 new = propose(stage, estimate, options) if proposes else []
-                unknown = [one for one in new if _key(one) not in known]
+                unknown = [item for item in new if _key(item) not in known]
                 todo = by_evidence(unknown, estimate, options, size_m)
             level = options.level / max(len(todo), 1)
             for relation in todo:
                 tested = examine(relation, estimate, options, size_m, level)
                 if tested.conflicts and tested.is_given:
-                    estimate, found, tested = _settled(tested, estimate, found)
-                found.append(_with_conflicts(tested, found))
+                    estimate, relations, tested = _settled(tested, estimate, relations)
+                relations.append(_with_conflicts(tested, relations))
                 estimate.settle()
-        if len(found) > n_found:
+        if len(relations) > n_found:
             estimate.solve()
 
     # 3. Release: an accepted relation that all others together contradict goes, the worst first.
     while (worst := worst_of(estimate, options.level)) is not None:
         reason = "all other relations together contradict it"
-        found = _refused(found, worst[0], Status.REJECTED, reason, p=worst[1])
-        estimate = _again(found, estimate)
+        relations = _refused(relations, worst[0], Status.REJECTED, reason, p=worst[1])
+        estimate = _again(relations, estimate)
 
     # 4. Weigh: what was proposed stays where all that hangs together has evidence enough.
-    weak = without_evidence([one.relation for one in estimate.imposed])
+    weak = without_evidence([item.relation for item in estimate.imposed])
     for relation in weak:
         reason = "it is met, but so little hangs together with it that it may be by chance"
-        found = _refused(found, relation, Status.UNDECIDED, reason)
+        relations = _refused(relations, relation, Status.UNDECIDED, reason)
     if weak:
-        estimate = _again(found, estimate)
-    return RelationGraph.of(estimate, found, options)
+        estimate = _again(relations, estimate)
+    return RelationGraph.of(estimate, relations, options)
 
 
 def impose(
@@ -280,26 +283,26 @@ def impose(
 
 
 def _settled(
-    refused: Relation, estimate: Estimate, found: list[Relation]
+    refused: Relation, estimate: Estimate, relations: list[Relation]
 ) -> tuple[Estimate, list[Relation], Relation]:
     """Where another had better go than what was refused, that goes, and this is accepted."""
     worst = settle_conflict(refused, estimate)
     if worst is None:
-        return estimate, found, refused
+        return estimate, relations, refused
     reason = "what contradicts it fits better without it"
-    found = _refused(found, worst, Status.REJECTED, reason)
+    relations = _refused(relations, worst, Status.REJECTED, reason)
     accepted = replace(
         refused, status=Status.ACCEPTED, reason="what contradicted it was rejected", conflicts=()
     )
-    estimate = _again([*found, accepted], estimate)
-    return estimate, found, accepted
+    estimate = _again([*relations, accepted], estimate)
+    return estimate, relations, accepted
 
 
-def _with_conflicts(tested: Relation, found: Sequence[Relation]) -> Relation:
+def _with_conflicts(tested: Relation, relations: Sequence[Relation]) -> Relation:
     """The relation with its conflicts by their places among all found, not among those that are imposed."""
     if not tested.conflicts:
         return tested
-    accepted = [k for k, one in enumerate(found) if one.status is Status.ACCEPTED]
+    accepted = [k for k, relation in enumerate(relations) if relation.status is Status.ACCEPTED]
     return replace(tested, conflicts=tuple(accepted[k] for k in tested.conflicts))
 
 
@@ -308,12 +311,12 @@ def _refused(
 ) -> list[Relation]:
     """The relations with one of them not accepted after all; its p stays unless another is given."""
     changed = replace(which, status=status, reason=reason, p=which.p if p is None else p)
-    return [changed if one is which else one for one in relations]
+    return [changed if relation is which else relation for relation in relations]
 
 
 def _again(relations: Sequence[Relation], estimate: Estimate) -> Estimate:
     """The estimate made anew with what is accepted, in the same order."""
-    return with_only([one for one in relations if one.status is Status.ACCEPTED], estimate)
+    return with_only([relation for relation in relations if relation.status is Status.ACCEPTED], estimate)
 
 
 def _key(relation: Relation) -> tuple[object, ...]:
@@ -419,61 +422,66 @@ def relate_surfaces(
     InputError
         A person names a place where nothing was measured, or a relation that the surfaces there cannot have.
     """
-    told = [stated.total(k) for k in range(len(edited))]
+    fits = [stated.total(k) for k in range(len(edited))]
     if options is None:
-        return RelatedSurfaces(tuple(edited), tuple(told), _errors(edited, told, stated, observations))
-    named = [[surface_at(edited, anchor, one.source, observations, world_from_reference)
-              for anchor in one.surfaces] for one in given]  # fmt: skip
+        return RelatedSurfaces(tuple(edited), tuple(fits), _errors(edited, fits, stated, observations))
+    named = [[surface_at(edited, anchor, relation.source, observations, world_from_reference)
+              for anchor in relation.surfaces] for relation in given]  # fmt: skip
     largest = max((seen.scan.ranges.size for seen in observations), default=0)
     least = float(np.clip(LEAST_SHARE * largest, LEAST_LEAST, MOST_LEAST))
     large = {
         k
-        for k, (one, own) in enumerate(zip(edited, told, strict=True))
-        if one.surface.n_pixels >= least and is_settled(own)
+        for k, (edited_surface, surface_fit) in enumerate(zip(edited, fits, strict=True))
+        if edited_surface.surface.n_pixels >= least and is_settled(surface_fit)
     }
     numbers = sorted(large.union(*named))
     if not numbers:
-        return RelatedSurfaces(tuple(edited), tuple(told), _errors(edited, told, stated, observations))
+        return RelatedSurfaces(tuple(edited), tuple(fits), _errors(edited, fits, stated, observations))
     place = {number: k for k, number in enumerate(numbers)}
-    relations = [one.of([place[number] for number in some]) for one, some in zip(given, named, strict=True)]
+    relations = [
+        relation.of([place[number] for number in item]) for relation, item in zip(given, named, strict=True)
+    ]
     doubt = Doubt([stated.freedom[number] for number in numbers], stated.smooth.covariance_of(numbers))
     graph = infer([stated.fits[number] for number in numbers], relations, options, doubt=doubt)
     short = _short_covariances([edited[number].surface.fit for number in numbers], graph)
     off = [_off(edited[k].surface, fit, observations) for k, fit in zip(numbers, graph.fits, strict=True)]
     is_moved = [far <= _MOST_OFF * edited[k].surface.fit.rms for k, far in zip(numbers, off, strict=True)]
-    before, surfaces = tuple(told[k] for k in numbers), list(edited)
+    before, surfaces = tuple(fits[k] for k in numbers), list(edited)
     for number, fit, covariance, moves in zip(numbers, graph.fits, short, is_moved, strict=True):
         if moves:
             surface = edited[number].surface
             moved = replace(surface.fit, surface=fit.surface, covariance=covariance)
             surfaces[number] = replace(edited[number], surface=replace(surface, fit=moved))
-            told[number] = replace(moved, covariance=fit.covariance)
+            fits[number] = replace(moved, covariance=fit.covariance)
     places = tuple(number + 1 for number in numbers)
-    found = FoundRelations(graph, before, places, off_m=tuple(off), is_moved=tuple(is_moved))
-    first = tuple(accumulate((len(one.covariance) for one in graph.fits), initial=0))
+    found_relations = FoundRelations(graph, before, places, off_m=tuple(off), is_moved=tuple(is_moved))
+    first = tuple(accumulate((len(surface_fit.covariance) for surface_fit in graph.fits), initial=0))
     related = RelatedErrors(tuple(numbers), first, graph.covariance, tuple(is_moved))
     return RelatedSurfaces(
-        tuple(surfaces), tuple(told), _errors(surfaces, told, stated, observations, related), found
+        tuple(surfaces), tuple(fits), _errors(surfaces, fits, stated, observations, related), found_relations
     )
 
 
 def _errors(
     edited: Sequence[EditedSurface],
-    told: Sequence[SurfaceFit],
+    fits: Sequence[SurfaceFit],
     stated: StatedFits,
     observations: Sequence[Observation],
     related: RelatedErrors = UNRELATED,
 ) -> JointErrors:
     """All errors of the surfaces, jointly, those of the scans' places included."""
     shares = np.zeros((len(edited), len(observations)))
-    for number, one in enumerate(edited):
-        for scan, held in one.surface.pixels.held:
-            shares[number, scan] = len(held) / one.surface.n_pixels
+    for number, surface in enumerate(edited):
+        for scan, held in surface.surface.pixels.held:
+            shares[number, scan] = len(held) / surface.surface.n_pixels
     return JointErrors(
-        own=tuple(one.covariance for one in told),
+        own=tuple(fit.covariance for fit in fits),
         shared=stated.smooth,
         related=related,
-        ranges=tuple(shift_by_sensors(one.surface, observations, range_displacements) for one in edited),
+        ranges=tuple(
+            shift_by_sensors(edited_surface.surface, observations, range_displacements)
+            for edited_surface in edited
+        ),
         freedom=stated.freedom,
         shares=shares,
         pose_sd=np.array([seen.pose_error_m for seen in observations]) / POSE_BOUND,
@@ -487,7 +495,9 @@ def _short_covariances(fits: Sequence[SurfaceFit], graph: RelationGraph) -> list
     These tell how far a surface may stray from where it was measured nearby, which is what its continuation
     goes by; errors of the whole image move both alike.
     """
-    placed = [replace(fit, surface=own.surface) for fit, own in zip(fits, graph.fits, strict=True)]
+    placed = [
+        replace(fit, surface=surface_fit.surface) for fit, surface_fit in zip(fits, graph.fits, strict=True)
+    ]
     estimate = with_only(graph.accepted, Estimate(placed, graph.options.up, graph.options.built_sd))
     return [estimate.covariance_of(number) for number in range(len(fits))]
 

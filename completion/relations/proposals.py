@@ -48,7 +48,7 @@ def mirrored_pairs(estimate: Estimate, options: RelationOptions) -> Iterator[Rel
     those of surfaces that have nothing to do with one another (`log_evidence`).
     """
     for mirror in _mirrors_of_several(estimate, options):
-        implied = [one.relation for one in mirror.told if one.is_implied]
+        implied = [judgement.relation for judgement in mirror.told if judgement.is_implied]
         yield from implied
         if not implied:
             yield from _best(mirror, estimate, options)
@@ -57,23 +57,23 @@ def mirrored_pairs(estimate: Estimate, options: RelationOptions) -> Iterator[Rel
 def further_pairs(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """Other pairs of mirrors that two pairs have told: `n_tried` counts the pairs near this one alone."""
     for mirror in _mirrors_of_several(estimate, options):
-        if any(one.is_implied for one in mirror.told):
-            for one in mirror.told:
-                if one.is_implied or one.evidence > np.log(mirror.n_near):
-                    yield replace(one.relation, n_tried=mirror.n_near)
+        if any(item.is_implied for item in mirror.told):
+            for judgement in mirror.told:
+                if judgement.is_implied or judgement.evidence > np.log(mirror.n_near):
+                    yield replace(judgement.relation, n_tried=mirror.n_near)
 
 
 def _best(mirror: _Mirror, estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """The two pairs that tell most of a mirror; where these do not tell enough, all pairs together."""
-    best, *others = sorted(mirror.told, key=lambda one: -one.evidence)
+    best, *others = sorted(mirror.told, key=lambda item: -item.evidence)
     evidence = best.evidence - float(np.log(mirror.n_pairs))
     if evidence < LEAST_ALONE and others:
         hub = best.relation.surfaces[:2]
-        pairs = [number for one in mirror.told for number in one.relation.surfaces[2:]]
+        pairs = [number for item in mirror.told for number in item.relation.surfaces[2:]]
         n_tried = mirror.n_pairs * mirror.n_near ** len(others)
         every = Relation(kind="symmetric", surfaces=(*hub, *pairs), n_tried=n_tried)
-        told = judge(every, estimate, options, size_of(estimate.fits))
-        if told is not None and told.evidence > max(evidence, 0.0):
+        judgement = judge(every, estimate, options, size_of(estimate.fits))
+        if judgement is not None and judgement.evidence > max(evidence, 0.0):
             yield every
             return
     if evidence > 0:
@@ -102,7 +102,7 @@ def _mirrors_of_several(estimate: Estimate, options: RelationOptions) -> Iterato
     is_one = apart & (turned <= angle + _ANGLE_ROUNDING) & (off <= length)
     taken = np.zeros(len(mirrors.pairs), dtype=bool)
     for first, hub in enumerate(mirrors.pairs.tolist()):
-        told, used = list[Judged](), set(hub)
+        pairs, used = list[Judged](), set(hub)
         for other in np.flatnonzero(is_one[first] & ~taken & ~taken[first]):
             pair = mirrors.pairs[other].tolist()
             if other < first or used & set(pair) or n_left == 0:
@@ -110,11 +110,11 @@ def _mirrors_of_several(estimate: Estimate, options: RelationOptions) -> Iterato
             relation = Relation(kind="symmetric", surfaces=(*hub, *pair))
             judged = judge(relation, estimate, options, size_m)
             if judged is not None:
-                told.append(judged)
+                pairs.append(judged)
                 taken[other], n_left = True, n_left - 1
                 used |= set(pair)
-        if told:
-            yield _Mirror(told, n_pairs, max(1.0, float(by_chance[first].sum())))
+        if pairs:
+            yield _Mirror(pairs, n_pairs, max(1.0, float(by_chance[first].sum())))
 
 
 def _members(estimate: Estimate) -> list[int]:
@@ -140,23 +140,23 @@ class _Mirrors:
 
     @classmethod
     def of(cls, members: Sequence[int], estimate: Estimate) -> _Mirrors:
-        points = np.array([estimate.at[one].point for one in members]).reshape(-1, 3)
+        points = np.array([estimate.at[member].point for member in members]).reshape(-1, 3)
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
-        place = {one: _place_sd(estimate, one) for one in members}
-        turn = {one: direction_sd(estimate, one) for one in members}
+        place = {member: _place_sd(estimate, member) for member in members}
+        turn = {member: direction_sd(estimate, member) for member in members}
         pairs, normals, levels, angles, lengths = [], [], [], [], []
-        for one, two in combinations(members, 2):
-            if not _may_be_images(estimate, one, two):
+        for number, two in combinations(members, 2):
+            if not _may_be_images(estimate, number, two):
                 continue
-            first, second = estimate.at[one], estimate.at[two]
+            first, second = estimate.at[number], estimate.at[two]
             for mirror in mirrors_between(first, second):
-                tilt = float(np.hypot(turn[one], turn[two]))
-                shift = float(np.hypot(place[one], place[two]))
+                tilt = float(np.hypot(turn[number], turn[two]))
+                shift = float(np.hypot(place[number], place[two]))
                 if not first.is_plane:
                     apart = float(np.abs(mirror.normal @ (second.point - first.point)))
                     tilt = float(np.hypot(tilt, shift / max(apart, shift)))
                 lever = max(float(np.linalg.norm(half.point - middle)) for half in (first, second))
-                pairs.append((one, two))
+                pairs.append((number, two))
                 normals.append(mirror.normal)
                 levels.append(float(mirror.normal @ (mirror.point - middle)))
                 angles.append(tilt)
@@ -178,23 +178,25 @@ class _Mirrors:
 
     def disjoint(self) -> BoolArray:
         """Which (n, n) pairs have no surface in common."""
-        one, two = self.pairs.T
-        alike = (one[:, None] == one) | (two[:, None] == two) | (one[:, None] == two) | (two[:, None] == one)
+        item, two = self.pairs.T
+        alike = (
+            (item[:, None] == item) | (two[:, None] == two) | (item[:, None] == two) | (two[:, None] == item)
+        )
         return np.asarray(~alike)
 
 
-def _may_be_images(estimate: Estimate, one: int, two: int) -> bool:
+def _may_be_images(estimate: Estimate, number: int, two: int) -> bool:
     """Whether two surfaces are of one kind, of radii that may be equal and axes that may be in a plane."""
-    first, second = estimate.at[one], estimate.at[two]
+    first, second = estimate.at[number], estimate.at[two]
     if first.is_plane != second.is_plane:
         return False
     if first.is_plane:
         return True
-    if not list(near(Relation(kind="equal_radius", surfaces=(one, two)), estimate)):
+    if not list(near(Relation(kind="equal_radius", surfaces=(number, two)), estimate)):
         return False
-    apart, step = _place_sd(estimate, one) + _place_sd(estimate, two), second.point - first.point
+    apart, step = _place_sd(estimate, number) + _place_sd(estimate, two), second.point - first.point
     across = np.cross(first.direction, second.direction)
-    if angle_between(first, second) <= angle_allowed(estimate, one, two):
+    if angle_between(first, second) <= angle_allowed(estimate, number, two):
         return float(np.linalg.norm(np.cross(first.direction, step))) > FAR * apart
     return float(np.abs(across @ step) / np.linalg.norm(across)) <= FAR * apart
 
@@ -224,15 +226,15 @@ def regular_rows(estimate: Estimate, options: RelationOptions) -> Iterator[Relat
     it might have begun with, and the surfaces that are within half a spacing of where each of the others is.
     """
     size_m = size_of(estimate.fits)
-    for own in parallel_now(estimate):
-        apart = [first for first, *_ in grouped(own, estimate, ("coplanar", "coaxial"))]
-        planes = [one for one in apart if isinstance(estimate.fits[one].surface, Plane)]
-        axes = [one for one in apart if one not in planes]
+    for numbers in parallel_now(estimate):
+        apart = [first for first, *_ in grouped(numbers, estimate, ("coplanar", "coaxial"))]
+        planes = [number for number in apart if isinstance(estimate.fits[number].surface, Plane)]
+        axes = [number for number in apart if number not in planes]
         for members, least in ((planes, _LEAST_PLANES), (axes, _LEAST_AXES)):
             if len(members) >= least:
                 for row in _rows_of(members[:_MOST_MEMBERS], least, estimate):
-                    told = judge(row, estimate, options, size_m)
-                    if told is not None and (told.is_implied or told.evidence > 0):
+                    judgement = judge(row, estimate, options, size_m)
+                    if judgement is not None and (judgement.is_implied or judgement.evidence > 0):
                         yield row
 
 
@@ -240,11 +242,11 @@ def _rows_of(members: Sequence[int], least: int, estimate: Estimate) -> Iterator
     place, deviation = places_across(members, estimate)
     apart = _distinct(place, deviation)
     place, deviation = place[apart], deviation[apart]
-    found: dict[frozenset[int], list[int]] = {}
+    entries: dict[frozenset[int], list[int]] = {}
     for row in _progressions(place, deviation):
         if len(row) >= least:
-            found.setdefault(frozenset(row), row)
-    longest = sorted(found.values(), key=lambda row: -len(row))
+            entries.setdefault(frozenset(row), row)
+    longest = sorted(entries.values(), key=lambda row: -len(row))
     kept: list[list[int]] = []
     for row in longest:
         if len(kept) < _MOST_ROWS and not any(set(row) <= set(other) for other in kept):
@@ -261,11 +263,11 @@ def places_across(members: Sequence[int], estimate: Estimate) -> tuple[FloatArra
     first = estimate.at[members[0]]
     is_plane = isinstance(estimate.fits[members[0]].surface, Plane)
     over = first.direction[None] if is_plane else first.across
-    place = np.array([over @ (estimate.at[one].point - first.point) for one in members])
+    place = np.array([over @ (estimate.at[number].point - first.point) for number in members])
     deviation = [0.0]
-    for one in members[1:]:
+    for member in members[1:]:
         constraint = estimate.constraint(
-            Relation(kind="coplanar" if is_plane else "coaxial", surfaces=(members[0], one))
+            Relation(kind="coplanar" if is_plane else "coaxial", surfaces=(members[0], member))
         ).only(range(2, 2 + len(over)))
         variance = np.diag(estimate.variance(constraint)) + estimate.built_within(constraint)
         deviation.append(float(np.sqrt(max(variance.max(), 0.0))))
@@ -285,14 +287,14 @@ def _distinct(place: FloatArray, deviation: FloatArray) -> list[int]:
 def _progressions(place: FloatArray, deviation: FloatArray) -> Iterator[list[int]]:
     """Places (m, d) that follow one another at one step, as long as they go on, from any two on."""
     n, tree = len(place), cKDTree(place)
-    one, two = (some.ravel() for some in np.mgrid[:n, :n])
-    away = np.linalg.norm(place[two] - place[one], axis=1)
-    allowed = _N_SD * np.sqrt(np.square(deviation[one]) + 4 * np.square(deviation[two]))
-    far, third = tree.query(2 * place[two] - place[one])
-    goes_on = (far <= np.hypot(allowed, _N_SD * deviation[third])) & (one != two)
+    item, two = (sample.ravel() for sample in np.mgrid[:n, :n])
+    away = np.linalg.norm(place[two] - place[item], axis=1)
+    allowed = _N_SD * np.sqrt(np.square(deviation[item]) + 4 * np.square(deviation[two]))
+    far, third = tree.query(2 * place[two] - place[item])
+    goes_on = (far <= np.hypot(allowed, _N_SD * deviation[third])) & (item != two)
     goes_on &= (allowed <= _MOST_SHARE * away) & (third != two)
     after = {
-        (int(a), int(b)): int(c) for a, b, c in zip(*(x[goes_on] for x in (one, two, third)), strict=True)
+        (int(a), int(b)): int(c) for a, b, c in zip(*(x[goes_on] for x in (item, two, third)), strict=True)
     }
     goes_back = {(b, c) for (_, b), c in after.items()}
     for pair in after:
@@ -344,7 +346,7 @@ def propose(stage: int, estimate: Estimate, options: RelationOptions) -> list[Re
         5: _patterns,
         6: _further,
     }
-    return [one for one in makers[stage](estimate, options) if one.kind in options.kinds]
+    return [relation for relation in makers[stage](estimate, options) if relation.kind in options.kinds]
 
 
 def _directions(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
@@ -352,11 +354,11 @@ def _directions(estimate: Estimate, options: RelationOptions) -> Iterator[Relati
     classes = direction_classes(estimate)
     for first, *others in classes:
         yield from (Relation(kind="parallel", surfaces=(first, other)) for other in others)
-    for one, two in combinations([own[0] for own in classes], 2):
-        if abs(angle_between(estimate.at[one], estimate.at[two]) - np.pi / 2) <= angle_allowed(
-            estimate, one, two
+    for number, two in combinations([kind[0] for kind in classes], 2):
+        if abs(angle_between(estimate.at[number], estimate.at[two]) - np.pi / 2) <= angle_allowed(
+            estimate, number, two
         ):
-            yield Relation(kind="perpendicular", surfaces=(one, two))
+            yield Relation(kind="perpendicular", surfaces=(number, two))
     if options.up is not None:
         for first, *_ in classes:
             cosine = float(np.abs(estimate.at[first].direction @ options.up))
@@ -371,13 +373,13 @@ def _directions(estimate: Estimate, options: RelationOptions) -> Iterator[Relati
 def _angles(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """Round angles between the best known of each class, and of cones."""
     step = np.radians(options.round_angle_deg)
-    held = {frozenset(one.relation.surfaces) for one in estimate.imposed}
-    for one, two in combinations([own[0] for own in parallel_now(estimate)], 2):
-        angle = angle_between(estimate.at[one], estimate.at[two])
+    held = {frozenset(item.relation.surfaces) for item in estimate.imposed}
+    for index, two in combinations([numbers[0] for numbers in parallel_now(estimate)], 2):
+        angle = angle_between(estimate.at[index], estimate.at[two])
         value = float(np.rint(angle / step) * step)
-        is_own = min(value, abs(np.pi / 2 - value)) < _FLAT_ANGLE or frozenset((one, two)) in held
-        if not is_own and abs(angle - value) <= min(angle_allowed(estimate, one, two), step / 2):
-            yield Relation(kind="angle", surfaces=(one, two), value=value)
+        is_own = min(value, abs(np.pi / 2 - value)) < _FLAT_ANGLE or frozenset((index, two)) in held
+        if not is_own and abs(angle - value) <= min(angle_allowed(estimate, index, two), step / 2):
+            yield Relation(kind="angle", surfaces=(index, two), value=value)
     for number, fit in enumerate(estimate.fits):
         if isinstance(fit.surface, Cone):
             value = float(np.rint(estimate.at[number].half_angle / step) * step)
@@ -388,17 +390,17 @@ def _angles(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
 def _places(estimate: Estimate, _options: RelationOptions) -> Iterator[Relation]:
     """Planes in one, axes in one, and axes in planes."""
     classes = parallel_now(estimate)
-    for own in classes:
-        planes = [one for one in own if isinstance(estimate.fits[one].surface, Plane)]
-        axes = [one for one in own if one not in planes]
+    for kind in classes:
+        planes = [index for index in kind if isinstance(estimate.fits[index].surface, Plane)]
+        axes = [index for index in kind if index not in planes]
         yield from _clustered("coplanar", planes, estimate)
         yield from _clustered("coaxial", axes, estimate)
     for first, second in combinations(classes, 2):
         apart = angle_between(estimate.at[first[0]], estimate.at[second[0]])
         if abs(apart - np.pi / 2) > angle_allowed(estimate, first[0], second[0]):
             continue
-        for one, two in [(a, b) for a in first for b in second]:
-            flat, axis = (one, two) if isinstance(estimate.fits[one].surface, Plane) else (two, one)
+        for number, two in [(a, b) for a in first for b in second]:
+            flat, axis = (number, two) if isinstance(estimate.fits[number].surface, Plane) else (two, number)
             if isinstance(estimate.fits[flat].surface, Plane) and not isinstance(
                 estimate.fits[axis].surface, Plane
             ):
@@ -411,8 +413,8 @@ def _radii(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
         [number for number, fit in enumerate(estimate.fits) if isinstance(fit.surface, kinds)]
         for kinds in (Sphere, (Cylinder, Torus), Torus)
     )
-    for some in (spheres, tubes):
-        yield from _clustered("equal_radius", some, estimate)
+    for numbers in (spheres, tubes):
+        yield from _clustered("equal_radius", numbers, estimate)
     yield from _clustered("equal_ring_radius", rings, estimate)
     if options.round_length_m is not None:
         for number in spheres + tubes:
@@ -426,11 +428,11 @@ def _radii(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
 def _distances(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """Round and equal distances between parallel planes that follow one another."""
     steps: list[tuple[int, int]] = []
-    for own in parallel_now(estimate):
-        planes = [one for one in own if isinstance(estimate.fits[one].surface, Plane)]
-        normal = estimate.at[own[0]].direction
-        along = {one: float(normal @ estimate.at[one].point) for one in planes}
-        placed = sorted(planes, key=lambda one: (along[one], one))
+    for numbers in parallel_now(estimate):
+        planes = [number for number in numbers if isinstance(estimate.fits[number].surface, Plane)]
+        normal = estimate.at[numbers[0]].direction
+        along = {plane: float(normal @ estimate.at[plane].point) for plane in planes}
+        placed = sorted(planes, key=lambda index: (along[index], index))
         steps += [pair for pair in pairwise(placed) if not _are_one(estimate, *pair)]
     known = {pair: _length(estimate, pair) for pair in steps}
     if options.round_length_m is not None:
@@ -443,9 +445,9 @@ def _distances(estimate: Estimate, options: RelationOptions) -> Iterator[Relatio
         for first in firsts:
             if abs(known[first][0] - known[pair][0]) > FAR * (known[first][1] + known[pair][1]):
                 continue  # whatever errors they share, they are too far off
-            found = list(near(Relation(kind="equal_distance", surfaces=(*first, *pair)), estimate))
-            if found:
-                yield from found
+            relations = list(near(Relation(kind="equal_distance", surfaces=(*first, *pair)), estimate))
+            if relations:
+                yield from relations
                 break
         else:
             firsts.append(pair)
@@ -456,24 +458,24 @@ def _clustered(kind: RelationKind, members: Sequence[int], estimate: Estimate) -
     firsts: list[int] = []
     for member in members:
         for first in firsts:
-            found = list(near(Relation(kind=kind, surfaces=(first, member)), estimate))
-            if found:
-                yield from found
+            relations = list(near(Relation(kind=kind, surfaces=(first, member)), estimate))
+            if relations:
+                yield from relations
                 break
         else:
             firsts.append(member)
 
 
-def _are_one(estimate: Estimate, one: int, two: int) -> bool:
+def _are_one(estimate: Estimate, number: int, two: int) -> bool:
     """Whether two planes are imposed to be one, or not apart by more than may be by chance."""
-    return bool(list(near(Relation(kind="coplanar", surfaces=(one, two)), estimate)))
+    return bool(list(near(Relation(kind="coplanar", surfaces=(number, two)), estimate)))
 
 
 def _length(estimate: Estimate, pair: tuple[int, int]) -> tuple[float, float]:
     """How far apart two surfaces are, and the deviation of that, with how exactly things are built."""
-    found = estimate.constraint(Relation(kind="distance", surfaces=pair, value=0.0))
-    deviations = np.sqrt([estimate.variance(found)[0, 0], estimate.built_within(found)[0]])
-    return float(found.value[0]), float(deviations.sum()) + 1e-12
+    constraint = estimate.constraint(Relation(kind="distance", surfaces=pair, value=0.0))
+    deviations = np.sqrt([estimate.variance(constraint)[0, 0], estimate.built_within(constraint)[0]])
+    return float(constraint.value[0]), float(deviations.sum()) + 1e-12
 
 
 def _patterns(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
@@ -490,6 +492,6 @@ def _further(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]
 
 def _beyond(rows: Sequence[Relation], pairs: Iterator[Relation]) -> Iterator[Relation]:
     """Those pairs that are not of one row, which has mirrors in any case."""
-    for one in pairs:
-        if not any(set(one.surfaces) <= set(row.surfaces) for row in rows):
-            yield one
+    for pair in pairs:
+        if not any(set(pair.surfaces) <= set(row.surfaces) for row in rows):
+            yield pair

@@ -126,19 +126,19 @@ class Relation:
             raise InputError(f"the value of {self.kind} must be a number from 0, got {self.value}")
 
     def _check_surfaces(self) -> None:
-        found = len(self.surfaces)
+        number = len(self.surfaces)
         different = f"{self.kind} relates different surfaces, got {list(self.surfaces)}"
         if self.kind in _LEAST:
             least = _LEAST[self.kind]
-            if found < least or (self.kind == "symmetric" and found % 2):
+            if number < least or (self.kind == "symmetric" and number % 2):
                 need = "pairs of surfaces, two or more" if self.kind == "symmetric" else "3 or more surfaces"
-                raise InputError(f"{self.kind} is a relation of {need}, got {found}")
-            if len(set(self.surfaces)) < found:
+                raise InputError(f"{self.kind} is a relation of {need}, got {number}")
+            if len(set(self.surfaces)) < number:
                 raise InputError(different)
             return
         n = _N_SURFACES.get(self.kind, 2)
-        if found != n:
-            raise InputError(f"{self.kind} is a relation of {n} surfaces, got {found}")
+        if number != n:
+            raise InputError(f"{self.kind} is a relation of {n} surfaces, got {number}")
         pairs = (self.surfaces[:2], self.surfaces[2:])
         if any(len(set(pair)) < len(pair) for pair in pairs) or (n == 4 and set(pairs[0]) == set(pairs[1])):
             raise InputError(different)
@@ -240,34 +240,37 @@ def _read(
             raise InputError('holds no list "relations"; write [{"type": "parallel", "surfaces": [1, 2]}]')
         name = naming(document)
         every = [
-            _stated(one, name, f"{file}: relation {number}") for number, one in enumerate(relations, start=1)
+            _stated(relation, name, f"{file}: relation {number}")
+            for number, relation in enumerate(relations, start=1)
         ]
-        return tuple(one for one in every if one is not None)
+        return tuple(relation for relation in every if relation is not None)
 
 
-def _stated(one: object, name: Callable[[object, str], _Named], source: str) -> StatedRelation[_Named] | None:
+def _stated(
+    item: object, name: Callable[[object, str], _Named], source: str
+) -> StatedRelation[_Named] | None:
     """A relation of a file; None where it was written by `unseen`, which found that it does not hold."""
-    if not isinstance(one, dict) or one.get("type") not in KINDS:
-        said = f", not {one['type']!r}" if isinstance(one, dict) and "type" in one else ""
-        raise InputError(f'{source}: needs a "type" of {", ".join(KINDS)}{said}')
-    strange = [field for field in one if field not in _KNOWN]
+    if not isinstance(item, dict) or item.get("type") not in KINDS:
+        sentence = f", not {item['type']!r}" if isinstance(item, dict) and "type" in item else ""
+        raise InputError(f'{source}: needs a "type" of {", ".join(KINDS)}{sentence}')
+    strange = [field for field in item if field not in _KNOWN]
     if strange:
         raise InputError(f"{source}: a relation knows no {strange[0]!r}, only {', '.join(_FIELDS)}")
-    if one.get("status") in ("rejected", "undecided") and not one.get("given"):
+    if item.get("status") in ("rejected", "undecided") and not item.get("given"):
         return None
-    kind, surfaces, value = one["type"], one.get("surfaces"), one.get("value")
+    kind, surfaces, value = item["type"], item.get("surfaces"), item.get("value")
     if not isinstance(surfaces, list):
         raise InputError(f'{source}: "surfaces" are a list, got {surfaces!r}')
     if value is not None:
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
             raise InputError(f'{source}: "value" is a number, got {value!r}')
         value = None if kind not in VALUED else float(np.radians(value)) if kind in _ANGLES else float(value)
-    forbidden = one.get("forbidden", False)
+    forbidden = item.get("forbidden", False)
     if not isinstance(forbidden, bool):
         raise InputError(f'{source}: "forbidden" is true or false, got {forbidden!r}')
     return StatedRelation(
         kind=kind,
-        surfaces=tuple(name(some, source) for some in surfaces),
+        surfaces=tuple(name(surface, source) for surface in surfaces),
         value=value,
         is_forbidden=forbidden,
         source=source,

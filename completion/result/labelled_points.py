@@ -129,7 +129,9 @@ def joined(parts: Sequence[LabelledPoints]) -> LabelledPoints:
     nothing = LabelledPoints(places, faces, none, none, real, confidence=real, colour=colour)
     every, start = (nothing, *parts), np.cumsum([0, 0, *(len(part.vertices) for part in parts)])
     shifted = [part.faces + offset for part, offset in zip(every, start, strict=False)]
-    columns: dict[str, Any] = {n: np.concatenate([getattr(one, n) for one in every]) for n in _OF_VERTICES}
+    columns: dict[str, Any] = {
+        n: np.concatenate([getattr(points, n) for points in every]) for n in _OF_VERTICES
+    }
     return LabelledPoints(faces=np.concatenate(shifted).astype(np.int32), **columns)
 
 
@@ -193,7 +195,11 @@ def observed_parts(
 def observed_step(observations: Sequence[Observation]) -> int:
     """Of every how many rows and columns ten million points come at most."""
     n_measured = 0
-    for seen in observations if sum(one.scan.ranges.size for one in observations) > _MOST_POINTS else ():
+    for seen in (
+        observations
+        if sum(observation.scan.ranges.size for observation in observations) > _MOST_POINTS
+        else ()
+    ):
         n_measured += int(np.count_nonzero(seen.valid))
         trim()
     return max(1, int(np.ceil(np.sqrt(n_measured / _MOST_POINTS))))

@@ -96,12 +96,12 @@ def _settle(
     length = 0
     for i in range(rows):
         for j in range(columns):
-            own = labels[i, j]
+            item = labels[i, j]
             if np.isfinite(ranges[i, j]) and (
-                (i > 0 and labels[i - 1, j] != own)
-                or (j > 0 and labels[i, j - 1] != own)
-                or (i < rows - 1 and labels[i + 1, j] != own)
-                or (j < columns - 1 and labels[i, j + 1] != own)
+                (i > 0 and labels[i - 1, j] != item)
+                or (j > 0 and labels[i, j - 1] != item)
+                or (i < rows - 1 and labels[i + 1, j] != item)
+                or (j < columns - 1 and labels[i, j + 1] != item)
             ):
                 queue[length] = i * columns + j
                 waiting[i, j] = True
@@ -150,8 +150,8 @@ def _best_label(
 ) -> int:
     """The label among those of the pixel and its neighbours with the least cost; 0 where none fits."""
     rows, columns = labels.shape
-    own = labels[i, j]
-    near[0], tally[0], n_near, n_labelled = own, 0, 1, 0
+    item = labels[i, j]
+    near[0], tally[0], n_near, n_labelled = item, 0, 1, 0
     for k in range(max(i - 1, 0), min(i + 2, rows)):
         for m in range(max(j - 1, 0), min(j + 2, columns)):
             label = labels[k, m]
@@ -168,13 +168,13 @@ def _best_label(
     x, y, z = ray_at(rays, i, j)
     ti, tj = i // side, j // side
     best, least = 0, np.inf
-    for index in range(own == 0, n_near):
+    for index in range(item == 0, n_near):
         gap, cosine = gap_to(models, near[index] - 1, x, y, z, r, normal)
         square = gap * gap / (s * s * cosine * cosine + flat * flat + 1e-30)
         if not (cosine > 0.0 and square <= limit):
             continue
         cost = square + _SEAM * (n_labelled - tally[index])
-        if own == 0 and misfit[ti, tj] <= _FLAT:
+        if item == 0 and misfit[ti, tj] <= _FLAT:
             wx, wy, wz = plane[ti, tj, 0], plane[ti, tj, 1], plane[ti, tj, 2]
             cosine = (wx * normal[0] + wy * normal[1] + wz * normal[2]) / np.sqrt(wx * wx + wy * wy + wz * wz)
             if np.arccos(min(1.0, max(-1.0, cosine))) > max_angle + 3.0 * normal_sd[ti, tj]:
@@ -233,19 +233,19 @@ def contacts(labels: NDArray[np.int32], n: int) -> tuple[NDArray[np.int64], NDAr
     rows, columns = labels.shape
     for i in range(rows):
         for j in range(columns):
-            own = labels[i, j]
+            item = labels[i, j]
             for k, m in ((i + 1, j), (i, j + 1)):
                 if k < rows and m < columns:
                     other = labels[k, m]
-                    if own == other:
+                    if item == other:
                         continue
-                    if own > 0:
-                        outline[own - 1] += 1
+                    if item > 0:
+                        outline[item - 1] += 1
                     if other > 0:
                         outline[other - 1] += 1
-                    if own > 0 and other > 0:
-                        contact[own - 1, other - 1] += 1
-                        contact[other - 1, own - 1] += 1
+                    if item > 0 and other > 0:
+                        contact[item - 1, other - 1] += 1
+                        contact[other - 1, item - 1] += 1
     return contact, outline
 
 
@@ -265,21 +265,21 @@ def _distances(
     normal = np.zeros(3)
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
-            own = labels[i, j] - 1
-            if own < 0 or host[own] < 0:
+            item = labels[i, j] - 1
+            if item < 0 or host[item] < 0:
                 continue
             x, y, z = ray_at(rays, i, j)
             r = ranges[i, j]
             s = deviation_at(noise, r)
-            gap, cosine = gap_to(models, host[own], x, y, z, r, normal)
+            gap, cosine = gap_to(models, host[item], x, y, z, r, normal)
             variance = s * s * cosine * cosine + flat * flat
-            sums[own, 0] += 1.0
-            sums[own, 1] += cosine > 0.0 and gap * gap <= n_sigma * n_sigma * variance
-            sums[own, 2] += r * x
-            sums[own, 3] += r * y
-            sums[own, 4] += r * z
-            sums[own, 5] += r
-            sums[own, 6] += gap
+            sums[item, 0] += 1.0
+            sums[item, 1] += cosine > 0.0 and gap * gap <= n_sigma * n_sigma * variance
+            sums[item, 2] += r * x
+            sums[item, 3] += r * y
+            sums[item, 4] += r * z
+            sums[item, 5] += r
+            sums[item, 6] += gap
     return sums
 
 
@@ -316,20 +316,20 @@ def _sharpen(
         return
     low, high = np.maximum(pixel.min(axis=0) - width, 0), pixel.max(axis=0) + width + 1
     frame = (slice(low[0], high[0]), slice(low[1], high[1]))
-    own: BoolArray = labels[frame] == label
+    is_member: BoolArray = labels[frame] == label
     flat = np.arange(labels.size, dtype=np.int64).reshape(labels.shape)[frame]
     rays = seen.rays_at(flat.ravel()).reshape(*flat.shape, 3)
     reach = {int(j): _reach(models[j], rays, _FARTHEST * float(ranges.max())) for j in beside}
-    measured, sigma = seen.scan.ranges[frame][own], seen.sigma_at(flat[own])
+    measured, sigma = seen.scan.ranges[frame][is_member], seen.sigma_at(flat[is_member])
     allowed = 1 + 3 * np.sqrt(2 * width**2 / len(pixel))  # a window's ranges count as one
-    found = [
-        (float(np.mean(np.square((measured - crease[own]) / sigma))), pair)
+    pairs = [
+        (float(np.mean(np.square((measured - crease[is_member]) / sigma))), pair)
         for pair, crease in _creases(reach, width)
     ]
-    square, (one, other) = min(found)
+    square, (first, second) = min(pairs)
     if square <= allowed:
-        nearer = np.abs(measured - reach[one][own]) <= np.abs(measured - reach[other][own])
-        labels[frame][own] = np.where(nearer, one, other) + 1
+        nearer = np.abs(measured - reach[first][is_member]) <= np.abs(measured - reach[second][is_member])
+        labels[frame][is_member] = np.where(nearer, first, second) + 1
 
 
 def _reach(model: FloatArray, rays: FloatArray, farthest: float) -> FloatArray:
@@ -340,6 +340,6 @@ def _reach(model: FloatArray, rays: FloatArray, farthest: float) -> FloatArray:
 
 def _creases(reach: dict[int, FloatArray], width: int) -> Iterator[tuple[tuple[int, int], FloatArray]]:
     """Averaged ranges to each pair of planes, as an edge and as a corner."""
-    for one, other in combinations(reach, 2):
-        for sharp in (np.maximum(reach[one], reach[other]), np.minimum(reach[one], reach[other])):
-            yield (one, other), np.asarray(cv2.blur(sharp, (width, width)), dtype=np.float64)
+    for first, second in combinations(reach, 2):
+        for sharp in (np.maximum(reach[first], reach[second]), np.minimum(reach[first], reach[second])):
+            yield (first, second), np.asarray(cv2.blur(sharp, (width, width)), dtype=np.float64)

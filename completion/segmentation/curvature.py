@@ -101,9 +101,9 @@ def grow_cylinder(
             break
         size = now
     model = pack(cylinder, origin)
-    found = Cluster(members, model, int(tiles.count[members].sum()))
+    results = Cluster(members, model, int(tiles.count[members].sum()))
     is_round = _is_round(cylinder, members, tiles, observation, options)
-    return found if is_round and _explains_better(found, cluster, tiles) else None
+    return results if is_round and _explains_better(results, cluster, tiles) else None
 
 
 def _is_round(
@@ -121,19 +121,19 @@ def _is_round(
     return bool(arc >= np.radians(options.min_arc_deg) and sagitta > _SAGITTA * stray)
 
 
-def _explains_better(found: Cluster, plane: Cluster, tiles: Tiles) -> bool:
+def _explains_better(cluster: Cluster, plane: Cluster, tiles: Tiles) -> bool:
     """Whether the cylinder takes up the plane's tiles and deviates from them by significantly less.
 
     Where it takes up as many tiles again, those that the plane could not explain count too.
     """
-    both = plane.tiles & found.tiles
+    both = plane.tiles & cluster.tiles
     if np.count_nonzero(both) < 0.8 * np.count_nonzero(plane.tiles):
         return False
-    if found.n_pixels >= 2 * plane.n_pixels:
-        both = found.tiles
+    if cluster.n_pixels >= 2 * plane.n_pixels:
+        both = cluster.tiles
     where = np.argwhere(both)
     flat, round_ = (
-        deviations(one.model, where, tiles.matrix, tiles.plane, tiles.centre) for one in (plane, found)
+        deviations(item.model, where, tiles.matrix, tiles.plane, tiles.centre) for item in (plane, cluster)
     )
     noise = max(float(np.mean(round_)) / 3.0, 1.0)
     return float(flat.sum() - round_.sum()) > _CHI2_2 * noise

@@ -141,12 +141,12 @@ def _flood(
         i, j = stack[top, 0], stack[top, 1]
         if not tangent_plane(model, centre[i, j], w):
             continue
-        own = plane[i, j]
-        excess = quadratic(matrix[i, j], w[0] - own[0], w[1] - own[1], w[2] - own[2])
+        item = plane[i, j]
+        excess = quadratic(matrix[i, j], w[0] - item[0], w[1] - item[1], w[2] - item[2])
         worst = max(1.0, misfit[i, j])
         if excess > cut * cut * worst * count[i, j] + CHI2_3 * worst:
             continue
-        cosine = min(1.0, _dot(w, own) / np.sqrt(_dot(w, w) * _dot(own, own)))
+        cosine = min(1.0, _dot(w, item) / np.sqrt(_dot(w, w) * _dot(item, item)))
         if np.arccos(cosine) > max_angle + 2.0 * normal_sd[i, j]:
             continue
         members[i, j] = True
@@ -174,8 +174,8 @@ def deviations(
     for index in range(len(where)):
         i, j = where[index]
         if tangent_plane(model, centre[i, j], w):
-            own = plane[i, j]
-            result[index] = quadratic(matrix[i, j], w[0] - own[0], w[1] - own[1], w[2] - own[2])
+            item = plane[i, j]
+            result[index] = quadratic(matrix[i, j], w[0] - item[0], w[1] - item[1], w[2] - item[2])
     return result
 
 
@@ -270,10 +270,10 @@ def _deepest(candidates: BoolArray, depths: NDArray[np.int64]) -> tuple[int, int
         column, bound = where[row], most[row]
         if bound == 0:
             return row, column
-        found = _depth(candidates, row, column, bound)
-        if found == bound:
+        depth = _depth(candidates, row, column, bound)
+        if depth == bound:
             return row, column
-        depths[row, column] = found
+        depths[row, column] = depth
         where[row] = np.argmax(depths[row])
         most[row] = depths[row, where[row]]
 
@@ -329,8 +329,8 @@ def _coherent(
             for k in range(max(i - 1, 0), min(i + 2, rows)):
                 for m in range(max(j - 1, 0), min(j + 2, columns)):
                     if flat[k, m]:
-                        own = plane[k, m]
-                        excess += quadratic(matrix[k, m], w[0] - own[0], w[1] - own[1], w[2] - own[2])
+                        item = plane[k, m]
+                        excess += quadratic(matrix[k, m], w[0] - item[0], w[1] - item[1], w[2] - item[2])
                         worst = max(worst, misfit[k, m])
             result[i, j] = excess <= (_SEED_CUT * n_pixels + CHI2_3 * n) * worst
     return result

@@ -202,13 +202,13 @@ class Groups:
         """The parts in the group of a part, ascending."""
         return self._members[self._number[part]]
 
-    def are_one(self, one: int, other: int) -> bool:
+    def are_one(self, first: int, second: int) -> bool:
         """Tell whether two parts are in one group."""
-        return self._number[one] == self._number[other]
+        return self._number[first] == self._number[second]
 
-    def join(self, one: int, other: int) -> None:
+    def join(self, first: int, second: int) -> None:
         """Put the group of the other part into that of the one."""
-        here, there = self._number[one], self._number[other]
+        here, there = self._number[first], self._number[second]
         moved = self._members.pop(there)
         for part in moved:
             self._number[part] = here

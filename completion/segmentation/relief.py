@@ -54,20 +54,20 @@ def plate_of(plane: Plane, pixels: PixelSet, observation: Observation) -> Plate:
 
 def together(plates: Sequence[Plate]) -> Plate:
     """Return several plates as one, each by as many points as its pixels are worth, on their common plane."""
-    most = max(one.n_pixels / len(one.points) for one in plates)
-    steps = [max(1, round(most * len(one.points) / one.n_pixels)) for one in plates]
-    points = np.concatenate([one.points[::step] for one, step in zip(plates, steps, strict=True)])
-    noise = np.concatenate([one.noise[::step] for one, step in zip(plates, steps, strict=True)])
+    most = max(plate.n_pixels / len(plate.points) for plate in plates)
+    steps = [max(1, round(most * len(plate.points) / plate.n_pixels)) for plate in plates]
+    points = np.concatenate([plate.points[::step] for plate, step in zip(plates, steps, strict=True)])
+    noise = np.concatenate([plate.noise[::step] for plate, step in zip(plates, steps, strict=True)])
     centre = points.mean(axis=0)
     normal = np.linalg.eigh((points - centre).T @ (points - centre))[1][:, 0]
-    facing = float(normal @ max(plates, key=lambda one: one.n_pixels).plane.normal_direction)
-    weights = [one.n_pixels for one in plates]
+    facing = float(normal @ max(plates, key=lambda item: item.n_pixels).plane.normal_direction)
+    weights = [plate.n_pixels for plate in plates]
     return Plate(
         plane=Plane(centre, normal if facing >= 0 else -normal),
         n_pixels=sum(weights),
         points=points,
         noise=noise,
-        bias=float(np.average([one.bias for one in plates], weights=weights)),
+        bias=float(np.average([plate.bias for plate in plates], weights=weights)),
     )
 
 
@@ -79,8 +79,8 @@ def find_seams(pixels: Sequence[PixelSet], observation: Observation) -> dict[tup
     """Return the measured points (n, 3) at which each two pieces, by their indices, touch or nearly so."""
     rows, columns = observation.scan.shape
     labels = np.zeros((rows, columns), np.int32)
-    for k, own in enumerate(pixels, start=1):
-        labels.ravel()[own.flat] = k
+    for k, pixel in enumerate(pixels, start=1):
+        labels.ravel()[pixel.flat] = k
     away, nearest = cv2.distanceTransformWithLabels(
         (labels == 0).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -93,8 +93,8 @@ def find_seams(pixels: Sequence[PixelSet], observation: Observation) -> dict[tup
     for here, there in (((slice(-1), slice(None)), below), ((slice(None), slice(-1)), right)):
         first, second = grown[here], grown[there]
         at = (first != second) & (first > 0) & (second > 0)
-        one, other = first[at].astype(np.int64), second[at].astype(np.int64)
-        keys.append((np.minimum(one, other) - 1) * len(pixels) + np.maximum(one, other) - 1)
+        item, other = first[at].astype(np.int64), second[at].astype(np.int64)
+        keys.append((np.minimum(item, other) - 1) * len(pixels) + np.maximum(item, other) - 1)
         places.append(flat[here][at])
     return _by_pair(np.concatenate(keys), np.concatenate(places), len(pixels), observation)
 
@@ -108,12 +108,12 @@ def _by_pair(
     numbers, starts = np.unique(key, return_index=True)
     if not len(numbers):
         return {}
-    found = {}
-    for number, some in zip(numbers.tolist(), np.split(place, starts[1:]), strict=True):
-        if len(some) >= _LEAST_CONTACT:
-            some = some[observation.valid.ravel()[some]]
-            found[divmod(number, n)] = observation.points_at(some)
-    return found
+    arrays = {}
+    for number, sample in zip(numbers.tolist(), np.split(place, starts[1:]), strict=True):
+        if len(sample) >= _LEAST_CONTACT:
+            sample = sample[observation.valid.ravel()[sample]]
+            arrays[divmod(number, n)] = observation.points_at(sample)
+    return arrays
 
 
 _MEET = 3.0 * np.sqrt(2.0)  # times their relief, by which two planes differ at a seam at most: both within 3
@@ -154,11 +154,11 @@ def join_relief(
     }
     groups = Groups(len(regions))
     for sheet, relief in _sheets(len(regions), plates, [pair for pair, is_met in meets.items() if is_met]):
-        own = {pair: is_met for pair, is_met in meets.items() if sheet.issuperset(pair)}
-        _join(groups, plates, own, relief if options.flatness_m is None else 0.0, least)
+        flags = {pair: is_met for pair, is_met in meets.items() if sheet.issuperset(pair)}
+        _join(groups, plates, flags, relief if options.flatness_m is None else 0.0, least)
     return [
-        _joined([regions[k] for k in own], [plates[k] for k in own if k in plates], observation, least)
-        for own in groups.all()
+        _joined([regions[k] for k in item], [plates[k] for k in item if k in plates], observation, least)
+        for item in groups.all()
     ]
 
 
@@ -170,22 +170,22 @@ def _joined(
         return regions[0]
     if len(regions) == 1:
         return replace(regions[0], relief_m=plates[0].relief(plates[0].plane))
-    pixels = PixelSet.union([one.pixels for one in regions], observation.scan.shape)
+    pixels = PixelSet.union([region.pixels for region in regions], observation.scan.shape)
     whole = together(plates)
     (fit,) = refit_each([whole.plane], [observation], [ScanPixels.of([pixels])], flatness_m, n_rounds=2)
     if fit is None:
-        return max(regions, key=lambda one: one.n_pixels)
+        return max(regions, key=lambda item: item.n_pixels)
     relief = whole.relief(fit.surface)
     return Region(warped(fit, whole.points, relief), pixels, relief)
 
 
-def _meets(one: Plate, other: Plate, seam: FloatArray, flatness_m: float) -> bool:
+def _meets(first: Plate, second: Plate, seam: FloatArray, flatness_m: float) -> bool:
     """Tell whether the planes of two pieces are one and the same at the points (n, 3) between them."""
-    if one.plane.normal_direction @ other.plane.normal_direction < _TILT or not len(seam):
+    if first.plane.normal_direction @ second.plane.normal_direction < _TILT or not len(seam):
         return False
-    relief = max(one.relief(one.plane), other.relief(other.plane), flatness_m)
-    noise = max(float(np.sqrt(np.mean(np.square(plate.noise)))) for plate in (one, other))
-    apart = np.mean(np.square(one.plane.distance(seam) - other.plane.distance(seam)))
+    relief = max(first.relief(first.plane), second.relief(second.plane), flatness_m)
+    noise = max(float(np.sqrt(np.mean(np.square(plate.noise)))) for plate in (first, second))
+    apart = np.mean(np.square(first.plane.distance(seam) - second.plane.distance(seam)))
     return bool(np.sqrt(apart) <= max(_MEET * relief, _BLURRED * noise))
 
 
@@ -195,20 +195,20 @@ def _sheets(n: int, plates: Mapping[int, Plate], pairs: Sequence[Pair]) -> list[
     for i, j in pairs:
         if not groups.are_one(i, j):
             groups.join(i, j)
-    found = []
+    results = []
     for several in groups.all():
         sheet = frozenset(several)
         strays = [_strays([plates[i], plates[j]]) for i, j in pairs if i in sheet]
         if strays:
             values = [stray / np.sqrt(size) for stray, size in strays]
-            found.append((sheet, float(np.median(values)) if len(values) >= _LEAST_PAIRS else 0.0))
-    return found
+            results.append((sheet, float(np.median(values)) if len(values) >= _LEAST_PAIRS else 0.0))
+    return results
 
 
 def _strays(plates: Sequence[Plate]) -> tuple[float, float]:
     """How far the worst of some pieces strays from the plane of all, and their size, metres."""
     whole = together(plates)
-    return max(one.relief(whole.plane) for one in plates), whole.size
+    return max(plate.relief(whole.plane) for plate in plates), whole.size
 
 
 def _join(
@@ -224,14 +224,16 @@ def _join(
         touching = dict[tuple[tuple[int, ...], tuple[int, ...]], bool]()
         for (i, j), is_met in meets.items():
             if not groups.are_one(i, j):
-                one, other = sorted((tuple(groups.of(i)), tuple(groups.of(j))))
-                touching[one, other] = touching.get((one, other), True) and is_met
-        for (one, other), is_met in touching.items():
-            if is_met and (one, other) not in rated:
-                stray, size = _strays([plates[k] for k in (*one, *other)])
-                larger = max((together([plates[k] for k in own]) for own in (one, other)), key=_size)
+                first, second = sorted((tuple(groups.of(i)), tuple(groups.of(j))))
+                touching[first, second] = touching.get((first, second), True) and is_met
+        for (first, second), is_met in touching.items():
+            if is_met and (first, second) not in rated:
+                stray, size = _strays([plates[k] for k in (*first, *second)])
+                larger = max(
+                    (together([plates[k] for k in numbers]) for numbers in (first, second)), key=_size
+                )
                 per_root = max(relief, larger.relief(larger.plane) / np.sqrt(larger.size))
-                rated[one, other] = stray / (_STRAY * max(per_root * np.sqrt(size), flatness_m))
+                rated[first, second] = stray / (_STRAY * max(per_root * np.sqrt(size), flatness_m))
         best = min(((rated[pair], pair) for pair, is_met in touching.items() if is_met), default=None)
         if best is None or best[0] > 1:
             return
@@ -247,10 +249,10 @@ def typical_relief(regions: Sequence[Sequence[Region]]) -> float:
 
     At least what any surface may (`FLATNESS_M`).
     """
-    planes = [one for own in regions for one in own if isinstance(one.fit.surface, Plane)]
+    planes = [region for item in regions for region in item if isinstance(region.fit.surface, Plane)]
     if not planes:
         return FLATNESS_M
-    relief = np.array([one.relief_m for one in planes])
+    relief = np.array([plane.relief_m for plane in planes])
     order = np.argsort(relief, kind="stable")
-    share = np.cumsum(np.array([one.n_pixels for one in planes])[order])
+    share = np.cumsum(np.array([plane.n_pixels for plane in planes])[order])
     return max(float(relief[order][np.searchsorted(share, share[-1] / 2)]), FLATNESS_M)

@@ -33,8 +33,8 @@ class SharedErrors:
         """Return the covariance (q, q) of all parameters of some surfaces, in their order."""
         first = np.cumsum([0, *(self.sizes[number] for number in numbers)])
         total = np.zeros((first[-1], first[-1]))
-        for one in self.shifts:
-            held = [(k, one[number]) for k, number in enumerate(numbers) if number in one]
+        for arrays in self.shifts:
+            held = [(k, arrays[number]) for k, number in enumerate(numbers) if number in arrays]
             if not held:
                 continue
             where = np.concatenate([np.arange(first[k], first[k + 1]) for k, _ in held])
@@ -124,13 +124,13 @@ class JointErrors:
         """
         numbers = sorted(contrast)
         total = sum(float(contrast[k] @ self.own[k] @ contrast[k]) for k in numbers)
-        for one, other in combinations(numbers, 2):
-            among = self._among(one, other)
+        for first, second in combinations(numbers, 2):
+            among = self._among(first, second)
             if among is None:  # not known: as bad as it can be
-                spread = [float(contrast[k] @ self.own[k] @ contrast[k]) for k in (one, other)]
+                spread = [float(contrast[k] @ self.own[k] @ contrast[k]) for k in (first, second)]
                 total += 2.0 * float(np.sqrt(max(spread[0], 0.0) * max(spread[1], 0.0)))
             else:
-                total += 2.0 * float(contrast[one] @ among @ contrast[other])
+                total += 2.0 * float(contrast[first] @ among @ contrast[second])
         by_range = np.sum([contrast[k] @ self.ranges[k] for k in numbers], axis=0)
         by_scan = sum(np.outer(self.shares[k], shifts[k]) for k in numbers)
         placed = np.square(self.pose_sd) @ np.square(by_scan).sum(axis=1) if numbers else 0.0
@@ -157,7 +157,7 @@ class JointErrors:
         if len(kept) == len(self.own):
             return self
         anew = {int(old): new for new, old in enumerate(kept)}
-        shifts = [{anew[k]: by for k, by in one.items() if k in anew} for one in self.shared.shifts]
+        shifts = [{anew[k]: by for k, by in shift.items() if k in anew} for shift in self.shared.shifts]
         numbers = tuple(anew.get(k, -1) for k in self.related.numbers)
         return replace(
             self,
@@ -173,7 +173,7 @@ class JointErrors:
         """Return it with further surfaces, of which only their own covariances (k, k) are known."""
         if not covariances:
             return self
-        sizes = tuple(len(one) for one in covariances)
+        sizes = tuple(len(covariance) for covariance in covariances)
         return replace(
             self,
             own=(*self.own, *covariances),
@@ -183,14 +183,14 @@ class JointErrors:
             shares=np.vstack([self.shares, np.zeros((len(sizes), self.shares.shape[1]))]),
         )
 
-    def _among(self, one: int, other: int) -> FloatArray | None:
+    def _among(self, first: int, second: int) -> FloatArray | None:
         """Covariance (k, l) of two surfaces; None where one was moved and the other not related."""
         related = self.related
-        place = [related.numbers.index(k) if k in related.numbers else None for k in (one, other)]
+        place = [related.numbers.index(k) if k in related.numbers else None for k in (first, second)]
         moved = [at is not None and related.is_moved[at] for at in place]
         if not any(moved):
-            size = len(self.own[one])
-            return self.shared.covariance_of([one, other])[:size, size:]
+            size = len(self.own[first])
+            return self.shared.covariance_of([first, second])[:size, size:]
         if place[0] is None or place[1] is None:
             return None
         rows, columns = (slice(related.first[at], related.first[at + 1]) for at in place if at is not None)

@@ -111,13 +111,13 @@ def find_modes(
         return None
     lower = cholesky(unit, lower=True)
     along = solve_triangular(lower, moments[:-1, -1] / scale, lower=True)
-    some, kept, gain = frame.columns(pixels[:: max(1, len(pixels) // _N_SAMPLE)])
+    values, kept, gain = frame.columns(pixels[:: max(1, len(pixels) // _N_SAMPLE)])
     return ResidualModes(
         beyond=np.asarray(along[size:]),
         square=max(float(diagonal[-1] - along @ along), 0.0) / freedom,
         n=n,
         factor=(lower * scale[:, None])[:size, :size],
-        shapes=np.asarray(solve_triangular(lower, (some[:, :-1] / scale).T, lower=True).T),
+        shapes=np.asarray(solve_triangular(lower, (values[:, :-1] / scale).T, lower=True).T),
         places=_in_image(kept, seen.scan.shape),
         gain=gain,
     )
@@ -227,7 +227,7 @@ def bumps(places: FloatArray, length: float) -> FloatArray:
     width = length / np.sqrt(2.0)  # their correlation is as long as two of them
     n = int(np.ceil(2.0 / length)) + 3
     centre = (np.arange(n) - (n - 1) / 2) * length
-    x, y = (np.exp(-0.5 * np.square((one[:, None] - centre) / width)) for one in places.T)
+    x, y = (np.exp(-0.5 * np.square((item[:, None] - centre) / width)) for item in places.T)
     both = (x[:, :, None] * y[:, None, :]).reshape(len(places), -1)
     return np.asarray(both / (np.sqrt(np.pi) * width / length))
 
@@ -239,21 +239,21 @@ def fit_field(modes: Sequence[ResidualModes]) -> ImageField:
     The squares are weighted by their probability: Student's likelihood of the components of each surface,
     before it any size up to the noise's own is as probable, and larger ones less.
     """
-    modes = [one for one in modes if one.gain.any()]
+    modes = [mode for mode in modes if mode.gain.any()]
     if not modes:
         return NO_FIELD
-    square = np.repeat([one.square for one in modes], [len(one.beyond) for one in modes])
+    square = np.repeat([mode.square for mode in modes], [len(mode.beyond) for mode in modes])
     tried = {length: _Tried.of(modes, length, square) for length in LENGTHS}
-    top = max(float(one.log_posterior.max()) for one in tried.values())
-    weights = {length: np.exp(one.log_posterior - top) for length, one in tried.items()}
-    total = sum(float(one.sum()) for one in weights.values())
-    share = {length: float(one.sum()) / total for length, one in weights.items()}
+    top = max(float(item.log_posterior.max()) for item in tried.values())
+    weights = {length: np.exp(item.log_posterior - top) for length, item in tried.items()}
+    total = sum(float(weight.sum()) for weight in weights.values())
+    share = {length: float(weight.sum()) / total for length, weight in weights.items()}
     squares = {
-        length: float(one @ _SQUARES) / total
-        for length, one in weights.items()
+        length: float(weight @ _SQUARES) / total
+        for length, weight in weights.items()
         if share[length] >= _LEAST_WEIGHT
     }
-    freedom = sum(share[length] * one.freedom for length, one in tried.items())
+    freedom = sum(share[length] * item.freedom for length, item in tried.items())
     return ImageField(squares, max(freedom, 1.0))
 
 
@@ -262,11 +262,11 @@ def mean_field(fields: Sequence[ImageField]) -> ImageField:
     if not fields:
         return NO_FIELD
     squares = {
-        length: float(np.mean([one.squares.get(length, 0.0) for one in fields]))
+        length: float(np.mean([field.squares.get(length, 0.0) for field in fields]))
         for length in LENGTHS
-        if any(length in one.squares for one in fields)
+        if any(length in field.squares for field in fields)
     }
-    return ImageField(squares, float(np.mean([one.freedom for one in fields])))
+    return ImageField(squares, float(np.mean([field.freedom for field in fields])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,18 +279,21 @@ class _Tried:
     @classmethod
     def of(cls, modes: Sequence[ResidualModes], length: float, square: FloatArray) -> _Tried:
         """Try a length on surfaces, whose residuals' mean squares are repeated for each component (c,)."""
-        taken = [one.taken_on(bumps(one.places, length))[len(one.factor) :] for one in modes]
+        taken = [
+            residual_modes.taken_on(bumps(residual_modes.places, length))[len(residual_modes.factor) :]
+            for residual_modes in modes
+        ]
         every = np.concatenate(taken)
         explained = np.square(every).sum(axis=1)
         log_likelihood = np.zeros(len(_SQUARES))
         first = 0
-        for one in modes:
-            own = slice(first, first + len(one.beyond))
-            variance = square[own, None] + explained[own, None] * _SQUARES
-            fit = (np.square(one.beyond)[:, None] / variance).sum(axis=0)
+        for mode in modes:
+            stretch = slice(first, first + len(mode.beyond))
+            variance = square[stretch, None] + explained[stretch, None] * _SQUARES
+            fit = (np.square(mode.beyond)[:, None] / variance).sum(axis=0)
             log_likelihood -= 0.5 * np.log(variance).sum(axis=0)
-            log_likelihood -= (_STUDENT + len(one.beyond)) / 2 * np.log1p(fit / _STUDENT)
-            first = own.stop
+            log_likelihood -= (_STUDENT + len(mode.beyond)) / 2 * np.log1p(fit / _STUDENT)
+            first = stretch.stop
         log_posterior = log_likelihood - np.log1p(_SQUARES)
         best = _SQUARES[int(np.argmax(log_posterior))]
         weight = 1.0 / np.sqrt(square + best * explained)
@@ -377,29 +380,29 @@ def state_fits(
         How far surfaces stray from their ideal form, metres.
     """
     # 1. Modes: what each surface's residuals say of smooth errors, in the scans that saw most of it.
-    modes = [_modes_of(one, observations, flatness_m) for one in surfaces]
+    modes = [_modes_of(surface, observations, flatness_m) for surface in surfaces]
 
     # 2. Fields: the smooth errors of each scan, by all its surfaces.
     fields = _fields_of(modes)
     typical = mean_field(list(fields.values()))
 
     # 3. Spread: what these do to each surface, scan by scan, so that surfaces of a scan share them.
-    sizes = tuple(len(one.fit.covariance) for one in surfaces)
+    sizes = tuple(len(surface.fit.covariance) for surface in surfaces)
     shifts = []
-    for scan in sorted({scan for own in modes for scan in own}):
+    for scan in sorted({scan for mode in modes for scan in mode}):
         field = fields.get(scan, typical)
-        shifts.append({k: _shift(own, scan, field) for k, own in enumerate(modes) if scan in own})
+        shifts.append({k: _shift(mode, scan, field) for k, mode in enumerate(modes) if scan in mode})
     estimated = SharedErrors(sizes, tuple(shifts))
 
     # 4. Systematic errors of the sensors, which leave no residual.
-    by_sensors = {k: shift_by_sensors(one, observations) for k, one in enumerate(surfaces)}
+    by_sensors = {k: shift_by_sensors(surface, observations) for k, surface in enumerate(surfaces)}
 
     freedom = [
-        _freedom(one.fit, estimated.covariance_of([k]), [fields.get(scan, typical) for scan in modes[k]])
-        for k, one in enumerate(surfaces)
+        _freedom(surface.fit, estimated.covariance_of([k]), [fields.get(scan, typical) for scan in modes[k]])
+        for k, surface in enumerate(surfaces)
     ]
     smooth = SharedErrors(sizes, (*shifts, by_sensors))
-    return StatedFits(tuple(one.fit for one in surfaces), smooth, tuple(freedom))
+    return StatedFits(tuple(surface.fit for surface in surfaces), smooth, tuple(freedom))
 
 
 def _modes_of(
@@ -407,27 +410,31 @@ def _modes_of(
 ) -> dict[int, ResidualModes]:
     """By scan, those of a surface in the scans that measured most of it."""
     largest = sorted(surface.pixels.held, key=lambda pair: (-len(pair[1]), pair[0]))[:_MOST_SCANS]
-    found = {
+    modes = {
         scan: find_modes(surface.fit, observations[scan], held.flat, flatness_m) for scan, held in largest
     }
-    return {scan: own for scan, own in sorted(found.items()) if own is not None}
+    return {
+        scan: residual_modes_none
+        for scan, residual_modes_none in sorted(modes.items())
+        if residual_modes_none is not None
+    }
 
 
 def _fields_of(modes: Sequence[dict[int, ResidualModes]]) -> dict[int, ImageField]:
     """The field of each scan, by its surfaces that are large enough to tell; of those that measured most."""
     telling: dict[int, list[ResidualModes]] = {}
-    for own in modes:
-        for scan, one in own.items():
-            if one.n >= _LEAST_PIXELS:
-                telling.setdefault(scan, []).append(one)
-    size = {scan: sum(one.n for one in some) for scan, some in telling.items()}
+    for mode in modes:
+        for scan, residual_modes in mode.items():
+            if residual_modes.n >= _LEAST_PIXELS:
+                telling.setdefault(scan, []).append(residual_modes)
+    size = {scan: sum(one.n for one in item) for scan, item in telling.items()}
     chosen = sorted(telling, key=lambda scan: (-size[scan], scan))[:_MOST_FIELDS]
     return {scan: fit_field(telling[scan]) for scan in sorted(chosen)}
 
 
 def _shift(modes: dict[int, ResidualModes], scan: int, field: ImageField) -> FloatArray:
     """What the field of a scan does to a surface's parameters (k, b), which other scans hold as well."""
-    information = np.sum([one.information for one in modes.values()], axis=0)
+    information = np.sum([mode.information for mode in modes.values()], axis=0)
     return np.asarray(np.linalg.pinv(information, rcond=1e-14, hermitian=True) @ field.shifts(modes[scan]))
 
 
@@ -437,4 +444,4 @@ def _freedom(fit: SurfaceFit, smooth: FloatArray, fields: Sequence[ImageField]) 
     part = float(np.trace(share)) / len(share)
     if not fields or part <= 0:
         return np.inf
-    return float(min(one.freedom for one in fields)) / part**2
+    return float(min(field.freedom for field in fields)) / part**2

@@ -59,28 +59,28 @@ def find_warp(fits: Sequence[SurfaceFit], points: Sequence[FloatArray]) -> Space
     points : sequence of (n, 3) float
         Those of each fit.
     """
-    some = [own[:: max(1, len(own) // _MOST_POINTS)] for own in points]
-    telling = [k for k, own in enumerate(some) if len(own) >= _LEAST_POINTS]
+    arrays = [point[:: max(1, len(point) // _MOST_POINTS)] for point in points]
+    telling = [k for k, item in enumerate(arrays) if len(item) >= _LEAST_POINTS]
     if not telling:
         return None
-    every = np.concatenate([some[k] for k in telling])
+    every = np.concatenate([arrays[k] for k in telling])
     middle, reach = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-9 * np.ptp(every) + 1e-300)
     pulls, normal, right, square, n = [], np.zeros((N_MODES, N_MODES)), np.zeros(N_MODES), 0.0, 0
-    for fit, own in zip(fits, some, strict=True):
-        if not len(own):
+    for fit, values in zip(fits, arrays, strict=True):
+        if not len(values):
             pulls.append(np.zeros((len(fit.covariance), N_MODES)))
             continue
-        off, normals = fit.surface.distance(own), fit.surface.normal(own)
-        at = own - off[:, None] * normals  # noise must not displace itself
+        off, normals = fit.surface.distance(values), fit.surface.normal(values)
+        at = values - off[:, None] * normals  # noise must not displace itself
         along = np.einsum("nmi,ni->nm", _displacements(at, middle, reach), normals)
         gradient = fit.gradient(at)
         pull = np.linalg.lstsq(gradient, along, rcond=1e-10)[0]
         pulls.append(pull)
-        if len(own) >= _LEAST_POINTS:
+        if len(values) >= _LEAST_POINTS:
             left = along - gradient @ pull
             normal += left.T @ left / fit.inflation
             right += left.T @ off / fit.inflation
-            square, n = square + float(off @ off) / fit.inflation, n + len(own)
+            square, n = square + float(off @ off) / fit.inflation, n + len(values)
     amplitude = np.linalg.lstsq(normal, right, rcond=1e-10)[0]
     variance = max(square - float(right @ amplitude), 1e-12 * square) / max(n - N_MODES, 1)
     if variance <= 0:

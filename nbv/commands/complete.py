@@ -96,10 +96,10 @@ def run_complete(shared: Shared, how: CompleteOptions) -> None:
         )
         in_force = options.in_force(completion.flatness_m, completion.registration.left_m)
         resolved = {**asked, "resolved": asdict(in_force)}
-        found = [text for text in completion.warnings if text not in given.doubts]
-        found += coarser_cells(completion, how.cell_m)
-        run.warn(found)
-        warnings = [*given.doubts, *found]
+        texts = [text for text in completion.warnings if text not in given.doubts]
+        texts += coarser_cells(completion, how.cell_m)
+        run.warn(texts)
+        warnings = [*given.doubts, *texts]
         verification = None
         if len(scans) > 1:
             run.watch.enter("verify")
@@ -110,11 +110,11 @@ def run_complete(shared: Shared, how: CompleteOptions) -> None:
                 journal=journal.part("first"),
             )
         run.watch.enter("save")
-        said = completion_record(completion, verification, observed=how.observed)
-        record = {**said, "warnings": warnings}
+        items = completion_record(completion, verification, observed=how.observed)
+        record = {**items, "warnings": warnings}
         building = completion.building()
         decisions = completion.decisions(how.tolerance_m, of=building)
-        lines = placement + lines_of(completion, verification) + lines_of_detail(said["observed_step"])
+        lines = placement + lines_of(completion, verification) + lines_of_detail(items["observed_step"])
         lines += lines_of_decisions(decisions)
         del verification  # a completion of its own: it is gone before the files are made
         write_model(
@@ -185,9 +185,9 @@ def _poses_of(completion: Completion) -> dict[str, Any]:
     if not pairs:
         return {}
     return {
-        "poses_apart_m": max(one.offset_m for one in pairs),
-        "poses_left_m": max(one.left_m for one in pairs),
-        "contradicted_m2": sum(one.still_contradicted_m2 for one in pairs),
+        "poses_apart_m": max(pair.offset_m for pair in pairs),
+        "poses_left_m": max(pair.left_m for pair in pairs),
+        "contradicted_m2": sum(pair.still_contradicted_m2 for pair in pairs),
     }
 
 
@@ -224,7 +224,7 @@ def _lines_of_relations(completion: Completion) -> list[str]:
     if completion.relations is None or not completion.relations.graph.relations:
         return []
     graph = completion.relations.graph
-    holding = sum(one.holds for one in graph.relations)
+    holding = sum(relation.holds for relation in graph.relations)
     others = f"{graph.numbered(Status.REJECTED)} rejected, {graph.numbered(Status.UNDECIDED)} undecided"
     return [f"{count(holding, 'relation holds', 'relations hold')} of {len(graph.fits)} surfaces; {others}"]
 
@@ -233,11 +233,12 @@ def _lines_of_flattening(completion: Completion) -> list[str]:
     """What flattening did."""
     if not completion.flattened:
         return []
-    told = whole_flattening(completion.flattened)
+    items = whole_flattening(completion.flattened)
     return [
-        f"flattened {count(told['planes'], 'plane')}: ripple {1000 * told['ripple_before_m']:.2f} -> "
-        f"{1000 * told['ripple_after_m']:.2f} mm rms, {count(told['relief_areas'], 'area')} of relief kept; "
-        f"{told['turned_over']} triangles turned over, {told['crossing_anew']} cross others anew"
+        f"flattened {count(items['planes'], 'plane')}: ripple {1000 * items['ripple_before_m']:.2f} -> "
+        f"{1000 * items['ripple_after_m']:.2f} mm rms, "
+        f"{count(items['relief_areas'], 'area')} of relief kept; "
+        f"{items['turned_over']} triangles turned over, {items['crossing_anew']} cross others anew"
     ]
 
 
@@ -254,9 +255,9 @@ def lines_of_decisions(decisions: DecisionSheet) -> list[str]:
     """How many dimensions may be relied on, and how many not."""
     if not decisions.dimensions:
         return []
-    said = ", ".join(f"{word} {n}" for word, n in decisions.counts().items())
+    sentence = ", ".join(f"{word} {n}" for word, n in decisions.counts().items())
     doubt = f"; {decisions.told_doubt}" if decisions.told_doubt else ""
-    return [f"decisions {count(len(decisions.dimensions), 'dimension')} in decisions.csv: {said}{doubt}"]
+    return [f"decisions {count(len(decisions.dimensions), 'dimension')} in decisions.csv: {sentence}{doubt}"]
 
 
 def _lines_of_poses(completion: Completion) -> list[str]:
@@ -264,8 +265,8 @@ def _lines_of_poses(completion: Completion) -> list[str]:
     pairs = completion.registration.pairs
     if not pairs:
         return []
-    worst = max(pairs, key=lambda one: one.offset_m)
-    moved = f", {1000 * max(one.left_m for one in pairs):.1f} mm once moved"
+    worst = max(pairs, key=lambda pair: pair.offset_m)
+    moved = f", {1000 * max(pair.left_m for pair in pairs):.1f} mm once moved"
     return [
         f"poses     set what two scans measured {1000 * worst.offset_m:.1f} mm apart at most (scans "
         f"{worst.first + 1} and {worst.second + 1})" + (moved if completion.registration.is_moved else "")
@@ -277,7 +278,7 @@ def _lines_of_edits(completion: Completion) -> list[str]:
     if not completion.edits:
         return []
     effects = [surface.effect for surface in completion.surfaces]
-    filled, vetoed = sum(one.filled_m2 for one in effects), sum(one.vetoed_m2 for one in effects)
+    filled, vetoed = sum(effect.filled_m2 for effect in effects), sum(effect.vetoed_m2 for effect in effects)
     lines = [f"edits     {len(completion.edits)}, by which {square_metres(filled)} m2 are inferred"]
     if vetoed > 0:
         lines.append(f"accepted, but empty since beams went through: {square_metres(vetoed)} m2")

@@ -270,7 +270,10 @@ def scan_csv(coverage: ScanCoverage) -> str:
     """Return a row for each recognised surface: id, kind, measured area, share as required, inferred area."""
     return csv_text(
         ["id", "kind", "observed_m2", "met", "hypothesised_m2"],
-        ((one.id, one.kind, one.observed_m2, one.met, one.hypothesised_m2) for one in coverage.surfaces),
+        (
+            (surface.id, surface.kind, surface.observed_m2, surface.met, surface.hypothesised_m2)
+            for surface in coverage.surfaces
+        ),
     )
 
 

@@ -82,7 +82,7 @@ def run_feature(shared: Shared, how: FeatureCommandOptions) -> None:
 
         page = feature_page(
             features,
-            " ".join(Path(one).name for one in request.inputs),
+            " ".join(Path(text).name for text in request.inputs),
             how.kinds,
             points=held.points,
             scans=held.scans,
@@ -128,14 +128,14 @@ def _write(run: Run, features: Features, held: _Input, how: FeatureCommandOption
     write_json(run.path("features.json"), {**features.record(), "asked": list(how.kinds)})
     feature, face = features.of_points()
     colour = surface_bytes(feature)
-    told: dict[str, NDArray[Any]] = {
+    arrays: dict[str, NDArray[Any]] = {
         "feature": _placed(feature, held, 0),
         "face": _placed(face, held, 0),
         "red": _placed(colour[:, 0], held, 0),
         "green": _placed(colour[:, 1], held, 0),
         "blue": _placed(colour[:, 2], held, 0),
     }
-    write_mesh_ply(run.path("features.ply"), _placed(held.points, held, np.nan), held.faces, told, _LEGEND)
+    write_mesh_ply(run.path("features.ply"), _placed(held.points, held, np.nan), held.faces, arrays, _LEGEND)
 
 
 def _placed(values: NDArray[Any], held: _Input, without: float) -> NDArray[Any]:
@@ -168,10 +168,10 @@ def lines_of(features: Features) -> list[str]:
             continue
         seen = sum(side.is_seen for side in fit.sides)
         doubt = f" ({fit.reason})" if fit.reason else ""
-        told = f"{seen} of {len(fit.sides)} sides seen, {fit.evidence:.0f} nats"
+        sentence = f"{seen} of {len(fit.sides)} sides seen, {fit.evidence:.0f} nats"
         if np.isfinite(fit.false_fit_probability):
-            told += f", false {chance_of(fit)}"
-        lines.append(f"{number:3d} {fit.kind} {fit.status}: {size_of(fit)}; {told}{doubt}")
+            sentence += f", false {chance_of(fit)}"
+        lines.append(f"{number:3d} {fit.kind} {fit.status}: {size_of(fit)}; {sentence}{doubt}")
     refused = [fit for fit in features.fits if fit.status is Status.NONE]
     if refused:
         lines.append(f"{len(refused)} proposed and refused, the best: {refused[0].kind}, {refused[0].reason}")

@@ -140,12 +140,12 @@ def patch_record(
     knots_u, knots_v = fitted.patch.knots
     boundaries = {
         side: {
-            "join": str(one.join),
-            "surface": {"shape": one.surface.kind, "parameters": surface_parameters(one.surface)},
+            "join": str(boundary.join),
+            "surface": {"shape": boundary.surface.kind, "parameters": surface_parameters(boundary.surface)},
             "angle": None if np.isnan(fitted.joins[side].angle) else fitted.joins[side].angle,
             "gap": fitted.joins[side].gap,
         }
-        for side, one in fitted.boundaries.items()
+        for side, boundary in fitted.boundaries.items()
     }
     return {
         "shape": "patch",

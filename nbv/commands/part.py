@@ -57,10 +57,10 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         from nbv.report.part_report import part_page
 
         run.report(part_page(part, Path(request.shape).name, flat), request.record())
-        told = {} if step is None else {"step": step.record()}
-        told |= {} if closed is None else {"closing": closing_record(closed)}
+        tables = {} if step is None else {"step": step.record()}
+        tables |= {} if closed is None else {"closing": closing_record(closed)}
         lines = lines_of(part, flat) + ([] if step is None else list(outcome_lines(step)))
-        run.finish({**request.record(), **told}, {**summary_of(part, flat), **told}, lines)
+        run.finish({**request.record(), **tables}, {**summary_of(part, flat), **tables}, lines)
 
 
 def _modelled(
@@ -68,7 +68,7 @@ def _modelled(
 ) -> Part:
     """The part, with what is doubtful of the file among its warnings."""
     shape = held.points if held.mesh is None else held.mesh
-    found = divide_part(
+    segmentation = divide_part(
         shape,
         None if request.ignores_labels else held.label,
         normals=held.normals,
@@ -78,7 +78,7 @@ def _modelled(
         journal=run.journal(request.record()),
     )
     wanted = None if request.relations == "off" else MACHINED
-    part = relate_part(shape, found, relations=wanted, stated=stated, progress=run.progress)
+    part = relate_part(shape, segmentation, relations=wanted, stated=stated, progress=run.progress)
     return replace(part, warnings=(*held.warnings, *part.warnings))
 
 
@@ -131,7 +131,7 @@ def lines_of(part: Part, flat: FlatPart | None = None) -> list[str]:
     graph = part.relations
     if graph is None:
         return lines
-    holding = sum(one.holds for one in graph.relations)
+    holding = sum(relation.holds for relation in graph.relations)
     others = f"{part.numbered(Status.REJECTED)} rejected, {part.numbered(Status.UNDECIDED)} undecided"
     lines.append(f"relations  {count(holding, 'holds', 'hold')}; {others}")
     lines.append(f"free       {graph.free} of {graph.unknowns} parameters")
@@ -140,10 +140,10 @@ def lines_of(part: Part, flat: FlatPart | None = None) -> list[str]:
 
 def _lines_of_flattening(flat: FlatPart, what: str) -> list[str]:
     """What flattening did."""
-    done = [one for one in flat.surfaces if one.is_flattened]
-    kept = sum(region.kind is RegionKind.RELIEF for one in done for region in one.regions)
-    n = np.array([one.n - one.n_relief for one in done])
-    square = np.array([(one.ripple_before_m, one.ripple_after_m) for one in done]) ** 2
+    done = [surface for surface in flat.surfaces if surface.is_flattened]
+    kept = sum(region.kind is RegionKind.RELIEF for surface in done for region in surface.regions)
+    n = np.array([surface.n - surface.n_relief for surface in done])
+    square = np.array([(surface.ripple_before_m, surface.ripple_after_m) for surface in done]) ** 2
     before, after = 1000 * np.sqrt(n @ square / max(int(n.sum()), 1))
     return [
         f"flattened  {count(len(done), 'plane')}: ripple {before:.2f} -> {after:.2f} mm rms, "

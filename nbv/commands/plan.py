@@ -235,7 +235,7 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
         given = read_request(scan_request, request.up)
         run.warn(given.doubts)
-        said = _said(before, given.scans, is_asked_for=request.plan is not None)
+        standings = _said(before, given.scans, is_asked_for=request.plan is not None)
         run.watch.enter("complete")
         scans = [with_known_noise(scan) for scan in given.scans]
         few = [scan.thinned(MOST_PIXELS) for scan in scans]
@@ -263,7 +263,7 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         run.watch.enter("coverage")
         coverage = cover_by_scans(scan_map, requirement, completion=completed.completion, zones=zones)
         plan = replace(plan, rooms=room_entries(coverage, plan, chosen))
-        record = record_scans(coverage, said)
+        record = record_scans(coverage, standings)
         run.watch.enter("report")
         entries = {"seed": shared.seed, "record": [scan.to_json() for scan in record]}
         write_json(run.path("plan.json"), {**plan.to_json(), **entries})

@@ -62,8 +62,8 @@ class Run:
     def will_call(self, loop: Any, seconds: int) -> None:
         """Say that the first run on a machine compiles its loops, `loop` among them, and for how long."""
         if not (self.shared.quiet or self.shared.as_json) and is_cold(loop):
-            said = f"compiling the inner loops for this machine, once: about {seconds} s"
-            typer.echo(f"unseen {self.command}: {said}", err=True)
+            sentence = f"compiling the inner loops for this machine, once: about {seconds} s"
+            typer.echo(f"unseen {self.command}: {sentence}", err=True)
 
     def journal(self, options: Mapping[str, Any]) -> FileJournal:
         """Return what remembers the steps of a run made of the same that was killed; `keep` ends it."""
@@ -74,8 +74,8 @@ class Run:
 
     def report(self, page: Page, options: Mapping[str, Any]) -> None:
         """Write the report, which names options, seed, and the inputs with their SHA-256."""
-        told = replace(page, options=options, seed=self.shared.seed, inputs=self.inputs.digests())
-        told.write(self.path("report.html"))
+        sentence = replace(page, options=options, seed=self.shared.seed, inputs=self.inputs.digests())
+        sentence.write(self.path("report.html"))
 
     def finish(self, options: Mapping[str, Any], summary: Mapping[str, Any], lines: Sequence[str]) -> None:
         """Write the manifest; print `summary` as JSON, or `lines` for people."""

@@ -35,9 +35,9 @@ def run_register(shared: Shared, how: RegisterOptions) -> None:
         run.warn(given.doubts)
         run.will_call(count_agreement, 20)
         if how.checks:
-            found = check_poses(given.scans, n_threads=shared.threads, progress=run.progress)
+            poses = check_poses(given.scans, n_threads=shared.threads, progress=run.progress)
         else:
-            found = register_scans(
+            poses = register_scans(
                 given.scans,
                 level=how.level,
                 upright=how.upright,
@@ -49,49 +49,49 @@ def run_register(shared: Shared, how: RegisterOptions) -> None:
         names = given.names
         short = [Path(name).name for name in names]
         same = copies_told(short, copies_of(given.scans))
-        warnings = [*given.doubts, *same, *doubts_of_poses(found, short)]
+        warnings = [*given.doubts, *same, *doubts_of_poses(poses, short)]
         run.warn(warnings[len(given.doubts) :])
         run.watch.enter("save")
-        record = {**registration_record(found, given.scans, names), "warnings": warnings}
+        record = {**registration_record(poses, given.scans, names), "warnings": warnings}
         write_json(run.stage.path("registration.json"), record)
         if not how.checks:
-            _write_posed(run.stage.folder, given, found.world_poses(given.scans))
+            _write_posed(run.stage.folder, given, poses.world_poses(given.scans))
         run.watch.enter("report")
         from nbv.report.registration_report import registration_page
 
-        page = registration_page(found, given.scans, names, request.title)
+        page = registration_page(poses, given.scans, names, request.title)
         run.report(replace(page, warnings=tuple(warnings)), asked)
-        run.finish(asked, {**summary_of(found), "warnings": warnings}, lines_of(found, names))
+        run.finish(asked, {**summary_of(poses), "warnings": warnings}, lines_of(poses, names))
 
 
-def summary_of(found: Registered) -> dict[str, Any]:
+def summary_of(registration: Registered) -> dict[str, Any]:
     """Return the headline numbers."""
-    verdicts = [one.verdict for one in found.pairs]
+    verdicts = [pair.verdict for pair in registration.pairs]
     return {
-        "scans": len(found.views),
-        "groups": [list(one.group.poses) for one in found.groups],
-        "by_themselves": [k for k in range(len(found.views)) if found.group_of(k) is None],
+        "scans": len(registration.views),
+        "groups": [list(group.group.poses) for group in registration.groups],
+        "by_themselves": [k for k in range(len(registration.views)) if registration.group_of(k) is None],
         "pairs": {verdict.value: verdicts.count(verdict) for verdict in Verdict},
-        "most_contradicted": max((one.violations for one in found.pairs), default=0.0),
+        "most_contradicted": max((pair.violations for pair in registration.pairs), default=0.0),
     }
 
 
-def lines_of(found: Registered, names: Sequence[str]) -> list[str]:
+def lines_of(registration: Registered, names: Sequence[str]) -> list[str]:
     """Return the headline numbers for people."""
-    if found.level is None:
-        worst = max(found.pairs, key=lambda one: one.violations)
+    if registration.level is None:
+        worst = max(registration.pairs, key=lambda verdict: verdict.violations)
         first, second = (Path(names[number]).name for number in worst.scans)
-        held = sum(one.verdict is Verdict.REGISTERED for one in found.pairs)
+        held = sum(pair.verdict is Verdict.REGISTERED for pair in registration.pairs)
         return [
-            f"poses      beams hardly contradict {held} of {count(len(found.pairs), 'pair', 'pairs')}",
+            f"poses      beams hardly contradict {held} of {count(len(registration.pairs), 'pair', 'pairs')}",
             f"worst      {first} and {second}: {100 * worst.violations:.1f} % contradicted",
         ]
     lines = [
-        f"group {number + 1}    {count(len(one.group.poses), 'scan', 'scans')}: "
-        + ", ".join(Path(names[scan]).name for scan in one.group.poses)
-        for number, one in enumerate(found.groups)
+        f"group {number + 1}    {count(len(group.group.poses), 'scan', 'scans')}: "
+        + ", ".join(Path(names[scan]).name for scan in group.group.poses)
+        for number, group in enumerate(registration.groups)
     ]
-    alone = [Path(names[k]).name for k in range(len(names)) if found.group_of(k) is None]
+    alone = [Path(names[k]).name for k in range(len(names)) if registration.group_of(k) is None]
     return lines + ([f"alone      {', '.join(alone)}"] if alone else [])
 
 
@@ -100,23 +100,23 @@ def _write_posed(folder: Path, given: GivenScans, poses: Sequence[Pose | None]) 
     target = folder / "posed"
     taken: set[str] = set()
     for path in dict.fromkeys(given.paths):
-        own = [
+        images = [
             scan.restated(world_from_sensor=pose)
             for scan, of, pose in zip(given.scans, given.paths, poses, strict=True)
             if of == path and pose is not None
         ]
-        if not own:
+        if not images:
             continue
         target.mkdir(parents=True, exist_ok=True)
         base, number = split_index(path)
         name = base.name if number is None else f"{base.stem}-{number}{base.suffix}"
         if base.suffix.lower() == ".e57" and name not in taken:
-            write_scans(own, target / name)
-        elif base.suffix.lower() in written_suffixes() and len(own) == 1 and name not in taken:
-            write_scan(own[0], target / name)
+            write_scans(images, target / name)
+        elif base.suffix.lower() in written_suffixes() and len(images) == 1 and name not in taken:
+            write_scan(images[0], target / name)
         else:
             stem = Path(name).stem
-            _write_numbered(own, target, stem, taken)
+            _write_numbered(images, target, stem, taken)
             continue
         taken.add(name)
 

@@ -25,7 +25,7 @@ def run_study_file(shared: Shared, asked: StudyOptions) -> None:
     with running("study", shared, default=f"out/{Path(file).stem}", is_folder=True) as run:
         run.watch.enter("load")
         spec = read_study(file)
-        run.read([file, *(one.scene for one in spec.scenes), *(one.sensor for one in spec.sensors)])
+        run.read([file, *(scene.scene for scene in spec.scenes), *(sensor.sensor for sensor in spec.sensors)])
         check_results(spec.results)
         with workers_of(asked.scheduler, shared.threads) as workers:
             outcomes = run_study(

@@ -91,7 +91,7 @@ def run_texture(shared: Shared, asked: TextureOptions) -> None:
             "order": asked.order,
             "surface": is_surface,
         }
-        found = None if hole is None else examine(made, hole)
+        examination = None if hole is None else examine(made, hole)
         summary: dict[str, Any] = {
             "rows": made.image.shape[0],
             "columns": made.image.shape[1],
@@ -100,8 +100,8 @@ def run_texture(shared: Shared, asked: TextureOptions) -> None:
             "seeds": made.n_seeds,
             "relaxed": made.n_relaxed,
             "window_distances": {str(side): value for side, value in made.window_distances.items()},
-            "alarms": [] if found is None else list(found.alarms),
-            "quality": None if found is None else _list_quality(found),
+            "alarms": [] if examination is None else list(examination.alarms),
+            "quality": None if examination is None else _list_quality(examination),
         }
         line = f"{summary['filled']} pixels, window {made.window}"
         if summary["alarms"]:
@@ -120,9 +120,9 @@ def texture_bytes(shape: tuple[int, ...], grown: tuple[int, int] | None, *, is_s
     return (_SURFACE if is_surface else _FILLED).of(shape[0] * shape[1], channels)
 
 
-def _list_quality(found: Examination) -> dict[str, float | None]:
+def _list_quality(examination: Examination) -> dict[str, float | None]:
     """Return the numbers of an examination; None where one cannot be measured."""
-    numbers = {name: value for name, value in asdict(found).items() if isinstance(value, float)}
+    numbers = {name: value for name, value in asdict(examination).items() if isinstance(value, float)}
     return {name: None if isnan(value) else round(value, 4) for name, value in numbers.items()}
 
 

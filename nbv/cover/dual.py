@@ -115,9 +115,9 @@ def _bits(matrix: csr_array) -> NDArray[np.uint64]:
 @compiled
 def _set_bits(starts: Indices, members: Indices, bits: Bits) -> None:
     """Set the bits of the members of each set."""
-    for one in range(len(starts) - 1):
-        for k in range(starts[one], starts[one + 1]):
-            bits[one, members[k] // _WORD] |= np.uint64(1) << np.uint64(members[k] % _WORD)
+    for number in range(len(starts) - 1):
+        for k in range(starts[number], starts[number + 1]):
+            bits[number, members[k] // _WORD] |= np.uint64(1) << np.uint64(members[k] % _WORD)
 
 
 @compiled
@@ -127,24 +127,24 @@ def _subsets(
     """Tell which sets lie in another one that stays; of equal sets the first stays; empty ones go."""
     n_sets = len(starts) - 1
     gone = np.zeros(n_sets, np.bool_)
-    for one in range(n_sets):
+    for number in range(n_sets):
         rarest = -1
-        size = starts[one + 1] - starts[one]
-        for at in range(starts[one], starts[one + 1]):
+        size = starts[number + 1] - starts[number]
+        for at in range(starts[number], starts[number + 1]):
             member = members[at]
             n_holders = holder_starts[member + 1] - holder_starts[member]
             if rarest < 0 or n_holders < holder_starts[rarest + 1] - holder_starts[rarest]:
                 rarest = member
-        gone[one] = size == 0
+        gone[number] = size == 0
         if size == 0:
             continue
         for at in range(holder_starts[rarest], holder_starts[rarest + 1]):
             other = holders[at]
             other_size = starts[other + 1] - starts[other]
-            if other == one or gone[other] or other_size < size or (other_size == size and other > one):
+            if other == number or gone[other] or other_size < size or (other_size == size and other > number):
                 continue
-            if _lies_in(bits[one], bits[other]):
-                gone[one] = True
+            if _lies_in(bits[number], bits[other]):
+                gone[number] = True
                 break
     return gone
 
@@ -156,11 +156,11 @@ def _supersets(
     """Tell which sets hold another one that stays; of equal sets the first stays."""
     n_sets = len(starts) - 1
     gone = np.zeros(n_sets, np.bool_)
-    for one in range(n_sets):
-        if gone[one] or starts[one] == starts[one + 1]:
+    for number in range(n_sets):
+        if gone[number] or starts[number] == starts[number + 1]:
             continue
-        smallest = members[starts[one]]
-        for at in range(starts[one], starts[one + 1]):
+        smallest = members[starts[number]]
+        for at in range(starts[number], starts[number + 1]):
             member = members[at]
             if (
                 holder_starts[member + 1] - holder_starts[member]
@@ -169,7 +169,7 @@ def _supersets(
                 smallest = member
         for at in range(holder_starts[smallest], holder_starts[smallest + 1]):
             other = holders[at]
-            if other != one and not gone[other] and _lies_in(bits[one], bits[other]):
+            if other != number and not gone[other] and _lies_in(bits[number], bits[other]):
                 gone[other] = True
     return gone
 
@@ -216,7 +216,7 @@ def ascend(instance: CoverInstance, n_chosen: int, n_steps: int) -> Multipliers:
     for _ in range(n_steps):
         now = _valued(instance, multipliers)
         waited = 0 if now.value > best.value + _GAIN * abs(best.value) else waited + 1
-        best = max(best, now, key=lambda some: some.value)
+        best = max(best, now, key=lambda sample: sample.value)
         if waited > _PATIENCE:
             share, waited = share / 2, 0
             multipliers, direction = best.samples, np.zeros(instance.n_samples)
@@ -272,8 +272,8 @@ def _slope(instance: CoverInstance, at: Multipliers) -> FloatArray:
 @compiled
 def _take_off(starts: Indices, members: Indices, chosen: Indices, values: FloatArray) -> None:
     """Take one off the value of each member of the chosen sets, as often as it is one."""
-    for one in chosen:
-        for at in range(starts[one], starts[one + 1]):
+    for item in chosen:
+        for at in range(starts[item], starts[item + 1]):
             values[members[at]] -= 1.0
 
 
@@ -300,12 +300,12 @@ def find_certificate(
     instance = reduction.instance
     multipliers, price = np.zeros(len(weights)), 0.0
     if instance.n_samples:
-        found = _solve_within(instance) if instance.matrix.nnz <= most_entries else None
-        found = found or ascend(instance, n_chosen, _ASCENT_STEPS)
+        multipliers_none = _solve_within(instance) if instance.matrix.nnz <= most_entries else None
+        multipliers_none = multipliers_none or ascend(instance, n_chosen, _ASCENT_STEPS)
         part = np.flatnonzero(reduction.sample_of >= 0)
         whole = reduction.sample_of[part]
-        multipliers[part] = (_feasible(instance, found) / instance.weights)[whole] * weights[part]
-        price = found.price
+        multipliers[part] = (_feasible(instance, multipliers_none) / instance.weights)[whole] * weights[part]
+        price = multipliers_none.price
     return Certificate.rounded(multipliers, price)
 
 
@@ -330,18 +330,18 @@ def _solve(instance: CoverInstance) -> Multipliers | None:
     if solved.x is None:
         return None
     multipliers = np.clip(-solved.ineqlin.marginals[: instance.n_samples], 0.0, 1.0)
-    found = _valued(instance, multipliers)
+    results = _valued(instance, multipliers)
     if instance.is_full:
-        return found
-    return replace(found, price=max(-float(solved.ineqlin.marginals[-1]), 0.0) / _scale(instance))
+        return results
+    return replace(results, price=max(-float(solved.ineqlin.marginals[-1]), 0.0) / _scale(instance))
 
 
-def _feasible(instance: CoverInstance, found: Multipliers) -> FloatArray:
+def _feasible(instance: CoverInstance, multipliers: Multipliers) -> FloatArray:
     """Scale multipliers (n,) of full cover so that no candidate sees more than 1, where that proves more."""
     if instance.fold > 1 or not instance.is_full:
-        return found.samples
-    scaled = found.samples / max(1.0, float(found.sums.max()) * (1 + _HAIR))
-    return max(found, _valued(instance, scaled), key=lambda some: some.value).samples
+        return multipliers.samples
+    scaled = multipliers.samples / max(1.0, float(multipliers.sums.max()) * (1 + _HAIR))
+    return max(multipliers, _valued(instance, scaled), key=lambda sample: sample.value).samples
 
 
 def relaxation(instance: CoverInstance) -> dict[str, Any]:

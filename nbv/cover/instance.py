@@ -151,14 +151,14 @@ class CoverInstance:
 def _row_sums(starts: Indices, members: Indices, values: FloatArray) -> FloatArray:
     """Sum the values of the members of each set; two sums side by side wait less for memory."""
     sums = np.zeros(len(starts) - 1)
-    for one in range(len(sums)):
+    for number in range(len(sums)):
         even, odd = 0.0, 0.0
-        for at in range(starts[one], starts[one + 1] - 1, 2):
+        for at in range(starts[number], starts[number + 1] - 1, 2):
             even += values[members[at]]
             odd += values[members[at + 1]]
-        if (starts[one + 1] - starts[one]) % 2:
-            even += values[members[starts[one + 1] - 1]]
-        sums[one] = even + odd
+        if (starts[number + 1] - starts[number]) % 2:
+            even += values[members[starts[number + 1] - 1]]
+        sums[number] = even + odd
     return sums
 
 

@@ -98,8 +98,8 @@ class OverlapGraph:
 
     def links(self, candidate: int) -> Links:
         """Return the overlap (m,) of a candidate with every candidate; it is not linked to itself."""
-        own = self.seen.indices[self.seen.indptr[candidate] : self.seen.indptr[candidate + 1]]
-        sums = self.by_sample[:, own] @ self.terms[own]
+        item = self.seen.indices[self.seen.indptr[candidate] : self.seen.indptr[candidate + 1]]
+        sums = self.by_sample[:, item] @ self.terms[item]
         least = np.minimum(self.areas, self.areas[candidate])
         overlap = np.divide(sums[:, 0], least, out=np.zeros_like(least), where=least > 0)
         stiff = np.zeros_like(least)
@@ -224,10 +224,10 @@ def _without_superfluous(instance: CoverInstance, linked: NDArray[np.bool_], vie
     times = instance.times_seen(views)
     was_met = instance.is_met_by(times)
     n_groups = len(set(components(linked, views)))
-    for one in sorted(kept, key=lambda k: len(instance.seen_by(views[k]))):
-        rest = [k for k in kept if k != one]
+    for number in sorted(kept, key=lambda k: len(instance.seen_by(views[k]))):
+        rest = [k for k in kept if k != number]
         fewer = times.copy()
-        fewer[instance.seen_by(views[one])] -= 1
+        fewer[instance.seen_by(views[number])] -= 1
         if was_met and not instance.is_met_by(fewer):
             continue
         if not was_met or len(set(components(linked[rest], [views[k] for k in rest]))) > n_groups:

@@ -101,7 +101,7 @@ def put_in(state: SwapState, candidate: int) -> None:
     state.sizes[CHOSEN] += 1
     state.sizes[NEWEST] = candidate
     state.moved[candidate] = state.sizes[STEPS]
-    own = 0.0
+    value = 0.0
     for at in range(state.starts[candidate], state.starts[candidate + 1]):
         sample = state.samples[at]
         if state.times[sample] == state.fold - 1:
@@ -111,8 +111,8 @@ def put_in(state: SwapState, candidate: int) -> None:
         state.times[sample] += 1
         state.last_one[sample] ^= candidate
         if state.times[sample] <= state.fold:
-            own += state.penalty[sample]
-    state.alone[candidate] = own
+            value += state.penalty[sample]
+    state.alone[candidate] = value
 
 
 @inlined
@@ -124,7 +124,7 @@ def take_out(state: SwapState, candidate: int) -> None:
     state.place[last] = state.place[candidate]
     state.place[candidate] = -1
     state.moved[candidate] = state.sizes[STEPS]
-    own = 0.0
+    value = 0.0
     for at in range(state.starts[candidate], state.starts[candidate + 1]):
         sample = state.samples[at]
         state.times[sample] -= 1
@@ -134,8 +134,8 @@ def take_out(state: SwapState, candidate: int) -> None:
         elif state.times[sample] == state.fold:
             _share(state, sample, state.penalty[sample])
         if state.times[sample] < state.fold:
-            own += state.penalty[sample]
-    state.score[candidate] = own
+            value += state.penalty[sample]
+    state.score[candidate] = value
 
 
 @inlined
@@ -210,11 +210,11 @@ def _least_useful(state: SwapState, never: int) -> int:
     """Return the chosen candidate of the lowest score, the longest unmoved of equals; `never` one of them."""
     best = int(state.chosen[0])
     for at in range(state.sizes[CHOSEN]):
-        one = int(state.chosen[at])
-        better = state.alone[one] < state.alone[best]
-        older = state.alone[one] == state.alone[best] and state.moved[one] < state.moved[best]
-        if one != never and (best == never or better or older):
-            best = one
+        number = int(state.chosen[at])
+        better = state.alone[number] < state.alone[best]
+        older = state.alone[number] == state.alone[best] and state.moved[number] < state.moved[best]
+        if number != never and (best == never or better or older):
+            best = number
     return best
 
 
@@ -223,12 +223,12 @@ def _most_useful(state: SwapState, gap: int, never: int) -> int:
     """Return the best candidate that sees a gap, the longest unmoved of equals; `never` where it is alone."""
     best = never
     for at in range(state.first[gap], state.first[gap + 1]):
-        one = int(state.candidates[at])
-        if state.place[one] >= 0 or one == never:
+        number = int(state.candidates[at])
+        if state.place[number] >= 0 or number == never:
             continue
-        older = state.score[one] == state.score[best] and state.moved[one] < state.moved[best]
-        if best == never or state.score[one] > state.score[best] or older:
-            best = one
+        older = state.score[number] == state.score[best] and state.moved[number] < state.moved[best]
+        if best == never or state.score[number] > state.score[best] or older:
+            best = number
     return best
 
 

@@ -415,17 +415,17 @@ class Coverage:
 
     def _errors(self, here: BoolArray) -> dict[str, float]:
         """Standard error of the fractions of the area of the samples `here` (n,), by their names."""
-        some = self.samples.some(here)
+        samples = self.samples.some(here)
         inferred, modelled = self._is(INFERRED)[here], self._is(MODELLED)[here]
         met, reachable = (self.state == MET)[here], (self.state != UNREACHABLE)[here]
-        error = share_error(some, reachable)
+        error = share_error(samples, reachable)
         return {
-            "met": share_error(some, met),
+            "met": share_error(samples, met),
             "reachable": error,
             "unreachable": error,
-            "inferred": share_error(some, inferred),
-            "modelled": share_error(some, modelled),
-            "unknown": share_error(some, ~(met | inferred | modelled)),
+            "inferred": share_error(samples, inferred),
+            "modelled": share_error(samples, modelled),
+            "unknown": share_error(samples, ~(met | inferred | modelled)),
         }
 
     def _fraction(self, where: BoolArray) -> float:

@@ -96,7 +96,7 @@ class CompletedSurfaces:
         self, points: FloatArray, normals: FloatArray, close_m: float, cells_of: Callable[[Patch], BoolArray]
     ) -> BoolArray:
         """Tell which points lie near such cells of a surface, their normals along its own."""
-        found = np.zeros(len(points), dtype=np.bool_)
+        mask = np.zeros(len(points), dtype=np.bool_)
         reference_from_world = self.completion.world_from_reference.inverse()
         local, turned = reference_from_world.apply(points), reference_from_world.rotate(normals)
         for patch in self.completion.patches:
@@ -105,8 +105,8 @@ class CompletedSurfaces:
             along = np.abs(np.einsum("ij,ij->i", surface.normal(local[near]), turned[near])) >= _SAME_WAY
             near = near[along]
             index, cell = patch.grid.cells_of(local[near])
-            found[near[index]] |= cells.ravel()[cell]
-        return found
+            mask[near[index]] |= cells.ravel()[cell]
+        return mask
 
 
 MET, MODELLED, INFERRED, UNKNOWN = range(4)

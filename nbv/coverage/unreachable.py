@@ -58,9 +58,9 @@ def unreachable_patches(coverage: Coverage) -> tuple[UnreachablePatch, ...]:
     for surface, reason in sorted(set(zip(samples.surface[away], coverage.reason[away], strict=True))):
         here = away[(samples.surface[away] == surface) & (coverage.reason[away] == reason)]
         for part in _connected(samples.points[here], float(np.sqrt(samples.areas[here].max()))):
-            own = here[part]
-            area = float(samples.areas[own].sum())
-            centre = samples.points[own].mean(axis=0)
+            item = here[part]
+            area = float(samples.areas[item].sum())
+            centre = samples.points[item].mean(axis=0)
             name = coverage.surface_names[surface]
             patches.append(UnreachablePatch(int(surface), name, REASONS[reason], area, centre))
     return tuple(sorted(patches, key=lambda patch: -patch.area_m2))
@@ -104,7 +104,7 @@ def room_shares(coverage: Coverage, site: Site, caster: RayCaster) -> tuple[Room
 
     What bounds two rooms, as a wall without thickness does, counts in that before the front of its face.
     """
-    samples, found = coverage.samples, []
+    samples, room_share = coverage.samples, []
     counts = samples.areas > 0
     of = np.zeros(len(samples), np.int64)
     of[counts] = room_before(samples.some(counts), site, caster)
@@ -114,7 +114,7 @@ def room_shares(coverage: Coverage, site: Site, caster: RayCaster) -> tuple[Room
         area = float(samples.areas[here].sum())
         shares = [float(samples.areas[here & part].sum()) / max(area, 1e-12) for part in (met, reachable)]
         errors = [share_error(samples, part, here) for part in (met, reachable)]
-        found.append(
+        room_share.append(
             RoomShare(
                 room=number,
                 surface_m2=area,
@@ -124,4 +124,4 @@ def room_shares(coverage: Coverage, site: Site, caster: RayCaster) -> tuple[Room
                 reachable_standard_error=errors[1],
             )
         )
-    return tuple(found)
+    return tuple(room_share)

@@ -48,10 +48,10 @@ class SeenFloor:
         level = level[_has_headroom(voxels, surfels.voxels[level])]
         points, cells = surfels.points[level], surfels.voxels[level]
         side = voxels.grid.voxel_m
-        one, other = _pairs(points, max(_STRIDE_M, 2 * side))
-        steps = np.abs(points[one, 2] - points[other, 2]) <= STEP_M
+        first, second = _pairs(points, max(_STRIDE_M, 2 * side))
+        steps = np.abs(points[first, 2] - points[second, 2]) <= STEP_M
         links = coo_array(
-            (np.ones(int(steps.sum()), np.int8), (one[steps], other[steps])), shape=(len(level),) * 2
+            (np.ones(int(steps.sum()), np.int8), (first[steps], second[steps])), shape=(len(level),) * 2
         )
         walk = connected_components(links, directed=False)[1]
         footings = [_footing(place, points, surfels.areas[level], walk) for place in voxels.stood]
@@ -75,8 +75,8 @@ def _pairs(points: FloatArray, reach_m: float) -> tuple[NDArray[np.int64], NDArr
     """Pairs of points (n, 3) no farther apart than `reach_m` along the ground."""
     if not len(points):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    found = cKDTree(points[:, :2]).query_pairs(reach_m, output_type="ndarray").astype(np.int64)
-    return found[:, 0], found[:, 1]
+    item = cKDTree(points[:, :2]).query_pairs(reach_m, output_type="ndarray").astype(np.int64)
+    return item[:, 0], item[:, 1]
 
 
 def _footing(
@@ -100,11 +100,11 @@ def _footing(
 
 def _is_even(points: FloatArray, walk: NDArray[np.int64], reach_m: float) -> BoolArray:
     """Tell around which points (n, 3) nothing of the same walk is higher or lower than a ramp makes it."""
-    one, other = _pairs(points, reach_m)
+    first, second = _pairs(points, reach_m)
     slack = reach_m * float(np.tan(np.radians(RAMP_DEG))) + UNEVEN_M
-    off = (walk[one] == walk[other]) & (np.abs(points[one, 2] - points[other, 2]) > slack)
+    off = (walk[first] == walk[second]) & (np.abs(points[first, 2] - points[second, 2]) > slack)
     even = np.ones(len(points), np.bool_)
-    even[one[off]] = even[other[off]] = False
+    even[first[off]] = even[second[off]] = False
     return even
 
 

@@ -123,9 +123,9 @@ def _slope(
     if both and sigma_m > 0:
         apart = 0.0
         for k in range(3):
-            one = _point(points, row, column, axis, 2 * half, k) - points[row, column, k]
+            item = _point(points, row, column, axis, 2 * half, k) - points[row, column, k]
             other = points[row, column, k] - _point(points, row, column, axis, -2 * half, k)
-            apart += (one - other) ** 2
+            apart += (item - other) ** 2
         both = np.sqrt(apart) < _SAME * sigma_m
     else:
         both = False
@@ -226,8 +226,8 @@ class VoxelGrid:
     def index_of(self, points: FloatArray) -> NDArray[np.int64]:
         """Voxel number (n,) of `points` (n, 3); -1 outside or where not finite."""
         flat = read_only_view(np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3))
-        found: NDArray[np.int64] = _index_of(flat, self.origin, self.shape, self.voxel_m)
-        return found.reshape(np.shape(points)[:-1])
+        index: NDArray[np.int64] = _index_of(flat, self.origin, self.shape, self.voxel_m)
+        return index.reshape(np.shape(points)[:-1])
 
     def centres(self, voxels: NDArray[np.int64] | None = None) -> FloatArray:
         """Centres (n, 3) of the numbered voxels, of all when not given."""
@@ -288,7 +288,7 @@ def _index_of(
     points: FloatArray, origin: FloatArray, shape: tuple[int, int, int], voxel_m: float
 ) -> NDArray[np.int64]:
     """Voxel number (n,) of points (n, 3); -1 outside or where not finite."""
-    found = np.full(len(points), -1, np.int64)
+    hits = np.full(len(points), -1, np.int64)
     for n in range(len(points)):
         number, inside = 0, True
         for axis in range(3):
@@ -298,8 +298,8 @@ def _index_of(
                 break
             number = number * shape[axis] + int(cell)
         if inside:
-            found[n] = number
-    return found
+            hits[n] = number
+    return hits
 
 
 _SIDES = 6

@@ -222,12 +222,12 @@ def plan_stations(
     """Return the tour of the chosen, perhaps from the first of them on, and their overlaps."""
     links = [graph.links(candidate) for candidate in chosen]
     pairs = []
-    for first, own in enumerate(links):
+    for first, link in enumerate(links):
         for second in range(first + 1, len(chosen)):
             there = chosen[second]
-            if own.linked[there]:
-                pairs.append(Overlap(first, second, float(own.overlap[there]), float(own.stiffness[there])))
-    linked = np.array([own.linked for own in links]).reshape(len(chosen), problem.candidates.n_poses)
+            if link.linked[there]:
+                pairs.append(Overlap(first, second, float(link.overlap[there]), float(link.stiffness[there])))
+    linked = np.array([item.linked for item in links]).reshape(len(chosen), problem.candidates.n_poses)
     poses = [problem.candidates.pose(candidate) for candidate in chosen]
     tour = problem.tour(poses, first=0 if begins_at_first else None)
     return Stations(tour, tuple(pairs), len(set(components(linked, chosen))))

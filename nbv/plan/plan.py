@@ -279,14 +279,16 @@ class Plan:
             ("sensor", self.sensor.name),
             ("counts as measured", self.requirement.describe()),
         ]
-        pictures, one = list[CardPicture](), self.coverage
+        pictures, summary = list[CardPicture](), self.coverage
         bar: Sequence[Share] = ()
-        if one is not None:
-            figures += [("measured", f"{100 * one.met:.1f} % of {one.total_m2:.1f} m\u00b2")]
-            bar = area_bar(met=one.met, inferred=one.modelled + one.inferred, reachable=one.reachable)
+        if summary is not None:
+            figures += [("measured", f"{100 * summary.met:.1f} % of {summary.total_m2:.1f} m\u00b2")]
+            bar = area_bar(
+                met=summary.met, inferred=summary.modelled + summary.inferred, reachable=summary.reachable
+            )
             before = self.resumed_from.met_fraction if self.resumed_from else None
             met = [before or 0.0, *(view.met_fraction or 0.0 for view in self.views)]
-            pictures = [coverage_curve(met, one.reachable)]
+            pictures = [coverage_curve(met, summary.reachable)]
         if self.lower_bound is not None:
             figures += [("lower bound", count(self.lower_bound.views, "view"))]
         if self.stations is not None:

@@ -80,7 +80,7 @@ def plan_online(
         scans.append(run.scan(pose, noise, rng))
         return scans[-1]
 
-    found = explore(
+    exploration = explore(
         scan,
         problem.scene.mesh.bounds(),
         start=start,
@@ -102,7 +102,7 @@ def plan_online(
     )
     if problem.infer and run.shares[-1].views < len(run.views):
         run.complete(scans)
-    return run.plan("nbv", found.stopped_because, stations=run.stations(in_order=True))
+    return run.plan("nbv", exploration.stopped_because, stations=run.stations(in_order=True))
 
 
 def _further_starts(problem: PlanningProblem, start: Pose | None, rng: np.random.Generator) -> list[Pose]:

@@ -172,8 +172,8 @@ class RemoteVisibility:
         ]
         rows: list[list[tuple[NDArray[np.int64], FloatArray]]] = [[] for _ in blocks]
         keys = [_key(block) for block in blocks]
-        for done, (number, found) in enumerate(self.workers.each(look, blocks, keys), start=1):
-            rows[number] = found
+        for done, (number, pairs) in enumerate(self.workers.each(look, blocks, keys), start=1):
+            rows[number] = pairs
             if progress is not None:
                 progress("visibility", min(done * _BLOCK, len(positions)), len(positions))
         return stack_rows([row for block in rows for row in block], len(samples))
@@ -372,7 +372,7 @@ class PlanningRun:
 
     def _rooms(self, site: Site, coverage: Coverage) -> tuple[dict[str, Any], ...]:
         """Return what `plan.json` says of each room: its stations, and the shares of its surface."""
-        shares = {one.room: one.to_json() for one in room_shares(coverage, site, self.problem.caster)}
+        shares = {share.room: share.to_json() for share in room_shares(coverage, site, self.problem.caster)}
         return tuple({**entry, **shares.get(entry["room"], {})} for entry in site.entries(self.views))
 
     def plan(

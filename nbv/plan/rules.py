@@ -72,7 +72,7 @@ def grid_places(site: Site, step_m: float = GRID_M) -> FloatArray:
     Each room's grid lies in the middle of its floor's extent; a room that no point of it falls in has its
     middle.
     """
-    columns, found = site.rooms.floors.columns, []
+    columns, arrays = site.rooms.floors.columns, []
     for room in _asked(site):
         spans = np.flatnonzero(site.rooms.room == room.number)
         floor = columns.places(columns.cell[spans])
@@ -86,26 +86,26 @@ def grid_places(site: Site, step_m: float = GRID_M) -> FloatArray:
         off, nearest = cKDTree(floor).query(points)
         on = off <= 1.5 * columns.cell_m
         here = np.column_stack([points[on], columns.bottom[spans[nearest[on]]]])
-        found.append(here if len(here) else np.array([room.place]))
-    return np.vstack(found)
+        arrays.append(here if len(here) else np.array([room.place]))
+    return np.vstack(arrays)
 
 
 def room_and_doorway_places(site: Site) -> FloatArray:
     """Return the middles of the rooms asked for, and of the doorways between two of them (k, 3), metres."""
     rooms, columns = site.rooms, site.rooms.floors.columns
-    found = [np.array([room.place for room in _asked(site)])]
+    arrays = [np.array([room.place for room in _asked(site)])]
     links = rooms.floors.links[np.isin(rooms.room[rooms.floors.links], site.chosen).all(axis=1)]
     pair = np.sort(rooms.room[links], axis=1)
     links, pair = links[pair[:, 0] < pair[:, 1]], pair[pair[:, 0] < pair[:, 1]]
-    for one in np.unique(pair, axis=0):
-        sides = links[(pair == one).all(axis=1)]
+    for item in np.unique(pair, axis=0):
+        sides = links[(pair == item).all(axis=1)]
         ends = [np.column_stack([columns.places(columns.cell[s]), columns.bottom[s]]) for s in sides.T]
         places = (ends[0] + ends[1]) / 2
         near = cKDTree(places).query_pairs(_ONE_DOORWAY_M, output_type="ndarray")
         graph = coo_array((np.ones(len(near), np.int8), near.T), shape=(len(places),) * 2)
         n, of = connected_components(graph, directed=False)
-        found += [places[of == k].mean(axis=0)[None] for k in range(n)]
-    return np.vstack(found)
+        arrays += [places[of == k].mean(axis=0)[None] for k in range(n)]
+    return np.vstack(arrays)
 
 
 RULES: Mapping[str, Callable[[Site], FloatArray]] = {
@@ -135,13 +135,13 @@ def compare_with_rules(caster: RayCaster, plan: Plan) -> tuple[RuleOutcome, ...]
         return ()
     if plan.sensor.kind != "spherical" or plan.resumed_from is not None or plan.requirement.k > 1:
         return ()
-    found = []
+    outcomes = []
     for name in RULES:
         numbers = rule_poses(name, site, candidates)
         gains = [_met_by(caster, plan, coverage, candidates, number) for number in numbers]
         curve = _greedy_curve(coverage.samples.areas, gains) / coverage.total_m2
         target = (plan.target or 1.0) * coverage.reachable - 1e-9
-        found.append(
+        outcomes.append(
             RuleOutcome(
                 name=name,
                 stations=len(numbers),
@@ -150,7 +150,7 @@ def compare_with_rules(caster: RayCaster, plan: Plan) -> tuple[RuleOutcome, ...]
                 stations_to_target=int(np.argmax(curve >= target)) + 1 if curve[-1] >= target else None,
             )
         )
-    return tuple(found)
+    return tuple(outcomes)
 
 
 def _asked(site: Site) -> list[Room]:

@@ -63,11 +63,11 @@ def stations_of(plan: Plan) -> tuple[Station, ...]:
     order = [] if plan.stations is None else [int(of[number]) for number in plan.stations.tour.order]
     visits = {first: k for k, first in enumerate(dict.fromkeys(order), start=1)}
     turns = plan.sensor.kind == "spherical"
-    found = []
+    stations = []
     for number, first in enumerate(np.unique(of).tolist(), start=1):
         views = np.flatnonzero(of == first).tolist()
         aims = [] if turns else [aim_of(plan.views[k].world_from_sensor) for k in views]
-        found.append(
+        stations.append(
             Station(
                 number=number,
                 position=positions[first],
@@ -79,7 +79,7 @@ def stations_of(plan: Plan) -> tuple[Station, ...]:
                 visit=visits.get(first),
             )
         )
-    return tuple(found)
+    return tuple(stations)
 
 
 def station_csv(stations: tuple[Station, ...]) -> str:
@@ -88,12 +88,14 @@ def station_csv(stations: tuple[Station, ...]) -> str:
     Metres with millimetres, degrees with tenths.
     """
     rows: list[list[object]] = []
-    for one in stations:
-        where = [f"{value + 0.0:.3f}" for value in (*one.position.tolist(), one.height_m)]
-        angles = [" ".join(f"{a + 0.0:.1f}" for a in angle) for angle in (one.headings_deg, one.pitches_deg)]
-        room = [one.room.name, one.room.storey] if one.room else ["", ""]
-        views = " ".join(map(str, one.views))
-        rows.append([one.number, *room, *where, *angles, one.visit or "", views])
+    for station in stations:
+        where = [f"{value + 0.0:.3f}" for value in (*station.position.tolist(), station.height_m)]
+        angles = [
+            " ".join(f"{a + 0.0:.1f}" for a in angle) for angle in (station.headings_deg, station.pitches_deg)
+        ]
+        room = [station.room.name, station.room.storey] if station.room else ["", ""]
+        views = " ".join(map(str, station.views))
+        rows.append([station.number, *room, *where, *angles, station.visit or "", views])
     return csv_text(STATION_COLUMNS, rows)
 
 

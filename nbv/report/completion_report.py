@@ -55,18 +55,18 @@ def flattening_sections(completion: Completion) -> tuple[Section, ...]:
     scans = completion.flattened
     if not scans:
         return ()
-    told = whole_flattening(scans)
+    items = whole_flattening(scans)
     text = (
-        f"{count(told['planes'], 'plane was', 'planes were')} flattened along the rays of their pixels, in "
+        f"{count(items['planes'], 'plane was', 'planes were')} flattened along the rays of their pixels, in "
         f"observed.ply and completed.glb; what is inferred does not depend on it. Ripple fell from "
-        f"{1000 * told['ripple_before_m']:.2f} to {1000 * told['ripple_after_m']:.2f} mm rms, "
-        f"{count(told['relief_areas'], 'area')} of relief stayed. {told['turned_over']} triangles turned "
-        f"over, {told['crossing_anew']} cross others that they did not cross."
+        f"{1000 * items['ripple_before_m']:.2f} to {1000 * items['ripple_after_m']:.2f} mm rms, "
+        f"{count(items['relief_areas'], 'area')} of relief stayed. {items['turned_over']} triangles turned "
+        f"over, {items['crossing_anew']} cross others that they did not cross."
     )
     rows = [
-        FlatRow(f"{one.label}" + (f", scan {scan}" if len(scans) > 1 else ""), one.label, one)
+        FlatRow(f"{surface.label}" + (f", scan {scan}" if len(scans) > 1 else ""), surface.label, surface)
         for scan, held in enumerate(scans, start=1)
-        for one in held.surfaces
+        for surface in held.surfaces
     ]
     galleries = [_gallery(completion, scan) for scan in range(min(len(scans), _MOST_FLAT_SCANS))]
     return (Section("Flattened", (Text(text), *galleries, *flattening_blocks(rows))),)
@@ -75,12 +75,15 @@ def flattening_sections(completion: Completion) -> tuple[Section, ...]:
 def _gallery(completion: Completion, scan: int) -> Block:
     """Heights over their planes of the pixels of a scan, from 0, before and after."""
     seen, owner, flat = completion.observations[scan], completion.owners[scan], completion.flattened[scan]
-    done = [one for one in flat.surfaces if one.is_flattened]
-    most_m = max(_SHOWN_SD * float(np.median([one.ripple_sd_m for one in done])) if done else 0.0, _LEAST_M)
+    done = [flat_surface for flat_surface in flat.surfaces if flat_surface.is_flattened]
+    most_m = max(
+        _SHOWN_SD * float(np.median([flat_surface.ripple_sd_m for flat_surface in done])) if done else 0.0,
+        _LEAST_M,
+    )
     before, after = (np.full(owner.shape, np.nan) for _ in range(2))
-    for one in done:
-        pixel = np.flatnonzero(owner == one.label)
-        plane, points = completion.patches[one.label - 1].source.fit.surface, seen.points_at(pixel)
+    for surface in done:
+        pixel = np.flatnonzero(owner == surface.label)
+        plane, points = completion.patches[surface.label - 1].source.fit.surface, seen.points_at(pixel)
         before.ravel()[pixel] = plane.distance(points)
         moved = points + flat.shift_m.ravel()[pixel, None] * seen.rays_at(pixel)
         after.ravel()[pixel] = plane.distance(moved)
@@ -152,8 +155,8 @@ def completion_page(
 
 def feature_sections(completion: Completion) -> tuple[Section, ...]:
     """Return a section on the openings that were fitted whole; none where none was accepted or in doubt."""
-    told = [fit for fit in completion.features if fit.status is not Status.NONE]
-    if not told:
+    fits = [fit for fit in completion.features if fit.status is not Status.NONE]
+    if not fits:
         return ()
     return (Section("Doorways and windows", feature_blocks(completion.features)),)
 
@@ -267,7 +270,7 @@ def surface_blocks(completion: Completion) -> tuple[Block, ...]:
 
 def _assumed(completion: Completion) -> tuple[str, ...]:
     """How uneven surfaces were taken to be, and which were left out."""
-    told, choice = (
+    sentences, choice = (
         [f"Surfaces were taken to be flat to {1000 * completion.flatness_m:.2g} mm."],
         completion.choice,
     )
@@ -275,8 +278,8 @@ def _assumed(completion: Completion) -> tuple[str, ...]:
         wanted = ", ".join(choice.only) or "surfaces of all kinds"
         least = f" of at least {choice.min_area_m2:g} m\u00b2" if choice.min_area_m2 > 0 else ""
         others = count(choice.n_left_out, "other is", "others are")
-        told.append(f"Only {wanted}{least} were asked for; {others} shown as measured, without number.")
-    return tuple(told)
+        sentences.append(f"Only {wanted}{least} were asked for; {others} shown as measured, without number.")
+    return tuple(sentences)
 
 
 def _row(number: int, patch: Patch) -> tuple[Cell, ...]:
@@ -302,28 +305,28 @@ _AREAS = ("confirmed_m2", "refuted_m2", "hidden_m2")
 
 def relation_sections(completion: Completion) -> tuple[Section, ...]:
     """Return a section with the relations of the surfaces; none without."""
-    found = completion.relations
-    if found is None:
+    relations = completion.relations
+    if relations is None:
         return ()
-    stayed = sum(not moved for moved in found.is_moved)
-    return relation_section(found.graph, found.before, found.numbers, stayed=stayed)
+    stayed = sum(not moved for moved in relations.is_moved)
+    return relation_section(relations.graph, relations.before, relations.numbers, stayed=stayed)
 
 
 def pose_sections(registration: Registration) -> tuple[Section, ...]:
     """Return a section with a row for each pair of scans that measured the same; none without such."""
-    pairs = sorted(registration.pairs, key=lambda one: -one.offset_m)
+    pairs = sorted(registration.pairs, key=lambda pair: -pair.offset_m)
     if not pairs:
         return ()
     rows = tuple(
         (
-            Cell(f"{one.first + 1} and {one.second + 1}"),
-            Cell(square_metres(one.overlap_m2)),
-            Cell(f"{1000 * one.offset_m:.1f} \u00b1 {1000 * one.offset_sd_m:.1f}"),
-            Cell(f"{1000 * one.left_m:.1f}"),
-            Cell(square_metres(one.contradicted_m2)),
-            Cell(square_metres(one.still_contradicted_m2)),
+            Cell(f"{pair.first + 1} and {pair.second + 1}"),
+            Cell(square_metres(pair.overlap_m2)),
+            Cell(f"{1000 * pair.offset_m:.1f} \u00b1 {1000 * pair.offset_sd_m:.1f}"),
+            Cell(f"{1000 * pair.left_m:.1f}"),
+            Cell(square_metres(pair.contradicted_m2)),
+            Cell(square_metres(pair.still_contradicted_m2)),
         )
-        for one in pairs[:_MOST_PAIRS]
+        for pair in pairs[:_MOST_PAIRS]
     )
     columns = (
         "Scans", "#both measured, m\u00b2", "#apart as given, mm", "#apart as used, mm",

@@ -58,7 +58,7 @@ def plan_page(
     `scans` are those that the plan was resumed from; the page does not depend on the number of threads.
     """
     find = with_inference if plan.shares else by_views
-    found = find(scene, plan, coverage, n_threads, baselines)
+    findings = find(scene, plan, coverage, n_threads, baselines)
     ended = f"The plan ends because: {plan.stopped_because}."
     if plan.lower_bound:
         ended += f" {plan.lower_bound.describe().capitalize()}."
@@ -70,25 +70,25 @@ def plan_page(
     else:
         where = [stations(scene, poses, plan.sensor, given=before, tour=tour, zones=plan.zones)]
     view = _plan_view(
-        scene, plan, coverage=coverage, pictures=found.pictures, n_threads=n_threads, scans=scans
+        scene, plan, coverage=coverage, pictures=findings.pictures, n_threads=n_threads, scans=scans
     )
     return Page(
         title=scene.name,
         kicker="View plan",
-        summary=found.summary,
-        headlines=(Headline(str(len(plan.views)), "", "views"), *found.headlines),
-        bar=found.bar,
+        summary=findings.summary,
+        headlines=(Headline(str(len(plan.views)), "", "views"), *findings.headlines),
+        bar=findings.bar,
         sections=(
-            *found.meanings,
-            Section(found.overview, (view, Text(found.note, is_note=True))),
+            *findings.meanings,
+            Section(findings.overview, (view, Text(findings.note, is_note=True))),
             Section(
-                "Views", (Gallery((found.curve, *where), 2), Text(ended, is_note=True), views_table(plan))
+                "Views", (Gallery((findings.curve, *where), 2), Text(ended, is_note=True), views_table(plan))
             ),
             *rooms_section(plan),
             *baselines_section(plan, baselines),
             *rules_section(plan, rules),
             Section("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
-            Section("Surface by surface", (found.surfaces,)),
+            Section("Surface by surface", (findings.surfaces,)),
         ),
         warnings=(*scene.warnings, *(plan.site.warnings if plan.site else ())),
     )
@@ -203,7 +203,7 @@ def coverage_page(
 
 def projections_of(given: Sequence[View] | Sequence[RangeImage]) -> list[Projection]:
     """The geometry of the pixels of each station."""
-    return [one.projection if isinstance(one, RangeImage) else one.sensor.projection for one in given]
+    return [image.projection if isinstance(image, RangeImage) else image.sensor.projection for image in given]
 
 
 def _rest(coverage: Coverage) -> str:

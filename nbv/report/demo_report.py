@@ -117,7 +117,7 @@ def demo_page(
     if not isinstance(coverage, Coverage):
         raise TypeError("the demo's report needs a fresh plan, with its full coverage")
     measured, inferred = comparison.share(MEASURED), comparison.share(INFERRED)
-    told = {state: percent_within(*comparison.share_within(state)) for state in (MEASURED, INFERRED)}
+    sentences = {state: percent_within(*comparison.share_within(state)) for state in (MEASURED, INFERRED)}
     met_told = percent_within(coverage.met, coverage.standard_errors()["met"])
     met = [view.met_fraction or 0.0 for view in plan.views]
     few = _NUMBERS[len(chosen)] if len(chosen) < len(_NUMBERS) else str(len(chosen))
@@ -125,8 +125,8 @@ def demo_page(
     hidden = f", and no view reaches {unreached} % of it" if unreached else ""
     summary = (
         f"A scanner alone needs {count(len(plan.views), 'view')} to measure {met_told} % "
-        f"of this room well{hidden}. {few.capitalize()} of these views measure {told[MEASURED]} %; "
-        f"completion infers {told[INFERRED]} % more from them, and of all that it inferred "
+        f"of this room well{hidden}. {few.capitalize()} of these views measure {sentences[MEASURED]} %; "
+        f"completion infers {sentences[INFERRED]} % more from them, and of all that it inferred "
         f"{percent(comparison.within_close)} % lies within 2 cm of the true surface."
     )
     poses = [view.world_from_sensor for view in plan.views]

@@ -32,8 +32,8 @@ def feature_blocks(fits: Sequence[TemplateFit]) -> tuple[Text | Table, ...]:
     if not fits:
         return (Text("None was proposed."),)
     refused = [fit for fit in fits if fit.status is Status.NONE]
-    told = [fit for fit in fits if fit.status is not Status.NONE][:_MOST_ROWS]
-    shown = [*told, *refused[:_MOST_REFUSED]]
+    template_fit = [fit for fit in fits if fit.status is not Status.NONE][:_MOST_ROWS]
+    shown = [*template_fit, *refused[:_MOST_REFUSED]]
     rows = tuple(_row(fits.index(fit) + 1, fit) for fit in shown)
     columns = ("Feature", "Status", "Size", "Sides seen", "Not seen", "#evidence, nats", "#false", "Why")
     left = len(fits) - len(shown)
@@ -48,7 +48,7 @@ def feature_blocks(fits: Sequence[TemplateFit]) -> tuple[Text | Table, ...]:
 
 def size_of(fit: TemplateFit) -> str:
     """Return the parameters of a feature with their deviations, for people."""
-    told = []
+    sentences = []
     for name, value in zip(fit.names, fit.x, strict=True):
         sd = fit.deviation(name)
         if name.replace("_", " ").split()[0] in _PLACING or not np.isfinite(value):
@@ -56,15 +56,15 @@ def size_of(fit: TemplateFit) -> str:
         word = name.replace("_", " ")
         value = 0.0 if abs(value) < _NOTHING else value
         if name in fit.held:
-            told.append(f"{word} {value:.4g} (given)")
+            sentences.append(f"{word} {value:.4g} (given)")
         elif set(_BETWEEN.get(name, ())) & set(fit.unseen):
-            told.append(f"{word} at least {value:.3g}")
+            sentences.append(f"{word} at least {value:.3g}")
         elif np.isfinite(sd) and sd < _UNKNOWN:
-            told.append(f"{word} {value:.4g} \u00b1 {sd:.2g}")
+            sentences.append(f"{word} {value:.4g} \u00b1 {sd:.2g}")
         else:
-            told.append(f"{word} not seen")
+            sentences.append(f"{word} not seen")
     number = fit.geometry.get("count")
-    return ", ".join([*([f"{number} of them"] if number is not None else []), *told])
+    return ", ".join([*([f"{number} of them"] if number is not None else []), *sentences])
 
 
 def chance_of(fit: TemplateFit) -> str:
@@ -109,8 +109,8 @@ def scan_shots(scans: Sequence[RangeImage], fits: Sequence[TemplateFit]) -> tupl
         for fit in shown:
             n += _draw_opening(image, scan, fit, scale)
         if n or len(scans) == 1:
-            told = "Sides: green confirmed, red contradicted, orange seen by nobody."
-            pictures.append(picture_of(image, f"{scan.name}: openings", told))
+            sentence = "Sides: green confirmed, red contradicted, orange seen by nobody."
+            pictures.append(picture_of(image, f"{scan.name}: openings", sentence))
     return tuple(pictures[:_MOST_SHOTS])
 
 
@@ -142,28 +142,28 @@ def point_shots(points: FloatArray, features: Features) -> tuple[Picture, ...]:
         return ()
     feature, _ = features.of_points()
     step = max(1, len(points) // _MOST_POINTS)
-    some, colour = points[::step], surface_bytes(feature[::step])
+    values, colour = points[::step], surface_bytes(feature[::step])
     colour = np.where(feature[::step, None] > 0, colour, np.uint8(170))
-    middle = some.mean(axis=0)
-    axes = np.linalg.svd((some - middle)[:: max(1, len(some) // 20_000)], full_matrices=False)[2]
+    middle = values.mean(axis=0)
+    axes = np.linalg.svd((values - middle)[:: max(1, len(values) // 20_000)], full_matrices=False)[2]
     shots = []
     for first, second, word in ((0, 1, "from its broadest side"), (0, 2, "from aside")):
         view = axes[[first, second]]
-        flat = (some - middle) @ view.T
+        flat = (values - middle) @ view.T
         low, high = flat.min(axis=0), flat.max(axis=0)
         scale = 0.94 * _SIDE / max(float((high - low).max()), 1e-12)
         shape = np.maximum(np.ceil((high - low) * scale).astype(int) + 40, 60)
         image = np.full((shape[1], shape[0], 3), 255, np.uint8)
 
         at = _projection(middle, view, low, scale, height=int(shape[1]))
-        place = at(some)
+        place = at(values)
         order = np.argsort(feature[::step], kind="stable")
         image[place[order, 1], place[order, 0]] = colour[order]
         for fit in features.fits:
             if fit.status is not Status.NONE:
                 _draw_lines(image, fit, at)
-        told = "Coloured: points of features. Holes: green seen, orange seen by nobody, red filled."
-        shots.append(picture_of(image, f"The points {word}", told))
+        sentence = "Coloured: points of features. Holes: green seen, orange seen by nobody, red filled."
+        shots.append(picture_of(image, f"The points {word}", sentence))
     return tuple(shots)
 
 
@@ -224,14 +224,14 @@ def feature_page(
         shots.append(Gallery(pictures, 2))
     if any("corners" not in fit.geometry for fit in features.fits) or not scans:
         shots.append(Gallery(point_shots(points, features), 2))
-    found = count(numbers[Status.FOUND], "feature was", "features were")
+    text = count(numbers[Status.FOUND], "feature was", "features were")
     state = (
         "" if features.is_complete else " The search was ended before it was done: these are the best so far."
     )
     return Page(
         title=title,
         kicker="Report of features",
-        summary=f"{found} found of {', '.join(kinds)}.{state}",
+        summary=f"{text} found of {', '.join(kinds)}.{state}",
         headlines=(
             Headline(str(numbers[Status.FOUND]), "", "found", "measured"),
             Headline(str(numbers[Status.AMBIGUOUS]), "", "ambiguous", "unknown"),

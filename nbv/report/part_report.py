@@ -85,7 +85,7 @@ def part_pictures(drawing: PartDrawing) -> tuple[tuple[Picture, ...], Camera]:
     best = [_best(drawing, drawing.cameras(height)) for height in _HEIGHTS_DEG]
     titles = ("The part, coloured by surface.", "From below.")
     captions = ("Grey belongs to no surface.", "The same from below.")
-    pictures = tuple(drawing.picture(*one) for one in zip(best, titles, captions, strict=True))
+    pictures = tuple(drawing.picture(*triple) for triple in zip(best, titles, captions, strict=True))
     return pictures, drawing.in_world(best[0])
 
 
@@ -98,7 +98,7 @@ def height_pictures(
     """
     drawings = [PartDrawing(mesh, place, _opaque(height_colours(heights, most_m))[mesh.faces])
                 for heights in (before, after)]  # fmt: skip
-    camera = _best(drawings[0], [one for height in _HEIGHTS_DEG for one in drawings[0].cameras(height)])
+    camera = _best(drawings[0], [item for height in _HEIGHTS_DEG for item in drawings[0].cameras(height)])
     scale = f"{-1000 * most_m:.2g} mm (blue) to {1000 * most_m:.2g} mm (red) over each plane"
     return (
         drawings[0].picture(camera, "As measured", f"{scale}; grey is no plane."),
@@ -145,7 +145,7 @@ def relation_graph(graph: RelationGraph, names: Sequence[int], places: Sequence[
         What the report calls them (n,), and their places (n,) in the palette, from 1.
     """
     groups = shared_directions(graph)
-    groups += [[number] for number in range(len(graph.fits)) if not any(number in own for own in groups)]
+    groups += [[number] for number in range(len(graph.fits)) if not any(number in group for group in groups)]
     angle = _angles(groups, len(graph.fits))
     at = np.stack([np.sin(angle), np.cos(angle)], axis=1)
 
@@ -154,16 +154,16 @@ def relation_graph(graph: RelationGraph, names: Sequence[int], places: Sequence[
         axes.set_aspect("equal")
         axes.set_xlim(-1.32, 1.32)
         axes.set_ylim(-1.5, 1.32)
-        for own in groups:
-            if len(own) > 1:
-                round_ = np.linspace(angle[own[0]], angle[own[-1]], 40)
+        for numbers in groups:
+            if len(numbers) > 1:
+                round_ = np.linspace(angle[numbers[0]], angle[numbers[-1]], 40)
                 axes.plot(1.2 * np.sin(round_), 1.2 * np.cos(round_), color=theme.faint, linewidth=3,
                           solid_capstyle="round")  # fmt: skip
-        for relation in sorted(graph.relations, key=lambda one: one.status is Status.ACCEPTED):
+        for relation in sorted(graph.relations, key=lambda item: item.status is Status.ACCEPTED):
             colour = _colour(relation, theme)
             if colour:
-                for one, two in _lines(relation):
-                    _connect(axes, at[one], at[two], colour, relation.status)
+                for index, two in _lines(relation):
+                    _connect(axes, at[index], at[two], colour, relation.status)
         for number, (name, place) in enumerate(zip(names, places, strict=True)):
             axes.plot(*at[number], "o", color=surface_colour(place), markersize=9, zorder=4)
             axes.annotate(str(name), 1.1 * at[number], ha="center", va="center", fontsize=8, color=theme.ink)
@@ -176,8 +176,8 @@ def _angles(groups: Sequence[Sequence[int]], n: int) -> FloatArray:
     """Where each of n surfaces is on the ring, radians from the top, those of a group side by side."""
     angle, step = np.zeros(n), 2 * np.pi / (n + _GAP * len(groups))
     here = 0.0
-    for own in groups:
-        for number in own:
+    for group in groups:
+        for number in group:
             angle[number] = here
             here += step
         here += _GAP * step
@@ -206,11 +206,11 @@ def _of(name: str, theme: Theme) -> str:
     return name if name.startswith("#") else str(getattr(theme, name))
 
 
-def _connect(axes: Axes, one: FloatArray, two: FloatArray, colour: str, status: Status) -> None:
+def _connect(axes: Axes, values: FloatArray, two: FloatArray, colour: str, status: Status) -> None:
     """A line that bends towards the middle."""
     share = np.linspace(0, 1, 30)[:, None]
-    middle = (1 - _PULL) * (one + two) / 2
-    way = (1 - share) ** 2 * one + 2 * share * (1 - share) * middle + share**2 * two
+    middle = (1 - _PULL) * (values + two) / 2
+    way = (1 - share) ** 2 * values + 2 * share * (1 - share) * middle + share**2 * two
     is_accepted, is_rejected = status is Status.ACCEPTED, status is Status.REJECTED
     axes.plot(
         *way.T,
@@ -238,7 +238,7 @@ def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
     what = "vertices" if part.faces is not None else "points"
     share = float(np.mean(part.surface > 0)) if len(part.surface) else 0.0
     graph = part.relations
-    holding = 0 if graph is None else sum(one.holds for one in graph.relations)
+    holding = 0 if graph is None else sum(relation.holds for relation in graph.relations)
     headlines = [
         Headline(str(len(part.labels)), "", "surfaces"),
         Headline(f"{100 * share:.1f}", "%", f"of the {what} on them", "measured"),
@@ -308,13 +308,19 @@ def _flat_blocks(part: Part, flat: FlatPart) -> tuple[Block, ...]:
     shown = shown_part(part)
     point = shown.vertex
     before, after = np.full(len(point), np.nan), np.full(len(point), np.nan)
-    for one in flat.surfaces:
-        own, plane = flat.surface[point] == one.label, part.fits[part.labels.index(one.label)].surface
-        before[own] = plane.distance(part.points[point[own]])
-        after[own] = plane.distance(flat.points[point[own]])
-    done = [one.ripple_sd_m for one in flat.surfaces if one.is_flattened]
+    for surface in flat.surfaces:
+        item, plane = (
+            flat.surface[point] == surface.label,
+            part.fits[part.labels.index(surface.label)].surface,
+        )
+        before[item] = plane.distance(part.points[point[item]])
+        after[item] = plane.distance(flat.points[point[item]])
+    done = [flat_surface.ripple_sd_m for flat_surface in flat.surfaces if flat_surface.is_flattened]
     most_m = _SHOWN_SD * max(float(np.median(done)), 1e-9)
-    rows = [FlatRow(str(one.label), part.labels.index(one.label) + 1, one) for one in flat.surfaces]
+    rows = [
+        FlatRow(str(flat_surface.label), part.labels.index(flat_surface.label) + 1, flat_surface)
+        for flat_surface in flat.surfaces
+    ]
     what, most = "points" if part.faces is None else "vertices", millimetres(float(flat.moved_m.max()))
     text = f"{int((flat.moved_m > 0).sum())} {what} were moved, by {most} mm at most."
     if part.faces is not None:
@@ -368,14 +374,14 @@ def _surface_blocks(part: Part) -> tuple[Block, ...]:
 
 def size_text(fit: SurfaceFit) -> str:
     """Radii and half angle of a surface with their standard deviations, in words."""
-    told, surface = fit.parameter_deviations(), fit.surface
+    values, surface = fit.parameter_deviations(), fit.surface
     parts = []
     for name, short in (("radius", "R"), ("tube_radius", "r")):
         if hasattr(surface, name):
-            parts.append(f"{short} {_with_sd(1000 * getattr(surface, name), 1000 * told[name])}")
+            parts.append(f"{short} {_with_sd(1000 * getattr(surface, name), 1000 * values[name])}")
     if hasattr(surface, "half_angle"):
         angle = float(np.degrees(surface.half_angle))
-        parts.append(f"{_with_sd(angle, told['half_angle_deg'])}\u00b0")
+        parts.append(f"{_with_sd(angle, values['half_angle_deg'])}\u00b0")
     return ", ".join(parts)
 
 

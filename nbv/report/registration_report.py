@@ -98,9 +98,9 @@ def alternative_plan(pair: PairVerdict, number: int, places: Sequence[FloatArray
     pose = composed(world, pair.alternatives[number])
 
     def draw(axes: Axes, theme: Theme) -> None:
-        for scan, own in ((first, world), (second, pose)):
-            _dots(axes, places[scan], own, surface_colour(scan + 1))
-            _station(axes, theme, scan, own)
+        for scan, values in ((first, world), (second, pose)):
+            _dots(axes, places[scan], values, surface_colour(scan + 1))
+            _station(axes, theme, scan, values)
         _label(axes)
 
     return drawn_plot(draw, _SMALL)
@@ -129,30 +129,33 @@ _MOST_ROWS, _MOST_GROUPS, _MOST_DOUBTFUL = 300, 20, 6
 
 
 def registration_page(
-    found: Registered, scans: Sequence[RangeImage], names: Sequence[str], title: str
+    registration: Registered, scans: Sequence[RangeImage], names: Sequence[str], title: str
 ) -> Page:
     """Return the report of scans (n,) that were registered, or whose poses were checked."""
-    placed = sum(found.group_of(number) is not None for number in range(len(scans)))
-    held = sum(one.verdict is Verdict.REGISTERED for one in found.pairs)
-    worst = max((one.violations for one in found.pairs if one.verdict is Verdict.REGISTERED), default=0.0)
-    checked = found.level is None
+    placed = sum(registration.group_of(number) is not None for number in range(len(scans)))
+    held = sum(pair.verdict is Verdict.REGISTERED for pair in registration.pairs)
+    worst = max(
+        (pair.violations for pair in registration.pairs if pair.verdict is Verdict.REGISTERED), default=0.0
+    )
+    checked = registration.level is None
     headlines = (
         Headline(str(len(scans)), "", "scans"),
         *(() if checked else (Headline(str(placed), "", "have a pose", "measured"),)),
-        *(() if checked else (Headline(str(len(found.groups)), "", "groups"),)),
-        Headline(str(held), "", f"of {len(found.pairs)} pairs agree"),
+        *(() if checked else (Headline(str(len(registration.groups)), "", "groups"),)),
+        Headline(str(held), "", f"of {len(registration.pairs)} pairs agree"),
         Headline(f"{100 * worst:.1f}", "%", "contradicted at most, of these"),
     )
     plans = [
         picture
-        for number, one in enumerate(found.groups[:_MOST_GROUPS])
-        for picture in _plans(found, scans, one, number)
+        for number, group in enumerate(registration.groups[:_MOST_GROUPS])
+        for picture in _plans(registration, scans, group, number)
     ]
     summary = (
-        f"Beams hardly contradict {held} of {count(len(found.pairs), 'pair', 'pairs')} in the poses given."
+        f"Beams hardly contradict {held} of {count(len(registration.pairs), 'pair', 'pairs')} "
+        "in the poses given."
         if checked
         else f"{placed} of {count(len(scans), 'scan', 'scans')} have a pose, "
-        f"in {count(len(found.groups), 'group', 'groups')}."
+        f"in {count(len(registration.groups), 'group', 'groups')}."
     )
     return Page(
         title=title,
@@ -162,24 +165,24 @@ def registration_page(
         bar=None,
         sections=(
             *((Section("From above", (Gallery(tuple(plans), 2),)),) if plans else ()),
-            Section("Scans", (_scans(found, names),)),
-            Section("Pairs", (*_pairs(found), *_alternatives(found, scans))),
+            Section("Scans", (_scans(registration, names),)),
+            Section("Pairs", (*_pairs(registration), *_alternatives(registration, scans))),
         ),
         warnings=(),
     )
 
 
 def _plans(
-    found: Registered, scans: Sequence[RangeImage], network: Network, number: int
+    registration: Registered, scans: Sequence[RangeImage], network: Network, number: int
 ) -> Iterator[Picture]:
     """A group from above, and by how much its scans differ where they met."""
     world = scans[next(iter(network.group.poses))].world_from_sensor.matrix[:3]
-    places = [found.places_of(scan) for scan in range(len(scans))]
+    places = [registration.places_of(scan) for scan in range(len(scans))]
     yield registration_plan(network, places, world).picture(
         f"Group {number + 1} from above",
         "What each scan measured, in its colour and by its number. Lines join scans that share surface.",
     )
-    met, offsets = found.residuals_of(network)
+    met, offsets = registration.residuals_of(network)
     if len(met):
         yield residual_plan(met, offsets, world).picture(
             f"Group {number + 1}, what is left between its scans",
@@ -189,18 +192,20 @@ def _plans(
         )
 
 
-def _alternatives(found: Registered, scans: Sequence[RangeImage]) -> Iterator[Block]:
+def _alternatives(registration: Registered, scans: Sequence[RangeImage]) -> Iterator[Block]:
     """The poses that pairs in doubt may have, from above."""
-    doubtful = [one for one in found.pairs if one.verdict in (Verdict.AMBIGUOUS, Verdict.SLIDES)]
-    places = [found.places_of(scan) for scan in range(len(scans))]
+    doubtful = [
+        verdict for verdict in registration.pairs if verdict.verdict in (Verdict.AMBIGUOUS, Verdict.SLIDES)
+    ]
+    places = [registration.places_of(scan) for scan in range(len(scans))]
     for pair in doubtful[:_MOST_DOUBTFUL]:
         world = scans[pair.scans[0]].world_from_sensor.matrix[:3]
         first, second = (scan + 1 for scan in pair.scans)
-        told = "slides" if pair.verdict is Verdict.SLIDES else "may stand so"
+        sentence = "slides" if pair.verdict is Verdict.SLIDES else "may stand so"
         yield Gallery(
             tuple(
                 alternative_plan(pair, k, places, world).picture(
-                    f"Scan {second} to {first}: {told} ({k + 1} of {len(pair.alternatives)})"
+                    f"Scan {second} to {first}: {sentence} ({k + 1} of {len(pair.alternatives)})"
                 )
                 for k in range(len(pair.alternatives))
             ),
@@ -213,11 +218,11 @@ def _alternatives(found: Registered, scans: Sequence[RangeImage]) -> Iterator[Bl
         )
 
 
-def _scans(found: Registered, names: Sequence[str]) -> Table:
+def _scans(registration: Registered, names: Sequence[str]) -> Table:
     """A row for each scan: its group, and how well its pose is known."""
     rows = []
     for number, name in enumerate(names[:_MOST_ROWS]):
-        group, covariance = found.group_of(number), found.covariance_of(number)
+        group, covariance = registration.group_of(number), registration.covariance_of(number)
         turn = shift = ""
         if covariance is not None and np.isfinite(covariance).all():
             turn = f"{np.degrees(_largest(covariance[:3, :3])):.3f}"
@@ -234,20 +239,20 @@ def _scans(found: Registered, names: Sequence[str]) -> Table:
     return Table(("Scan", "File", "Group", "#turn known to, deg", "#place known to, mm"), tuple(rows))
 
 
-def _pairs(found: Registered) -> tuple[Block, ...]:
+def _pairs(registration: Registered) -> tuple[Block, ...]:
     """A row for each pair, those that are in doubt first."""
     order = [Verdict.AMBIGUOUS, Verdict.SLIDES, Verdict.REGISTERED, Verdict.NO_OVERLAP]
-    pairs = sorted(found.pairs, key=lambda one: (order.index(one.verdict), one.scans))
+    pairs = sorted(registration.pairs, key=lambda verdict: (order.index(verdict.verdict), verdict.scans))
     rows = [
         (
-            Cell(" and ".join(str(number + 1) for number in one.scans)),
-            Cell(one.verdict.value),
-            Cell(f"{100 * one.overlap:.0f}"),
-            Cell(f"{100 * one.violations:.1f}"),
-            Cell(str(len(one.alternatives)) if one.verdict is Verdict.AMBIGUOUS else ""),
-            Cell(one.reason),
+            Cell(" and ".join(str(number + 1) for number in pair.scans)),
+            Cell(pair.verdict.value),
+            Cell(f"{100 * pair.overlap:.0f}"),
+            Cell(f"{100 * pair.violations:.1f}"),
+            Cell(str(len(pair.alternatives)) if pair.verdict is Verdict.AMBIGUOUS else ""),
+            Cell(pair.reason),
         )
-        for one in pairs[:_MOST_ROWS]
+        for pair in pairs[:_MOST_ROWS]
     ]
     columns = ("Scans", "Verdict", "#agrees, %", "#contradicted, %", "#poses possible", "Why")
     blocks: list[Block] = [Table(columns, tuple(rows))]

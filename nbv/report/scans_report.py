@@ -122,9 +122,9 @@ def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | No
     for side, camera in zip(("one side", "the other side"), cameras, strict=True):
         layer = canvas.look(camera, camera.shape(_WIDTH))
         hit, shade = layer.hit, canvas.shade(layer)
-        found = np.full(hit.shape, -1, np.int64)
-        found[hit] = mesh.face_surface[layer.face[hit]]
-        image = mark_hatched(paint_states(found, shade, dict(enumerate(_COLOURS))), found == SHADOW)
+        hits = np.full(hit.shape, -1, np.int64)
+        hits[hit] = mesh.face_surface[layer.face[hit]]
+        image = mark_hatched(paint_states(hits, shade, dict(enumerate(_COLOURS))), hits == SHADOW)
         pictures.append(picture_of(image, f"Measured, inferred, hidden: from {side}."))
     return tuple(pictures)
 
@@ -184,13 +184,13 @@ def surfaces_blocks(coverage: ScanCoverage) -> tuple[Block, ...]:
     """A row for each recognised surface."""
     rows = tuple(
         (
-            Cell(str(one.id), swatch=surface_colour(one.id)),
-            Cell(one.kind),
-            Cell(square_metres(one.observed_m2)),
-            Cell(f"{100 * one.met:.1f}", share=one.met, state="measured"),
-            Cell(square_metres(one.hypothesised_m2)),
+            Cell(str(surface.id), swatch=surface_colour(surface.id)),
+            Cell(surface.kind),
+            Cell(square_metres(surface.observed_m2)),
+            Cell(f"{100 * surface.met:.1f}", share=surface.met, state="measured"),
+            Cell(square_metres(surface.hypothesised_m2)),
         )
-        for one in coverage.surfaces
+        for surface in coverage.surfaces
     )
     if not rows:
         return (Text("None was recognised."),)

@@ -44,7 +44,9 @@ def coverage_curves(groups: Sequence[Group], planners: Sequence[str]) -> Plot:
                               alpha=0.16, linewidth=0)  # fmt: skip
             axes.step(views, np.median(curves, axis=0), where="post", color=colour, linewidth=1.9,
                       linestyle=_DASHES[number % len(_DASHES)], label=group.planner)  # fmt: skip
-        bounds = [one.lower_bound for group in groups for one in group.outcomes if one.lower_bound]
+        bounds = [
+            outcome.lower_bound for group in groups for outcome in group.outcomes if outcome.lower_bound
+        ]
         if bounds:
             axes.axvline(min(bounds), color=theme.faint, linewidth=1, linestyle=":")
             axes.annotate(
@@ -95,7 +97,7 @@ def views_needed(groups: Sequence[Group], share: float, planners: Sequence[str])
 
 def _telling(setting: tuple[str, str, str], all_of_them: Sequence[tuple[str, str, str]]) -> list[str]:
     """Return the parts of a setting that are not the same in all, or the scene where all are."""
-    parts = [part for k, part in enumerate(setting) if len({one[k] for one in all_of_them}) > 1]
+    parts = [part for k, part in enumerate(setting) if len({texts[k] for texts in all_of_them}) > 1]
     return parts or [setting[0]]
 
 
@@ -164,8 +166,8 @@ def _summary(groups: Sequence[Group], share: float) -> str:
     """Tell for each planner the median of views over all that it planned."""
     parts = []
     for planner in dict.fromkeys(group.planner for group in groups):
-        own = [group.views_to(share) for group in groups if group.planner == planner]
-        views = np.concatenate(own) if own else np.zeros(0)
+        arrays = [group.views_to(share) for group in groups if group.planner == planner]
+        views = np.concatenate(arrays) if arrays else np.zeros(0)
         if len(views):
             middle = float(np.median(views))
             parts.append(f"{planner} {f'{middle:g}' if np.isfinite(middle) else 'never'}")
@@ -183,9 +185,9 @@ def _headlines(outcomes: Sequence[Outcome], groups: Sequence[Group]) -> tuple[He
         Headline(str(len(outcomes)), "", "plans, one for each scene, sensor, requirement, planner and seed"),
         Headline(str(sum(outcome.n_views for outcome in planned)), "", "views in all of them"),
     ]
-    bounds = [one for one in planned if one.lower_bound]
+    bounds = [outcome for outcome in planned if outcome.lower_bound]
     if bounds:
-        excess = [one.n_views / one.lower_bound for one in bounds if one.lower_bound]
+        excess = [bound.n_views / bound.lower_bound for bound in bounds if bound.lower_bound]
         figures.append(
             Headline(f"{float(np.median(excess)):.2f}", "\u00d7", "views of cover beside its certified bound")
         )

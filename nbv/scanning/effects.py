@@ -300,14 +300,16 @@ def named_effects(name: str) -> Effects:
     """
     if name in _NAMED:
         return _NAMED[name]
-    if found := _numbers(r"gaussian-#mm", name):
-        return Effects(noise=ConstantNoise(constant_m=found[0] / 1e3))
-    if found := _numbers(r"constant-#mm-#ppm", name):
-        return Effects(noise=ConstantNoise(constant_m=found[0] / 1e3, ppm=found[1]))
-    if found := _numbers(r"stereo-#px-#px-#mm", name):
-        return Effects(noise=StereoNoise(subpixel_px=found[0], focal_px=found[1], baseline_m=found[2] / 1e3))
-    if found := _numbers(r"terrestrial-#mm-#mm", name):
-        return Effects(noise=TerrestrialNoise(constant_m=found[0] / 1e3, signal_per_m=found[1] / 1e3))
+    if values := _numbers(r"gaussian-#mm", name):
+        return Effects(noise=ConstantNoise(constant_m=values[0] / 1e3))
+    if values := _numbers(r"constant-#mm-#ppm", name):
+        return Effects(noise=ConstantNoise(constant_m=values[0] / 1e3, ppm=values[1]))
+    if values := _numbers(r"stereo-#px-#px-#mm", name):
+        return Effects(
+            noise=StereoNoise(subpixel_px=values[0], focal_px=values[1], baseline_m=values[2] / 1e3)
+        )
+    if values := _numbers(r"terrestrial-#mm-#mm", name):
+        return Effects(noise=TerrestrialNoise(constant_m=values[0] / 1e3, signal_per_m=values[1] / 1e3))
     raise InputError(
         f"no noise model named {name!r}; there are {', '.join(_NAMED)}, {PROFILE} (the sensor's own), "
         "gaussian-<n>mm, constant-<n>mm-<n>ppm, stereo-<n>px-<focal>px-<baseline>mm, terrestrial-<n>mm-<n>mm"

@@ -115,16 +115,22 @@ class MeasuredCells:
         return cls(keys, good.astype(np.float64), whole.astype(np.float64))
 
     @classmethod
-    def of_all(cls, found: Sequence[MeasuredCells], grid: VoxelGrid, k: int = 1) -> MeasuredCells:
+    def of_all(cls, cells: Sequence[MeasuredCells], grid: VoxelGrid, k: int = 1) -> MeasuredCells:
         """Return what several scans have measured: of each cell as much as the best of them.
 
         As required it is measured where `k` of them did so.
         """
-        every, which = np.unique(np.concatenate([one.keys for one in found]), return_inverse=True)
+        every, which = np.unique(
+            np.concatenate([measured_cells.keys for measured_cells in cells]), return_inverse=True
+        )
         most = _MOST * grid.voxel_m**2
         whole = np.zeros(len(every))
-        np.maximum.at(whole, which, np.minimum(np.concatenate([one.whole_m2 for one in found]), most))
-        good = np.minimum(np.concatenate([one.met_m2 for one in found]), most)
+        np.maximum.at(
+            whole,
+            which,
+            np.minimum(np.concatenate([measured_cells.whole_m2 for measured_cells in cells]), most),
+        )
+        good = np.minimum(np.concatenate([measured_cells.met_m2 for measured_cells in cells]), most)
         return cls(every, np.minimum(_kth_largest(which, good, len(every), k), whole), whole)
 
     @property
@@ -147,11 +153,11 @@ def measure_area(
     With k above 1 so many scans must have measured a cell as required. Several scans measure the same surface
     in a cell of `grid`; beyond it nothing counts, nor outside the region of `zones`, 1 cm around it apart.
     """
-    found = [
+    cells = [
         MeasuredCells.of_scan(scan, PixelQuality.of(scan, requirement, grid.voxel_m / 2), grid, zones)
         for scan in scans
     ]
-    return MeasuredCells.of_all(found, grid, requirement.k).total
+    return MeasuredCells.of_all(cells, grid, requirement.k).total
 
 
 def _kth_largest(which: NDArray[np.int64], values: FloatArray, n: int, k: int) -> FloatArray:

@@ -113,12 +113,12 @@ def room_entries(coverage: ScanCoverage, plan: Plan, chosen: Sequence[int]) -> t
     of = seen.room_near(places)
     return tuple(
         {
-            **one.to_json(),
-            "is_asked_for": one.room.number in chosen,
-            "stations": (np.flatnonzero(of == one.room.number) + 1).tolist(),
+            **room.to_json(),
+            "is_asked_for": room.room.number in chosen,
+            "stations": (np.flatnonzero(of == room.room.number) + 1).tolist(),
         }
-        for one in coverage.rooms
-        if one.room is not None
+        for room in coverage.rooms
+        if room.room is not None
     )
 
 

@@ -66,11 +66,11 @@ def register_request(
     """
     given, told_of = without_copies(read_request(request, "z", posed=False))
     if told_of and len(given.scans) == 1:
-        turn, told = turn_to_z(given.scans, up, of_points=bool(request.origins))
-        doubts = (*given.doubts, *told_of, *([told] if told else []))
+        turn, sentence = turn_to_z(given.scans, up, of_points=bool(request.origins))
+        doubts = (*given.doubts, *told_of, *([sentence] if sentence else []))
         scans = tuple(scan.transformed(turn) for scan in given.scans)
         return PlacedScans(replace(given, scans=scans, doubts=doubts), (), "placed    1 scan, by itself")
-    found = register_scans(
+    registration = register_scans(
         given.scans,
         started=request.poses is not None,
         n_threads=n_threads,
@@ -78,21 +78,21 @@ def register_request(
         journal=journal,
     )
     names = [Path(name).name for name in given.names]
-    if not found.groups:
-        why = "; ".join(dict.fromkeys(f"{one.verdict.value}: {one.reason}" for one in found.pairs))
+    if not registration.groups:
+        why = "; ".join(dict.fromkeys(f"{pair.verdict.value}: {pair.reason}" for pair in registration.pairs))
         raise InputError(
             f"--register: no two of {len(names)} scans can be placed to each other ({why}); see the "
             "alternatives by `unseen register`, or give --poses FILE"
         )
-    group = max(found.groups, key=lambda one: len(one.group.poses))
+    group = max(registration.groups, key=lambda network: len(network.group.poses))
     kept = list(group.group.poses)
-    poses = found.world_poses(given.scans)
-    turn, told = turn_to_z(
+    poses = registration.world_poses(given.scans)
+    turn, sentence = turn_to_z(
         [given.scans[k].restated(world_from_sensor=poses[k]) for k in kept],
         up,
         of_points=bool(request.origins),
     )
-    told_of += [told] if told else []
+    told_of += [sentence] if sentence else []
     others = [names[k] for k in range(len(names)) if k not in group.group.poses]
     if others:
         told_of.append(
@@ -102,16 +102,16 @@ def register_request(
     placed = replace(
         given,
         scans=tuple(given.scans[k].restated(world_from_sensor=poses[k]).transformed(turn) for k in kept),
-        doubts=(*given.doubts, *doubts_of_poses(found, names), *told_of),
+        doubts=(*given.doubts, *doubts_of_poses(registration, names), *told_of),
         paths=tuple(given.paths[k] for k in kept),
     )
-    told = placement_told(found, group, names)
-    return PlacedScans(placed, tuple(_deviation(found, k) for k in kept), told)
+    sentence = placement_told(registration, group, names)
+    return PlacedScans(placed, tuple(_deviation(registration, k) for k in kept), sentence)
 
 
-def _deviation(found: Registered, scan: int) -> float:
+def _deviation(registration: Registered, scan: int) -> float:
     """Standard deviation of a scan's pose, metres; the stated pose error where registration has none."""
-    deviation = found.pose_deviation(scan)
+    deviation = registration.pose_deviation(scan)
     return deviation if np.isfinite(deviation) else REGISTRATION_M / POSE_BOUND
 
 
@@ -138,35 +138,41 @@ def without_copies(given: GivenScans) -> tuple[GivenScans, list[str]]:
     """Return what was given without scans that are the same as others, and a sentence on each of these."""
     copies = copies_of(given.scans)
     kept = [k for k in range(len(given.scans)) if k not in copies]
-    told = [f"{one}; it is taken once" for one in copies_told([Path(n).name for n in given.names], copies)]
+    sentences = [
+        f"{text}; it is taken once" for text in copies_told([Path(n).name for n in given.names], copies)
+    ]
     return replace(
         given,
         scans=tuple(given.scans[k] for k in kept),
         paths=tuple(given.paths[k] for k in kept),
-    ), told
+    ), sentences
 
 
-def placement_told(found: Registered, group: Network, names: Sequence[str]) -> str:
+def placement_told(registration: Registered, group: Network, names: Sequence[str]) -> str:
     """Return one sentence: which scans of a group were placed, how well, and what was left alone and why."""
     first, *others = group.group.poses
-    covariances = (found.covariance_of(scan) for scan in others)
-    known = [one for one in covariances if one is not None and np.isfinite(one).all()]
+    covariances = (registration.covariance_of(scan) for scan in others)
+    known = [
+        covariance for covariance in covariances if covariance is not None and np.isfinite(covariance).all()
+    ]
     shifts, turns = (
-        [float(np.sqrt(max(np.linalg.eigvalsh(one[part, part])[-1], 0.0))) for one in known]
+        [float(np.sqrt(max(np.linalg.eigvalsh(values[part, part])[-1], 0.0))) for values in known]
         for part in (slice(3, 6), slice(0, 3))
     )
-    told = f"placed    {count(len(others), 'scan')} to {names[first]}"
+    sentence = f"placed    {count(len(others), 'scan')} to {names[first]}"
     if known:
         each = "its pose" if len(others) == 1 else "their poses"
-        told += f", {each} with a standard deviation of {_range(np.multiply(shifts, 1000.0), 'mm')} and "
-        told += _range(np.degrees(turns), "deg")
-    alone = [f"{names[k]} ({_why_alone(found, k)})" for k in range(len(names)) if k not in group.group.poses]
-    return f"{told}; left alone: {', '.join(alone)}" if alone else told
+        sentence += f", {each} with a standard deviation of {_range(np.multiply(shifts, 1000.0), 'mm')} and "
+        sentence += _range(np.degrees(turns), "deg")
+    alone = [
+        f"{names[k]} ({_why_alone(registration, k)})" for k in range(len(names)) if k not in group.group.poses
+    ]
+    return f"{sentence}; left alone: {', '.join(alone)}" if alone else sentence
 
 
-def placed_of(told: Sequence[str]) -> dict[str, str]:
+def placed_of(sentences: Sequence[str]) -> dict[str, str]:
     """Return what a summary says of scans that were placed first; nothing where none were."""
-    return {"placed": told[0].removeprefix("placed").strip()} if told else {}
+    return {"placed": sentences[0].removeprefix("placed").strip()} if sentences else {}
 
 
 def _range(values: Sequence[float] | FloatArray, unit: str) -> str:
@@ -175,44 +181,44 @@ def _range(values: Sequence[float] | FloatArray, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def _why_alone(found: Registered, scan: int) -> str:
+def _why_alone(registration: Registered, scan: int) -> str:
     """Why a scan is not in the group that is taken."""
-    if found.group_of(scan) is not None:
+    if registration.group_of(scan) is not None:
         return "placed to others, but not to these"
-    own = [one for one in found.pairs if scan in one.scans]
-    best = min(own, key=lambda one: list(Verdict).index(one.verdict))
+    verdicts = [pair for pair in registration.pairs if scan in pair.scans]
+    best = min(verdicts, key=lambda verdict: list(Verdict).index(verdict.verdict))
     return f"{best.verdict.value}: {best.reason}"
 
 
-def doubts_of_poses(found: Registered, names: Sequence[str]) -> list[str]:
+def doubts_of_poses(registration: Registered, names: Sequence[str]) -> list[str]:
     """What is not known of the poses, a sentence each."""
-    told = []
-    if found.level is None:
-        told += [
-            f"{names[one.scans[0]]} and {names[one.scans[1]]}: {one.reason}"
-            for one in found.pairs
-            if one.verdict is Verdict.AMBIGUOUS
+    sentences = []
+    if registration.level is None:
+        sentences += [
+            f"{names[verdict.scans[0]]} and {names[verdict.scans[1]]}: {verdict.reason}"
+            for verdict in registration.pairs
+            if verdict.verdict is Verdict.AMBIGUOUS
         ]
-        return told + ([] if found.checked is None else pose_doubts(found.checked, names))
+        return sentences + ([] if registration.checked is None else pose_doubts(registration.checked, names))
     for number, name in enumerate(names):
-        if found.group_of(number) is None:
-            told.append(f"{name} has no pose: {_why_alone(found, number)}")
-    for network in found.groups:
+        if registration.group_of(number) is None:
+            sentences.append(f"{name} has no pose: {_why_alone(registration, number)}")
+    for network in registration.groups:
         for scan in list(network.group.poses)[1:]:
-            covariance = found.covariance_of(scan)
+            covariance = registration.covariance_of(scan)
             if covariance is None:
                 continue
             largest = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:]).max()))
             if largest > 0.05:
-                told.append(
+                sentences.append(
                     f"{names[scan]}: its pose is known to {100 * largest:.0f} cm only in one direction"
                 )
-    for one in found.pairs:
-        if one.verdict is Verdict.REGISTERED and one.violations > _NOTICED:
-            first, second = (names[number] for number in one.scans)
-            told.append(
+    for pair in registration.pairs:
+        if pair.verdict is Verdict.REGISTERED and pair.violations > _NOTICED:
+            first, second = (names[number] for number in pair.scans)
+            sentences.append(
                 f"{first} and {second} are placed together, but beams contradict "
-                f"{100 * one.violations:.1f} % of what they share: things were moved between them, or "
+                f"{100 * pair.violations:.1f} % of what they share: things were moved between them, or "
                 "they are two places that look alike"
             )
-    return told
+    return sentences

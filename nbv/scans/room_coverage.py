@@ -101,7 +101,7 @@ def room_coverage(
         unseen.occluded & unseen.explained,
         ~unseen.occluded & ~unseen.explained,
     )
-    shadow, explained, frontier = (np.bincount(of_face[one], unseen.areas[one], n) for one in parts)
+    shadow, explained, frontier = (np.bincount(of_face[part], unseen.areas[part], n) for part in parts)
     return tuple(
         RoomCoverage(
             room=seen.rooms.rooms[k - 1] if k else None,

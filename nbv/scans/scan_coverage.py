@@ -91,16 +91,16 @@ def cover_by_scans(
     everywhere.
     """
     requirement, grid = requirement or Requirement(), scan_map.voxels.grid
-    found, own = list[MeasuredCells](), list[FloatArray]()
+    cells, arrays = list[MeasuredCells](), list[FloatArray]()
     for number, scan in enumerate(scan_map.scans):
         pixels = PixelQuality.of(scan, requirement, grid.voxel_m / 2)
-        found.append(MeasuredCells.of_scan(scan, pixels, grid, zones))
+        cells.append(MeasuredCells.of_scan(scan, pixels, grid, zones))
         if completion is not None:
-            own.append(_measured_of_surfaces(completion, pixels, number, scan.shape))
+            arrays.append(_measured_of_surfaces(completion, pixels, number, scan.shape))
     surface = None if completion is None else display_mesh(completion)
     stood = np.array([scan.origin for scan in scan_map.scans])
     unseen = UnseenBoundary.of(scan_map.voxels, surface, zones, stood, scan_map.clearance_m)
-    growth = [MeasuredCells.of_all(found[: n + 1], grid, requirement.k) for n in range(len(found))]
+    growth = [MeasuredCells.of_all(cells[: n + 1], grid, requirement.k) for n in range(len(cells))]
     return ScanCoverage(
         scan_map=scan_map,
         requirement=requirement,
@@ -108,9 +108,9 @@ def cover_by_scans(
         measured=growth[-1].total,
         unseen=unseen,
         completion=completion,
-        surfaces=() if completion is None else _recognised(completion, own),
+        surfaces=() if completion is None else _recognised(completion, arrays),
         rooms=room_coverage(scan_map, growth[-1], unseen, completion),
-        growth=tuple(one.total for one in growth),
+        growth=tuple(measured_cells.total for measured_cells in growth),
     )
 
 

@@ -88,11 +88,11 @@ class ScanMap:
         volume = _volume(few, options.clearance_m, zones, from_outside=outside)
         voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=outside)
         compared = partial(settled, sensor=sensor, requirement=requirement, gain=options.gain, zones=zones)
-        found: list[Settled | None] = []
+        solutions: list[Settled | None] = []
         for scan in scans:
             before, voxels = voxels, voxels.with_given([scan], sensor, options.clearance_m)
-            knew = len(found) > 0 and before.is_free(scan.origin[None], before.grid.voxel_m)[0]
-            found.append(compared(before, voxels, scan) if knew else None)
+            knew = len(solutions) > 0 and before.is_free(scan.origin[None], before.grid.voxel_m)[0]
+            solutions.append(compared(before, voxels, scan) if knew else None)
         rooms = None if outside else SeenRooms.of(few, completed)
         return cls(
             scans=scans,
@@ -100,7 +100,7 @@ class ScanMap:
             mode=mode,
             rooms=rooms,
             clearance_m=0.0 if outside else options.clearance_m,
-            settled=tuple(found),
+            settled=tuple(solutions),
         )
 
     @property
@@ -161,11 +161,11 @@ def _volume(
 
 def _cells(scans: Sequence[RangeImage]) -> NDArray[np.int64]:
     """Cells (n, 3) of a lattice of 5 cm, each once, that hold a point of some scan."""
-    found = np.zeros((0, 3), np.int64)
+    once = np.zeros((0, 3), np.int64)
     for scan in scans:
         here = np.floor(scan.points()[scan.valid] / _CELL_M).astype(np.int64)
-        found = _each_once(np.vstack([found, _each_once(here)]))
-    return found
+        once = _each_once(np.vstack([once, _each_once(here)]))
+    return once
 
 
 def _each_once(cells: NDArray[np.int64]) -> NDArray[np.int64]:

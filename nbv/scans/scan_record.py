@@ -57,21 +57,21 @@ class ScanRecord:
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `plan.json`."""
-        own = {name: getattr(self, name) for name in ("expected_m2", "settled_m2", "measured_m2", "met_m2")}
-        said = None if self.said is None else asdict(self.said)
-        return {"world_from_sensor": self.pose.matrix.tolist(), "said": said, **own}
+        items = {name: getattr(self, name) for name in ("expected_m2", "settled_m2", "measured_m2", "met_m2")}
+        none = None if self.said is None else asdict(self.said)
+        return {"world_from_sensor": self.pose.matrix.tolist(), "said": none, **items}
 
 
-def record_scans(coverage: ScanCoverage, said: Sequence[Said | None] = ()) -> tuple[ScanRecord, ...]:
-    """Return the record of a coverage's scans; `said` holds for each what an earlier plan said of it."""
+def record_scans(coverage: ScanCoverage, sentence: Sequence[Said | None] = ()) -> tuple[ScanRecord, ...]:
+    """Return the record of a coverage's scans; `sentence` holds for each what an earlier plan said of it."""
     scans, growth, before = coverage.scan_map.scans, coverage.growth, (0.0, 0.0)
-    found = []
+    records = []
     for number, (scan, area) in enumerate(zip(scans, growth, strict=True)):
         settled = coverage.scan_map.settled[number]
-        found.append(
+        records.append(
             ScanRecord(
                 pose=scan.world_from_sensor,
-                said=said[number] if number < len(said) else None,
+                said=sentence[number] if number < len(sentence) else None,
                 expected_m2=None if settled is None else settled.expected_m2,
                 settled_m2=None if settled is None else settled.settled_m2,
                 measured_m2=area.total_m2 - before[0],
@@ -79,7 +79,7 @@ def record_scans(coverage: ScanCoverage, said: Sequence[Said | None] = ()) -> tu
             )
         )
         before = (area.total_m2, area.met_m2)
-    return tuple(found)
+    return tuple(records)
 
 
 def last_scan_in_words(record: Sequence[ScanRecord]) -> list[str]:
@@ -88,17 +88,17 @@ def last_scan_in_words(record: Sequence[ScanRecord]) -> list[str]:
         return []
     last = record[-1]
     name = letters(len(record) - 1)
-    said = ""
+    sentence = ""
     if last.said is not None and last.said.predicted_gain_m2 is not None:
-        said = (
+        sentence = (
             f"was station {last.said.station} of the plan before, {last.said.off_m:.2f} m off, which "
             f"predicted {square_metres(last.said.predicted_gain_m2)} m2; it "
         )
     brought = f"measured {square_metres(last.measured_m2)} m2 of surface for the first time"
     if last.expected_m2 is None or last.settled_m2 is None:
-        return [f"scan {name} {said}stood where the scans before knew nothing; it {brought}"]
+        return [f"scan {name} {sentence}stood where the scans before knew nothing; it {brought}"]
     return [
-        f"scan {name} {said}settled {square_metres(last.settled_m2)} m2 of the "
+        f"scan {name} {sentence}settled {square_metres(last.settled_m2)} m2 of the "
         f"{square_metres(last.expected_m2)} m2 expected from where it stood, and {brought}"
     ]
 
@@ -137,24 +137,26 @@ def said_before(path: Path, poses: Sequence[Pose]) -> tuple[Said | None, ...]:
     before = [_number_of(pose, known) for pose in poses]
     if all(number is None for number in before):
         raise InputError(f"{path} was made after other scans than these; {_CURE}")
-    left, found = dict(enumerate(planned, start=1)), list[Said | None]()
+    left, standings = dict(enumerate(planned, start=1)), list[Said | None]()
     for pose, number in zip(poses, before, strict=True):
         if number is not None:
-            found.append(record[number])
+            standings.append(record[number])
             continue
         away = {station: float(np.linalg.norm(place - pose.translation)) for station, place in left.items()}
-        station = min(away, key=lambda one: away[one], default=0)
+        station = min(away, key=lambda index: away[index], default=0)
         if not station or away[station] > _NEAR_M:
-            found.append(None)
+            standings.append(None)
             continue
         del left[station]
-        found.append(Said(station, away[station], gains[station - 1]))
-    return tuple(found)
+        standings.append(Said(station, away[station], gains[station - 1]))
+    return tuple(standings)
 
 
 def _number_of(pose: Pose, among: Sequence[Pose]) -> int | None:
     """Number of the pose that is the same as this, None for none."""
-    return next((k for k, one in enumerate(among) if np.allclose(one.matrix, pose.matrix, atol=_SAME)), None)
+    return next(
+        (k for k, item in enumerate(among) if np.allclose(item.matrix, pose.matrix, atol=_SAME)), None
+    )
 
 
 def _said_of(entry: dict[str, Any] | None) -> Said | None:

@@ -71,19 +71,19 @@ class SeenRooms:
 
         It is the room of the nearest floor below, of the highest storey that has any within a metre beside.
         """
-        columns, found = self.rooms.floors.columns, np.zeros(len(places), np.int32)
+        columns, hits = self.rooms.floors.columns, np.zeros(len(places), np.int32)
         storey = np.array([0, *(room.storey for room in self.rooms.rooms)])[self.rooms.room]
         for number in range(int(storey.max(initial=0)), 0, -1):
             spans = np.flatnonzero(storey == number)
             if not len(spans):
                 continue
             above = places[:, 2] >= columns.bottom[spans].min() - _BELOW_M
-            left = np.flatnonzero((found == 0) & above)
+            left = np.flatnonzero((hits == 0) & above)
             tree = cKDTree(columns.places(columns.cell[spans]))
             away, nearest = tree.query(places[left, :2], distance_upper_bound=_BESIDE_M)
             near = np.isfinite(away)
-            found[left[near]] = self.rooms.room[spans[nearest[near]]]
-        return found
+            hits[left[near]] = self.rooms.room[spans[nearest[near]]]
+        return hits
 
     def chosen(self, site: SiteOptions) -> tuple[tuple[int, ...], list[str]]:
         """Return the numbers of the rooms that are asked for, and what is to be said of it.
@@ -130,8 +130,8 @@ class SeenRooms:
         spacing, _ = lattice_spacing(self.some(chosen), site, turns=turns)
         clear = Clearance.of_points(self.mesh.vertices, site.clearance_m)
         bounds = np.stack([self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)])
-        found = room_positions(bounds, self.rooms, chosen, options=site, spacing_m=spacing, clear=clear)
-        return Candidates(found.positions, sensor_directions(sensor, 2))
+        positions = room_positions(bounds, self.rooms, chosen, options=site, spacing_m=spacing, clear=clear)
+        return Candidates(positions.positions, sensor_directions(sensor, 2))
 
 
 def _inferred_levels(

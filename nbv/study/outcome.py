@@ -96,7 +96,7 @@ class Outcome:
 
     def row(self) -> dict[str, Any]:
         """Return the row of the results, by `COLUMNS`."""
-        found = {
+        values = {
             "total_m2": self.total_m2,
             "reachable": self.reachable,
             "met": float(self.met[-1]) if self.n_views else 0.0,
@@ -113,7 +113,7 @@ class Outcome:
             **self.case.settings(),
             "n_candidates": self.n_candidates,
             "n_samples": self.n_samples,
-            **(dict.fromkeys(found) if self.error else found),
+            **(dict.fromkeys(values) if self.error else values),
             **{f"views_to_{100 * share:.0f}": self.views_to(share) for share in SHARES},
             "lower_bound": self.lower_bound,
             "tour_m": self.tour_m,
@@ -177,23 +177,23 @@ class Group:
 
     def views_to(self, share: float) -> FloatArray:
         """Views (n,) of each outcome until `share` of the reachable area is measured; inf for never."""
-        found = [outcome.views_to(share) for outcome in self.outcomes]
-        return np.array([np.inf if views is None else views for views in found], dtype=np.float64)
+        numbers = [outcome.views_to(share) for outcome in self.outcomes]
+        return np.array([np.inf if views is None else views for views in numbers], dtype=np.float64)
 
     def values(self, name: str) -> FloatArray:
         """Values (n,) of a column of the results; nan for none."""
-        found = [outcome.row()[name] for outcome in self.outcomes]
-        return np.array([np.nan if value is None else value for value in found], dtype=np.float64)
+        items = [outcome.row()[name] for outcome in self.outcomes]
+        return np.array([np.nan if value is None else value for value in items], dtype=np.float64)
 
     def curves(self) -> FloatArray:
         """Share of the reachable area (n, n_most + 1) measured before the first and after each view.
 
         A plan that has ended stays where it was.
         """
-        found = [outcome.of_reachable for outcome in self.outcomes]
-        n_most = max((len(curve) for curve in found), default=1)
-        padded = [np.concatenate([curve, np.full(n_most - len(curve), curve[-1])]) for curve in found]
-        return np.array(padded).reshape(len(found), n_most)
+        arrays = [outcome.of_reachable for outcome in self.outcomes]
+        n_most = max((len(curve) for curve in arrays), default=1)
+        padded = [np.concatenate([curve, np.full(n_most - len(curve), curve[-1])]) for curve in arrays]
+        return np.array(padded).reshape(len(arrays), n_most)
 
 
 def groups_of(outcomes: Sequence[Outcome]) -> tuple[Group, ...]:
@@ -206,8 +206,8 @@ def groups_of(outcomes: Sequence[Outcome]) -> tuple[Group, ...]:
     return tuple(
         Group(
             *key,
-            outcomes=tuple(one for one in found if not one.error),
-            n_failed=sum(bool(one.error) for one in found),
+            outcomes=tuple(item for item in member if not item.error),
+            n_failed=sum(bool(item.error) for item in member),
         )
-        for key, found in members.items()
+        for key, member in members.items()
     )

@@ -67,8 +67,8 @@ class SensorEntry(Entry):
     @property
     def label(self) -> str:
         """Its name, or that of the profile, with its errors."""
-        own = Path(self.sensor).stem if self.sensor.endswith(".toml") else self.sensor
-        return self.name or (own if self.noise == "none" else f"{own}, {self.noise}")
+        text = Path(self.sensor).stem if self.sensor.endswith(".toml") else self.sensor
+        return self.name or (text if self.noise == "none" else f"{text}, {self.noise}")
 
 
 def _fields_of(kind: type, **changed: Any) -> Any:
@@ -233,8 +233,8 @@ def read_study(path: str | Path) -> StudySpec:
 
 def _first_error(error: ValidationError) -> str:
     """Return where the first error is and what is wrong, and how many more there are."""
-    found = error.errors(include_url=False, include_context=False, include_input=False)
-    first, rest = found[0], len(found) - 1
+    errors = error.errors(include_url=False, include_context=False, include_input=False)
+    first, rest = errors[0], len(errors) - 1
     what = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
         what = "there is no such entry; is it spelt as in the documentation?"

@@ -86,19 +86,19 @@ def _sides(samples: SurfaceSamples, site: Site, caster: RayCaster) -> NDArray[np
 def room_of_air(rooms: Rooms, caster: RayCaster) -> NDArray[np.int64]:
     """Room (n,) whose air each span of the columns holds; -1 in the open, 0 within solids."""
     columns = rooms.floors.columns
-    one, other = columns.neighbours()
+    indices, other = columns.neighbours()
     height = (
-        np.maximum(columns.bottom[one], columns.bottom[other])
-        + np.minimum(np.minimum(columns.top[one], columns.top[other]), 1e6)
+        np.maximum(columns.bottom[indices], columns.bottom[other])
+        + np.minimum(np.minimum(columns.top[indices], columns.top[other]), 1e6)
     ) / 2
-    high = np.isinf(columns.top[one]) & np.isinf(columns.top[other])
-    height[high] = np.maximum(columns.bottom[one], columns.bottom[other])[high] + 1.0
-    ends = [np.column_stack([columns.places(columns.cell[side]), height]) for side in (one, other)]
+    high = np.isinf(columns.top[indices]) & np.isinf(columns.top[other])
+    height[high] = np.maximum(columns.bottom[indices], columns.bottom[other])[high] + 1.0
+    ends = [np.column_stack([columns.places(columns.cell[side]), height]) for side in (indices, other)]
     open_ = ~caster.blocked(ends[0], ends[1])
-    one, other = one[open_], other[open_]
+    indices, other = indices[open_], other[open_]
     air = rooms.room.astype(np.int64)
     air[(air == 0) & np.isinf(columns.top)] = _OUTSIDE
-    both = np.column_stack([np.concatenate([one, other]), np.concatenate([other, one])])
+    both = np.column_stack([np.concatenate([indices, other]), np.concatenate([other, indices])])
     while True:
         reached = both[(air[both[:, 0]] == 0) & (air[both[:, 1]] != 0)]
         if not len(reached):
@@ -117,17 +117,17 @@ def _air_before(
     It is that of the nearest of the lines around to which nothing stands between.
     """
     places = samples.points + side * _LIFT_M * samples.normals
-    found = np.where(columns.cells_of(places[:, :2]) < 0, _OUTSIDE, 0)
+    values = np.where(columns.cells_of(places[:, :2]) < 0, _OUTSIDE, 0)
     steps = np.stack(np.meshgrid([0, -1, 1], [0, -1, 1], indexing="ij"), axis=-1).reshape(-1, 2)
     for step in steps[np.argsort(np.abs(steps).sum(axis=1), kind="stable")]:
-        left = np.flatnonzero(found <= 0)  # a room's air is looked for beyond the open
+        left = np.flatnonzero(values <= 0)  # a room's air is looked for beyond the open
         cells = columns.cells_of(places[left, :2] + step * columns.cell_m)
         room = _air_at(columns, air, cells, places[left, 2])
         left, cells, room = left[room != 0], cells[room != 0], room[room != 0]
         line = np.column_stack([columns.places(cells), places[left, 2]])
         open_ = ~caster.blocked(places[left], line)
-        found[left[open_]] = room[open_]
-    return found
+        values[left[open_]] = room[open_]
+    return values
 
 
 def _air_at(
@@ -138,15 +138,15 @@ def _air_at(
     n_spans = np.diff(columns.start)[cells[inside]]
     last = np.append(columns.bottom, 0.0)[columns.start[cells[inside] + 1] - 1]
     lowest = np.where(n_spans > 0, last, np.inf)
-    found = np.full(len(cells), _OUTSIDE)
-    found[inside[heights[inside] > lowest]] = 0
+    hits = np.full(len(cells), _OUTSIDE)
+    hits[inside[heights[inside] > lowest]] = 0
     for k in range(int(np.diff(columns.start).max(initial=0))):
         span = columns.start[cells[inside]] + k
         known = span < columns.start[cells[inside] + 1]
         at, span = inside[known], span[known]
         holds = (columns.bottom[span] < heights[at]) & (columns.top[span] > heights[at])
-        found[at[holds]] = air[span[holds]]
-    return found
+        hits[at[holds]] = air[span[holds]]
+    return hits
 
 
 _SAME_LEVEL_M = 0.1

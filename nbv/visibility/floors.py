@@ -94,8 +94,8 @@ class Columns:
 
     def neighbours(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Pairs (m,), (m,) of spans of cells side by side that are open to each other, by heights alone."""
-        one, other = _beside(self.shape, self.start, self.bottom, self.top, LEAST_SPAN_M)
-        return one, other
+        first, second = _beside(self.shape, self.start, self.bottom, self.top, LEAST_SPAN_M)
+        return first, second
 
 
 def cut_columns(mesh: LabelledMesh, caster: RayCaster) -> Columns:
@@ -130,7 +130,7 @@ def _crossings(
 ) -> tuple[NDArray[np.int64], FloatArray, NDArray[np.int32]]:
     """Cells (n,), heights (n,) and faces (n,) of all that lines down at places (c, 2) meet, in order."""
     going, height = np.arange(len(places)), np.full(len(places), above)
-    found = []
+    pairs = []
     for _ in range(_MOST_SURFACES):
         origins = np.column_stack([places[going], height])
         hits = caster.first_hit(origins, np.broadcast_to(np.array([0.0, 0.0, -1.0]), origins.shape))
@@ -138,11 +138,11 @@ def _crossings(
         if not met.any():
             break
         going, height = going[met], height[met] - hits.ranges[met]
-        found.append((going, height, hits.face[met]))
+        pairs.append((going, height, hits.face[met]))
         height = height - _STEP_OVER * extent
-    if not found:
+    if not pairs:
         return np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int32)
-    cells, heights, faces = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    cells, heights, faces = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
     order = np.argsort(cells, kind="stable")  # of each line from above already
     return cells[order], heights[order], faces[order]
 
@@ -156,7 +156,7 @@ def _beside(
     least: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs of spans of cells side by side that share at least so much of their heights."""
-    one, other = [np.int64(0) for _ in range(0)], [np.int64(0) for _ in range(0)]
+    first, second = [np.int64(0) for _ in range(0)], [np.int64(0) for _ in range(0)]
     for x in range(shape[0]):
         for y in range(shape[1]):
             here = x * shape[1] + y
@@ -168,13 +168,13 @@ def _beside(
                 a, b = start[here], start[there]
                 while a < start[here + 1] and b < start[there + 1]:
                     if min(top[a], top[b]) - max(bottom[a], bottom[b]) >= least:
-                        one.append(np.int64(a))
-                        other.append(np.int64(b))
+                        first.append(np.int64(a))
+                        second.append(np.int64(b))
                     if bottom[a] >= bottom[b]:
                         a += 1
                     else:
                         b += 1
-    return np.array(one, dtype=np.int64), np.array(other, dtype=np.int64)
+    return np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
 
 
 HEADROOM_M = 1.8  # that a person needs who puts up a tripod
@@ -257,46 +257,46 @@ def find_floors(columns: Columns, caster: RayCaster, headroom_m: float = HEADROO
     other floor.
     """
     walkable = (columns.top - columns.bottom >= headroom_m) & (columns.slope >= WALKABLE)
-    one, other = columns.neighbours()
-    rise = columns.bottom[other] - columns.bottom[one]
-    low = np.minimum(columns.top[one], columns.top[other]) - np.maximum(
-        columns.bottom[one], columns.bottom[other]
+    first, second = columns.neighbours()
+    rise = columns.bottom[second] - columns.bottom[first]
+    low = np.minimum(columns.top[first], columns.top[second]) - np.maximum(
+        columns.bottom[first], columns.bottom[second]
     )
-    near = walkable[one] & walkable[other] & (np.abs(rise) <= STEP_M) & (low >= headroom_m)
-    near[near] = ~_walled(columns, caster, one[near], other[near], _CHEST_M)
+    near = walkable[first] & walkable[second] & (np.abs(rise) <= STEP_M) & (low >= headroom_m)
+    near[near] = ~_walled(columns, caster, first[near], second[near], _CHEST_M)
     level = near & (np.abs(rise) <= SILL_M)
-    patch = _joined(walkable, one[level], other[level])
-    walk = _joined(walkable, one[near], other[near])
-    outline = _Outline.of(columns, caster, walkable, pairs=(one, other), near=near)
+    patch = _joined(walkable, first[level], second[level])
+    walk = _joined(walkable, first[near], second[near])
+    outline = _Outline.of(columns, caster, walkable, pairs=(first, second), near=near)
     kept = _kept_patches(columns, outline, walkable, patch, walk)
     is_floor = walkable & kept[np.maximum(patch, 0)]
-    held = near & is_floor[one] & is_floor[other]
-    walk_all, walk = walk, np.where(is_floor, _joined(is_floor, one[held], other[held]), -1)
+    held = near & is_floor[first] & is_floor[second]
+    walk_all, walk = walk, np.where(is_floor, _joined(is_floor, first[held], second[held]), -1)
     return Floors(
         columns=columns,
         patch=np.where(is_floor, patch, -1),
         is_floor=is_floor,
         can_stand=is_floor & _is_even(columns, is_floor, walk),
         walk=walk,
-        links=np.column_stack([one[held], other[held]]),
+        links=np.column_stack([first[held], second[held]]),
         furniture_m2=float(np.count_nonzero(walkable & ~is_floor)) * columns.cell_m**2,
         platforms=_platforms(columns, outline, np.where(walkable & ~is_floor, walk_all, -1)),
     )
 
 
 def _walled(
-    columns: Columns, caster: RayCaster, one: NDArray[np.int64], other: NDArray[np.int64], height_m: float
+    columns: Columns, caster: RayCaster, first: NDArray[np.int64], second: NDArray[np.int64], height_m: float
 ) -> BoolArray:
     """Tell between which spans (m,) side by side something stands, so high above the higher floor."""
-    height = np.maximum(columns.bottom[one], columns.bottom[other]) + height_m
-    ends = [np.column_stack([columns.places(columns.cell[side]), height]) for side in (one, other)]
+    height = np.maximum(columns.bottom[first], columns.bottom[second]) + height_m
+    ends = [np.column_stack([columns.places(columns.cell[side]), height]) for side in (first, second)]
     return np.asarray(caster.blocked(ends[0], ends[1]))
 
 
-def _joined(among: BoolArray, one: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.int64]:
+def _joined(among: BoolArray, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
     """Number (n,) what links connect, -1 for spans not among them."""
     n = len(among)
-    links = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(n, n))
+    links = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(n, n))
     _, label = connected_components(links, directed=False)
     number = np.full(n, -1, np.int64)
     number[among] = np.unique(label[among], return_inverse=True)[1]
@@ -322,9 +322,9 @@ class _Outline:
         near: BoolArray,
     ) -> _Outline:
         """Find the drops: to the span beside that shares most of the height, with no wall between."""
-        one, other = pairs
-        is_up = columns.bottom[other] > columns.bottom[one]
-        high, low = np.where(is_up, other, one), np.where(is_up, one, other)
+        first, second = pairs
+        is_up = columns.bottom[second] > columns.bottom[first]
+        high, low = np.where(is_up, second, first), np.where(is_up, first, second)
         shared = np.minimum(columns.top[high], columns.top[low]) - columns.bottom[high]
         side = 2 * (np.abs(columns.cell[low] - columns.cell[high]) > 1) + (
             columns.cell[low] > columns.cell[high]
@@ -333,7 +333,7 @@ class _Outline:
         np.maximum.at(most, key, shared)
         falls = walkable[high] & (shared == most[key]) & (columns.bottom[high] - columns.bottom[low] > SILL_M)
         falls[falls] = ~_walled(columns, caster, high[falls], low[falls], _ANKLE_M)
-        return cls((one[near], other[near]), high[falls], low[falls])
+        return cls((first[near], second[near]), high[falls], low[falls])
 
 
 def _kept_patches(
@@ -345,20 +345,20 @@ def _kept_patches(
 ) -> BoolArray:
     """Tell which patches (p,) are floor, by how their outlines drop and whether steps lead to them."""
     n, n_walks = int(patch.max(initial=-1)) + 1, int(walk.max(initial=-1)) + 1
-    one, other = outline.near
+    first, second = outline.near
     cells, walk_cells = (
         np.bincount(patch[walkable], minlength=n),
         np.bincount(walk[walkable], minlength=n_walks),
     )
-    inner = np.bincount(patch[one[patch[one] == patch[other]]], minlength=n)
+    inner = np.bincount(patch[first[patch[first] == patch[second]]], minlength=n)
     edges = np.maximum(4 * cells - 2 * inner, 1)
-    walk_edges = np.maximum(4 * walk_cells - 2 * np.bincount(walk[one], minlength=n_walks), 1)
+    walk_edges = np.maximum(4 * walk_cells - 2 * np.bincount(walk[first], minlength=n_walks), 1)
     high, low = outline.high, outline.low
     drops = np.bincount(patch[high[patch[high] != patch[low]]], minlength=n)
     apart = (walk[high] != walk[low]) & (columns.bottom[high] - columns.bottom[low] > STEP_M)
     falls = np.bincount(walk[high[apart]], minlength=n_walks) / walk_edges
     stepped = np.zeros(n, np.bool_)
-    stepped[patch[np.concatenate([one, other])[np.tile(patch[one] != patch[other], 2)]]] = True
+    stepped[patch[np.concatenate([first, second])[np.tile(patch[first] != patch[second], 2)]]] = True
     of = np.zeros(n, np.int64)
     of[patch[walkable]] = walk[walkable]
     cell_m2 = columns.cell_m**2
@@ -380,12 +380,12 @@ def _platforms(columns: Columns, outline: _Outline, walk: NDArray[np.int64]) -> 
     drop = np.bincount(of, depth, len(n_edges)) / np.maximum(n_edges, 1)
     no_place = np.isinf(columns.top[left]) | columns.shows_back[left]
     area = np.bincount(walk[left], ~no_place, len(n_edges)) * columns.cell_m**2
-    found = []
+    platforms = []
     for number in np.flatnonzero((area > _SMALL_M2) & (drop > _FURNITURE_M)):
         spans = left[(walk[left] == number) & ~no_place]
         places = np.column_stack([columns.places(columns.cell[spans]), columns.bottom[spans]])
         middle = places[np.argmin(np.linalg.norm(places - places.mean(axis=0), axis=1))]
-        found.append(
+        platforms.append(
             Platform(
                 floor_m2=float(area[number]),
                 level_m=float(places[:, 2].mean()),
@@ -393,7 +393,7 @@ def _platforms(columns: Columns, outline: _Outline, walk: NDArray[np.int64]) -> 
                 place=(float(middle[0]), float(middle[1]), float(middle[2])),
             )
         )
-    return tuple(sorted(found, key=lambda platform: -platform.floor_m2))
+    return tuple(sorted(platforms, key=lambda platform: -platform.floor_m2))
 
 
 def _is_even(columns: Columns, is_floor: BoolArray, walk: NDArray[np.int64]) -> BoolArray:

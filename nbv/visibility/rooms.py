@@ -103,15 +103,15 @@ class Rooms:
     def span_of(self, places: FloatArray) -> NDArray[np.int64]:
         """Return the span (n,) of free space that each place (n, 3) lies in, metres; -1 for none."""
         columns = self.floors.columns
-        cells, found = columns.cells_of(places[:, :2]), np.full(len(places), -1, np.int64)
+        cells, hits = columns.cells_of(places[:, :2]), np.full(len(places), -1, np.int64)
         inside = np.flatnonzero(cells >= 0)
         for k in range(int(np.diff(columns.start).max(initial=0))):
             span = columns.start[cells[inside]] + k
-            known = (span < columns.start[cells[inside] + 1]) & (found[inside] < 0)
+            known = (span < columns.start[cells[inside] + 1]) & (hits[inside] < 0)
             at, span = inside[known], span[known]
             holds = (columns.bottom[span] <= places[at, 2]) & (columns.top[span] >= places[at, 2])
-            found[at[holds]] = span[holds]
-        return found
+            hits[at[holds]] = span[holds]
+        return hits
 
     def room_of(self, places: FloatArray) -> NDArray[np.int32]:
         """Return the number (n,) of the room on whose floor, or over it, each place (n, 3) is; 0 for none."""
@@ -215,9 +215,9 @@ class _Plan:
         """Tell the cells (x, y) with surface between them and one beside, so high above the floor, metres."""
         columns, number = self.columns, np.arange(among.size).reshape(among.shape)
         walled = np.zeros(among.size, np.bool_)
-        for one, other in ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:])):
-            pair = (among.ravel()[one] & among.ravel()[other]).ravel()
-            first, second = one.ravel()[pair], other.ravel()[pair]
+        for values, other in ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:])):
+            pair = (among.ravel()[values] & among.ravel()[other]).ravel()
+            first, second = values.ravel()[pair], other.ravel()[pair]
             level = np.minimum(*((self.height + above).ravel()[side] for side in (first, second)))
             ends = [np.column_stack([columns.places(side), level]) for side in (first, second)]
             stopped = caster.blocked(ends[0], ends[1])
@@ -228,7 +228,7 @@ class _Plan:
 
 def _under_lintels(headroom: FloatArray, air: BoolArray, cell_m: float) -> BoolArray:
     """Tell the cells (x, y) under the heads of doorways."""
-    found = np.zeros(air.shape, np.bool_)
+    mask = np.zeros(air.shape, np.bool_)
     reach = int(np.ceil(_WALL_M / cell_m)) + 1
     for axis in range(2):
         before, after = (
@@ -236,15 +236,15 @@ def _under_lintels(headroom: FloatArray, air: BoolArray, cell_m: float) -> BoolA
             for shift in (reach // 2, -(reach // 2))
         )
         lower = np.minimum(before, after) - headroom >= _LINTEL_M
-        found |= air & lower & (headroom <= _DOOR_M)
-    label, _ = ndimage.label(found, np.ones((3, 3)))
+        mask |= air & lower & (headroom <= _DOOR_M)
+    label, _ = ndimage.label(mask, np.ones((3, 3)))
     for number, box in enumerate(ndimage.find_objects(label), start=1):
         sides = sorted((side.stop - side.start) * cell_m for side in box)
         inside = label[box] == number
         head = float(np.median(headroom[box][inside]))
         if sides[0] > _WALL_M + 2 * cell_m or (sides[1] > _WIDE_DOOR_M and head > _GATE_M):
-            found[box][inside] = False
-    return found
+            mask[box][inside] = False
+    return mask
 
 
 def _parted_where_narrow(air: BoolArray, cell_m: float) -> NDArray[np.int64]:
@@ -260,9 +260,9 @@ def _merged(basin: NDArray[np.int64], clear: FloatArray) -> NDArray[np.int64]:
     peak = np.zeros(n)
     np.maximum.at(peak, basin.ravel(), clear.ravel())
     passes: dict[tuple[int, int], float] = {}
-    for one, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-        first, second = basin[one].ravel(), basin[other].ravel()
-        width = np.minimum(clear[one], clear[other]).ravel()
+    for pair, other in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        first, second = basin[pair].ravel(), basin[other].ravel()
+        width = np.minimum(clear[pair], clear[other]).ravel()
         meets = (first != second) & (first > 0) & (second > 0)
         for a, b, w in zip(first[meets].tolist(), second[meets].tolist(), width[meets].tolist(), strict=True):
             key = (min(a, b), max(a, b))
@@ -309,11 +309,11 @@ def find_rooms(floors: Floors, caster: RayCaster) -> Rooms:
     columns, spans = floors.columns, np.flatnonzero(floors.is_floor)
     walk = floors.walk[spans]
     solid = _is_solid(walk, columns.shows_back[spans])
-    found = _parted(floors, caster, spans, solid[walk], ())
-    if solid.any() and all(room.is_outside for room in found.rooms):
+    rooms = _parted(floors, caster, spans, solid[walk], ())
+    if solid.any() and all(room.is_outside for room in rooms.rooms):
         turned = "all floor under ceilings turns its back upwards: its faces are taken to be turned over"
-        found = _parted(floors, caster, spans, np.zeros(len(spans), np.bool_), (turned,))
-    return found
+        rooms = _parted(floors, caster, spans, np.zeros(len(spans), np.bool_), (turned,))
+    return rooms
 
 
 def _parted(
@@ -417,23 +417,23 @@ def _described(
                 f"no ceiling over {whole[bare].sum():.0f} m2 of floor: {floor} taken for rooms",
             ]
     joined, stairs = _ways(floors, room, storey, len(order))
-    found = []
-    for one, source in enumerate(order.tolist(), start=1):
-        spans = np.flatnonzero(room == one)
-        found.append(
+    rooms = []
+    for index, source in enumerate(order.tolist(), start=1):
+        spans = np.flatnonzero(room == index)
+        rooms.append(
             Room(
-                number=one,
+                number=index,
                 storey=int(of[source]),
                 floor_m2=float(area[source]),
                 level_m=float(np.median(columns.bottom[spans])),
                 ceiling_m=_ceiling(columns.top[spans]),
                 place=_middle(floors, spans),
-                is_outside=bool(outside[one - 1]),
-                joined=tuple(sorted(joined[one])),
-                stairs=tuple(sorted(stairs[one])),
+                is_outside=bool(outside[index - 1]),
+                joined=tuple(sorted(joined[index])),
+                stairs=tuple(sorted(stairs[index])),
             )
         )
-    return Rooms(floors, room, tuple(found), solid_m2, tuple(doubts))
+    return Rooms(floors, room, tuple(rooms), solid_m2, tuple(doubts))
 
 
 def _outside(floors: Floors, room: NDArray[np.int32], n_rooms: int) -> BoolArray:
@@ -443,10 +443,10 @@ def _outside(floors: Floors, room: NDArray[np.int32], n_rooms: int) -> BoolArray
     outside = np.bincount(room, sky, n_rooms + 1) / size >= _OPEN
     outline = 4.0 * size - np.bincount(room[floors.links].ravel(), minlength=n_rooms + 1)
     while True:
-        one, other = room[floors.links].T
-        crossing = one != other
-        open_ = np.bincount(one[crossing], outside[other[crossing]], n_rooms + 1)
-        open_ += np.bincount(other[crossing], outside[one[crossing]], n_rooms + 1)
+        first, second = room[floors.links].T
+        crossing = first != second
+        open_ = np.bincount(first[crossing], outside[second[crossing]], n_rooms + 1)
+        open_ += np.bincount(second[crossing], outside[first[crossing]], n_rooms + 1)
         wide = outside | (open_ / np.maximum(outline, 1) >= _OPEN_SIDE)
         wide[0] = False
         if (wide == outside).all():
@@ -474,8 +474,8 @@ def _ways(
     """Rooms that each room is joined to directly, and by treads of stairs."""
     joined: list[set[int]] = [set() for _ in range(n_rooms + 1)]
     stairs: list[set[int]] = [set() for _ in range(n_rooms + 1)]
-    one, other = room[floors.links].T
-    key = np.sort(np.column_stack([one, other])[(one != other) & (one > 0) & (other > 0)], axis=1)
+    item, other = room[floors.links].T
+    key = np.sort(np.column_stack([item, other])[(item != other) & (item > 0) & (other > 0)], axis=1)
     pairs, times = np.unique(key, axis=0, return_counts=True)
     for (first, second), n in zip(pairs.tolist(), times.tolist(), strict=True):
         if n >= _PASSAGE_CELLS:
@@ -510,9 +510,9 @@ def _ceiling(tops: FloatArray) -> float | None:
 def _middle(floors: Floors, spans: NDArray[np.int64]) -> tuple[float, float, float]:
     """The place of a room's floor that is nearest to the middle of where one can stand, or of all of it."""
     columns = floors.columns
-    some = spans[floors.can_stand[spans]]
-    some = some if len(some) else spans
-    places = columns.places(columns.cell[some])
+    sample = spans[floors.can_stand[spans]]
+    sample = sample if len(sample) else spans
+    places = columns.places(columns.cell[sample])
     best = int(np.argmin(((places - places.mean(axis=0)) ** 2).sum(axis=1)))
     x, y = places[best].tolist()
-    return x, y, float(columns.bottom[some[best]])
+    return x, y, float(columns.bottom[sample[best]])

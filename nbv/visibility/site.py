@@ -134,20 +134,22 @@ def room_positions(
     places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     heights = np.array(options.heights_above_floor_m)
     stands = floors.can_stand & np.isin(rooms.room, chosen)
-    found, of = _over(places, heights, rooms, stands, clear)
+    values, of = _over(places, heights, rooms, stands, clear)
     missing = [room for room in asked if room.number not in set(of.tolist())]
     if missing:
         middles = np.array([room.place[:2] for room in missing])
         left = stands & np.isin(rooms.room, [room.number for room in missing])
         more, of_more = _over(middles, heights, rooms, left, clear)
-        found, of = np.vstack([found, more]), np.append(of, of_more)
+        values, of = np.vstack([values, more]), np.append(of, of_more)
     if options.start is None:
-        return RoomPositions(found, of, np.zeros((0, 3)))
+        return RoomPositions(values, of, np.zeros((0, 3)))
     start, of_start = _start(options.start, heights, rooms, stands, clear)
     if not len(start):
-        raise InputError(_why_no_start(options, found))
-    new = np.array([np.abs(found - one).max(axis=1, initial=0.0).min(initial=np.inf) > 1e-6 for one in start])
-    return RoomPositions(np.vstack([found, start[new]]), np.append(of, of_start[new]), start)
+        raise InputError(_why_no_start(options, values))
+    new = np.array(
+        [np.abs(values - item).max(axis=1, initial=0.0).min(initial=np.inf) > 1e-6 for item in start]
+    )
+    return RoomPositions(np.vstack([values, start[new]]), np.append(of, of_start[new]), start)
 
 
 def _start(
@@ -156,10 +158,10 @@ def _start(
     """Positions (s, 3) at the start and their rooms (s,): over the lowest floor there, or at its own z."""
     spot = np.array([place[:2]])
     if len(place) == 2:
-        found, of = _over(spot, heights, rooms, stands, clear)
-        lowest = found[:, 2] < found[:, 2].min(initial=np.inf) + HEADROOM_M + heights.max()
+        values, of = _over(spot, heights, rooms, stands, clear)
+        lowest = values[:, 2] < values[:, 2].min(initial=np.inf) + HEADROOM_M + heights.max()
         same = of == of[0] if len(of) else lowest
-        return found[lowest & same], of[lowest & same]
+        return values[lowest & same], of[lowest & same]
     span = rooms.span_of(np.array([place]))
     if span[0] < 0 or not stands[span[0]]:
         return np.zeros((0, 3)), np.zeros(0, np.int32)
@@ -172,15 +174,15 @@ def _start(
 def _why_no_start(options: SiteOptions, positions: FloatArray) -> str:
     """Return why the sensor cannot be at the start, and the nearest place where it can."""
     place = np.array(options.start)
-    said = (
+    sentence = (
         f"--start {','.join(f'{value:g}' for value in place)} is no place for a station: not on floor of a "
     )
-    said += f"room that is asked for, or nearer than {options.clearance_m:g} m to a surface (--clearance)"
+    sentence += f"room that is asked for, or nearer than {options.clearance_m:g} m to a surface (--clearance)"
     if not len(positions):
-        return said
+        return sentence
     away = np.linalg.norm(positions[:, : len(place)] - place, axis=1)
     nearest = ",".join(f"{value:.2f}" for value in positions[int(np.argmin(away)), : len(place)])
-    return f"{said}; the nearest is --start {nearest}, {float(away.min()):.2f} m away"
+    return f"{sentence}; the nearest is --start {nearest}, {float(away.min()):.2f} m away"
 
 
 def _over(
@@ -189,7 +191,7 @@ def _over(
     """Positions (p, 3) over places (k, 2) at heights above the floor, and their rooms (p,)."""
     columns = rooms.floors.columns
     cells = columns.cells_of(places)
-    found, of = [np.zeros((0, 3))], [np.zeros(0, np.int32)]
+    arrays, of = [np.zeros((0, 3))], [np.zeros(0, np.int32)]
     inside = np.flatnonzero(cells >= 0)
     for k in range(int(np.diff(columns.start).max(initial=0))):
         span = columns.start[cells[inside]] + k
@@ -201,9 +203,9 @@ def _over(
         fits = up + clear.clearance_m <= columns.top[span][:, None]
         where = np.column_stack([np.repeat(places[at], len(heights), axis=0), up.ravel()])[fits.ravel()]
         free = clear.holds(where) if len(where) else np.zeros(0, np.bool_)
-        found.append(where[free])
+        arrays.append(where[free])
         of.append(np.repeat(rooms.room[span], len(heights))[fits.ravel()][free])
-    positions, room = np.vstack(found), np.concatenate(of)
+    positions, room = np.vstack(arrays), np.concatenate(of)
     order = np.lexsort(positions.T[::-1])
     return positions[order], room[order]
 
@@ -341,8 +343,8 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions(), *, turns: bool
     spacing, widened = lattice_spacing(asked, options, turns=turns)
     clear = Clearance.of(scene.mesh, options.clearance_m)
     bounds = np.asarray(scene.mesh.bounds())
-    found = room_positions(bounds, rooms, chosen, options=options, spacing_m=spacing, clear=clear)
-    if not len(found.positions):
+    positions = room_positions(bounds, rooms, chosen, options=options, spacing_m=spacing, clear=clear)
+    if not len(positions.positions):
         level = sum(room.floor_m2 for room in rooms.rooms)
         n_rooms = count(len(rooms.rooms), "room")
         raise InputError(
@@ -352,7 +354,7 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions(), *, turns: bool
             "(--units), or is another axis up (--up)?"
         )
     warnings += widened
-    without = [room for room in asked if room.number not in set(found.room.tolist())]
+    without = [room for room in asked if room.number not in set(positions.room.tolist())]
     if without:
         names = ", ".join(f"{room.name} ({room.floor_m2:.1f} m2)" for room in without)
         warnings = [*warnings, f"no place for a station in {names}: nothing there keeps "
@@ -360,9 +362,9 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions(), *, turns: bool
     return Site(
         rooms=rooms,
         chosen=chosen,
-        positions=found.positions,
-        position_room=found.room,
-        start=found.start,
+        positions=positions.positions,
+        position_room=positions.room,
+        start=positions.start,
         spacing_m=spacing,
         several_heights=options.several_heights,
         warnings=tuple(warnings),

@@ -57,8 +57,8 @@ class Candidates:
     def __post_init__(self) -> None:
         positions = check_places("positions", self.positions)
         directions = np.asarray(self.directions, dtype=np.float64)
-        own = directions.ndim == 3 and len(directions) == len(positions)
-        if directions.shape[-1:] != (3,) or not (directions.ndim == 2 or own):
+        flag = directions.ndim == 3 and len(directions) == len(positions)
+        if directions.shape[-1:] != (3,) or not (directions.ndim == 2 or flag):
             raise InputError(
                 f"expected directions (d, 3) or (p, d, 3) for p = {len(positions)}, got {directions.shape}"
             )
@@ -101,8 +101,8 @@ class Candidates:
 
     def rotations_at(self, position: int) -> FloatArray:
         """Rotations (d, 3, 3) of one position."""
-        own = self.directions if self.directions.ndim == 2 else self.directions[position]
-        return rotations_towards(own)
+        values = self.directions if self.directions.ndim == 2 else self.directions[position]
+        return rotations_towards(values)
 
     def pose(self, number: int) -> Pose:
         """Return pose `number`: position number // d with direction number % d."""
@@ -112,8 +112,8 @@ class Candidates:
 
     def at(self, chosen: NDArray[np.int64] | BoolArray) -> Candidates:
         """Return the candidates at the positions chosen by a mask (p,) or numbers (m,)."""
-        own = self.directions if self.directions.ndim == 2 else self.directions[chosen]
-        return replace(self, positions=self.positions[chosen], directions=own)
+        values = self.directions if self.directions.ndim == 2 else self.directions[chosen]
+        return replace(self, positions=self.positions[chosen], directions=values)
 
 
 def allowed(candidates: Candidates, zones: Zones) -> Candidates:

@@ -72,7 +72,7 @@ def _measure(scan: RangeImage) -> _Measures:
     points = scan.points()[scan.valid]
     if not len(points):
         return _Measures(np.full((2, 3), np.nan), None)
-    bounds = np.array([[pick(one) for one in points.T] for pick in (np.min, np.max)])  # faster than by axis
+    bounds = np.array([[pick(item) for item in points.T] for pick in (np.min, np.max)])  # faster than by axis
     return _Measures(bounds, _grid_residual(scan))
 
 
@@ -122,19 +122,19 @@ def scan_warnings(scan: RangeImage) -> list[str]:
 
 def _doubts(scan: RangeImage, measured: _Measures) -> list[str]:
     trim()
-    found = list(scan.warnings)
+    warnings = list(scan.warnings)
     if not scan.valid.any():
-        return [*found, "nothing came back in any pixel"]
-    median, n_before = float(np.median(scan.ranges[scan.valid])), len(found)
+        return [*warnings, "nothing came back in any pixel"]
+    median, n_before = float(np.median(scan.ranges[scan.valid])), len(warnings)
     if median > _FAR_M or median < _NEAR_M:
-        found.append(f"the median range is {median:.3g} m; check --units or --depth-scale")
+        warnings.append(f"the median range is {median:.3g} m; check --units or --depth-scale")
     diagonal = float(np.linalg.norm(np.diff(measured.bounds, axis=0)))
     doubt = units_doubt(diagonal) if diagonal > 0 else ""
-    if doubt and len(found) == n_before:
-        found.append(doubt)
+    if doubt and len(warnings) == n_before:
+        warnings.append(doubt)
     if scan.valid.mean() < 0.05:
-        found.append(f"only {scan.valid.mean():.1%} of the pixels came back")
-    return found + [text for text in (_grid_doubt(measured.grid_residual), _camera_doubt(scan)) if text]
+        warnings.append(f"only {scan.valid.mean():.1%} of the pixels came back")
+    return warnings + [text for text in (_grid_doubt(measured.grid_residual), _camera_doubt(scan)) if text]
 
 
 def _grid_doubt(residual: float | None) -> str:
@@ -153,7 +153,7 @@ def _camera_doubt(scan: RangeImage) -> str:
     if not isinstance(camera, PinholeProjection) or camera.width == camera.height:
         return ""
     middle = np.array([camera.width - 1, camera.height - 1]) / 2
-    off, turned = (np.abs([camera.cx, camera.cy] - one).sum() for one in (middle, middle[::-1]))
+    off, turned = (np.abs([camera.cx, camera.cy] - values).sum() for values in (middle, middle[::-1]))
     if not turned < off / 4:
         return ""
     return (
@@ -315,7 +315,7 @@ def _described_points(text: str, units: Units, error: InputError) -> dict[str, A
     """What a file holds that is no scan: points, or what is wrong with it."""
     base = split_index(text)[0]
     try:
-        found = describe_points(text, units)
+        points = describe_points(text, units)
     except InputError as trouble:
         if base.suffix.lower() not in text_suffixes():
             raise error from None
@@ -323,8 +323,8 @@ def _described_points(text: str, units: Units, error: InputError) -> dict[str, A
         raise InputError(f"{base}: is text that holds neither poses nor points: {cause}") from trouble
     cause = str(error).removeprefix(f"{base}: ")
     if "no ray can be traced" not in cause:
-        found["warnings"] = [f"is no scan: {cause}", *found["warnings"]]
-    return found
+        points["warnings"] = [f"is no scan: {cause}", *points["warnings"]]
+    return points
 
 
 def _stranger(path: Path) -> str:
@@ -385,7 +385,7 @@ def describe_image(path: Path) -> dict[str, Any]:
     with open_image(path) as image:
         mode, size, values = image.mode, image.size, np.asarray(image)
     is_depth = mode.startswith(("I", "F"))
-    found: dict[str, Any] = {
+    items: dict[str, Any] = {
         "kind": "depth image" if is_depth else "image",
         "path": str(path),
         "width": size[0],
@@ -396,7 +396,7 @@ def describe_image(path: Path) -> dict[str, Any]:
         "warnings": [],
     }
     with np.errstate(invalid="ignore"):  # counts may be of any kind
-        return found | _depth(values.astype(np.float64)) if is_depth else found
+        return items | _depth(values.astype(np.float64)) if is_depth else items
 
 
 def _depth(counts: Any) -> dict[str, Any]:

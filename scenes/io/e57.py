@@ -365,13 +365,13 @@ def _images(chunks: Iterable[PointChunk], bounds: Survey, rays: RayGrid | None) 
             place, points = ranges_of(place), place
             if not (np.isfinite(place).all() and lie_on_rays(points, place, rays.at(row, column))):
                 return None
-        found = {"place": place, "colour": chunk.colour, "intensity": chunk.intensity}
-        known = {name: values for name, values in found.items() if values is not None}
+        arrays = {"place": place, "colour": chunk.colour, "intensity": chunk.intensity}
+        known = {name: values for name, values in arrays.items() if values is not None}
         if not images:
             kinds = {"place": np.float64 if rays else chunk.points.dtype, "colour": np.uint8}
             images = {
-                name: allocate((*shape, *one.shape[1:]), kinds.get(name, np.float32))
-                for name, one in known.items()
+                name: allocate((*shape, *bit.shape[1:]), kinds.get(name, np.float32))
+                for name, bit in known.items()
             }
         pixel = row * shape[1] + column
         new = ~filled[pixel]
@@ -478,14 +478,14 @@ def _projected(cloud: RawPoints, name: str) -> RangeImage:
 
 def _announced(header: Any) -> Survey:
     """Rows and columns as the file's header tells them; none where it does not."""
-    found = Survey(header.point_count)
+    survey = Survey(header.point_count)
     if "indexBounds" in header.scan_fields:
         bounds = header["indexBounds"]
         names = [[f"{axis}{end}" for axis in ("row", "column")] for end in ("Minimum", "Maximum")]
         if all(bounds.isDefined(name) for pair in names for name in pair):
             low, high = ([int(bounds[name].value()) for name in pair] for pair in names)
-            found.low, found.high = np.array(low), np.array(high)
-    return found
+            survey.low, survey.high = np.array(low), np.array(high)
+    return survey
 
 
 def _ours(description: str) -> dict[str, Any] | None:

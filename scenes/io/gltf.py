@@ -68,7 +68,7 @@ def _chunks(data: memoryview) -> tuple[memoryview, memoryview | None]:
         raise InputError(f"is GLB of version {version}; 2 is known")
     if length != len(data):
         raise InputError(f"truncated or damaged GLB: {length:,} bytes announced, {len(data):,} present")
-    found: dict[int, memoryview] = {}
+    entries: dict[int, memoryview] = {}
     at = 12
     while at + 8 <= length:
         size, kind = struct.unpack_from("<II", data, at)
@@ -76,11 +76,11 @@ def _chunks(data: memoryview) -> tuple[memoryview, memoryview | None]:
             raise InputError(
                 f"truncated or damaged GLB: a chunk of {size:,} bytes at byte {at} of {length:,}"
             )
-        found.setdefault(kind, data[at + 8 : at + 8 + size])
+        entries.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
-    if _JSON not in found:
+    if _JSON not in entries:
         raise InputError("is a GLB file without JSON")
-    return found[_JSON], found.get(_BINARY)
+    return entries[_JSON], entries.get(_BINARY)
 
 
 def _buffer(entry: Any, number: int, file: Path, binary: memoryview | None) -> memoryview:
@@ -155,7 +155,7 @@ def _numbers(entry: Any, name: str, what: str, most: int) -> list[int]:
     held = entry.get(name, []) if isinstance(entry, dict) else None
     if not isinstance(held, list):
         raise InputError(f"{what} has no list of {name}")
-    return [entry_number({name: one}, name, what, most=most) for one in held]
+    return [entry_number({name: item}, name, what, most=most) for item in held]
 
 
 def _check_node(node: Any, number: int) -> None:
@@ -273,9 +273,9 @@ class _Array:
 
     def check(self) -> None:
         """Raise where it ends beyond its view."""
-        own = self.width * self.dtype.itemsize
-        end = self._start + max(self.count - 1, 0) * self._stride + own * (self.count > 0)
-        if end > len(self._bytes) or self._stride < own:
+        number = self.width * self.dtype.itemsize
+        end = self._start + max(self.count - 1, 0) * self._stride + number * (self.count > 0)
+        if end > len(self._bytes) or self._stride < number:
             raise InputError(
                 f"{self.what} of {self.count:,} entries ends at byte {end:,} of {len(self._bytes):,}"
             )
@@ -294,9 +294,12 @@ def _meshes(content: Content, arrays: Sequence[_Array]) -> tuple[list[int], list
         what = f"mesh {number}"
         if not isinstance(mesh, dict) or not isinstance(mesh.get("primitives"), list):
             raise InputError(f"{what} has no list of primitives")
-        held = [_primitive(one, f"{what}, primitive {k}", arrays) for k, one in enumerate(mesh["primitives"])]
-        faces.append(sum(one[0] for one in held))
-        points.append(sum(one[1] for one in held))
+        held = [
+            _primitive(primitive, f"{what}, primitive {k}", arrays)
+            for k, primitive in enumerate(mesh["primitives"])
+        ]
+        faces.append(sum(numbers[0] for numbers in held))
+        points.append(sum(numbers[1] for numbers in held))
     return faces, points
 
 
@@ -340,16 +343,16 @@ def _check_corners(array: _Array, n_points: int, what: str) -> int:
 
 def _embedded(content: Content, views: Sequence[tuple[memoryview, int]]) -> list[int]:
     """Pixels of the images that are within the file."""
-    found = []
+    numbers = []
     for number, image in enumerate(entry_list(content, "images")):
         what = f"image {number}"
         uri = image.get("uri")
         if isinstance(uri, str) and uri.startswith("data:"):
-            found.append(_pixels(lambda text=uri: data_bytes(text), what))  # type: ignore[misc]  # defaults have no type
+            numbers.append(_pixels(lambda text=uri: data_bytes(text), what))  # type: ignore[misc]  # defaults have no type
         elif "bufferView" in image:
             view = views[entry_number(image, "bufferView", what, most=len(views))][0]
-            found.append(_pixels(lambda held=view: bytes(held), what))  # type: ignore[misc]  # defaults have no type
-    return found
+            numbers.append(_pixels(lambda held=view: bytes(held), what))  # type: ignore[misc]  # defaults have no type
+    return numbers
 
 
 def _pixels(data: Callable[[], bytes], what: str) -> int:

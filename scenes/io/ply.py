@@ -119,8 +119,10 @@ def _check_text(body: bytes, elements: list[_Element]) -> int:
     lines = body.decode("ascii", errors="replace").rstrip().splitlines()
     announced = sum(element.count for element in elements)
     if len(lines) != announced:
-        said = ", ".join(f"{element.count} of {element.name}" for element in elements)
-        raise InputError(f"announces {announced} rows ({said}), {len(lines)} follow: is it cut, or edited?")
+        sentence = ", ".join(f"{element.count} of {element.name}" for element in elements)
+        raise InputError(
+            f"announces {announced} rows ({sentence}), {len(lines)} follow: is it cut, or edited?"
+        )
     at = n_faces = 0
     for element in elements:
         rows = lines[at : at + element.count]
@@ -372,10 +374,10 @@ def _header_text(
         lines.append(f"comment {comment}")
     lines.append(f"element vertex {n_points}")
     lines += _property_lines(dtype, dtype.names or ())
-    own = (face_dtype.names or ())[2:]
-    if n_faces or own:
+    texts = (face_dtype.names or ())[2:]
+    if n_faces or texts:
         lines += [f"element face {n_faces}", "property list uchar int vertex_indices"]
-        lines += _property_lines(face_dtype, own)
+        lines += _property_lines(face_dtype, texts)
     return "\n".join([*lines, "end_header\n"])
 
 
@@ -388,8 +390,8 @@ def _face_table(faces: NDArray[np.int32], properties: Mapping[str, NDArray[Any]]
         name: _as_column(f"face property {name}", name, values, len(faces))
         for name, values in properties.items()
     }
-    own = [(name, column.dtype.newbyteorder("<")) for name, column in columns.items()]
-    table = np.empty(len(faces), dtype=[(_COUNT, "u1"), (_CORNERS, "<i4", (3,)), *own])
+    pairs = [(name, column.dtype.newbyteorder("<")) for name, column in columns.items()]
+    table = np.empty(len(faces), dtype=[(_COUNT, "u1"), (_CORNERS, "<i4", (3,)), *pairs])
     table[_COUNT], table[_CORNERS] = 3, faces
     for name, column in columns.items():
         table[name] = column

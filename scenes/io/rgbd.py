@@ -210,11 +210,11 @@ def read_frame(
     colour = None if frame.colour is None else _read_colour(frame.colour, (height, width))
     pose = frame.pose or Pose.identity()
     with reading(frame.depth, "a depth image"):
-        told: tuple[str, ...] = ()
+        sentences: tuple[str, ...] = ()
         if folder.depth_encoding == "linear":
-            counts, told = without_codes(counts)
+            counts, sentences = without_codes(counts)
         depth_m = depth_in_metres(counts, folder.depth_encoding, scale)
-        warnings = (*told, *range_warnings(depth_m), *depth_warnings(counts))
+        warnings = (*sentences, *range_warnings(depth_m), *depth_warnings(counts))
     scan = depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
     return scan.restated(warnings=warnings)
 
@@ -278,26 +278,26 @@ def open_rgbd(folder: Path) -> RgbdFolder:
     """
     with reading(folder, "an RGB-D folder"):
         if (folder / "frames.json").is_file():
-            found = _open_align3d(folder)
+            frames = _open_align3d(folder)
         elif (folder / "depth.txt").is_file() or (folder / "associations.txt").is_file():
-            found = _open_tum(folder)
+            frames = _open_tum(folder)
         elif any(_FRAME.fullmatch(inside.name) for inside in folder.iterdir()):
-            found = _open_frames(folder)
+            frames = _open_frames(folder)
         else:
-            found = _open_plain(folder)
-        if not found.frames:
+            frames = _open_plain(folder)
+        if not frames.frames:
             raise InputError("holds no depth image")
-    return replace(found, folder=folder)
+    return replace(frames, folder=folder)
 
 
 def _images(folder: Path, names: Sequence[str]) -> list[Path]:
     """Images of the first of the named subfolders that exists, in natural order."""
     for name in names:
         if (folder / name).is_dir():
-            found = [p for p in (folder / name).iterdir() if p.suffix.lower() in _IMAGES and p.name[0] != "."]
-            check_limit("entries", len(found), f"images in {name}")
+            paths = [p for p in (folder / name).iterdir() if p.suffix.lower() in _IMAGES and p.name[0] != "."]
+            check_limit("entries", len(paths), f"images in {name}")
             return sorted(
-                (_inside(folder, f"{name}/{p.name}") for p in found), key=lambda path: natural_key(path.name)
+                (_inside(folder, f"{name}/{p.name}") for p in paths), key=lambda path: natural_key(path.name)
             )
     return []
 
@@ -320,50 +320,50 @@ def _open_plain(folder: Path) -> RgbdFolder:
     pairs = colours if colours else [None] * len(depths)
     frames = tuple(RgbdFrame(*frame) for frame in zip(depths, pairs, poses, strict=True))
     redwood = bool(files) and files[0].suffix == ".log"
-    found = _with_camera(RgbdFolder("redwood" if redwood else "plain", frames), folder)
-    return replace(found, depth_scale=1000.0) if redwood and found.depth_scale is None else found
+    camera = _with_camera(RgbdFolder("redwood" if redwood else "plain", frames), folder)
+    return replace(camera, depth_scale=1000.0) if redwood and camera.depth_scale is None else camera
 
 
 def _open_frames(folder: Path) -> RgbdFolder:
     """7-Scenes and tsdf-fusion: frame-NNNNNN.depth.png, .color.png or .jpg, .pose.txt side by side."""
-    names = [found for inside in folder.iterdir() if (found := _FRAME.fullmatch(inside.name))]
+    names = [name for inside in folder.iterdir() if (name := _FRAME.fullmatch(inside.name))]
     check_limit("entries", len(names), "its frames")
     frames = []
-    for found in sorted(names, key=lambda one: natural_key(one.string)):
-        stem = found.group(1)
+    for name in sorted(names, key=lambda match: natural_key(match.string)):
+        stem = name.group(1)
         images = [folder / f"{stem}.color{suffix}" for suffix in (".png", ".jpg", ".jpeg", ".ppm")]
         colour = next((image for image in images if image.is_file()), None)
         pose = folder / f"{stem}.pose.txt"
         poses = read_poses(_inside(folder, pose.name)) if pose.is_file() else [None]
         if len(poses) != 1:
             raise InputError(f"{pose.name} holds {len(poses)} poses; expected one 4x4 matrix")
-        depth = _inside(folder, found.string)
+        depth = _inside(folder, name.string)
         frames.append(RgbdFrame(depth, colour and _inside(folder, colour.name), poses[0]))
     found_camera = _with_camera(RgbdFolder("frames", tuple(frames)), folder)
     return replace(found_camera, depth_scale=found_camera.depth_scale or 1000.0)
 
 
-def _with_camera(found: RgbdFolder, folder: Path) -> RgbdFolder:
+def _with_camera(rgbd_folder: RgbdFolder, folder: Path) -> RgbdFolder:
     """Add what the first camera file of the folder tells."""
     for name in _CAMERAS:
         if (folder / name).is_file():
             with reading(folder / name, "a camera file"):
-                return _read_camera(folder / name, found)
-    return found
+                return _read_camera(folder / name, rgbd_folder)
+    return rgbd_folder
 
 
-def _read_camera(path: Path, found: RgbdFolder) -> RgbdFolder:
+def _read_camera(path: Path, folder: RgbdFolder) -> RgbdFolder:
     """Add what a .json (ours, Open3D's) or .txt (3x3, 4 or 5 numbers) tells of the camera."""
     text = read_text(path)
     if path.suffix == ".txt":
         numbers = [float(word) for word in text.replace(",", " ").split()]
         if len(numbers) == 9:
-            return replace(found, intrinsics=(numbers[0], numbers[4], numbers[2], numbers[5]))
+            return replace(folder, intrinsics=(numbers[0], numbers[4], numbers[2], numbers[5]))
         if len(numbers) not in (4, 5):
             raise InputError(f"expected fx fy cx cy [depth_scale] or 3x3 numbers, got {len(numbers)}")
         fx, fy, cx, cy = numbers[:4]
         scale = numbers[4] if len(numbers) == 5 else None
-        return replace(found, intrinsics=(fx, fy, cx, cy), depth_scale=scale)
+        return replace(folder, intrinsics=(fx, fy, cx, cy), depth_scale=scale)
     values = parse_json(text, dict)
     size = (int(values["width"]), int(values["height"])) if "width" in values else None
     scale = float(values["depth_scale"]) if values.get("depth_scale") is not None else None
@@ -374,7 +374,7 @@ def _read_camera(path: Path, found: RgbdFolder) -> RgbdFolder:
     else:
         fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
         camera = fx, fy, cx, cy
-    return replace(found, intrinsics=camera, depth_scale=scale, image_size=size, depth_encoding=encoding)
+    return replace(folder, intrinsics=camera, depth_scale=scale, image_size=size, depth_encoding=encoding)
 
 
 def _from_matrix(matrix: FloatArray) -> Intrinsics:
@@ -425,8 +425,8 @@ def _open_tum(folder: Path) -> RgbdFolder:
             for frame, k, (time, _, _) in zip(frames, near, timed, strict=True)
             if abs(stamps[k] - time) <= TIME_GAP_S
         ]
-    found = _with_camera(RgbdFolder("tum", tuple(frames)), folder)
-    return replace(found, depth_scale=found.depth_scale or 5000.0)
+    camera = _with_camera(RgbdFolder("tum", tuple(frames)), folder)
+    return replace(camera, depth_scale=camera.depth_scale or 5000.0)
 
 
 def _tum_pairs(folder: Path) -> list[tuple[float, str, str]]:

@@ -264,14 +264,14 @@ def _given_poses(
     if poses is None:
         return None
     n_scans = len(source.readers)
-    found = read_poses(Path(poses)) if isinstance(poses, str | os.PathLike) else list(poses)
-    if isinstance(poses, str | os.PathLike) and source.times is not None and len(found) != n_scans:
+    pose = read_poses(Path(poses)) if isinstance(poses, str | os.PathLike) else list(poses)
+    if isinstance(poses, str | os.PathLike) and source.times is not None and len(pose) != n_scans:
         return poses_at(Path(poses), [source.times[k] for k in picked])
-    if len(found) == n_scans:
-        return [found[k] for k in picked]
-    if len(found) == len(picked):
-        return found
-    raise InputError(f"{len(found)} poses for {n_scans} scans; give one pose a scan")
+    if len(pose) == n_scans:
+        return [pose[k] for k in picked]
+    if len(pose) == len(picked):
+        return pose
+    raise InputError(f"{len(pose)} poses for {n_scans} scans; give one pose a scan")
 
 
 def read_scan(

@@ -59,7 +59,7 @@ def scan_mesh(
     upwards: Axis = "x" if up == "x" else "y" if up == "y" else "z"
     scene, from_file = load_scene(path, up=upwards, units=units), world_from_file_up(upwards)
     projection = SphericalProjection.regular(_WIDTH, _HEIGHT, 360.0, (-90.0, 90.0))
-    told = (
+    sentence = (
         f"{Path(path).name} is a mesh, cast at by {_WIDTH} x {_HEIGHT} rays from each place given: what its "
         "maker closed counts as measured, and no measured beam vetoes what is inferred"
     )
@@ -75,7 +75,7 @@ def scan_mesh(
             )
         scan = scan.transformed(from_file.inverse())
         name = scene.name if len(origins) == 1 else f"{scene.name} {number}"
-        scans.append(replace(scan, name=name, warnings=(*scene.warnings, told) if number == 1 else ()))
+        scans.append(replace(scan, name=name, warnings=(*scene.warnings, sentence) if number == 1 else ()))
     return scans
 
 
@@ -165,11 +165,11 @@ class GivenScans:
     @property
     def names(self) -> list[str]:
         """What each scan is called: its path, numbered where the path holds several."""
-        found = []
+        texts = []
         for number, path in enumerate(self.paths):
             several = self.paths.count(path) > 1
-            found.append(f"{path}#{self.paths[:number].count(path) + 1}" if several else path)
-        return found
+            texts.append(f"{path}#{self.paths[:number].count(path) + 1}" if several else path)
+        return texts
 
     @classmethod
     def of(cls, scans: Sequence[RangeImage]) -> GivenScans:
@@ -212,11 +212,11 @@ def read_request(request: ScanRequest, up: SignedAxis | None = None, *, posed: b
         paths = list(request.paths) * (len(scans) // len(request.paths))
     else:
         scans, paths = _read_scans(request, posed=posed)
-    turn, told = turn_to_z(scans, request.up if up is None else up, of_points=bool(request.origins))
+    turn, sentence = turn_to_z(scans, request.up if up is None else up, of_points=bool(request.origins))
     stays = np.array_equal(turn.matrix, np.eye(4))
     given = GivenScans.of(scans if stays else [scan.transformed(turn) for scan in scans])
     given = replace(given, paths=tuple(paths))
-    return replace(given, doubts=(*given.doubts, told)) if told else given
+    return replace(given, doubts=(*given.doubts, sentence)) if sentence else given
 
 
 def turn_to_z(scans: Sequence[RangeImage], up: SignedAxis, *, of_points: bool) -> tuple[Pose, str]:
@@ -244,12 +244,12 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
 
     counts = [len(source_of(base).readers) if number is None else 1 for base, number in parts]
     if request.poses is not None and len(parts) > 1:
-        found = read_poses(Path(request.poses))
-        if sum(counts) != len(found):
+        pose = read_poses(Path(request.poses))
+        if sum(counts) != len(pose):
             raise InputError(
-                f"{request.poses}: {len(found)} poses for {sum(counts)} scans; give one pose a scan"
+                f"{request.poses}: {len(pose)} poses for {sum(counts)} scans; give one pose a scan"
             )
-        given = [found[end - n : end] for end, n in zip(np.cumsum(counts), counts, strict=True)]
+        given = [pose[end - n : end] for end, n in zip(np.cumsum(counts), counts, strict=True)]
     scans: list[RangeImage] = []
     spill = spill_for(sum(counts))
     for (base, number), poses in zip(parts, given, strict=True):

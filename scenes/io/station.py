@@ -68,8 +68,8 @@ def find_grid(rays: FloatArray, poles: Sequence[FloatArray]) -> AngleGrid | None
     length has all angles at the same phase. The grid that gives most points a pixel of their own counts, if
     they are at least 95 %, and their image has no more than a fifth of holes.
     """
-    found = [grid for grid in (_grid_about(rays, pole) for pole in poles) if grid is not None]
-    best = max(found, key=lambda grid: grid.kept, default=None)
+    grids = [grid for grid in (_grid_about(rays, pole) for pole in poles) if grid is not None]
+    best = max(grids, key=lambda grid: grid.kept, default=None)
     return best if best is not None and best.kept >= _KEPT else None
 
 
@@ -79,15 +79,15 @@ def swept_poles(rays: FloatArray) -> list[FloatArray]:
     Two points that follow each other in a column span a plane with the axis; the way from one to the next in
     a row is at right angles to it. None where too few points follow each other closely.
     """
-    found = []
+    arrays = []
     for across in (np.cross(rays[:-1], rays[1:]), np.diff(rays, axis=0)):
         length = np.linalg.norm(across, axis=1)
         near = (length > 1e-9) & (length < _APART)
         if near.sum() >= _FEW:
             unit = across[near] / length[near, None]
             pole = np.linalg.eigh(unit.T @ unit)[1][:, 0]
-            found.append(np.asarray(pole * np.copysign(1.0, pole[int(np.argmax(np.abs(pole)))])))
-    return found
+            arrays.append(np.asarray(pole * np.copysign(1.0, pole[int(np.argmax(np.abs(pole)))])))
+    return arrays
 
 
 def is_filled(filled: BoolArray, share: float) -> bool:
@@ -104,13 +104,13 @@ def neighbour_steps(angles: FloatArray) -> FloatArray:
     _, near = scipy.spatial.cKDTree(flat).query(flat[sample], k=9)
     way = np.abs(flat[near[:, 1:]] - flat[sample, None])
     is_level = way[..., 0] >= way[..., 1]
-    found = []
+    values = []
     for axis, chosen in ((0, is_level), (1, ~is_level)):
         nearest = np.where(chosen & (way[..., axis] > 1e-9), way[..., axis], np.inf).min(axis=1)
         known = nearest[np.isfinite(nearest)]
-        found.append(float(np.median(known)) if len(known) else np.inf)
-    smaller = min(found) if np.isfinite(min(found)) else 1e-3
-    return np.array([one if np.isfinite(one) else smaller for one in found])
+        values.append(float(np.median(known)) if len(known) else np.inf)
+    smaller = min(values) if np.isfinite(min(values)) else 1e-3
+    return np.array([value if np.isfinite(value) else smaller for value in values])
 
 
 def _grid_about(rays: FloatArray, pole: FloatArray) -> AngleGrid | None:
@@ -170,14 +170,14 @@ def _comb(angles: FloatArray, near: float) -> tuple[float, float] | None:
         return None
     first = int(waves[np.argmax(strength[waves] >= _FUNDAMENTAL * strength[waves].max())])
     peak = first + int(np.argmax(strength[first : first + 5]))  # up the slope of the first strong one
-    some = angles[:: max(1, len(angles) // (2 * _N_SAMPLE))]
+    sample = angles[:: max(1, len(angles) // (2 * _N_SAMPLE))]
 
     def at(wave: float) -> complex:
-        return complex(np.exp(2j * np.pi * wave / length * some).mean())
+        return complex(np.exp(2j * np.pi * wave / length * sample).mean())
 
     wave = float(
         scipy.optimize.minimize_scalar(
-            lambda one: -abs(at(one)), bounds=(peak - 1.0, peak + 1.0), method="bounded"
+            lambda item: -abs(at(item)), bounds=(peak - 1.0, peak + 1.0), method="bounded"
         ).x
     )
     return length / wave, float(np.angle(at(wave))) * length / (2 * np.pi * wave)
@@ -245,13 +245,13 @@ def scan_from_station(
     pose = Pose.from_parts(np.column_stack([np.cross(down, bins.forward), down, bins.forward]), stood)
     seen = pose.inverse().apply(cloud)
     kept = _nearest(bins, rays)
-    told = [] if start == np.inf else [saturation_warning(len(away) - int(real.sum()), start, len(away))]
+    sentences = [] if start == np.inf else [saturation_warning(len(away) - int(real.sum()), start, len(away))]
     chosen = np.full(bins.projection.shape, -1)
     chosen[bins.row[kept], bins.column[kept]] = kept
     if grid is None:
         filled = _fill_single(chosen, bins, rays)
         if len(kept) < _KEPT_WELL * len(cloud):
-            told.append(
+            sentences.append(
                 f"{len(kept)} of {len(cloud)} points were kept ({len(kept) / len(cloud):.0%}), one a pixel, "
                 f"and {filled} single empty pixels took the nearest: the points lie on no grid of angles "
                 "about x, y or z; to keep all take the scan as the scanner wrote it (structured .e57, .ptx)"
@@ -259,15 +259,15 @@ def scan_from_station(
     image = np.where((chosen < 0)[..., None], np.nan, seen[chosen])
     painted = None
     if colour is not None:
-        own = np.asarray(colour)[order]
-        painted = np.where((chosen < 0)[..., None], 0, own[chosen]).astype(colour_type(colour))
+        item = np.asarray(colour)[order]
+        painted = np.where((chosen < 0)[..., None], 0, item[chosen]).astype(colour_type(colour))
     scan = RangeImage.from_points(image, bins.projection, pose, painted, name)
     x, y, z = stood
     sensor = (
         f"points projected to a spherical image from ({x:.10g}, {y:.10g}, {z:.10g}), {len(kept)} of "
         f"{len(cloud)} kept"
     )
-    return scan.restated(sensor=sensor, warnings=tuple(told))
+    return scan.restated(sensor=sensor, warnings=tuple(sentences))
 
 
 def _check_number(n_points: int) -> None:

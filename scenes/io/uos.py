@@ -51,17 +51,17 @@ def open_uos(path: Path) -> UosFolder:
     Raises InputError: a link that leads out of the folder, or too many files.
     """
     folder = path if path.is_dir() else path.parent
-    found: Sequence[Path] = [path]
+    paths: Sequence[Path] = [path]
     if path.is_dir():
         named = [inside for inside in path.iterdir() if inside.suffix.lower() == SUFFIX]
-        found = sorted(named, key=lambda inside: natural_key(inside.name))
-    check_limit("entries", len(found), "its scans")
-    beside = [scan.with_suffix(".pose") for scan in found]
+        paths = sorted(named, key=lambda inside: natural_key(inside.name))
+    check_limit("entries", len(paths), "its scans")
+    beside = [scan.with_suffix(".pose") for scan in paths]
     poses = [pose if pose.is_file() else None for pose in beside]
-    for file in [*found, *(pose for pose in poses if pose is not None)]:
+    for file in [*paths, *(pose for pose in poses if pose is not None)]:
         if not file.resolve().is_relative_to(folder.resolve()):
             raise InputError(f"{file}: lies outside the folder and is not opened; copy it into it")
-    return UosFolder(tuple(found), tuple(poses))
+    return UosFolder(tuple(paths), tuple(poses))
 
 
 def read_uos(folder: UosFolder, index: int) -> RangeImage:
@@ -77,11 +77,11 @@ def read_uos(folder: UosFolder, index: int) -> RangeImage:
         finite = np.asarray(np.isfinite(table.points).all(axis=1))
         points = table.points[finite] * _METRES @ _TURN.T
         scan = scan_from_station(points, np.zeros(3), file.stem)
-    told = [*table.warnings, "read as 3DTK's: centimetres, left-handed, y up"]
+    sentences = [*table.warnings, "read as 3DTK's: centimetres, left-handed, y up"]
     if not finite.all():
-        told.append(f"{int((~finite).sum())} of {len(finite)} points are not finite and were left out")
+        sentences.append(f"{int((~finite).sum())} of {len(finite)} points are not finite and were left out")
     moved = scan if pose is None else scan.transformed(read_uos_pose(pose))
-    return moved.restated(warnings=(*told, *scan.warnings))
+    return moved.restated(warnings=(*sentences, *scan.warnings))
 
 
 def read_uos_pose(path: Path) -> Pose:
@@ -109,10 +109,10 @@ def _rotation(about_x: float, about_y: float, about_z: float) -> FloatArray:
     sines, cosines = np.sin([about_x, about_y, about_z]), np.cos([about_x, about_y, about_z])
     turned = np.eye(3)
     for axis in range(3):
-        one, other = (axis + 1) % 3, (axis + 2) % 3
+        first, second = (axis + 1) % 3, (axis + 2) % 3
         step = np.eye(3)
-        step[one, one] = step[other, other] = cosines[axis]
-        step[other, one], step[one, other] = sines[axis], -sines[axis]
+        step[first, first] = step[second, second] = cosines[axis]
+        step[second, first], step[first, second] = sines[axis], -sines[axis]
         turned = turned @ step
     return turned
 

@@ -108,16 +108,16 @@ def in_blocks(parts: Sequence[MeshPart]) -> list[MeshPart]:
     blocks = Blocks.over(parts)
     if blocks.counts.max() == 1:
         return list(parts)
-    found: list[MeshPart] = []
+    mesh_part: list[MeshPart] = []
     for part in parts:
         if part.surface == 0:
-            found += _cut(part, blocks)
+            mesh_part += _cut(part, blocks)
         elif len(part.vertices):
             low, high = _ends(part.vertices)
             is_wide = bool((high - low > blocks.sides + 1e-9).any())
             middle = blocks.numbers((low + high)[None] / 2)[0]
-            found.append(part if is_wide else replace(part, block=_name(middle)))
-    return found
+            mesh_part.append(part if is_wide else replace(part, block=_name(middle)))
+    return mesh_part
 
 
 def _cut(part: MeshPart, blocks: Blocks) -> Iterator[MeshPart]:

@@ -61,13 +61,13 @@ def parts_of(mesh: LabelledMesh, names: Sequence[str]) -> list[MeshPart]:
     image = np.full(len(mesh.faces), -1, np.int32)
     if look is not None and look.face_image is not None and look.corner_uv is not None:
         image = look.face_image
-    found: list[MeshPart] = []
+    parts: list[MeshPart] = []
     for surface, number in sorted(set(zip(mesh.face_surface.tolist(), image.tolist(), strict=True))):
         chosen = np.flatnonzero((mesh.face_surface == surface) & (image == number))
-        earlier = sum(part.surface == surface for part in found)
+        earlier = sum(part.surface == surface for part in parts)
         name = names[surface] if not earlier else f"{names[surface]} {earlier + 1}"
-        found.append(_part(mesh, look, chosen=chosen, surface=int(surface), number=int(number), name=name))
-    return found
+        parts.append(_part(mesh, look, chosen=chosen, surface=int(surface), number=int(number), name=name))
+    return parts
 
 
 def _part(

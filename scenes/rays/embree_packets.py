@@ -395,7 +395,7 @@ class PacketScene:
 
     def _how(self, coherent: bool | None) -> tuple[int, int, float]:
         """Addresses of the arguments for other and for coherent packets, and how far apart origins may be."""
-        plain, together = (ctypes.addressof(one) for one in self._arguments)
+        plain, together = (ctypes.addressof(argument) for argument in self._arguments)
         if coherent is not None:
             plain = together = together if coherent else plain
         return plain, together, self._apart
@@ -451,19 +451,19 @@ def load_library() -> ctypes.CDLL:
     Raises OSError: it is not where embreex's wheels have it, does not load, or lacks a function.
     """
     package = Path(embreex.__file__).parent
-    found = [
+    paths = [
         *package.parent.glob("embreex.libs/libembree4*.so*"),
         *package.parent.glob("embreex.libs/embree4*.dll"),
         *package.glob(".dylibs/libembree4*.dylib"),
     ]
-    if not found:
+    if not paths:
         raise OSError(f"no Embree 4 library beside {package}")
-    library = ctypes.CDLL(str(found[0]))
+    library = ctypes.CDLL(str(paths[0]))
     for name, (result, arguments) in _FUNCTIONS.items():
         try:
             function = getattr(library, name)
         except AttributeError as error:
-            raise OSError(f"{found[0].name} has no {name}") from error
+            raise OSError(f"{paths[0].name} has no {name}") from error
         function.restype, function.argtypes = result, arguments
     return library
 

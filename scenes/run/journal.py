@@ -177,7 +177,9 @@ def _unpacked(held: Any, arrays: _Arrays) -> Any:
 
 def _built(kind: type[Any], fields: dict[str, Any]) -> Any:
     """Return a dataclass with these fields, as it was: what its checks would do to them is done already."""
-    if not dataclasses.is_dataclass(kind) or {one.name for one in dataclasses.fields(kind)} != set(fields):
+    if not dataclasses.is_dataclass(kind) or {field.name for field in dataclasses.fields(kind)} != set(
+        fields
+    ):
         raise PackingError(f"{kind.__name__} has other fields now")
     value: Any = object.__new__(kind)
     for name, item in fields.items():

@@ -135,15 +135,15 @@ def in_words(n_bytes: float) -> str:
 @cache
 def machine_bytes() -> int:
     """Return what the machine has, or the container that this process is in, whichever is less."""
-    found = []
+    numbers = []
     for file in _CGROUPS:
         try:
-            found.append(int(file.read_text()))
+            numbers.append(int(file.read_text()))
         except (OSError, ValueError):  # no such group, or "max"
             continue
     if hasattr(os, "sysconf"):
-        found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    return min(found, default=sys.maxsize)
+        numbers.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    return min(numbers, default=sys.maxsize)
 
 
 class _Usage(NamedTuple):

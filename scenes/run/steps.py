@@ -79,7 +79,7 @@ class Steps:
         self.tell(stage, 0, len(todo))
         if remember:
             list(self.pool.map(offer, self.journal.turn(len(todo))))
-        jobs = [self.pool.submit(step, *one) for one in todo]
+        jobs = [self.pool.submit(step, *pair) for pair in todo]
         results = []
         for done, job in enumerate(jobs, start=1):
             results.append(job.result())

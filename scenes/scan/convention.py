@@ -54,16 +54,16 @@ def _has_returns(scan: RangeImage) -> bool:
 
 def _disagreement(pairs: Sequence[tuple[RangeImage, RangeImage]], convention: str) -> float:
     """Median relative disagreement over all pairs, infinite where they hardly overlap."""
-    found = [_compared(first, second, convention) for first, second in pairs]
-    off = np.concatenate([np.zeros(0), *found])
+    arrays = [_compared(first, second, convention) for first, second in pairs]
+    off = np.concatenate([np.zeros(0), *arrays])
     return float(np.median(off)) if len(off) >= _ENOUGH else np.inf
 
 
 def _compared(first: RangeImage, second: RangeImage, convention: str) -> FloatArray:
     points = first.points_in_sensor()[first.valid]
     points = points[:: max(1, len(points) // _POINTS)]
-    one, two = (_matrix(scan, convention) for scan in (first, second))
-    motion = np.linalg.solve(two, one)
+    values, two = (_matrix(scan, convention) for scan in (first, second))
+    motion = np.linalg.solve(two, values)
     moved = points @ motion[:3, :3].T + motion[:3, 3]
     pixels = second.projection.pixels(moved)
     inside = np.isfinite(pixels).all(axis=1)

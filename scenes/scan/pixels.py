@@ -116,8 +116,8 @@ def ranges_of(points: Any) -> FloatArray:
     """Return how far points (rows, ..., 3) are from the sensor, metres; inf where nothing came back."""
     away = allocate(points.shape[:-1], np.float64) if points.ndim > 2 else np.empty(points.shape[:-1])
     for rows in row_blocks(points.shape, points, away):
-        found = np.linalg.norm(np.asarray(points[rows], np.float64), axis=-1)
-        away[rows] = np.where(is_return(found), found, np.inf)
+        norm = np.linalg.norm(np.asarray(points[rows], np.float64), axis=-1)
+        away[rows] = np.where(is_return(norm), norm, np.inf)
     away.setflags(write=False)
     return away
 
@@ -141,10 +141,10 @@ def check_same(ranges: FloatArray, points: Any) -> None:
             n_wrong += int(np.count_nonzero(wrong))
             first = np.concatenate([first, [[away[wrong][0], ranges[rows][wrong][0]]]])
     if n_wrong:
-        found, said = first[0]
+        item, sentence = first[0]
         raise InputError(
             f"{n_wrong} of {n_valid} measured points are not as far away as their ranges "
-            f"say (first {found:.6g} m, its range {said:.6g} m); give both alike"
+            f"say (first {item:.6g} m, its range {sentence:.6g} m); give both alike"
         )
 
 
@@ -173,8 +173,8 @@ def checked_colour(colour: Any, ranges: FloatArray) -> Any:
     if n_bad:
         raise InputError(f"colour of {n_bad} of {n_valid} returns is not finite; leave it out")
     if low < -_ROUNDING or high > 1 + _ROUNDING:
-        found = f"{low:.4g}..{high:.4g}"
-        raise InputError(f"colour is to be in 0..1, got {found}; divide it by its largest value")
+        text = f"{low:.4g}..{high:.4g}"
+        raise InputError(f"colour is to be in 0..1, got {text}; divide it by its largest value")
     limited = allocate(colour.shape, np.float32)
     for rows in row_blocks(colour.shape, colour, limited):
         held = colour[rows]

@@ -400,7 +400,7 @@ def without_saturated(scan: RangeImage) -> RangeImage:
     full = scan.valid & (scan.ranges >= start)
     if min(np.count_nonzero(full.any(axis=k)) for k in (0, 1)) < _SPREAD:
         return scan
-    told = saturation_warning(int(full.sum()), start, int(scan.valid.sum()))
+    sentence = saturation_warning(int(full.sum()), start, int(scan.valid.sum()))
     points = scan.sensor_points
 
     def is_full(rows: slice, _held: FloatArray) -> BoolArray:
@@ -410,5 +410,5 @@ def without_saturated(scan: RangeImage) -> RangeImage:
         scan,
         ranges=mended(scan.ranges, scan.ranges.dtype, is_full, np.inf),
         sensor_points=None if points is None else mended(points, points.dtype, is_full, np.nan),
-        warnings=(*scan.warnings, told),
+        warnings=(*scan.warnings, sentence),
     )

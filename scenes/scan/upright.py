@@ -82,9 +82,9 @@ def axis_direction(up: str) -> FloatArray:
 
 
 def _has_returns(scan: RangeImage) -> bool:
-    found = bool(scan.valid.any())
+    flag = bool(scan.valid.any())
     scan.release()
-    return found
+    return flag
 
 
 def _of_cameras(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
@@ -97,15 +97,15 @@ def _of_cameras(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
     whole = max(float(facets.area.sum()), 1e-12)
     if held @ z > _HELD or (held @ z > _UPSIDE and _level_area(facets, z, _LEVEL) >= _LEAST * whole):
         return Pose.identity(), ""
-    found = _largest_level(facets, held)
-    if found is None:
+    level = _largest_level(facets, held)
+    if level is None:
         return _turn_to_z(held), _word(held, "as the camera was held; no level surface confirms it")
-    if found @ z >= _LEVEL:
+    if level @ z >= _LEVEL:
         return Pose.identity(), ""
-    nearest = int(np.argmax(np.abs(found)))
-    if abs(found[nearest]) >= _EXACT:
-        found = np.sign(found[nearest]) * np.eye(3)[nearest]
-    return _turn_to_z(found), _word(found, "the normal of the largest level surface, and the camera's up")
+    nearest = int(np.argmax(np.abs(level)))
+    if abs(level[nearest]) >= _EXACT:
+        level = np.sign(level[nearest]) * np.eye(3)[nearest]
+    return _turn_to_z(level), _word(level, "the normal of the largest level surface, and the camera's up")
 
 
 def _upwards(scan: RangeImage) -> FloatArray:
@@ -197,9 +197,9 @@ def _support(facets: _Facets, up: FloatArray) -> float:
 
 def _facets(scans: Sequence[RangeImage]) -> _Facets:
     """Facets of the scans, of many of some, whose four corners lie in a plane."""
-    found = [_facets_of(scan) for scan in scans[:: max(1, -(-len(scans) // _MOST_SCANS))]]
+    pairs = [_facets_of(scan) for scan in scans[:: max(1, -(-len(scans) // _MOST_SCANS))]]
     none = _Facets(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
-    parts = zip(*(none, *found), strict=True)
+    parts = zip(*(none, *pairs), strict=True)
     return _Facets(*(np.concatenate(part) for part in parts))
 
 

@@ -159,15 +159,15 @@ class Cone:
         discriminant = b * b - a * c
         root = np.sqrt(np.maximum(discriminant, 0.0))
         q = -(b + np.where(b >= 0, root, -root))
-        found = np.full(np.broadcast(a, b).shape, np.inf)
+        values = np.full(np.broadcast(a, b).shape, np.inf)
         for top, bottom in ((q, a), (c, q)):
             defined = (np.abs(bottom) > 1e-300) & (discriminant >= 0)
             ranges = top / np.where(defined, bottom, 1.0)
             slope = a * ranges + b  # half the derivative along the ray: negative where it goes in
             facing = slope > 0 if self.concave else slope < 0
             valid = defined & facing & (ranges >= 0) & (height + ranges * rise >= 0)
-            found = np.where(valid & (ranges < found), ranges, found)
-        return found
+            values = np.where(valid & (ranges < values), ranges, values)
+        return values
 
     def transformed(self, pose: Pose) -> Cone:
         """Return the cone moved by `pose`."""

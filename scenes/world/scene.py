@@ -132,20 +132,22 @@ class Scene:
         for pattern in patterns:
             matches = np.array([fnmatchcase(name, pattern) for name in self.surface_names])
             if not matches.any():
-                some = ", ".join(sorted(self.surface_names)[:_NAMES_TOLD])
+                text = ", ".join(sorted(self.surface_names)[:_NAMES_TOLD])
                 raise InputError(
-                    f"no surface of {self.name} has a name like {pattern!r}; names are {some}, ..."
+                    f"no surface of {self.name} has a name like {pattern!r}; names are {text}, ..."
                 )
             left_out |= matches
         kept = ~left_out[self.mesh.face_surface]
         if not kept.any():
             raise InputError(f"without {', '.join(patterns)} nothing is left of {self.name}")
-        told = f"{int(left_out.sum())} of {len(left_out)} surfaces left out by name"
-        openings = tuple(one for one in self.openings if not left_out[one.surface])
-        return replace(self, mesh=self.mesh.some(kept), openings=openings, warnings=(*self.warnings, told))
+        sentence = f"{int(left_out.sum())} of {len(left_out)} surfaces left out by name"
+        openings = tuple(opening for opening in self.openings if not left_out[opening.surface])
+        return replace(
+            self, mesh=self.mesh.some(kept), openings=openings, warnings=(*self.warnings, sentence)
+        )
 
     def __reduce__(self) -> tuple[type[Scene], tuple[object, ...]]:
-        return Scene, tuple(getattr(self, one.name) for one in fields(self) if one.init)
+        return Scene, tuple(getattr(self, item.name) for item in fields(self) if item.init)
 
     def transformed(self, pose: Pose) -> Scene:
         """Return the scene moved by `pose`."""
@@ -157,7 +159,9 @@ class Scene:
         """What a notebook shows: size, surfaces and warnings."""
         from scenes.card import Card  # only notebooks need it
 
-        kinds = Counter("mesh only" if one is None else type(one).__name__.lower() for one in self.surfaces)
+        kinds = Counter(
+            "mesh only" if surface is None else type(surface).__name__.lower() for surface in self.surfaces
+        )
         vertices, area = self.mesh.vertices, float(self.mesh.face_areas().sum())
         size = (
             " x ".join(f"{side:.2f}" for side in np.ptp(vertices, axis=0)) if len(vertices) else "0 x 0 x 0"

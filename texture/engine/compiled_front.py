@@ -54,13 +54,13 @@ def run_passes(
     n_relaxed : int
         How often that was.
     """
-    terms, found, guesses = make_terms(canvas), make_findings(sample), np.empty(9, np.int64)
+    terms, findings, guesses = make_terms(canvas), make_findings(sample), np.empty(9, np.int64)
     n_passes, n_relaxed = 0, 0
     while n_passes < most and front.sizes[0] > 0:
         n_visits = list_visits(canvas, front, key, pass_number + n_passes)
         for turn in range(n_visits):
             pixel, word = front.visits[turn], front.words[turn]
-            visit_pixel(sample, canvas, pixel, word, threshold, terms, found, guesses)
+            visit_pixel(sample, canvas, pixel, word, threshold, terms, findings, guesses)
         if advance(canvas, front, front.visits[:n_visits]) == 0:
             threshold *= relaxation
             n_relaxed += 1
@@ -166,20 +166,20 @@ class CompiledFront:
 
     def __init__(self, canvas: Canvas, order: OrderName) -> None:
         """Find the front of a canvas as it is; from here on `advance` must hear of each pixel filled."""
-        found, shape = Front(canvas, order), canvas.known.shape
-        rows, columns = np.divmod(found.places, shape[1])
-        room = np.empty(found.n_unfilled, np.int64)
-        room[: found.places.size] = rows * canvas.unfilled.shape[1] + columns
+        front, shape = Front(canvas, order), canvas.known.shape
+        rows, columns = np.divmod(front.places, shape[1])
+        room = np.empty(front.n_unfilled, np.int64)
+        room[: front.places.size] = rows * canvas.unfilled.shape[1] + columns
         self._canvas = view(canvas)
         self._front = FrontArrays(
-            n_known=found.n_known.reshape(shape),
-            belongs=found.belongs.reshape(shape),
+            n_known=front.n_known.reshape(shape),
+            belongs=front.belongs.reshape(shape),
             pixels=room,
-            sizes=np.array([found.places.size, found.n_unfilled]),
+            sizes=np.array([front.places.size, front.n_unfilled]),
             visits=np.empty(room.size, np.int64),
             words=np.empty(room.size, np.uint64),
-            reach=found.reach,
-            share=found.share,
+            reach=front.reach,
+            share=front.share,
         )
 
     @property

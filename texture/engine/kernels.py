@@ -75,7 +75,7 @@ def fill_visits(
     counter : array, shape (1,)
         Turns taken so far.
     """
-    terms, found = make_terms(canvas), make_findings(sample)
+    terms, findings = make_terms(canvas), make_findings(sample)
     guesses = np.empty(9, np.int64)
     waiting = np.empty(len(visits), np.int64)
     n_waiting, has_more = 0, True
@@ -90,7 +90,7 @@ def fill_visits(
         for place in range(n_waiting):
             turn = waiting[place]
             if _is_ready(canvas, visits[turn], turn, turns, done):
-                visit_pixel(sample, canvas, visits[turn], words[turn], threshold, terms, found, guesses)
+                visit_pixel(sample, canvas, visits[turn], words[turn], threshold, terms, findings, guesses)
                 take_number(done[turn:].ctypes.data)
             else:
                 waiting[n_left] = turn
@@ -106,18 +106,18 @@ def visit_pixel(
     word: np.uint64,
     threshold: float,
     terms: Terms,
-    found: Findings,
+    findings: Findings,
     guesses: IntArray,
 ) -> None:
     """Fill a pixel by a random candidate, if its error is below the threshold."""
     row, column = pixel // canvas.unfilled.shape[1], pixel % canvas.unfilled.shape[1]
     n_known = _read_template(canvas, row, column, terms)
     n_guesses = list_continuations(sample, canvas, row, column, guesses)
-    n_found, largest = find_candidates(sample, terms, n_known, guesses[:n_guesses], found)
+    n_found, largest = find_candidates(sample, terms, n_known, guesses[:n_guesses], findings)
     chosen = pick_one(word, n_found)
-    error = found.distances[chosen] / largest
+    error = findings.distances[chosen] / largest
     if error < threshold:
-        write_pixel(sample, canvas, row, column, found.centres[chosen], error)
+        write_pixel(sample, canvas, row, column, findings.centres[chosen], error)
 
 
 @inlined

@@ -100,7 +100,7 @@ def _list_blocks(centres: IntArray, size: int) -> IntArray:
 
 @inlined
 def find_candidates(
-    sample: SampleArrays, terms: Terms, n_known: int, guesses: IntArray, found: Findings
+    sample: SampleArrays, terms: Terms, n_known: int, guesses: IntArray, findings: Findings
 ) -> tuple[int, int]:
     """Write the candidates' centres and distances, as `texture.sampling.sample.find_candidates`.
 
@@ -112,11 +112,11 @@ def find_candidates(
     for reach in range(radius, 0, -1):
         n_terms, weight = _list_terms(sample, terms, n_known, reach)
         largest = weight * len(sample.means) * 255 * 255
-        n_found = _scan(sample, terms, n_terms, guesses, found)
+        n_found = _scan(sample, terms, n_terms, guesses, findings)
         if n_found > 0:
             return n_found, largest
-    n_found = _measure_all(sample, terms, n_terms, found)
-    return _keep_near(found, n_found), largest
+    n_found = _measure_all(sample, terms, n_terms, findings)
+    return _keep_near(findings, n_found), largest
 
 
 @inlined
@@ -159,7 +159,7 @@ def _list_terms(sample: SampleArrays, terms: Terms, n_known: int, reach: int) ->
 
 
 @inlined
-def _scan(sample: SampleArrays, terms: Terms, n_terms: int, guesses: IntArray, found: Findings) -> int:
+def _scan(sample: SampleArrays, terms: Terms, n_terms: int, guesses: IntArray, findings: Findings) -> int:
     """Write the centres that offer all of the template and are at most 1.1 times as far as the nearest."""
     allowance = 1.1 * (1 + 3 * _ROUNDING * (n_terms + TERMS_PER_STEP))
     bound = NO_BOUND
@@ -171,7 +171,7 @@ def _scan(sample: SampleArrays, terms: Terms, n_terms: int, guesses: IntArray, f
         int64(terms.values.ctypes.data),
         int64(terms.weights.ctypes.data),
         int64(sample.costs.ctypes.data),
-        int64(found.sums.ctypes.data),
+        int64(findings.sums.ctypes.data),
     )
     n_found = 0
     for block in sample.blocks:
@@ -192,18 +192,20 @@ def _scan(sample: SampleArrays, terms: Terms, n_terms: int, guesses: IntArray, f
             before = addresses[5]
         if is_near:
             for lane in range(LANES):
-                if found.sums[lane] <= bound:
-                    bound = min(bound, allowance * found.sums[lane])
-                    found.centres[n_found], found.estimates[n_found] = block + lane, found.sums[lane]
+                if findings.sums[lane] <= bound:
+                    bound = min(bound, allowance * findings.sums[lane])
+                    findings.centres[n_found], findings.estimates[n_found] = block + lane, findings.sums[lane]
                     n_found += 1
     n_near = 0
     for place in range(n_found):
-        if found.estimates[place] <= bound:
-            centre = found.centres[place]
-            found.centres[n_near] = centre
-            found.distances[n_near] = _measure_exactly(sample, terms, n_terms, centre, found.estimates[place])
+        if findings.estimates[place] <= bound:
+            centre = findings.centres[place]
+            findings.centres[n_near] = centre
+            findings.distances[n_near] = _measure_exactly(
+                sample, terms, n_terms, centre, findings.estimates[place]
+            )
             n_near += 1
-    n_near = _keep_near(found, n_near)
+    n_near = _keep_near(findings, n_near)
     return int(n_near)
 
 
@@ -234,19 +236,22 @@ def _measure_exactly(
 
 
 @inlined
-def _keep_near(found: Findings, n_found: int) -> int:
+def _keep_near(findings: Findings, n_found: int) -> int:
     """Keep what is at most 1.1 times as far as the nearest; return how many."""
-    nearest = found.distances[:n_found].min() if n_found else 0
+    nearest = findings.distances[:n_found].min() if n_found else 0
     n_near = 0
     for place in range(n_found):
-        if 10 * found.distances[place] <= 11 * nearest:
-            found.centres[n_near], found.distances[n_near] = found.centres[place], found.distances[place]
+        if 10 * findings.distances[place] <= 11 * nearest:
+            findings.centres[n_near], findings.distances[n_near] = (
+                findings.centres[place],
+                findings.distances[place],
+            )
             n_near += 1
     return n_near
 
 
 @inlined
-def _measure_all(sample: SampleArrays, terms: Terms, n_terms: int, found: Findings) -> int:
+def _measure_all(sample: SampleArrays, terms: Terms, n_terms: int, findings: Findings) -> int:
     """Write all centres and their distances, missing counterparts as differences of 255; return how many."""
     n_found = 0
     for block in sample.blocks:
@@ -257,6 +262,6 @@ def _measure_all(sample: SampleArrays, terms: Terms, n_terms: int, found: Findin
                     level = sample.levels[centre + terms.offsets[term]]
                     difference = 255 if level == MISSING else int(level) - int(terms.values[term])
                     total += int(terms.weights[term]) * difference * difference
-                found.centres[n_found], found.distances[n_found] = centre, total
+                findings.centres[n_found], findings.distances[n_found] = centre, total
                 n_found += 1
     return n_found

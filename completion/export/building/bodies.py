@@ -82,9 +82,9 @@ class Beams:
         cell = max(_CELL_M, float(np.sqrt(np.prod(high - low) / _MOST_CELLS)))
         grid = ChartGrid.over(plane, low, high, cell, full_turn=False)
         is_free = free_cells(grid, np.zeros(grid.shape[0] * grid.shape[1]), self.sights, self.reaches)
-        found = joined(self._cells(grid, np.flatnonzero(is_free), frame))
-        found = buffered(buffered(found, cell), -cell)
-        return wide(common(area, found), max(_LEAST_PASSAGE_M, 3 * cell))
+        item = joined(self._cells(grid, np.flatnonzero(is_free), frame))
+        item = buffered(buffered(item, cell), -cell)
+        return wide(common(area, item), max(_LEAST_PASSAGE_M, 3 * cell))
 
     def _cells(self, grid: ChartGrid, chosen: NDArray[np.int64], frame: Frame) -> list[Any]:
         """Squares of some cells in the coordinates of a frame."""
@@ -162,100 +162,104 @@ def find_bodies(faces: Sequence[PlaneFace], beams: Beams) -> tuple[Body, ...]:
     A place of a face belongs to one body alone: to that with the nearest other face.
     """
     taken: dict[int, list[Any]] = {face.number: [] for face in faces}
-    found = []
-    pairs = [pair for one, other in combinations(faces, 2) for pair in _back_to_back(one, other)]
-    for _, one, other in sorted(pairs, key=lambda pair: (pair[0], pair[1].number, pair[2].number)):
-        body = _body(one, other, faces, taken, beams)
+    bodies = []
+    pairs = [pair for face, other in combinations(faces, 2) for pair in _back_to_back(face, other)]
+    for _, first, second in sorted(pairs, key=lambda pair: (pair[0], pair[1].number, pair[2].number)):
+        body = _body(first, second, faces, taken, beams)
         if body is not None:
-            found.append(body)
-            taken[one.number].append(body.area)
-            taken[other.number].append(moved(body.area, one.frame, other.frame))
-    return tuple(sorted(found, key=lambda body: body.surfaces))
+            bodies.append(body)
+            taken[first.number].append(body.area)
+            taken[second.number].append(moved(body.area, first.frame, second.frame))
+    return tuple(sorted(bodies, key=lambda body: body.surfaces))
 
 
-def _back_to_back(one: PlaneFace, other: PlaneFace) -> Iterator[tuple[float, PlaneFace, PlaneFace]]:
+def _back_to_back(first: PlaneFace, second: PlaneFace) -> Iterator[tuple[float, PlaneFace, PlaneFace]]:
     """Two faces whose planes may be those of a body, with the depth of the second behind the first."""
-    if not ((one.is_upright and other.is_upright) or (one.is_level and other.is_level)):
+    if not ((first.is_upright and second.is_upright) or (first.is_level and second.is_level)):
         return
-    if one.is_level and one.frame.normal[2] < 0:
-        one, other = other, one
-    if one.frame.normal @ other.frame.normal > -np.cos(np.radians(_MOST_DEG)):
+    if first.is_level and first.frame.normal[2] < 0:
+        first, second = second, first
+    if first.frame.normal @ second.frame.normal > -np.cos(np.radians(_MOST_DEG)):
         return
-    middle = other.frame.place(shapely.get_coordinates(other.area).mean(axis=0)[None])
-    depth = -float(one.frame.height(middle)[0])
+    middle = second.frame.place(shapely.get_coordinates(second.area).mean(axis=0)[None])
+    depth = -float(first.frame.height(middle)[0])
     if _LEAST_M / 2 < depth < 2 * MOST_M:
-        yield depth, one, other
+        yield depth, first, second
 
 
 def _body(
-    one: PlaneFace,
-    other: PlaneFace,
+    first: PlaneFace,
+    second: PlaneFace,
     faces: Sequence[PlaneFace],
     taken: dict[int, list[Any]],
     beams: Beams,
 ) -> Body | None:
     """The body of two faces, unless something speaks against it."""
-    frame = one.frame
-    sides = other.laid_on(frame)
-    both = _known(one, sides)
-    both = less(both, (*taken[one.number], *_laid(taken, other, frame)))
+    frame = first.frame
+    sides = second.laid_on(frame)
+    both = _known(first, sides)
+    both = less(both, (*taken[first.number], *_laid(taken, second, frame)))
     both = wide(both, _LEAST_WIDE_M)
-    if both.area < _LEAST_M2 or not _is_seen(one, other, both, frame):
+    if both.area < _LEAST_M2 or not _is_seen(first, second, both, frame):
         return None
-    depth = _depth(both, one, other)
-    if not _LEAST_M <= depth <= MOST_M or not _is_parallel(one, other, both):
+    depth = _depth(both, first, second)
+    if not _LEAST_M <= depth <= MOST_M or not _is_parallel(first, second, both):
         return None
-    both = less(both, _others_between(both, (one, other), faces, depth))
+    both = less(both, _others_between(both, (first, second), faces, depth))
     for level in _LEVELS:
         both = less(both, [beams.free(both, frame, level * depth)])
     both = wide(both, max(_LEAST_WIDE_M, depth))  # else it is the end of a wall, beside a door
-    measured = common(both, common(one.measured, sides[0]))
-    if both.area < _LEAST_M2 or measured.area < _LEAST_M2 or not _is_large(one, other, both):
+    measured = common(both, common(first.measured, sides[0]))
+    if both.area < _LEAST_M2 or measured.area < _LEAST_M2 or not _is_large(first, second, both):
         return None
     uv = inside(measured)
     place = frame.place(uv)
     return Body(
-        kind="wall" if one.is_upright else "slab",
-        surfaces=(one.number, other.number),
+        kind="wall" if first.is_upright else "slab",
+        surfaces=(first.number, second.number),
         frame=frame,
         measured=measured,
         inferred=less(both, [measured]),
-        thickness_m=_depth_at(place, one, other),
-        thickness_sd_m=one.element.sd_m(place) + other.element.sd_m(_opposite(place, one, other)),
+        thickness_m=_depth_at(place, first, second),
+        thickness_sd_m=first.element.sd_m(place) + second.element.sd_m(_opposite(place, first, second)),
         place=place,
-        confidence=min(one.element.confidence(place), other.element.confidence(_opposite(place, one, other))),
-        angle_deg=_angle_deg(one, other),
+        confidence=min(
+            first.element.confidence(place), second.element.confidence(_opposite(place, first, second))
+        ),
+        angle_deg=_angle_deg(first, second),
     )
 
 
-def _known(one: PlaneFace, sides: tuple[Any, Any]) -> Any:
+def _known(face: PlaneFace, sides: tuple[Any, Any]) -> Any:
     """Where both faces are and one was measured, and what that goes all around."""
-    both = common(one.area, joined(sides))
-    return common(both, filled(common(both, joined((one.measured, sides[0])))))
+    both = common(face.area, joined(sides))
+    return common(both, filled(common(both, joined((face.measured, sides[0])))))
 
 
 def _laid(taken: dict[int, list[Any]], other: PlaneFace, frame: Frame) -> list[Any]:
     return [moved(area, other.frame, frame) for area in taken[other.number]]
 
 
-def _is_seen(one: PlaneFace, other: PlaneFace, both: Any, frame: Frame) -> bool:
+def _is_seen(first: PlaneFace, second: PlaneFace, both: Any, frame: Frame) -> bool:
     """Whether both faces were measured somewhere in the area that they share."""
-    sides = one.measured, other.laid_on(frame)[0]
+    sides = first.measured, second.laid_on(frame)[0]
     return all(common(side, both).area >= _LEAST_M2 for side in sides)
 
 
-def _is_large(one: PlaneFace, other: PlaneFace, both: Any) -> bool:
+def _is_large(first: PlaneFace, second: PlaneFace, both: Any) -> bool:
     """Whether it is no board: the faces of furniture enclose nothing, and are neither high nor large."""
-    if {"wall", "floor", "ceiling"} & {one.element.kind, other.element.kind}:
+    if {"wall", "floor", "ceiling"} & {first.element.kind, second.element.kind}:
         return True
-    return bool(both.bounds[3] - both.bounds[1] >= _WALL_HIGH_M if one.is_upright else both.area >= _SLAB_M2)
+    return bool(
+        both.bounds[3] - both.bounds[1] >= _WALL_HIGH_M if first.is_upright else both.area >= _SLAB_M2
+    )
 
 
 def _others_between(
     both: Any, pair: Sequence[PlaneFace], faces: Sequence[PlaneFace], depth: float
 ) -> list[Any]:
     """Where another plane along the faces lies between them."""
-    frame, found = pair[0].frame, []
+    frame, items = pair[0].frame, []
     for face in faces:
         if face in pair or abs(face.frame.normal @ frame.normal) < np.cos(np.radians(_MOST_DEG)):
             continue
@@ -263,38 +267,38 @@ def _others_between(
         if area.area < _LEAST_M2:
             continue
         if _SLACK_M < _depth_at(frame.place(inside(area)), pair[0], face) < depth - _SLACK_M:
-            found.append(area)
-    return found
+            items.append(area)
+    return items
 
 
-def _opposite(place: FloatArray, one: PlaneFace, other: PlaneFace) -> FloatArray:
+def _opposite(place: FloatArray, first: PlaneFace, second: PlaneFace) -> FloatArray:
     """The place (3,) of the other face straight behind a place of the first."""
-    return np.asarray(place - _depth_at(place, one, other) * one.frame.normal)
+    return np.asarray(place - _depth_at(place, first, second) * first.frame.normal)
 
 
-def _depth_at(place: FloatArray, one: PlaneFace, other: PlaneFace) -> float:
+def _depth_at(place: FloatArray, first: PlaneFace, second: PlaneFace) -> float:
     """How far the other face lies behind a place (3,) of the first, along the first's normal."""
-    slope = float(other.frame.normal @ one.frame.normal)
-    return float(other.frame.height(place[None])[0]) / slope
+    slope = float(second.frame.normal @ first.frame.normal)
+    return float(second.frame.height(place[None])[0]) / slope
 
 
-def _depth(both: Any, one: PlaneFace, other: PlaneFace) -> float:
-    return _depth_at(one.frame.place(inside(both)), one, other)
+def _depth(both: Any, first: PlaneFace, second: PlaneFace) -> float:
+    return _depth_at(first.frame.place(inside(both)), first, second)
 
 
-def _angle_deg(one: PlaneFace, other: PlaneFace) -> float:
-    across = float(np.linalg.norm(np.cross(one.frame.normal, other.frame.normal)))
+def _angle_deg(first: PlaneFace, second: PlaneFace) -> float:
+    across = float(np.linalg.norm(np.cross(first.frame.normal, second.frame.normal)))
     return float(np.degrees(np.arcsin(min(across, 1.0))))
 
 
-def _is_parallel(one: PlaneFace, other: PlaneFace, both: Any) -> bool:
+def _is_parallel(first: PlaneFace, second: PlaneFace, both: Any) -> bool:
     """Whether the planes are parallel to 1 degree, or within three deviations of the angle between them."""
     low, high = np.reshape(both.bounds, (2, 2))
-    far = one.frame.place(np.array([low, high]))
+    far = first.frame.place(np.array([low, high]))
     apart = max(float(np.linalg.norm(far[1] - far[0])), _LEAST_M)
     spread = 0.0
-    for face in (one, other):
+    for face in (first, second):
         slope = face.element.gradient(far[1]) - face.element.gradient(far[0])
         variance = float(slope @ face.element.patch.stated.covariance @ slope)
         spread += float(np.sqrt(max(variance, 0.0))) / apart
-    return _angle_deg(one, other) <= max(_PARALLEL_DEG, _N_SIGMA * float(np.degrees(spread)))
+    return _angle_deg(first, second) <= max(_PARALLEL_DEG, _N_SIGMA * float(np.degrees(spread)))

@@ -80,7 +80,7 @@ def cut(model: BuildingModel, point: FloatArray, normal: FloatArray) -> tuple[Cu
         a, b, c = model.faces[k].tolist()
         cuts = [(min(e), max(e)) for e in ((a, b), (b, c), (c, a)) if is_above[e[0]] != is_above[e[1]]]
         pairs[int(model.surface[k]), bool(model.provenance[k] == 0)].append((cuts[0], cuts[1]))
-    found = []
+    lines = []
     for number, is_measured in sorted(pairs, key=lambda key: (key[0], not key[1])):
         kind = model.kinds[number]
         for chain in _chains(pairs[number, is_measured]):
@@ -91,8 +91,8 @@ def cut(model: BuildingModel, point: FloatArray, normal: FloatArray) -> tuple[Cu
                 near + share[:, None] * (far - near), _STRAIGHT_REST_M if kind == REST else _STRAIGHT_M
             )
             if len(points) > 1:
-                found.append(CutLine(points, number, kind, is_measured))
-    return tuple(found)
+                lines.append(CutLine(points, number, kind, is_measured))
+    return tuple(lines)
 
 
 def plan_of(model: BuildingModel) -> Plan:
@@ -100,26 +100,26 @@ def plan_of(model: BuildingModel) -> Plan:
     if not len(model.faces):
         return Plan(0.0, "Nothing was found that could be drawn.", ())
     low, high = model.drawn[:, 2].min(), model.drawn[:, 2].max()
-    height, told = float(low + high) / 2, ""
+    height, sentence = float(low + high) / 2, ""
     if model.floor_m is not None:
         height = model.floor_m + _CUT_ABOVE_M
-        told = f"Plan, cut {_CUT_ABOVE_M} m above the lowest floor, at z = {height:.2f} m."
+        sentence = f"Plan, cut {_CUT_ABOVE_M} m above the lowest floor, at z = {height:.2f} m."
     elif model.walls:
-        told = f"No floor was found: plan, cut halfway up what was scanned, at z = {height:.2f} m."
+        sentence = f"No floor was found: plan, cut halfway up what was scanned, at z = {height:.2f} m."
     else:
-        told = (
+        sentence = (
             "Neither floor nor walls were found, so that what is up is only what the poses say: plan, "
             f"cut halfway up, at z = {height:.2f} m."
         )
-    return Plan(height, told, cut(model, np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 1.0])))
+    return Plan(height, sentence, cut(model, np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 1.0])))
 
 
 def sections_of(model: BuildingModel) -> tuple[Section, ...]:
     """Return upright cuts through the middle of what surfaces cover: A along most walls, B across them."""
-    own = model.faces[model.surface > 0]
-    if not len(own):
+    members = model.faces[model.surface > 0]
+    if not len(members):
         return ()
-    places = model.vertices[np.unique(own)]
+    places = model.vertices[np.unique(members)]
     along = _main_direction(model)
     across = np.array([-along[1], along[0], 0.0])
     middle = np.array([0.0, 0.0, places[:, 2].min()])
@@ -147,9 +147,9 @@ def _main_direction(model: BuildingModel) -> FloatArray:
 def _chains(pairs: Iterable[tuple[Crossing, Crossing]]) -> Iterator[list[Crossing]]:
     """Segments joined to chains by the crossings that they share; closed ones end where they began."""
     beside: dict[Crossing, list[Crossing]] = defaultdict(list)
-    for one, other in pairs:
-        beside[one].append(other)
-        beside[other].append(one)
+    for first, second in pairs:
+        beside[first].append(second)
+        beside[second].append(first)
     ends = sorted(key for key, others in beside.items() if len(others) != 2)
     for start in (*ends, *sorted(beside)):
         while beside[start]:
@@ -189,14 +189,14 @@ def seen_below(model: BuildingModel, height_m: float) -> list[FloatArray]:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     is_level = (normal[:, 2] > _LEVEL * length) & (model.surface > 0)
-    own = is_level & (corners[:, :, 2].max(axis=1) < height_m)
-    faces = model.faces[own]
+    item = is_level & (corners[:, :, 2].max(axis=1) < height_m)
+    faces = model.faces[item]
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
-    numbered = np.column_stack([np.repeat(model.surface[own], 3), edges])
-    found, count = np.unique(numbered, axis=0, return_counts=True)
+    numbered = np.column_stack([np.repeat(model.surface[item], 3), edges])
+    values, count = np.unique(numbered, axis=0, return_counts=True)
     outlines = []
-    for number in np.unique(found[:, 0]).tolist():
-        places = model.vertices[found[(found[:, 0] == number) & (count == 1), 1:], :2]
+    for number in np.unique(values[:, 0]).tolist():
+        places = model.vertices[values[(values[:, 0] == number) & (count == 1), 1:], :2]
         merged = shapely.line_merge(
             shapely.multilinestrings([shapely.linestrings(place) for place in places])
         )

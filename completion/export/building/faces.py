@@ -23,8 +23,8 @@ def polygons(area: Any, least_m2: float = _LEAST_M2) -> list[Any]:
     """Return the polygons of an area that are not smaller than `least_m2`, largest first."""
     parts = shapely.get_parts(shapely.get_parts(area))  # of collections too
     return sorted(
-        (one for one in parts.tolist() if one.geom_type == "Polygon" and one.area >= least_m2),
-        key=lambda one: (-one.area, *one.bounds),
+        (part for part in parts.tolist() if part.geom_type == "Polygon" and part.area >= least_m2),
+        key=lambda item: (-item.area, *item.bounds),
     )
 
 
@@ -33,9 +33,9 @@ def joined(areas: Iterable[Any]) -> Any:
     return _clean(shapely.union_all([shapely.make_valid(area) for area in areas]))
 
 
-def common(one: Any, other: Any) -> Any:
+def common(first: Any, second: Any) -> Any:
     """What two areas have in common."""
-    return _clean(shapely.intersection(one, other))
+    return _clean(shapely.intersection(first, second))
 
 
 def less(area: Any, others: Iterable[Any]) -> Any:
@@ -57,7 +57,7 @@ def wide(area: Any, least_m: float) -> Any:
 
 def filled(area: Any) -> Any:
     """An area without its holes."""
-    return joined(shapely.Polygon(one.exterior) for one in polygons(area))
+    return joined(shapely.Polygon(polygon.exterior) for polygon in polygons(area))
 
 
 def straightened(area: Any) -> Any:
@@ -188,18 +188,18 @@ class PlaneFace:
 
 def faces_of(model: BuildingModel) -> tuple[PlaneFace, ...]:
     """Return the planes of a model that have facets, in their order."""
-    found = []
+    faces = []
     for element in model.planes:
-        own = model.surface == element.number
-        if own.any():
+        item = model.surface == element.number
+        if item.any():
             frame = Frame.on(element.point, element.normal)
-            openings = tuple(one for one in model.openings if one.surface == element.number)
+            openings = tuple(opening for opening in model.openings if opening.surface == element.number)
             seen = model.is_measured
             measured, inferred, area = (
-                _covered(model, frame, own & chosen) for chosen in (seen, ~seen, np.ones_like(seen))
+                _covered(model, frame, item & chosen) for chosen in (seen, ~seen, np.ones_like(seen))
             )
-            found.append(PlaneFace(element, frame, measured, inferred, area=area, openings=openings))
-    return tuple(found)
+            faces.append(PlaneFace(element, frame, measured, inferred, area=area, openings=openings))
+    return tuple(faces)
 
 
 def moved(area: Any, frame: Frame, other: Frame) -> Any:

@@ -138,8 +138,8 @@ class CylinderElement(Element):
 
 def plane_element(number: int, record: dict[str, Any], patch: Patch, world: Pose) -> PlaneElement:
     """Return a completed plane by its record in `polygons.json`."""
-    outer = [np.array(one["outer"]["points"]) for one in record["polygons"]]
-    holes = [np.array(hole["points"]) for one in record["polygons"] for hole in one["holes"]]
+    outer = [np.array(polygon["outer"]["points"]) for polygon in record["polygons"]]
+    holes = [np.array(hole["points"]) for polygon in record["polygons"] for hole in polygon["holes"]]
     return PlaneElement(
         number=number,
         kind="plane" if record["role"] == "surface" else record["role"],
@@ -266,7 +266,7 @@ class BuildingModel:
     @property
     def walls(self) -> tuple[PlaneElement, ...]:
         """The upright planes that enclose the room."""
-        return tuple(one for one in self.planes if one.kind == "wall")
+        return tuple(plane for plane in self.planes if plane.kind == "wall")
 
     @property
     def is_measured(self) -> BoolArray:
@@ -303,7 +303,8 @@ def building_model(
         From the working frame to the world.
     """
     planes = [
-        plane_element(int(one["id"]), one, patches[int(one["id"]) - 1], world) for one in polygons["surfaces"]
+        plane_element(int(surface["id"]), surface, patches[int(surface["id"]) - 1], world)
+        for surface in polygons["surfaces"]
     ]
     cylinders = [
         cylinder_element(number, patch, patch.grid.surface, world)
@@ -314,8 +315,8 @@ def building_model(
     for plane in planes:
         kinds[plane.number] = plane.kind
     n_rest = len(panels.rest.faces)
-    corners = np.array([one.point for one in panels.corners]).reshape(-1, 3)
-    spread = [float(np.sqrt(np.linalg.eigvalsh(one.covariance)[-1])) for one in panels.corners]
+    corners = np.array([corner.point for corner in panels.corners]).reshape(-1, 3)
+    spread = [float(np.sqrt(np.linalg.eigvalsh(corner.covariance)[-1])) for corner in panels.corners]
     return BuildingModel(
         vertices=world.apply(panels.vertices),
         faces=np.concatenate([panels.faces, panels.rest.faces]),
@@ -323,23 +324,25 @@ def building_model(
         provenance=np.pad(panels.face_provenance.astype(np.int64), (0, n_rest)),
         kinds=tuple(kinds),
         folds=tuple(
-            FoldLine(one.surfaces, world.apply(one.points), one.measured_share, one.sd_m, one.dihedral_deg)
-            for one in panels.folds
+            FoldLine(
+                fold.surfaces, world.apply(fold.points), fold.measured_share, fold.sd_m, fold.dihedral_deg
+            )
+            for fold in panels.folds
         ),
         corners=world.apply(corners),
         corner_sd_m=np.array(spread),
         openings=tuple(
             OpeningOutline(
                 surface=int(plane["id"]),
-                kind=one["kind"],
-                points=np.array(one["points"]),
-                sides=one["sides"],
-                width_m=one["width_m"],
-                height_m=one["height_m"],
-                seen_share=one["seen_share"],
+                kind=opening["kind"],
+                points=np.array(opening["points"]),
+                sides=opening["sides"],
+                width_m=opening["width_m"],
+                height_m=opening["height_m"],
+                seen_share=opening["seen_share"],
             )
             for plane in polygons["surfaces"]
-            for one in plane["openings"]
+            for opening in plane["openings"]
         ),
         planes=tuple(planes),
         cylinders=tuple(cylinders),

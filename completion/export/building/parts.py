@@ -46,14 +46,14 @@ _MARGIN_M = 0.002  # by which surfaces may go on beyond a room: its outline is t
 
 def with_gaps(faces: Sequence[PlaneFace], rooms: Sequence[Room], beams: Beams) -> tuple[PlaneFace, ...]:
     """Return the faces with the doorways and windows that rooms' walls have beside those found before."""
-    found: dict[int, list[OpeningOutline]] = {face.number: list(face.openings) for face in faces}
+    entries: dict[int, list[OpeningOutline]] = {face.number: list(face.openings) for face in faces}
     for room in rooms:
         for side in room.sides:
             known = joined(
-                shapely.Polygon(side.face.frame.flat(one.points)) for one in found[side.face.number]
+                shapely.Polygon(side.face.frame.flat(outline.points)) for outline in entries[side.face.number]
             )
-            found[side.face.number] += _gaps(side, room, known, beams)
-    return tuple(replace(face, openings=tuple(found[face.number])) for face in faces)
+            entries[side.face.number] += _gaps(side, room, known, beams)
+    return tuple(replace(face, openings=tuple(entries[face.number])) for face in faces)
 
 
 def _gaps(side: RoomSide, room: Room, known: Any, beams: Beams) -> Iterator[OpeningOutline]:
@@ -113,23 +113,23 @@ def within_rooms(
     Surfaces are continued through the walls and slabs that they meet, where nothing speaks against it. A
     building's walls, floors and ceilings are wanted as far as rooms show them. What was measured stays.
     """
-    found = []
+    plane_face = []
     for face in faces:
         shown = list(_shown(face, storeys, rooms))
         if shown:
             inferred = common(face.inferred, joined(shown))
             area = joined((face.measured, inferred))
-            found.append(replace(face, inferred=inferred, area=area))
+            plane_face.append(replace(face, inferred=inferred, area=area))
         else:
-            found.append(face)
-    return tuple(found)
+            plane_face.append(face)
+    return tuple(plane_face)
 
 
 def _shown(face: PlaneFace, storeys: Sequence[Storey], rooms: Sequence[Room]) -> Iterator[Any]:
     """Where rooms lie before a face; none of faces that are no wall, floor or ceiling."""
     for k, storey in enumerate(storeys):
         level = face in storey.floors or face in storey.ceilings
-        for room in (one for one in rooms if one.storey == k):
+        for room in (item for item in rooms if item.storey == k):
             if level and face.number in room.surfaces:
                 outline = shapely.buffer(room.outline, _MARGIN_M, join_style="mitre")
                 yield joined([shapely.transform(outline, lambda xy: face.frame.flat(_on(face.frame, xy)))])
@@ -160,14 +160,14 @@ def _on(frame: Frame, xy: Any) -> Any:
 def trimmed_bodies(bodies: Sequence[Body], faces: Sequence[PlaneFace]) -> tuple[Body, ...]:
     """Return walls without what is no longer inferred of either face; slabs go on below walls."""
     by_number = {face.number: face for face in faces}
-    found = []
+    results = []
     for body in bodies:
         if body.kind == "wall":
-            one, other = (by_number[number] for number in body.surfaces)
-            left = common(one.area, joined(other.laid_on(one.frame)))
+            first, second = (by_number[number] for number in body.surfaces)
+            left = common(first.area, joined(second.laid_on(first.frame)))
             body = replace(body, inferred=common(body.inferred, left))
-        found.append(body)
-    return tuple(found)
+        results.append(body)
+    return tuple(results)
 
 
 _LEAST_RADIUS_M, _LEAST_HIGH_M = 0.05, 1.5  # of a column
@@ -211,18 +211,18 @@ def find_columns(
     """Return what stands on a floor: upright solid cylinders, and posts of four planes."""
     floors = [face for storey in storeys for face in storey.floors]
     levels = [storey.elevation_m for storey in storeys]
-    found = [_round(one) for one in cylinders if _is_upright(one)]
-    found += [
+    columns = [_round(cylinder) for cylinder in cylinders if _is_upright(cylinder)]
+    columns += [
         post
-        for one, other in combinations([body for body in bodies if body.kind == "wall"], 2)
-        if (post := _post(one, other)) is not None
+        for first, second in combinations([body for body in bodies if body.kind == "wall"], 2)
+        if (post := _post(first, second)) is not None
     ]
     return tuple(
-        one
-        for one in found
+        column
+        for column in columns
         if floors
-        and one.top_m - one.bottom_m >= _LEAST_HIGH_M
-        and min(abs(one.bottom_m - level) for level in levels) < _FOOT_M
+        and column.top_m - column.bottom_m >= _LEAST_HIGH_M
+        and min(abs(column.bottom_m - level) for level in levels) < _FOOT_M
     )
 
 
@@ -232,51 +232,51 @@ def find_pipes(
     """Return the straight segments of pipes: slender solid cylinders that are no columns."""
     taken = {number for column in columns for number in column.surfaces}
     return tuple(
-        one
-        for one in cylinders
-        if one.number not in taken
-        and one.is_solid
-        and one.radius_m <= _PIPE_RADIUS_M
-        and one.length_m >= max(_PIPE_LONG_M, 2 * _SLENDER * one.radius_m)
+        cylinder
+        for cylinder in cylinders
+        if cylinder.number not in taken
+        and cylinder.is_solid
+        and cylinder.radius_m <= _PIPE_RADIUS_M
+        and cylinder.length_m >= max(_PIPE_LONG_M, 2 * _SLENDER * cylinder.radius_m)
     )
 
 
-def _is_upright(one: CylinderElement) -> bool:
-    if not one.is_solid or one.radius_m < _LEAST_RADIUS_M or one.length_m <= 0:
+def _is_upright(element: CylinderElement) -> bool:
+    if not element.is_solid or element.radius_m < _LEAST_RADIUS_M or element.length_m <= 0:
         return False
-    return abs(float(one.ends[1, 2] - one.ends[0, 2])) >= LEVEL * one.length_m
+    return abs(float(element.ends[1, 2] - element.ends[0, 2])) >= LEVEL * element.length_m
 
 
-def _round(one: CylinderElement) -> Column:
-    middle = one.ends.mean(axis=0)[:2]
+def _round(element: CylinderElement) -> Column:
+    middle = element.ends.mean(axis=0)[:2]
     return Column(
-        surfaces=(one.number,),
-        cylinder=one,
-        footprint=shapely.Point(middle).buffer(one.radius_m),
-        bottom_m=float(one.ends[:, 2].min()),
-        top_m=float(one.ends[:, 2].max()),
-        sd_m=one.radius_sd_m,
-        measured_share=one.measured_share,
+        surfaces=(element.number,),
+        cylinder=element,
+        footprint=shapely.Point(middle).buffer(element.radius_m),
+        bottom_m=float(element.ends[:, 2].min()),
+        top_m=float(element.ends[:, 2].max()),
+        sd_m=element.radius_sd_m,
+        measured_share=element.measured_share,
     )
 
 
-def _post(one: Body, other: Body) -> Column | None:
+def _post(first: Body, second: Body) -> Column | None:
     """The post whose four sides two bodies are, across each other; None where they are not."""
-    prints = [_footprint(body) for body in (one, other)]
+    prints = [_footprint(body) for body in (first, second)]
     shared = common(*prints)
     if shared.is_empty or shared.area < _SAME * max(part.area for part in prints):
         return None
-    if abs(float(one.frame.normal @ other.frame.normal)) > np.sin(np.radians(10.0)):
+    if abs(float(first.frame.normal @ second.frame.normal)) > np.sin(np.radians(10.0)):
         return None
-    heights = [body.frame.place(shapely.get_coordinates(body.area))[:, 2] for body in (one, other)]
+    heights = [body.frame.place(shapely.get_coordinates(body.area))[:, 2] for body in (first, second)]
     return Column(
-        surfaces=(*one.surfaces, *other.surfaces),
+        surfaces=(*first.surfaces, *second.surfaces),
         cylinder=None,
         footprint=shared.convex_hull,
         bottom_m=float(min(z.min() for z in heights)),
         top_m=float(max(z.max() for z in heights)),
-        sd_m=max(one.thickness_sd_m, other.thickness_sd_m),
-        measured_share=float(np.mean([one.measured_share, other.measured_share])),
+        sd_m=max(first.thickness_sd_m, second.thickness_sd_m),
+        measured_share=float(np.mean([first.measured_share, second.measured_share])),
     )
 
 

@@ -50,7 +50,7 @@ class Storey:
     def with_faces(self, faces: Mapping[int, PlaneFace]) -> Storey:
         """Return the storey with other faces of the same numbers."""
         floors, ceilings, walls = (
-            tuple(faces[one.number] for one in own) for own in (self.floors, self.ceilings, self.walls)
+            tuple(faces[face.number] for face in item) for item in (self.floors, self.ceilings, self.walls)
         )
         return replace(self, floors=floors, ceilings=ceilings, walls=walls)
 
@@ -81,20 +81,20 @@ def find_storeys(faces: Sequence[PlaneFace], bodies: Sequence[Body]) -> tuple[St
         return ()
     lowest = min(face.lowest_m for face in faces)
     levels = [level_of(group[0]) for group in groups] or [lowest]
-    found = []
+    storeys = []
     for k, level in enumerate(levels):
         above = levels[k + 1] if k + 1 < len(levels) else np.inf
         own_floors = tuple(groups[k]) if groups else ()
         ceilings = tuple(face for face in faces if _is_ceiling(face, level, above, has_floor=bool(groups)))
         storey = Storey(level, own_floors, ceilings, ())
         walls = tuple(face for face in faces if _is_wall(face, storey, above, bodies))
-        found.append(Storey(level, own_floors, ceilings, walls))
-    return tuple(found)
+        storeys.append(Storey(level, own_floors, ceilings, walls))
+    return tuple(storeys)
 
 
 def storey_at(storeys: Sequence[Storey], height_m: float) -> int:
     """Which storey a height belongs to: the highest that begins below it, or the first."""
-    return max(0, *(k for k, one in enumerate(storeys) if one.elevation_m <= height_m), 0)
+    return max(0, *(k for k, storey in enumerate(storeys) if storey.elevation_m <= height_m), 0)
 
 
 def bands(storeys: Sequence[Storey], area: Any, frame: Frame, begin_m: float) -> Sequence[tuple[int, Any]]:
@@ -104,20 +104,20 @@ def bands(storeys: Sequence[Storey], area: Any, frame: Frame, begin_m: float) ->
     is one part, of the storey at the height `begin_m`.
     """
     heights = frame.place(shapely.get_coordinates(area))[:, 2]
-    tops = [*(one.elevation_m for one in storeys[1:]), np.inf]
-    own = [
+    tops = [*(storey.elevation_m for storey in storeys[1:]), np.inf]
+    numbers = [
         k
-        for k, (one, top) in enumerate(zip(storeys, tops, strict=True))
-        if min(top, heights.max()) - max(one.elevation_m, heights.min()) >= _LEAST_HIGH_M
+        for k, (storey, top) in enumerate(zip(storeys, tops, strict=True))
+        if min(top, heights.max()) - max(storey.elevation_m, heights.min()) >= _LEAST_HIGH_M
     ]
-    if len(own) < 2:
-        return [(own[0] if own else storey_at(storeys, begin_m), area)]
+    if len(numbers) < 2:
+        return [(numbers[0] if numbers else storey_at(storeys, begin_m), area)]
     left, low, right, high = area.bounds
-    cuts = [(storeys[k].elevation_m - frame.origin[2]) / frame.up[2] for k in own[1:]]
+    cuts = [(storeys[k].elevation_m - frame.origin[2]) / frame.up[2] for k in numbers[1:]]
     edges = zip((low - 1, *cuts), (*cuts, high + 1), strict=True)
     return [
         (k, common(area, shapely.box(left - 1, bottom, right + 1, top)))
-        for k, (bottom, top) in zip(own, edges, strict=True)
+        for k, (bottom, top) in zip(numbers, edges, strict=True)
     ]
 
 
@@ -131,7 +131,7 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
         return False
     if face.element.kind == "floor":
         return True
-    own, level = face.plan(), level_of(face)
+    item, level = face.plan(), level_of(face)
     below = [
         other
         for other in faces
@@ -139,15 +139,19 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
         and other.frame.normal[2] > 0
         and level - _HEADROOM_M < level_of(other) < level - _SAME_M
     ]
-    if any(common(own, other.plan()).area >= _COVERED * own.area for other in below):
+    if any(common(item, other.plan()).area >= _COVERED * item.area for other in below):
         return False
-    lower = [one for one in faces if one.lowest_m < level - _SAME_M and one.measured.area >= _LARGE_M2]
+    lower = [
+        plane_face
+        for plane_face in faces
+        if plane_face.lowest_m < level - _SAME_M and plane_face.measured.area >= _LARGE_M2
+    ]
     storey_below = any(
-        one.is_level
-        and one.frame.normal[2] > 0
-        and level_of(one) <= level - _HEADROOM_M
-        and one.area.area >= _LEAST_FLOOR_M2
-        for one in lower
+        plane_face.is_level
+        and plane_face.frame.normal[2] > 0
+        and level_of(plane_face) <= level - _HEADROOM_M
+        and plane_face.area.area >= _LEAST_FLOOR_M2
+        for plane_face in lower
     )
     return storey_below or not lower
 
@@ -270,11 +274,11 @@ def find_rooms(model: BuildingModel, storeys: Sequence[Storey]) -> tuple[Room, .
     The lines of walls in the plan, each continued by 0.2 m, divide it into cells. Those are rooms whose walls
     face inwards and below which is floor; floor beside them is an open room.
     """
-    found: list[Room] = []
+    rooms: list[Room] = []
     for number, storey in enumerate(storeys):
-        own = [_room(model, storey, number, *one) for one in _cells(storey)]
-        found += [*own, *_open_rooms(storey, number, own)]
-    return tuple(found)
+        room = [_room(model, storey, number, *cell) for cell in _cells(storey)]
+        rooms += [*room, *_open_rooms(storey, number, room)]
+    return tuple(rooms)
 
 
 def _cells(storey: Storey) -> Iterator[tuple[Any, list[RoomSide]]]:
@@ -332,14 +336,14 @@ def _room(model: BuildingModel, storey: Storey, number: int, cell: Any, sides: S
     walls = sorted({side.face.number for side in sides if side.faces_in})
     numbers = (*walls, *(face.number for face, _ in (*floors, *ceilings)))
     volume = cell.area * height if height is not None else None
-    told = "area of the outline times the mean height between floor and ceiling"
+    sentence = "area of the outline times the mean height between floor and ceiling"
     shut = shut_volume(model, numbers) if has_roof else None
     if shut is not None:
-        volume, told = shut, "by its facets, which close"
+        volume, sentence = shut, "by its facets, which close"
     elif volume is not None:
-        told += ", since its facets do not close"
+        sentence += ", since its facets do not close"
     else:
-        told = "no volume: a ceiling was not found over most of it"
+        sentence = "no volume: a ceiling was not found over most of it"
     return Room(
         storey=number,
         outline=cell,
@@ -351,7 +355,7 @@ def _room(model: BuildingModel, storey: Storey, number: int, cell: Any, sides: S
         measured_share=_measured_share(storey, sides, (*floors, *ceilings)),
         closed=True,
         by_facets=shut is not None,
-        told=told,
+        told=sentence,
     )
 
 
@@ -386,7 +390,7 @@ def _measured_share(
     for side in sides:
         face, top = side.face, storey.ceiling_m
         band = side.band(storey.elevation_m, side.face.highest_m if top is None else top)
-        open_area = joined(shapely.Polygon(face.frame.flat(one.points)) for one in face.openings)
+        open_area = joined(shapely.Polygon(face.frame.flat(opening.points)) for opening in face.openings)
         measured += common(face.measured, band).area
         whole += less(band, [open_area]).area
     return float(measured / whole) if whole else 0.0
@@ -398,7 +402,7 @@ def _open_rooms(storey: Storey, number: int, closed: Sequence[Room]) -> Iterator
     outlines = [shapely.buffer(room.outline, _EXTENDED_M, join_style="mitre") for room in closed]
     for part in polygons(wide(less(floor, outlines), _LEAST_WIDE_M), _LEAST_M2):
         floors, ceilings = (_over(faces, part) for faces in (storey.floors, storey.ceilings))
-        roof = joined(one for _, one in ceilings)
+        roof = joined(item for _, item in ceilings)
         floor_m = _mean_height(floors)
         height = _mean_height(ceilings) - floor_m if roof.area >= _MOST * part.area else None
         yield Room(

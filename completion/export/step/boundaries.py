@@ -166,7 +166,7 @@ def _goes_round(surface: Cylinder | Cone, points: FloatArray) -> bool:
 
 def _circle(centre: FloatArray, axis: FloatArray, radius: float) -> Any:
     gp, zero = kernel().gp, plain_zero(axis)
-    up, side = (gp.gp_Dir(*(float(one) for one in row)) for row in (axis, zero))
+    up, side = (gp.gp_Dir(*(float(item) for item in row)) for row in (axis, zero))
     return kernel().Geom.Geom_Circle(gp.gp_Ax2(kernel_point(centre), up, side), radius)
 
 
@@ -178,21 +178,21 @@ def _paths(surface: Surface, start: FloatArray, end: FloatArray) -> list[FloatAr
     if isinstance(surface, Cylinder | Cone):
         axis, zero = surface.direction, plain_zero(surface.direction)
         across = cross(axis, zero)
-        heights = [float((one - surface.point) @ axis) for one in (start, end)]
+        heights = [float((values - surface.point) @ axis) for values in (start, end)]
         angles = [
-            float(np.arctan2((one - surface.point) @ across, (one - surface.point) @ zero))
-            for one in (start, end)
+            float(np.arctan2((values - surface.point) @ across, (values - surface.point) @ zero))
+            for values in (start, end)
         ]
         turn = (angles[1] - angles[0] + np.pi) % (2 * np.pi) - np.pi
-        found = list[FloatArray]()
+        arrays = list[FloatArray]()
         for way in (turn, turn - np.copysign(2 * np.pi, turn)):
             height, angle = heights[0] + share * (heights[1] - heights[0]), angles[0] + share * way
             radius = surface.radius + (
                 height * np.tan(surface.half_angle) if isinstance(surface, Cone) else 0
             )
             level = np.cos(angle) * zero + np.sin(angle) * across
-            found.append(surface.point + height * axis + radius * level)
-        return found
+            arrays.append(surface.point + height * axis + radius * level)
+        return arrays
     path = start + share * (end - start)
     for _ in range(4):
         path = path - surface.distance(path)[:, None] * surface.normal(path)
@@ -234,7 +234,7 @@ class Seams:
         """The kernel's surface of a region of points (n, 3) within loops, with a fitting seam."""
         if isinstance(surface, Sphere):
             shapes = [self.curves[self.pieces[loop[0].piece].curve].geometry for loop in loops]
-            round_ = [one for one in shapes if type(one).__name__ == "Geom_Circle"]
+            round_ = [shape for shape in shapes if type(shape).__name__ == "Geom_Circle"]
             axis = np.array(round_[0].Axis().Direction().Coord()) if round_ else None
             up, zero = _meridian(surface.centre, points, axis)
             if axis is not None and abs(float(up @ axis)) > 1 - 1e-12:
@@ -283,9 +283,9 @@ class Seams:
         self._begun.add(number)
 
     def _parameters(self, side: Side) -> FloatArray:
-        one = self.pieces[side.piece]
-        t = np.linspace(one.low, one.high, _N_SAMPLES, endpoint=False)
-        return t if side.is_forward else one.high + one.low - t
+        piece = self.pieces[side.piece]
+        t = np.linspace(piece.low, piece.high, _N_SAMPLES, endpoint=False)
+        return t if side.is_forward else piece.high + piece.low - t
 
     def _corner_side(
         self, place: FloatArray, axis: FloatArray, loops: Sequence[Sequence[Side]]

@@ -65,18 +65,18 @@ def _sampled(corners: FloatArray, spacing: float) -> FloatArray:
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.cumsum(np.linalg.norm(across, axis=1) / 2)
     n = int(np.clip(total[-1] / spacing**2, 200, _MOST_SAMPLES))
-    own = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(corners) - 1)
+    item = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(corners) - 1)
     index = np.arange(1, n + 1)
     a, b = (0.5 + index / 1.324717957244746) % 1.0, (0.5 + index / 1.324717957244746**2) % 1.0
     over = a + b > 1
     a, b = np.where(over, 1 - a, a)[:, None], np.where(over, 1 - b, b)[:, None]
-    some = corners[own]
-    return np.asarray(some[:, 0] + a * (some[:, 1] - some[:, 0]) + b * (some[:, 2] - some[:, 0]))
+    sample = corners[item]
+    return np.asarray(sample[:, 0] + a * (sample[:, 1] - sample[:, 0]) + b * (sample[:, 2] - sample[:, 0]))
 
 
 def edges_of(shape: Any, n: int = 30) -> list[FloatArray]:
     """Points (n, 3) along each edge of a shape, mm."""
-    modules, found = kernel(), list[FloatArray]()
+    modules, arrays = kernel(), list[FloatArray]()
     walk = modules.TopExp.TopExp_Explorer(shape, modules.TopAbs.TopAbs_ShapeEnum.TopAbs_EDGE)
     while walk.More():
         edge = modules.TopoDS.TopoDS.Edge(walk.Current())
@@ -85,8 +85,8 @@ def edges_of(shape: Any, n: int = 30) -> list[FloatArray]:
             continue
         curve = modules.BRepAdaptor.BRepAdaptor_Curve(edge)
         t = np.linspace(curve.FirstParameter(), curve.LastParameter(), n)
-        found.append(np.array([curve.Value(float(one)).Coord() for one in t]))
-    return found
+        arrays.append(np.array([curve.Value(float(item)).Coord() for item in t]))
+    return arrays
 
 
 _STRAIGHT = 1e-9  # radians or mm that a seam may leave its parameter
@@ -101,7 +101,7 @@ def plain_seams(face: Any) -> None:
     while walk.More():
         edge = modules.TopoDS.TopoDS.Edge(walk.Current())
         walk.Next()
-        if any(edge.IsSame(one) for one in done):
+        if any(edge.IsSame(item) for item in done):
             continue
         done.append(edge)
         if not tool.Degenerated_s(edge) and tool.IsClosed_s(edge, face):
@@ -186,7 +186,7 @@ class EdgeMaker:
         """How far a piece is off its surfaces, mm."""
         curve = self.curves[piece.curve]
         points = curve.at(np.linspace(piece.low, piece.high, _N_CHECKED))
-        return max(float(np.abs(self.surfaces[one].distance(points)).max()) for one in curve.pair)
+        return max(float(np.abs(self.surfaces[number].distance(points)).max()) for number in curve.pair)
 
     def edge(self, place: int) -> Any:
         """The edge of a piece, running as its curve does."""
@@ -327,7 +327,9 @@ class FaceMaker:
         ends = [side for chain in chains for side in (chain[0], chain[-1])]
         curves, pieces = self.make.curves, self.make.pieces
         places = {place for side in ends for place in curves[pieces[side.piece].curve].pair}
-        numbers = ", ".join(str(one) for one in sorted(self.parts.regions[place].number for place in places))
+        numbers = ", ".join(
+            str(number) for number in sorted(self.parts.regions[place].number for place in places)
+        )
         return f"its boundary is open where surfaces {numbers} should meet"
 
     def _made(self, surface: Surface, shape: Any, loops: RegionLoops, points: FloatArray) -> RegionFaces:
@@ -343,10 +345,10 @@ class FaceMaker:
                 return RegionFaces([tipped_face(surface, shape, rim)])
         groups = nested(surface, loops.closed, make.pieces, make.curves, points)
         faces = [trimmed_face(shape, group, make) for group in groups]
-        failed = [one.reason for one in faces if one.face is None]
+        failed = [face.reason for face in faces if face.face is None]
         if failed or not faces:
             return RegionFaces([], reason=failed[0] if failed else "its loops enclose none of its points")
-        return RegionFaces([one.face for one in faces])
+        return RegionFaces([face.face for face in faces])
 
     def _rim(self, cone: Cone, loop: Sequence[Side]) -> FloatArray | None:
         """A point (3,) of a loop round a cone's axis that all lies at one height; None of others."""

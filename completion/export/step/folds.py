@@ -82,16 +82,16 @@ class FoldCurve:
         if not len(points):
             return np.zeros(0), np.zeros(0)
         first = self.tree.query(points)[1]
-        found = self.t[first].copy()
-        for place, (point, start) in enumerate(zip(points, found, strict=True)):
+        item = self.t[first].copy()
+        for place, (point, start) in enumerate(zip(points, item, strict=True)):
             t = float(start)
             for _ in range(_N_STEPS):
                 foot, along = self.slope(t)
                 t += float((point - foot) @ along) / max(float(along @ along), 1e-300)
                 if not self.is_closed:
                     t = min(max(t, self.low), self.high)
-            found[place] = self.wrapped(t)
-        return found, np.linalg.norm(self.at(found) - points, axis=1)
+            item[place] = self.wrapped(t)
+        return item, np.linalg.norm(self.at(item) - points, axis=1)
 
     def wrapped(self, t: float) -> float:
         """The parameter within its period."""
@@ -100,7 +100,7 @@ class FoldCurve:
 
 def curve_points(geometry: Any, t: FloatArray) -> FloatArray:
     """Points (n, 3) of a kernel's curve at parameters (n,)."""
-    return np.array([geometry.Value(float(one)).Coord() for one in t]).reshape(-1, 3)
+    return np.array([geometry.Value(float(item)).Coord() for item in t]).reshape(-1, 3)
 
 
 def tabled(
@@ -134,46 +134,46 @@ class Settled(NamedTuple):
     holds: BoolArray
 
 
-def settled(one: Surface, two: Surface, points: FloatArray, *, touching: bool) -> Settled:
+def settled(surface: Surface, two: Surface, points: FloatArray, *, touching: bool) -> Settled:
     """Move points (n, 3) near the curve of two surfaces onto it."""
-    return _touching(one, two, points) if touching else _crossing(one, two, points)
+    return _touching(surface, two, points) if touching else _crossing(surface, two, points)
 
 
-def _crossing(one: Surface, two: Surface, points: FloatArray) -> Settled:
+def _crossing(surface: Surface, two: Surface, points: FloatArray) -> Settled:
     x = points.copy()
     for _ in range(_N_TRACING_STEPS):
-        a, b = one.normal(x), two.normal(x)
-        d, e = one.distance(x), two.distance(x)
+        a, b = surface.normal(x), two.normal(x)
+        d, e = surface.distance(x), two.distance(x)
         c = np.einsum("ij,ij->i", a, b)
         sine2 = np.maximum(1 - c**2, 1e-12)
         step = ((d - c * e) / sine2)[:, None] * a + ((e - c * d) / sine2)[:, None] * b
         x = x - step
         if np.abs(step).max(initial=0.0) < _TRACING_EXACT:
             break
-    along = np.cross(one.normal(x), two.normal(x))
+    along = np.cross(surface.normal(x), two.normal(x))
     size = np.linalg.norm(along, axis=1)
     along = along / np.maximum(size, 1e-300)[:, None]
-    gap = np.maximum(np.abs(one.distance(x)), np.abs(two.distance(x)))
+    gap = np.maximum(np.abs(surface.distance(x)), np.abs(two.distance(x)))
     holds = np.isfinite(x).all(axis=1) & (gap < 1e-6) & (size > 1e-3)
     return Settled(x, along, gap, holds)
 
 
-def _touching(one: Surface, two: Surface, points: FloatArray) -> Settled:
+def _touching(surface: Surface, two: Surface, points: FloatArray) -> Settled:
     x, small = points.copy(), 1e-4
-    side = np.sign(np.einsum("ij,ij->i", one.normal(x), two.normal(x)))
+    side = np.sign(np.einsum("ij,ij->i", surface.normal(x), two.normal(x)))
     side = np.where(side == 0, 1.0, side)
     across = np.zeros_like(x)
     for _ in range(_N_TRACING_STEPS):
-        a, b = one.normal(x), side[:, None] * two.normal(x)
-        middle = (one.distance(x) + side * two.distance(x)) / 2
+        a, b = surface.normal(x), side[:, None] * two.normal(x)
+        middle = (surface.distance(x) + side * two.distance(x)) / 2
         up = a + b
         up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-12)
         bend = np.empty((len(x), 3, 3))
         for k in range(3):
             shift = np.zeros(3)
             shift[k] = small
-            fore = one.normal(x + shift) - side[:, None] * two.normal(x + shift)
-            back = one.normal(x - shift) - side[:, None] * two.normal(x - shift)
+            fore = surface.normal(x + shift) - side[:, None] * two.normal(x + shift)
+            back = surface.normal(x - shift) - side[:, None] * two.normal(x - shift)
             bend[:, :, k] = (fore - back) / (2 * small)
         flat = np.eye(3) - up[:, :, None] * up[:, None, :]
         u, s, vt = np.linalg.svd(flat @ bend @ flat)
@@ -184,10 +184,10 @@ def _touching(one: Surface, two: Surface, points: FloatArray) -> Settled:
         x = x - step
         if np.abs(step).max(initial=0.0) < _TRACING_EXACT:
             break
-    a, b = one.normal(x), side[:, None] * two.normal(x)
+    a, b = surface.normal(x), side[:, None] * two.normal(x)
     along = np.cross(a + b, across)
     along = along / np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
-    gap = np.abs(one.distance(x) - side * two.distance(x)) / 2
+    gap = np.abs(surface.distance(x) - side * two.distance(x)) / 2
     holds = np.isfinite(x).all(axis=1) & (np.einsum("ij,ij->i", a, b) > np.cos(np.radians(10.0)))
     return Settled(x, along, gap, holds)
 
@@ -201,21 +201,21 @@ class Traced(NamedTuple):
 
 
 def traced(
-    one: Surface, two: Surface, contacts: FloatArray, spacing: float, *, touching: bool
+    surface: Surface, two: Surface, contacts: FloatArray, spacing: float, *, touching: bool
 ) -> Traced | None:
     """Follow the curve of two surfaces as far as there are contacts (n, 3), and some way beyond.
 
     None where no contact leads to such a curve within two sampling distances.
     """
-    some = contacts[:: max(1, len(contacts) // 200)]
-    start = settled(one, two, some, touching=touching)
-    good = start.holds & (np.linalg.norm(start.points - some, axis=1) < 2 * spacing)
+    sample = contacts[:: max(1, len(contacts) // 200)]
+    start = settled(surface, two, sample, touching=touching)
+    good = start.holds & (np.linalg.norm(start.points - sample, axis=1) < 2 * spacing)
     if good.sum() < 2:
         return None
     first = start.points[good]
     centre = int(np.argmin(np.linalg.norm(first - np.median(first, axis=0), axis=1)))
     tree = cKDTree(contacts)
-    follow = _Follower(one, two, tree, spacing, touching)
+    follow = _Follower(surface, two, tree, spacing, touching)
     ahead, is_closed = follow.from_point(first[centre], start.along[good][centre])
     gap = float(np.median(start.gap[good]))
     if is_closed:
@@ -233,7 +233,7 @@ class _Follower(NamedTuple):
 
     def from_point(self, start: FloatArray, along: FloatArray) -> tuple[FloatArray, bool]:
         """Points (n, 3) from one on, and whether they came back to it."""
-        found, step, lost, gone = [start], self.spacing / 1.5, 0.0, 0.0
+        arrays, step, lost, gone = [start], self.spacing / 1.5, 0.0, 0.0
         here, way = start, along
         for _ in range(_MOST_STEPS):
             next_ = settled(self.one, self.two, (here + step * way)[None], touching=self.touching)
@@ -247,19 +247,19 @@ class _Follower(NamedTuple):
                 continue
             here, way, gone = next_.points[0], ahead, gone + moved
             if gone > 3 * step and np.linalg.norm(here - start) < 1.01 * step and (start - here) @ way >= 0:
-                if np.linalg.norm(here - start) < 0.3 * step and len(found) > 3:
-                    found.pop()
-                    here = found[-1]
-                found.append(next_.points[0])
-                if np.linalg.norm(found[-1] - start) < 0.3 * step:
-                    found.pop()
-                return np.array(found), True
-            found.append(here)
+                if np.linalg.norm(here - start) < 0.3 * step and len(arrays) > 3:
+                    arrays.pop()
+                    here = arrays[-1]
+                arrays.append(next_.points[0])
+                if np.linalg.norm(arrays[-1] - start) < 0.3 * step:
+                    arrays.pop()
+                return np.array(arrays), True
+            arrays.append(here)
             lost = lost + moved if self.tree.query(here)[0] > 2.5 * self.spacing else 0.0
             if lost > 6 * self.spacing:
                 break
             step = min(step * 1.5, self.spacing / 1.5)
-        return np.array(found), False
+        return np.array(arrays), False
 
 
 _CONICS = ("Geom_Line", "Geom_Circle", "Geom_Ellipse", "Geom_Hyperbola", "Geom_Parabola")
@@ -282,7 +282,7 @@ class FoldFinder:
 
     def between(self, pair: tuple[int, int], contacts: FloatArray) -> list[FoldCurve]:
         """The curves of a pair that contacts (n, 3) are near."""
-        found, left = list[FoldCurve](), contacts
+        folds, left = list[FoldCurve](), contacts
         for geometry in self._conics(pair):
             if len(left) < 2:
                 break
@@ -293,28 +293,28 @@ class FoldFinder:
             if near.sum() < 2:
                 continue
             touching = self._instead(curve, left[near])
-            left = self._add(found, touching or curve, left)
+            left = self._add(folds, touching or curve, left)
         for _ in range(_MOST_CURVES):
             if len(left) < 3:
                 break
             curve = self._followed(pair, left)
             if curve is None:
                 break
-            left = self._add(found, curve, left)
-        return found
+            left = self._add(folds, curve, left)
+        return folds
 
-    def _add(self, found: list[FoldCurve], curve: FoldCurve, left: FloatArray) -> FloatArray:
+    def _add(self, folds: list[FoldCurve], curve: FoldCurve, left: FloatArray) -> FloatArray:
         """Add a curve, unless it is there already; return the contacts (n, 3) that are not near it."""
-        same = [one for one in found if np.median(one.tree.query(curve.points)[0]) < _SAME * self.spacing]
+        same = [fold for fold in folds if np.median(fold.tree.query(curve.points)[0]) < _SAME * self.spacing]
         if not same:
-            found.append(curve)
+            folds.append(curve)
         reach = _FAR if same or curve.is_tangent else _NEAR
         return np.asarray(left[curve.tree.query(left)[0] >= reach * self.spacing])
 
     def _conics(self, pair: tuple[int, int]) -> Iterator[Any]:
         """Lines and conics in which the kernel says that two surfaces cross."""
         geom = kernel().Geom
-        kinds = {self.surfaces[one].kind for one in pair}
+        kinds = {self.surfaces[index].kind for index in pair}
         if "torus" in kinds and kinds != {"torus", "plane"} and not self._coaxial(pair):
             return
         try:
@@ -332,9 +332,9 @@ class FoldFinder:
 
     def _coaxial(self, pair: tuple[int, int]) -> bool:
         """Whether two surfaces turn about one axis, a sphere about any through its centre."""
-        one, two = (self.surfaces[place] for place in pair)
-        axes = [getattr(s, "direction", None) for s in (one, two)]
-        places = [getattr(s, "point", getattr(s, "centre", None)) for s in (one, two)]
+        surface, two = (self.surfaces[place] for place in pair)
+        axes = [getattr(s, "direction", None) for s in (surface, two)]
+        places = [getattr(s, "point", getattr(s, "centre", None)) for s in (surface, two)]
         axis = axes[0] if axes[0] is not None else axes[1]
         if axis is None or places[0] is None or places[1] is None:
             return False
@@ -352,10 +352,10 @@ class FoldFinder:
         if type(geometry).__name__ in _CLOSED:
             span = (0.0, 2 * np.pi)
             return tabled(pair, geometry, span, self.spacing, is_closed=True, is_tangent=is_tangent)
-        some = contacts[:: max(1, len(contacts) // 300)]
+        sample = contacts[:: max(1, len(contacts) // 300)]
         project = kernel().GeomAPI.GeomAPI_ProjectPointOnCurve
         feet = list[float]()
-        for point in some:
+        for point in sample:
             foot = project(kernel_point(point), geometry)
             if foot.NbPoints() and foot.LowerDistance() < _NEAR * self.spacing:
                 feet.append(float(foot.LowerDistanceParameter()))
@@ -369,17 +369,17 @@ class FoldFinder:
 
     def _instead(self, curve: FoldCurve, contacts: FloatArray) -> FoldCurve | None:
         """The curve in which the surfaces touch, where they cross so flatly that they are meant to."""
-        one, two = (self.surfaces[place] for place in curve.pair)
+        surface, two = (self.surfaces[place] for place in curve.pair)
         near = curve.points[np.unique(curve.tree.query(contacts)[1])]
-        turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", one.normal(near), two.normal(near))), 0, 1))
+        turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", surface.normal(near), two.normal(near))), 0, 1))
         flat = float(np.median(turn))
         if flat > _SMOOTH:
             return None
         return self._touched(curve.pair, contacts, flat)
 
     def _touched(self, pair: tuple[int, int], contacts: FloatArray, flat: float) -> FoldCurve | None:
-        one, two = (self.surfaces[place] for place in pair)
-        path = traced(one, two, contacts, self.spacing, touching=True)
+        surface, two = (self.surfaces[place] for place in pair)
+        path = traced(surface, two, contacts, self.spacing, touching=True)
         most = self.tolerance if flat > np.radians(4.0) else max(self.tolerance, 0.2 * self.spacing)
         if path is None or path.gap > most or len(path.points) < 4:
             return None
@@ -387,8 +387,8 @@ class FoldFinder:
 
     def _followed(self, pair: tuple[int, int], contacts: FloatArray) -> FoldCurve | None:
         """A curve that the kernel gave no conic for."""
-        one, two = (self.surfaces[place] for place in pair)
-        path = traced(one, two, contacts, self.spacing, touching=False)
+        surface, two = (self.surfaces[place] for place in pair)
+        path = traced(surface, two, contacts, self.spacing, touching=False)
         if path is None or len(path.points) < 4:
             return self._touched(pair, contacts, 0.0)
         curve = self._curve(pair, path, contacts, touching=False)
@@ -412,13 +412,13 @@ class FoldFinder:
 
     def _spline(self, pair: tuple[int, int], path: Traced, *, touching: bool) -> Any | None:
         """The spline through a path, made finer until it lies on both surfaces."""
-        one, two = (self.surfaces[place] for place in pair)
+        surface, two = (self.surfaces[place] for place in pair)
         points = path.points
         geometry = interpolated(points, is_closed=path.is_closed)
         while geometry is not None and len(points) < _MOST_KNOTS:
             knots = chord_lengths(points, path.is_closed)
             between = curve_points(geometry, (knots[1:] + knots[:-1]) / 2)
-            there = settled(one, two, between, touching=touching)
+            there = settled(surface, two, between, touching=touching)
             off = np.linalg.norm(there.points - between, axis=1)
             if not there.holds.all() or off.max() <= (_EXACT if not touching else 1e-4):
                 break

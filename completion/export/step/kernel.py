@@ -38,30 +38,30 @@ def kernel() -> SimpleNamespace:
     """
     if "kernel" not in _loaded:
         import_extra("OCP", "step")
-        found = {name: import_extra(f"OCP.{name}", "step") for name in _MODULES}
-        printer = found["Message"].Message_Printer.get_type_descriptor_s()
-        found["Message"].Message.DefaultMessenger_s().RemovePrinters(printer)  # it would talk on stdout
-        _loaded["kernel"] = SimpleNamespace(**found)
+        items = {name: import_extra(f"OCP.{name}", "step") for name in _MODULES}
+        printer = items["Message"].Message_Printer.get_type_descriptor_s()
+        items["Message"].Message.DefaultMessenger_s().RemovePrinters(printer)  # it would talk on stdout
+        _loaded["kernel"] = SimpleNamespace(**items)
     return _loaded["kernel"]
 
 
 def kernel_errors() -> tuple[type[Exception], ...]:
     """What the kernel raises; its exceptions have no class in common here."""
     modules = kernel().Standard, kernel().StdFail
-    found = [getattr(module, name) for module in modules for name in dir(module)]
-    return tuple(one for one in found if isinstance(one, type) and issubclass(one, Exception))
+    items = [getattr(module, name) for module in modules for name in dir(module)]
+    return tuple(item for item in items if isinstance(item, type) and issubclass(item, Exception))
 
 
 def kernel_point(point: FloatArray) -> Any:
     """A point (3,) of the kernel."""
-    x, y, z = (float(one) for one in point)
+    x, y, z = (float(item) for item in point)
     return kernel().gp.gp_Pnt(x, y, z)
 
 
 def _axes(place: FloatArray, axis: FloatArray, zero: FloatArray) -> Any:
     gp = kernel().gp
-    x, y, z = (float(one) for one in axis)
-    a, b, c = (float(one) for one in zero)
+    x, y, z = (float(item) for item in axis)
+    a, b, c = (float(item) for item in zero)
     return gp.gp_Ax3(kernel_point(place), gp.gp_Dir(x, y, z), gp.gp_Dir(a, b, c))
 
 
@@ -127,7 +127,7 @@ def line_through(points: FloatArray, exact: float) -> Any | None:
     if np.linalg.norm(off, axis=1).max() > exact:
         return None
     gp = kernel().gp
-    return kernel().Geom.Geom_Line(kernel_point(middle), gp.gp_Dir(*(float(one) for one in way)))
+    return kernel().Geom.Geom_Line(kernel_point(middle), gp.gp_Dir(*(float(item) for item in way)))
 
 
 def circle_through(points: FloatArray, exact: float) -> Any | None:
@@ -144,7 +144,7 @@ def circle_through(points: FloatArray, exact: float) -> Any | None:
         return None
     gp = kernel().gp
     centre = middle + a * frame[0] + b * frame[1]
-    up, zero = (gp.gp_Dir(*(float(one) for one in row)) for row in (np.cross(frame[0], frame[1]), frame[0]))
+    up, zero = (gp.gp_Dir(*(float(item) for item in row)) for row in (np.cross(frame[0], frame[1]), frame[0]))
     return kernel().Geom.Geom_Circle(gp.gp_Ax2(kernel_point(centre), up, zero), radius)
 
 
@@ -196,13 +196,13 @@ def step_bytes(shape: Any, faces: Sequence[NamedFace], name: str) -> bytes:
     colours = xcaf.XCAFDoc_DocumentTool.ColorTool_s(document.Main())
     layers = xcaf.XCAFDoc_DocumentTool.LayerTool_s(document.Main())
     root = tool.FindShape(shape)
-    for one in faces:
-        label = tool.AddSubShape(root, one.face)
+    for face in faces:
+        label = tool.AddSubShape(root, face.face)
         if label.IsNull():
             continue
-        kernel().TDataStd.TDataStd_Name.Set_s(label, text(one.name))
-        colours.SetColor(label, _colour(one.colour), xcaf.XCAFDoc_ColorType.XCAFDoc_ColorSurf)
-        layers.SetLayer(label, text(one.layer))
+        kernel().TDataStd.TDataStd_Name.Set_s(label, text(face.name))
+        colours.SetColor(label, _colour(face.colour), xcaf.XCAFDoc_ColorType.XCAFDoc_ColorSurf)
+        layers.SetLayer(label, text(face.layer))
     return _written(document, name)
 
 
@@ -217,7 +217,7 @@ def _document(shape: Any, name: str) -> tuple[Any, Any]:
 
 def _colour(colour: tuple[int, int, int]) -> Any:
     kind = kernel().Quantity
-    red, green, blue = (one / 255 for one in colour)
+    red, green, blue = (number / 255 for number in colour)
     return kind.Quantity_Color(red, green, blue, kind.Quantity_TypeOfColor.Quantity_TOC_sRGB)
 
 
@@ -243,7 +243,9 @@ def _written(document: Any, name: str) -> bytes:
         if done != kernel().IFSelect.IFSelect_ReturnStatus.IFSelect_RetDone or not file.is_file():
             raise InputError("the geometry kernel could not write the part as STEP")
         data = file.read_text("utf-8")
-    safe = "".join(one if one.isascii() and one.isprintable() and one not in "'\\" else "_" for one in name)
+    safe = "".join(
+        text if text.isascii() and text.isprintable() and text not in "'\\" else "_" for text in name
+    )
     return _HEADER.sub(lambda _found: _NAME.format(name=safe), data, count=1).encode()
 
 
@@ -272,9 +274,9 @@ def spline_surface(patch: SplinePatch) -> Any:
     for row in range(n):
         for column in range(m):
             held.SetValue(row + 1, column + 1, kernel_point(patch.controls[row, column]))
-    knots, counts = zip(*(_counted(one) for one in patch.knots), strict=True)
-    told = (*knots, *counts, *patch.degree, False, False)
-    return kernel().Geom.Geom_BSplineSurface(held, *told)
+    knots, counts = zip(*(_counted(knot) for knot in patch.knots), strict=True)
+    items = (*knots, *counts, *patch.degree, False, False)
+    return kernel().Geom.Geom_BSplineSurface(held, *items)
 
 
 def _counted(knots: FloatArray) -> tuple[Any, Any]:

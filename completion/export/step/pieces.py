@@ -64,70 +64,70 @@ class _Crossing:
 def corners_of(curves: Sequence[FoldCurve], spacing: float) -> list[Corner]:
     """Return the corners of curves, millimetres."""
     crossings = [
-        one
+        crossing
         for a in range(len(curves))
         for b in range(a + 1, len(curves))
         if set(curves[a].pair) & set(curves[b].pair) and _may_meet(curves[a], curves[b], spacing)
-        for one in _crossings(a, b, curves, spacing)
+        for crossing in _crossings(a, b, curves, spacing)
     ]
-    found = list[Corner]()
+    corners = list[Corner]()
     for group in _groups(crossings, _MERGED * spacing):
-        best = min(group, key=lambda one: one.rank)
-        alike = [one for one in group if one.is_steep == best.is_steep]
-        exact = [one.point for one in alike if one.gap <= max(1e-7, 1.5 * best.gap)]
+        best = min(group, key=lambda item: item.rank)
+        alike = [item for item in group if item.is_steep == best.is_steep]
+        exact = [item.point for item in alike if item.gap <= max(1e-7, 1.5 * best.gap)]
         near = [point for point in exact if np.linalg.norm(point - best.point) < 1e-3 * spacing]
         corner = Corner(np.mean(near, axis=0))
-        for place in sorted({curve for one in group for curve in one.curves}):
+        for place in sorted({curve for item in group for curve in item.curves}):
             t, off = curves[place].feet(corner.point[None])
             corner.at[place] = [float(t[0])]
             corner.off = max(corner.off, float(off[0]))
-        found.append(corner)
-    return found
+        corners.append(corner)
+    return corners
 
 
-def _may_meet(one: FoldCurve, two: FoldCurve, spacing: float) -> bool:
-    low = np.maximum(one.points.min(axis=0), two.points.min(axis=0))
-    high = np.minimum(one.points.max(axis=0), two.points.max(axis=0))
+def _may_meet(fold: FoldCurve, two: FoldCurve, spacing: float) -> bool:
+    low = np.maximum(fold.points.min(axis=0), two.points.min(axis=0))
+    high = np.minimum(fold.points.max(axis=0), two.points.max(axis=0))
     return bool((low <= high + spacing).all())
 
 
 def _crossings(a: int, b: int, curves: Sequence[FoldCurve], spacing: float) -> Iterator[_Crossing]:
     """Where two curves are nearest to each other, and near enough."""
-    one, two = curves[a], curves[b]
-    apart, nearest = two.tree.query(one.points)
+    fold, two = curves[a], curves[b]
+    apart, nearest = two.tree.query(fold.points)
     if (apart < _COINCIDE * spacing + 1e-9).sum() > max(5, 0.1 * len(apart)):
         return  # one curve twice, between faces of one surface
-    step = np.linalg.norm(np.diff(one.points, axis=0), axis=1).max(initial=0.0)
+    step = np.linalg.norm(np.diff(fold.points, axis=0), axis=1).max(initial=0.0)
     other = np.linalg.norm(np.diff(two.points, axis=0), axis=1).max(initial=0.0)
     reach = step + other + _MEET * spacing
     before, after = np.roll(apart, 1), np.roll(apart, -1)
-    if not one.is_closed:
+    if not fold.is_closed:
         before[0] = after[-1] = np.inf
     least = np.flatnonzero((apart <= before) & (apart <= after) & (apart <= reach))
     for place in least:
-        t, s, gap = _nearest(one, two, float(one.t[place]), float(two.t[nearest[place]]))
+        t, s, gap = _nearest(fold, two, float(fold.t[place]), float(two.t[nearest[place]]))
         if gap <= _MEET * spacing:
-            point = (one.at(np.array([t]))[0] + two.at(np.array([s]))[0]) / 2
-            if np.linalg.norm(point - one.points[place]) <= 2 * reach:
-                yield _Crossing((a, b), point, gap, _sine(one, t, two, s) > _STEEP)
+            point = (fold.at(np.array([t]))[0] + two.at(np.array([s]))[0]) / 2
+            if np.linalg.norm(point - fold.points[place]) <= 2 * reach:
+                yield _Crossing((a, b), point, gap, _sine(fold, t, two, s) > _STEEP)
 
 
-def _nearest(one: FoldCurve, two: FoldCurve, t: float, s: float) -> tuple[float, float, float]:
+def _nearest(fold: FoldCurve, two: FoldCurve, t: float, s: float) -> tuple[float, float, float]:
     """Parameters at which two curves are nearest, from near ones on, and the distance there."""
     for _ in range(_N_STEPS):
-        p, u = one.slope(t)
+        p, u = fold.slope(t)
         q, v = two.slope(s)
         matrix = np.column_stack([u, -v])
         change = np.linalg.lstsq(matrix, q - p, rcond=1e-6)[0]
-        t, s = _kept(one, t + float(change[0])), _kept(two, s + float(change[1]))
+        t, s = _kept(fold, t + float(change[0])), _kept(two, s + float(change[1]))
         if np.abs(matrix @ change).max() < 1e-12 and np.linalg.norm(u) * abs(change[0]) < 1e-10:
             break
-    return t, s, float(np.linalg.norm(one.slope(t)[0] - two.slope(s)[0]))
+    return t, s, float(np.linalg.norm(fold.slope(t)[0] - two.slope(s)[0]))
 
 
-def _sine(one: FoldCurve, t: float, two: FoldCurve, s: float) -> float:
+def _sine(fold: FoldCurve, t: float, two: FoldCurve, s: float) -> float:
     """Sine of the angle between two curves at parameters."""
-    u, v = one.slope(t)[1], two.slope(s)[1]
+    u, v = fold.slope(t)[1], two.slope(s)[1]
     return float(np.linalg.norm(np.cross(u, v)) / max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-300))
 
 
@@ -140,15 +140,15 @@ def _groups(crossings: Sequence[_Crossing], near: float) -> list[list[_Crossing]
     order = sorted(range(len(crossings)), key=lambda k: (*crossings[k].rank, k))
     heads, groups = list[FloatArray](), list[list[_Crossing]]()
     for k in order:
-        one = crossings[k]
+        item = crossings[k]
         if heads:
-            apart = np.linalg.norm(np.array(heads) - one.point, axis=1)
+            apart = np.linalg.norm(np.array(heads) - item.point, axis=1)
             best = int(apart.argmin())
             if apart[best] <= near:
-                groups[best].append(one)
+                groups[best].append(item)
                 continue
-        heads.append(one.point)
-        groups.append([one])
+        heads.append(item.point)
+        groups.append([item])
     return groups
 
 
@@ -188,22 +188,22 @@ def pieces_of(
     are added to `corners`.
     """
     fixed = tuple(corners)
-    found = list[Piece]()
+    pieces = list[Piece]()
     for place, curve in enumerate(curves):
-        own = contacts[(between == curve.pair).all(axis=1)]
-        asked = _Asked(curve, place, cKDTree(own), step, corners)
+        item = contacts[(between == curve.pair).all(axis=1)]
+        asked = _Asked(curve, place, cKDTree(item), step, corners)
         at = sorted((t, k) for k, corner in enumerate(fixed) for t in corner.at.get(place, ()))
         if not at:
-            found += [asked.whole()] if curve.is_closed else asked.measured(curve.low, curve.high, (-1, -1))
+            pieces += [asked.whole()] if curve.is_closed else asked.measured(curve.low, curve.high, (-1, -1))
             continue
-        found += [asked.piece(t, s, (k, m)) for (t, k), (s, m) in pairwise(at)]
+        pieces += [asked.piece(t, s, (k, m)) for (t, k), (s, m) in pairwise(at)]
         if curve.is_closed:
             (t, k), (s, m) = at[-1], at[0]
-            found.append(asked.piece(t, s + curve.high - curve.low, (k, m)))
+            pieces.append(asked.piece(t, s + curve.high - curve.low, (k, m)))
         else:
-            found += asked.measured(curve.low, at[0][0], (-1, at[0][1]))
-            found += asked.measured(at[-1][0], curve.high, (at[-1][1], -1))
-    return [one for one in found if one.length > 1e-6]
+            pieces += asked.measured(curve.low, at[0][0], (-1, at[0][1]))
+            pieces += asked.measured(at[-1][0], curve.high, (at[-1][1], -1))
+    return [piece for piece in pieces if piece.length > 1e-6]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,13 +244,13 @@ class _Asked:
         last = high if ends[1] >= 0 else max(float(t[on[-1]]) - inset, first)
         if last <= first:
             return []
-        one = self.piece(first, last, ends)
-        if one.length < _STUB * self.step or one.support <= 0.5:
+        piece = self.piece(first, last, ends)
+        if piece.length < _STUB * self.step or piece.support <= 0.5:
             return []
         known = tuple(
             corner if corner >= 0 else self._free(t) for corner, t in zip(ends, (first, last), strict=True)
         )
-        return [replace(one, ends=(known[0], known[1]))]
+        return [replace(piece, ends=(known[0], known[1]))]
 
     def _free(self, t: float) -> int:
         """A new corner at a free end."""
@@ -267,9 +267,9 @@ def chosen(
     n = len(pieces)
     rows = dict[tuple[int, int], int]()
     entries = list[tuple[int, int, float]]()
-    for column, one in enumerate(pieces):
-        for corner in one.ends:
-            for region in curves[one.curve].pair if corner >= 0 and not corners[corner].is_free else ():
+    for column, piece in enumerate(pieces):
+        for corner in piece.ends:
+            for region in curves[piece.curve].pair if corner >= 0 and not corners[corner].is_free else ():
                 row = rows.setdefault((region, corner), len(rows))
                 entries.append((row, column, 1.0))
     m = len(rows)
@@ -282,9 +282,9 @@ def chosen(
         places = np.array([entry[:2] for entry in entries]).T
         matrix = coo_array(([entry[2] for entry in entries], tuple(places)), shape=(m, n + 2 * m)).tocsr()
         constraints = [LinearConstraint(matrix, 0, 0)]
-    found = milp(cost, integrality=np.ones(n + 2 * m), bounds=Bounds(0, upper), constraints=constraints)
-    taken = found.x is not None
-    is_chosen = np.round(found.x[:n]).astype(bool) if taken else np.array([p.support > 0.5 for p in pieces])
+    item = milp(cost, integrality=np.ones(n + 2 * m), bounds=Bounds(0, upper), constraints=constraints)
+    taken = item.x is not None
+    is_chosen = np.round(item.x[:n]).astype(bool) if taken else np.array([p.support > 0.5 for p in pieces])
     kept = [one for one, is_kept in zip(pieces, is_chosen, strict=True) if is_kept]
     return _through(kept, curves)
 
@@ -293,30 +293,32 @@ def _through(pieces: list[Piece], curves: Sequence[FoldCurve]) -> list[Piece]:
     """Pieces with those made one that follow each other at a corner where nothing else meets."""
     at = dict[int, list[int]]()
     alive: dict[int, Piece] = dict(enumerate(pieces))
-    for place, one in alive.items():
-        for corner in one.ends:
+    for place, piece in alive.items():
+        for corner in piece.ends:
             if corner >= 0:
                 at.setdefault(corner, []).append(place)
     for corner, places in at.items():
         if len(places) != 2:
             continue
         a, b = places
-        one, two = alive[a], alive[b]
-        if one.curve != two.curve:
+        piece, two = alive[a], alive[b]
+        if piece.curve != two.curve:
             continue
-        period = curves[one.curve].high - curves[one.curve].low
+        period = curves[piece.curve].high - curves[piece.curve].low
         if a == b:
-            alive[a] = replace(one, ends=(-2, -2))
+            alive[a] = replace(piece, ends=(-2, -2))
             continue
-        if one.ends[1] != corner:
-            one, two = two, one
-        if one.ends[1] != corner or two.ends[0] != corner:
+        if piece.ends[1] != corner:
+            piece, two = two, piece
+        if piece.ends[1] != corner or two.ends[0] != corner:
             continue
-        turns = round((one.high - two.low) / period) if curves[one.curve].is_closed else 0
-        length = one.length + two.length
-        support = (one.support * one.length + two.support * two.length) / length
-        ends = (one.ends[0], two.ends[1])
-        alive[a] = Piece(one.curve, one.low, two.high + turns * period, ends, support=support, length=length)
+        turns = round((piece.high - two.low) / period) if curves[piece.curve].is_closed else 0
+        length = piece.length + two.length
+        support = (piece.support * piece.length + two.support * two.length) / length
+        ends = (piece.ends[0], two.ends[1])
+        alive[a] = Piece(
+            piece.curve, piece.low, two.high + turns * period, ends, support=support, length=length
+        )
         del alive[b]
         for others in at.values():
             others[:] = [a if place == b else place for place in others]
@@ -345,36 +347,36 @@ def loops_of(
     region: int, pieces: Sequence[Piece], curves: Sequence[FoldCurve], surface: Surface, near: Nearby
 ) -> RegionLoops:
     """Return the loops of a region, each with the region's points on its left, seen against the normal."""
-    own = [k for k, one in enumerate(pieces) if region in curves[one.curve].pair]
-    left = {k: near.leftness(pieces[k], curves[pieces[k].curve], surface) for k in own}
-    closed = [[Side(k, left[k] >= 0)] for k in own if pieces[k].is_loop]
+    numbers = [k for k, piece in enumerate(pieces) if region in curves[piece.curve].pair]
+    left = {k: near.leftness(pieces[k], curves[pieces[k].curve], surface) for k in numbers}
+    closed = [[Side(k, left[k] >= 0)] for k in numbers if pieces[k].is_loop]
     rest = list[list[Side]]()
-    unused = {k for k in own if not pieces[k].is_loop}
+    unused = {k for k in numbers if not pieces[k].is_loop}
     ends = {k: pieces[k].ends for k in unused}
     at = dict[int, list[int]]()
     for k in sorted(unused):
         for corner in ends[k]:
             if corner >= 0:
                 at.setdefault(corner, []).append(k)
-    odd = [k for corner, some in sorted(at.items()) if len(some) % 2 for k in some[:1]]
+    odd = [k for corner, item in sorted(at.items()) if len(item) % 2 for k in item[:1]]
     for start in (*odd, *sorted(unused)):
         if start not in unused:
             continue
         chain = _chain(start, ends, at, unused, left)
         is_closed = _begin(chain[0], ends) == _end(chain[-1], ends) >= 0
-        weight = sum(left[one.piece] * (1 if one.is_forward else -1) for one in chain)
+        weight = sum(left[side.piece] * (1 if side.is_forward else -1) for side in chain)
         if weight < 0:
-            chain = [Side(one.piece, not one.is_forward) for one in reversed(chain)]
+            chain = [Side(side.piece, not side.is_forward) for side in reversed(chain)]
         (closed if is_closed else rest).append(chain)
     return RegionLoops(closed, rest)
 
 
-def _begin(one: Side, ends: dict[int, tuple[int, int]]) -> int:
-    return ends[one.piece][0 if one.is_forward else 1]
+def _begin(side: Side, ends: dict[int, tuple[int, int]]) -> int:
+    return ends[side.piece][0 if side.is_forward else 1]
 
 
-def _end(one: Side, ends: dict[int, tuple[int, int]]) -> int:
-    return ends[one.piece][1 if one.is_forward else 0]
+def _end(side: Side, ends: dict[int, tuple[int, int]]) -> int:
+    return ends[side.piece][1 if side.is_forward else 0]
 
 
 def _chain(
@@ -412,9 +414,9 @@ def loop_points(
     """Points (k, 3) along a loop, in order, n of each piece."""
     parts = list[FloatArray]()
     for side in loop:
-        one = pieces[side.piece]
-        t = np.linspace(one.low, one.high, n, endpoint=False)
-        parts.append(curves[one.curve].at(t if side.is_forward else one.high + one.low - t))
+        piece = pieces[side.piece]
+        t = np.linspace(piece.low, piece.high, n, endpoint=False)
+        parts.append(curves[piece.curve].at(t if side.is_forward else piece.high + piece.low - t))
     return np.concatenate(parts)
 
 
@@ -428,15 +430,15 @@ class Nearby:
     def leftness(self, piece: Piece, curve: FoldCurve, surface: Surface) -> float:
         """Positive where the points are on the left of a piece, seen against the surface's normal; in mm."""
         t = piece.low + (np.arange(_N_SAMPLES) + 0.5) / _N_SAMPLES * (piece.high - piece.low)
-        told, weight = 0.0, piece.length / _N_SAMPLES
-        for one in t:
-            place, along = curve.slope(float(one))
+        value, weight = 0.0, piece.length / _N_SAMPLES
+        for item in t:
+            place, along = curve.slope(float(item))
             leftward = np.cross(surface.normal(place[None])[0], along / np.linalg.norm(along))
             near = self.tree.query_ball_point(place, _ASIDE * self.spacing)
             if near:
                 side = np.clip((self.points[near] - place) @ leftward / self.spacing, -1, 1)
-                told += weight * float(side.mean())
-        return told
+                value += weight * float(side.mean())
+        return value
 
 
 _N_RING_SAMPLES = 24  # of a piece
@@ -472,14 +474,14 @@ def nested(
         face = shapes[n]
         for k in holes:
             face = face.difference(shapes[k])
-        if not any(face.contains(Point(one)) for one in uv[:: max(1, len(uv) // 2000)]):
+        if not any(face.contains(Point(item)) for item in uv[:: max(1, len(uv) // 2000)]):
             continue
         faces.append([_turned(loops[n], areas[n] < 0), *(_turned(loops[k], areas[k] > 0) for k in holes)])
     return faces
 
 
 def _turned(loop: list[Side], is_wrong: bool) -> list[Side]:
-    return [Side(one.piece, not one.is_forward) for one in reversed(loop)] if is_wrong else loop
+    return [Side(side.piece, not side.is_forward) for side in reversed(loop)] if is_wrong else loop
 
 
 def _area(ring: FloatArray) -> float:

@@ -90,17 +90,17 @@ class StepModel:
             "solid": self.is_solid,
             "solids": self.n_solids,
             "open_shells": self.n_open,
-            "faces": sum(not one.reason for one in self.faces),
+            "faces": sum(not face.reason for face in self.faces),
             "regions": len(self.faces),
             "volume_m3": self.volume_m3 if self.n_solids else None,
             "valid": self.is_valid,
             "gap_m": self.gap_m,
             "reason": self.reason or None,
-            "open_faces": [one.number for one in self.faces if one.is_open and not one.reason],
+            "open_faces": [face.number for face in self.faces if face.is_open and not face.reason],
             "without_face": [
-                {"surface": one.number, "kind": one.kind, "reason": one.reason}
-                for one in self.faces
-                if one.reason
+                {"surface": face.number, "kind": face.kind, "reason": face.reason}
+                for face in self.faces
+                if face.reason
             ],
         }
 
@@ -147,12 +147,12 @@ def sewn(faces: Sequence[Any], spacing: float, gap: float) -> Sewn:
     whole = sewing.SewedShape()
     moved = [sewing.ModifiedSubShape(face) if sewing.IsModifiedSubShape(face) else face for face in faces]
     shells = [*_found(whole, "TopAbs_SHELL"), *map(_shell, _found(whole, "TopAbs_FACE", "TopAbs_SHELL"))]
-    closed = [one for one in shells if modules.BRep.BRep_Tool.IsClosed_s(one)]
-    still_open = [one for one in shells if not modules.BRep.BRep_Tool.IsClosed_s(one)]
-    solids = _solids([modules.TopoDS.TopoDS.Shell(one) for one in closed])
+    closed = [shell for shell in shells if modules.BRep.BRep_Tool.IsClosed_s(shell)]
+    still_open = [shell for shell in shells if not modules.BRep.BRep_Tool.IsClosed_s(shell)]
+    solids = _solids([modules.TopoDS.TopoDS.Shell(item) for item in closed])
     parts = [*solids, *still_open]
     shape = parts[0] if len(parts) == 1 else _compound(parts)
-    volume = sum(volume_of(one) for one in solids)
+    volume = sum(volume_of(solid) for solid in solids)
     is_sound = bool(parts) and is_valid(shape)
     return Sewn(shape, moved, len(solids), len(still_open), volume_mm3=volume, is_valid=is_sound)
 
@@ -165,11 +165,11 @@ def _found(shape: Any, kind: str, without: str | None = None) -> list[Any]:
         if without is None
         else modules.TopExp.TopExp_Explorer(shape, getattr(kinds, kind), getattr(kinds, without))
     )
-    found = list[Any]()
+    items = list[Any]()
     while walk.More():
-        found.append(walk.Current())
+        items.append(walk.Current())
         walk.Next()
-    return found
+    return items
 
 
 def _shell(face: Any) -> Any:
@@ -183,14 +183,14 @@ def _shell(face: Any) -> Any:
 def _compound(parts: Sequence[Any]) -> Any:
     made, build = kernel().TopoDS.TopoDS_Compound(), kernel().BRep.BRep_Builder()
     build.MakeCompound(made)
-    for one in parts:
-        build.Add(made, one)
+    for part in parts:
+        build.Add(made, part)
     return made
 
 
 def _solids(shells: Sequence[Any]) -> list[Any]:
     """A solid of each closed shell; shells within it are its cavities."""
-    alone = [_solid([one]) for one in shells]
+    alone = [_solid([shell]) for shell in shells]
     order = sorted(range(len(alone)), key=lambda k: -volume_of(alone[k]))
     cavities = dict[int, list[int]]()
     outer = list[int]()
@@ -290,18 +290,18 @@ class _Attempt(NamedTuple):
     @property
     def n_failed(self) -> int:
         """Regions without a face."""
-        return sum(bool(one.reason) for one in self.outcomes)
+        return sum(bool(outcome.reason) for outcome in self.outcomes)
 
 
 def _attempt(parts: PartRegions) -> _Attempt:
     """Trim the surfaces of all regions."""
     # 1. Regions: all in millimetres from here on.
-    surfaces = [in_millimetres(one.surface) for one in parts.regions]
+    surfaces = [in_millimetres(region.surface) for region in parts.regions]
     points = [parts.points[parts.region == k] * MM for k in range(len(surfaces))]
     spacing, contacts = parts.spacing_m * MM, parts.contacts * MM
 
     # 2. Folds: the curves in which neighbours cross, or touch where they are tangent.
-    finder = FoldFinder(surfaces, [kernel_surface(one) for one in surfaces], spacing, parts.noise_m * MM)
+    finder = FoldFinder(surfaces, [kernel_surface(item) for item in surfaces], spacing, parts.noise_m * MM)
     curves = [
         curve
         for pair in np.unique(parts.between, axis=0).tolist()
@@ -316,38 +316,44 @@ def _attempt(parts: PartRegions) -> _Attempt:
     kept = chosen(pieces, curves, corners, spacing)
 
     # 5. Loops: pieces in order around each region, which lies on their left; open ends close as measured.
-    near = [Nearby(own, spacing) for own in points]
-    loops = [loops_of(k, kept, curves, one, near[k]) for k, one in enumerate(surfaces)]
+    near = [Nearby(item, spacing) for item in points]
+    loops = [loops_of(k, kept, curves, item, near[k]) for k, item in enumerate(surfaces)]
 
     ends = OpenEnds(kept, curves, corners, surfaces, spacing)
     is_open = [False] * len(surfaces)
-    for k, own in enumerate(points):
-        loops[k], is_open[k] = ends.closed(k, loops[k], own)
+    for k, point in enumerate(points):
+        loops[k], is_open[k] = ends.closed(k, loops[k], point)
 
     # 6. Seams: where surfaces that return to themselves are cut open.
     seams = Seams(kept, curves, surfaces)
-    for surface, own in zip(surfaces, loops, strict=True):
-        seams.begin_on_tubes(surface, own.closed)
+    for surface, point in zip(surfaces, loops, strict=True):
+        seams.begin_on_tubes(surface, point.closed)
     shapes = [
-        seams.shape(one, own, found.closed) for one, own, found in zip(surfaces, points, loops, strict=True)
+        seams.shape(item, members, loop.closed)
+        for item, members, loop in zip(surfaces, points, loops, strict=True)
     ]
 
     # 7. Faces: each surface within its loops; what does not hold its region's points is none.
     make = EdgeMaker(seams.pieces, curves, corners, surfaces)
     maker = FaceMaker(parts, make, spacing)
     trimmed = [
-        maker.faces(surface, shape, found, own)
-        for surface, shape, found, own in zip(surfaces, shapes, loops, points, strict=True)
+        maker.faces(surface, shape, loop, item)
+        for surface, shape, loop, item in zip(surfaces, shapes, loops, points, strict=True)
     ]
     outcomes = tuple(
         FaceOutcome(
-            region.number, region.surface.kind, one.reason, one.measured, sd_m=region.sd_m, is_open=ends_open
+            region.number,
+            region.surface.kind,
+            region_faces.reason,
+            region_faces.measured,
+            sd_m=region.sd_m,
+            is_open=ends_open,
         )
-        for region, one, ends_open in zip(parts.regions, trimmed, is_open, strict=True)
+        for region, region_faces, ends_open in zip(parts.regions, trimmed, is_open, strict=True)
     )
-    gap = max((make.off(one) for one in seams.pieces), default=0.0)
-    faces = [(face, k) for k, one in enumerate(trimmed) for face in one.faces]
-    held = sum(len(own) for own, one in zip(points, trimmed, strict=True) if one.faces)
+    gap = max((make.off(piece) for piece in seams.pieces), default=0.0)
+    faces = [(face, k) for k, region_faces in enumerate(trimmed) for face in region_faces.faces]
+    held = sum(len(item) for item, region_faces in zip(points, trimmed, strict=True) if region_faces.faces)
     return _Attempt(
         [face for face, _ in faces], [k for _, k in faces], outcomes, gap=gap, spacing=spacing, n_held=held
     )
@@ -357,7 +363,7 @@ def _small_failures(parts: PartRegions, outcomes: Sequence[FaceOutcome], most: i
     """Places of regions without a face that are so small that their neighbours may be extended across."""
     size = np.bincount(parts.region, minlength=len(parts.regions))
     least = min(most, _SMALL_SHARE * size.sum())
-    return [k for k, one in enumerate(outcomes) if one.reason and size[k] <= least]
+    return [k for k, outcome in enumerate(outcomes) if outcome.reason and size[k] <= least]
 
 
 def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> StepModel:
@@ -394,26 +400,30 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> Step
 
 def _told(outcomes: Sequence[FaceOutcome], n: int) -> str:
     """Which surfaces have no face, and why, in one sentence."""
-    failed = [one for one in outcomes if one.reason]
-    free = [str(one.number) for one in outcomes if one.is_open and not one.reason]
+    failed = [outcome for outcome in outcomes if outcome.reason]
+    free = [str(outcome.number) for outcome in outcomes if outcome.is_open and not outcome.reason]
     if not failed and free:
         whose = f"surface {free[0]} ends" if len(free) == 1 else f"surfaces {', '.join(free)} end"
         return f"{whose} where the measurement does, without a neighbour"
     if not failed:
         return ""
-    told = "; ".join(f"surface {one.number} ({one.kind}): {one.reason}" for one in failed[:_MOST_TOLD])
+    sentence = "; ".join(
+        f"surface {outcome.number} ({outcome.kind}): {outcome.reason}" for outcome in failed[:_MOST_TOLD]
+    )
     more = f"; and {len(failed) - _MOST_TOLD} more" if len(failed) > _MOST_TOLD else ""
-    return f"{len(failed)} of {n} surfaces could not be trimmed: {told}{more}"
+    return f"{len(failed)} of {n} surfaces could not be trimmed: {sentence}{more}"
 
 
-def _name(one: FaceOutcome) -> str:
-    sd = f"sd {1e6 * one.sd_m:.3g} um"
-    end = ", open end" if one.is_open else ""
-    return f"surface {one.number} {one.kind}, {100 * one.measured_share:.0f} % measured, {sd}{end}"
+def _name(outcome: FaceOutcome) -> str:
+    sd = f"sd {1e6 * outcome.sd_m:.3g} um"
+    end = ", open end" if outcome.is_open else ""
+    return (
+        f"surface {outcome.number} {outcome.kind}, {100 * outcome.measured_share:.0f} % measured, {sd}{end}"
+    )
 
 
-def _layer(one: FaceOutcome) -> str:
-    return "MEASURED" if one.measured_share >= MEASURED else "PARTLY-INFERRED"
+def _layer(outcome: FaceOutcome) -> str:
+    return "MEASURED" if outcome.measured_share >= MEASURED else "PARTLY-INFERRED"
 
 
 def _colour(place: int) -> tuple[int, int, int]:

@@ -97,42 +97,45 @@ def part_regions(
     """
     if not regions:
         raise InputError("there is no surface to export as STEP: nothing was fitted to the part")
-    for one in regions:
-        if not isinstance(one.surface, KINDS):
-            raise InputError(f"surface {one.number} is of kind {one.surface.kind}, which STEP export has not")
+    for fitted_region in regions:
+        if not isinstance(fitted_region.surface, KINDS):
+            raise InputError(
+                f"surface {fitted_region.number} is of kind {fitted_region.surface.kind}, "
+                "which STEP export has not"
+            )
     place = np.asarray(points, dtype=np.float64)
-    own = np.asarray(region, dtype=np.int64)
-    if place.ndim != 2 or place.shape[1] != 3 or own.shape != (len(place),):
-        raise InputError(f"expected points (n, 3) and regions (n,), got {place.shape} and {own.shape}")
-    used = own >= 0
+    members = np.asarray(region, dtype=np.int64)
+    if place.ndim != 2 or place.shape[1] != 3 or members.shape != (len(place),):
+        raise InputError(f"expected points (n, 3) and regions (n,), got {place.shape} and {members.shape}")
+    used = members >= 0
     bad = int((~np.isfinite(place[used])).any(axis=1).sum())
     if bad:
         raise InputError(f"{bad} of {int(used.sum())} points on surfaces are not finite; drop them first")
     if not (np.isfinite(spacing_m) and spacing_m > 0):
         raise InputError(f"the sampling distance must be a positive number of metres, got {spacing_m}")
-    if int(own.max(initial=-1)) >= len(regions):
-        raise InputError(f"a point is of region {int(own.max())}, but there are {len(regions)}")
-    place, own = place[used], own[used]
-    contacts, between = _contacts(place, own, spacing_m)
+    if int(members.max(initial=-1)) >= len(regions):
+        raise InputError(f"a point is of region {int(members.max())}, but there are {len(regions)}")
+    place, members = place[used], members[used]
+    contacts, between = _contacts(place, members, spacing_m)
     return PartRegions(
-        tuple(regions), place, own, contacts, between=between, spacing_m=spacing_m, noise_m=noise_m
+        tuple(regions), place, members, contacts, between=between, spacing_m=spacing_m, noise_m=noise_m
     )
 
 
-def _contacts(points: FloatArray, own: IntArray, spacing_m: float) -> tuple[FloatArray, IntArray]:
+def _contacts(points: FloatArray, members: IntArray, spacing_m: float) -> tuple[FloatArray, IntArray]:
     """Middles (m, 3) of near points of two regions, and these regions (m, 2)."""
     if len(points) < _LEAST:
         return np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
     tree = cKDTree(points)
     apart, near = tree.query(points, k=min(_N_LINKED + 1, len(points)))
-    one = np.repeat(np.arange(len(points)), near.shape[1])
+    values = np.repeat(np.arange(len(points)), near.shape[1])
     two, length = near.ravel(), apart.ravel()
-    kept = (own[one] != own[two]) & (length <= _APART * spacing_m)
-    one, two = one[kept], two[kept]
-    pairs = np.unique(np.sort(np.column_stack([one, two]), axis=1), axis=0)
-    between = own[pairs]
+    kept = (members[values] != members[two]) & (length <= _APART * spacing_m)
+    values, two = values[kept], two[kept]
+    pairs = np.unique(np.sort(np.column_stack([values, two]), axis=1), axis=0)
+    between = members[pairs]
     middle = points[pairs].mean(axis=1)
-    nearest = own[tree.query(middle)[1]]  # of a third region where that lies between
+    nearest = members[tree.query(middle)[1]]  # of a third region where that lies between
     kept = (between == nearest[:, None]).any(axis=1)
     between, middle = between[kept], middle[kept]
     order = np.argsort(between, axis=1)
@@ -147,31 +150,31 @@ def joined(parts: PartRegions) -> PartRegions:
     n = len(parts.regions)
     head = list(range(n))
 
-    def root(one: int) -> int:
-        while head[one] != one:
-            one = head[one]
-        return one
+    def root(index: int) -> int:
+        while head[index] != index:
+            index = head[index]
+        return index
 
     size = np.bincount(parts.region, minlength=n)
     tolerance = max(3 * parts.noise_m, 1e-2 * parts.spacing_m)
     pairs, count = np.unique(parts.between, axis=0, return_counts=True)
-    for (one, two), n_contacts in zip(pairs.tolist(), count.tolist(), strict=True):
-        a, b = root(one), root(two)
+    for (item, two), n_contacts in zip(pairs.tolist(), count.tolist(), strict=True):
+        a, b = root(item), root(two)
         if a == b or n_contacts < 2:
             continue
         large, small = (a, b) if size[a] >= size[b] else (b, a)
         if _is_one(parts, large, small, tolerance):
             head[small] = large
             size[large] += size[small]
-    heads = [root(one) for one in range(n)]
-    kept = [one for one in range(n) if heads[one] == one]
+    heads = [root(index) for index in range(n)]
+    kept = [index for index in range(n) if heads[index] == index]
     number = np.full(n, -1)
     number[kept] = np.arange(len(kept))
     new = number[heads]
     between = np.sort(new[parts.between], axis=1)
     differ = between[:, 0] != between[:, 1]
     return PartRegions(
-        regions=tuple(parts.regions[one] for one in kept),
+        regions=tuple(parts.regions[index] for index in kept),
         points=parts.points,
         region=new[parts.region],
         contacts=parts.contacts[differ],
@@ -181,9 +184,9 @@ def joined(parts: PartRegions) -> PartRegions:
     )
 
 
-def without(parts: PartRegions, some: Sequence[int]) -> PartRegions:
+def without(parts: PartRegions, numbers: Sequence[int]) -> PartRegions:
     """Return regions without some, given by their places: their neighbours touch across them."""
-    kept = [k for k in range(len(parts.regions)) if k not in some]
+    kept = [k for k in range(len(parts.regions)) if k not in numbers]
     place = np.full(len(parts.regions), -1)
     place[kept] = np.arange(len(kept))
     regions = [parts.regions[k] for k in kept]
@@ -198,9 +201,9 @@ def _is_one(parts: PartRegions, large: int, small: int, tolerance: float) -> boo
         return False
     if parts.regions[large].group == parts.regions[small].group >= 0:
         return True
-    own = parts.points[parts.region == small]
-    off = np.abs(first.distance(own))
-    turn = np.abs(np.einsum("ij,ij->i", first.normal(own), second.normal(own)))
+    item = parts.points[parts.region == small]
+    off = np.abs(first.distance(item))
+    turn = np.abs(np.einsum("ij,ij->i", first.normal(item), second.normal(item)))
     return bool(np.quantile(off, 0.9) <= tolerance and np.median(turn) > np.cos(np.radians(2.0)))
 
 

@@ -90,18 +90,18 @@ def read_given(path: str | os.PathLike[str], kinds: Sequence[str]) -> dict[str, 
             raise InputError(f"{source}: {name}: nothing of that name can be given; {_may_be(kinds)}")
     out: dict[str, Given] = {}
     for kind in kinds:
-        own = held.get(kind, {})
-        if not isinstance(own, Mapping):
+        item = held.get(kind, {})
+        if not isinstance(item, Mapping):
             raise InputError(f"{source}: {kind}: must be an object of numbers; {_may_be([kind])}")
-        for name in own:
+        for name in item:
             if name not in KNOWN[kind]:
                 raise InputError(f"{source}: {kind}: {name} cannot be given; {_may_be([kind])}")
-        merged = {**{n: v for n, v in general.items() if n in KNOWN[kind]}, **own}
+        merged = {**{n: v for n, v in general.items() if n in KNOWN[kind]}, **item}
         out[kind] = {name: _number(source, name, value) for name, value in merged.items()}
         for name in set(_COUNTS) & set(out[kind]):
             if not out[kind][name].is_integer() or not 2 <= out[kind][name] <= _MOST:
-                told = f"must be a whole number from 2 to {_MOST}, got {merged[name]!r}"
-                raise InputError(f"{source}: {name} {told}")
+                sentence = f"must be a whole number from 2 to {_MOST}, got {merged[name]!r}"
+                raise InputError(f"{source}: {name} {sentence}")
     return out
 
 

@@ -107,14 +107,14 @@ def _settled_scale(size: FloatArray, sigma: float, least: float) -> float:
 def _stepped(distance: Distance, place: FloatArray, cut: float, n_steps: int) -> tuple[FloatArray, int]:
     """The place (m,) after a fit with the weights of where it began, and how many steps it took."""
     root = np.sqrt(tukey_weights(distance(place), cut))
-    found = least_squares(
+    squares = least_squares(
         lambda z: root * distance(z) / cut,
         np.clip(place, 1e-9, 1 - 1e-9),
         bounds=(0.0, 1.0),
         max_nfev=n_steps,
         diff_step=_STEP,
     )
-    return np.asarray(found.x), int(found.nfev)
+    return np.asarray(squares.x), int(squares.nfev)
 
 
 def _jacobian(distance: Distance, place: FloatArray) -> FloatArray:

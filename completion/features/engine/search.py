@@ -224,14 +224,14 @@ def search(
             new_broken[better],
             new_values[better],
         )
-        found = _best_of(spent, tried, new_broken, new_values)
-        is_better = (found.violation, found.value) <= (best.violation, best.value)
-        best = found if is_better else best._replace(evaluations=spent)
+        progress = _best_of(spent, tried, new_broken, new_values)
+        is_better = (progress.violation, progress.value) <= (best.violation, best.value)
+        best = progress if is_better else best._replace(evaluations=spent)
 
 
 def polish(
     residuals: Callable[[FloatArray], FloatArray],
-    found: Progress,
+    progress: Progress,
     lower: FloatArray,
     upper: FloatArray,
     *,
@@ -243,7 +243,7 @@ def polish(
     ----------
     residuals : callable
         From a place (d,) to residuals (m,), gates among them weighed as they should count.
-    found : Progress
+    progress : Progress
         Where to begin.
     lower, upper : (d,) float
         The box.
@@ -253,23 +253,23 @@ def polish(
     Returns
     -------
     Progress
-        Its value is the sum of squares; its violation is that of `found`, and for the caller to judge anew.
+        Its value is the sum of squares; its violation is that of `progress`; the caller judges it anew.
     """
-    spent = found.evaluations
+    spent = progress.evaluations
 
     def counted(x: FloatArray) -> FloatArray:
         nonlocal spent
         spent += 1
         return residuals(x)
 
-    start = np.clip(found.place, lower, upper)
+    start = np.clip(progress.place, lower, upper)
     before = float(np.sum(counted(start) ** 2))
     rounds = max(1, (budget - 1) // (len(start) + 1))  # a round asks once, and for each derivative
     ended = least_squares(counted, start, bounds=(lower, upper), x_scale=upper - lower, max_nfev=rounds)
     value = float(2 * ended.cost)
     if value > before:
-        return found._replace(evaluations=spent, value=before)
-    return Progress(spent, np.asarray(ended.x), value, found.violation)
+        return progress._replace(evaluations=spent, value=before)
+    return Progress(spent, np.asarray(ended.x), value, progress.violation)
 
 
 def _judged(
@@ -316,8 +316,8 @@ class _Memory:
         if not len(won):
             return
         share = gain[won] / gain[won].max()
-        for kept, some in ((self.weights, weights[won]), (self.crossing, crossing[won])):
-            kept[self.line] = (share @ some**2) / max(share @ some, 1e-12)
+        for kept, values in ((self.weights, weights[won]), (self.crossing, crossing[won])):
+            kept[self.line] = (share @ values**2) / max(share @ values, 1e-12)
         self.line = (self.line + 1) % _MEMORY
 
 
@@ -333,8 +333,8 @@ def _crossed(
     n, d = members.shape
     best = rng.integers(max(2, round(_BEST * n)), size=n)
     pool = np.concatenate([members, replaced])
-    one, other = rng.integers(n, size=n), rng.integers(len(pool), size=n)
-    mutant = members + weights[:, None] * (members[best] - members + members[one] - pool[other])
+    first, second = rng.integers(n, size=n), rng.integers(len(pool), size=n)
+    mutant = members + weights[:, None] * (members[best] - members + members[first] - pool[second])
     forced = np.arange(d) == np.asarray(rng.integers(d, size=n))[:, None]
     return np.asarray(np.where(forced | (rng.random((n, d)) < crossing[:, None]), mutant, members))
 
@@ -373,13 +373,13 @@ def explore(
     if n == 0:
         return Found(np.zeros(0), breach(gates, sought.base), 0, True)
     chosen = rng.permutation(len(measured.points))[:_N_POINTS]
-    some, reach = measured.points[chosen], REACH * measured.diagonal
+    values, reach = measured.points[chosen], REACH * measured.diagonal
     scale = min(max(measured.noise, 0.25 * measured.spacing, 1e-3 * measured.diagonal), 0.5 * reach)
     most = float(np.log1p((reach / scale) ** 2))
 
     def value(places: FloatArray) -> FloatArray:
-        each = [template.distance(some, sought.full(z))[0] for z in places]
-        return np.array([np.minimum(np.log1p((one / scale) ** 2), most).mean() for one in each])
+        each = [template.distance(values, sought.full(z))[0] for z in places]
+        return np.array([np.minimum(np.log1p((item / scale) ** 2), most).mean() for item in each])
 
     def broken(places: FloatArray) -> FloatArray:
         return np.array([breach(gates, sought.full(z)) for z in places])
@@ -397,7 +397,7 @@ def explore(
     settled = False
     try:
         for stage in stages:
-            found = Found(stage.place, stage.violation, stage.evaluations, False)
+            find = Found(stage.place, stage.violation, stage.evaluations, False)
             best.append((stage.violation, stage.value))
             before = best[max(0, len(best) - 1 - _PATIENCE * n)]
             still = before[0] == stage.violation and before[1] - stage.value < _SETTLED * before[1]
@@ -407,7 +407,7 @@ def explore(
     except KeyboardInterrupt:
         if not best:
             raise
-    return found._replace(is_settled=settled)
+    return find._replace(is_settled=settled)
 
 
 def breach(gates: Sequence[Gate], x: FloatArray) -> float:

@@ -124,8 +124,8 @@ def _spacing(points: FloatArray) -> float:
     """Typical distance between the points (n, 3) of a face: where beams graze it they lie farther apart."""
     if len(points) < _LEAST_TILE_POINTS:
         return 0.0
-    some = points[:: max(1, len(points) // _N_SAMPLE)]
-    away, _ = cKDTree(points).query(some, k=_LEAST_TILE_POINTS)
+    sample = points[:: max(1, len(points) // _N_SAMPLE)]
+    away, _ = cKDTree(points).query(sample, k=_LEAST_TILE_POINTS)
     return float(np.median(away[:, -1]) / np.sqrt(_LEAST_TILE_POINTS - 1))
 
 
@@ -333,8 +333,8 @@ def fit_template(
     sought = equations(template.names, bounds, given, equal)
 
     # 1. Search: truncated distances of some points, from anywhere.
-    begun = [] if starts is None else [sought.sought(one) for one in np.atleast_2d(starts)]
-    found = explore(
+    begun = [] if starts is None else [sought.sought(item) for item in np.atleast_2d(starts)]
+    find = explore(
         template,
         measured,
         sought,
@@ -349,18 +349,18 @@ def fit_template(
         return template.distance(points, sought.full(z))[0]
 
     least = 1e-9 * measured.diagonal
-    size = np.abs(distance(found.place))
+    size = np.abs(distance(find.place))
     near = size[size < REACH * measured.diagonal]
     sigma = max(1.4826 * float(np.median(near)) if len(near) else 0.0, least)
-    refined = refine(distance, found.place, sigma, least_sigma=least, most=budget - found.evaluations)
-    if breach(gates, sought.full(refined.place)) > found.violation:  # least squares knows of no gates
-        refined = refine(distance, found.place, sigma, least_sigma=least, most=0)
+    refined = refine(distance, find.place, sigma, least_sigma=least, most=budget - find.evaluations)
+    if breach(gates, sought.full(refined.place)) > find.violation:  # least squares knows of no gates
+        refined = refine(distance, find.place, sigma, least_sigma=least, most=0)
 
     # 3. What is known: covariance, faces, evidence.
     known = knowledge(template, measured, sought, refined)
     nats, plain = evidence(measured, refined, known)
     wrong = misfit(measured, refined)
-    status, reason = judged(template, known, nats, plain=plain, wrong=wrong, breach=found.violation)
+    status, reason = judged(template, known, nats, plain=plain, wrong=wrong, breach=find.violation)
     return TemplateFit(
         kind=template.kind,
         status=status,
@@ -371,8 +371,8 @@ def fit_template(
         evidence=nats,
         faces=template.faces,
         assignment=known.faces,
-        evaluations=found.evaluations + refined.evaluations,
-        is_complete=found.is_settled and refined.is_settled,
+        evaluations=find.evaluations + refined.evaluations,
+        is_complete=find.is_settled and refined.is_settled,
         reason=reason,
         held=sought.held,
     )

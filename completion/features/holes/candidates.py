@@ -54,10 +54,10 @@ def rim_scores(survey: Survey, centres: FloatArray, radii: FloatArray, soft: Flo
         return RimScores(np.zeros(0), np.zeros(0), np.zeros((0, N_SECTORS), dtype=np.bool_), np.zeros(0))
     level = survey.level(radii)
     scores = [_scores(survey, centres[at], radii[at], soft[at], level=int(level[at[0]]))
-              for at in (np.flatnonzero(level == one) for one in np.unique(level))]  # fmt: skip
+              for at in (np.flatnonzero(level == item) for item in np.unique(level))]  # fmt: skip
     back = np.argsort(np.argsort(level, kind="stable"), kind="stable")
     return RimScores(
-        *(np.concatenate([getattr(one, f.name) for one in scores])[back] for f in fields(RimScores))
+        *(np.concatenate([getattr(score, f.name) for score in scores])[back] for f in fields(RimScores))
     )
 
 
@@ -157,7 +157,7 @@ def candidates(survey: Survey, opened: Openings, radius: float | None = None) ->
     local maxima are weighed, and moved to where they are most evident.
     """
     radii = _radii(survey) if radius is None else np.array([radius])
-    places = [_places(survey, float(one)) for one in radii]
+    places = [_places(survey, float(item)) for item in radii]
     centres = np.concatenate([place for place, _ in places])
     sizes = np.repeat(radii, [len(place) for place, _ in places])
     best = np.argsort(-np.concatenate([score for _, score in places]), kind="stable")[: 4 * _MOST_PLACES]
@@ -167,19 +167,19 @@ def candidates(survey: Survey, opened: Openings, radius: float | None = None) ->
     soft = np.full(len(sizes), 0.35 * survey.spacing)
     evidence = rim_scores(survey, centres, sizes, soft).evidence
     best = np.argsort(-evidence, kind="stable")[:_MOST_PLACES]
-    found = _climbed(survey, Candidates(centres[best], sizes[best], evidence[best]), radius is not None)
-    more = opened.evidence(found.centres, found.radii, survey.spacing)
-    return _distinct(replace(found, evidence=found.evidence + more))
+    results = _climbed(survey, Candidates(centres[best], sizes[best], evidence[best]), radius is not None)
+    more = opened.evidence(results.centres, results.radii, survey.spacing)
+    return _distinct(replace(results, evidence=results.evidence + more))
 
 
 def _radii(survey: Survey) -> FloatArray:
     """Radii to try, closer together than the spacing where they are small."""
     extent = np.array(survey.counts.shape) * survey.cell
-    found, radius = list[float](), LEAST * survey.spacing
+    values, radius = list[float](), LEAST * survey.spacing
     while radius < _LARGEST * extent.max():
-        found.append(radius)
+        values.append(radius)
         radius = max(radius + _STEP * survey.spacing, min(radius * _RATIO, radius + 2 * survey.spacing))
-    return np.array(found)
+    return np.array(values)
 
 
 def _places(survey: Survey, radius: float) -> tuple[FloatArray, FloatArray]:
@@ -222,14 +222,16 @@ def _coarser(survey: Survey, radius: float) -> tuple[float, FloatArray, FloatArr
 
 def _climbed(survey: Survey, begun: Candidates, is_given: bool) -> Candidates:
     """The candidates moved, step by step, to the most evident circles near them."""
-    found = begun
+    distinct = begun
     moves = np.concatenate([np.eye(3), -np.eye(3)])
     moves = moves[moves[:, 2] == 0] if is_given else moves
     for step in _SHRINK:
-        found = _ascended(survey, found, moves, step)
-        kept = np.argsort(-found.evidence, kind="stable")[: max(_MOST, len(found) // 2)]
-        found = _distinct(Candidates(found.centres[kept], found.radii[kept], found.evidence[kept]), 2 * _MOST)
-    return found if is_given else _grown(survey, found)
+        distinct = _ascended(survey, distinct, moves, step)
+        kept = np.argsort(-distinct.evidence, kind="stable")[: max(_MOST, len(distinct) // 2)]
+        distinct = _distinct(
+            Candidates(distinct.centres[kept], distinct.radii[kept], distinct.evidence[kept]), 2 * _MOST
+        )
+    return distinct if is_given else _grown(survey, distinct)
 
 
 def _grown(survey: Survey, begun: Candidates) -> Candidates:
@@ -241,14 +243,14 @@ def _grown(survey: Survey, begun: Candidates) -> Candidates:
     large = np.flatnonzero(begun.radii > LARGE * survey.spacing)
     if not len(large):
         return begun
-    found = Candidates(begun.centres[large], begun.radii[large], begun.evidence[large])
+    results = Candidates(begun.centres[large], begun.radii[large], begun.evidence[large])
     around = 2 * np.pi * np.arange(8) / 8
     out = np.column_stack([np.cos(around), np.sin(around), np.ones(8)])
     moves = np.concatenate([out, -out, np.eye(3), -np.eye(3)])
     for step in _WIDENED:
-        found = _ascended(survey, found, moves, step)
+        results = _ascended(survey, results, moves, step)
     merged = [getattr(begun, name).copy() for name in ("centres", "radii", "evidence")]
-    for whole, part in zip(merged, (found.centres, found.radii, found.evidence), strict=True):
+    for whole, part in zip(merged, (results.centres, results.radii, results.evidence), strict=True):
         whole[large] = part
     return _distinct(Candidates(*merged), 2 * _MOST)
 
@@ -278,17 +280,17 @@ def _ascended(survey: Survey, begun: Candidates, moves: FloatArray, step: float)
     return Candidates(centres, radii, evidence)
 
 
-def _distinct(found: Candidates, most: int = _MOST) -> Candidates:
+def _distinct(results: Candidates, most: int = _MOST) -> Candidates:
     """The most evident, of which centres or radii differ by a fourth of the radius."""
-    order = np.argsort(-found.evidence, kind="stable")
+    order = np.argsort(-results.evidence, kind="stable")
     kept = list[int]()
     for k in order:
-        if found.evidence[k] < _LEAST_EVIDENCE or len(kept) == most:
+        if results.evidence[k] < _LEAST_EVIDENCE or len(kept) == most:
             break
-        gap = np.hypot(*(found.centres[kept] - found.centres[k]).T) if kept else np.zeros(0)
-        nearly = (gap < 0.25 * found.radii[k]) & (
-            np.abs(found.radii[kept] - found.radii[k]) < 0.25 * found.radii[k]
+        gap = np.hypot(*(results.centres[kept] - results.centres[k]).T) if kept else np.zeros(0)
+        nearly = (gap < 0.25 * results.radii[k]) & (
+            np.abs(results.radii[kept] - results.radii[k]) < 0.25 * results.radii[k]
         )
         if not nearly.any():
             kept.append(int(k))
-    return Candidates(found.centres[kept], found.radii[kept], found.evidence[kept])
+    return Candidates(results.centres[kept], results.radii[kept], results.evidence[kept])

@@ -176,9 +176,9 @@ def _decision(weighed: Weighed, probability: float, spread: FloatArray, spacing:
         return Status.AMBIGUOUS, f"every hole of the {what} is open on a side: notches and slots look like it"
     if probability > _FALSE:
         return Status.AMBIGUOUS, f"lost patches make a {what} as regular on {probability:.0%} of blank plates"
-    said = [f"{_named(which)} {_is(which)} {why}" for which, why in
+    sentences = [f"{_named(which)} {_is(which)} {why}" for which, why in
             ((absent, "absent: measured surface fills it"), (unseen, "unseen")) if which.any()]  # fmt: skip
-    return Status.FOUND, "; ".join(said)
+    return Status.FOUND, "; ".join(sentences)
 
 
 def _named(which: BoolArray) -> str:
@@ -202,12 +202,12 @@ def distinct(fits: Sequence[TemplateFit]) -> list[TemplateFit]:
     return kept
 
 
-def _overlap(one: TemplateFit, other: TemplateFit) -> bool:
+def _overlap(first: TemplateFit, second: TemplateFit) -> bool:
     """Whether holes of two patterns with one axis lie over one another."""
-    axis, radius = np.asarray(other.geometry["axis"]), float(str(other.geometry["radius"]))
-    if abs(float(axis @ np.asarray(one.geometry["axis"]))) < _PARALLEL:
+    axis, radius = np.asarray(second.geometry["axis"]), float(str(second.geometry["radius"]))
+    if abs(float(axis @ np.asarray(first.geometry["axis"]))) < _PARALLEL:
         return False
-    gap = np.asarray(one.geometry["centres"])[:, None] - np.asarray(other.geometry["centres"])
+    gap = np.asarray(first.geometry["centres"])[:, None] - np.asarray(second.geometry["centres"])
     gap = gap - (gap @ axis)[..., None] * axis
     return bool((np.linalg.norm(gap, axis=2) < radius).any())
 
@@ -271,27 +271,29 @@ def _surveyed(plate: Plate, looked_at: Measured, given: Given) -> Ground:
     """Step 1: the plate as it was measured, what went through it, and circles with nothing inside."""
     surveyed = survey(plate)
     opened = openings(plate, looked_at, surveyed.spacing)
-    found = candidates(surveyed, opened, given.get("radius"))
-    return Ground(surveyed, opened, found, surveyed.area)
+    results = candidates(surveyed, opened, given.get("radius"))
+    return Ground(surveyed, opened, results, surveyed.area)
 
 
 def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
     """Step 2: lattices through like circles, those that chance explains worst, and of each the best part."""
     begun = proposals(kind, ground.found, ground.area, ground.survey.spacing, given)
     wide = lattices(kind, ground.found, ground.survey, given)
-    weighed = [[one for one in (windowed(proposal, ground, given) for proposal in some) if one is not None]
-               for some in (begun, wide)]  # fmt: skip
+    weighed = [
+        [row for row in (windowed(proposal, ground, given) for proposal in proposed) if row is not None]
+        for proposed in (begun, wide)
+    ]
     # two circles tell others less exactly than three: patterns through them are moved first
     promising = sorted(weighed[1], key=lambda one: -one.evidence)[:_MOST_CLIMBED]
     # ... and so are large circles, which many points hold
     wide_from = LARGE * ground.survey.spacing
-    every = [climbed(one, ground, given) if one.pattern.radius > wide_from else one for one in weighed[0]]
-    every += [climbed(one, ground, given) for one in promising]
+    every = [climbed(item, ground, given) if item.pattern.radius > wide_from else item for item in weighed[0]]
+    every += [climbed(item, ground, given) for item in promising]
     best = list[Weighed]()
-    for one in sorted(every, key=lambda one: -one.evidence):
+    for weight in sorted(every, key=lambda one: -one.evidence):
         taken = {number for other in best for number in other.chosen.tolist()}
-        if one.evidence > (_FURTHER if best else _HOPELESS) and not taken & set(one.chosen.tolist()):
-            best.append(one)
+        if weight.evidence > (_FURTHER if best else _HOPELESS) and not taken & set(weight.chosen.tolist()):
+            best.append(weight)
     return best[:_MOST]
 
 
@@ -334,8 +336,8 @@ def _chosen(
     """Step 6: of each kind what was found or may be; else what came nearest, or that there is none."""
     chosen = list[TemplateFit]()
     for kind in kinds:
-        own = best_first([fit for fit in fits if fit.kind == kind])
-        kept = distinct([fit for fit in own if fit.status is not Status.NONE]) or own[:1]
+        template_fit = best_first([fit for fit in fits if fit.kind == kind])
+        kept = distinct([fit for fit in template_fit if fit.status is not Status.NONE]) or template_fit[:1]
         none = nothing(
             kind, len(measured.points), "no circles in any flat part are more regular than by chance"
         )

@@ -28,7 +28,13 @@ _SOFT = 0.3  # spacings: how exactly they are placed
 
 
 def log_chance(
-    pattern: Pattern, places: IntArray, chosen: IntArray, found: Candidates, *, area: float, spacing: float
+    pattern: Pattern,
+    places: IntArray,
+    chosen: IntArray,
+    candidates: Candidates,
+    *,
+    area: float,
+    spacing: float,
 ) -> float:
     """Log of the expected number of patterns as regular, among candidates thrown on the plate at random.
 
@@ -44,13 +50,15 @@ def log_chance(
         As fitted.
     places, chosen : (n,) int
         Numbers of holes of the pattern, and of the candidates that are there.
-    found : Candidates
+    candidates : Candidates
         All.
     area, spacing : float
         Of the plate, and of its points.
     """
     n, p = len(chosen), len(pattern.x)
-    more = len(found) - np.searchsorted(np.sort(found.evidence), found.evidence[chosen], side="left")
+    more = len(candidates) - np.searchsorted(
+        np.sort(candidates.evidence), candidates.evidence[chosen], side="left"
+    )
     ways = float(np.log(np.maximum(more, np.arange(1, n + 1))).sum())
     symmetry = SYMMETRIES[pattern.kind] * (pattern.count if pattern.kind == CIRCLE else 1)
     slopes = pattern.slopes[places].reshape(2 * n, p)
@@ -59,13 +67,13 @@ def log_chance(
     if sign <= 0 or determinant < _SINGULAR + np.log(np.maximum(alone, 1e-300)).sum():
         return np.inf  # these holes do not tell where the others are
     measure = 0.5 * determinant + _log_room(pattern, area)
-    off = found.centres[chosen] - pattern.centres[places]
+    off = candidates.centres[chosen] - pattern.centres[places]
     freedom = 2 * n - p
     square = float(np.einsum("ij,ij->", off, off)) + freedom * (_EXACT * spacing) ** 2
     tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1) if freedom else 0.0
     at_places = ways - np.log(symmetry) + measure + tube - n * np.log(area)
     skipped = gammaln(pattern.count + 1) - gammaln(n + 1) - gammaln(pattern.count - n + 1)
-    return float(at_places + _log_alike(found, chosen, spacing) + skipped + np.log(_N_COUNTS))
+    return float(at_places + _log_alike(candidates, chosen, spacing) + skipped + np.log(_N_COUNTS))
 
 
 def _log_room(pattern: Pattern, area: float) -> float:
@@ -77,11 +85,11 @@ def _log_room(pattern: Pattern, area: float) -> float:
     return float(room + (np.log(longest / max(pattern.shape[1] - 1, 1)) if pattern.kind == GRID else 0.0))
 
 
-def _log_alike(found: Candidates, chosen: IntArray, spacing: float) -> float:
+def _log_alike(candidates: Candidates, chosen: IntArray, spacing: float) -> float:
     """Log of the probability that radii are as equal as those chosen (n,), of candidates as they are."""
-    radii: FloatArray = found.radii[chosen]
+    radii: FloatArray = candidates.radii[chosen]
     freedom = len(radii) - 1
-    wide = 2 * np.sqrt(np.pi) * max(float(found.radii.std()), _EXACT * spacing)
+    wide = 2 * np.sqrt(np.pi) * max(float(candidates.radii.std()), _EXACT * spacing)
     square = float(((radii - radii.mean()) ** 2).sum()) + freedom * (_EXACT * spacing) ** 2
     tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1) + 0.5 * np.log(freedom + 1)
     return float(min(tube - freedom * np.log(wide), 0.0))
@@ -139,19 +147,19 @@ class Search:
     tree: cKDTree
 
     @classmethod
-    def of(cls, found: Candidates, area: float, spacing: float, given: Mapping[str, float]) -> Search:
+    def of(cls, candidates: Candidates, area: float, spacing: float, given: Mapping[str, float]) -> Search:
         """Return the search of some candidates."""
-        return cls(found, area, spacing, given, cKDTree(found.centres))
+        return cls(candidates, area, spacing, given, cKDTree(candidates.centres))
 
-    def alike(self, one: IntArray | int, two: IntArray) -> BoolArray:
+    def alike(self, values: IntArray | int, two: IntArray) -> BoolArray:
         """Whether radii of candidates (n,), or of one, and of others (n,) are alike."""
         radii = self.found.radii
-        least = ALIKE[0] * self.spacing + ALIKE[1] * np.minimum(radii[one], radii[two])
-        return np.asarray(np.abs(radii[one] - radii[two]) < least)
+        least = ALIKE[0] * self.spacing + ALIKE[1] * np.minimum(radii[values], radii[two])
+        return np.asarray(np.abs(radii[values] - radii[two]) < least)
 
 
 def proposals(
-    kind: str, found: Candidates, area: float, spacing: float, given: Mapping[str, float]
+    kind: str, candidates: Candidates, area: float, spacing: float, given: Mapping[str, float]
 ) -> list[Proposal]:
     """Return the patterns of a kind that chance explains worst, of which at least three holes are candidates.
 
@@ -159,25 +167,25 @@ def proposals(
     a turn (triples, on a circle); all candidates near the other places of the lattice are matched, and the
     pattern is fitted to them.
     """
-    if len(found) < _LEAST_SEEN:
+    if len(candidates) < _LEAST_SEEN:
         return []
-    search = Search.of(found, area, spacing, given)
+    search = Search.of(candidates, area, spacing, given)
     begun = {ROW: _rows, GRID: _grids, CIRCLE: _circles}[kind](search)
     seen, tried = set[tuple[int, ...]](), list[Proposal]()
-    ordered = sorted(begun, key=lambda one: -_promise(search, one[0], one[1]))
+    ordered = sorted(begun, key=lambda triple: -_promise(search, triple[0], triple[1]))
     for pattern, places, chosen in ordered:
         key = (*sorted(chosen.tolist()), pattern.count)
         if key in seen or len(tried) >= _MOST_TRIED:
             continue
         seen.add(key)
-        one = _settled(search, pattern, places, chosen)
-        if one is not None:
-            tried.append(one)
+        proposal = _settled(search, pattern, places, chosen)
+        if proposal is not None:
+            tried.append(proposal)
     best, taken = list[Proposal](), list[set[int]]()
-    for one in sorted(tried, key=lambda one: one.log_chance):
-        if all(len(set(one.chosen.tolist()) & other) < 2 for other in taken) or len(best) < 2:
-            best.append(one)
-            taken.append(set(one.chosen.tolist()))
+    for proposal in sorted(tried, key=lambda item: item.log_chance):
+        if all(len(set(proposal.chosen.tolist()) & other) < 2 for other in taken) or len(best) < 2:
+            best.append(proposal)
+            taken.append(set(proposal.chosen.tolist()))
     return best[:_MOST]
 
 
@@ -194,22 +202,24 @@ def _promise(search: Search, pattern: Pattern, places: IntArray) -> float:
 def _settled(search: Search, begun: Pattern, places: IntArray, chosen: IntArray) -> Proposal | None:
     """The pattern fitted; candidates that make it more probable by chance are left out, the worst first."""
     held = np.array([name in search.given for name in PARAMETERS[begun.kind]])
-    found, best = search.found, None
+    candidates, best = search.found, None
     for _ in range(3):
-        pattern = fitted(begun, places, found.centres[chosen], held)
+        pattern = fitted(begun, places, candidates.centres[chosen], held)
         if pattern.kind != CIRCLE:
             pattern, places = _trimmed(pattern, places)
-        pattern = replace(pattern, radius=search.given.get("radius", float(np.median(found.radii[chosen]))))
+        pattern = replace(
+            pattern, radius=search.given.get("radius", float(np.median(candidates.radii[chosen])))
+        )
         if not _fits(pattern, search.spacing):
             break
-        chance = log_chance(pattern, places, chosen, found, area=search.area, spacing=search.spacing)
+        chance = log_chance(pattern, places, chosen, candidates, area=search.area, spacing=search.spacing)
         if best is not None and chance >= best.log_chance:
             break
         best = Proposal(pattern, places, chosen, chance)
         if len(chosen) <= _LEAST_SEEN + (begun.kind == GRID):
             break
-        off = np.hypot(*(found.centres[chosen] - pattern.centres[places]).T)
-        off = off + np.abs(found.radii[chosen] - pattern.radius)
+        off = np.hypot(*(candidates.centres[chosen] - pattern.centres[places]).T)
+        off = off + np.abs(candidates.radii[chosen] - pattern.radius)
         kept = np.arange(len(chosen)) != off.argmax()
         begun, places, chosen = pattern, places[kept], chosen[kept]
     return best
@@ -234,17 +244,17 @@ def _trimmed(pattern: Pattern, places: IntArray) -> tuple[Pattern, IntArray]:
 
 def pairs(search: Search) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of like candidates a pitch apart: numbers (m,) twice, and the pitch (m, 2)."""
-    one, two = np.triu_indices(len(search.found), 1)
-    like = search.alike(one, two)
-    one, two = one[like], two[like]
-    step = search.found.centres[two] - search.found.centres[one]
-    one, two = np.tile(one, len(_MULTIPLES)), np.tile(two, len(_MULTIPLES))
+    values, two = np.triu_indices(len(search.found), 1)
+    like = search.alike(values, two)
+    values, two = values[like], two[like]
+    step = search.found.centres[two] - search.found.centres[values]
+    values, two = np.tile(values, len(_MULTIPLES)), np.tile(two, len(_MULTIPLES))
     pitch = np.concatenate([step / m for m in _MULTIPLES])
     length = np.hypot(*pitch.T)
-    fits = length > 2 * search.found.radii[one]
+    fits = length > 2 * search.found.radii[values]
     if "pitch" in search.given:
         fits &= np.abs(length - search.given["pitch"]) < _NEAR * search.spacing
-    return one[fits], two[fits], pitch[fits]
+    return values[fits], two[fits], pitch[fits]
 
 
 def _matched(search: Search, places: FloatArray, first: IntArray, reach: FloatArray) -> IntArray:
@@ -266,14 +276,14 @@ _Begun = Iterator[tuple[Pattern, IntArray, IntArray]]
 
 def _rows(search: Search) -> _Begun:
     """Rows through pairs, where a third candidate fits."""
-    one, _, pitch = pairs(search)
-    if not len(one):
+    indices, _, pitch = pairs(search)
+    if not len(indices):
         return
     number = np.arange(-_FARTHEST, _FARTHEST + 1)
-    places = search.found.centres[one][:, None] + number[None, :, None] * pitch[:, None]
+    places = search.found.centres[indices][:, None] + number[None, :, None] * pitch[:, None]
     reach = _NEAR * search.spacing * (1 + 0.25 * np.abs(number))
     reach = np.minimum(reach[None, :], 0.3 * np.hypot(*pitch.T)[:, None])
-    match = _matched(search, places, one, reach)
+    match = _matched(search, places, indices, reach)
     for row in np.flatnonzero((match >= 0).sum(axis=1) >= _LEAST_SEEN):
         at = np.flatnonzero(match[row] >= 0)
         angle, length = np.arctan2(pitch[row, 1], pitch[row, 0]), float(np.hypot(*pitch[row]))
@@ -281,7 +291,7 @@ def _rows(search: Search) -> _Begun:
             kept = at[run]
             if len(kept) < _LEAST_SEEN:
                 continue
-            x = np.array([*search.found.centres[one[row]], angle, search.given.get("pitch", length)])
+            x = np.array([*search.found.centres[indices[row]], angle, search.given.get("pitch", length)])
             pattern = Pattern(ROW, (len(number), 1), x, 0.0)
             yield pattern, kept, match[row, kept]
 
@@ -294,35 +304,39 @@ def _runs(numbers: IntArray) -> list[IntArray]:
 
 def _grids(search: Search) -> _Begun:
     """Grids through pairs and a third candidate across."""
-    one, _, pitch = pairs(search)
-    found = search.found
+    indices, _, pitch = pairs(search)
+    candidates = search.found
     span = np.arange(-8, 9)
     i, j = (g.ravel() for g in np.meshgrid(span, span, indexing="ij"))
-    for row in range(len(one)):
+    for row in range(len(indices)):
         length = float(np.hypot(*pitch[row]))
         along = pitch[row] / length
         across = np.array([-along[1], along[0]])
-        offset = (found.centres - found.centres[one[row]]) @ np.stack([along, across], axis=1)
+        offset = (candidates.centres - candidates.centres[indices[row]]) @ np.stack([along, across], axis=1)
         steps = np.round(offset[:, 0] / length)
         near = np.abs(offset[:, 0] - steps * length) < _NEAR * search.spacing * (1 + 0.25 * np.abs(steps))
-        near &= (offset[:, 1] > 2 * found.radii[one[row]]) & search.alike(one[row], np.arange(len(found)))
+        near &= (offset[:, 1] > 2 * candidates.radii[indices[row]]) & search.alike(
+            indices[row], np.arange(len(candidates))
+        )
         widths = np.unique(np.round([offset[k, 1] / m for k in np.flatnonzero(near) for m in (1, 2)], 9))
-        widths = widths[widths > 2 * found.radii[one[row]]]
+        widths = widths[widths > 2 * candidates.radii[indices[row]]]
         if "pitch_2" in search.given:
             widths = widths[np.abs(widths - search.given["pitch_2"]) < 2 * _NEAR * search.spacing]
         if not len(widths):
             continue
         places = (
-            found.centres[one[row]] + i[:, None] * pitch[row] + widths[:, None, None] * j[:, None] * across
+            candidates.centres[indices[row]]
+            + i[:, None] * pitch[row]
+            + widths[:, None, None] * j[:, None] * across
         )
         reach = _NEAR * search.spacing * (1 + 0.25 * (np.abs(i) + np.abs(j)))
         reach = np.minimum(reach[None], 0.3 * np.minimum(length, widths)[:, None])
-        match = _matched(search, places, np.full(len(widths), one[row]), reach)
+        match = _matched(search, places, np.full(len(widths), indices[row]), reach)
         for number in np.flatnonzero((match >= 0).sum(axis=1) >= 4):
             at = np.flatnonzero(match[number] >= 0)
             if len(np.unique(i[at])) < 2 or len(np.unique(j[at])) < 2:
                 continue
-            x = [*found.centres[one[row]], np.arctan2(along[1], along[0]), length, widths[number]]
+            x = [*candidates.centres[indices[row]], np.arctan2(along[1], along[0]), length, widths[number]]
             x[3:] = [
                 search.given.get(name, value) for name, value in zip(PARAMETERS[GRID][3:], x[3:], strict=True)
             ]
@@ -331,26 +345,29 @@ def _grids(search: Search) -> _Begun:
 
 def _circles(search: Search) -> _Begun:
     """Bolt circles through triples whose angles are shares of a turn."""
-    found, longest = search.found, np.sqrt(search.area)
+    candidates, longest = search.found, np.sqrt(search.area)
     counts = np.arange(3, _MOST_ON_CIRCLE + 1)
     if "count" in search.given:
         counts = counts[counts == round(search.given["count"])]
-    number = np.arange(len(found))
-    for a in range(len(found) - 2):
-        b, c = (k + a + 1 for k in np.triu_indices(len(found) - a - 1, 1))
+    number = np.arange(len(candidates))
+    for a in range(len(candidates) - 2):
+        b, c = (k + a + 1 for k in np.triu_indices(len(candidates) - a - 1, 1))
         like = search.alike(a, b) & search.alike(a, c) & search.alike(b, c)
         b, c = b[like], c[like]
-        middle, radius = _through(found.centres[a], found.centres[b], found.centres[c])
-        fits = (radius > 2 * found.radii[a] / np.sqrt(3)) & (radius < longest)
+        middle, radius = _through(candidates.centres[a], candidates.centres[b], candidates.centres[c])
+        fits = (radius > 2 * candidates.radii[a] / np.sqrt(3)) & (radius < longest)
         if "circle_radius" in search.given:
             fits &= np.abs(radius - search.given["circle_radius"]) < 2 * _NEAR * search.spacing
         b, c, middle, radius = b[fits], c[fits], middle[fits], radius[fits]
-        turn = [_turn(found.centres[k] - middle) for k in (np.full(len(b), a), b, c)]
+        turn = [_turn(candidates.centres[k] - middle) for k in (np.full(len(b), a), b, c)]
         for n in counts:
-            off = [np.abs((share := (one - turn[0]) * n / (2 * np.pi)) - np.round(share)) for one in turn[1:]]
+            off = [
+                np.abs((share := (values - turn[0]) * n / (2 * np.pi)) - np.round(share))
+                for values in turn[1:]
+            ]
             tolerance = 1.5 * _NEAR * search.spacing / radius * n / (2 * np.pi)
             good = (off[0] < tolerance) & (off[1] < tolerance) & (tolerance < 0.25)
-            good &= 2 * radius * np.sin(np.pi / n) > 2 * found.radii[a]
+            good &= 2 * radius * np.sin(np.pi / n) > 2 * candidates.radii[a]
             rows = np.flatnonzero(good)
             if not len(rows):
                 continue
@@ -372,16 +389,16 @@ def _turn(offset: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(offset[:, 1], offset[:, 0]))
 
 
-def _through(one: FloatArray, two: FloatArray, three: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _through(values: FloatArray, two: FloatArray, three: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Centres (m, 2) and radii (m,) of circles through a place (2,) and pairs of places (m, 2)."""
-    b, c = two - one, three - one
+    b, c = two - values, three - values
     twice = 2 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
         bb, cc = (b**2).sum(axis=1), (c**2).sum(axis=1)
         offset = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb]) / twice[:, None]
         radius = np.hypot(*offset.T)
     offset = np.where(np.isfinite(radius)[:, None], offset, 0.0)
-    return one + offset, np.where(np.isfinite(radius), radius, np.inf)
+    return values + offset, np.where(np.isfinite(radius), radius, np.inf)
 
 
 _CIRCLE_COUNTS = range(4, 17)  # of a circle
@@ -389,25 +406,25 @@ _MOST_BEYOND = 4  # places beyond either end of a pattern that are looked at
 _MOST_WIDE = 3  # steps of a grid between its first candidates
 
 
-def lattices(kind: str, found: Candidates, survey: Survey, given: Mapping[str, float]) -> list[Proposal]:
+def lattices(kind: str, candidates: Candidates, survey: Survey, given: Mapping[str, float]) -> list[Proposal]:
     """Return the patterns of a kind through pairs (triples, of a grid) that have room for three holes.
 
     Each is as small as the candidates that it goes through allow: a window of its lattice is sought by
     whoever weighs it. Candidates at its other places are among those that it is said to hold.
     """
-    if len(found) < 2:
+    if len(candidates) < 2:
         return []
-    search = Search.of(found, survey.area, survey.spacing, given)
+    search = Search.of(candidates, survey.area, survey.spacing, given)
     begun = {ROW: _row_lattices, GRID: _grid_lattices, CIRCLE: _circle_lattices}[kind](search, survey)
-    return [Proposal(one, *matches(one, found, survey.spacing), 0.0) for one in begun]
+    return [Proposal(pattern, *matches(pattern, candidates, survey.spacing), 0.0) for pattern in begun]
 
 
-def matches(pattern: Pattern, found: Candidates, spacing: float) -> tuple[IntArray, IntArray]:
+def matches(pattern: Pattern, candidates: Candidates, spacing: float) -> tuple[IntArray, IntArray]:
     """Return the places (m,) of a pattern at which candidates are, and their numbers (m,)."""
-    if not len(found):
+    if not len(candidates):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    off = np.linalg.norm(pattern.centres[:, None] - found.centres, axis=2)
-    apart = np.abs(found.radii - pattern.radius)
+    off = np.linalg.norm(pattern.centres[:, None] - candidates.centres, axis=2)
+    apart = np.abs(candidates.radii - pattern.radius)
     unlike = (off > _NEAR * spacing) | (apart > ALIKE[0] * spacing + ALIKE[1] * pattern.radius)
     cost = np.where(unlike, np.inf, off + apart)
     places = np.flatnonzero(np.isfinite(cost.min(axis=1)))
@@ -438,18 +455,18 @@ def count_range(pattern: Pattern, seen: BoolArray, survey: Survey) -> tuple[int,
 
 def _steps(search: Search, survey: Survey) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Pairs (m,) of like candidates, the pitch (m, 2) and the radius (m,), with room for holes between."""
-    one, two, pitch = pairs(search)
-    radius = (search.found.radii[one] + search.found.radii[two]) / 2
+    indices, two, pitch = pairs(search)
+    radius = (search.found.radii[indices] + search.found.radii[two]) / 2
     room = np.hypot(*pitch.T) > 2 * radius + _WEB * search.spacing
-    for place in (search.found.centres[one] + pitch, search.found.centres[two] - pitch):
+    for place in (search.found.centres[indices] + pitch, search.found.centres[two] - pitch):
         room &= ~survey.is_no_hole(place, radius)
-    return one[room], two[room], pitch[room], radius[room]
+    return indices[room], two[room], pitch[room], radius[room]
 
 
 def _row_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
     """Rows with room for a third hole beside the first two, or between."""
-    one, two, pitch, radius = _steps(search, survey)
-    first, last = search.found.centres[one], search.found.centres[two]
+    indices, two, pitch, radius = _steps(search, survey)
+    first, last = search.found.centres[indices], search.found.centres[two]
     length = np.hypot(*pitch.T)
     count = np.rint(np.hypot(*(last - first).T) / length).astype(np.int64) + 1
     beside = ~(survey.is_no_hole(first - pitch, radius) & survey.is_no_hole(last + pitch, radius))
@@ -464,18 +481,20 @@ def _row_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
 
 def _grid_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
     """Grids through pairs and a third candidate across, with room in all of the rectangle of these."""
-    one, two, pitch, radius = _steps(search, survey)
-    found = search.found
+    indices, two, pitch, radius = _steps(search, survey)
+    candidates = search.found
     length = np.hypot(*pitch.T)
-    for k in range(len(one)):
+    for k in range(len(indices)):
         along = pitch[k] / length[k]
         across = np.array([-along[1], along[0]])
-        offset = (found.centres - found.centres[one[k]]) @ np.stack([along, across], axis=1)
+        offset = (candidates.centres - candidates.centres[indices[k]]) @ np.stack([along, across], axis=1)
         steps = np.rint(offset[:, 0] / length[k]).astype(np.int64)
-        n_along = int(np.rint(np.hypot(*(found.centres[two[k]] - found.centres[one[k]])) / length[k]))
+        n_along = int(
+            np.rint(np.hypot(*(candidates.centres[two[k]] - candidates.centres[indices[k]])) / length[k])
+        )
         least = 2 * radius[k] + _WEB * search.spacing
         near = np.abs(offset[:, 0] - steps * length[k]) < _NEAR * search.spacing * (1 + 0.25 * np.abs(steps))
-        near &= (np.abs(offset[:, 1]) > least) & search.alike(one[k], np.arange(len(found)))
+        near &= (np.abs(offset[:, 1]) > least) & search.alike(indices[k], np.arange(len(candidates)))
         near &= (steps >= -_MOST_WIDE) & (steps <= n_along + _MOST_WIDE)
         for third in np.flatnonzero(near):
             for n_across in range(1, _MOST_WIDE + 1):
@@ -484,7 +503,11 @@ def _grid_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
                     break
                 low, high = min(0, int(steps[third])), max(n_along, int(steps[third]))
                 shape = (high - low + 1, n_across + 1)
-                middle = found.centres[one[k]] + (low + high) / 2 * pitch[k] + offset[third, 1] / 2 * across
+                middle = (
+                    candidates.centres[indices[k]]
+                    + (low + high) / 2 * pitch[k]
+                    + offset[third, 1] / 2 * across
+                )
                 x = np.array([*middle, np.arctan2(along[1], along[0]), length[k], width])
                 x[3:] = [search.given.get(name, value)
                          for name, value in zip(("pitch", "pitch_2"), x[3:], strict=True)]  # fmt: skip
@@ -495,8 +518,8 @@ def _grid_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
 
 def _circle_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
     """Bolt circles through pairs, any share of a turn apart, with room for all holes."""
-    one, two, pitch, radius = _steps(search, survey)
-    first, last = search.found.centres[one], search.found.centres[two]
+    indices, two, pitch, radius = _steps(search, survey)
+    first, last = search.found.centres[indices], search.found.centres[two]
     whole = np.hypot(*(pitch - (last - first)).T) < 1e-9  # each pair once
     first, last, radius = first[whole], last[whole], radius[whole]
     half, longest = np.hypot(*(last - first).T) / 2, np.sqrt(search.area) / 2

@@ -45,7 +45,7 @@ def are_notches(pattern: Pattern, rims: BoolArray, seen: BoolArray) -> bool:
     outwards = np.arctan2(offset[:, 1], offset[:, 0])
     k = rims.shape[1]
     turned = np.stack(
-        [np.roll(one, -round(turn / (2 * np.pi) * k)) for one, turn in zip(rims, outwards, strict=True)]
+        [np.roll(rim, -round(turn / (2 * np.pi) * k)) for rim, turn in zip(rims, outwards, strict=True)]
     )
     inward_too = [rims, turned] if pattern.shape[1] > 1 or pattern.kind == CIRCLE else [rims]
     common = np.stack([np.asarray(frame[seen]).any(axis=0) for frame in inward_too])
@@ -74,10 +74,10 @@ def _neighbours(pattern: Pattern) -> list[IntArray]:
 def _on_webs(pattern: Pattern, pairs: IntArray, survey: Survey) -> tuple[IntArray, FloatArray]:
     """Points (m,) of the plate between two holes each, and how many there should be."""
     centres, radius = pattern.centres, pattern.radius
-    one, two = centres[pairs[:, 0]], centres[pairs[:, 1]]
-    step = two - one
+    values, two = centres[pairs[:, 0]], centres[pairs[:, 1]]
+    step = two - values
     length = np.hypot(*step.T)
-    owner, offset = survey.near((one + two) / 2, length / 2)
+    owner, offset = survey.near((values + two) / 2, length / 2)
     along = step / length[:, None]
     u = np.einsum("ij,ij->i", offset, along[owner])
     v = offset[:, 1] * along[owner, 0] - offset[:, 0] * along[owner, 1]
@@ -89,7 +89,7 @@ def _on_webs(pattern: Pattern, pairs: IntArray, survey: Survey) -> tuple[IntArra
     half = _WIDE * radius
     caps = half * np.sqrt(radius**2 - half**2) + radius**2 * np.arcsin(half / radius)
     area = np.maximum(2 * half * length - 2 * caps, 0.0)
-    return counted, survey.density_at((one + two) / 2) * area
+    return counted, survey.density_at((values + two) / 2) * area
 
 
 _MARGIN = {ROW: 3, GRID: 1, CIRCLE: 0}  # places beyond what was proposed
@@ -185,13 +185,13 @@ class Ground:
 
     def _evidence(self, pattern: Pattern, places: IntArray, chosen: IntArray, holes: FloatArray) -> float:
         """Against chance, with what holes (count,) that are no candidates add, less what a fit costs."""
-        found = self.found
-        chance = log_chance(pattern, places, chosen, found, area=self.area, spacing=self.survey.spacing)
+        candidates = self.found
+        chance = log_chance(pattern, places, chosen, candidates, area=self.area, spacing=self.survey.spacing)
         other = np.ones(pattern.count, dtype=np.bool_)
         other[places] = False
         more = self._rarities(holes[other], pattern.radius).sum()
         freedom = 3 * len(places) - len(pattern.x) - 1
-        alone = found.evidence[chosen]
+        alone = candidates.evidence[chosen]
         if pattern.radius > LARGE * self.survey.spacing:
             # many points on a rim: by how much depends on how exactly it is placed, so like with like
             alone = np.minimum(alone, holes[places] + freedom / max(len(places), 1) + _LARGE_LOSS)

@@ -73,7 +73,7 @@ def _tubes(
 ) -> list[tuple[Cylinder, FloatArray]]:
     """Up to three cylinders, each of what those before leave, and the points (m, 3) on each."""
     held = holding("cylinder", float(radius), None) if np.isfinite(radius) else None
-    found, left = [], np.ones(len(sample), dtype=np.bool_)
+    pairs, left = [], np.ones(len(sample), dtype=np.bool_)
     for _ in range(3):
         if left.sum() < _LEAST_LEFT:
             break
@@ -85,9 +85,9 @@ def _tubes(
         on: BoolArray = left & (np.abs(tube.distance(sample)) < tolerance) & across
         if on.sum() < _LEAST_LEFT // 2:
             break
-        found.append((tube, sample[on]))
+        pairs.append((tube, sample[on]))
         left &= ~on
-    return found
+    return pairs
 
 
 _Tube = tuple[Cylinder, FloatArray]
@@ -201,15 +201,15 @@ def _fitted(unit: Unit, given: Mapping[str, float]) -> Weighed | str:
     starts = bend_starts(points, shape)
     if not starts:
         return "neither two tubes whose axes cross nor a bend was found to begin with"
-    found = [one for one in descend_from(starts, points, reach) if _is_bend(one.model)]
-    if not found:
+    pairs = [descent for descent in descend_from(starts, points, reach) if _is_bend(descent.model)]
+    if not pairs:
         return "no bend is wider than the tube"
-    best = found[0]
+    best = pairs[0]
     return weigh(
         best,
         _alternatives(points, best),
         unit,
-        rival=lambda excess: _rival(found, unit.factor, excess),
+        rival=lambda excess: _rival(pairs, unit.factor, excess),
         evaluations=best.evaluations,
     )
 
@@ -223,28 +223,28 @@ def _is_bend(model: Model) -> bool:
 def _alternatives(points: FloatArray, best: Descended) -> list[Alternative]:
     """What else the points (n, 3) may be."""
     model, mixture = best.model, best.mixture
-    radius, tube = (float(one) for one in model.shape[1:])
+    radius, tube = (float(item) for item in model.shape[1:])
     bend = Torus(model.origin, model.turn[2], radius, tube) if radius > tube else None
-    found = [Alternative("outliers alone", -len(points) * float(np.log(mixture.reach)), 0)]
+    pairs = [Alternative("outliers alone", -len(points) * float(np.log(mixture.reach)), 0)]
     for kind, n in _PLAIN.items():
         try:
             start = bend if kind == "torus" else None
             distances = fit_robust(points, kind, start).surface.distance(points)
         except FitError:
             continue
-        own = Mixture.of(distances, mixture.reach, mixture.sigma, LEAST_SIGMA)
+        members = Mixture.of(distances, mixture.reach, mixture.sigma, LEAST_SIGMA)
         name = _ARTICLE.get(kind, "a bend without tubes")
-        found.append(Alternative(name, float(own.log_densities(distances).sum()), n))
-    return found
+        pairs.append(Alternative(name, float(members.log_densities(distances).sum()), n))
+    return pairs
 
 
-def _rival(found: Sequence[Descended], factor: float, excess: float) -> str:
+def _rival(pairs: Sequence[Descended], factor: float, excess: float) -> str:
     """Another solution that is nearly as likely and has another shape."""
-    first = found[0].model.shape
-    for one in found[1:]:
-        behind = (found[0].log_likelihood - one.log_likelihood) / excess
-        if behind < LEAST_EVIDENCE and (np.abs(one.model.shape - first) > _OTHER * first).any():
-            bend, tube = one.model.shape[1:] / factor
+    first = pairs[0].model.shape
+    for descent in pairs[1:]:
+        behind = (pairs[0].log_likelihood - descent.log_likelihood) / excess
+        if behind < LEAST_EVIDENCE and (np.abs(descent.model.shape - first) > _OTHER * first).any():
+            bend, tube = descent.model.shape[1:] / factor
             return (
                 f"a bend of {bend:.4g} of a tube of {tube:.4g} is nearly as likely ({behind:.1f} nats less)"
             )
@@ -253,17 +253,17 @@ def _rival(found: Sequence[Descended], factor: float, excess: float) -> str:
 
 def _told(elbow: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
     """What is told of an elbow, in the unit of the points."""
-    found, known = elbow.found, elbow.known
+    descent, known = elbow.found, elbow.known
 
-    def told(one: Model) -> FloatArray:
-        half, bend, tube = one.shape
-        corner = unit.outside(one.origin + bend / np.cos(half) * one.turn[0])
-        return np.concatenate([[2 * half, bend / unit.factor, tube / unit.factor], corner, one.turn[2]])
+    def told(model: Model) -> FloatArray:
+        half, bend, tube = model.shape
+        corner = unit.outside(model.origin + bend / np.cos(half) * model.turn[0])
+        return np.concatenate([[2 * half, bend / unit.factor, tube / unit.factor], corner, model.turn[2]])
 
-    x, covariance = told(found.model), told_covariance(told, found.model, known)
-    sides = sides_of(FACES, found, known, unit)
+    x, covariance = told(descent.model), told_covariance(told, descent.model, known)
+    sides = sides_of(FACES, descent, known, unit)
     status, reason = _judged(elbow, x, covariance, sides)
-    half, bend, _ = found.model.shape
+    half, bend, _ = descent.model.shape
     ends = bend * np.array([[np.cos(half), -np.sin(half), 0.0], [np.cos(half), np.sin(half), 0.0]])
     return TemplateFit(
         kind="elbow",
@@ -279,9 +279,9 @@ def _told(elbow: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
         reason=reason,
         geometry={
             "radii": x[1:3],
-            "joint": unit.outside(found.model.origin + ends @ found.model.turn),
-            "axis": found.model.turn[2],
-            "centres": unit.outside(found.model.origin)[None],
+            "joint": unit.outside(descent.model.origin + ends @ descent.model.turn),
+            "axis": descent.model.turn[2],
+            "centres": unit.outside(descent.model.origin)[None],
         },
         held=held,
     )

@@ -257,9 +257,9 @@ def _bent(s: FloatArray, far: FloatArray, near: BoolArray, sigma: float) -> Floa
     weight = near.astype(np.float64)
     for _ in range(_N_REWEIGHTED):
         root = np.sqrt(weight)
-        found = np.linalg.lstsq(root[:, None] * columns, root * far, rcond=None)[0]
-        weight = 1 / (1 + ((far - columns @ found) / sigma) ** 2) ** 2
-    return np.asarray(found)
+        item = np.linalg.lstsq(root[:, None] * columns, root * far, rcond=None)[0]
+        weight = 1 / (1 + ((far - columns @ item) / sigma) ** 2) ** 2
+    return np.asarray(item)
 
 
 _N_MIXTURE_ROUNDS = 60
@@ -291,20 +291,20 @@ class Mixture:
         Expectation and maximisation (Dempster, Laird & Rubin 1977): a cut would take the outliers within it
         for noise, and the noise for larger than it is.
         """
-        one = cls(max(sigma, least), 0.2, reach)
+        mixture = cls(max(sigma, least), 0.2, reach)
         square = distances**2
         for _ in range(_N_MIXTURE_ROUNDS):
-            weight = one.weights(distances)
+            weight = mixture.weights(distances)
             total = float(weight.sum())
             if total < 1:
                 break
             new = max(float(np.sqrt(weight @ square / total)), least)
             share = float(np.clip(1 - total / len(distances), *_SHARES))
-            done = abs(new - one.sigma) < 1e-5 * new
-            one = cls(new, share, reach)
+            done = abs(new - mixture.sigma) < 1e-5 * new
+            mixture = cls(new, share, reach)
             if done:
                 break
-        return one
+        return mixture
 
     def weights(self, distances: FloatArray) -> FloatArray:
         """Return how likely each of the distances (n,) is noise (n,)."""
@@ -402,13 +402,13 @@ def descend_from(
     """
     sample = points[:: max(1, len(points) // _N_SAMPLE)]
     coarse = [_coarse(start, sample, reach) for start in starts]
-    coarse.sort(key=lambda one: -one.log_likelihood)
-    begun = sorted((_begun(one, points, reach) for one in near), key=lambda one: -one.log_likelihood)
+    coarse.sort(key=lambda descent: -descent.log_likelihood)
+    begun = sorted((_begun(model, points, reach) for model in near), key=lambda item: -item.log_likelihood)
     chosen = _distinct(coarse, sample)[:_N_BEST] + _distinct(begun, sample)[:_N_BEST]
-    fine = [settled(one, points) for one in _distinct(chosen, sample)]
-    spent = sum(one.evaluations for one in coarse)
+    fine = [settled(descent, points) for descent in _distinct(chosen, sample)]
+    spent = sum(descent.evaluations for descent in coarse)
     fine.sort(key=lambda one: -one.log_likelihood)
-    return [one._replace(evaluations=one.evaluations + spent) for one in fine]
+    return [descent._replace(evaluations=descent.evaluations + spent) for descent in fine]
 
 
 def _coarse(start: Model, sample: FloatArray, reach: float) -> Descended:
@@ -429,21 +429,21 @@ def _begun(start: Model, points: FloatArray, reach: float) -> Descended:
     return Descended(start, mixture, float(mixture.log_densities(distances).sum()), 1)
 
 
-def _distinct(found: Sequence[Descended], sample: FloatArray) -> list[Descended]:
+def _distinct(pairs: Sequence[Descended], sample: FloatArray) -> list[Descended]:
     """Those that are not the same surface as one before."""
     kept: list[Descended] = []
     sizes: list[FloatArray] = []
-    for one in found:
-        size = np.abs(one.model.distance(sample))
+    for descent in pairs:
+        size = np.abs(descent.model.distance(sample))
         if all(np.abs(size - other).mean() > _SAME for other in sizes):
-            kept.append(one)
+            kept.append(descent)
             sizes.append(size)
     return kept
 
 
-def settled(found: Descended, points: FloatArray, n_rounds: int = _N_ROUNDS) -> Descended:
+def settled(descent: Descended, points: FloatArray, n_rounds: int = _N_ROUNDS) -> Descended:
     """Return where all points (n, 3) lead, weighed by how likely each is noise, until the scale stands."""
-    model, mixture, spent = found.model, found.mixture, found.evaluations
+    model, mixture, spent = descent.model, descent.mixture, descent.evaluations
     for _ in range(n_rounds):
         before = mixture.sigma
         mixture = Mixture.of(model.distance(points), mixture.reach, before, LEAST_SIGMA)

@@ -79,16 +79,16 @@ def cloud_of(unit: Unit) -> Cloud:
     """Return at most some thousand points of what was measured, with normals and neighbours."""
     points = unit.points
     which = np.arange(len(points))[:: max(1, -(-len(points) // _MOST_CLOUD_POINTS))]
-    some = points[which]
-    k = min(_N_NEIGHBOURS + 1, len(some))
-    tree = cKDTree(some)
-    apart, near = tree.query(some, k=k)
-    around = some[near] - some[near].mean(axis=1, keepdims=True)
+    sample = points[which]
+    k = min(_N_NEIGHBOURS + 1, len(sample))
+    tree = cKDTree(sample)
+    apart, near = tree.query(sample, k=k)
+    around = sample[near] - sample[near].mean(axis=1, keepdims=True)
     values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around) / k)
     rough = np.sqrt(np.maximum(values[:, 0], 0.0))
     spacing = float(np.median(apart[:, 1]))
     noise = max(unit.measured.noise, float(np.quantile(rough, 0.2)), 0.01 * spacing)
-    return Cloud(some, vectors[:, :, 0], near[:, 1:], rough, spacing=spacing, noise=noise, which=which)
+    return Cloud(sample, vectors[:, :, 0], near[:, 1:], rough, spacing=spacing, noise=noise, which=which)
 
 
 def find_patches(cloud: Cloud) -> list[Patch]:
@@ -96,7 +96,7 @@ def find_patches(cloud: Cloud) -> list[Patch]:
     free = np.ones(len(cloud.points), dtype=np.bool_)
     untried = free.copy()
     order = np.argsort(cloud.roughness, kind="stable")
-    found: list[Patch] = []
+    pairs: list[Patch] = []
     for _ in range(_N_SEEDS):
         open_ = order[(untried & free)[order]]
         if len(open_) == 0 or free.sum() < _LEAST_PATCH_POINTS:
@@ -107,10 +107,10 @@ def find_patches(cloud: Cloud) -> list[Patch]:
             untried[seed] = False
             untried[cloud.neighbours[seed]] = False
             continue
-        found.append(patch)
+        pairs.append(patch)
         free[patch.members] = False
         untried[patch.members] = False
-    return found
+    return pairs
 
 
 def _grown(cloud: Cloud, seed: int, free: BoolArray) -> Patch | None:
@@ -216,7 +216,7 @@ def touching(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
     label = np.full(len(cloud.points), -1)
     for k, patch in enumerate(patches):
         label[patch.members] = k
-    found = []
+    pairs = []
     for (i, j), border in _borders(cloud, label).items():
         first, second = patches[i], patches[j]
         if len(border) < _LEAST_TOUCHING or (first.is_flat and second.is_flat):
@@ -225,8 +225,8 @@ def touching(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
             continue
         members = _about(cloud, first, second, border)
         if len(members) >= _LEAST_POINTS:
-            found.append(Candidate("junction", members, float(min(len(first.members), len(second.members)))))
-    return sorted(found, key=lambda one: -one.worth)
+            pairs.append(Candidate("junction", members, float(min(len(first.members), len(second.members)))))
+    return sorted(pairs, key=lambda candidate: -candidate.worth)
 
 
 def _borders(cloud: Cloud, label: IntArray) -> dict[tuple[int, int], IntArray]:
@@ -235,15 +235,15 @@ def _borders(cloud: Cloud, label: IntArray) -> dict[tuple[int, int], IntArray]:
     for _ in range(2):
         free = np.flatnonzero(closed < 0)
         around = closed[cloud.neighbours[free]]
-        for one in around.T:
-            take = (closed[free] < 0) & (one >= 0)
-            closed[free[take]] = one[take]
+        for item in around.T:
+            take = (closed[free] < 0) & (item >= 0)
+            closed[free[take]] = item[take]
     row, column = np.nonzero(closed[cloud.neighbours] != closed[:, None])
     other = closed[cloud.neighbours[row, column]]
-    own = closed[row]
-    good = (own >= 0) & (other >= 0)
+    members = closed[row]
+    good = (members >= 0) & (other >= 0)
     pairs: dict[tuple[int, int], list[int]] = {}
-    for a, b, point in zip(own[good], other[good], row[good], strict=True):
+    for a, b, point in zip(members[good], other[good], row[good], strict=True):
         pairs.setdefault((int(min(a, b)), int(max(a, b))), []).append(int(point))
     return {pair: np.unique(points) for pair, points in sorted(pairs.items())}
 
@@ -273,7 +273,7 @@ def _about(cloud: Cloud, first: Patch, second: Patch, border: IntArray) -> IntAr
 def crossing(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
     """Return pairs of tubes of like radii whose axes cross not far from both."""
     tubes = [patch for patch in patches if not patch.is_flat and len(patch.members) >= _LEAST_POINTS // 2]
-    found = []
+    pairs = []
     for i, first in enumerate(tubes):
         for second in tubes[:i]:
             if abs(first.radius - second.radius) > _ALIKE * max(first.radius, second.radius):
@@ -281,8 +281,8 @@ def crossing(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
             members = _pipe(cloud, first, second)
             if len(members) >= _LEAST_POINTS:
                 worth = float(min(len(first.members), len(second.members)))
-                found.append(Candidate("elbow", members, worth))
-    return sorted(found, key=lambda one: -one.worth)
+                pairs.append(Candidate("elbow", members, worth))
+    return sorted(pairs, key=lambda candidate: -candidate.worth)
 
 
 def _pipe(cloud: Cloud, first: Patch, second: Patch) -> IntArray:
@@ -360,8 +360,8 @@ def find_junctions(
     _check(kinds, given)
     whole = [_fit(kind, measured, np.arange(len(measured.points)), given, rng=rng) for kind in kinds]
     # what all points leave open, some of them cannot decide: a patch hides what speaks against it
-    told = [one for one in whole if one.status is not Status.NONE]
-    at_once = [one for one in told if (one.assignment > 0).mean() > _WHOLE]
+    template_fit = [item for item in whole if item.status is not Status.NONE]
+    at_once = [item for item in template_fit if (item.assignment > 0).mean() > _WHOLE]
     if at_once:
         return best_first(at_once)
 
@@ -371,8 +371,8 @@ def find_junctions(
     patches = find_patches(cloud)
 
     # 2. Candidates: pairs that touch along a line, or whose axes cross; each is fitted by its points.
-    tried = [one for kind in kinds for one in _CANDIDATES[kind](cloud, patches)]
-    found, spent, is_complete = [], sum(one.evaluations for one in whole), True
+    tried = [item for kind in kinds for item in _CANDIDATES[kind](cloud, patches)]
+    fits, spent, is_complete = [], sum(item.evaluations for item in whole), True
     for candidate in tried:
         if spent >= budget:
             is_complete = False
@@ -380,11 +380,11 @@ def find_junctions(
         fit = _fit(candidate.kind, measured, _members(unit, cloud, candidate), given, rng=rng)
         spent += fit.evaluations
         if fit.status is not Status.NONE:
-            found.append(fit)
+            fits.append(fit)
 
     # 3. One of each: of fits that are the same, the one with more evidence.
-    kept = _distinct(best_first(found)) if found else whole
-    return [replace(one, is_complete=is_complete) for one in best_first(kept)]
+    kept = _distinct(best_first(fits)) if fits else whole
+    return [replace(item, is_complete=is_complete) for item in best_first(kept)]
 
 
 def _check(kinds: Sequence[str], given: Given) -> None:
@@ -436,11 +436,11 @@ def _are_same(first: TemplateFit, second: TemplateFit) -> bool:
     """Whether two fits of a kind have their joints in one place."""
     if first.kind != second.kind:
         return False
-    ends = [np.asarray(one.geometry["joint"]) for one in (first, second)]
-    radii = [np.asarray(one.geometry["radii"]) for one in (first, second)]
+    ends = [np.asarray(fit.geometry["joint"]) for fit in (first, second)]
+    radii = [np.asarray(fit.geometry["radii"]) for fit in (first, second)]
     size = min(float(r[np.isfinite(r)].min()) for r in radii)
     if first.kind == "elbow":
-        middles = [one.x[3:6] for one in (first, second)]
+        middles = [fit.x[3:6] for fit in (first, second)]
         return bool(np.linalg.norm(middles[0] - middles[1]) < 2 * _SAME * size)
     axis = (ends[0][1] - ends[0][0]) / max(float(np.linalg.norm(ends[0][1] - ends[0][0])), 1e-300)
     gap = ends[1].mean(axis=0) - ends[0].mean(axis=0)

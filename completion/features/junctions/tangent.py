@@ -82,18 +82,18 @@ def _fitted(unit: Unit, given: Mapping[str, float]) -> Weighed:
     shapes = np.unique(np.where(is_held, curvatures, 0.0) * _SIGNS, axis=0)
     starts = flat_starts(points, tangent_arcs, shapes, is_free)
     if is_held.any():
-        starts += [turned_round(one) for one in starts]
-    near = [replace(one, shape=np.where(is_held, shape, one.shape))
-            for one in split_starts(single.model, points, single.mixture.sigma, is_free)
+        starts += [turned_round(start) for start in starts]
+    near = [replace(start, shape=np.where(is_held, shape, start.shape))
+            for start in split_starts(single.model, points, single.mixture.sigma, is_free)
             for shape in (shapes if is_held.any() else shapes[:1])]  # fmt: skip
-    found = descend_from(starts, points, reach, near)
-    best = _flattened(found[0], points, is_held)
+    descend = descend_from(starts, points, reach, near)
+    best = _flattened(descend[0], points, is_held)
     return weigh(
         best,
         alternatives(points, reach, single),
         unit,
-        rival=lambda excess: _rival(found, unit.factor, len(points), excess),
-        evaluations=found[0].evaluations,
+        rival=lambda excess: _rival(descend, unit.factor, len(points), excess),
+        evaluations=descend[0].evaluations,
     )
 
 
@@ -102,25 +102,25 @@ def turned_round(model: Model) -> Model:
     return replace(model, turn=model.turn * np.array([[1.0], [-1.0], [-1.0]]))
 
 
-def _flattened(found: Descended, points: FloatArray, is_held: BoolArray) -> Descended:
+def _flattened(descent: Descended, points: FloatArray, is_held: BoolArray) -> Descended:
     """The fit with a plane instead of the flatter surface, where that is as likely for a parameter less."""
-    flatter = int(np.argmin(np.abs(found.model.shape)))
+    flatter = int(np.argmin(np.abs(descent.model.shape)))
     if is_held[flatter]:
-        return found
-    shape, is_free = found.model.shape.copy(), found.model.is_free.copy()
+        return descent
+    shape, is_free = descent.model.shape.copy(), descent.model.is_free.copy()
     shape[flatter], is_free[6 + flatter] = 0.0, False
-    flat = settled(found._replace(model=replace(found.model, shape=shape, is_free=is_free)), points)
+    flat = settled(descent._replace(model=replace(descent.model, shape=shape, is_free=is_free)), points)
     worth = 0.5 * float(np.log(len(points)))
-    return flat if flat.log_likelihood > found.log_likelihood - worth else found
+    return flat if flat.log_likelihood > descent.log_likelihood - worth else descent
 
 
-def _rival(found: Sequence[Descended], factor: float, n: int, excess: float) -> str:
+def _rival(pairs: Sequence[Descended], factor: float, n: int, excess: float) -> str:
     """Another solution for n points that is nearly as likely and has other radii."""
-    first = np.sort(np.abs(found[0].model.shape))
-    ahead = _AHEAD + _EACH * found[0].mixture.share * n
-    for one in found[1:]:
-        second = np.sort(np.abs(one.model.shape))
-        behind = (found[0].log_likelihood - one.log_likelihood) / excess
+    first = np.sort(np.abs(pairs[0].model.shape))
+    ahead = _AHEAD + _EACH * pairs[0].mixture.share * n
+    for descent in pairs[1:]:
+        second = np.sort(np.abs(descent.model.shape))
+        behind = (pairs[0].log_likelihood - descent.log_likelihood) / excess
         if behind < ahead and (np.abs(second - first) > _OTHER * first.max()).any():
             radii = " and ".join(f"{1 / max(k * factor, 1e-12):.4g}" for k in second[::-1])
             return f"radii {radii} are nearly as likely ({behind:.1f} nats less)"
@@ -129,29 +129,29 @@ def _rival(found: Sequence[Descended], factor: float, n: int, excess: float) -> 
 
 def _told(junction: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
     """What is told of a junction, in the unit of the points."""
-    found, known = junction.found, junction.known
-    model = found.model
+    descent, known = junction.found, junction.known
+    model = descent.model
     first = 0 if held or abs(model.shape[0]) >= abs(model.shape[1]) else 1
     order = [first, 1 - first]
     local = model.local(unit.points[known.near])
     ends = np.quantile(local[:, 2], (0.005, 0.995)) if len(local) else np.zeros(2)
 
-    def told(one: Model) -> FloatArray:
+    def told(item: Model) -> FloatArray:
         with np.errstate(divide="ignore"):
-            radii = 1 / np.abs(one.shape[order]) / unit.factor
-        return np.concatenate([radii, unit.outside(one.origin + ends.mean() * one.turn[2]), one.turn[2]])
+            radii = 1 / np.abs(item.shape[order]) / unit.factor
+        return np.concatenate([radii, unit.outside(item.origin + ends.mean() * item.turn[2]), item.turn[2]])
 
     x = told(model)
     covariance = told_covariance(told, model, known)
     faces = np.where(known.faces > 0, np.where(known.faces == first + 1, 1, 2), 0)
     known = known._replace(faces=faces)
     if first:
-        found = found._replace(model=turned_round(model))
+        descent = descent._replace(model=turned_round(model))
         local = local * [1.0, -1.0, -1.0]
     joint = _joint(local, ends, unit, _across(model, known) / unit.factor)
-    sides = (*sides_of(FACES, found, known, unit), joint)
+    sides = (*sides_of(FACES, descent, known, unit), joint)
     status, reason = _judged(junction, x, covariance, sides, local=local / unit.factor)
-    bends = found.model.shape
+    bends = descent.model.shape
     return TemplateFit(
         kind="junction",
         status=status,

@@ -59,20 +59,20 @@ def alternatives(points: FloatArray, reach: float, single: Descended) -> list[Al
     """Return what else points (n, 3) at unit RMS may be, beside the one cylinder that was fitted before."""
     flat = descend_from(flat_starts(points, tangent_arcs, np.zeros((1, 2)), _STRAIGHT)[:1], points, reach)[0]
     sharp = descend_from(flat_starts(points, edge, _LEANS, _EDGE), points, reach)
-    found = [
+    pairs = [
         Alternative("a plane", flat.log_likelihood, 3),
         Alternative("one cylinder", single.log_likelihood, 5),
     ]
-    open_ones = [one for one in sharp if abs(one.model.shape[0]) < _SHARPEST]
-    found += [Alternative("a sharp edge", one.log_likelihood, 6) for one in open_ones[:1]]
+    open_ones = [descent for descent in sharp if abs(descent.model.shape[0]) < _SHARPEST]
+    pairs += [Alternative("a sharp edge", descent.log_likelihood, 6) for descent in open_ones[:1]]
     for kind, name, n in (("sphere", "a sphere", 4), ("cone", "a cone", 6)):
         try:
             distances = fit_robust(points, kind).surface.distance(points)
         except FitError:
             continue
         mixture = Mixture.of(distances, reach, single.mixture.sigma, LEAST_SIGMA)
-        found.append(Alternative(name, float(mixture.log_densities(distances).sum()), n))
-    return found
+        pairs.append(Alternative(name, float(mixture.log_densities(distances).sum()), n))
+    return pairs
 
 
 _STEP = 1e-6
@@ -90,13 +90,13 @@ class Certainty(NamedTuple):
     across: FloatArray  # (n,) standard deviation of the surface at each
 
 
-def certainty(found: Descended, points: FloatArray, spacing: float) -> Certainty:
+def certainty(descent: Descended, points: FloatArray, spacing: float) -> Certainty:
     """Return the covariance of a model that points (n, 3) at unit RMS were fitted by, and the faces of these.
 
     A^-1 B A^-1 of the likelihood's derivatives (Huber 1967), times what residuals of neighbours at distances
     of the spacing have in common.
     """
-    model, mixture = found.model, found.mixture
+    model, mixture = descent.model, descent.mixture
     distances, slopes = model.linearised(points)
     weight = mixture.weights(distances)
     size2 = (distances / mixture.sigma) ** 2
@@ -114,7 +114,7 @@ def certainty(found: Descended, points: FloatArray, spacing: float) -> Certainty
     return Certainty(small, excess, faces, near, across)
 
 
-def misfit(found: Descended, unit: Unit) -> str:
+def misfit(descent: Descended, unit: Unit) -> str:
     """Return why residuals are no noise, "" where they may be: more than the points are rough.
 
     Roughness is that of small neighbourhoods about their own planes: it holds the noise, and some of what
@@ -122,7 +122,7 @@ def misfit(found: Descended, unit: Unit) -> str:
     """
     points = unit.points
     _, roughness = oriented(points[:: max(1, len(points) // _N_ROUGH)], points)
-    sigma, rough = found.mixture.sigma, max(roughness, unit.measured.noise, LEAST_SIGMA)
+    sigma, rough = descent.mixture.sigma, max(roughness, unit.measured.noise, LEAST_SIGMA)
     if sigma <= _ROUGHER * rough:
         return ""
     return f"residuals of {sigma / unit.factor:.3g} are no noise: points are {rough / unit.factor:.3g} rough"
@@ -132,31 +132,31 @@ Told = Callable[[Model], FloatArray]
 """From a model to the parameters (k,) that are told of it."""
 
 
-def told_covariance(told: Told, model: Model, known: Certainty) -> FloatArray:
+def told_covariance(sentence: Told, model: Model, known: Certainty) -> FloatArray:
     """Return the covariance (k, k) of what is told of a model, by differences; zero where it is infinite."""
     columns = []
     for step in np.eye(len(known.covariance)) * _STEP:
-        ahead, back = told(model.moved(step)), told(model.moved(-step))
+        ahead, back = sentence(model.moved(step)), sentence(model.moved(-step))
         finite = np.isfinite(ahead) & np.isfinite(back)
         columns.append((np.where(finite, ahead, 0.0) - np.where(finite, back, 0.0)) / (2 * _STEP))
-    slopes = np.column_stack(columns) if columns else np.zeros((len(told(model)), 0))
+    slopes = np.column_stack(columns) if columns else np.zeros((len(sentence(model)), 0))
     return slopes @ known.covariance @ slopes.T
 
 
-def sides_of(names: tuple[str, ...], found: Descended, known: Certainty, unit: Unit) -> tuple[Side, ...]:
+def sides_of(names: tuple[str, ...], descent: Descended, known: Certainty, unit: Unit) -> tuple[Side, ...]:
     """Return the support of each face at unit RMS; deviations in the old unit."""
     deviations = np.full(len(names), np.inf)
     for number in range(1, len(names) + 1):
         on = known.faces == number
         if on.any():
             deviations[number - 1] = float(np.sqrt(np.mean(known.across[on] ** 2))) / unit.factor
-    model = found.model
+    model = descent.model
 
     def nearest(places: FloatArray) -> tuple[FloatArray, IntArray]:
         section = model.section(places)
         return section.distance, section.face
 
-    tolerance = 3 * found.mixture.sigma
+    tolerance = 3 * descent.mixture.sigma
     return face_sides(names, unit.measured, known.faces, deviations, nearest=nearest, tolerance=tolerance)
 
 
@@ -177,7 +177,7 @@ class Weighed(NamedTuple):
 
 
 def weigh(
-    found: Descended,
+    descent: Descended,
     others: Sequence[Alternative],
     unit: Unit,
     *,
@@ -189,16 +189,16 @@ def weigh(
     `rival` tells of another solution, by how much residuals of neighbours have in common.
     """
     n = len(unit.points)
-    known = certainty(found, unit.points, unit.measured.spacing)
-    plain = max(others, key=lambda one: one.value(n))
-    cost = 0.5 * found.model.basis.shape[1] * float(np.log(n))
-    evidence = (found.log_likelihood - cost - plain.value(n)) / known.excess
+    known = certainty(descent, unit.points, unit.measured.spacing)
+    plain = max(others, key=lambda alternative: alternative.value(n))
+    cost = 0.5 * descent.model.basis.shape[1] * float(np.log(n))
+    evidence = (descent.log_likelihood - cost - plain.value(n)) / known.excess
     return Weighed(
-        found,
+        descent,
         known,
         evidence,
         plain.name,
-        misfit=misfit(found, unit),
+        misfit=misfit(descent, unit),
         rival=rival(known.excess),
         evaluations=evaluations,
     )

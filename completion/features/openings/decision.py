@@ -145,14 +145,14 @@ def silent_feature(fit: TemplateFit, share: float) -> TemplateFit:
     """Return a rectangle from which nothing came back, a `share` of its beams: never more than ambiguous."""
     if fit.status is Status.NONE:
         return fit
-    told = f"nothing came back from {share:.0%} of it: a window, a mirror or something dark"
+    sentence = f"nothing came back from {share:.0%} of it: a window, a mirror or something dark"
     x, covariance, depth = fit.x.copy(), fit.covariance.copy(), NAMES.index("depth")
     x[depth], covariance[depth, depth] = np.nan, np.inf
     geometry = {**fit.geometry, "depth_m": np.nan, "depth_sd_m": np.inf}
     none = np.zeros_like(fit.assignment)
     unknown = replace(fit, x=x, covariance=covariance, geometry=geometry, assignment=none)
     chance = false_fit_probability(Status.AMBIGUOUS, fit.evidence)
-    return replace(unknown, status=Status.AMBIGUOUS, reason=told, false_fit_probability=chance)
+    return replace(unknown, status=Status.AMBIGUOUS, reason=sentence, false_fit_probability=chance)
 
 
 def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
@@ -165,24 +165,24 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
         return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", Status.NONE
     has_floor = opened.floor is not None
     for side in [*refuted(opened.sides, has_floor=has_floor), *_ended(opened.sides, has_floor=has_floor)]:
-        told = f"its {side.name} side is contradicted by {side.contradicted} of {side.total} tiles"
-        return kind, told, Status.NONE
-    if kind == "niche" and (told := _relief(opened)):
-        return kind, told, Status.NONE
+        sentence = f"its {side.name} side is contradicted by {side.contradicted} of {side.total} tiles"
+        return kind, sentence, Status.NONE
+    if kind == "niche" and (sentence := _relief(opened)):
+        return kind, sentence, Status.NONE
     if len(seen) < _FEWEST_SEEN or not {"left", "right"} & set(seen):
-        told = f"only its {' and '.join(seen)} side was seen" if seen else "none of its sides was seen"
-        return kind, told, Status.NONE
+        sentence = f"only its {' and '.join(seen)} side was seen" if seen else "none of its sides was seen"
+        return kind, sentence, Status.NONE
     walled = {name for name in seen if name not in opened.bare}
     if opened.floor is not None:
         walled -= {"bottom"}
     if opened.bare and (len(walled) < _FEWEST_SEEN or not {"left", "right"} & walled):
-        told = f"what bounds its {' and '.join(opened.bare)} side is a strip, no wall: beams go on beyond"
-        return kind, told, Status.NONE
+        sentence = f"what bounds its {' and '.join(opened.bare)} side is a strip, no wall: beams go on beyond"
+        return kind, sentence, Status.NONE
     may_be_image = on_reveals < _REVEALED and not opened.recess.is_closed
     share = opened.image_share() if may_be_image else 0.0
     if share > _IS_IMAGE:
-        told = f"opening or mirror: {share:.0%} of what lies behind is the image of what stands"
-        return kind, f"{told} before it, and no reveal was measured", Status.AMBIGUOUS
+        sentence = f"opening or mirror: {share:.0%} of what lies behind is the image of what stands"
+        return kind, f"{sentence} before it, and no reveal was measured", Status.AMBIGUOUS
     if np.isnan(share):
         doubt = "; ".join(
             [*([doubt] if doubt else []), "no reveal and no image is in view: it may be a mirror"]

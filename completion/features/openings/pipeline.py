@@ -58,8 +58,8 @@ def image_share(frame: WallFrame, beams: WallBeams, observations: Sequence[Obser
         into = frame.axes[1]
         images = points - 2 * ((points - frame.origin) @ into)[:, None] * into
         for other in observations:
-            said = _said(images, other)
-            agrees, refutes = agrees + said[0], refutes + said[1]
+            numbers = _said(images, other)
+            agrees, refutes = agrees + numbers[0], refutes + numbers[1]
     return agrees / (agrees + refutes) if agrees + refutes >= _FEW else np.nan
 
 
@@ -134,27 +134,27 @@ def find_openings_in(
 
     def decided(rough: Recess, every: WallBeams, chart: WallChart, others: Sequence[Recess]) -> TemplateFit:
         near = closely(rough)
-        some = near.silent_as_open() if every is not beams else near
+        sample = near.silent_as_open() if every is not beams else near
         opened = _opened(
-            wall, frame, (some, every), rough, observations=observations, given=given, levels=levels
+            wall, frame, (sample, every), rough, observations=observations, given=given, levels=levels
         )
-        turned = some.turned(opened.turn)
+        turned = sample.turned(opened.turn)
         bare = [
             side.name
             for side in opened.sides
             if side.is_seen
             and is_strip(turned, opened.recess, side.name, opened.known[side.name], others=others)
         ]
-        fit = decide(replace(opened, chart=chart, bare=tuple(bare)), some, observations, given)
+        fit = decide(replace(opened, chart=chart, bare=tuple(bare)), sample, observations, given)
         return fit if is_assigned else replace(fit, assignment=np.zeros(0, np.int64))
 
     # 3. Propose, fit, decide: the rectangles whose beams speak most for no wall, exactly.
-    found: list[TemplateFit] = []
+    fits: list[TemplateFit] = []
     if len(beams):
         chart = WallChart.of(beams)
         proposed = [rough for rough, _ in propose(chart, reached)]
-        found = [decided(rough, beams, chart, _without(proposed, rough)) for rough in proposed]
-    yield from found
+        fits = [decided(rough, beams, chart, _without(proposed, rough)) for rough in proposed]
+    yield from fits
 
     # 4. Silence: rectangles from which nothing came back may be panes; they are told, and never claimed.
     silent = beams.is_silent
@@ -166,12 +166,12 @@ def find_openings_in(
     for rough in proposed:
         inside = rough.holds(beams.uv)
         share = float(silent[inside].mean()) if inside.any() else 0.0
-        if share > _MOSTLY and not any(_overlaps(fit, frame, rough) for fit in found):
+        if share > _MOSTLY and not any(_overlaps(fit, frame, rough) for fit in fits):
             yield silent_feature(decided(rough, as_open, chart, _without(proposed, rough)), share)
 
 
 def _without(proposed: Sequence[Recess], rough: Recess) -> list[Recess]:
-    return [one for one in proposed if one is not rough]
+    return [recess for recess in proposed if recess is not rough]
 
 
 def _meets(frame: WallFrame, floor: Floor) -> FloatArray:
@@ -280,8 +280,8 @@ def find_openings(
         return list(find_openings_in(wall, observations, up, floors, given or {}, is_assigned=is_assigned))
 
     numbers = range(len(surfaces))
-    found = [of_wall(number) for number in numbers] if each is None else each(of_wall, numbers)
-    return _each_once([fit for some in found for fit in some if fit.kind in kinds or _may_be(fit, kinds)])
+    groups = [of_wall(number) for number in numbers] if each is None else each(of_wall, numbers)
+    return _each_once([fit for fits in groups for fit in fits if fit.kind in kinds or _may_be(fit, kinds)])
 
 
 def _may_be(fit: TemplateFit, kinds: Sequence[str]) -> bool:
@@ -294,11 +294,11 @@ def walls_of(surfaces: Sequence[MergedSurface], up: FloatArray) -> list[tuple[in
     `up` (3,) is what is up in their frame.
     """
     return [
-        (number, one)
-        for number, one in enumerate(surfaces)
-        if one.n_pixels >= _LEAST_POINTS
-        and isinstance(one.fit.surface, Plane)
-        and abs(float(one.fit.surface.normal_direction @ up)) <= SIDEWAYS
+        (number, surface)
+        for number, surface in enumerate(surfaces)
+        if surface.n_pixels >= _LEAST_POINTS
+        and isinstance(surface.fit.surface, Plane)
+        and abs(float(surface.fit.surface.normal_direction @ up)) <= SIDEWAYS
     ]
 
 
@@ -311,11 +311,15 @@ def floors_of(
     a person's height above it. Neither is what is narrow, as a sill.
     """
     frame = np.linalg.svd(up[None])[2][1:]  # two directions along the ground
-    sampled = [(one, one.points(observations, _LEVEL_POINTS)) for one in surfaces if _is_level(one, up)]
+    sampled = [
+        (surface, surface.points(observations, _LEVEL_POINTS))
+        for surface in surfaces
+        if _is_level(surface, up)
+    ]
     wide = [pair for pair in sampled if _is_wide(pair[1] @ frame.T)]
-    points = [some for _, some in wide]
-    height = [float(np.median(some @ up)) for some in points]
-    plans = [some @ frame.T for some in points]
+    points = [values for _, values in wide]
+    height = [float(np.median(point @ up)) for point in points]
+    plans = [point @ frame.T for point in points]
     few = [plan[:: max(1, len(plan) // _FEW_POINTS)] for plan in plans]
 
     def stands(k: int) -> bool:
@@ -324,7 +328,7 @@ def floors_of(
             for j in range(len(wide))
         )
 
-    return [Floor(one.fit, some) for k, (one, some) in enumerate(wide) if not stands(k)]
+    return [Floor(surface.fit, values) for k, (surface, values) in enumerate(wide) if not stands(k)]
 
 
 def _is_wide(plan: FloatArray) -> bool:
@@ -371,11 +375,13 @@ def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
     into, beyond = np.asarray(fit.geometry["into"]), np.asarray(other.geometry["into"])
     if float(into @ beyond) < _LEVEL:
         return False
-    own, corners = np.asarray(fit.geometry["corners"]), np.asarray(other.geometry["corners"])
-    if abs(float((own.mean(axis=0) - corners.mean(axis=0)) @ beyond)) >= _SAME_M:
+    values, corners = np.asarray(fit.geometry["corners"]), np.asarray(other.geometry["corners"])
+    if abs(float((values.mean(axis=0) - corners.mean(axis=0)) @ beyond)) >= _SAME_M:
         return False
     u, v = corners[1] - corners[0], corners[3] - corners[0]
-    at = (own - corners[0]) @ np.column_stack([u / (u @ u), v / (v @ v)])  # in the other's width and height
+    at = (values - corners[0]) @ np.column_stack(
+        [u / (u @ u), v / (v @ v)]
+    )  # in the other's width and height
     if fit.status is Status.NONE:
         return bool((np.abs(at.mean(axis=0) - 0.5) < 0.5).all())
     low, high = at.min(axis=0), at.max(axis=0)
@@ -405,19 +411,23 @@ def find_openings_of_scans(
         Where to run.
     """
     # 1. Surfaces: those of completion.
-    found = find_surfaces(scans, SurfaceOptions(), steps)
-    surfaces, observations, owners = found.surfaces, found.observations, found.evidence(steps).owners
+    scan_surfaces = find_surfaces(scans, SurfaceOptions(), steps)
+    surfaces, observations, owners = (
+        scan_surfaces.surfaces,
+        scan_surfaces.observations,
+        scan_surfaces.evidence(steps).owners,
+    )
     world_from_reference = scans[0].world_from_sensor
 
     # 2. Find: what is known of a kind holds for all that are sought with it.
     up = world_from_reference.matrix[2, :3]
     fits: list[TemplateFit] = []
-    for some, known in _alike(kinds, given):
+    for texts, known in _alike(kinds, given):
 
         def each(work: Callable[[int], list[TemplateFit]], numbers: Iterable[int]) -> list[list[TemplateFit]]:
             return steps.each("openings", work, numbers)
 
-        fits += find_openings(surfaces, observations, owners, up, given=known, kinds=some, each=each)
+        fits += find_openings(surfaces, observations, owners, up, given=known, kinds=texts, each=each)
 
     # 3. World: what was found in the frame of the first scan; points are those that came back, in turn.
     valid = np.concatenate([scan.valid.ravel() for scan in scans])
@@ -431,7 +441,7 @@ def find_openings_of_scans(
         for fit in fits
     ]
     is_any = any(fit.status is not Status.NONE for fit in moved)
-    doubts = pose_doubts(found.registration)
+    doubts = pose_doubts(scan_surfaces.registration)
     return moved, doubts if is_any else [*doubts, _why_none(surfaces, observations, up)]
 
 
@@ -440,7 +450,7 @@ def _alike(kinds: Sequence[str], given: Mapping[str, Given]) -> list[tuple[list[
     groups: dict[tuple[tuple[str, float], ...], list[str]] = {}
     for kind in kinds:
         groups.setdefault(tuple(sorted(given.get(kind, {}).items())), []).append(kind)
-    return [(some, dict(known)) for known, some in groups.items()]
+    return [(group, dict(known)) for known, group in groups.items()]
 
 
 def _why_none(surfaces: Sequence[MergedSurface], observations: Sequence[Observation], up: FloatArray) -> str:
@@ -450,9 +460,9 @@ def _why_none(surfaces: Sequence[MergedSurface], observations: Sequence[Observat
         return "no upright plane was found: openings are sought in walls"
     away = np.concatenate(
         [
-            seen.scan.ranges.ravel()[some]
-            for _, one in walls
-            for seen, some in one.sampled_by(observations, 200)
+            seen.scan.ranges.ravel()[subset]
+            for _, surface in walls
+            for seen, subset in surface.sampled_by(observations, 200)
         ]
     )
     far = float(np.median(away[np.isfinite(away)]))

@@ -136,13 +136,13 @@ def _closest(beams: WallBeams) -> float:
     return float(np.quantile(least, _SHARE))
 
 
-def _undivided(nats: FloatArray, found: CellRectangle) -> CellRectangle:
+def _undivided(nats: FloatArray, rectangle: CellRectangle) -> CellRectangle:
     """The rectangle, or the best part of it where wall divides it from one side to the other.
 
     Two holes with the wall between them are likelier than one that claims the wall, by as many nats as speak
     for wall in the strip between; more than a rectangle of its own must be worth.
     """
-    top, left, bottom, right, _ = found
+    top, left, bottom, right, _ = rectangle
     part = nats[top:bottom, left:right]
     for axis in (0, 1):
         sums = part.sum(axis=axis)  # of columns, then of rows
@@ -155,12 +155,12 @@ def _undivided(nats: FloatArray, found: CellRectangle) -> CellRectangle:
             (top, left + first, bottom, left + last) if axis == 0 else (top + first, left, top + last, right)
         )
         return _undivided(nats, CellRectangle(*ends, total=max(before, after)))
-    return found
+    return rectangle
 
 
-def _share(is_open: BoolArray, found: CellRectangle) -> float:
+def _share(is_open: BoolArray, rectangle: CellRectangle) -> float:
     """The share of a rectangle's cells that beams went through."""
-    part = is_open[found.top : found.bottom, found.left : found.right]
+    part = is_open[rectangle.top : rectangle.bottom, rectangle.left : rectangle.right]
     return float(part.mean()) if part.size else 1.0
 
 
@@ -179,18 +179,18 @@ def propose(chart: WallChart | None, floors: Sequence[FloatArray] = ()) -> Itera
         inside = (column >= 0) & (column < values.shape[1]) & (row >= 0) & (row < values.shape[0])
         values[row[inside], column[inside]] = -_MOST_NATS
     for _ in range(_MOST):
-        found = best_rectangle(values)
-        if _share(is_open, found) < _LEAST_SEEN:  # two holes, and what nobody saw between them
-            found = best_rectangle(np.where(values == -_PRICE, -_DEAR, values))
-        if found.total < _LEAST_NATS:
+        rectangle = best_rectangle(values)
+        if _share(is_open, rectangle) < _LEAST_SEEN:  # two holes, and what nobody saw between them
+            rectangle = best_rectangle(np.where(values == -_PRICE, -_DEAR, values))
+        if rectangle.total < _LEAST_NATS:
             return
-        found = _undivided(values + _PRICE, found)
-        values[found.top : found.bottom, found.left : found.right] = -_PRICE
-        left, bottom = chart.corner + chart.cell * np.array([found.left, found.top])
-        right, top = chart.corner + chart.cell * np.array([found.right, found.bottom])
+        rectangle = _undivided(values + _PRICE, rectangle)
+        values[rectangle.top : rectangle.bottom, rectangle.left : rectangle.right] = -_PRICE
+        left, bottom = chart.corner + chart.cell * np.array([rectangle.left, rectangle.top])
+        right, top = chart.corner + chart.cell * np.array([rectangle.right, rectangle.bottom])
         half = chart.cell / 2  # outwards: a side that nobody saw must not lie in what is open
         recess = Recess(
             float(left) - half, float(right) + half, bottom=float(bottom) - half, top=float(top) + half
         )
         if min(recess.size) >= _LEAST_M:
-            yield recess, found.total
+            yield recess, rectangle.total

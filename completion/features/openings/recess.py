@@ -217,19 +217,19 @@ def fit_side(beams: WallBeams, recess: Recess, side: str, reach: float) -> Estim
     Where no beam says anything the side stays, with a deviation of inf.
     """
     chosen = np.flatnonzero(near_side(beams, recess, side, reach))
-    some = beams.chosen(chosen[:: max(1, len(chosen) // _MOST_BEAMS)])
+    wall_beams = beams.chosen(chosen[:: max(1, len(chosen) // _MOST_BEAMS)])
     here = getattr(recess, side)
-    if not len(some):
+    if not len(wall_beams):
         return Estimate(here, np.inf)
     axis = 0 if side in ("left", "right") else 1
     places = here + np.linspace(-reach, reach, _COARSE)
     for count in (_FINE, _FINE):
-        mean, sd, _ = _posterior(_by_tiles(some, recess, side, places, axis), places)
+        mean, sd, _ = _posterior(_by_tiles(wall_beams, recess, side, places, axis), places)
         if sd > _NOTHING * reach:
             return Estimate(here, np.inf)
         half = max(_FIVE_SD * sd, 2 * (places[1] - places[0]), _LEAST_STEP_M)
         places = mean + np.linspace(-half, half, count)
-    tiles = _by_tiles(some, recess, side, places, axis)
+    tiles = _by_tiles(wall_beams, recess, side, places, axis)
     mean, sd, _ = _posterior(tiles, places)
     return Estimate(mean, max(sd, _jackknife(tiles, places)))
 
@@ -243,12 +243,12 @@ def fit_turn(beams: WallBeams, recess: Recess, reach: float) -> tuple[Estimate, 
     for side in SIDES:
         near |= near_side(beams, recess, side, reach)
     chosen = np.flatnonzero(near)
-    some = beams.chosen(chosen[:: max(1, len(chosen) // _MOST_BEAMS)])
+    wall_beams = beams.chosen(chosen[:: max(1, len(chosen) // _MOST_BEAMS)])
     centre = np.array([recess.left + recess.right, recess.bottom + recess.top]) / 2
     best = sd = 0.0
     for half, count in ((np.radians(3.0), 25), (np.radians(0.3), 13), (np.radians(0.05), 13)):
         angles = best + np.linspace(-half, half, count)
-        logs = np.array([_turned_likelihood(some, recess, centre, angle) for angle in angles])
+        logs = np.array([_turned_likelihood(wall_beams, recess, centre, angle) for angle in angles])
         best, sd, _ = _posterior((logs - 0.5 * np.square(angles / _PLUMB))[None], angles)
     moved = _rotated(centre[None], best)[0] - centre
     u, v = (float(shift) for shift in moved)
@@ -297,17 +297,17 @@ def fit_depth(beams: WallBeams, recess: Recess, given: float | None = None) -> t
     nothing, so beams that meet the bottom are left out of it. A `given` depth is held.
     """
     inside = np.flatnonzero(recess.holds(beams.uv) & np.isfinite(beams.ranges))
-    some = beams.chosen(inside[:: max(1, len(inside) // _MOST_BEAMS)])
-    factor = max(1.0, len(inside) / max(len(some), 1))
+    wall_beams = beams.chosen(inside[:: max(1, len(inside) // _MOST_BEAMS)])
+    factor = max(1.0, len(inside) / max(len(wall_beams), 1))
     best: dict[bool, tuple[float, Estimate]] = {}
     for is_closed in (False, True):
         depths = _DEPTHS_M if not is_closed else _DEPTHS_M[1:]
         if given is not None:
-            top = float(_depth_tiles(some, recess, np.array([given]), is_closed).sum())
+            top = float(_depth_tiles(wall_beams, recess, np.array([given]), is_closed).sum())
             best[is_closed] = (top, Estimate(given, 0.0))
             continue
         for _ in range(3):
-            tiles = _depth_tiles(some, recess, depths, is_closed)
+            tiles = _depth_tiles(wall_beams, recess, depths, is_closed)
             mean, sd, top = _posterior(tiles, depths)
             step = float(np.max(np.diff(depths)[max(np.argmin(np.abs(depths - mean)) - 1, 0) :][:2]))
             half = max(_FIVE_SD * sd, 2 * step, 1e-4)

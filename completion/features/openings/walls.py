@@ -206,7 +206,7 @@ def wall_beams(
         Some of the beams of a larger window: only pixels about those of them in the window are looked at, and
         so more closely.
     """
-    window, found = (low, high), []
+    window, beams = (low, high), []
     for number, seen in enumerate(observations):
         shape = seen.scan.shape
         if among is not None:
@@ -214,11 +214,11 @@ def wall_beams(
             known = among.pixel[inside]
         else:
             known = _reaching(frame, seen, window, wall=wall, number=number)
-        one = _of_scan(frame, seen, window, wall=wall, number=number, pixels=_pixels(shape, known))
-        if one is not None:
-            found.append(one)
+        scan = _of_scan(frame, seen, window, wall=wall, number=number, pixels=_pixels(shape, known))
+        if scan is not None:
+            beams.append(scan)
         trim()
-    if not found:
+    if not beams:
         none, pairs, whole = np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64)
         single = ("stretch", "wall_range", "ranges", "deviation", "gap", "nats")
         return WallBeams(
@@ -231,8 +231,8 @@ def wall_beams(
             **dict.fromkeys(single, none),
         )
     names = [field.name for field in fields(WallBeams) if field.name != "farthest"]
-    joined = {name: np.concatenate([getattr(one, name) for one in found]) for name in names}
-    return WallBeams(**joined, farthest=max(one.farthest for one in found))
+    joined = {name: np.concatenate([getattr(item, name) for item in beams]) for name in names}
+    return WallBeams(**joined, farthest=max(item.farthest for item in beams))
 
 
 def _reaching(
@@ -246,10 +246,10 @@ def _reaching(
     """Some of a scan's pixels (n,) in a window of a wall that nothing stops before it: others say nothing."""
     rows, columns = (np.arange(0, size, _COARSE) for size in seen.scan.shape)
     pixels = rows[:, None] * seen.scan.shape[1] + columns
-    some = _of_scan(frame, seen, window, wall=wall, number=number, pixels=pixels)
-    if some is None:
+    scan = _of_scan(frame, seen, window, wall=wall, number=number, pixels=pixels)
+    if scan is None:
         return np.zeros(0, np.int64)
-    return some.pixel[some.ranges > some.wall_range - _NEAR * some.deviation]
+    return scan.pixel[scan.ranges > scan.wall_range - _NEAR * scan.deviation]
 
 
 def _pixels(shape: tuple[int, int], known: IntArray) -> IntArray:
@@ -257,8 +257,8 @@ def _pixels(shape: tuple[int, int], known: IntArray) -> IntArray:
     if not len(known):
         return np.zeros((0, 0), np.int64)
     (top, bottom), (left, right) = (
-        (max(int(one.min()) - _MARGIN, 0), min(int(one.max()) + _MARGIN + 1, size))
-        for one, size in zip(np.divmod(known, shape[1]), shape, strict=True)
+        (max(int(values.min()) - _MARGIN, 0), min(int(values.max()) + _MARGIN + 1, size))
+        for values, size in zip(np.divmod(known, shape[1]), shape, strict=True)
     )
     step = max(1, int(np.ceil(np.sqrt((bottom - top) * (right - left) / _MOST_PIXELS))))
     return np.arange(top, bottom, step)[:, None] * shape[1] + np.arange(left, right, step)

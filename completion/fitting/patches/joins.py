@@ -82,19 +82,19 @@ def check_boundaries(boundaries: Boundaries) -> None:
     strange = [name for name in boundaries if name not in SIDES]
     if strange:
         raise InputError(f"a patch has the boundaries {', '.join(SIDES)}, not {strange[0]!r}")
-    for one in ("u0", "u1"):
+    for literal in ("u0", "u1"):
         for other in ("v0", "v1"):
-            if one in boundaries and other in boundaries:
-                _check_corner(one, other, boundaries[one], boundaries[other])
+            if literal in boundaries and other in boundaries:
+                _check_corner(literal, other, boundaries[literal], boundaries[other])
 
 
-def _check_corner(name: str, next_name: str, one: Boundary, other: Boundary) -> None:
-    if not (isinstance(one.surface, Plane) and isinstance(other.surface, Plane)):
+def _check_corner(name: str, next_name: str, first: Boundary, second: Boundary) -> None:
+    if not (isinstance(first.surface, Plane) and isinstance(second.surface, Plane)):
         return
-    normal, next_normal = one.surface.normal_direction, other.surface.normal_direction
+    normal, next_normal = first.surface.normal_direction, second.surface.normal_direction
     across = float(np.linalg.norm(np.cross(normal, next_normal)))
     angle = float(np.arctan2(across, abs(normal @ next_normal)))
-    joins = {one.join, other.join}
+    joins = {first.join, second.join}
     if joins == {Join.TANGENT}:
         is_good, needs = angle <= _SQUARE, "in one plane"
     else:
@@ -102,7 +102,7 @@ def _check_corner(name: str, next_name: str, one: Boundary, other: Boundary) -> 
         needs = "square to the last digits (hold their directions: `unseen fit --axis`)"
     if not is_good:
         raise InputError(
-            f"{name} ({one.join}) and {next_name} ({other.join}) exclude each other at their corner: "
+            f"{name} ({first.join}) and {next_name} ({second.join}) exclude each other at their corner: "
             f"their planes meet at {np.degrees(angle):.6g} deg and have to be {needs}; "
             "or join one of them otherwise"
         )
@@ -132,43 +132,43 @@ def join_equations(
     outer: FloatArray,
     inner: FloatArray,
     along: Basis,
-    told: tuple[bool, bool] = (False, False),
+    flags: tuple[bool, bool] = (False, False),
 ) -> JoinEquations:
     """Return the equations of a join, of the row on the boundary (m, 3) and the next one (m, 3).
 
-    `told` says at which ends others say how the boundary begins: there a cylinder is asked one place less.
+    `flags` says at which ends others say how the boundary begins: there a cylinder is asked one place less.
     """
     n, surface = along.n, boundary.surface
     if isinstance(surface, Plane):
-        parts = [(np.eye(n), one) for one in _plane_terms(surface, boundary.join, outer, inner - outer)]
+        parts = [(np.eye(n), term) for term in _plane_terms(surface, boundary.join, outer, inner - outer)]
         return _gathered(parts, np.eye(n))
     seen = along.values(along.stations)
-    asked = np.delete(np.eye(n), [k for k, is_told in zip((1, n - 2), told, strict=True) if is_told], axis=0)
+    asked = np.delete(np.eye(n), [k for k, is_told in zip((1, n - 2), flags, strict=True) if is_told], axis=0)
     rough = np.linalg.qr(np.polynomial.legendre.legvander(2 * along.stations - 1, _SMOOTH), "complete")[0]
     exact, smooth = _cylinder_terms(surface, boundary.join, seen @ outer, seen @ (inner - outer))
-    parts = [(asked, one) for one in exact] + [(rough[:, _SMOOTH + 1 :].T, one) for one in smooth]
+    parts = [(asked, term) for term in exact] + [(rough[:, _SMOOTH + 1 :].T, term) for term in smooth]
     return _gathered(parts, seen)
 
 
 def _gathered(parts: list[tuple[FloatArray, _Term]], seen: FloatArray) -> JoinEquations:
     """Combinations of terms, as equations of controls that stations see by `seen` (m, m)."""
-    misfit = [by @ one.value for by, one in parts]
+    misfit = [by @ term.value for by, term in parts]
     by_outer = [
-        np.einsum("qk,kj,kc->qjc", by, seen, one.by_at - one.by_step, optimize=True) for by, one in parts
+        np.einsum("qk,kj,kc->qjc", by, seen, term.by_at - term.by_step, optimize=True) for by, term in parts
     ]
-    by_inner = [np.einsum("qk,kj,kc->qjc", by, seen, one.by_step, optimize=True) for by, one in parts]
-    return JoinEquations(*(np.concatenate(some) for some in (misfit, by_outer, by_inner)))
+    by_inner = [np.einsum("qk,kj,kc->qjc", by, seen, term.by_step, optimize=True) for by, term in parts]
+    return JoinEquations(*(np.concatenate(arrays) for arrays in (misfit, by_outer, by_inner)))
 
 
 def _plane_terms(plane: Plane, join: Join, at: FloatArray, step: FloatArray) -> list[_Term]:
     none, normal = np.zeros_like(at), plane.normal(at)
-    found = [_Term(plane.distance(at), normal, none)]
+    pairs = [_Term(plane.distance(at), normal, none)]
     axes = {
         Join.CONNECTED: (),
         Join.TANGENT: (plane.normal_direction,),
         Join.ORTHOGONAL: (plane.u_direction, plane.v_direction),
     }[join]
-    return found + [_Term(step @ axis, none, np.broadcast_to(axis, at.shape)) for axis in axes]
+    return pairs + [_Term(step @ axis, none, np.broadcast_to(axis, at.shape)) for axis in axes]
 
 
 def _cylinder_terms(
@@ -193,8 +193,8 @@ def _cylinder_terms(
     return exact, smooth
 
 
-def _dot(one: FloatArray, other: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("ij,ij->i", one, other))
+def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("ij,ij->i", first, second))
 
 
 _EXACT, _NEARLY = 1e-10, 1e-5
@@ -214,14 +214,14 @@ class Equations(NamedTuple):
         """Return those that the others do not entail; linear ones go first."""
         kept, known = list[int](), np.zeros((self.rows.shape[1], 0))
         for linear, least in ((True, _EXACT), (False, _NEARLY)):
-            some = np.flatnonzero(self.is_linear == linear)
-            if not len(some):
+            values = np.flatnonzero(self.is_linear == linear)
+            if not len(values):
                 continue
-            left = self.rows[some].T - known @ (known.T @ self.rows[some].T)
+            left = self.rows[values].T - known @ (known.T @ self.rows[values].T)
             frame, upper, order = qr(left, mode="economic", pivoting=True)
             size = np.abs(np.diag(upper))
             rank = int(np.count_nonzero(size > least * max(1.0, size.max(initial=0.0))))
-            kept += some[order[:rank]].tolist()
+            kept += values[order[:rank]].tolist()
             known = np.column_stack([known, frame[:, :rank]])
         which = np.array(kept, dtype=np.int64)
         return Equations(
@@ -244,22 +244,24 @@ def equations_of(patch: SplinePatch, boundaries: Boundaries) -> Equations:
     """Return all equations of a patch's joins, linearised where it is."""
     n, m, _ = patch.controls.shape
     controls = patch.controls.reshape(-1, 3)
-    found = list[tuple[IntArray, FloatArray, FloatArray, bool]]()
+    pairs = list[tuple[IntArray, FloatArray, FloatArray, bool]]()
     for side, boundary in boundaries.items():
         outer, inner = side_rows(side, n, m)
         along = patch.bases[1 if side[0] == "u" else 0]
-        own = join_equations(boundary, controls[outer], controls[inner], along, _told(side, boundaries))
+        equations = join_equations(boundary, controls[outer], controls[inner], along, _told(side, boundaries))
         columns = 3 * np.concatenate([outer, inner])[:, None] + np.arange(3)
-        rows = np.concatenate([own.by_outer, own.by_inner], axis=1).reshape(len(own.misfit), -1)
-        found.append((columns.ravel(), rows, own.misfit, isinstance(boundary.surface, Plane)))
-    columns = np.unique(np.concatenate([np.zeros(0, np.int64), *(one[0] for one in found)]))
-    whole = np.zeros((sum(len(one[1]) for one in found), len(columns)))
+        rows = np.concatenate([equations.by_outer, equations.by_inner], axis=1).reshape(
+            len(equations.misfit), -1
+        )
+        pairs.append((columns.ravel(), rows, equations.misfit, isinstance(boundary.surface, Plane)))
+    columns = np.unique(np.concatenate([np.zeros(0, np.int64), *(row[0] for row in pairs)]))
+    whole = np.zeros((sum(len(row[1]) for row in pairs), len(columns)))
     start = 0
-    for taking_part, rows, _, _ in found:
+    for taking_part, rows, _, _ in pairs:
         whole[start : start + len(rows), np.searchsorted(columns, taking_part)] = rows
         start += len(rows)
-    misfit = np.concatenate([np.zeros(0), *(one[2] for one in found)])
-    is_linear = np.concatenate([np.zeros(0, bool), *(np.full(len(one[2]), one[3]) for one in found)])
+    misfit = np.concatenate([np.zeros(0), *(row[2] for row in pairs)])
+    is_linear = np.concatenate([np.zeros(0, bool), *(np.full(len(row[2]), row[3]) for row in pairs)])
     value = whole @ controls.ravel()[columns] - misfit
     return Equations(columns, whole, misfit, value, is_linear)
 
@@ -340,7 +342,7 @@ def read_boundaries(path: str | PathLike[str]) -> PatchRequest:
 def _controls(held: object) -> tuple[int, int] | None:
     if held is None:
         return None
-    if not (isinstance(held, list) and len(held) == 2 and all(type(one) is int for one in held)):
+    if not (isinstance(held, list) and len(held) == 2 and all(type(item) is int for item in held)):
         raise InputError(f'"controls" are two whole numbers, along u and along v, got {held!r}')
     return held[0], held[1]
 
@@ -396,7 +398,7 @@ def _numbers(held: object, name: str, source: str) -> Any:
     """A vector of three numbers, or of a radius one."""
     many: list[Any] = [held] if name == "radius" else held if isinstance(held, list) else []
     is_good = len(many) == (1 if name == "radius" else 3)
-    if not is_good or not all(type(one) in (int, float) and np.isfinite(one) for one in many):
+    if not is_good or not all(type(item) in (int, float) and np.isfinite(item) for item in many):
         what = "a number" if name == "radius" else "three numbers"
         raise InputError(f'{source}: "{name}" is {what} (metres), got {held!r}')
     return held
@@ -405,6 +407,6 @@ def _numbers(held: object, name: str, source: str) -> Any:
 def _deviations(held: object, source: str) -> Mapping[str, float]:
     if held is None:
         return {}
-    if not isinstance(held, dict) or not all(type(one) in (int, float) for one in held.values()):
+    if not isinstance(held, dict) or not all(type(item) in (int, float) for item in held.values()):
         raise InputError(f'{source}: "standard_deviation" holds numbers by name, got {held!r}')
-    return {str(name): float(one) for name, one in held.items()}
+    return {str(name): float(item) for name, item in held.items()}

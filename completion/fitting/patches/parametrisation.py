@@ -41,9 +41,12 @@ class _Chart(NamedTuple):
     def of(cls, points: FloatArray, boundaries: Boundaries) -> _Chart:
         """Return how points (k, 3) are seen, unrolled about the cylinder about which they turn farthest."""
         placed, axes, most = points, np.eye(3)[None], 0.0
-        for one in boundaries.values():
-            if isinstance(one.surface, Cylinder) and (span := span_about(points, one.surface)) > most:
-                placed, axes, most = *_unrolled(points, one.surface), span
+        for boundary in boundaries.values():
+            if (
+                isinstance(boundary.surface, Cylinder)
+                and (span := span_about(points, boundary.surface)) > most
+            ):
+                placed, axes, most = *_unrolled(points, boundary.surface), span
         offset = placed - placed.mean(axis=0)
         frame = np.linalg.svd(offset, full_matrices=False)[2]
         return cls(axes, frame, offset @ frame[:2].T)
@@ -95,20 +98,20 @@ def parametrised(points: FloatArray, boundaries: Boundaries) -> Parametrised:
     chart = _Chart.of(points, boundaries)
     turn = _turn(points, chart, boundaries)
     seen = chart.flat @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    xy = np.column_stack([_between(some, _strip_ends(some, _DEGREE)) for some in (seen, seen[:, ::-1])])
+    xy = np.column_stack([_between(item, _strip_ends(item, _DEGREE)) for item in (seen, seen[:, ::-1])])
     near = {name: _near_side(xy, name) for name in SIDES}
     best, least = xy, np.inf
     off = dict[SideName, float]()
     for swaps, mirrors in product((False, True), _MIRRORS):
         named = _named(swaps, mirrors)
-        told = {
-            name: float(np.sqrt(np.mean(one.surface.distance(points[near[named[name]]]) ** 2)))
-            for name, one in boundaries.items()
+        values = {
+            name: float(np.sqrt(np.mean(boundary.surface.distance(points[near[named[name]]]) ** 2)))
+            for name, boundary in boundaries.items()
         }
         turned = xy[:, ::-1] if swaps else xy
-        cost = sum(told.values()) + (0.0 if _is_right_handed(swaps, mirrors) else 1e-9)
+        cost = sum(values.values()) + (0.0 if _is_right_handed(swaps, mirrors) else 1e-9)
         if cost < least:
-            best, least, off = np.where(mirrors, 1.0 - turned, turned), cost, told
+            best, least, off = np.where(mirrors, 1.0 - turned, turned), cost, values
     return Parametrised(np.ascontiguousarray(best), off)
 
 
@@ -117,24 +120,26 @@ def stretched(uv: FloatArray, ends: Collection[SideName]) -> FloatArray:
 
     A side to which nothing holds a patch wanders along it from round to round; so it is taken back.
     """
-    found = uv.copy()
+    values = uv.copy()
     for column, letter in enumerate("uv"):
         seen = uv if column == 0 else uv[:, ::-1]
-        told = _strip_ends(seen, _FOLLOWED)
-        low, high = (np.clip(one, *most) for one, most in zip(told.T, ((0.0, 0.3), (0.7, 1.0)), strict=True))
+        sentence = _strip_ends(seen, _FOLLOWED)
+        low, high = (
+            np.clip(item, *most) for item, most in zip(sentence.T, ((0.0, 0.3), (0.7, 1.0)), strict=True)
+        )
         low = low if f"{letter}0" in ends else np.full(len(uv), _END)
         high = high if f"{letter}1" in ends else np.full(len(uv), 1 - _END)
-        found[:, column] = _between(seen, np.column_stack([low, high]))
-    return found
+        values[:, column] = _between(seen, np.column_stack([low, high]))
+    return values
 
 
 def _turn(points: FloatArray, chart: _Chart, boundaries: Boundaries) -> float:
     """The angle by which the frame is turned, radians, by the surfaces' traces, else by the hull."""
     total, weight = 0j, 0.0
-    for one in boundaries.values():
-        away = np.abs(one.surface.distance(points))
+    for boundary in boundaries.values():
+        away = np.abs(boundary.surface.distance(points))
         nearest = np.argsort(away, kind="stable")[: max(8, int(_NEAREST * len(points)))]
-        across = chart.turned(one.surface.normal(points[nearest]), nearest).mean(axis=0)
+        across = chart.turned(boundary.surface.normal(points[nearest]), nearest).mean(axis=0)
         size = float(np.linalg.norm(across))
         total += size * np.exp(4j * np.arctan2(across[1], across[0]))
         weight += 1.0
@@ -156,11 +161,11 @@ def _strip_ends(seen: FloatArray, degree: int) -> FloatArray:
     strip = np.minimum(((scaled + 1) / 2 * _STRIPS).astype(np.int64), _STRIPS - 1)
     middles, ends, sizes = list[float](), list[FloatArray](), list[int]()
     for number in range(_STRIPS):
-        own = strip == number
-        if np.count_nonzero(own) >= 3:
-            middles.append(float(scaled[own].mean()))
-            ends.append(np.quantile(x[own], [_END, 1 - _END]))
-            sizes.append(int(np.count_nonzero(own)))
+        item = strip == number
+        if np.count_nonzero(item) >= 3:
+            middles.append(float(scaled[item].mean()))
+            ends.append(np.quantile(x[item], [_END, 1 - _END]))
+            sizes.append(int(np.count_nonzero(item)))
     degree = min(degree, max(0, len(middles) - 2))
     weights = np.sqrt(np.array(sizes, dtype=np.float64))
     fitted = np.polynomial.legendre.legfit(np.array(middles), np.array(ends), degree, w=weights)

@@ -137,8 +137,8 @@ class SplinePatch:
         held = np.asarray(controls, dtype=np.float64)
         if held.ndim != 3 or held.shape[2] != 3:
             raise InputError(f"expected controls with shape (n, m, 3), got {held.shape}")
-        for n, one in zip(held.shape[:2], degree, strict=True):
-            basis(n, one)
+        for n, number in zip(held.shape[:2], degree, strict=True):
+            basis(n, number)
         object.__setattr__(self, "controls", frozen_copy(held))
         object.__setattr__(self, "degree", degree)
 

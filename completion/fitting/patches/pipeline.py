@@ -105,13 +105,13 @@ class PatchFit:
         places = np.asarray(uv, dtype=np.float64)
         if places.ndim != 2 or places.shape[1] != 2 or not ((places >= 0) & (places <= 1)).all():
             raise InputError(f"expected parameters with shape (k, 2) in [0, 1], got {places.shape}")
-        solver, found = Bordered(self.information, self.equations), list[FloatArray]()
+        solver, arrays = Bordered(self.information, self.equations), list[FloatArray]()
         for low in range(0, len(places), _CHUNK):
-            some = places[low : low + _CHUNK]
-            held = products(self.patch.bases, some).toarray()
-            wide = (held[:, :, None] * self.patch.normals(some)[:, None]).reshape(len(some), -1)
-            found.append(np.einsum("ij,ji->i", wide, solver.solve(wide.T)))
-        return np.asarray(self.rms * np.sqrt(np.maximum(np.concatenate([np.zeros(0), *found]), 0.0)))
+            sample = places[low : low + _CHUNK]
+            held = products(self.patch.bases, sample).toarray()
+            wide = (held[:, :, None] * self.patch.normals(sample)[:, None]).reshape(len(sample), -1)
+            arrays.append(np.einsum("ij,ji->i", wide, solver.solve(wide.T)))
+        return np.asarray(self.rms * np.sqrt(np.maximum(np.concatenate([np.zeros(0), *arrays]), 0.0)))
 
 
 def measured_join(patch: SplinePatch, side: SideName, boundary: Boundary) -> MeasuredJoin:
@@ -121,8 +121,11 @@ def measured_join(patch: SplinePatch, side: SideName, boundary: Boundary) -> Mea
     gap = float(np.abs(boundary.surface.distance(at)).max())
     if boundary.join is Join.CONNECTED:
         return MeasuredJoin(np.nan, gap)
-    own, other = patch.normals(places), boundary.surface.normal(at)
-    sine, cosine = np.linalg.norm(np.cross(own, other), axis=1), np.abs(np.einsum("ij,ij->i", own, other))
+    values, other = patch.normals(places), boundary.surface.normal(at)
+    sine, cosine = (
+        np.linalg.norm(np.cross(values, other), axis=1),
+        np.abs(np.einsum("ij,ij->i", values, other)),
+    )
     off = np.arctan2(sine, cosine) if boundary.join is Join.TANGENT else np.arctan2(cosine, sine)
     return MeasuredJoin(float(off.max()), gap)
 
@@ -135,7 +138,7 @@ _OFF_CYLINDER, _OFF_PLANE, _WORSE = 1e-6, 1e-9, 1.05  # radians, radians, ratio 
 _GRID, _EDGE = 81, 0.02  # places along each side at which folds are looked for, a strip apart
 
 
-def doubts_of(found: PatchFit, beyond: float) -> tuple[str, ...]:
+def doubts_of(fit: PatchFit, beyond: float) -> tuple[str, ...]:
     """Return what is doubtful of a patch, of whose points a share lies `beyond` its boundaries."""
     doubts = list[str]()
     if beyond > _MANY:
@@ -143,19 +146,19 @@ def doubts_of(found: PatchFit, beyond: float) -> tuple[str, ...]:
             f"{100 * beyond:.0f} % of the points lie beyond the boundaries: are the surfaces where they are "
             "said to be?"
         )
-    if _is_folded(found.patch):
+    if _is_folded(fit.patch):
         doubts.append("the patch is folded: a surface cuts through the points, or they are no single sheet")
-    for side, one in found.boundaries.items():
-        angle = found.joins[side].angle
-        if isinstance(one.surface, Cylinder) and angle > _OFF_CYLINDER:
+    for side, boundary in fit.boundaries.items():
+        angle = fit.joins[side].angle
+        if isinstance(boundary.surface, Cylinder) and angle > _OFF_CYLINDER:
             doubts.append(
                 f"{side} is {angle:.1e} rad off its cylinder: more controls along it follow it closer"
             )
-        elif isinstance(one.surface, Plane) and angle > _OFF_PLANE:
+        elif isinstance(boundary.surface, Plane) and angle > _OFF_PLANE:
             doubts.append(f"{side} is {angle:.1e} rad off its plane: the patch has no width there")
-    if found.ratio > _WORSE:
+    if fit.ratio > _WORSE:
         doubts.append(
-            f"the points' rms is {found.ratio:.2f} times that of a patch joined to nothing: they contradict "
+            f"the points' rms is {fit.ratio:.2f} times that of a patch joined to nothing: they contradict "
             "a join, or a surface is not where it is said to be"
         )
     return tuple(doubts)
@@ -170,7 +173,7 @@ def _is_folded(patch: SplinePatch) -> bool:
         np.einsum("ijk,ijk->ij", *pair)
         for pair in ((normals[1:], normals[:-1]), (normals[:, 1:], normals[:, :-1]))
     )
-    return any(bool((one < 0).any()) for one in turned)
+    return any(bool((item < 0).any()) for item in turned)
 
 
 _SMOOTHING = 1e-9
@@ -258,18 +261,18 @@ def fit_patch(
     rms, n = rms_of(state.patch, feet, around)
     patch = state.patch.moved(size, centre)
     met = _unscaled(state.around, boundaries, centre, size) if free else boundaries
-    found = PatchFit(
+    fit = PatchFit(
         patch=patch,
         boundaries=met,
         rms=rms * size,
         unconstrained_rms=error * size,
         n=n,
-        joins={side: measured_join(patch, side, one) for side, one in met.items()},
+        joins={side: measured_join(patch, side, boundary) for side, boundary in met.items()},
         information=information(state, places, smoothing),
         equations=equations_of(state.patch, state.around).independent(),
     )
     apart = np.linalg.norm(places - state.patch.at(feet.uv), axis=1)
-    return replace(found, warnings=doubts_of(found, float(np.mean(~feet.is_inside & (apart > BEYOND * rms)))))
+    return replace(fit, warnings=doubts_of(fit, float(np.mean(~feet.is_inside & (apart > BEYOND * rms)))))
 
 
 def _checked(points: object) -> FloatArray:
@@ -287,13 +290,13 @@ def _checked(points: object) -> FloatArray:
 
 def _scaled(boundaries: Boundaries, centre: FloatArray, size: float) -> Boundaries:
     """The surfaces with their lengths over `size`, from `centre` (3,) on."""
-    return {side: replace(one, surface=_resized(one.surface, -centre / size, 1 / size))
-            for side, one in boundaries.items()}  # fmt: skip
+    return {side: replace(boundary, surface=_resized(boundary.surface, -centre / size, 1 / size))
+            for side, boundary in boundaries.items()}  # fmt: skip
 
 
 def _unscaled(around: Boundaries, given: Boundaries, centre: FloatArray, size: float) -> Boundaries:
-    return {side: replace(given[side], surface=_resized(one.surface, centre, size))
-            for side, one in around.items()}  # fmt: skip
+    return {side: replace(given[side], surface=_resized(boundary.surface, centre, size))
+            for side, boundary in around.items()}  # fmt: skip
 
 
 def _resized(surface: Plane | Cylinder, offset: FloatArray, factor: float) -> Plane | Cylinder:
@@ -306,7 +309,7 @@ def _resized(surface: Plane | Cylinder, offset: FloatArray, factor: float) -> Pl
 
 def _degrees(around: Boundaries) -> tuple[int, int]:
     """Cubic, and of degree five along a cylinder, which a cubic follows too coarsely."""
-    bent = {side[0] for side, one in around.items() if isinstance(one.surface, Cylinder)}
+    bent = {side[0] for side, boundary in around.items() if isinstance(boundary.surface, Cylinder)}
     return (5 if "v" in bent else 3), (5 if "u" in bent else 3)
 
 
@@ -317,10 +320,10 @@ def _shape(
     if controls is None:
         usual = int(np.clip(np.sqrt(len(places) / _POINTS_EACH), 4, _USUAL))
         needed = {"u": usual, "v": usual}
-        for side, one in around.items():
-            if isinstance(one.surface, Cylinder):
+        for side, boundary in around.items():
+            if isinstance(boundary.surface, Cylinder):
                 along = "v" if side[0] == "u" else "u"
-                spans = int(np.ceil(span_about(places, one.surface) / _SPAN))
+                spans = int(np.ceil(span_about(places, boundary.surface) / _SPAN))
                 needed[along] = min(max(needed[along], 5 + spans), _MOST_SIDE)
         return max(needed["u"], degree[0] + 1), max(needed["v"], degree[1] + 1)
     for n, least, name in zip(controls, degree, "uv", strict=True):

@@ -70,8 +70,8 @@ def nearest_uv(patch: SplinePatch, uv: FloatArray, points: FloatArray, stride: i
     return feet_of(patch, points, uv[nearest], 1).uv
 
 
-def _dot(one: FloatArray, other: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("ij,ij->i", one, other))
+def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("ij,ij->i", first, second))
 
 
 BESIDE = 0.05**2
@@ -108,9 +108,9 @@ def normal_equations(
     for low, high in pairwise(starts.tolist()):
         if low == high:
             continue
-        own = values[low:high]
-        wide = (own[:, :, None] * across[low:high, None]).reshape(high - low, -1)
-        blocks.append(wide.T @ wide + np.kron(own.T @ own, eye))
+        item = values[low:high]
+        wide = (item[:, :, None] * across[low:high, None]).reshape(high - low, -1)
+        blocks.append(wide.T @ wide + np.kron(item.T @ item, eye))
         at.append((3 * numbers[low][:, None] + np.arange(3)).ravel())
     size, n_local = 3 * along_u.n * along_v.n, 3 * n_each
     where = np.array(at, dtype=np.int32).reshape(-1, n_local)
@@ -135,7 +135,7 @@ def evenness(patch: SplinePatch) -> csc_array:
     It keeps controls evenly spread without touching the shape: where parameters run evenly a patch bends
     across itself alone.
     """
-    at = [(np.arange(_SAMPLED * one.spans) + 0.5) / (_SAMPLED * one.spans) for one in patch.bases]
+    at = [(np.arange(_SAMPLED * base.spans) + 0.5) / (_SAMPLED * base.spans) for base in patch.bases]
     uv = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1).reshape(-1, 2)
     normals = np.nan_to_num(patch.normals(uv))
     rows = [products(patch.bases, uv, order) for order in ((2, 0), (1, 1), (0, 2))]
@@ -145,13 +145,13 @@ def evenness(patch: SplinePatch) -> csc_array:
         share = [float(a == b) - normals[:, a] * normals[:, b] for b in range(3)]
         parts.append(
             [
-                sum(w * (one.T @ (one * by[:, None])) for one, w in zip(rows, weights, strict=True))
+                sum(w * (item.T @ (item * by[:, None])) for item, w in zip(rows, weights, strict=True))
                 for by in share
             ]
         )
     stacked = block_array(parts, format="coo")
     n = patch.bases[0].n * patch.bases[1].n
-    row, column = (3 * (one % n) + one // n for one in (stacked.row, stacked.col))
+    row, column = (3 * (item % n) + item // n for item in (stacked.row, stacked.col))
     return coo_array((stacked.data, (row, column)), shape=stacked.shape).tocsc()
 
 
@@ -204,15 +204,15 @@ class Freedom:
         starts, columns, n = dict[bytes, int](), dict[SideName, int](), 3
         weights = np.zeros((3, 3))
         rest = list[float]()
-        for side, one in boundaries.items():
-            sd = _deviations(side, one)
-            key = _key(one.surface)
+        for side, boundary in boundaries.items():
+            sd = _deviations(side, boundary)
+            key = _key(boundary.surface)
             if key not in starts:
                 starts[key] = n
-                own, axis = _weights(one.surface, sd, scale)
-                weights += (np.eye(3) - np.outer(axis, axis)) * own[0]
-                rest += own[1:]
-                n += len(own) - 1
+                values, axis = _weights(boundary.surface, sd, scale)
+                weights += (np.eye(3) - np.outer(axis, axis)) * values[0]
+                rest += values[1:]
+                n += len(values) - 1
             columns[side] = starts[key]
         self._columns: Mapping[SideName, int] = columns
         self.information = np.diag(np.concatenate([np.zeros(3), rest]))
@@ -228,8 +228,8 @@ class Freedom:
         """Return the boundaries whose surfaces are moved by parameters (k,)."""
         turn = Rotation.from_rotvec(x[:3]).as_matrix()
         return {
-            side: replace(one, surface=_moved(one.surface, turn, x[self._columns[side] :]))
-            for side, one in self.given.items()
+            side: replace(boundary, surface=_moved(boundary.surface, turn, x[self._columns[side] :]))
+            for side, boundary in self.given.items()
         }
 
     def equations(self, patch: SplinePatch, x: FloatArray) -> Equations:
@@ -252,15 +252,15 @@ def _key(surface: Plane | Cylinder) -> bytes:
     return np.concatenate([surface.point, surface.direction, [surface.radius]]).tobytes()
 
 
-def _deviations(side: SideName, one: Boundary) -> list[float]:
-    needed = _NEEDED[type(one.surface)]
-    found = [float(one.deviations.get(name, np.nan)) for name in needed]
-    if not np.isfinite(found).all() or min(found) < 0 or not max(found) > 0:
+def _deviations(side: SideName, boundary: Boundary) -> list[float]:
+    needed = _NEEDED[type(boundary.surface)]
+    values = [float(boundary.deviations.get(name, np.nan)) for name in needed]
+    if not np.isfinite(values).all() or min(values) < 0 or not max(values) > 0:
         raise InputError(
             f"{side}: a free surface needs to be known by its standard deviations {', '.join(needed)}, as "
             "`unseen fit` writes them; add them, or hold the surfaces"
         )
-    return [max(sd, 1e-12) for sd in found]
+    return [max(sd, 1e-12) for sd in values]
 
 
 def _weights(surface: Plane | Cylinder, sd: list[float], scale: float) -> tuple[list[float], FloatArray]:
@@ -305,14 +305,14 @@ class State(NamedTuple):
 def fitted(state: State, places: FloatArray, smoothing: float) -> State:
     """Return the patch after rounds on some of the places (k, 3), until it rests, and on all of them."""
     stride = max(1, len(places) // _SOME)
-    some, last = places[::stride], np.inf
+    values, last = places[::stride], np.inf
     coarse = state._replace(uv=state.uv[::stride])
     for number in range(len(_ANNEALED) + _MOST_ROUNDS):
         weight = _ANNEALED[number] if number < len(_ANNEALED) else 0.0
         coarse = next_round(
-            coarse, some, max(weight, smoothing), rms=last, is_first=number == 0, is_stretched=True
+            coarse, values, max(weight, smoothing), rms=last, is_first=number == 0, is_stretched=True
         )
-        rms, _ = rms_of(coarse.patch, feet_of(coarse.patch, some, coarse.uv, 0))
+        rms, _ = rms_of(coarse.patch, feet_of(coarse.patch, values, coarse.uv, 0))
         if number > len(_ANNEALED) and rms > (1 - _STILL) * last:
             break
         last = rms
@@ -341,7 +341,7 @@ def next_round(
         feet = feet_of(state.patch, places, uv, STEPS)
         uv, normals = feet.uv, feet.normals
         if is_stretched:
-            held = {side for side, one in state.around.items() if one.join is not Join.TANGENT}
+            held = {side for side, boundary in state.around.items() if boundary.join is not Join.TANGENT}
             uv = stretched(uv, set(SIDES) - held)
     normal = normal_equations(state.patch.bases, uv, places, normals)
     plate = thin_plate(state.patch.bases) * (weight * len(places) * (BESIDE if is_first else 1.0))
@@ -401,9 +401,10 @@ def rms_of(patch: SplinePatch, feet: Feet, around: Boundaries = MappingProxyType
 
     It is over the degrees of freedom of the controls that may move across the patch.
     """
-    own = feet.distance[feet.is_inside]
+    values = feet.distance[feet.is_inside]
     n, m, _ = patch.controls.shape
     held = sum(
-        (m if side[0] == "u" else n) * (2 if one.join is Join.TANGENT else 1) for side, one in around.items()
+        (m if side[0] == "u" else n) * (2 if boundary.join is Join.TANGENT else 1)
+        for side, boundary in around.items()
     )
-    return float(np.sqrt((own @ own) / max(len(own) - max(n * m - held, 0), 1))), len(own)
+    return float(np.sqrt((values @ values) / max(len(values) - max(n * m - held, 0), 1))), len(values)

@@ -38,34 +38,36 @@ def numbered_faces(
     first[piece[::-1]] = np.arange(len(piece))[::-1]
     label = labels[first]
     least = np.array([0, *(N_PARAMETERS[surface.kind] + 2 for surface in surfaces)])
-    kept = [one for one in np.lexsort((first, -count)) if label[one] > 0 and count[one] >= least[label[one]]]
+    kept = [
+        item for item in np.lexsort((first, -count)) if label[item] > 0 and count[item] >= least[label[item]]
+    ]
     number = np.zeros(n, dtype=np.int64)
     number[kept] = np.arange(1, len(kept) + 1)
-    return [surfaces[label[one] - 1] for one in kept], number[piece]
+    return [surfaces[label[item] - 1] for item in kept], number[piece]
 
 
 def spread(
-    points: FloatArray, some: FloatArray, faces: Sequence[Surface], labels: IntArray, tolerance: float
+    points: FloatArray, values: FloatArray, faces: Sequence[Surface], labels: IntArray, tolerance: float
 ) -> IntArray:
     """Labels (n,) of all points (n, 3): of the faces near, that which explains a point best.
 
-    Which are near, labels (m,) of `some` (m, 3) tell; `tolerance` is the deviation from faces, metres.
+    Which are near, labels (m,) of `values` (m, 3) tell; `tolerance` is the deviation from faces, metres.
     """
-    tree, found = cKDTree(some), np.zeros(len(points), dtype=np.int64)
+    tree, hits = cKDTree(values), np.zeros(len(points), dtype=np.int64)
     for start in range(0, len(points), _CHUNK):
         chunk = points[start : start + _CHUNK]
-        near = np.atleast_2d(tree.query(chunk, k=min(_N_NEAR, len(some)))[1].T).T
+        near = np.atleast_2d(tree.query(chunk, k=min(_N_NEAR, len(values)))[1].T).T
         candidates = labels[near]
         least, best = np.full(len(chunk), CUT * tolerance), np.zeros(len(chunk), dtype=np.int64)
         for number in np.unique(candidates[candidates > 0]):
             asked = np.flatnonzero((candidates == number).any(axis=1))
             distance = np.abs(faces[number - 1].distance(chunk[asked]))
-            own = distance < least[asked] - 1e-3 * tolerance
-            own |= (candidates[asked, 0] == number) & (distance <= CUT * tolerance)
-            better = own & (best[asked] != candidates[asked, 0])
+            item = distance < least[asked] - 1e-3 * tolerance
+            item |= (candidates[asked, 0] == number) & (distance <= CUT * tolerance)
+            better = item & (best[asked] != candidates[asked, 0])
             least[asked[better]], best[asked[better]] = distance[better], number
-        found[start : start + len(chunk)] = best
-    return found
+        hits[start : start + len(chunk)] = best
+    return hits
 
 
 def settle(points: FloatArray, faces: Sequence[Surface], labels: IntArray) -> IntArray:
@@ -78,14 +80,14 @@ def settle(points: FloatArray, faces: Sequence[Surface], labels: IntArray) -> In
     labels = labels.copy()
     for _ in range(_MOST_ROUNDS):
         mixed = np.flatnonzero((labels[near] != labels[:, None]).any(axis=1) & (labels > 0))
-        beside, own = labels[near[mixed]], labels[mixed]
-        least, best = np.full(len(mixed), np.inf), own.copy()
+        beside, members = labels[near[mixed]], labels[mixed]
+        least, best = np.full(len(mixed), np.inf), members.copy()
         for number in np.unique(beside[beside > 0]):
             asked = np.flatnonzero((beside == number).any(axis=1))
             distance = np.abs(faces[number - 1].distance(points[mixed[asked]]))
             nearer = distance < least[asked]
             least[asked[nearer]], best[asked[nearer]] = distance[nearer], number
-        if (best == own).all():
+        if (best == members).all():
             break
         labels[mixed] = best
     return labels
@@ -101,14 +103,14 @@ def fitted(
     """
     order = np.argsort(labels, kind="stable")
     bounds = np.searchsorted(labels[order], np.arange(1, len(faces) + 2))
-    found, number = list[SurfaceFit](), np.zeros(len(faces) + 1, dtype=np.int64)
+    fits, number = list[SurfaceFit](), np.zeros(len(faces) + 1, dtype=np.int64)
     for face, surface in enumerate(faces):
-        own = points[order[bounds[face] : bounds[face + 1]]]
-        fit = _fitted_face(own, surface, least_m)
+        values = points[order[bounds[face] : bounds[face + 1]]]
+        fit = _fitted_face(values, surface, least_m)
         if fit is not None:
-            found.append(fit)
-            number[face + 1] = len(found)
-    return tuple(found), number[labels]
+            fits.append(fit)
+            number[face + 1] = len(fits)
+    return tuple(fits), number[labels]
 
 
 def _fitted_face(points: FloatArray, surface: Surface, least_m: float) -> SurfaceFit | None:
@@ -137,15 +139,15 @@ def groups_of(
     group = list(range(len(fits)))
     sizes = [fit.n for fit in fits]
     for small in range(len(fits)):
-        own = np.flatnonzero(labels == small + 1)
-        some = points[own[:: max(1, len(own) // _MOST_COMPARED)]]
+        values = np.flatnonzero(labels == small + 1)
+        sample = points[values[:: max(1, len(values) // _MOST_COMPARED)]]
         for large in range(small):
             if group[large] != large or fits[large].surface.kind != fits[small].surface.kind:
                 continue
             if sizes[large] < sizes[small]:
                 continue
-            deviation = fits[large].standard_deviation(some)
-            near = np.abs(fits[large].surface.distance(some)) <= CUT * np.hypot(tolerance, deviation)
+            deviation = fits[large].standard_deviation(sample)
+            near = np.abs(fits[large].surface.distance(sample)) <= CUT * np.hypot(tolerance, deviation)
             if near.mean() >= _NEARLY_ALL and np.median(deviation) <= 2 * tolerance:
                 group[small] = large
                 break

@@ -47,8 +47,8 @@ def hypotheses(kind: str, points: FloatArray, normals: FloatArray) -> list[Surfa
     unit = offset / scale
     made = {"plane": _planes, "sphere": _spheres, "cylinder": _cylinders, "cone": _cones, "torus": _tori}
     try:
-        found = made[kind](unit, normals)
-        return [chart_of(surface, np.zeros(3), 1.0).surface(centre, scale, False) for surface in found]
+        surfaces = made[kind](unit, normals)
+        return [chart_of(surface, np.zeros(3), 1.0).surface(centre, scale, False) for surface in surfaces]
     except (np.linalg.LinAlgError, InputError):
         return []
 
@@ -62,27 +62,27 @@ def adjusted(
     the surface as it comes. None where they determine no such surface.
     """
     stride = max(1, len(points) // most)
-    some = points[::stride]
-    share = surface.distance(some) / (_CUT * tolerance)
+    sample = points[::stride]
+    share = surface.distance(sample) / (_CUT * tolerance)
     weights = np.maximum(1 - share * share, 0.0) ** 2
     if np.count_nonzero(weights) < N_PARAMETERS[surface.kind]:
         return None
-    centre = some.mean(axis=0)
-    scale = float(np.sqrt(np.mean(np.sum((some - centre) ** 2, axis=1)))) or 1.0
-    cloud = Cloud(some, centre, scale, weights)
+    centre = sample.mean(axis=0)
+    scale = float(np.sqrt(np.mean(np.sum((sample - centre) ** 2, axis=1)))) or 1.0
+    cloud = Cloud(sample, centre, scale, weights)
     try:
         chart: Chart = chart_of(surface, centre, scale)
         chart, normal, _ = polished(chart, cloud, surface.kind, _N_STEPS)
         chart = chart.growing() if hasattr(chart, "growing") else chart
         normal = normal_equations(chart, cloud)
-        found = chart.surface(centre, scale, False)
+        results = chart.surface(centre, scale, False)
         units = np.where(chart.lengths() > 0, 1.0, 1 / scale)
         covariance = tolerance**2 / stride * normal.inverse() * np.outer(units, units)
     except (FitError, InputError, np.linalg.LinAlgError):
         return None
     if not np.isfinite(covariance).all() or chart.size() > _FAR:
         return None
-    return found, covariance
+    return results, covariance
 
 
 def _planes(points: FloatArray, _normals: FloatArray) -> list[Surface]:
@@ -92,17 +92,17 @@ def _planes(points: FloatArray, _normals: FloatArray) -> list[Surface]:
 
 def _spheres(points: FloatArray, normals: FloatArray) -> list[Surface]:
     """By the squared distances, and where the normals meet."""
-    found: list[Surface] = []
+    surfaces: list[Surface] = []
     basis = np.column_stack([2 * points, np.ones(len(points))])
     *centre, rest = np.linalg.lstsq(basis, np.einsum("ij,ij->i", points, points), rcond=None)[0]
     radius2 = float(rest + np.dot(centre, centre))
     if radius2 > 0:
-        found.append(Sphere(centre, np.sqrt(radius2)))
+        surfaces.append(Sphere(centre, np.sqrt(radius2)))
     across = np.eye(3) - np.einsum("ni,nj->nij", normals, normals)
     matrix, right = across.sum(axis=0), np.einsum("nij,nj->i", across, points)
     met = np.linalg.solve(matrix + 1e-12 * len(points) * np.eye(3), right)
     radius = float(np.median(np.linalg.norm(points - met, axis=1)))
-    return [*found, Sphere(met, radius)] if radius > 0 else found
+    return [*surfaces, Sphere(met, radius)] if radius > 0 else surfaces
 
 
 def _cylinders(points: FloatArray, normals: FloatArray) -> list[Surface]:
@@ -110,21 +110,21 @@ def _cylinders(points: FloatArray, normals: FloatArray) -> list[Surface]:
     _, axes = np.linalg.eigh(normals.T @ normals)
     axis, frame = axes[:, 0], axes[:, 1:]
     flat, across = points @ frame, normals @ frame
-    found: list[Surface] = []
+    surfaces: list[Surface] = []
     basis = np.column_stack([2 * flat, np.ones(len(flat))])
     *middle, rest = np.linalg.lstsq(basis, np.einsum("ij,ij->i", flat, flat), rcond=None)[0]
     radius2 = float(rest + np.dot(middle, middle))
     if radius2 > 0:
-        found.append(Cylinder(frame @ np.asarray(middle), axis, np.sqrt(radius2)))
+        surfaces.append(Cylinder(frame @ np.asarray(middle), axis, np.sqrt(radius2)))
     turned = np.column_stack([-across[:, 1], across[:, 0]])
     met = np.linalg.lstsq(turned, np.einsum("ij,ij->i", turned, flat), rcond=None)[0]
     radius = float(np.median(np.linalg.norm(flat - met, axis=1)))
-    return [*found, Cylinder(frame @ met, axis, radius)] if radius > 0 else found
+    return [*surfaces, Cylinder(frame @ met, axis, radius)] if radius > 0 else surfaces
 
 
 def _cones(points: FloatArray, normals: FloatArray) -> list[Surface]:
     """By the apex in all tangent planes, and by the meridians about the axes that the normals meet."""
-    found: list[Surface] = []
+    surfaces: list[Surface] = []
     apex = np.linalg.lstsq(normals, np.einsum("ij,ij->i", normals, points), rcond=1e-9)[0]
     ways = points - apex
     length = np.linalg.norm(ways, axis=1)
@@ -134,10 +134,10 @@ def _cones(points: FloatArray, normals: FloatArray) -> list[Surface]:
         size = float(np.linalg.norm(axis))
         if 1 < size < np.inf:
             cosine = 1 / size
-            found += _cone(apex, axis * cosine, float(np.arccos(cosine)), float(length.mean()))
+            surfaces += _cone(apex, axis * cosine, float(np.arccos(cosine)), float(length.mean()))
     for point, axis in rotation_axes(points, normals, 3):
-        found += cones_about(points, point, axis)
-    return found
+        surfaces += cones_about(points, point, axis)
+    return surfaces
 
 
 def cones_about(points: FloatArray, point: FloatArray, axis: FloatArray) -> list[Surface]:
@@ -172,24 +172,24 @@ def _tori(points: FloatArray, normals: FloatArray) -> list[Surface]:
 @compiled
 def reached(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray) -> BoolArray:
     """Which points (n,) can be walked to from those in `begin`; `first`, `beside` are a sparse graph's."""
-    found = np.zeros(len(allowed), dtype=np.bool_)
+    mask = np.zeros(len(allowed), dtype=np.bool_)
     stack = np.empty(len(allowed), dtype=np.int64)
     top = 0
-    for one in begin:
-        if allowed[one] and not found[one]:
-            found[one] = True
-            stack[top] = one
+    for item in begin:
+        if allowed[item] and not mask[item]:
+            mask[item] = True
+            stack[top] = item
             top += 1
     while top > 0:
         top -= 1
         here = stack[top]
         for place in range(first[here], first[here + 1]):
             there = beside[place]
-            if allowed[there] and not found[there]:
-                found[there] = True
+            if allowed[there] and not mask[there]:
+                mask[there] = True
                 stack[top] = there
                 top += 1
-    return found
+    return mask
 
 
 CUT = 3.5  # deviations, within which a point is explained
@@ -231,10 +231,10 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
     seen: set[int] = set()
     n_least = N_PARAMETERS[surface.kind] + 2
     for _ in range(_N_ROUNDS):
-        found = adjusted(surface, about.points[members], tolerance)
-        if found is None:
+        pair = adjusted(surface, about.points[members], tolerance)
+        if pair is None:
             return None
-        surface, covariance = found
+        surface, covariance = pair
         explained = _explained(about, surface, covariance)
         new = np.flatnonzero(reached(about.links.indptr, about.links.indices, explained, members))
         if np.count_nonzero(free[new]) < n_least:
@@ -245,8 +245,8 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
         if changed <= _STILL * len(new) or mark in seen:
             break
         seen.add(mark)
-    own = members[free[members]]
-    return Grown(surface, members, score_of(surface, about.points[own], tolerance))
+    indices = members[free[members]]
+    return Grown(surface, members, score_of(surface, about.points[indices], tolerance))
 
 
 def _explained(about: Neighbourhoods, surface: Surface, covariance: FloatArray) -> BoolArray:
@@ -281,9 +281,9 @@ def best_grown(about: Neighbourhoods, patch: IntArray, free: BoolArray) -> Grown
             begins.append(_widened(about.links, best.members))
         for begin in begins:
             for surface in likely(about, kind, begin):
-                found = grown(about, surface, begin, free)
-                if found is not None and found.score > 0 and (best is None or found.score > best.score):
-                    best = found
+                region = grown(about, surface, begin, free)
+                if region is not None and region.score > 0 and (best is None or region.score > best.score):
+                    best = region
     return best
 
 
@@ -293,23 +293,23 @@ def joint(about: Neighbourhoods, both: IntArray) -> Grown | None:
     everything = np.ones(len(about.points), dtype=np.bool_)
     for kind in KINDS:
         for surface in likely(about, kind, both, _NEARLY_ALL):
-            found = grown(about, surface, both, everything)
-            if found is not None and (best is None or found.score > best.score):
-                best = found
+            region = grown(about, surface, both, everything)
+            if region is not None and (best is None or region.score > best.score):
+                best = region
     return best
 
 
 def likely(about: Neighbourhoods, kind: str, begin: IntArray, share: float = 0.5) -> Iterator[Surface]:
     """The hypothesis of a kind that explains most of the points (m,) it is from, if that is such a share."""
     stride = max(1, len(begin) // 300)
-    some = begin[::stride]
-    points, normals = about.points[some], about.normals[some]
-    best, most = None, share * len(some)
+    sample = begin[::stride]
+    points, normals = about.points[sample], about.normals[sample]
+    best, most = None, share * len(sample)
     for surface in hypotheses(kind, points, normals):
         moved: Surface | None = surface
         for factor in (30.0, 8.0, 2.0, 1.0):
-            found = None if moved is None else adjusted(moved, points, factor * about.tolerance_m)
-            moved = None if found is None else found[0]
+            values = None if moved is None else adjusted(moved, points, factor * about.tolerance_m)
+            moved = None if values is None else values[0]
         if moved is None:
             continue
         n_explained = int((np.abs(moved.distance(points)) <= CUT * about.tolerance_m).sum())

@@ -39,16 +39,16 @@ _N_ROUNDS = 6
 _ISLAND = 5
 
 
-def first_labels(about: Neighbourhoods, found: Sequence[Grown]) -> IntArray:
+def first_labels(about: Neighbourhoods, regions: Sequence[Grown]) -> IntArray:
     """Labels (n,) by which of the surfaces that grew over a point is nearest to it; 0 for none."""
     labels = np.zeros(len(about.points), dtype=np.int64)
     least = np.full(len(labels), np.inf)
-    for number, one in sorted(enumerate(found, start=1), key=lambda pair: len(pair[1].members)):
-        share = one.surface.distance(about.points[one.members]) / about.tolerance_m
+    for number, region in sorted(enumerate(regions, start=1), key=lambda pair: len(pair[1].members)):
+        share = region.surface.distance(about.points[region.members]) / about.tolerance_m
         cost = share * share / 2
-        nearer = cost < least[one.members] - _ALIKE
-        labels[one.members[nearer]] = number
-        least[one.members[nearer]] = cost[nearer]
+        nearer = cost < least[region.members] - _ALIKE
+        labels[region.members[nearer]] = number
+        least[region.members[nearer]] = cost[nearer]
     return labels
 
 
@@ -56,14 +56,14 @@ def relabelled(
     about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray
 ) -> tuple[list[Surface], IntArray]:
     """Improve labels (n,), 0 for none, k + 1 for surface k, and the surfaces, in turn; both are returned."""
-    some = list(surfaces)
+    surface = list(surfaces)
     for _ in range(_N_ROUNDS):
         before = labels.copy()
-        labels = _swept(about, misfits(about, some), labels)
-        some, labels = _refitted(about, some, labels)
+        labels = _swept(about, misfits(about, surface), labels)
+        surface, labels = _refitted(about, surface, labels)
         if len(before) == len(labels) and (before == labels).all():
             break
-    return some, with_rims(about, misfits(about, some), labels)
+    return surface, with_rims(about, misfits(about, surface), labels)
 
 
 def with_rims(about: Neighbourhoods, cost: FloatArray, labels: IntArray) -> IntArray:
@@ -102,15 +102,15 @@ def _give_rims(
 def of_best_kind(about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray) -> list[Surface]:
     """Each surface by the kind of most score for its points, labels (n,): a cone may become a cylinder."""
     every = [(surface, np.flatnonzero(labels == number)) for number, surface in enumerate(surfaces, start=1)]
-    return [best_of_kinds(about, own, surface) or surface for surface, own in every]
+    return [best_of_kinds(about, values, surface) or surface for surface, values in every]
 
 
-def best_of_kinds(about: Neighbourhoods, own: IntArray, known: Surface | None = None) -> Surface | None:
+def best_of_kinds(about: Neighbourhoods, members: IntArray, known: Surface | None = None) -> Surface | None:
     """The surface of most score for some points (m,), of any kind, or the one `known`; None if none fits."""
-    if not len(own):
+    if not len(members):
         return None
-    points, best, most = about.points[own], None, -np.inf
-    tried = [one for kind in KINDS for one in likely(about, kind, own)]
+    points, best, most = about.points[members], None, -np.inf
+    tried = [surface for kind in KINDS for surface in likely(about, kind, members)]
     for other in ([] if known is None else [known]) + tried:
         adapted = adjusted(other, points, about.tolerance_m, len(points))
         score = -np.inf if adapted is None else score_of(adapted[0], points, about.tolerance_m)
@@ -167,16 +167,16 @@ def _refitted(
     """The surfaces through their points again; those that explain too little go."""
     kept, new = list[Surface](), np.zeros_like(labels)
     for number, surface in enumerate(surfaces, start=1):
-        own = np.flatnonzero(labels == number)
-        if not len(own):
+        values = np.flatnonzero(labels == number)
+        if not len(values):
             continue
-        points = about.points[own]
-        found = adjusted(surface, points, about.tolerance_m)
-        moved = surface if found is None else found[0]
+        points = about.points[values]
+        pair = adjusted(surface, points, about.tolerance_m)
+        moved = surface if pair is None else pair[0]
         if score_of(moved, points, about.tolerance_m) <= 0:
             continue
         kept.append(moved)
-        new[own] = len(kept)
+        new[values] = len(kept)
     return kept, new
 
 
@@ -208,13 +208,13 @@ def proposals(about: Neighbourhoods, tell: Progress) -> list[Grown]:
     """
     free = np.ones(len(about.points), dtype=np.bool_)
     tree = cKDTree(about.points)
-    found = _joined(about, _from_smooth(about, free, tree, tell), free)
-    return _joined(about, found + _from_rests(about, free, tell), free)
+    regions = _joined(about, _from_smooth(about, free, tree, tell), free)
+    return _joined(about, regions + _from_rests(about, free, tell), free)
 
 
 def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Progress) -> list[Grown]:
     """From seeds whose neighbourhoods are largest on."""
-    found: list[Grown] = []
+    regions: list[Grown] = []
     untried = about.is_smooth.copy()
     for seed in np.lexsort((np.arange(len(free)), -about.reach)):
         if not (untried[seed] and free[seed]):
@@ -227,15 +227,15 @@ def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Pr
             continue
         best = best_grown(about, patch, free)
         if best is not None:
-            found.append(best)
+            regions.append(best)
             free[best.members] = False
             tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
-    return found
+    return regions
 
 
 def _from_rests(about: Neighbourhoods, free: BoolArray, tell: Progress) -> list[Grown]:
     """From what is left, piece by piece: as a whole, or about seeds in it."""
-    found: list[Grown] = []
+    regions: list[Grown] = []
     failed: set[bytes] = set()
     while True:
         new: list[Grown] = []
@@ -252,17 +252,17 @@ def _from_rests(about: Neighbourhoods, free: BoolArray, tell: Progress) -> list[
                 free[best.members] = False
                 tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
         if not new:
-            return found
-        found += new
+            return regions
+        regions += new
 
 
-def _joined(about: Neighbourhoods, found: list[Grown], free: BoolArray) -> list[Grown]:
+def _joined(about: Neighbourhoods, regions: list[Grown], free: BoolArray) -> list[Grown]:
     """The surfaces with neighbours replaced by one surface where that makes all points likelier.
 
     What grew from a patch across a border is of a wrong kind and small; two of them together tell the kind.
     """
     tolerance, tried = about.tolerance_m, set[tuple[int, int]]()
-    names = dict(enumerate(found))
+    names = dict(enumerate(regions))
     owner = _owners(about, names)
     waiting = _beside(about, names, owner)
     while waiting:
@@ -293,7 +293,7 @@ def _joined(about: Neighbourhoods, found: list[Grown], free: BoolArray) -> list[
             continue
         for number in gone:
             del names[number]
-        names[max([*names, *(one for pair in tried for one in pair)]) + 1] = new
+        names[max([*names, *(index for pair in tried for index in pair)]) + 1] = new
         owner = _owners(about, names)
         waiting = _beside(about, names, owner)
     free[:] = owner < 0
@@ -310,15 +310,15 @@ def _owners(about: Neighbourhoods, names: dict[int, Grown]) -> IntArray:
 def _beside(about: Neighbourhoods, names: dict[int, Grown], owner: IntArray) -> list[tuple[int, int]]:
     """Pairs of surfaces that go over into each other without an edge, the smallest first."""
     rows = np.repeat(np.arange(len(owner)), np.diff(about.links.indptr))
-    one, two = owner[rows], owner[about.links.indices]
-    differ = np.flatnonzero((one >= 0) & (one < two))
+    indices, two = owner[rows], owner[about.links.indices]
+    differ = np.flatnonzero((indices >= 0) & (indices < two))
     normals = np.zeros_like(about.points)
     for number, grown in names.items():
-        own = owner == number
-        normals[own] = grown.surface.normal(about.points[own])
+        item = owner == number
+        normals[item] = grown.surface.normal(about.points[item])
     turned = np.abs(np.einsum("ij,ij->i", normals[rows[differ]], normals[about.links.indices[differ]]))
     smooth = differ[turned > np.cos(LEAST_ANGLE)]
-    pairs, count = np.unique(np.column_stack([one, two])[smooth], axis=0, return_counts=True)
+    pairs, count = np.unique(np.column_stack([indices, two])[smooth], axis=0, return_counts=True)
     size = np.bincount(owner[owner >= 0], minlength=int(owner.max(initial=0)) + 1)
     order = np.argsort(size[pairs].max(axis=1), kind="stable")
     return [(int(pairs[k, 0]), int(pairs[k, 1])) for k in order if count[k] >= 3]
@@ -331,7 +331,7 @@ def _pieces(about: Neighbourhoods, free: BoolArray) -> list[IntArray]:
     n, label = connected_components(links, directed=False)
     order = np.argsort(label, kind="stable")
     bounds = np.cumsum(np.bincount(label, minlength=n))[:-1]
-    pieces = [places[some] for some in np.split(order, bounds)]
+    pieces = [places[values] for values in np.split(order, bounds)]
     return sorted(
         (piece for piece in pieces if len(piece) >= LEAST), key=lambda piece: (-len(piece), piece[0])
     )
@@ -351,7 +351,7 @@ def _about_seeds(about: Neighbourhoods, rest: IntArray, free: BoolArray) -> Grow
     return best
 
 
-def _better(one: Grown | None, two: Grown | None) -> Grown | None:
-    if one is None or two is None:
-        return one or two
-    return two if two.score > one.score else one
+def _better(region: Grown | None, two: Grown | None) -> Grown | None:
+    if region is None or two is None:
+        return region or two
+    return two if two.score > region.score else region

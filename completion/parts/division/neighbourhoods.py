@@ -116,15 +116,15 @@ def _residuals(
 
 @inlined
 def _terms(
-    points: FloatArray, other: int, one: int, axes: FloatArray, scale: FloatArray, terms: FloatArray
+    points: FloatArray, second: int, first: int, axes: FloatArray, scale: FloatArray, terms: FloatArray
 ) -> float:
     """Write the terms (6,) of a neighbour about a point; its height is returned."""
     x = y = z = 0.0
     for a in range(3):
-        away = (points[other, a] - points[one, a]) / scale[one]
-        z += away * axes[one, a, 0]
-        y += away * axes[one, a, 1]
-        x += away * axes[one, a, 2]
+        away = (points[second, a] - points[first, a]) / scale[first]
+        z += away * axes[first, a, 0]
+        y += away * axes[first, a, 1]
+        x += away * axes[first, a, 2]
     terms[0], terms[1], terms[2] = 1.0, x, y
     terms[3], terms[4], terms[5] = x * x, x * y, y * y
     return z
@@ -196,13 +196,13 @@ def look_around(
         chosen[explained] = place
         if place == 0:
             smooth = explained.copy()
-    found = np.stack([shape.normals for shape in shapes])[chosen, np.arange(n)]
+    values = np.stack([shape.normals for shape in shapes])[chosen, np.arange(n)]
     slopes = np.stack([shape.slope_factor for shape in shapes])[chosen, np.arange(n)]
     rms = np.stack([shape.rms for shape in shapes])[chosen, np.arange(n)]
     deviation = np.minimum(slopes * np.maximum(rms, tolerance), 0.5)
     return Neighbourhoods(
         points=points,
-        normals=found if normals is None else normals,
+        normals=values if normals is None else normals,
         normal_sd=deviation,
         is_smooth=smooth,
         reach=np.asarray(sizes)[chosen],

@@ -98,12 +98,12 @@ def segment_part(
     about = look_around(cloud[kept], None if turned is None else turned[kept], noise_m)
 
     # 3. Propose: surfaces grown from where points are smooth, then from what those leave.
-    found = proposals(about, tell)
+    regions = proposals(about, tell)
 
     # 4. Label: which surface each point is on, the surfaces given that, in turn.
     tell("label", 0, 1)
-    labels = first_labels(about, found)
-    surfaces, labels = relabelled(about, [one.surface for one in found], labels)
+    labels = first_labels(about, regions)
+    surfaces, labels = relabelled(about, [region.surface for region in regions], labels)
     labels = without_islands(about, labels)
     surfaces, labels = relabelled(about, of_best_kind(about, surfaces, labels), labels)
 
@@ -164,13 +164,13 @@ def fit_labelled(
         return no_faces(len(cloud), reason)
     about = look_around(cloud[kept], None if turned is None else turned[kept], noise_m)
     surfaces: list[Surface | None] = [
-        best_of_kinds(about, np.flatnonzero(number[kept] == one)) for one in range(1, len(names) + 1)
+        best_of_kinds(about, np.flatnonzero(number[kept] == index)) for index in range(1, len(names) + 1)
     ]
-    some = [surface for surface in surfaces if surface is not None]
+    sample = [surface for surface in surfaces if surface is not None]
     place = np.array([0, *np.cumsum([surface is not None for surface in surfaces])])
     is_some = np.array([False, *(surface is not None for surface in surfaces)])
-    own = np.where(is_some[number], place[number], 0)
-    fits, own_fits = fitted(cloud, some, own, about.noise_m)
+    values = np.where(is_some[number], place[number], 0)
+    fits, own_fits = fitted(cloud, sample, values, about.noise_m)
     taken = {int(names[number[own_fits == k][0] - 1]): fit for k, fit in enumerate(fits, start=1)}
     without = [int(name) for name in names if int(name) not in taken]
     return PartSegmentation(
@@ -223,46 +223,46 @@ def segment_mesh(
     if len(distinct) < len(mesh.vertices):  # triangles that do not share their corners
         place = place.reshape(-1)
         joined = LabelledMesh(distinct, place[mesh.faces].astype(np.int32))
-        found = segment_mesh(joined, noise_m=noise_m, progress=progress)
-        return replace(found, labels=found.labels[place])
+        part = segment_mesh(joined, noise_m=noise_m, progress=progress)
+        return replace(part, labels=part.labels[place])
     areas = mesh.face_areas()
     if not areas.sum() > 0:
         raise InputError(f"none of the {len(areas)} triangles has an area")
     checked_cloud(mesh.vertices, None, noise_m)
     used = np.unique(mesh.faces)
     if _is_dense(mesh, float(areas.sum()), len(used)):
-        found = segment_part(mesh.vertices[used], noise_m=noise_m, progress=progress)
+        part = segment_part(mesh.vertices[used], noise_m=noise_m, progress=progress)
         labels: IntArray = np.zeros(len(mesh.vertices), dtype=np.int64)
-        labels[used] = found.labels
-        return replace(found, labels=labels, triangle_labels=_by_corners(mesh, found, labels))
-    points, own = _sampled(mesh, areas)
+        labels[used] = part.labels
+        return replace(part, labels=labels, triangle_labels=_by_corners(mesh, part, labels))
+    points, members = _sampled(mesh, areas)
     sag = _sag(mesh)
-    turned, noise = mesh.face_normals()[own], max(sag, noise_m or 0.0)
-    found = segment_part(points, turned, noise_m=noise, progress=progress)
-    triangles = _of_triangles(mesh, points, own, found.labels.astype(np.int64), len(found.fits))
+    turned, noise = mesh.face_normals()[members], max(sag, noise_m or 0.0)
+    part = segment_part(points, turned, noise_m=noise, progress=progress)
+    triangles = _of_triangles(mesh, points, members, part.labels.astype(np.int64), len(part.fits))
     corners, number = _corners(mesh, triangles)
-    surfaces = [fit.surface for fit in found.fits]
+    surfaces = [fit.surface for fit in part.fits]
     fits, _ = fitted(mesh.vertices[corners], surfaces, number, noise_m or 0.0)
     if len(fits) < len(surfaces):  # too few vertices somewhere
-        fits = found.fits
+        fits = part.fits
     labels = _of_vertices(mesh, triangles, areas, len(surfaces))
-    groups = groups_of(points, fits, found.labels.astype(np.int64), max(sag, 1e-2 * found.spacing_m))
-    return replace(found, labels=labels, fits=fits, groups=groups, triangle_labels=triangles)
+    groups = groups_of(points, fits, part.labels.astype(np.int64), max(sag, 1e-2 * part.spacing_m))
+    return replace(part, labels=labels, fits=fits, groups=groups, triangle_labels=triangles)
 
 
-def _by_corners(mesh: LabelledMesh, found: PartSegmentation, labels: IntArray) -> IntArray:
+def _by_corners(mesh: LabelledMesh, segmentation: PartSegmentation, labels: IntArray) -> IntArray:
     """The face (m,) of each triangle: of those at its corners and beside, the one that it lies on best.
 
     Corners on an edge belong to one of two faces; which the triangle is on, its other corners and its slope
     tell.
     """
-    n, tolerance = len(mesh.faces), max(found.noise_m, 1e-2 * found.spacing_m)
+    n, tolerance = len(mesh.faces), max(segmentation.noise_m, 1e-2 * segmentation.spacing_m)
     normals, middle = mesh.face_normals(), mesh.corners.mean(axis=1)
     corners = labels[mesh.faces]
     alike = (corners == corners[:, [1]]).sum(axis=1) >= 2
     best = np.where(alike, corners[:, 1], corners[:, 0]).astype(np.int64)
     least = np.full(n, np.inf)
-    for number, fit in enumerate(found.fits, start=1):
+    for number, fit in enumerate(segmentation.fits, start=1):
         touched = np.zeros(len(mesh.vertices), dtype=np.bool_)
         touched[mesh.faces[(corners == number).any(axis=1)].ravel()] = True
         near = np.flatnonzero(touched[mesh.faces].any(axis=1))
@@ -287,15 +287,15 @@ def _sampled(mesh: LabelledMesh, areas: FloatArray) -> tuple[FloatArray, IntArra
     total = np.cumsum(areas)
     n = _n_samples(mesh, areas)
     step = (np.arange(n) + 0.5) / n * total[-1]
-    own = np.minimum(np.searchsorted(total, step), len(areas) - 1)
+    item = np.minimum(np.searchsorted(total, step), len(areas) - 1)
     golden = 1.32471795724474602596  # plastic number: a sequence even in two dimensions (Roberts 2018)
     index = np.arange(1, n + 1)[:, None]
     a, b = ((0.5 + index / [golden, golden**2]) % 1.0).T
     over = a + b > 1
     a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
-    corners = mesh.vertices[mesh.faces[own]]
+    corners = mesh.vertices[mesh.faces[item]]
     points = corners[:, 0] + a[:, None] * (corners[:, 1] - corners[:, 0])
-    return points + b[:, None] * (corners[:, 2] - corners[:, 0]), own
+    return points + b[:, None] * (corners[:, 2] - corners[:, 0]), item
 
 
 def _n_samples(mesh: LabelledMesh, areas: FloatArray) -> int:
@@ -313,23 +313,23 @@ def _sag(mesh: LabelledMesh) -> float:
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     edges, triangle = edges[order], triangle[order]
     twice = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
-    one, two, ends = triangle[twice], triangle[twice + 1], mesh.vertices[edges[twice]]
+    values, two, ends = triangle[twice], triangle[twice + 1], mesh.vertices[edges[twice]]
     normals, areas = mesh.face_normals(), mesh.face_areas()
-    turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", normals[one], normals[two])), 0, 1))
+    turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", normals[values], normals[two])), 0, 1))
     bent = (turn > _FLAT) & (turn < _CREASE)
     if not bent.any():
         return 0.0
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[bent]
-    width = (areas[one] + areas[two])[bent] / np.maximum(length, 1e-300)
+    width = (areas[values] + areas[two])[bent] / np.maximum(length, 1e-300)
     return float(np.quantile(width * turn[bent] / 8, _SAGGING))
 
 
 def _of_triangles(
-    mesh: LabelledMesh, points: FloatArray, own: IntArray, labels: IntArray, n_faces: int
+    mesh: LabelledMesh, points: FloatArray, members: IntArray, labels: IntArray, n_faces: int
 ) -> IntArray:
     """The face (m,) that most samples of a triangle are on; of one without samples, that of the nearest."""
     votes = np.zeros((len(mesh.faces), n_faces + 1), dtype=np.int32)
-    np.add.at(votes, (own, labels), 1)
+    np.add.at(votes, (members, labels), 1)
     votes[:, 0] = 0
     best = votes.argmax(axis=1)
     unasked = np.flatnonzero(votes.sum(axis=1) == 0)
@@ -411,18 +411,18 @@ def segment_rippled(
     for sparser in _SPARSER:
         if every // sparser < _LEAST_KEPT:
             break
-        some = points[kept := thinned(points, every // sparser)]
-        rough = max(_roughness(some), noise_m or 0.0)
+        sample = points[kept := thinned(points, every // sparser)]
+        rough = max(_roughness(sample), noise_m or 0.0)
         try:
             if given is None:
-                coarse = segment_part(some, noise_m=rough, progress=progress)
+                coarse = segment_part(sample, noise_m=rough, progress=progress)
             else:
-                coarse = fit_labelled(some, given[kept], noise_m=rough)
+                coarse = fit_labelled(sample, given[kept], noise_m=rough)
         except InputError:
             continue
-        said = said_by_planes(coarse, size)
-        if said > most + _CLEARLY:
-            best, most = _of_all(points, some, coarse, given), said
+        value = said_by_planes(coarse, size)
+        if value > most + _CLEARLY:
+            best, most = _of_all(points, sample, coarse, given), value
     return best
 
 
@@ -434,37 +434,41 @@ def _roughness(points: FloatArray) -> float:
     return float(np.sqrt(max(float(np.median(least)), 0.0) / max(near.shape[1] - 3, 1)))
 
 
-def said_by_planes(found: PartSegmentation, size_m: float) -> float:
+def said_by_planes(segmentation: PartSegmentation, size_m: float) -> float:
     """Nats a point by which planes shorten its description: their side over the deviation from them.
 
     A plane's side is that share of the whole size, metres, whose square is its share of the points.
     """
-    deviation = max(found.noise_m, _RESOLUTION * found.spacing_m, 1e-300)
-    number = np.bincount(found.labels, minlength=len(found.fits) + 1)[1:]
-    own = number[[isinstance(fit.surface, Plane) for fit in found.fits]] if len(found.fits) else number
-    gain = np.log(np.maximum(np.sqrt(own / max(len(found.labels), 1)) * size_m / deviation, 1.0))
-    return float(np.sum(own * gain)) / max(len(found.labels), 1)
+    deviation = max(segmentation.noise_m, _RESOLUTION * segmentation.spacing_m, 1e-300)
+    number = np.bincount(segmentation.labels, minlength=len(segmentation.fits) + 1)[1:]
+    values = (
+        number[[isinstance(fit.surface, Plane) for fit in segmentation.fits]]
+        if len(segmentation.fits)
+        else number
+    )
+    gain = np.log(np.maximum(np.sqrt(values / max(len(segmentation.labels), 1)) * size_m / deviation, 1.0))
+    return float(np.sum(values * gain)) / max(len(segmentation.labels), 1)
 
 
 def _of_all(
-    points: FloatArray, some: FloatArray, coarse: PartSegmentation, given: IntArray | None
+    points: FloatArray, values: FloatArray, coarse: PartSegmentation, given: IntArray | None
 ) -> PartSegmentation:
     """The division of all points (n, 3) by that of some of them (m, 3), or by the labels given (n,)."""
     tolerance = max(coarse.noise_m, _RESOLUTION * coarse.spacing_m)
     surfaces = [fit.surface for fit in coarse.fits]
     if given is None:
-        labels = spread(points, some, surfaces, coarse.labels.astype(np.int64), tolerance)
+        labels = spread(points, values, surfaces, coarse.labels.astype(np.int64), tolerance)
         labels = settle(points, surfaces, labels)
     else:
         known = np.array(coarse.names)
         place = np.minimum(np.searchsorted(known, given), len(known) - 1)
         labels = np.where(known[place] == given, place + 1, 0)
-    fits, own = fitted(points, surfaces, labels, coarse.noise_m)
-    names = tuple(coarse.names[labels[own == k][0] - 1] for k in range(1, len(fits) + 1))
+    fits, members = fitted(points, surfaces, labels, coarse.noise_m)
+    names = tuple(coarse.names[labels[members == k][0] - 1] for k in range(1, len(fits) + 1))
     return PartSegmentation(
-        labels=own,
+        labels=members,
         fits=fits,
-        groups=groups_of(points, fits, own, tolerance),
+        groups=groups_of(points, fits, members, tolerance),
         noise_m=coarse.noise_m,
         spacing_m=coarse.spacing_m,
         names=names if given is not None else (),

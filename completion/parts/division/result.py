@@ -63,8 +63,8 @@ class PartSegmentation:
     def by_surface(self) -> IntArray:
         """Labels (n,) of surfaces: of each point the least number of a face on its surface, 0 for none."""
         first = {group: number for number, group in reversed(list(enumerate(self.groups, start=1)))}
-        own = np.array([0, *(first[group] for group in self.groups)], dtype=np.int64)
-        return own[self.labels]
+        members = np.array([0, *(first[group] for group in self.groups)], dtype=np.int64)
+        return members[self.labels]
 
     def __repr__(self) -> str:
         kinds = Counter(fit.surface.kind for fit in self.fits)
@@ -134,11 +134,11 @@ def thinned(points: FloatArray, most: int) -> IntArray:
         cells = np.floor(distinct / side).astype(np.int64)
         n = cells.max(axis=0) + 1
         key = (cells[:, 0] * n[1] + cells[:, 1]) * n[2] + cells[:, 2]
-        _, one = np.unique(key, return_index=True)
-        if len(one) > most:
+        _, values = np.unique(key, return_index=True)
+        if len(values) > most:
             low = side
             continue
-        best, high = first[np.sort(one)], side
-        if len(one) > 0.95 * most:
+        best, high = first[np.sort(values)], side
+        if len(values) > 0.95 * most:
             break
     return best

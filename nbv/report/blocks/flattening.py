@@ -41,39 +41,39 @@ def flattening_blocks(rows: Sequence[FlatRow]) -> tuple[Block, ...]:
         "Plane", "#ripple, mm", "#flattened, mm", "#with relief, mm", "#flattened, mm", "#relief, %",
         "#least p flattened", "Left as it was",
     )  # fmt: skip
-    told: list[Block] = [Table(columns, tuple(_row(one) for one in rows[:_MOST_ROWS]))]
+    viewers: list[Block] = [Table(columns, tuple(_row(row) for row in rows[:_MOST_ROWS]))]
     if len(rows) > _MOST_ROWS:
-        told.append(Text(f"{len(rows) - _MOST_ROWS} others are not shown; the JSON file holds them."))
-    told.append(Text(_NOTE, is_note=True))
+        viewers.append(Text(f"{len(rows) - _MOST_ROWS} others are not shown; the JSON file holds them."))
+    viewers.append(Text(_NOTE, is_note=True))
     areas = [
         (row, region) for row in rows for region in row.surface.regions if region.kind is RegionKind.RELIEF
     ]
     if not areas:
-        return (*told, Text("No relief was found."))
+        return (*viewers, Text("No relief was found."))
     areas.sort(key=lambda pair: -pair[1].area_m2)
     of_areas = ("Relief on", "#height, mm", "#sd, mm", "#area, cm\u00b2", "#p", "Without ripple")
-    told.append(Table(of_areas, tuple(_area_row(*one) for one in areas[:_MOST_AREAS])))
+    viewers.append(Table(of_areas, tuple(_area_row(*area) for area in areas[:_MOST_AREAS])))
     if len(areas) > _MOST_AREAS:
-        told.append(
+        viewers.append(
             Text(f"{len(areas) - _MOST_AREAS} smaller areas are not shown; the JSON file holds them.")
         )
-    return (*told, Text(_NOTE_AREAS, is_note=True))
+    return (*viewers, Text(_NOTE_AREAS, is_note=True))
 
 
 def _row(row: FlatRow) -> tuple[Cell, ...]:
-    one = row.surface
+    surface = row.surface
     gone = [
         region.p
-        for region in one.regions
-        if region.kind is RegionKind.FLATTENED and region.area_m2 >= 3.5 * one.cell_m**2
+        for region in surface.regions
+        if region.kind is RegionKind.FLATTENED and region.area_m2 >= 3.5 * surface.cell_m**2
     ]
     return (
         Cell(row.name, swatch=surface_colour(row.place)),
-        *(Cell(f"{1000 * value:.2f}") for value in (one.ripple_before_m, one.ripple_after_m)),
-        *(Cell(f"{1000 * value:.2f}") for value in (one.rms_before_m, one.rms_after_m)),
-        Cell(f"{100 * one.n_relief / max(one.n, 1):.1f}"),
+        *(Cell(f"{1000 * value:.2f}") for value in (surface.ripple_before_m, surface.ripple_after_m)),
+        *(Cell(f"{1000 * value:.2f}") for value in (surface.rms_before_m, surface.rms_after_m)),
+        Cell(f"{100 * surface.n_relief / max(surface.n, 1):.1f}"),
         Cell(p_text(min(gone)) if gone else ""),
-        Cell(one.reason.replace(_LONG, "too few").partition(";")[0]),
+        Cell(surface.reason.replace(_LONG, "too few").partition(";")[0]),
     )
 
 

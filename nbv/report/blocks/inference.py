@@ -81,13 +81,13 @@ def _after(plan: Plan) -> str:
     return f" after {scans} that measured {percent(met_before(plan))} % of it,"
 
 
-def baselines_section(plan: Plan, found: Sequence[Baseline]) -> tuple[Section, ...]:
+def baselines_section(plan: Plan, baselines: Sequence[Baseline]) -> tuple[Section, ...]:
     """Return the plan beside simple planners; nothing where none were tried."""
-    if not found:
+    if not baselines:
         return ()
-    share = 0.95 * float(found[0].met[0, -1])
-    rows = tuple(_baseline_row(baseline, plan.method == "cover", share) for baseline in found)
-    n_views = found[0].met.shape[1]
+    share = 0.95 * float(baselines[0].met[0, -1])
+    rows = tuple(_baseline_row(baseline, plan.method == "cover", share) for baseline in baselines)
+    n_views = baselines[0].met.shape[1]
     columns = (
         "Planner",
         "knows the scene",

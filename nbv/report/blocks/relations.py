@@ -67,9 +67,9 @@ def relation_section(
     rows: list[tuple[Cell, ...]] = []
     left = 0
     for status in _ORDER:
-        some = [one for one in graph.relations if one.status is status]
-        rows += [_row(one, graph, before, numbers) for one in some[:_MOST_ROWS]]
-        left += max(len(some) - _MOST_ROWS, 0)
+        relations = [relation for relation in graph.relations if relation.status is status]
+        rows += [_row(relation, graph, before, numbers) for relation in relations[:_MOST_ROWS]]
+        left += max(len(relations) - _MOST_ROWS, 0)
     columns = ("Surfaces", "Relation", "Status", "#off before", "#off after", "#p", "Why")
     note = (
         "off: degrees between directions, millimetres between places. p: how probable so large a misfit is "
@@ -90,7 +90,7 @@ def _tolerance_text(graph: RelationGraph) -> str:
 
 def _summary(graph: RelationGraph, numbers: Sequence[int], stayed: int) -> str:
     """How many hold, how far surfaces were moved for it, and what is free."""
-    holding = sum(one.holds for one in graph.relations)
+    holding = sum(relation.holds for relation in graph.relations)
     text = (
         f"{count(holding, 'relation holds', 'relations hold')} among {count(len(graph.fits), 'surface')}; "
         f"{graph.numbered(Status.REJECTED)} rejected, {graph.numbered(Status.UNDECIDED)} undecided. "
@@ -111,22 +111,22 @@ def _summary(graph: RelationGraph, numbers: Sequence[int], stayed: int) -> str:
 
 
 def _row(
-    one: Relation, graph: RelationGraph, before: Sequence[SurfaceFit], numbers: Sequence[int]
+    relation: Relation, graph: RelationGraph, before: Sequence[SurfaceFit], numbers: Sequence[int]
 ) -> tuple[Cell, ...]:
-    names = ", ".join(str(numbers[place] or "\u2013") for place in one.surfaces)
-    first = numbers[one.surfaces[0]]
-    value = 0.0 if one.value is None else one.value
-    shown = float(np.degrees(value)) if one.kind in ("angle", "half_angle") else value
-    needs_up = one.kind in ("vertical", "horizontal")
-    was, now = (None, None) if needs_up else (misfit_of(one, before), misfit_of(one, graph.fits))
+    names = ", ".join(str(numbers[place] or "\u2013") for place in relation.surfaces)
+    first = numbers[relation.surfaces[0]]
+    value = 0.0 if relation.value is None else relation.value
+    shown = float(np.degrees(value)) if relation.kind in ("angle", "half_angle") else value
+    needs_up = relation.kind in ("vertical", "horizontal")
+    was, now = (None, None) if needs_up else (misfit_of(relation, before), misfit_of(relation, graph.fits))
     return (
         Cell(names, swatch=surface_colour(first) if first else ""),
-        Cell(_WORDS[one.kind].format(value=shown)),
-        Cell(one.status.value + (" (stated)" if one.is_given else "")),
+        Cell(_WORDS[relation.kind].format(value=shown)),
+        Cell(relation.status.value + (" (stated)" if relation.is_given else "")),
         Cell(_misfit_text(was)),
         Cell(_misfit_text(now)),
-        Cell("" if np.isnan(one.p) else f"{one.p:.2g}"),
-        Cell(one.reason),
+        Cell("" if np.isnan(relation.p) else f"{relation.p:.2g}"),
+        Cell(relation.reason),
     )
 
 

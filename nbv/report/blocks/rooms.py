@@ -45,15 +45,15 @@ _RULES = {
 def rule_sentences(plan: Plan, rules: Sequence[RuleOutcome]) -> list[str]:
     """Say of each rule of thumb how many stations it takes, beside the plan's."""
     mine = count(len(plan.views), "station")
-    found = []
+    texts = []
     for rule in rules:
         does = f"takes {count(rule.stations, 'station')} and measures {percent(rule.met_of_reachable)} % "
         does += "of what can be reached"
         if rule.stations_to_target is not None and rule.stations_to_target < rule.stations:
             does += f", {percent(plan.target or 1.0)} % with the best {rule.stations_to_target} of them"
         met = plan.coverage.met / max(plan.coverage.reachable, 1e-12) if plan.coverage else 0.0
-        found.append(f"{_RULES[rule.name]} ({rule.name}) {does}; this plan {mine} and {percent(met)} %")
-    return found
+        texts.append(f"{_RULES[rule.name]} ({rule.name}) {does}; this plan {mine} and {percent(met)} %")
+    return texts
 
 
 def rules_section(plan: Plan, rules: Sequence[RuleOutcome]) -> tuple[Section, ...]:
@@ -70,9 +70,10 @@ def rules_section(plan: Plan, rules: Sequence[RuleOutcome]) -> tuple[Section, ..
         )
         for rule in rules
     )
-    said = ". ".join(sentence[0].upper() + sentence[1:] for sentence in rule_sentences(plan, rules))
+    message = ". ".join(sentence[0].upper() + sentence[1:] for sentence in rule_sentences(plan, rules))
     note = (
-        f"{said}. All are measured on this plan's samples, from the candidates nearest to where a rule says. "
+        f"{message}. All are measured on this plan's samples, "
+        "from the candidates nearest to where a rule says. "
         "To the target, the station that adds most is taken each time."
     )
     return (Section("Beside rules of thumb", (Table(columns, rows), Text(note, is_note=True))),)
@@ -153,26 +154,28 @@ def storey_plans(scene: Scene, plan: Plan) -> tuple[StoreyPlan, ...]:
     asked = [rooms.rooms[number - 1] for number in plan.site.chosen]
     levels = {storey: level_of(rooms.rooms, storey) for storey in {room.storey for room in rooms.rooms}}
     ways = _ways_of(plan, levels)
-    found = []
+    plans = []
     for storey in sorted({room.storey for room in asked}):
-        here = [one for one in stations if one.room is not None and one.room.storey == storey]
-        heights = [one.height_m for one in here]
+        here = [station for station in stations if station.room is not None and station.room.storey == storey]
+        heights = [station.height_m for station in here]
         height = float(np.median(heights)) if heights else CUT_M
-        places = np.array([one.position[:2] for one in here]).reshape(-1, 2)
+        places = np.array([station.position[:2] for station in here]).reshape(-1, 2)
         shown = [room for room in rooms.rooms if room.storey == storey and not room.is_outside]
         shown += [room for room in asked if room.storey == storey and room.is_outside]
-        found.append(
+        plans.append(
             StoreyPlan(
                 storey=storey,
                 title=f"{scene.name}, storey {storey}: {count(len(here), 'station')}",
                 outline=around_rooms(cut_of(scene.mesh, levels[storey] + height), rooms, storey),
                 cut_m=height,
                 rooms=[(label_of(room), label_place(rooms, room, places)) for room in shown],
-                stations=[(str(one.number), one.position[:2], one.headings_deg) for one in here],
+                stations=[
+                    (str(station.number), station.position[:2], station.headings_deg) for station in here
+                ],
                 ways=ways.get(storey, ()),
             )
         )
-    return tuple(found)
+    return tuple(plans)
 
 
 def label_of(room: Room) -> str:
@@ -225,20 +228,20 @@ def _ways_of(plan: Plan, levels: dict[int, float]) -> dict[int, list[FloatArray]
     positions = np.array([view.world_from_sensor.translation for view in plan.views])
     room, storey_of = plan.site.rooms.room_of(positions), [0, *(one.storey for one in plan.site.rooms.rooms)]
     tour = plan.stations.tour
-    found: dict[int, list[FloatArray]] = {}
+    entries: dict[int, list[FloatArray]] = {}
     for (a, b), leg in zip(pairwise(tour.order), tour.legs, strict=True):
         if len(leg.path) < 2:
             continue
         of = np.maximum(np.searchsorted(floor, leg.path[:, 2] + _BELOW_STOREY_M, side="right") - 1, 0)
-        one, other = storey_of[room[a]], storey_of[room[b]]
-        if one == other > 0:
-            of[:] = storeys.index(one)
+        item, other = storey_of[room[a]], storey_of[room[b]]
+        if item == other > 0:
+            of[:] = storeys.index(item)
         ends = [0, *(np.flatnonzero(np.diff(of)) + 1).tolist(), len(of)]
         for first, last in pairwise(ends):
             stretch = leg.path[first : min(last + 1, len(of)), :2]
             if len(stretch) > 1:
-                found.setdefault(storeys[of[first]], []).append(stretch)
-    return found
+                entries.setdefault(storeys[of[first]], []).append(stretch)
+    return entries
 
 
 _BELOW_M = 0.5
@@ -252,7 +255,7 @@ def seen_storey_plans(seen: SeenRooms, places: np.ndarray, plan: Plan | None = N
     stood = [(letters(k), place) for k, place in enumerate(places)]
     planned = [(str(k), view.world_from_sensor) for k, view in enumerate(views, start=1)]
     turns = plan is not None and plan.sensor.kind == "spherical"
-    found = []
+    plans = []
     for storey, level in sorted(levels.items()):
         next_level = min((other for other in levels.values() if other > level), default=np.inf)
 
@@ -265,9 +268,9 @@ def seen_storey_plans(seen: SeenRooms, places: np.ndarray, plan: Plan | None = N
             for name, pose in planned
             if is_here(pose.translation[2])
         ]
-        there = np.array([one[1] for one in [*given, *stations]]).reshape(-1, 2)
+        there = np.array([arrays[1] for arrays in [*given, *stations]]).reshape(-1, 2)
         shown = [room for room in rooms.rooms if room.storey == storey]
-        found.append(
+        plans.append(
             StoreyPlan(
                 storey=storey,
                 title=f"storey {storey}",
@@ -279,7 +282,7 @@ def seen_storey_plans(seen: SeenRooms, places: np.ndarray, plan: Plan | None = N
                 zones=EVERYWHERE if plan is None else plan.zones,
             )
         )
-    return found
+    return plans
 
 
 def rooms_blocks(coverage: ScanCoverage, plan: Plan | None = None) -> tuple[Block, ...]:
@@ -293,9 +296,9 @@ def rooms_blocks(coverage: ScanCoverage, plan: Plan | None = None) -> tuple[Bloc
         "#of shadows explained, m\u00b2", "#frontier, m\u00b2",
     )  # fmt: skip
     rows = tuple(
-        _seen_room_row(one, entries, with_stations=plan is not None)
-        for one in coverage.rooms
-        if _matters(one)
+        _seen_room_row(room, entries, with_stations=plan is not None)
+        for room in coverage.rooms
+        if _matters(room)
     )
     note = (
         "Missing of a room is what was measured worse than required, and what lies behind the shadows and "
@@ -307,23 +310,27 @@ def rooms_blocks(coverage: ScanCoverage, plan: Plan | None = None) -> tuple[Bloc
     return Table(columns, rows), Text(note, is_note=True)
 
 
-def _matters(one: RoomCoverage) -> bool:
-    return one.room is not None or one.met_m2 + one.worse_m2 + one.shadow_m2 + one.frontier_m2 > 0
+def _matters(coverage: RoomCoverage) -> bool:
+    return (
+        coverage.room is not None
+        or coverage.met_m2 + coverage.worse_m2 + coverage.shadow_m2 + coverage.frontier_m2 > 0
+    )
 
 
 def _seen_room_row(
-    one: RoomCoverage, entries: dict[int, dict[str, object]], *, with_stations: bool
+    coverage: RoomCoverage, entries: dict[int, dict[str, object]], *, with_stations: bool
 ) -> tuple[Cell, ...]:
-    room = one.room
-    scans = ", ".join(letters(number - 1) for number in one.scans) or "none"
+    room = coverage.room
+    scans = ", ".join(letters(number - 1) for number in coverage.scans) or "none"
     entry = {} if room is None else entries.get(room.number, {})
     stations = entry.get("stations") or ()
     text = ", ".join(map(str, stations)) if isinstance(stations, list | tuple) and stations else "none"
     areas = (
-        one.met_m2, one.worse_m2, one.inferred_m2, one.shadow_m2, one.explained_m2, one.frontier_m2,
+        coverage.met_m2, coverage.worse_m2, coverage.inferred_m2, coverage.shadow_m2,
+        coverage.explained_m2, coverage.frontier_m2,
     )  # fmt: skip
     return (
-        Cell(one.name),
+        Cell(coverage.name),
         Cell(scans),
         *((Cell(text),) if with_stations else ()),
         Cell("" if room is None else str(room.storey)),
@@ -353,9 +360,13 @@ def record_blocks(record: Sequence[ScanRecord]) -> tuple[Block, ...]:
 
 
 def _record_row(number: int, scan: ScanRecord) -> tuple[Cell, ...]:
-    said = scan.said
-    station = "" if said is None else f"{said.station}, {said.off_m:.2f} m off"
-    gain = "" if said is None or said.predicted_gain_m2 is None else square_metres(said.predicted_gain_m2)
+    standing = scan.said
+    station = "" if standing is None else f"{standing.station}, {standing.off_m:.2f} m off"
+    gain = (
+        ""
+        if standing is None or standing.predicted_gain_m2 is None
+        else square_metres(standing.predicted_gain_m2)
+    )
     expected = "" if scan.expected_m2 is None else square_metres(scan.expected_m2)
     done = "" if scan.settled_m2 is None else square_metres(scan.settled_m2)
     share = ""

@@ -40,15 +40,15 @@ def below(mesh: LabelledMesh, height_m: float) -> tuple[LabelledMesh, NDArray[np
         triangles = [(a, ab, ac)] if n == 1 else [(ab, b, c), (ab, c, ac)]
         parts += [np.stack(triangle, axis=1) for triangle in triangles]
         of += [faces] * len(triangles)
-    found, source = np.concatenate(parts), np.concatenate(of)
-    numbers = np.arange(3 * len(found), dtype=np.int32).reshape(-1, 3)
-    return LabelledMesh(found.reshape(-1, 3), numbers, mesh.face_surface[source]), source
+    values, source = np.concatenate(parts), np.concatenate(of)
+    numbers = np.arange(3 * len(values), dtype=np.int32).reshape(-1, 3)
+    return LabelledMesh(values.reshape(-1, 3), numbers, mesh.face_surface[source]), source
 
 
-def _where_cut(one: FloatArray, other: FloatArray, height_m: float) -> FloatArray:
+def _where_cut(first: FloatArray, second: FloatArray, height_m: float) -> FloatArray:
     """Points (n, 3) at a height on the lines from points (n, 3) on one side of it to those on the other."""
-    share = (height_m - one[:, 2]) / (other[:, 2] - one[:, 2])
-    return one + share[:, None] * (other - one)
+    share = (height_m - first[:, 2]) / (second[:, 2] - first[:, 2])
+    return first + share[:, None] * (second - first)
 
 
 _MOST_LEVELS = 10
@@ -187,12 +187,12 @@ def state_pictures(
         camera = cameras[number % len(cameras)]
         layer = canvas.look(camera, camera.shape(_WIDTH))
         hit, shade = layer.hit, canvas.shade(layer)
-        found = np.full(hit.shape, -1, np.int64)
+        hits = np.full(hit.shape, -1, np.int64)
         face = layer.face[hit] if source is None else source[layer.face[hit]]
-        found[hit] = state[nearest_samples(samples, layer.points[hit], face)]
-        found[hit] = np.where(zones.of_interest(layer.points[hit], _AT_FACES_M), found[hit], _OUTSIDE)
-        image = paint_states(found, shade, {**marks.colours, _OUTSIDE: _PALE})
+        hits[hit] = state[nearest_samples(samples, layer.points[hit], face)]
+        hits[hit] = np.where(zones.of_interest(layer.points[hit], _AT_FACES_M), hits[hit], _OUTSIDE)
+        image = paint_states(hits, shade, {**marks.colours, _OUTSIDE: _PALE})
         if marks.dotted is not None:
-            image = mark_modelled(image, found == marks.dotted, shade)
-        pictures.append(picture_of(mark_hatched(image, found == marks.hatched), f"{title}: from {side}."))
+            image = mark_modelled(image, hits == marks.dotted, shade)
+        pictures.append(picture_of(mark_hatched(image, hits == marks.hatched), f"{title}: from {side}."))
     return tuple(pictures)

@@ -118,20 +118,20 @@ def completion_view(
 
 def occluding(patches: Sequence[Patch]) -> list[int]:
     """Numbers of the surfaces that hide a part of others."""
-    found: set[int] = set()
+    numbers: set[int] = set()
     for patch in patches:
         behind = patch.evidence.occluder[patch.hypothesised]
         share = np.bincount(behind[behind > 0]) / max(len(behind), 1)
-        found.update(int(number) for number in np.flatnonzero(share >= _HIDES))
+        numbers.update(int(number) for number in np.flatnonzero(share >= _HIDES))
         trim()
-    return sorted(found)
+    return sorted(numbers)
 
 
 def _surfaces(completion: CompletedModel, parts: Sequence[TexturedPart], *, rest: bool = False) -> _Pieces:
     """Pieces of surfaces, and of what belongs to none with the `rest`."""
     total = sum(patch.observed_m2 + patch.hypothesised_m2 for patch in completion.patches)
-    found = [_pieces(completion, part, total / _PIECES) for part in parts]
-    return _Pieces.joined([_nothing(), *found, *([_remainder(completion)] if rest else [])])
+    pieces = [_pieces(completion, part, total / _PIECES) for part in parts]
+    return _Pieces.joined([_nothing(), *pieces, *([_remainder(completion)] if rest else [])])
 
 
 def _nothing() -> _Pieces:

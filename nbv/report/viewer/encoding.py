@@ -127,8 +127,8 @@ def corner_keys(places: Integers, skin: Appearance | None, order: Indices) -> tu
     if skin is not None:
         if skin.images and skin.corner_uv is not None and skin.face_image is not None:
             uv = np.rint(skin.corner_uv[order].reshape(-1, 2).astype(np.float64) * _FRACTION)
-            own = np.column_stack([uv.astype(np.int64), np.repeat(skin.face_image[order], 3)])
-            key = _paired(key, _number(own))
+            values = np.column_stack([uv.astype(np.int64), np.repeat(skin.face_image[order], 3)])
+            key = _paired(key, _number(values))
         key = _paired(key, _number(_colours(skin, order)))
     index, old = by_appearance(key)
     first = np.full(int(key.max(initial=-1)) + 1, len(key), np.int64)
@@ -190,9 +190,9 @@ def _number(rows: Integers) -> Indices:
     return key
 
 
-def _paired(one: Indices, other: Integers) -> Indices:
+def _paired(first: Indices, second: Integers) -> Indices:
     """Number (n,) pairs of non-negative numbers that are alike."""
-    both = one * (int(other.max(initial=0)) + 1) + other
+    both = first * (int(second.max(initial=0)) + 1) + second
     return np.asarray(np.unique(both, return_inverse=True)[1], dtype=np.int64)
 
 

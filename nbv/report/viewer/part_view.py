@@ -51,13 +51,15 @@ class ShownPart:
 def shown_part(part: Part) -> ShownPart:
     """Return the triangles of a part, or a square for each of some of its points, as they were measured."""
     if part.faces is not None and part.triangle_surface is not None:
-        vertices, faces, some = thinned_mesh(part.points, part.faces, _MOST_FACES)
+        vertices, faces, subset = thinned_mesh(part.points, part.faces, _MOST_FACES)
         is_whole = len(faces) == len(part.faces)
-        corners = part.surface[some][faces]
+        corners = part.surface[subset][faces]
         most: IntArray = np.where(corners[:, 1] == corners[:, 2], corners[:, 1], corners[:, 0])
         number = _places(part, np.asarray(part.triangle_surface if is_whole else most))
         mesh = LabelledMesh(vertices, faces.astype(np.int32))
-        return ShownPart(mesh, number, _distances(part, mesh.corners.mean(axis=1), number), np.asarray(some))
+        return ShownPart(
+            mesh, number, _distances(part, mesh.corners.mean(axis=1), number), np.asarray(subset)
+        )
     kept = thinned(part.points, _MOST_POINTS)
     points = part.points[kept]
     number = _places(part, part.surface[kept])
@@ -98,8 +100,8 @@ def _distances(part: Part, points: FloatArray, place: IntArray) -> FloatArray:
     """Distances (n,) of points from their surfaces as measured, metres; NaN on none."""
     off = np.full(len(points), np.nan)
     for number, fit in enumerate(part.measured, start=1):
-        own = place == number
-        off[own] = np.abs(fit.surface.distance(points[own]))
+        item = place == number
+        off[item] = np.abs(fit.surface.distance(points[item]))
     return off
 
 
@@ -107,8 +109,8 @@ def _normals(part: Part, points: FloatArray, place: IntArray) -> FloatArray:
     """Unit normals (n, 3): of the surface, or across the neighbours where there is none."""
     normals = np.zeros_like(points)
     for number, fit in enumerate(part.measured, start=1):
-        own = place == number
-        normals[own] = fit.surface.normal(points[own])
+        item = place == number
+        normals[item] = fit.surface.normal(points[item])
     rest = np.flatnonzero(place == 0)
     if not len(rest):
         return normals
@@ -125,10 +127,10 @@ def _squares(points: FloatArray, normals: FloatArray) -> LabelledMesh:
     apart = cKDTree(points).query(points, k=near + 1)[0][:, near] if near else np.ones(len(points))
     half = _OVERLAP * float(np.median(apart)) if len(points) else 0.0
     least = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    one = np.cross(normals, least)
-    one /= np.maximum(np.linalg.norm(one, axis=1, keepdims=True), 1e-300)
-    two = np.cross(normals, one)
-    corners = [points + half * (a * one + b * two) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    cross = np.cross(normals, least)
+    cross /= np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
+    two = np.cross(normals, cross)
+    corners = [points + half * (a * cross + b * two) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     first = 4 * np.arange(len(points), dtype=np.int64)[:, None]
     faces = (first[:, :, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
     return LabelledMesh(np.stack(corners, axis=1).reshape(-1, 3), faces.astype(np.int32))

@@ -41,12 +41,12 @@ def scan_sightings(scans: Sequence[RangeImage], vertices: FloatArray, faces: NDA
     """
     known = [with_known_noise(scan) for scan in scans]
     blocks = [faces[start : start + _BLOCK] for start in range(0, len(faces), _BLOCK)]
-    found = [_sightings_of(known, vertices[block]) for block in blocks]
-    counts = [np.diff(one.start) for one in found]
+    sightings = [_sightings_of(known, vertices[block]) for block in blocks]
+    counts = [np.diff(item.start) for item in sightings]
     return Sightings(
         np.concatenate([[0], np.cumsum(np.concatenate([np.zeros(0, np.int64), *counts]))]),
-        np.concatenate([np.zeros(0, np.int64), *(one.view for one in found)]),
-        np.concatenate([np.zeros(0), *(one.incidence_deg for one in found)]),
+        np.concatenate([np.zeros(0, np.int64), *(item.view for item in sightings)]),
+        np.concatenate([np.zeros(0), *(item.incidence_deg for item in sightings)]),
     )
 
 

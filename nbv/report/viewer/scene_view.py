@@ -69,13 +69,13 @@ def scene_view(
     layers = []
     for key, label, here in _parts(scene, fine):
         vertices = fine.corners[here].reshape(-1, 3)
-        own = None if skin is None else skin_of_faces(skin, np.flatnonzero(here))
+        appearance = None if skin is None else skin_of_faces(skin, np.flatnonzero(here))
         shown = (vertices, np.arange(len(vertices)).reshape(-1, 3), _OUTSIDE)
-        layers.append(Layer(key, label, *shown, place[here], channels, sightings=sightings, skin=own))
+        layers.append(Layer(key, label, *shown, place[here], channels, sightings=sightings, skin=appearance))
     met = seen.met if len(seen.met) > 1 else ()
-    said, is_room = f"{scene.name}: what the views measure.", scene.mode == "room"
+    sentence, is_room = f"{scene.name}: what the views measure.", scene.mode == "room"
     return Viewer(
-        said,
+        sentence,
         tuple(layers),
         markers=markers,
         lines=lines,
@@ -159,9 +159,11 @@ def _reason_channel(coverage: Coverage) -> tuple[Classes, ...]:
     away = coverage.state == UNREACHABLE
     if not away.any():
         return ()
-    found = np.unique(coverage.reason[away])
-    categories = tuple(Category(REASONS[k].replace("_", " "), surface_rgb(_REASON_COLOURS[k])) for k in found)
-    values = np.where(away, np.searchsorted(found, coverage.reason), len(found))
+    results = np.unique(coverage.reason[away])
+    categories = tuple(
+        Category(REASONS[k].replace("_", " "), surface_rgb(_REASON_COLOURS[k])) for k in results
+    )
+    values = np.where(away, np.searchsorted(results, coverage.reason), len(results))
     categories += (Category("can be reached", (0.80, 0.81, 0.81)),)
     return (Classes("reason", "Why out of reach", categories, _and_nothing(values)),)
 
