@@ -101,7 +101,7 @@ REPORTS = {"matplotlib", "jinja2", "scipy.stats"}
             ("from nbv.cli import app; app(['plan', '--help'], standalone_mode=False)", SLOW),
             (
                 "from nbv.cli import app; app(['info', SCAN], standalone_mode=False)",
-                {"matplotlib", "jinja2", "scipy.stats", "completion.options", "completion.fitting"},
+                {"matplotlib", "jinja2", "scipy.stats", "completion.options", "completion.fitting.pipeline"},
             ),
             ("import nbv.commands.complete", REPORTS),
         ],
