@@ -124,7 +124,7 @@ def check_number(name: str, value: float, least: float = 0.0, most: float = np.i
 def check_kind(name: str, value: object, kind: type | tuple[type, ...], cure: str) -> None:
     """Raise InputError unless `value` is of a kind; the message says what it is, and the cure."""
     if not isinstance(value, kind):
-        kinds = " or ".join(item.__name__ for item in (kind if isinstance(kind, tuple) else (kind,)))
+        kinds = " or ".join(wanted.__name__ for wanted in (kind if isinstance(kind, tuple) else (kind,)))
         what = f"an array of shape {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
         raise InputError(f"{name} must be {kinds}, got {what}; {cure}")
 

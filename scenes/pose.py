@@ -179,11 +179,11 @@ def rotations_towards(directions: FloatArray) -> FloatArray:
     steep = _lengths(right)[:, 0] < _STEEP
     right[steep] = np.cross(forward[steep], np.eye(3)[0])
     right /= _lengths(right)
-    values = np.stack([right, np.cross(forward, right), forward], axis=2)
-    off = np.abs(values.transpose(0, 2, 1) @ values - np.eye(3)).max(axis=(1, 2), initial=0)
+    axes = np.stack([right, np.cross(forward, right), forward], axis=2)
+    off = np.abs(axes.transpose(0, 2, 1) @ axes - np.eye(3)).max(axis=(1, 2), initial=0)
     for k in np.flatnonzero(off > _ROUNDING / 2):  # which a pose makes rigid
-        values[k] = Pose.looking_at(np.zeros(3), directions[k]).rotation
-    return values
+        axes[k] = Pose.looking_at(np.zeros(3), directions[k]).rotation
+    return axes
 
 
 def _lengths(vectors: FloatArray) -> FloatArray:

@@ -389,8 +389,8 @@ def _refine(correlation: FloatArray, reach: tuple[int, int], period: IntArray) -
     while (np.abs(np.rint((n + 1) * refined)) < np.array(reach)).all():
         expected = np.rint((n + 1) * refined).astype(np.int64) + np.array(reach)
         around = np.array([correlation[tuple(expected + step)] for step in _BESIDE])
-        item = (expected - np.array(reach) + _BESIDE[int(np.argmax(around))]) / (n + 1)
-        if around.max() < REPEATED or np.abs(item - period).max() > 1:
+        position = (expected - np.array(reach) + _BESIDE[int(np.argmax(around))]) / (n + 1)
+        if around.max() < REPEATED or np.abs(position - period).max() > 1:
             break
-        refined, n = item, n + 1
+        refined, n = position, n + 1
     return refined

@@ -87,8 +87,8 @@ def fit_shading(
         there = _nearest_within_hull(known, wrap)
         for channel in range(channels.shape[1]):
             logarithms = np.log(np.maximum(channels[places, channel], _DARKEST))
-            mean, item, two, three, four, both = _fit_robustly(design, logarithms)
-            logs = (mean + item * down[0] + two * down[1])[:, None] + three * across[0] + four * across[1]
+            mean, b1, two, three, four, both = _fit_robustly(design, logarithms)
+            logs = (mean + b1 * down[0] + two * down[1])[:, None] + three * across[0] + four * across[1]
             logs += both * down[0][:, None] * across[0]
             seen = logs[known]
             gain[..., channel] = np.exp(np.clip(logs[there], seen.min(), seen.max()) - seen.mean())

@@ -236,9 +236,9 @@ def examine(synthesis: Synthesis, hole: ArrayLike, known: ArrayLike | None = Non
     image = np.where(np.isfinite(synthesis.image), synthesis.image, 0).astype(synthesis.image.dtype)
     boxes = list_pieces(within, around)
     shape = within[boxes[0]] if boxes else within
-    values, *pieces = [image[box] for box in boxes] or [image]
+    image_whole, *pieces = [image[box] for box in boxes] or [image]
     among = [_distance(first, second, shape) for k, first in enumerate(pieces) for second in pieces[k + 1 :]]
-    to_fill = [_distance(values, piece, shape) for piece in pieces]
+    to_fill = [_distance(image_whole, piece, shape) for piece in pieces]
     filled = within & (synthesis.source_rows >= 0)
     confidence = float(synthesis.confidence[filled].mean()) if filled.any() else 1.0
     distance = float(np.mean(to_fill)) if to_fill else float("nan")
@@ -272,8 +272,8 @@ def list_pieces(hole: BoolArray, known: BoolArray) -> list[tuple[slice, slice]]:
     rows, columns = np.nonzero(hole)
     if not rows.size:
         return []
-    stretches = np.s_[int(rows.min()) : int(rows.max()) + 1, int(columns.min()) : int(columns.max()) + 1]
-    shape = hole[stretches]
+    members = np.s_[int(rows.min()) : int(rows.max()) + 1, int(columns.min()) : int(columns.max()) + 1]
+    shape = hole[members]
     step = max(1, min(shape.shape) // 2)
     boxes = [
         np.s_[top : top + shape.shape[0], left : left + shape.shape[1]]
@@ -282,7 +282,7 @@ def list_pieces(hole: BoolArray, known: BoolArray) -> list[tuple[slice, slice]]:
     ]
     pieces = [box for box in boxes if known[box][shape].all()]
     chosen = np.unique(np.linspace(0, len(pieces) - 1, min(N_PIECES, len(pieces))).astype(int))
-    return [stretches, *(pieces[k] for k in chosen)]
+    return [members, *(pieces[k] for k in chosen)]
 
 
 def _distance(first: NDArray[np.generic], second: NDArray[np.generic], shape: BoolArray) -> float:

@@ -77,7 +77,7 @@ def continue_edges(
                     else [continued_edge_none]
                 )
         continued += _paired(followed, float(grid.cell.max()))
-    return [continued_edge for continued_edge in continued if continued_edge.provenance in cues]
+    return [edge for edge in continued if edge.provenance in cues]
 
 
 def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray) -> list[ContinuedEdge]:

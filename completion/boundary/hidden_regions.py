@@ -32,10 +32,10 @@ def further_flow(rest: Any, is_source: BoolArray) -> NDArray[np.int64]:
     is_source : (n + 2,) bool
         Nodes on the source's side: no capacity is left from these to the others.
     """
-    item = coo_array(rest)
-    rows, columns = np.append(item.row, item.col), np.append(item.col, item.row)
+    gaps = coo_array(rest)
+    rows, columns = np.append(gaps.row, gaps.col), np.append(gaps.col, gaps.row)
     key, index = np.unique(rows.astype(np.int64) * len(is_source) + columns, return_inverse=True)
-    capacity = np.bincount(index[: item.nnz], item.data, minlength=len(key)).astype(np.int64)
+    capacity = np.bincount(index[: gaps.nnz], gaps.data, minlength=len(key)).astype(np.int64)
     row, column = np.divmod(key, len(is_source))
     start, back = np.searchsorted(row, np.arange(len(is_source) + 1)), np.lexsort((row, column))
     more = np.zeros(len(is_source) - 2, np.int64)

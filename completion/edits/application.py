@@ -89,7 +89,7 @@ def apply_edits(
             edited = [*rest, *_split(chosen[0], edit, place)]
         else:
             edited[numbers[0]] = _noted(chosen[0], edit, place)
-    return sorted(edited, key=lambda edited_surface: -edited_surface.surface.n_pixels)
+    return sorted(edited, key=lambda surface: -surface.surface.n_pixels)
 
 
 def surface_at(

@@ -96,29 +96,29 @@ def anchors_of(surfaces: object) -> dict[int, Anchor]:
         ) from error
 
 
-def _edit(item: object, anchors: Mapping[int, Anchor], source: str) -> Edit:
-    if not isinstance(item, dict) or item.get("do") not in ACTIONS:
-        sentence = f", not {item['do']!r}" if isinstance(item, dict) and "do" in item else ""
+def _edit(entry: object, anchors: Mapping[int, Anchor], source: str) -> Edit:
+    if not isinstance(entry, dict) or entry.get("do") not in ACTIONS:
+        sentence = f", not {entry['do']!r}" if isinstance(entry, dict) and "do" in entry else ""
         raise InputError(f'{source}: needs a "do" of {", ".join(ACTIONS)}{sentence}')
-    action = item["do"]
+    action = entry["do"]
     known = _FIELDS[action]
-    strange = [name for name in item if name not in (*known, "do", "note")]
+    strange = [name for name in entry if name not in (*known, "do", "note")]
     if strange:
         raise InputError(f"{source}: {action} knows no {strange[0]!r}, only {', '.join(known)}")
-    if known[0] not in item:
+    if known[0] not in entry:
         raise InputError(f'{source}: {action} needs "{known[0]}"')
-    named = item[known[0]]
+    named = entry[known[0]]
     if action == "merge" and not isinstance(named, list):
         raise InputError(f'{source}: "surfaces" are a list, such as [3, 7], got {named!r}')
     surfaces = named if action == "merge" else [named]
-    if "plane" in item and "line" in item:
+    if "plane" in entry and "line" in entry:
         raise InputError(f"{source}: give a plane or a line, not both")
     try:
         return Edit(
             action=action,
             surfaces=tuple(named_anchor(name, anchors, source) for name in surfaces),
-            cut=_cut(item),
-            outline=check_coordinates(item["outline"]) if "outline" in item else None,
+            cut=_cut(entry),
+            outline=check_coordinates(entry["outline"]) if "outline" in entry else None,
             source=source,
         )
     except InputError as error:
@@ -144,12 +144,12 @@ def named_anchor(name: object, anchors: Mapping[int, Anchor], source: str) -> An
     raise InputError(f"{source}: surface {name} is not among the surfaces of this file: {cure}")
 
 
-def _cut(items: Mapping[str, Any]) -> Plane | Any | None:
-    if "line" in items:
-        return check_coordinates(items["line"])
-    if "plane" not in items:
+def _cut(record: Mapping[str, Any]) -> Plane | Any | None:
+    if "line" in record:
+        return check_coordinates(record["line"])
+    if "plane" not in record:
         return None
-    plane = items["plane"]
+    plane = record["plane"]
     if not isinstance(plane, dict) or not {"point", "normal"} <= plane.keys():
         raise InputError(f'a plane is {{"point": [x, y, z], "normal": [x, y, z]}}, got {plane!r}')
     return Plane(check_coordinates(plane["point"]), check_coordinates(plane["normal"]))

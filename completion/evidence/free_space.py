@@ -196,7 +196,7 @@ def free_cells(
     than a cell. `views` are those of the scans, made here when not given.
     """
     if views is None:
-        views = Views.of((eye.eye for eye in sights), (float(item.far.max()) for item in reaches))
+        views = Views.of((sight.eye for sight in sights), (float(reach.far.max()) for reach in reaches))
     form, around, count = form_of(grid.surface), _with_margin(grid), np.zeros(grid.shape, np.int32)
     sd = predicted_sd.reshape(grid.shape)
     cells = _Cells(_pair(grid.corner), _pair(grid.cell), grid.wraps, sd, count)

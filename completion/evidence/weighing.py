@@ -44,15 +44,15 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     owner : int
         This surface's number in `scans.owners`.
     """
-    results, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
+    held, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
     may_see = scans.views.may_see(ball_around(grid.bounds(), grid.cell)).tolist()
     for number, is_key in scans.order:  # of equal claims the first scan's counts
         if not may_see[number]:
             continue
         owners = scans.owners[number].ravel()
-        _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, is_key, results)
+        _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, is_key, held)
         trim()
-    observed, is_member = results.observed.reshape(grid.shape), results.own.reshape(grid.shape)
+    observed, is_member = held.observed.reshape(grid.shape), held.own.reshape(grid.shape)
 
     # Measured cells far from the surface's own pixels are of something else on its plane.
     near = cv2.dilate(is_member.view(np.uint8), np.ones((2 * _NEAR_CELLS + 1,) * 2, np.uint8))
@@ -60,17 +60,17 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
 
     # Veto: nothing is where beams went through, but what was measured.
     vetoed = free_cells(grid, predicted_sd, scans.sights, scans.reach, scans.views)
-    labels = results.labels.reshape(grid.shape)
+    labels = held.labels.reshape(grid.shape)
     labels[vetoed.reshape(grid.shape) & ~observed] = Label.FREE
     return Evidence(
         labels=labels,
         observed=observed,
         own=is_member,
-        pixel=results.pixel.reshape(grid.shape),
-        scan=results.scan.reshape(grid.shape),
-        occluder=np.where(labels == Label.OCCLUDED, np.maximum(results.occluder, 0).reshape(grid.shape), 0),
-        through=results.through.reshape(grid.shape) & ~observed,
-        limb=results.limb.reshape(grid.shape) & ~observed,
+        pixel=held.pixel.reshape(grid.shape),
+        scan=held.scan.reshape(grid.shape),
+        occluder=np.where(labels == Label.OCCLUDED, np.maximum(held.occluder, 0).reshape(grid.shape), 0),
+        through=held.through.reshape(grid.shape) & ~observed,
+        limb=held.limb.reshape(grid.shape) & ~observed,
     )
 
 
@@ -136,7 +136,7 @@ def _hold(
     owner: int,
     number: int,
     is_key: bool,
-    results: _Found,
+    held: _Found,
 ) -> None:
     """Hold the cells of a grid against one scan, block by block; `owners` are its (pixels,).
 
@@ -167,22 +167,22 @@ def _hold(
                     continue
             for row in range(top, bottom):
                 cells = row * columns + left, row * columns + right
-                _hold_cells(sight, form, cells, owners, owner, number, is_key, results)
+                _hold_cells(sight, form, cells, owners, owner, number, is_key, held)
             if not blocks.is_hidden[i, j]:
-                _note_hidden(blocks, i, j, results)
+                _note_hidden(blocks, i, j, held)
 
 
 @inlined
-def _note_hidden(blocks: _Blocks, i: int, j: int, results: _Found) -> None:
+def _note_hidden(blocks: _Blocks, i: int, j: int, held: _Found) -> None:
     """Note whether all cells of a block are hidden or more."""
     rows, columns = blocks.shape
     sd = 0.0
     for row in range(i * _BLOCK, min((i + 1) * _BLOCK, rows)):
         for cell in range(row * columns + j * _BLOCK, row * columns + min((j + 1) * _BLOCK, columns)):
-            label = results.labels[cell]
-            if label < _OCCLUDED or (label == _OCCLUDED and results.occluder[cell] < 0):
+            label = held.labels[cell]
+            if label < _OCCLUDED or (label == _OCCLUDED and held.occluder[cell] < 0):
                 return
-            sd = max(sd, results.predicted_sd[cell])
+            sd = max(sd, held.predicted_sd[cell])
     blocks.is_hidden[i, j], blocks.sd[i, j] = True, sd
 
 
@@ -195,17 +195,12 @@ def _hold_cells(
     owner: int,
     number: int,
     is_key: bool,
-    results: _Found,
+    held: _Found,
 ) -> None:
     """Hold the centres of cells, from a first one up to an end, against the pixels that see them."""
-    centres, predicted_sd, labels, observed = (
-        results.centres,
-        results.predicted_sd,
-        results.labels,
-        results.observed,
-    )
-    is_member, pixels, scans, footprints = results.own, results.pixel, results.scan, results.footprint
-    occluder, through, at_limb = results.occluder, results.through, results.limb
+    centres, predicted_sd, labels, observed = held.centres, held.predicted_sd, held.labels, held.observed
+    is_member, pixels, scans, footprints = held.own, held.pixel, held.scan, held.footprint
+    occluder, through, at_limb = held.occluder, held.through, held.limb
     eye, ranges = sight.eye, sight.ranges
     for cell in range(cells[0], cells[1]):
         if is_member[cell] and not is_key:

@@ -57,8 +57,8 @@ def cylinder_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
         if column.cylinder is not None and _is_round(column.cylinder)
     ]
     pipes = [pipe for pipe in building.pipes if _is_round(pipe)]
-    dimensions = [dimension for column in columns for dimension in _own(column, model, "column")]
-    dimensions += [dimension for pipe in pipes for dimension in _own(pipe, model, "pipe")]
+    sizes = [dimension for column in columns for dimension in _own(column, model, "column")]
+    sizes += [dimension for pipe in pipes for dimension in _own(pipe, model, "pipe")]
     middles = [column.ends.mean(axis=0) for column in columns]
     for k, m in combinations(range(len(columns)), 2):
         ends = np.stack([middles[k], middles[m]])
@@ -67,8 +67,8 @@ def cylinder_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
         apart = np.linalg.norm(ends[1] - ends[0])
         between = [n for n in range(len(columns)) if n not in (k, m)]
         if all(np.linalg.norm(middles[n][:2] - ends.mean(axis=0)[:2]) >= apart / 2 for n in between):
-            dimensions.append(_spacing((columns[k], columns[m]), ends, model.errors))
-    return tuple(dimensions)
+            sizes.append(_spacing((columns[k], columns[m]), ends, model.errors))
+    return tuple(sizes)
 
 
 def _is_round(cylinder: CylinderElement) -> bool:
@@ -168,13 +168,13 @@ def _is_solid(plane: PlaneElement, place: FloatArray, cylinder: CylinderElement)
     facing = float(plane.normal @ (place - cylinder.ends.mean(axis=0))) > 0
     far = cylinder.radius_m * (_WITHIN if facing else _AROUND)
     around = [place + far * way for way in _across(_direction(cylinder))]
-    return plane.kind != "plane" or sum(plane.provenance(values) == 0 for values in around) > len(around) / 2
+    return plane.kind != "plane" or sum(plane.provenance(near) == 0 for near in around) > len(around) / 2
 
 
 def _is_plate(plane: PlaneElement, place: FloatArray, cylinder: CylinderElement) -> bool:
     """Whether a plane that faces outwards goes on around the cylinder, so that it is no lid."""
     around = [place + _BEYOND * cylinder.radius_m * way for way in _across(_direction(cylinder))]
-    return any(plane.provenance(values) >= 0 for values in around)
+    return any(plane.provenance(near) >= 0 for near in around)
 
 
 def _meetings(

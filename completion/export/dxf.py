@@ -154,9 +154,9 @@ def _inner_edges(model: BuildingModel) -> NDArray[np.bool_]:
     """Which edges (m, 3) of the facets part two of one surface and one state."""
     corners = model.faces
     edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
-    values = np.repeat(np.column_stack([model.surface, ~model.is_measured]), 3, axis=0)
+    face_states = np.repeat(np.column_stack([model.surface, ~model.is_measured]), 3, axis=0)
     _, index, count = np.unique(
-        np.column_stack([edges, values]), axis=0, return_inverse=True, return_counts=True
+        np.column_stack([edges, face_states]), axis=0, return_inverse=True, return_counts=True
     )
     return np.asarray(count[index.ravel()] > 1).reshape(-1, 3)
 

@@ -60,10 +60,7 @@ _SETS = {
 
 def body_product(shapes: Shapes, parts: BuildingParts, body: Body, part: Any, key: str) -> Product:
     """Return part of a wall or a slab with its thickness; openings of either face go through it."""
-    face, other = (
-        next(plane_face for plane_face in parts.faces if plane_face.number == number)
-        for number in body.surfaces
-    )
+    face, other = (next(face for face in parts.faces if face.number == number) for number in body.surfaces)
     holes = [(outline, area) for outline, area in _through(body, face, other) if _is_beside(area, part)]
     open_area = joined(area for _, area in holes)
     whole = smoothed(joined((common(body.area, part), open_area)), _SLIT_M)
@@ -262,12 +259,12 @@ def pipe_product(shapes: Shapes, pipe: CylinderElement) -> Product:
 
 def cylinder_product(shapes: Shapes, model: BuildingModel, cylinder: CylinderElement) -> Product | None:
     """Return another cylinder as its facets; None where it has none."""
-    item, seen = model.surface == cylinder.number, model.is_measured
+    is_member, seen = model.surface == cylinder.number, model.is_measured
     pieces = (
-        Piece(shapes.triangles(model.vertices, model.faces[item & seen]), "measured"),
-        Piece(shapes.triangles(model.vertices, model.faces[item & ~seen]), "inferred"),
+        Piece(shapes.triangles(model.vertices, model.faces[is_member & seen]), "measured"),
+        Piece(shapes.triangles(model.vertices, model.faces[is_member & ~seen]), "inferred"),
     )
-    if not item.any():
+    if not is_member.any():
         return None
     return Product(
         key=f"Cylinder {cylinder.number}",
@@ -366,7 +363,9 @@ def ifc_of(parts: BuildingParts, name: str = "completed.ifc") -> str:
     IfcMapConversion leads to the scans' coordinates.
     """
     model = parts.model
-    file = StepText(b"".join(np.ascontiguousarray(bit).tobytes() for bit in (model.vertices, model.faces)))
+    file = StepText(
+        b"".join(np.ascontiguousarray(array).tobytes() for array in (model.vertices, model.faces))
+    )
     origin = _origin(model.drawn)
     contexts = _contexts(file, origin)
     units = file.add("IfcUnitAssignment", [[
@@ -427,7 +426,7 @@ def _products(parts: BuildingParts, levels: Sequence[_Level]) -> Iterator[tuple[
         split = bands(storeys, rest, face.frame, _begin(face)) if entity == "IfcWall" else [(k, rest)]
         for k, part, key in _keyed(split, f"{_NAMES[entity]} {face.number}"):
             yield k, sheet_product(levels[k].shapes, parts, face, rest=part, named=(entity, key))
-    cylinders = {element.number: element for element in model.cylinders}
+    cylinders = {cylinder.number: cylinder for cylinder in model.cylinders}
     for column in parts.columns:
         known = [cylinders.get(number) or face_of[number].element for number in column.surfaces]
         k = storey_at(storeys, column.bottom_m + _STANDING_M)
@@ -511,7 +510,7 @@ def _contexts(file: StepText, origin: FloatArray) -> tuple[Contexts, Ref]:
         for name, view in kinds
     )
     if origin.any():
-        sentence = "coordinates of the scans; which reference system they are in is not known"
-        system = file.add("IfcProjectedCRS", ["unknown", sentence, None, None, None, None, None])
+        contexts = "coordinates of the scans; which reference system they are in is not known"
+        system = file.add("IfcProjectedCRS", ["unknown", contexts, None, None, None, None, None])
         file.add("IfcMapConversion", [whole, system, *origin.tolist(), 1.0, 0.0, 1.0])
     return Contexts(body, foot_print, reference), whole

@@ -135,15 +135,15 @@ def _real(value: float) -> str:
 
 def _characters(text: str) -> str:
     """Characters beyond ASCII by their codes; apostrophes and backslashes twice."""
-    texts = []
+    characters = []
     for character in text:
         if character in "'\\":
-            texts.append(2 * character)
+            characters.append(2 * character)
         elif 32 <= ord(character) < 127:
-            texts.append(character)
+            characters.append(character)
         else:
-            texts.append(f"\\X2\\{character.encode('utf-16-be').hex().upper()}\\X0\\")
-    return "".join(texts)
+            characters.append(f"\\X2\\{character.encode('utf-16-be').hex().upper()}\\X0\\")
+    return "".join(characters)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,10 +184,10 @@ class Shapes:
         corner = np.array(area.bounds[:2] if not area.is_empty else (0.0, 0.0))  # where profiles begin
         axes = self.axes(frame.place(corner, -depth_m) - self.origin, frame.normal, frame.right)
         along = self.direction(np.array([0, 0, 1.0]))
-        item = shapely.transform(area, lambda uv: uv - corner)
+        outline = shapely.transform(area, lambda uv: uv - corner)
         return [
             self.file.add("IfcExtrudedAreaSolid", [self.profile(polygon), axes, along, depth_m - low_m])
-            for polygon in polygons(item)
+            for polygon in polygons(outline)
         ]
 
     def profile(self, polygon: Any) -> Ref:

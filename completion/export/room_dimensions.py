@@ -30,17 +30,17 @@ def room_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
     An area changes with each wall by its length in the plan, a volume with each of its faces by its area.
     """
     planes = {plane.number: plane for plane in building.model.planes}
-    dimensions = []
+    sizes = []
     for room in building.rooms:
         if not room.closed:
             continue
         sides = [support for support in _sides(room, planes) if support is not None]
         area = _size(room, sides, building.model.errors)
-        dimensions.append(area)
+        sizes.append(area)
         level = [planes[k] for k in room.surfaces if k in planes and planes[k].kind in ("floor", "ceiling")]
         if room.volume_m3 is not None and room.height_m is not None and level:
-            dimensions.append(_volume(room, sides, level, building.model.errors))
-    return tuple(dimensions)
+            sizes.append(_volume(room, sides, level, building.model.errors))
+    return tuple(sizes)
 
 
 def thicknesses(building: BuildingParts) -> tuple[Dimension, ...]:
@@ -62,14 +62,14 @@ def _sides(room: Room, planes: dict[int, PlaneElement]) -> list[Support | None]:
     corners = shapely.get_coordinates(shapely.normalize(room.outline).exterior)
     walls = [planes[k] for k in room.surfaces if k in planes and planes[k].kind not in ("floor", "ceiling")]
     height = room.floor_m + (room.height_m or 2.0) / 2
-    supports: list[Support | None] = []
+    sides: list[Support | None] = []
     for start, end in pairwise(corners):
         length = float(np.linalg.norm(end - start))
         middle = np.array([*(start + end) / 2, height])
         wall = _wall_at(middle, (end - start) / max(length, 1e-12), walls)
         place = None if wall is None else _there(wall, start, end, height)
-        supports.append(None if wall is None or place is None else Support(wall, place, length))
-    return supports
+        sides.append(None if wall is None or place is None else Support(wall, place, length))
+    return sides
 
 
 def _wall_at(middle: FloatArray, along: FloatArray, walls: list[PlaneElement]) -> PlaneElement | None:
@@ -153,14 +153,14 @@ _AT_WALL_M = 0.02  # from its ends, where what a dimension meets is its own wall
 
 def widths_of(building: BuildingParts) -> tuple[Dimension, ...]:
     """Return the widths of all storeys, each by a plan 1.1 m above its floor; see `room_widths`."""
-    dimensions: list[Dimension] = []
+    widths: list[Dimension] = []
     model = building.model
     for number, storey in enumerate(building.storeys):
         plan = plan_of(model if number == 0 else replace(model, floor_m=storey.elevation_m))
         rooms = [room.outline for room in building.rooms if room.storey == number and room.closed]
         walls = sorted((face.element for face in storey.walls), key=lambda wall: wall.number)
-        dimensions += room_widths(walls, plan, model.errors, rooms, barriers=_barriers(building, storey))
-    return tuple(dimensions)
+        widths += room_widths(walls, plan, model.errors, rooms, barriers=_barriers(building, storey))
+    return tuple(widths)
 
 
 def room_widths(
@@ -192,7 +192,7 @@ def room_widths(
     ]
     borders = shapely.union_all([room.exterior for room in rooms])
     obstacles = shapely.union_all([*solid, borders]), shapely.union_all(rest)
-    dimensions = []
+    widths = []
     for first, second in combinations([wall for wall in walls if entries[wall.number]], 2):
         facing = (
             float((second.point - first.point) @ first.normal)
@@ -203,8 +203,8 @@ def room_widths(
             ends = _ends(
                 (first, second), (entries[first.number], entries[second.number]), plan.height_m, obstacles
             )
-            dimensions += [] if ends is None else [between("room width", ends, (first, second), errors)]
-    return tuple(sorted(dimensions, key=lambda dimension: -dimension.value))
+            widths += [] if ends is None else [between("room width", ends, (first, second), errors)]
+    return tuple(sorted(widths, key=lambda dimension: -dimension.value))
 
 
 def _barriers(building: BuildingParts, storey: Storey) -> set[int]:
@@ -272,7 +272,7 @@ def room_heights(storey: Storey, errors: JointErrors) -> tuple[Dimension, ...]:
     """
     floors, ceilings = ([face.element for face in faces] for faces in (storey.floors, storey.ceilings))
     level = {element.number: plan_area(element) for element in (*floors, *ceilings)}
-    dimensions = []
+    heights = []
     for floor, ceiling in product(floors, ceilings):
         shared = level[floor.number].intersection(level[ceiling.number])
         if shared.area < _LEAST_M2:
@@ -281,8 +281,8 @@ def room_heights(storey: Storey, errors: JointErrors) -> tuple[Dimension, ...]:
         ends = _ends_of_height(
             floor, ceiling, shared, [(element, level[element.number]) for element in others]
         )
-        dimensions += [] if ends is None else [between("room height", ends, (floor, ceiling), errors)]
-    return tuple(sorted(dimensions, key=lambda dimension: -dimension.value))
+        heights += [] if ends is None else [between("room height", ends, (floor, ceiling), errors)]
+    return tuple(sorted(heights, key=lambda dimension: -dimension.value))
 
 
 def plan_area(plane: PlaneElement) -> shapely.Geometry:
@@ -347,7 +347,7 @@ def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
     not two such sides, as a round one, has its extent, and the interval of its worst side on either end. A
     side that is hidden may be anywhere between where beams went through and where the wall was measured.
     """
-    model, dimensions = building.model, []
+    model, sizes = building.model, []
     within = [
         (face.element, opening)
         for face in building.faces
@@ -358,9 +358,9 @@ def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
     for wall, outline in within:
         level = np.cross([0.0, 0.0, 1.0], wall.normal)
         level /= np.linalg.norm(level)
-        dimensions.append(_opening_size("opening width", outline, wall, level, model))
-        dimensions.append(_opening_size("opening height", outline, wall, np.cross(wall.normal, level), model))
-    return tuple(dimensions)
+        sizes.append(_opening_size("opening width", outline, wall, level, model))
+        sizes.append(_opening_size("opening height", outline, wall, np.cross(wall.normal, level), model))
+    return tuple(sizes)
 
 
 def _opening_size(
@@ -384,8 +384,8 @@ def _opening_size(
             ends.append(float(reach.max() if sign > 0 else reach.min()))
             beyond = np.arange(len(points))
         tables = [opening.sides[k] for k in beyond.tolist()]
-        sides.append({name: max(values[name] for values in tables) for name in _OF_SIDES})
-        sides[-1]["measured_share"] = min(values["measured_share"] for values in tables)
+        sides.append({name: max(sides_seen[name] for sides_seen in tables) for name in _OF_SIDES})
+        sides[-1]["measured_share"] = min(sides_seen["measured_share"] for sides_seen in tables)
     places = centre + (np.array(ends) - centre @ along)[:, None] * along
     supports = tuple(Support(wall, place, 0.0) for place in places)
     sd = float(np.hypot(sides[0]["sd_m"], sides[1]["sd_m"]))
@@ -394,10 +394,10 @@ def _opening_size(
     return Dimension(
         kind=kind,
         value=value,
-        low=max(value - half - sum(values["inwards_m"] for values in sides), 0.0),
-        high=value + half + sum(values["outwards_m"] for values in sides),
+        low=max(value - half - sum(side["inwards_m"] for side in sides), 0.0),
+        high=value + half + sum(side["outwards_m"] for side in sides),
         supports=supports,
         ends=places,
-        measured_share=float(np.mean([values["measured_share"] for values in sides])),
+        measured_share=float(np.mean([side["measured_share"] for side in sides])),
         existence=1.0,
     )

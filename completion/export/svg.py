@@ -137,11 +137,11 @@ def svg_of(building: BuildingParts) -> str:
     """
     model, plan = building.model, plan_of(building.model)
     below = seen_below(model, plan.height_m)
-    arrays = [line.points[:, :2] for line in plan.lines if line.surface] + below
-    places = arrays or [line.points[:, :2] for line in plan.lines]
+    drawn_lines = [line.points[:, :2] for line in plan.lines if line.surface] + below
+    places = drawn_lines or [line.points[:, :2] for line in plan.lines]
     paper = Paper.of(np.concatenate([np.zeros((0, 2)), *places]))
     lines = {state: _points(plan.lines, state) for state in ("rest", "inferred", "measured")}
-    drawn = {state: item for state, item in {"below": below, **lines}.items() if item}
+    drawn = {state: strokes for state, strokes in {"below": below, **lines}.items() if strokes}
     lettering = Lettering()
     drawn_widths = [width for width in widths_of(building) if abs(width.ends[0, 2] - plan.height_m) < _SAME_M]
     widths = _dimensions(drawn_widths, paper, lettering)
@@ -151,7 +151,7 @@ def svg_of(building: BuildingParts) -> str:
         f'<clipPath id="frame"><rect x="{_n(left)}" y="{_n(top)}" width="{_n(wide)}" height="{_n(high)}"/>'
         "</clipPath>",
         '<g clip-path="url(#frame)">',
-        *(_path(paper, item, state) for state, item in drawn.items()),
+        *(_path(paper, strokes, state) for state, strokes in drawn.items()),
         *_openings(model, plan, paper, lettering),
         *widths,
         *areas,
@@ -189,24 +189,24 @@ def _path(paper: Paper, lines: Sequence[FloatArray], state: str) -> str:
 def _openings(model: BuildingModel, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
     """Openings that the plan cuts, as thin lines with what they are outside of the wall."""
     outward = {wall.number: -wall.normal[:2] / np.hypot(*wall.normal[:2]) for wall in model.walls}
-    texts = []
+    openings = []
     for opening in model.openings:
         places = opening_at(opening, plan.height_m) if opening.surface in outward else None
         if places is None:
             continue
         ends = paper.place(places)
         aside = outward[opening.surface] * np.array([1.0, -1.0])
-        texts.append(_line(ends, "opening"))
+        openings.append(_line(ends, "opening"))
         text = f"{opening.kind} {opening.width_m:.2f} \u00d7 {opening.height_m:.2f}"
         foot = ends + (_OUTSIDE_MM if aside[1] > 0 or aside[0] > 0.5 else 1.2) * aside
         put = lettering.along(foot, text, _TEXT_MM)
-        texts += [_text(*put, text, ' class="label"')] if put else []
-    return texts
+        openings += [_text(*put, text, ' class="label"')] if put else []
+    return openings
 
 
 def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Lettering) -> list[str]:
     """Dimensions whose text finds a place: line, ticks, text, and the numbers as attributes."""
-    texts = []
+    drawn = []
     for dimension in dimensions:
         ends, text = paper.place(dimension.ends), told_width(dimension)
         along = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
@@ -220,7 +220,7 @@ def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Letter
         lettering.keep([ends])
         slant = _TICK_MM * (along + across) / np.sqrt(2)
         state = "" if dimension.measured_share == 1 else " on-inferred"
-        texts += [
+        drawn += [
             f'<g class="dimension{state}" data-surfaces="{dimension.surfaces[0]} {dimension.surfaces[1]}" '
             f'data-value-m="{dimension.value:.6f}" data-low-m="{dimension.low:.6f}" '
             f'data-high-m="{dimension.high:.6f}">',
@@ -229,12 +229,12 @@ def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Letter
             _text(*put, text),
             "</g>",
         ]
-    return texts
+    return drawn
 
 
 def _areas(building: BuildingParts, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
     """The area of each closed room that the plan cuts, in its middle or as near to it as is free."""
-    texts = []
+    areas = []
     for size in room_sizes(building):
         if size.kind != "room area" or abs(size.ends[0, 2] - plan.height_m) > _STOREY_M:
             continue
@@ -246,9 +246,9 @@ def _areas(building: BuildingParts, plan: Plan, paper: Paper, lettering: Letteri
         for off in _BESIDE_MM:
             put = lettering.along(middle + off + np.array([[-1.0, 0.0], [1.0, 0.0]]), text, _TEXT_MM)
             if put is not None:
-                texts.append(_text(*put, text, ' class="label area"'))
+                areas.append(_text(*put, text, ' class="label area"'))
                 break
-    return texts
+    return areas
 
 
 def _told_widths(drawn: Sequence[str]) -> list[str]:
@@ -271,7 +271,7 @@ def _block(paper: Paper, sentences: Sequence[str], states: Collection[str]) -> l
     """Below the frame: what it is, what the lines of some states are, the scale bar and the axes."""
     left, top, wide, high = paper.frame
     foot, right = top + high, left + wide
-    texts = [
+    drawn = [
         f'<text x="{_n(left)}" y="{_n(foot + 6 + 4 * k)}">{escape(text)}</text>'
         for k, text in enumerate(sentences)
     ]
@@ -284,8 +284,8 @@ def _block(paper: Paper, sentences: Sequence[str], states: Collection[str]) -> l
     shown = {state: name for state, name in names.items() if state in states}
     for k, (state, name) in enumerate(shown.items()):
         start = np.array([left + 34 * k, foot + 16.0])
-        texts.append(_line(np.array([start, start + [10, 0]]), state))
-        texts.append(f'<text x="{_n(start[0] + 12)}" y="{_n(start[1] + 0.9)}">{name}</text>')
+        drawn.append(_line(np.array([start, start + [10, 0]]), state))
+        drawn.append(f'<text x="{_n(start[0] + 12)}" y="{_n(start[1] + 0.9)}">{name}</text>')
     metres = max(
         base * 10.0**power
         for base in (1, 2, 5)
@@ -293,21 +293,21 @@ def _block(paper: Paper, sentences: Sequence[str], states: Collection[str]) -> l
         if base * 10.0**power * 1000 / paper.scale <= _SCALE_BAR_MM
     )
     bar, base_line = metres * 1000 / paper.scale, foot + 26
-    texts.append(f'<path class="thin" d="M{_n(left)} {_n(base_line)}h{_n(bar)}v-2h{_n(-bar)}z"/>')
-    texts.append(f'<path class="full" d="M{_n(left)} {_n(base_line)}h{_n(bar / 2)}v-2h{_n(-bar / 2)}z"/>')
-    texts.append(f'<text x="{_n(left)}" y="{_n(base_line + 4)}">0</text>')
-    texts.append(f'<text x="{_n(left + bar)}" y="{_n(base_line + 4)}" class="label">{metres:g} m</text>')
-    texts.append(f'<text x="{_n(left + bar + 8)}" y="{_n(base_line)}">1 : {paper.scale} on A4</text>')
+    drawn.append(f'<path class="thin" d="M{_n(left)} {_n(base_line)}h{_n(bar)}v-2h{_n(-bar)}z"/>')
+    drawn.append(f'<path class="full" d="M{_n(left)} {_n(base_line)}h{_n(bar / 2)}v-2h{_n(-bar / 2)}z"/>')
+    drawn.append(f'<text x="{_n(left)}" y="{_n(base_line + 4)}">0</text>')
+    drawn.append(f'<text x="{_n(left + bar)}" y="{_n(base_line + 4)}" class="label">{metres:g} m</text>')
+    drawn.append(f'<text x="{_n(left + bar + 8)}" y="{_n(base_line)}">1 : {paper.scale} on A4</text>')
     corner = np.array([right - 16, foot + 28.0])
     for name, way in (("+x", np.array([10.0, 0])), ("+y", np.array([0, -10.0]))):
         tip, side = corner + way, np.array([-way[1], way[0]]) * 0.08
-        texts.append(_line(np.array([corner, tip]), "thin"))
+        drawn.append(_line(np.array([corner, tip]), "thin"))
         wings = f"M{_xy(tip - 0.2 * way + side)}L{_xy(tip)}L{_xy(tip - 0.2 * way - side)}"
-        texts.append(f'<path class="thin" d="{wings}"/>')
-        texts.append(
+        drawn.append(f'<path class="thin" d="{wings}"/>')
+        drawn.append(
             f'<text x="{_n(tip[0] + 1)}" y="{_n(tip[1] + (1 if name == "+x" else 0))}">{name}</text>'
         )
-    return texts
+    return drawn
 
 
 def _line(ends: FloatArray, state: str) -> str:

@@ -37,8 +37,8 @@ def settle_claims(patches: Sequence[Patch], flatness_m: float) -> list[Patch]:
         for first, second in ((number, other), (other, number)):
             cells, at = _contested(first, second, patches, ways, flatness_m)
             rival = np.where(patches[second].hypothesised, patches[second].confidence, -1.0).ravel()[at]
-            values = patches[first].confidence.ravel()[cells]
-            gives_way = (rival > values) | ((rival == values) & (first > second))
+            members = patches[first].confidence.ravel()[cells]
+            gives_way = (rival > members) | ((rival == members) & (first > second))
             lost[first].ravel()[cells[gives_way]] = True
     for number, other in pairs:  # cells of two charts overlap in part
         cells, at = _contested(other, number, patches, ways, flatness_m)

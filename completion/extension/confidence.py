@@ -109,8 +109,8 @@ def known_beyond(
     probability by the surface's edges. The side (n,) is 0 and 1 for low and high u, 2 and 3 for v, -1 for
     places within the rectangle.
     """
-    values = np.array([extent.own_low, extent.own_high])
-    side, past, past_m = _farthest_past(uv, values)
+    outline_extent = np.array([extent.own_low, extent.own_high])
+    side, past, past_m = _farthest_past(uv, outline_extent)
     row, axis = side % 2, side // 2
     well_seen = min(sides.passed_outline / _WELL_SEEN, 1.0)
     closed = np.isfinite(extent.ends)[row, axis]
@@ -170,8 +170,10 @@ def probability_beyond(known: FloatArray, weights: FloatArray = WEIGHTS) -> Floa
 
 
 @compiled
-def _farthest_past(uv: FloatArray, values: FloatArray) -> tuple[NDArray[np.int8], FloatArray, FloatArray]:
-    """The side (n,) of the rectangle `values` (2, 2) that places (n, 2) are farthest past, and how far.
+def _farthest_past(
+    uv: FloatArray, outline_extent: FloatArray
+) -> tuple[NDArray[np.int8], FloatArray, FloatArray]:
+    """The side (n,) of the rectangle `outline_extent` (2, 2) that places (n, 2) are farthest past; how far.
 
     Distances (n,) are in units of the rectangle's side, and in metres; of the latter the largest counts.
     """
@@ -179,9 +181,13 @@ def _farthest_past(uv: FloatArray, values: FloatArray) -> tuple[NDArray[np.int8]
     side, past, past_m = np.full(n, -1, np.int8), np.zeros(n), np.zeros(n)
     for i in range(n):
         for axis in range(2):
-            size = max(values[1, axis] - values[0, axis], _LEAST_SIZE)
+            size = max(outline_extent[1, axis] - outline_extent[0, axis], _LEAST_SIZE)
             for row in range(2):
-                away = values[0, axis] - uv[i, axis] if row == 0 else uv[i, axis] - values[1, axis]
+                away = (
+                    outline_extent[0, axis] - uv[i, axis]
+                    if row == 0
+                    else uv[i, axis] - outline_extent[1, axis]
+                )
                 if away > 0.0:
                     past_m[i] = max(past_m[i], away)
                     if side[i] < 0 or away / size > past[i]:
@@ -330,18 +336,18 @@ def silent_parts(
         return
     silent, solid, within = silent[box], solid[box], within[box]
     level = half_widths(silent)
-    for item in sorted(set(level[silent].tolist()), reverse=True):
-        number, n_parts = ndimage.label(level == item, _ALL_AROUND)
+    for step_level in sorted(set(level[silent].tolist()), reverse=True):
+        number, n_parts = ndimage.label(level == step_level, _ALL_AROUND)
         row, column = np.nonzero(number)
         members = number[row, column]
         good, bad = np.zeros(n_parts + 1), _at_border(number, n_parts, wraps)
-        _look_beside(number, row, column, solid, within, level, item, good, bad)
+        _look_beside(number, row, column, solid, within, level, step_level, good, bad)
         order = np.argsort(members, kind="stable")
         ends = np.searchsorted(members[order], np.arange(n_parts + 2))
         cells = ((row + box[0].start) * columns + column + box[1].start)[order]
         for part in range(1, n_parts + 1):
             share = float(good[part] / max(good[part] + bad[part], 1.0))
-            yield SilentPart(cells[ends[part] : ends[part + 1]], item * cell_m, share)
+            yield SilentPart(cells[ends[part] : ends[part + 1]], step_level * cell_m, share)
 
 
 def _box_around(cells: BoolArray, margin: int = 1) -> tuple[slice, slice] | None:
@@ -349,7 +355,10 @@ def _box_around(cells: BoolArray, margin: int = 1) -> tuple[slice, slice] | None
     rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return None
-    row, column = (slice(max(values[0] - margin, 0), values[-1] + margin + 1) for values in (rows, columns))
+    row, column = (
+        slice(max(hit_indices[0] - margin, 0), hit_indices[-1] + margin + 1)
+        for hit_indices in (rows, columns)
+    )
     return row, column
 
 
@@ -479,8 +488,8 @@ def estimate(
     """Probability (rows, columns) that the surface is at each cell; 1 where it was measured."""
     result = np.where(evidence.observed, 1.0, 0.0)
     if evidence.observed.any() and regions.n_regions:
-        results = prospects(grid, regions, labelling, extent, evidence)
-        result[regions.region >= 0] = results.probability()
+        prospect = prospects(grid, regions, labelling, extent, evidence)
+        result[regions.region >= 0] = prospect.probability()
     return result
 
 

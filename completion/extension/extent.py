@@ -188,7 +188,9 @@ def find_extent(
         radius_sd = merged.fit.parameter_deviations()["radius"] / surface.radius
         full_turn = Cue.FULL_TURN in cues and _may_close(surface, radius_sd, points)
     elif isinstance(surface, Plane):
-        straight = [item for item in (*(cut for _, cut in cuts), *neighbours) if isinstance(item, Plane)]
+        straight = [
+            surface for surface in (*(cut for _, cut in cuts), *neighbours) if isinstance(surface, Plane)
+        ]
         chart = aligned_chart(surface, straight, points, boundaries[index])
     else:
         raise TypeError(f"no extent is known for a {type(surface).__name__}")

@@ -83,7 +83,7 @@ def farthest_hidden(
     They lie behind what was measured, between `low` and `high` (2,) of its chart; every other row and column
     of a scan counts.
     """
-    arrays, form = [np.zeros((0, 2))], form_of(chart)
+    far_places, form = [np.zeros((0, 2))], form_of(chart)
     corners = chart.from_uv(np.array([low, high]))
     window = ball_around(np.sort(corners, axis=0), (high - low) * _SLACK)
     for number in np.flatnonzero(scans.views.may_see(window)).tolist():
@@ -92,9 +92,9 @@ def farthest_hidden(
         if (pixel < 0).all():
             continue
         rays = seen.rays_at(pixel[pixel >= 0])
-        arrays.append(chart.to_uv(origin + chart.ray_ranges(origin, rays)[:, None] * rays))
+        far_places.append(chart.to_uv(origin + chart.ray_ranges(origin, rays)[:, None] * rays))
         trim()
-    return np.concatenate(arrays)
+    return np.concatenate(far_places)
 
 
 @compiled

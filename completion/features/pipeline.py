@@ -150,7 +150,7 @@ def find_features(
     """
     _check(material, kinds)
     known, draws = given or {}, check_rng(rng)
-    is_whole, template_fit, doubts = True, list[TemplateFit](), list[str]()
+    is_whole, features, doubts = True, list[TemplateFit](), list[str]()
     openings = [kind for kind in kinds if kind in OPENINGS]
     others = [kind for kind in kinds if kind not in OPENINGS]
     try:
@@ -159,7 +159,7 @@ def find_features(
             sizes = [scan.ranges.size for scan in material]
             with Steps.over(sizes, n_threads, progress, journal) as steps:
                 fits, sentences = find_openings_of_scans(material, openings, known, steps)
-            template_fit, doubts = [*template_fit, *fits], [*doubts, *sentences]
+            features, doubts = [*features, *fits], [*doubts, *sentences]
 
         # 2. Others: solids, patterns of holes and junctions, in the points of all scans together.
         if others:
@@ -169,7 +169,7 @@ def find_features(
                 progress("features", done, len(others))
             search = partial(_FINDERS[kind], up=up) if kind in SOLIDS else _FINDERS[kind]
             budget = evaluations * (1 + len(more))
-            template_fit += search(measured, [kind, *more], known.get(kind, {}), rng=draws, budget=budget)
+            features += search(measured, [kind, *more], known.get(kind, {}), rng=draws, budget=budget)
     except KeyboardInterrupt:
         is_whole = False
 
@@ -179,8 +179,8 @@ def find_features(
         if isinstance(material, Measured)
         else sum(int(np.count_nonzero(scan.valid)) for scan in material)
     )
-    is_whole = is_whole and all(fit.is_complete for fit in template_fit)
-    return Features(tuple(best_first(template_fit)), n_points, is_complete=is_whole, doubts=tuple(doubts))
+    is_whole = is_whole and all(fit.is_complete for fit in features)
+    return Features(tuple(best_first(features)), n_points, is_complete=is_whole, doubts=tuple(doubts))
 
 
 def _searches(kinds: Sequence[str], known: Mapping[str, Given]) -> list[list[str]]:

@@ -56,11 +56,11 @@ class Column:
         v = cosine * local[:, 1] - sine * local[:, 0]
         up, out, half = local[:, 2], np.hypot(local[:, 0], local[:, 1]), width / 2
         over = np.maximum(up, 0.0)
-        beside = [np.maximum(np.abs(item) - half, 0.0) for item in (v, u)]
+        beside = [np.maximum(np.abs(coordinate) - half, 0.0) for coordinate in (v, u)]
         sides = [
-            np.sqrt((item - sign * half) ** 2 + over**2 + past**2)
+            np.sqrt((coordinate - sign * half) ** 2 + over**2 + past**2)
             for sign in (1.0, -1.0)
-            for item, past in zip((u, v), beside, strict=True)
+            for coordinate, past in zip((u, v), beside, strict=True)
         ]
         within = np.maximum(radius - out, 0.0)
         flat = np.sqrt(up**2 + beside[0] ** 2 + beside[1] ** 2 + within**2)
@@ -118,7 +118,7 @@ class Stairs:
         each = np.hstack([np.hypot(v, u - np.clip(u, 0.0, going)), np.hypot(u, v - np.clip(v, -rise, 0.0))])
         numbers = np.hstack([step + 1, step + 1 + self.count])
         best = each.argmin(axis=1)[:, None]
-        nearest, number = (np.take_along_axis(values, best, 1)[:, 0] for values in (each, numbers))
+        nearest, number = (np.take_along_axis(choice, best, 1)[:, 0] for choice in (each, numbers))
         return np.hypot(nearest, beside), number
 
 

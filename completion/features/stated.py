@@ -184,8 +184,8 @@ def _read_opening(source: str, entry: Mapping[str, Any]) -> TemplateFit:
         raise InputError(f"{source}: corners must be four points, got {len(places)}; {_CURE}")
     if (np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1) < _LEAST_M).any():
         raise InputError(f"{source}: two corners lie at one place; {_CURE}")
-    item = entry.get("standard_deviation")
-    sd = item.get("depth") if isinstance(item, Mapping) else None
+    stated_sd = entry.get("standard_deviation")
+    sd = stated_sd.get("depth") if isinstance(stated_sd, Mapping) else None
     geometry = {
         "corners": places,
         "depth_m": _number(source, "depth_m", entry.get("depth_m")),
@@ -248,8 +248,8 @@ def _fit(
     )
 
 
-def _side(source: str, name: str, item: object) -> Side:
-    held = item if isinstance(item, Mapping) else {}
+def _side(source: str, name: str, entry: object) -> Side:
+    held = entry if isinstance(entry, Mapping) else {}
     seen, sd = held.get("seen"), held.get("sd_m")
     if not isinstance(seen, bool) or not (sd is None or (isinstance(sd, int | float) and 0 <= sd < np.inf)):
         raise InputError(f"{source}: needs seen (true or false) and sd_m (metres, or null); {_CURE}")
@@ -309,7 +309,7 @@ def ends_of(
     observations : sequence of Observation
         The scans.
     """
-    pairs = []
+    ends = []
     for end in _tubes(fit) if fit.kind == "elbow" else _seams(fit, surfaces):
         index, plane = end
         if index is None:
@@ -319,10 +319,10 @@ def ends_of(
         points = surfaces[index].points(observations, _MOST_JOINT_POINTS)
         sides = plane.distance(points)
         if np.mean(sides > 0) >= _ONE_SIDE:
-            pairs.append((index + 1, plane))
+            ends.append((index + 1, plane))
         elif fit.kind != "elbow" and np.mean(sides < 0) >= _ONE_SIDE:
-            pairs.append((index + 1, plane.flipped()))
-    return pairs
+            ends.append((index + 1, plane.flipped()))
+    return ends
 
 
 def _tubes(fit: TemplateFit) -> Iterator[tuple[int | None, Plane]]:
@@ -432,7 +432,7 @@ def with_features(surfaces: Sequence[EditedSurface], features: Sequence[Template
     Features that are not found change nothing. A side that nobody saw lies where beams still went through,
     and may lie farther out; holes of a pattern that nobody saw, or that are filled, are none.
     """
-    edits = [edited_surface.edits for edited_surface in surfaces]
+    edits = [surface.edits for surface in surfaces]
     for number, fit in enumerate(features, start=1):
         if fit.status is not Status.FOUND or fit.geometry.get("is_closed"):
             continue
@@ -449,7 +449,7 @@ def with_features(surfaces: Sequence[EditedSurface], features: Sequence[Template
             edits[index] = replace(surface_edits, holes=(*surface_edits.holes, *_holes(fit, number)))
         else:
             edits[index] = replace(surface_edits, fitted=(*surface_edits.fitted, _fitted(fit, number)))
-    return [replace(edited_surface, edits=edit) for edited_surface, edit in zip(surfaces, edits, strict=True)]
+    return [replace(surface, edits=edit) for surface, edit in zip(surfaces, edits, strict=True)]
 
 
 def _holes(fit: TemplateFit, number: int) -> Iterator[FittedHole]:

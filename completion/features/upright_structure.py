@@ -158,7 +158,7 @@ def find_flight(sample: UprightSample, noise: float, spacing: float, given: dict
     if len(row) < _LEAST_STEPS:
         sentence = f"{len(patches)} level patches, of which {len(row)} rise and move on equally"
         return f"{sentence}; a flight has {_LEAST_STEPS}"
-    number, step = (np.array(items) for items in zip(*row, strict=True))
+    number, step = (np.array(columns) for columns in zip(*row, strict=True))
     rise = given.get("rise", float(np.median(np.diff(heights[number]) / np.diff(step))))
     move = np.median(np.diff(middles[number], axis=0) / np.diff(step)[:, None], axis=0)
     going = given.get("going", float(np.linalg.norm(move)))
@@ -218,8 +218,8 @@ def _longest_row(
 
 def _agrees(rise: float, going: float, given: dict[str, float]) -> bool:
     """Whether a step is as large as it is known to be."""
-    values = {"rise": rise, "going": going}
-    return all(abs(values[name] - given[name]) < _SAME * given[name] for name in values if name in given)
+    agrees = {"rise": rise, "going": going}
+    return all(abs(agrees[name] - given[name]) < _SAME * given[name] for name in agrees if name in given)
 
 
 def _is_deep(patch: FloatArray, move: FloatArray, going: float) -> bool:
@@ -298,13 +298,14 @@ def find_shafts(
     radii = np.array([radius]) if radius is not None else np.geomspace(low, max(high, low), _N_RADII)
     fitted = [
         _fitted(flat, rough, noise, fixed=radius is not None)
-        for item in radii
-        for rough in _peaks(flat, way, item)
+        for radius_m in radii
+        for rough in _peaks(flat, way, radius_m)
     ]
     pairs: list[Shaft] = []
-    for shaft in sorted((item for item in fitted if item.n), key=lambda one: -one.n):
+    for shaft in sorted((shaft for shaft in fitted if shaft.n), key=lambda shaft: -shaft.n):
         if all(
-            np.hypot(shaft.x - item.x, shaft.y - item.y) > max(shaft.radius, item.radius) for item in pairs
+            np.hypot(shaft.x - kept_shaft.x, shaft.y - kept_shaft.y) > max(shaft.radius, kept_shaft.radius)
+            for kept_shaft in pairs
         ):
             pairs.append(shaft)
     return pairs[:_MOST]

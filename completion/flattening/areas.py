@@ -83,16 +83,16 @@ def flat_zones(field: FloatArray, most: float) -> Labels:
     """Labels (rows, columns) from 0 of cells joined by steps of at most `most` between neighbours."""
     index = np.arange(field.size).reshape(field.shape)
     down, right = np.abs(np.diff(field, axis=0)) <= most, np.abs(np.diff(field, axis=1)) <= most
-    values = np.concatenate([index[:-1][down], index[:, :-1][right]])
+    first = np.concatenate([index[:-1][down], index[:, :-1][right]])
     other = np.concatenate([index[1:][down], index[:, 1:][right]])
-    return joined(values, other, field.size)[1].reshape(field.shape)
+    return joined(first, other, field.size)[1].reshape(field.shape)
 
 
 def borders_of(labels: Labels) -> tuple[Labels, Labels, FloatArray]:
     """Neighbouring pieces (n,), (n,), the lower label first, and the lengths of their borders (n,), cells."""
-    values = np.concatenate([labels[:-1].ravel(), labels[:, :-1].ravel()])
+    first = np.concatenate([labels[:-1].ravel(), labels[:, :-1].ravel()])
     other = np.concatenate([labels[1:].ravel(), labels[:, 1:].ravel()])
-    return _together(values, other, np.full(len(values), CROSSED), int(labels.max()) + 1)
+    return _together(first, other, np.full(len(first), CROSSED), int(labels.max()) + 1)
 
 
 def _together(first: Labels, second: Labels, length: FloatArray, n: int) -> tuple[Labels, Labels, FloatArray]:
@@ -249,8 +249,8 @@ def join_pieces(heights: FloatArray, pieces: Labels, ripple: Ripple, known: Bool
     ripple_m = max(float(np.std((heights - levels.height_m[areas])[known])), 1e-30)
     plane = _plane_of(levels, areas, heights, ripple_m, known)
     join = _join_plane(levels, areas, plane, ripple_m)
-    joins += [replace(item, pieces=tuple(np.flatnonzero(owner == item.pieces[0]).tolist())) for item in join]
-    owner = np.where(np.isin(owner, [item.pieces[0] for item in join]), plane, owner)
+    joins += [replace(join, pieces=tuple(np.flatnonzero(owner == join.pieces[0]).tolist())) for join in join]
+    owner = np.where(np.isin(owner, [join.pieces[0] for join in join]), plane, owner)
     plane = int(np.searchsorted(np.unique(owner), plane))
     owner = np.unique(owner, return_inverse=True)[1]
     return Areas(owner, Levels.fitted(heights, owner[pieces], ripple, known).over(plane), plane, tuple(joins))
@@ -331,12 +331,12 @@ def _with_rims(areas: Labels) -> Labels:
     pairs = np.concatenate([np.stack([first, second], 1), np.stack([second, first], 1)])[np.r_[long, long]]
     boxes = ndimage.find_objects(areas + 1)
     deepest = _depths(areas, n)
-    for item, other in pairs:
+    for area_a, other in pairs:
         box = tuple(slice(max(side.start - _RIM, 0), side.stop + _RIM) for side in boxes[other])
-        inside, near = areas[box] == item, areas[box] == other
-        for _ in range(min(_RIM, deepest[item] - 1)):
+        inside, near = areas[box] == area_a, areas[box] == other
+        for _ in range(min(_RIM, deepest[area_a] - 1)):
             near = ndimage.binary_dilation(near, np.ones((3, 3)))
-            rim = near & inside & (out[box] == item)
+            rim = near & inside & (out[box] == area_a)
             if rim.any():
                 out[box][rim] = new
                 new += 1

@@ -72,22 +72,22 @@ def _mark(
     """Mark the faces that cross newly; `entries` from each start to the next are the faces of one cell."""
     for cell in range(len(starts) - 1):
         for i in range(starts[cell], starts[cell + 1]):
-            item = entries[i]
+            entry = entries[i]
             for j in range(i + 1, starts[cell + 1]):
                 other = entries[j]
-                if not (moved[item] or moved[other]) or (crossing[item] and crossing[other]):
+                if not (moved[entry] or moved[other]) or (crossing[entry] and crossing[other]):
                     continue
                 apart = False
                 for k in range(3):
-                    if low[item, k] > high[other, k] or low[other, k] > high[item, k]:
+                    if low[entry, k] > high[other, k] or low[other, k] > high[entry, k]:
                         apart = True
                     for m in range(3):
-                        if faces[item, k] == faces[other, m]:
+                        if faces[entry, k] == faces[other, m]:
                             apart = True
                 if apart:
                     continue
-                if _cross(after, faces, item, other) and not _cross(before, faces, item, other):
-                    crossing[item] = True
+                if _cross(after, faces, entry, other) and not _cross(before, faces, entry, other):
+                    crossing[entry] = True
                     crossing[other] = True
 
 
@@ -188,9 +188,11 @@ def _off_others(
     """How far the first of each pair (m, 2) is off the plane of the second, over what is still on it."""
     off = np.full(len(pairs), np.inf)
     for label, (plane, rms) in planes.items():
-        values = np.flatnonzero(flat[pairs[:, 1]] == label)
-        reach = [_NEAR * max(rms, planes[int(item)][1]) for item in flat[pairs[values, 0]]]
-        off[values] = np.abs(plane.distance(vertices[pairs[values, 0]])) / np.maximum(reach, 1e-300)
+        pairs_here = np.flatnonzero(flat[pairs[:, 1]] == label)
+        reach = [
+            _NEAR * max(rms, planes[int(surface_number)][1]) for surface_number in flat[pairs[pairs_here, 0]]
+        ]
+        off[pairs_here] = np.abs(plane.distance(vertices[pairs[pairs_here, 0]])) / np.maximum(reach, 1e-300)
     return off
 
 

@@ -100,7 +100,9 @@ def learn_null(parts: Separation, rng: np.random.Generator) -> Null:
 
 def _white_noise(parts: Separation) -> FloatArray:
     """Whitened errors (n,) of unit sd, where there is no evident relief."""
-    evident = tuple(item for item in parts.candidates if item.stands_out and item.evidence > _CLEAR)
+    evident = tuple(
+        candidate for candidate in parts.candidates if candidate.stands_out and candidate.evidence > _CLEAR
+    )
     used = parts.known.copy()
     for candidate in evident:
         used &= ~parts.cells(candidate)
@@ -174,17 +176,17 @@ def flatten_heights(
     # 1. Separate heights into levels and ripple, and learn what the ripple alone may look like.
     parts = separate(np.where(known, heights, 0.0), known)
     could_stay = [
-        item.stands_out and item.n_cells >= _LEAST and abs(item.height_m) > options.rounding_m
-        for item in parts.candidates
+        candidate.stands_out and candidate.n_cells >= _LEAST and abs(candidate.height_m) > options.rounding_m
+        for candidate in parts.candidates
     ]
     hidden_by_steps = options.rounding_m > 0 and not any(could_stay)
     null = NOTHING if hidden_by_steps else learn_null(parts, np.random.default_rng(rng))
-    p = [null.p(item.evidence, int(known.sum())) for item in parts.candidates]
+    p = [null.p(candidate.evidence, int(known.sum())) for candidate in parts.candidates]
 
     # 2. Keep what a wall without relief would hardly show; all else is the plane.
     kept = tuple(
-        item
-        for item, q, could in zip(parts.candidates, p, could_stay, strict=True)
+        candidate
+        for candidate, q, could in zip(parts.candidates, p, could_stay, strict=True)
         if could and q <= options.level
     )
     level = parts.levels(kept)[: heights.shape[0], : heights.shape[1]]
@@ -209,9 +211,9 @@ def flatten_heights(
             regions.append(_region(candidate, RegionKind.RELIEF, q, cell_m, clear))
             label[cells] = len(regions)
     regions += [
-        _region(item, RegionKind.FLATTENED, q, cell_m, True)
-        for item, q in sorted(zip(parts.candidates, p, strict=True), key=lambda pair: pair[1])
-        if item not in kept and item.evidence > null.start
+        _region(candidate, RegionKind.FLATTENED, q, cell_m, True)
+        for candidate, q in sorted(zip(parts.candidates, p, strict=True), key=lambda pair: pair[1])
+        if candidate not in kept and candidate.evidence > null.start
     ]
     noise_sd = float(np.sqrt(parts.ripple.noise_power()))
     mean = float(np.mean(heights[plane])) if plane.any() else 0.0
@@ -274,13 +276,13 @@ def flatten_mesh(
 
     # 1. Flatten the heights of each plane, and move its vertices to them.
     for label, fit in enumerate(fits, 1):
-        values = np.flatnonzero(labels == label)
-        if not isinstance(fit.surface, Plane) or len(values) < 3:
+        members = np.flatnonzero(labels == label)
+        if not isinstance(fit.surface, Plane) or len(members) < 3:
             continue
         number = np.full(len(vertices), -1)
-        number[values] = np.arange(len(values))
+        number[members] = np.arange(len(members))
         inner = number[faces[np.all(labels[faces] == label, axis=1)]].astype(np.int32)
-        grid = grid_of(vertices[values], inner, fit.surface, options.cell_m, options.most_cells)
+        grid = grid_of(vertices[members], inner, fit.surface, options.cell_m, options.most_cells)
         heights = flatten_heights(grid.heights, grid.cell_m, options, seed)
         surfaces.append(
             FlatSurface(
@@ -295,12 +297,12 @@ def flatten_mesh(
         )
         if heights.reason:
             continue
-        height, region = _heights_of(grid, heights, fit.surface.distance(vertices[values]))
-        moved[values] = move_onto(
-            vertices[values], fit.surface, height, None if rays is None else rays[values]
+        height, region = _heights_of(grid, heights, fit.surface.distance(vertices[members]))
+        moved[members] = move_onto(
+            vertices[members], fit.surface, height, None if rays is None else rays[members]
         )
-        is_relief[values] = region > 0
-        flat[values[region == 0]] = label
+        is_relief[members] = region > 0
+        flat[members[region == 0]] = label
         planes[label] = fit.surface, fit.rms
 
     # 2. Creases stay creases; what would turn over or cross stays where it was.
@@ -312,9 +314,9 @@ def flatten_mesh(
 
     # 3. Tell how far all that lies from its plane, before and after.
     for place, surface in enumerate(surfaces):
-        values, plane = np.flatnonzero(labels == surface.label), fits[surface.label - 1].surface
-        before, after = plane.distance(vertices[values]), plane.distance(moved[values])
-        surfaces[place] = surface.measured(before, after, is_relief[values])
+        members, plane = np.flatnonzero(labels == surface.label), fits[surface.label - 1].surface
+        before, after = plane.distance(vertices[members]), plane.distance(moved[members])
+        surfaces[place] = surface.measured(before, after, is_relief[members])
     return FlattenedMesh(
         vertices=moved,
         moved_m=np.linalg.norm(moved - vertices, axis=1),
@@ -332,7 +334,7 @@ def _heights_of(
     """New heights (n,) of vertices that were at some over the plane, and their regions, 0 for the plane."""
     place = np.clip(np.rint(grid.places).astype(np.int64), 0, np.array(grid.heights.shape) - 1)
     region = heights.label[place[:, 0], place[:, 1]]
-    clear = np.array([False, *(item.is_cleared for item in heights.regions)])[np.maximum(region, 0)]
+    clear = np.array([False, *(region.is_cleared for region in heights.regions)])[np.maximum(region, 0)]
     ripple = ndimage.map_coordinates(heights.ripple, grid.places.T, order=1, mode="nearest")
     return np.where(region == 0, 0.0, np.where(clear, height - ripple, height)), region
 

@@ -71,9 +71,9 @@ def estimate_spectrum(heights: FloatArray, known: BoolArray, quantile: float, wi
         part = heights[i : i + size, j : j + size].ravel()
         part = part - (normal @ (slopes @ (squared * part))) @ slopes
         power[:] = np.abs(fft.rfft2(part.reshape(size, size) * weight)) ** 2
-    item = np.quantile(powers, quantile, axis=0) / -np.log1p(-quantile)
-    item = np.maximum(item, 1e-9 * item.max() + 1e-30)
-    return Spectrum(item * _turning(powers / item, quantile))
+    spectrum_values = np.quantile(powers, quantile, axis=0) / -np.log1p(-quantile)
+    spectrum_values = np.maximum(spectrum_values, 1e-9 * spectrum_values.max() + 1e-30)
+    return Spectrum(spectrum_values * _turning(powers / spectrum_values, quantile))
 
 
 def _turning(ratios: FloatArray, quantile: float) -> FloatArray:
@@ -286,9 +286,9 @@ def without_jumps(heights: FloatArray) -> FloatArray:
         np.cos(np.pi * np.arange(rows) / rows)[:, None] + np.cos(np.pi * np.arange(columns) / columns) - 2
     )
     waves[0, 0] = 1.0
-    item = fft.dctn(sources, norm="ortho") / waves
-    item[0, 0] = heights.mean() * np.sqrt(heights.size)
-    out: FloatArray = fft.idctn(item, norm="ortho")
+    potential = fft.dctn(sources, norm="ortho") / waves
+    potential[0, 0] = heights.mean() * np.sqrt(heights.size)
+    out: FloatArray = fft.idctn(potential, norm="ortho")
     return out
 
 
@@ -309,5 +309,5 @@ def find_spikes(heights: FloatArray, known: BoolArray) -> BoolArray:
     if not len(differ):
         return np.zeros_like(known)
     near = np.sum(away <= _SPIKE * np.median(differ), axis=0)
-    mask: BoolArray = known & (near <= 1) & (np.sum(np.isfinite(away), axis=0) >= 3)
-    return mask
+    is_member: BoolArray = known & (near <= 1) & (np.sum(np.isfinite(away), axis=0) >= 3)
+    return is_member

@@ -289,11 +289,11 @@ class _Planes:
             if not part.form.is_curved:
                 forms[number] = *part.form.point, *part.form.axis, *part.form.first, *part.form.second
                 covariances[number] = part.covariance
-        doubts = [item.doubt for item in parts]
+        doubts = [part.doubt for part in parts]
         return cls(
             forms=forms,
             covariances=covariances,
-            boxes=np.array([item.box for item in parts]),
+            boxes=np.array([part.box for part in parts]),
             scans=np.array([doubt.scan for doubt in doubts], dtype=np.int64),
             doubts=np.array([(doubt.shift_m**2, doubt.turn**2) for doubt in doubts]),
         )

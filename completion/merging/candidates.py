@@ -66,7 +66,7 @@ def plant(spots: Spots) -> Tree:
     return Tree(
         spots=Spots(*(spot[order] for spot in spots)),
         number=order,
-        around=Spots(*(np.array(items) for items in zip(*balls, strict=True))),
+        around=Spots(*(np.array(column) for column in zip(*balls, strict=True))),
         start=start.copy(),
         end=end.copy(),
         after=np.array(after),
@@ -99,7 +99,7 @@ def find_near(
     and b, and d the distance from its own point, metres. A plane's normal and that of the spot are to have
     at least this cosine.
     """
-    hits, n = np.empty(tree.number.size, np.int64), 0
+    neighbours, n = np.empty(tree.number.size, np.int64), 0
     ball = int64(0)
     while ball < tree.start.size:
         if not _may_pass(tree.around, ball, form, spread, least_cosine):
@@ -108,10 +108,10 @@ def find_near(
         if tree.after[ball] == ball + 1:
             for spot in range(tree.start[ball], tree.end[ball]):
                 if _may_pass(tree.spots, spot, form, spread, least_cosine):
-                    hits[n] = tree.number[spot]
+                    neighbours[n] = tree.number[spot]
                     n += 1
         ball += 1
-    return hits[:n]
+    return neighbours[:n]
 
 
 @inlined
@@ -148,15 +148,15 @@ def find_candidates(parts: Sequence[Part]) -> IntArray:
     """
     if not parts:
         return np.zeros((0, 2), dtype=np.int64)
-    middles = np.array([item.middle() for item in parts])
-    values = np.array([
+    middles = np.array([part.middle() for part in parts])
+    variances = np.array([
         part.variance_at(middle[None], part.own_doubt())[0]
         for part, middle in zip(parts, middles, strict=True)
     ])  # fmt: skip
-    normals = np.array([item.fit.surface.normal(m[None])[0] for item, m in zip(parts, middles, strict=True)])
-    curved = np.array([item.form.is_curved for item in parts])
+    normals = np.array([part.fit.surface.normal(m[None])[0] for part, m in zip(parts, middles, strict=True)])
+    curved = np.array([part.form.is_curved for part in parts])
     none = np.zeros(len(parts))
-    tree = plant(_spots(middles, none, _DEVIATIONS * np.sqrt(values), normals, curved))
+    tree = plant(_spots(middles, none, _DEVIATIONS * np.sqrt(variances), normals, curved))
     passed = []
     for i, part in enumerate(parts):
         trim()
@@ -166,7 +166,7 @@ def find_candidates(parts: Sequence[Part]) -> IntArray:
             part.fit.surface.distance(middles[near]),
             part.variance_at(middles[near], part.own_doubt()),
         )
-        passes = np.square(height) <= _DEVIATIONS**2 * (variance + values[near])
+        passes = np.square(height) <= _DEVIATIONS**2 * (variance + variances[near])
         if not part.form.is_curved:
             passes &= ~(normals[near] @ normals[i] < LEAST_COSINE)
         passed.append(i * len(parts) + near[passes])
@@ -181,14 +181,14 @@ def find_hosts(small: Sequence[Part], parts: Sequence[Part]) -> list[list[int]]:
     hosts: list[list[int]] = [[] for _ in small]
     if not small:
         return hosts
-    middles = np.array([item.points.mean(axis=0) for item in small])
+    middles = np.array([part.points.mean(axis=0) for part in small])
     radii = np.array(
-        [np.linalg.norm(item.points - m, axis=1).max() for item, m in zip(small, middles, strict=True)]
+        [np.linalg.norm(part.points - m, axis=1).max() for part, m in zip(small, middles, strict=True)]
     )
-    normals = np.array([item.fit.surface.normal(m[None])[0] for item, m in zip(small, middles, strict=True)])
-    curved = np.array([item.form.is_curved for item in small])
-    factor = float(np.sqrt(max(1 + item.slack for item in small)))
-    scales = np.array([np.hypot(item.scale, item.doubt.shift_m) for item in small])
+    normals = np.array([part.fit.surface.normal(m[None])[0] for part, m in zip(small, middles, strict=True)])
+    curved = np.array([part.form.is_curved for part in small])
+    factor = float(np.sqrt(max(1 + part.slack for part in small)))
+    scales = np.array([np.hypot(part.scale, part.doubt.shift_m) for part in small])
     tree = plant(_spots(middles, radii, factor * scales, normals, curved))
     for i, part in enumerate(parts):
         trim()

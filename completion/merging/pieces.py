@@ -102,7 +102,7 @@ class Piece:
 
 def _sampled(held: Sequence[tuple[int, PixelSet]]) -> tuple[tuple[int, NDArray[np.int32]], ...]:
     """Some flat pixels (n,) by scan, evenly over all of them, without bringing these together."""
-    ends = np.cumsum([len(item) for _, item in held])
+    ends = np.cumsum([len(pixel_set) for _, pixel_set in held])
     chosen = np.linspace(0, ends[-1] - 1, min(_N_SAMPLE, int(ends[-1]))).astype(np.int64)
     which = np.searchsorted(ends, chosen, side="right")
     return tuple(
@@ -116,8 +116,8 @@ def _doubt_of(pieces: Sequence[Piece], weight: FloatArray) -> PoseDoubt:
     doubts = [piece.part.doubt for piece in pieces]
     scans = {doubt.scan for doubt in doubts}
     shift, turn = (
-        float(np.average(values, weights=weight))
-        for values in ([doubt.shift_m for doubt in doubts], [doubt.turn for doubt in doubts])
+        float(np.average(doubts_of_kind, weights=weight))
+        for doubts_of_kind in ([doubt.shift_m for doubt in doubts], [doubt.turn for doubt in doubts])
     )
     return PoseDoubt(scans.pop() if len(scans) == 1 else -1, shift, turn)
 
@@ -197,7 +197,7 @@ class Unconfirmed(NamedTuple):
     def of(cls, regions: Sequence[Sequence[Region]], merged: Sequence[MergedSurface]) -> Unconfirmed:
         """Count the regions, and the pixels, of all scans that are of no merged surface."""
         n_regions = sum(len(region) for region in regions) - sum(surface.n_parts for surface in merged)
-        n_pixels = sum(region.n_pixels for item in regions for region in item) - sum(
+        n_pixels = sum(region.n_pixels for group in regions for region in group) - sum(
             surface.n_pixels for surface in merged
         )
         return cls(n_regions, n_pixels)
@@ -227,17 +227,17 @@ def confirmed(groups: Sequence[list[Piece]], sights: Sequence[Sight], first: int
     which = np.repeat(np.arange(len(pieces)), [len(piece.part.points) for piece in pieces])
     points = np.concatenate([piece.part.points for piece in pieces])
     scale = np.array([piece.part.scale for piece in pieces])[which]
-    values = np.array([piece.pixels[0][0] - first for piece in pieces])
+    first_scans = np.array([piece.pixels[0][0] - first for piece in pieces])
     reach = np.empty(len(points))
-    for scan in np.unique(values).tolist():
-        of_scan = values[which] == scan
+    for scan in np.unique(first_scans).tolist():
+        of_scan = first_scans[which] == scan
         reach[of_scan] = np.linalg.norm(points[of_scan] - np.array(sights[scan].eye.origin), axis=1)
 
     n_points, votes = np.bincount(which), np.zeros(len(pieces), np.int64)
     for number, sight in enumerate(sights):
         sees = _sees(sight, points, scale, _AS_NEAR * reach)
         share = np.bincount(which, sees, minlength=len(pieces)) / n_points
-        votes += (share > _MAJORITY) & (values != number)
+        votes += (share > _MAJORITY) & (first_scans != number)
         trim()
     left_out = {number for number, n in zip(alone, votes.tolist(), strict=True) if n >= _VOTES}
     return [group for number, group in enumerate(groups) if number not in left_out]
@@ -249,7 +249,7 @@ def _sees(sight: Sight, points: FloatArray, scale: FloatArray, farthest: FloatAr
 
     From no farther than `farthest` (n,), metres.
     """
-    eye, hits = sight.eye, np.zeros(len(points), np.int8)
+    eye, sees = sight.eye, np.zeros(len(points), np.int8)
     for i in range(len(points)):
         place = points[i, 0], points[i, 1], points[i, 2]
         ray = minus(place, eye.origin)
@@ -262,5 +262,5 @@ def _sees(sight: Sight, points: FloatArray, scale: FloatArray, farthest: FloatAr
         measured = sight.ranges[pixel]
         sigma = deviation_at(sight.noise, measured)
         allowed = eye.n_sigma * np.sqrt(sigma * sigma + scale[i] * scale[i]) + eye.registration_m
-        hits[i] = measured >= distance - allowed
-    return hits
+        sees[i] = measured >= distance - allowed
+    return sees

@@ -37,10 +37,10 @@ class Verdicts:
 
     def contradict(self, first: Sequence[int], second: Sequence[int]) -> bool:
         """Tell whether some pair across two groups of parts fails the test."""
-        hits = self._known[np.ix_(first, second)]
-        if (hits == _DIFFERENT).any():
+        contradictions = self._known[np.ix_(first, second)]
+        if (contradictions == _DIFFERENT).any():
             return True
-        return any(self._differ(first[i], second[j]) for i, j in np.argwhere(hits == 0).tolist())
+        return any(self._differ(first[i], second[j]) for i, j in np.argwhere(contradictions == 0).tolist())
 
     def _differ(self, number: int, other: int) -> bool:
         """Compare two parts, the one with the lower number with the other."""
@@ -199,9 +199,9 @@ def _agreements(parts: Sequence[Part]) -> tuple[IntArray, FloatArray, FloatArray
 def _fits_all(parts: Sequence[Piece], observations: Sequence[Observation], tolerance: Tolerance) -> bool:
     """Tell whether one surface leaves each of the parts no rougher than its own noise and warps do."""
     start = max(parts, key=lambda piece: piece.n_pixels).fit.surface
-    most = max(piece.n_pixels for piece in parts)
-    shares = [max(piece.n_pixels / most, _LEAST_SHARE) for piece in parts]
-    pairs = [pair for piece, share in zip(parts, shares, strict=True) for pair in piece.thinned(share)]
+    most = max(part.n_pixels for part in parts)
+    shares = [max(part.n_pixels / most, _LEAST_SHARE) for part in parts]
+    pairs = [pair for part, share in zip(parts, shares, strict=True) for pair in part.thinned(share)]
     pairs.sort(key=lambda pair: pair[0])
     beams = [
         Beams.at(observations[scan], np.concatenate([members for _, members in several]))
@@ -210,7 +210,7 @@ def _fits_all(parts: Sequence[Piece], observations: Sequence[Observation], toler
     (joint,) = improve([start], beams, tolerance.flatness_m, n_rounds=2)
     if joint is None:
         return False
-    scans = {piece.part.doubt.scan for piece in parts}
+    scans = {part.part.doubt.scan for part in parts}
     among_several = len(scans) > 1 or min(scans) < 0
     for part in parts:
         value = (
@@ -266,6 +266,6 @@ def _merged(
     ordered = sorted(groups, key=lambda pieces: len(pieces) == 1)
     fitted = fit_groups(ordered, observations, tolerance, spill)
     return [
-        MergedSurface(item.fit, item.pixels, sum(piece.n_regions for piece in pieces))
-        for pieces, item in zip(ordered, fitted, strict=True)
+        MergedSurface(fit.fit, fit.pixels, sum(piece.n_regions for piece in pieces))
+        for pieces, fit in zip(ordered, fitted, strict=True)
     ]

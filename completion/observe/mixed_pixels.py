@@ -43,22 +43,22 @@ def find_mixed(ranges: FloatArray, noise: Noise) -> BoolArray:
 @compiled
 def _count_between(ranges: FloatArray, noise: Noise) -> NDArray[np.int64]:
     """How many jumps have 0, 1, 2 ... pixels between both surfaces, and how many one in the middle half."""
-    hits = np.zeros(_WIDEST + 2, np.int64)
+    counts = np.zeros(_WIDEST + 2, np.int64)
     for step in _STEPS[:2]:
         for row in range(ranges.shape[0] - step[0]):
             for column in range(ranges.shape[1] - step[1]):
                 for n in range(_first_apart(ranges, noise, (row, column), step), _WIDEST + 1):
                     if _is_jump(ranges, noise, (row, column), step, n):
-                        hits[n] += 1
+                        counts[n] += 1
                         here = ranges[row, column]
                         jump = ranges[row + (n + 1) * step[0], column + (n + 1) * step[1]] - here
                         for k in range(1, n + 1):
                             between = ranges[row + k * step[0], column + k * step[1]]
                             if abs((between - here) / jump - 0.5) <= _MIDDLE:
-                                hits[_WIDEST + 1] += 1
+                                counts[_WIDEST + 1] += 1
                                 break
                         break
-    return hits
+    return counts
 
 
 @inlined

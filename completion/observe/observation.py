@@ -178,7 +178,7 @@ class PixelSet:
     def union(cls, sets: Sequence[PixelSet], shape: tuple[int, int]) -> PixelSet:
         """Return the pixels (n,) of all sets of one image, of whose pixels none is in two."""
         none = np.zeros(0, np.int32)
-        return cls(np.sort(np.concatenate([none, *(item.flat for item in sets)])), shape)
+        return cls(np.sort(np.concatenate([none, *(pixel_set.flat for pixel_set in sets)])), shape)
 
     def __len__(self) -> int:
         """How many there are."""
@@ -206,13 +206,13 @@ class ScanPixels(Sequence[PixelSet]):
     @classmethod
     def of(cls, sets: Sequence[PixelSet]) -> ScanPixels:
         """Return the pixels of all scans, from those of each."""
-        shapes = np.array([item.shape for item in sets], np.int32).reshape(-1, 2)
-        return cls(tuple((scan, item) for scan, item in enumerate(sets) if len(item)), shapes)
+        shapes = np.array([pixel_set.shape for pixel_set in sets], np.int32).reshape(-1, 2)
+        return cls(tuple((scan, pixel_set) for scan, pixel_set in enumerate(sets) if len(pixel_set)), shapes)
 
     @property
     def n_pixels(self) -> int:
         """How many there are in all scans together."""
-        return sum(len(item) for _, item in self.held)
+        return sum(len(pixel_set) for _, pixel_set in self.held)
 
     def __len__(self) -> int:
         """How many scans there are."""
@@ -256,7 +256,7 @@ def find_key_frames(observations: Sequence[Observation]) -> tuple[int, ...]:
     if len(observations) <= FEW:
         return tuple(range(len(observations)))
     pixels = [_some_pixels(seen) for seen in observations]
-    far = np.concatenate([_ranges(seen, subset) for seen, subset in zip(observations, pixels, strict=True)])
+    far = np.concatenate([_ranges(seen, pixel) for seen, pixel in zip(observations, pixels, strict=True)])
     if not len(far):
         return tuple(range(len(observations)))
     angle = np.median([max(seen.scan.shape) * seen.scan.projection.pixel_angle for seen in observations])

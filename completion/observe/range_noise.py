@@ -122,7 +122,7 @@ def _camera_noise(scan: RangeImage) -> RangeNoise:
         return RangeNoise(0.0, 0.0)
     middle = np.array([np.median(ranges[which == b]) for b in bins])
     rough = np.array([_quartile(square[which == b], _CAMERA_TILE) for b in bins])
-    step, seen = (values[bins] for values in _steps(scan, edges, 0.0, _MICRON))
+    step, seen = (step[bins] for step in _steps(scan, edges, 0.0, _MICRON))
     variance = rough + step**2 / 12
     weight = 1.0 / np.maximum(variance, _ROUNDING)  # relative errors: near bins count as much as far ones
     basis = np.stack([np.ones_like(middle), middle**4], axis=1)
@@ -144,9 +144,11 @@ def _scanner_noise(scan: RangeImage) -> RangeNoise:
             break
     else:  # no bin has enough tiles: all are one
         bins = [np.ones(len(ranges), np.bool_)]
-    middle = np.array([np.median(ranges[item]) for item in bins])
-    rough = np.array([_quartile(square[item], _SCANNER_TILE) for item in bins])
-    edges = np.exp2((octave[[int(np.flatnonzero(item)[0]) for item in bins]][:, None] + [0, 1]) / _PER_OCTAVE)
+    middle = np.array([np.median(ranges[in_bin]) for in_bin in bins])
+    rough = np.array([_quartile(square[in_bin], _SCANNER_TILE) for in_bin in bins])
+    edges = np.exp2(
+        (octave[[int(np.flatnonzero(in_bin)[0]) for in_bin in bins]][:, None] + [0, 1]) / _PER_OCTAVE
+    )
     step = np.array([_steps(scan, edge, 0.0)[0][0] for edge in edges])
     variance = np.maximum(rough, step**2 / 12)
     if np.median(variance) <= _ROUNDING:
@@ -187,16 +189,16 @@ def _slow_law(ranges: FloatArray, variance: FloatArray, far: float) -> tuple[flo
     The best of the laws that are exact at one bin or at two.
     """
     square = np.square(ranges)
-    laws = [(item, 0.0) for item in variance]
+    laws = [(variance_at, 0.0) for variance_at in variance]
     for i, j in combinations(range(len(ranges)), 2):
         slope = (variance[j] - variance[i]) / (square[j] - square[i])
         if slope > 0:
             laws.append((max(variance[i] - slope * square[i], 0.0), slope))
-    values = np.array(laws)
-    model = np.log(values[:, :1] + values[:, 1:] * square)
+    laws_fitted = np.array(laws)
+    model = np.log(laws_fitted[:, :1] + laws_fitted[:, 1:] * square)
     ends = np.square([ranges.min(), max(far, ranges.max())])
-    growth = np.diff(np.log(values[:, :1] + values[:, 1:] * ends), axis=1)[:, 0]
-    best = values[np.argmin(np.abs(model - np.log(variance)).sum(axis=1) + growth)]
+    growth = np.diff(np.log(laws_fitted[:, :1] + laws_fitted[:, 1:] * ends), axis=1)[:, 0]
+    best = laws_fitted[np.argmin(np.abs(model - np.log(variance)).sum(axis=1) + growth)]
     return float(np.sqrt(best[0])), float(np.sqrt(best[1]))
 
 
@@ -227,7 +229,9 @@ def _steps(scan: RangeImage, edges: FloatArray, *equal_m: float) -> list[FloatAr
     depth = scan.points_in_sensor()[stretch][valid][:, 2] if pinhole else ranges
     which = np.clip(np.searchsorted(edges, ranges, side="right") - 1, 0, len(edges) - 2)
     bins = [np.sort(depth[which == b]) for b in range(len(edges) - 1)]
-    return [np.array([_quantisation_step(values, equal) for values in bins]) for equal in equal_m]
+    return [
+        np.array([_quantisation_step(ranges_of_bin, equal) for ranges_of_bin in bins]) for equal in equal_m
+    ]
 
 
 def _quantisation_step(depth: FloatArray, equal_m: float) -> float:

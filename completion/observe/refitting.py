@@ -254,8 +254,10 @@ def residual_correlation(sums: FloatArray) -> FloatArray:
         excess = (sums[:, 0] / sums[:, 1]) / (sums[:, 2] / sums[:, 3])
         total = sums.sum(axis=0)
         together = (total[0] / total[1]) / (total[2] / total[3])
-    values = np.where(sums[:, 1] >= _LEAST_BLOCKS, excess, together if total[1] >= _LEAST_BLOCKS else 1.0)
-    return np.fmax(values, 1.0)
+    excess_of_scan = np.where(
+        sums[:, 1] >= _LEAST_BLOCKS, excess, together if total[1] >= _LEAST_BLOCKS else 1.0
+    )
+    return np.fmax(excess_of_scan, 1.0)
 
 
 @compiled

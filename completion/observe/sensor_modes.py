@@ -47,16 +47,16 @@ def displacements(seen: Observation, points: FloatArray) -> FloatArray:
 
     Seven modes of triangulating cameras, then three of scanners; zeros where nothing is known of the sensor.
     """
-    hits = np.zeros((N_MODES, len(points), 3))
+    modes = np.zeros((N_MODES, len(points), 3))
     if not seen.noise.is_known:
-        return hits
+        return modes
     pose = seen.scan.world_from_sensor
     local = pose.inverse().apply(points)
     if seen.scan.projection.kind == "spherical":
-        hits[_N_CAMERA_MODES:] = _of_scanner(local)
+        modes[_N_CAMERA_MODES:] = _of_scanner(local)
     elif seen.noise.is_triangulated:
-        hits[:_N_CAMERA_MODES] = _of_camera(seen, local)
-    return np.asarray(np.einsum("ij,mnj->mni", pose.rotation, hits))
+        modes[:_N_CAMERA_MODES] = _of_camera(seen, local)
+    return np.asarray(np.einsum("ij,mnj->mni", pose.rotation, modes))
 
 
 def range_displacements(seen: Observation, points: FloatArray) -> FloatArray:
@@ -65,14 +65,14 @@ def range_displacements(seen: Observation, points: FloatArray) -> FloatArray:
     The offset is as large as the noise of single ranges, 1.2 mm at least. Zeros where there is no noise, and
     of triangulating cameras, whose bends hold both.
     """
-    hits = np.zeros((2, len(points), 3))
+    modes = np.zeros((2, len(points), 3))
     if not seen.noise.is_known or (seen.scan.projection.kind == "pinhole" and seen.noise.is_triangulated):
-        return hits
+        return modes
     along = points - seen.scan.world_from_sensor.translation
     ranges = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    hits[0] = max(_OFFSET_M, seen.noise.constant_m) * along / ranges
-    hits[1] = _SCALE * along
-    return hits
+    modes[0] = max(_OFFSET_M, seen.noise.constant_m) * along / ranges
+    modes[1] = _SCALE * along
+    return modes
 
 
 def _of_camera(seen: Observation, points: FloatArray) -> FloatArray:
@@ -83,9 +83,9 @@ def _of_camera(seen: Observation, points: FloatArray) -> FloatArray:
     ranges = np.linalg.norm(points, axis=1)
     half = seen.scan.projection.pixel_angle * max(seen.scan.shape) / 2  # tangent of half the view
     x, y = points[:, :2].T / np.maximum(points[:, 2], 1e-9) / half
-    item, linear, square = np.ones_like(x), np.sqrt(3.0), np.sqrt(11.25)
+    unit, linear, square = np.ones_like(x), np.sqrt(3.0), np.sqrt(11.25)
     bends = np.stack([
-        item, linear * x, linear * y, square * (x**2 - 1 / 3), 3 * x * y, square * (y**2 - 1 / 3)
+        unit, linear * x, linear * y, square * (x**2 - 1 / 3), 3 * x * y, square * (y**2 - 1 / 3)
     ])  # fmt: skip
     far = _DISTORTION * seen.noise.bias(ranges) / np.sqrt(len(bends)) * bends
     along = far[:, :, None] * (points / ranges[:, None])

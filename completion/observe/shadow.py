@@ -92,11 +92,11 @@ def _baseline(jumps: FloatArray, focal_px: float) -> tuple[float, float]:
     gap, parallax = jumps[jumps[:, 1] > 0].T
     parallax = parallax * focal_px
     baseline, best = 0.0, _AGREE
-    for item in BASELINES_M:
-        telling = item * parallax >= _LEAST_PX
+    for baseline_m in BASELINES_M:
+        telling = baseline_m * parallax >= _LEAST_PX
         if not telling.any():
             continue
-        width = item * parallax[telling]
+        width = baseline_m * parallax[telling]
         agree = np.abs(gap[telling] - width) <= np.maximum(_SLACK_PX, _SLACK * width)
         bound = _least_share(float(agree.mean()), len(width) / _LINES)
         if bound > best:
@@ -115,7 +115,7 @@ def _least_share(share: float, n: float) -> float:
 @compiled
 def _jumps(depth: FloatArray) -> FloatArray:
     """Pixels without return, and the rise of the inverse depth over them (n, 2), wherever a row jumps."""
-    hits = np.empty((depth.size, 2))
+    jumps = np.empty((depth.size, 2))
     n = 0
     for row in range(depth.shape[0]):
         last = -1
@@ -125,10 +125,10 @@ def _jumps(depth: FloatArray) -> FloatArray:
             if last >= 0:
                 rise = 1.0 / depth[row, column] - 1.0 / depth[row, last]
                 if abs(rise) >= _LEAST_JUMP:
-                    hits[n, 0], hits[n, 1] = column - last - 1, rise
+                    jumps[n, 0], jumps[n, 1] = column - last - 1, rise
                     n += 1
             last = column
-    return hits[:n].copy()
+    return jumps[:n].copy()
 
 
 @inlined

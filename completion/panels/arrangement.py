@@ -70,7 +70,7 @@ def arrange(sheet: Sheet, folds: Sequence[Fold]) -> Arrangement:
     """
     traces = [trace(sheet, fold, fold.start, fold.end) for fold in folds]
     area = _fitted(sheet, folds, traces)
-    lines = [item.line for item in traces]
+    lines = [fold_trace.line for fold_trace in traces]
     labels = _labelled_area(sheet, area, lines)
     if not len(labels):
         return Arrangement(sheet, np.zeros(0, object), np.zeros(0, np.int8), ())
@@ -147,13 +147,13 @@ def _seams(sheet: Sheet) -> tuple[Trace, ...]:
 def _fitted(sheet: Sheet, folds: Sequence[Fold], traces: Sequence[Trace]) -> Any:
     """The area, filled up to the folds at which the sheet ends and cut off beyond."""
     width, inside, outside = _STRIP * sheet.cell_m, [], []
-    for fold, item in zip(folds, traces, strict=True):
+    for fold, fold_trace in zip(folds, traces, strict=True):
         left, right = fold.sides[0 if fold.first == sheet.number else 1]
         if left == right:
             continue
         sign = 1.0 if left else -1.0
-        inside.append(_strip(item.uv, sign * width))
-        outside.append(_strip(item.uv, -sign * width))
+        inside.append(_strip(fold_trace.uv, sign * width))
+        outside.append(_strip(fold_trace.uv, -sign * width))
     plain = shapely.coverage_simplify(polygon_parts(sheet.area), _ROUGH * sheet.cell_m)
     area = shapely.union_all(plain)
     if inside:
@@ -189,7 +189,7 @@ def _labelled_area(sheet: Sheet, area: Any, lines: Sequence[Any]) -> NDArray[Any
     small = np.flatnonzero(shapely.area(faces) < _SLIVER * sheet.patch.grid.cell_area)
     _absorb(faces, labels, small)
     union = [shapely.coverage_union_all(faces[labels == label]) for label in np.unique(labels)]
-    parts = np.array([part for item in union for part in polygon_parts(item)], dtype=object)
+    parts = np.array([part for area in union for part in polygon_parts(area)], dtype=object)
     return np.asarray(shapely.coverage_simplify(parts, _COLLINEAR_M))
 
 
@@ -199,13 +199,13 @@ def _absorb(faces: NDArray[Any], labels: NDArray[np.int64], small: NDArray[np.in
         return
     is_small = np.zeros(len(faces), np.bool_)
     is_small[small] = True
-    item, other = shapely.STRtree(faces).query(faces[small], predicate="touches")
+    small_face, other = shapely.STRtree(faces).query(faces[small], predicate="touches")
     large = ~is_small[other]
-    item, other = small[item[large]], other[large]
-    shared = shapely.length(shapely.intersection(faces[item], faces[other]))
-    order = np.lexsort((other, -shared, item))
-    first = np.unique(item[order], return_index=True)[1]
-    labels[item[order][first]] = labels[other[order][first]]
+    small_face, other = small[small_face[large]], other[large]
+    shared = shapely.length(shapely.intersection(faces[small_face], faces[other]))
+    order = np.lexsort((other, -shared, small_face))
+    first = np.unique(small_face[order], return_index=True)[1]
+    labels[small_face[order][first]] = labels[other[order][first]]
 
 
 def _zones(sheet: Sheet) -> NDArray[Any]:

@@ -251,16 +251,16 @@ def find_folds(sheets: Sequence[Sheet]) -> list[Fold]:
     boxes = [_box(sheet) for sheet in sheets]
     folds: list[Fold] = []
     n_curves = 0
-    for i, item in enumerate(sheets):
+    for i, first_sheet in enumerate(sheets):
         for j in range(i + 1, len(sheets)):
-            slack = _REACH * max(item.cell_m, sheets[j].cell_m)
+            slack = _REACH * max(first_sheet.cell_m, sheets[j].cell_m)
             low = np.maximum(boxes[i][0], boxes[j][0]) - slack
             high = np.minimum(boxes[i][1], boxes[j][1]) + slack
             if (low > high).any():
                 continue
             box = np.stack([low, high])
-            for curve in fold_curves(item.surface, sheets[j].surface):
-                folds += _of_curve(item, sheets[j], curve, n_curves, box)
+            for curve in fold_curves(first_sheet.surface, sheets[j].surface):
+                folds += _of_curve(first_sheet, sheets[j], curve, n_curves, box)
                 n_curves += 1
     return folds
 
@@ -272,16 +272,16 @@ def _box(sheet: Sheet) -> tuple[FloatArray, FloatArray]:
     return points.min(axis=0) - sheet.cell_m, points.max(axis=0) + sheet.cell_m
 
 
-def _of_curve(item: Sheet, other: Sheet, curve: FoldCurve, number: int, box: FloatArray) -> list[Fold]:
+def _of_curve(first_sheet: Sheet, other: Sheet, curve: FoldCurve, number: int, box: FloatArray) -> list[Fold]:
     """The folds along one curve, in the box (2, 3) that both surfaces reach."""
-    cell, step = max(item.cell_m, other.cell_m), min(item.cell_m, other.cell_m) / 2
+    cell, step = max(first_sheet.cell_m, other.cell_m), min(first_sheet.cell_m, other.cell_m) / 2
     low, high = curve.span(box)
     if not low < high:
         return []
     t = np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
     step = float(t[1] - t[0])
     near = np.ones(len(t), np.bool_)
-    for sheet in (item, other):
+    for sheet in (first_sheet, other):
         held = np.flatnonzero(near)
         uv, left = sheet.along(curve.at(t))
         near[held] = _reaches(sheet, uv[held], left[held])
@@ -296,15 +296,15 @@ def _of_curve(item: Sheet, other: Sheet, curve: FoldCurve, number: int, box: Flo
         if t[last] - t[first] < _LEAST * cell:
             continue
         stretch = t[first : last + 1]
-        sides = np.stack([sides_along(sheet, curve, stretch) for sheet in (item, other)], axis=1)
+        sides = np.stack([sides_along(sheet, curve, stretch) for sheet in (first_sheet, other)], axis=1)
         for begin, stop in _pieces(sides, int(np.ceil(_LEAST_CHANGE * cell / step))):
             start, end = float(stretch[begin]), float(stretch[min(stop, len(stretch) - 1)])
             on = sides[begin:stop].mean(axis=0) > 0.5
-            if not on.any(axis=1).all() or _sd_across(item, other, curve, (start + end) / 2) > cell:
+            if not on.any(axis=1).all() or _sd_across(first_sheet, other, curve, (start + end) / 2) > cell:
                 continue
             folds.append(
                 Fold(
-                    first=item.number,
+                    first=first_sheet.number,
                     second=other.number,
                     curve=curve,
                     number=number,
@@ -317,14 +317,16 @@ def _of_curve(item: Sheet, other: Sheet, curve: FoldCurve, number: int, box: Flo
     return folds
 
 
-def _sd_across(item: Sheet, other: Sheet, curve: FoldCurve, t: float) -> float:
+def _sd_across(first_sheet: Sheet, other: Sheet, curve: FoldCurve, t: float) -> float:
     """Standard deviation across a fold at a parameter, metres, but for what moves both surfaces together.
 
     sqrt(s1^2 + s2^2 + 2 s1 s2 |cos D|) / sin D, with D the angle between the surfaces.
     """
     place = curve.at(np.array([t]))
-    first, second = (float(sheet.patch.source.fit.standard_deviation(place)[0]) for sheet in (item, other))
-    cosine = abs(float(item.surface.normal(place)[0] @ other.surface.normal(place)[0]))
+    first, second = (
+        float(sheet.patch.source.fit.standard_deviation(place)[0]) for sheet in (first_sheet, other)
+    )
+    cosine = abs(float(first_sheet.surface.normal(place)[0] @ other.surface.normal(place)[0]))
     sine = float(np.sqrt(max(1 - cosine**2, 1e-12)))
     return float(np.sqrt(first**2 + second**2 + 2 * first * second * cosine)) / sine
 
@@ -334,17 +336,17 @@ def _reaches(sheet: Sheet, uv: FloatArray, left: FloatArray) -> BoolArray:
 
     Within four where no beam went through between: a surface that is seen obliquely has few pixels there.
     """
-    mask = sheet.is_within(uv, 0.0)
+    reaches = sheet.is_within(uv, 0.0)
     for beside in (*_ACROSS, *_FARTHER):
         for sign in (1.0, -1.0):
-            held = np.flatnonzero(~mask)
+            held = np.flatnonzero(~reaches)
             step = sign * sheet.cell_m * left[held]
             there = sheet.is_within(uv[held] + beside * step, 0.0)
             if beside in _FARTHER:
                 between = (uv[held] + k * step for k in np.arange(beside))
                 there &= ~np.logical_or.reduce([sheet.is_free(place) for place in between])
-            mask[held] = there
-    return mask
+            reaches[held] = there
+    return reaches
 
 
 def sides_along(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> BoolArray:

@@ -108,10 +108,10 @@ def _root(fold: Fold, surface: Surface, low: float, high: float) -> float:
 def _distinct(corners: Sequence[Corner]) -> list[Corner]:
     """Each corner once, by its surfaces and place."""
     kept: list[Corner] = []
-    for item in sorted(corners, key=lambda corner: corner.surfaces):
-        same = (other for other in kept if other.surfaces == item.surfaces)
-        if not any(float(np.linalg.norm(item.point - other.point)) < _SAME_M for other in same):
-            kept.append(item)
+    for new_corner in sorted(corners, key=lambda corner: corner.surfaces):
+        same = (other for other in kept if other.surfaces == new_corner.surfaces)
+        if not any(float(np.linalg.norm(new_corner.point - other.point)) < _SAME_M for other in same):
+            kept.append(new_corner)
     return kept
 
 

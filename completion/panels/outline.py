@@ -120,8 +120,8 @@ def _greatest_outside(
     outside, label = ~inside[row, column], patch.evidence.labels[row, column].astype(np.int64)
     unknown = np.isin(label, (Label.OUT, Label.NO_RETURN, Label.UNLIT)) & patch.is_within[row, column]
     still = np.where(unknown, 1.0, patch.confidence[row, column])
-    arrays = (np.where(in_grid, np.where(outside, label, -1), Label.OUT), np.where(outside, still, -1.0))
-    return arrays[0].max(axis=0), np.where(in_grid, arrays[1], 1.0).max(axis=0)
+    labels = (np.where(in_grid, np.where(outside, label, -1), Label.OUT), np.where(outside, still, -1.0))
+    return labels[0].max(axis=0), np.where(in_grid, labels[1], 1.0).max(axis=0)
 
 
 def trace_boundary(grid: ChartGrid, cells: OutlineCells) -> list[BoundarySegment]:
@@ -146,8 +146,8 @@ def trace_cells(mask: BoolArray, *, holes: bool = True) -> list[NDArray[np.int64
     Each is (n, 2): row and column of neighbouring cells; the first follows the last.
     """
     mode = cv2.RETR_CCOMP if holes else cv2.RETR_EXTERNAL
-    items, _ = cv2.findContours(mask.astype(np.uint8), mode, cv2.CHAIN_APPROX_NONE)
-    return [np.asarray(contour[:, 0, ::-1], dtype=np.int64) for contour in items]
+    contours, _ = cv2.findContours(mask.astype(np.uint8), mode, cv2.CHAIN_APPROX_NONE)
+    return [np.asarray(contour[:, 0, ::-1], dtype=np.int64) for contour in contours]
 
 
 def straight_corners(chain: NDArray[np.int64], slack: float, *, closed: bool) -> NDArray[np.int64]:

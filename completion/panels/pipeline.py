@@ -127,7 +127,7 @@ def _faces(sheet: Sheet, rest: FloatArray, tree: cKDTree) -> Iterator[SlimFace]:
                 continue
             places = surface.from_uv(line.at(np.arange(low, high + cell, cell)))
             near = tree.query_ball_point(places, (_REACH + 1) * cell)
-            index = sorted({k for item in near for k in item})
+            index = sorted({k for group in near for k in group})
             if len(index) >= _LEAST_POINTS:
                 section = _Section.of(surface, line, sign, rest[index])
                 yield from _along_run(sheet, edge, section, (low, high))
@@ -271,11 +271,11 @@ def _fold(face: SlimFace, sheet: Sheet, ends: FloatArray, dihedral: float, norma
 
 def _along(points: FloatArray, step_m: float) -> FloatArray:
     """Places (n, 3) about a step apart along a polyline (k, 3)."""
-    arrays = [points[:1]]
+    stretches = [points[:1]]
     for begin, end in pairwise(points):
         count = max(1, int(np.linalg.norm(end - begin) / step_m))
-        arrays.append(begin + np.arange(1, count + 1)[:, None] / count * (end - begin))
-    return np.concatenate(arrays)
+        stretches.append(begin + np.arange(1, count + 1)[:, None] / count * (end - begin))
+    return np.concatenate(stretches)
 
 
 def build_panels(
@@ -296,10 +296,10 @@ def build_panels(
         Measured points that belong to no surface, metres.
     """
     # 1. Fold: find the stretches of curves that two surfaces reach, and on which sides of them they go on.
-    results = find_folds(sheets)
+    folds_met = find_folds(sheets)
 
     # 2. Close: a fold that ends near a third surface ends at it, so that corners are points.
-    folds, corners = close_corners(results, sheets)
+    folds, corners = close_corners(folds_met, sheets)
 
     # 3. Arrange: fill each surface up to its folds, cut off what lies beyond, and divide its chart by its
     #    outline, the borders between measured and inferred, its folds, and the facets of cylinders.
@@ -335,9 +335,9 @@ def _open_edges(
     middle = facets.vertices[edges].mean(axis=1)
     total: dict[str, float] = {}
     for number in np.unique(facets.face_surface[owner]).tolist():
-        item = facets.face_surface[owner] == number
+        is_member = facets.face_surface[owner] == number
         grid = sheets[number - 1].patch.grid
-        kinds = NearOutline.of(grid, outline(number - 1)).kinds(grid.surface.to_uv(middle[item]))
+        kinds = NearOutline.of(grid, outline(number - 1)).kinds(grid.surface.to_uv(middle[is_member]))
         for kind in np.unique(kinds).tolist():
-            total[kind] = total.get(kind, 0.0) + float(length[item][kinds == kind].sum())
+            total[kind] = total.get(kind, 0.0) + float(length[is_member][kinds == kind].sum())
     return dict(sorted(total.items()))

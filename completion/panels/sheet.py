@@ -96,8 +96,8 @@ class Sheet:
         grid = self.patch.grid
         column, row = np.floor((self._within_period(uv) - grid.corner) / grid.cell).astype(np.int64).T
         rows, columns = grid.shape
-        item = self.provenance[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
-        return np.asarray(item, dtype=np.int8)
+        cell_provenance = self.provenance[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
+        return np.asarray(cell_provenance, dtype=np.int8)
 
     def is_free(self, uv: FloatArray) -> BoolArray:
         """Which places (n, 2) of the chart beams went through."""

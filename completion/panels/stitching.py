@@ -58,8 +58,8 @@ class Border:
         edges, surface = [np.zeros((0, 2), np.int64)], [np.zeros(0, np.int64)]
         measured = panels.is_measured
         for number in np.unique(panels.face_surface[measured]).tolist():
-            hits, count, _ = edges_of(panels.faces[measured & (panels.face_surface == number)])
-            edges.append(hits[count == 1])
+            border, count, _ = edges_of(panels.faces[measured & (panels.face_surface == number)])
+            edges.append(border[count == 1])
             surface.append(np.full(np.count_nonzero(count == 1), number))
         return cls(panels.vertices, np.concatenate(edges), np.concatenate(surface))
 
@@ -70,10 +70,10 @@ class Border:
         """
         result = OnBorder(np.full(len(points), -1, np.int64), np.zeros(len(points)))
         for number in np.unique(owner[owner > 0]).tolist():
-            asked, values = np.flatnonzero(owner == number), np.flatnonzero(self.surface == number)
-            if not len(values):
+            asked, surface_faces = np.flatnonzero(owner == number), np.flatnonzero(self.surface == number)
+            if not len(surface_faces):
                 continue
-            edge, share, off = self._nearest(points[asked], values, float(reach_m[number - 1]))
+            edge, share, off = self._nearest(points[asked], surface_faces, float(reach_m[number - 1]))
             near = off <= reach_m[number - 1]
             result.edge[asked[near]], result.share[asked[near]] = edge[near], share[near]
         return result
@@ -246,8 +246,8 @@ def along_border(
         chain = _way(near, a, b, float(np.linalg.norm(vertices[b] - vertices[a])) + slack_m)
         if len(chain) > 2 and not _turns_over(vertices, rest[face], chain):
             chains[a, b] = chain
-    hits, _ = divided(rest, chains)
-    return hits
+    pieces_along, _ = divided(rest, chains)
+    return pieces_along
 
 
 def _neighbours(vertices: FloatArray, edges: NDArray[np.int64]) -> dict[int, list[tuple[int, float]]]:

@@ -110,9 +110,11 @@ def _thinner(vertices: FloatArray, faces: NDArray[np.int64], bound_m: float, n_f
     tips, flaps = _flaps(vertices, faces)
     points = np.concatenate([vertices, tips]) / bound_m
     corners = np.concatenate([faces, flaps]).astype(np.int32)
-    places, item = fast_simplification.simplify(points, corners, target_count=min(n_faces, len(corners)))
+    places, corners_left = fast_simplification.simplify(
+        points, corners, target_count=min(n_faces, len(corners))
+    )
     is_tip = np.isin(as_one(places), as_one(points[len(vertices) :]))
-    return _compact(places * bound_m, item[~is_tip[item].any(axis=1)].astype(np.int64))
+    return _compact(places * bound_m, corners_left[~is_tip[corners_left].any(axis=1)].astype(np.int64))
 
 
 def as_one(points: FloatArray) -> NDArray[np.void]:
@@ -223,9 +225,9 @@ def _unexplained(panels: PanelModel, pixels: PixelMesh) -> PixelMesh:
     """The mesh without triangles whose corners are of surfaces, or as near to panels as the scans tell."""
     free = np.flatnonzero(pixels.owner == 0)
     off = distances(pixels.vertices[free], panels.vertices[panels.faces[panels.is_measured]])
-    mask: BoolArray = pixels.owner > 0
-    mask[free] = off <= np.minimum(pixels.error_m[free], pixels.bound_m)
-    return _part(pixels, ~np.all(mask[pixels.faces], axis=1))
+    is_member: BoolArray = pixels.owner > 0
+    is_member[free] = off <= np.minimum(pixels.error_m[free], pixels.bound_m)
+    return _part(pixels, ~np.all(is_member[pixels.faces], axis=1))
 
 
 def _snapped(
@@ -237,8 +239,8 @@ def _snapped(
     """
     moved = pixels.vertices.copy()
     for number in np.unique(pixels.owner[pixels.owner > 0]).tolist():
-        item, surface = pixels.owner == number, surfaces[number - 1]
-        moved[item] = surface.from_uv(surface.to_uv(moved[item]))
+        is_member, surface = pixels.owner == number, surfaces[number - 1]
+        moved[is_member] = surface.from_uv(surface.to_uv(moved[is_member]))
     border = Border.of(panels)
     place = border.nearest(moved, pixels.owner, reach_m)
     on = place.edge >= 0

@@ -116,23 +116,23 @@ def weld(charts: Sequence[Arrangement]) -> PanelModel:
     for ring in rings:
         for line, on in zip(ring.chart.tracks, ring.on, strict=True):
             shared.setdefault(line.key, []).append(on[np.isfinite(on)])
-    nodes = {key: _merged(np.concatenate(arrays)) for key, arrays in shared.items()}
-    placed = [_triangulated(item, nodes) for item in rings]
-    starts = np.cumsum([0, *(len(item.vertices) for item in placed)])
+    nodes = {key: _merged(np.concatenate(nodes_met)) for key, nodes_met in shared.items()}
+    placed = [_triangulated(ring, nodes) for ring in rings]
+    starts = np.cumsum([0, *(len(ring.vertices) for ring in placed)])
     if not len(starts) > 1:
         return PanelModel()
-    vertices = np.concatenate([item.vertices for item in placed])
-    on_fold = np.concatenate([item.on_fold for item in placed])
-    faces = np.concatenate([item.faces + start for item, start in zip(placed, starts, strict=False)])
+    vertices = np.concatenate([ring.vertices for ring in placed])
+    on_fold = np.concatenate([ring.on_fold for ring in placed])
+    faces = np.concatenate([ring.faces + start for ring, start in zip(placed, starts, strict=False)])
     vertices, index = _welded(vertices, on_fold)
     faces = index[faces]
     proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    uv = np.concatenate([item.uv[item.faces] for item in placed])[proper]
+    uv = np.concatenate([ring.uv[ring.faces] for ring in placed])[proper]
     faces, uv, source = heal(vertices, faces[proper], uv, PRECISION_M)
-    number = np.repeat([item.number for item in placed], [len(item.faces) for item in placed]).astype(
+    number = np.repeat([ring.number for ring in placed], [len(ring.faces) for ring in placed]).astype(
         np.int32
     )
-    provenance = np.concatenate([item.provenance for item in placed])
+    provenance = np.concatenate([ring.provenance for ring in placed])
     return PanelModel(vertices, faces, number[proper][source], provenance[proper][source], uv)
 
 

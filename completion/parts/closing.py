@@ -97,11 +97,11 @@ def close_holes(part: Part) -> ClosedPart | None:
     n_points, tree = len(part.points), cKDTree(part.points)
     for loop, beside in loops:
         labels, corners_beside = part.triangle_surface[beside], part.points[part.faces[beside]]
-        results = _closed(part, loop, labels, corners_beside, tree=tree)
-        if isinstance(results, str):
-            left[results] += 1
+        closed_hole = _closed(part, loop, labels, corners_beside, tree=tree)
+        if isinstance(closed_hole, str):
+            left[closed_hole] += 1
             continue
-        label, added, triangles = results
+        label, added, triangles = closed_hole
         faces.append(np.where(triangles >= 0, triangles, n_points - 1 - triangles))
         points.append(added)
         surface.append(np.full(len(triangles), label))
@@ -178,15 +178,15 @@ def _closed(
     middle = part.points[loop].mean(axis=0)
     reach = float(np.linalg.norm(part.points[loop] - middle, axis=1).max())
     near = np.setdiff1d(tree.query_ball_point(middle, reach), loop).astype(np.int64)
-    item = near[part.surface[near] == label]
-    if _within(polygon, surface, part.points[item]):
+    members = near[part.surface[near] == label]
+    if _within(polygon, surface, part.points[members]):
         return "filled"
     inner = _between(polygon, part.spacing_m) if isinstance(surface, Cylinder) else np.zeros((0, 2))
     triangles = _triangulated(uv, inner, polygon)
     added = surface.from_uv(inner) if len(inner) else np.zeros((0, 3))
     corner_of = np.append(loop, -1 - np.arange(len(inner)))
-    hits = corner_of[triangles]
-    return label, added, hits[:, ::-1] if turned else hits
+    labels_beside = corner_of[triangles]
+    return label, added, labels_beside[:, ::-1] if turned else labels_beside
 
 
 def _runs_clockwise(surface: Plane | Cylinder, corners: FloatArray) -> bool:
@@ -224,20 +224,20 @@ def _triangulated(uv: FloatArray, inner: FloatArray, polygon: shapely.Polygon) -
     """
     every = np.concatenate([uv, inner])
     if len(inner):
-        hits = np.array(Delaunay(every).simplices, dtype=np.int64)
-        hits = hits[shapely.contains_xy(polygon, every[hits].mean(axis=1))]
-        area = _doubled(every, hits)
-        hits = np.where((area < 0)[:, None], hits[:, ::-1], hits)
+        triangles = np.array(Delaunay(every).simplices, dtype=np.int64)
+        triangles = triangles[shapely.contains_xy(polygon, every[triangles].mean(axis=1))]
+        area = _doubled(every, triangles)
+        triangles = np.where((area < 0)[:, None], triangles[:, ::-1], triangles)
         if abs(np.abs(area).sum() / 2 - polygon.area) < 1e-9 * polygon.area:
-            return np.asarray(hits)
+            return np.asarray(triangles)
     pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
     number = {tuple(place): k for k, place in enumerate(uv.tolist())}
-    hits = np.array([[number[tuple(corner)] for corner in shapely.get_coordinates(piece)[:3].tolist()]
+    triangles = np.array([[number[tuple(corner)] for corner in shapely.get_coordinates(piece)[:3].tolist()]
                       for piece in pieces])  # fmt: skip
-    return np.asarray(np.where((_doubled(uv, hits) < 0)[:, None], hits[:, ::-1], hits))
+    return np.asarray(np.where((_doubled(uv, triangles) < 0)[:, None], triangles[:, ::-1], triangles))
 
 
 def _doubled(places: FloatArray, triangles: IntArray) -> FloatArray:
     """Twice the signed area (m,) of triangles."""
-    values, two = (places[triangles[:, k]] - places[triangles[:, 0]] for k in (1, 2))
-    return np.asarray(values[:, 0] * two[:, 1] - values[:, 1] * two[:, 0])
+    first, two = (places[triangles[:, k]] - places[triangles[:, 0]] for k in (1, 2))
+    return np.asarray(first[:, 0] * two[:, 1] - first[:, 1] * two[:, 0])

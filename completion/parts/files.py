@@ -78,27 +78,27 @@ def write_part(
         every = _Places(rows, n_rows)
         surface = every.of(part.surface, 0)
         colour = surface_bytes(places_of(part, surface))
-        arrays = {"surface": surface, "red": colour[:, 0], "green": colour[:, 1], "blue": colour[:, 2]}
+        channels = {"surface": surface, "red": colour[:, 0], "green": colour[:, 1], "blue": colour[:, 2]}
         points = every.of(part.points, np.nan)
-        write_mesh_ply(stage.path("part.ply"), points, part.faces, arrays, _LEGEND)
+        write_mesh_ply(stage.path("part.ply"), points, part.faces, channels, _LEGEND)
         if flat is not None:
-            arrays = {
+            channels = {
                 "surface": every.of(flat.surface.astype(np.int32), 0),
                 "relief": every.of(flat.is_relief.astype(np.uint8), 0),
                 "moved": every.of(flat.moved_m.astype(np.float32), 0.0),
             }
             points = every.of(flat.points, np.nan)
-            write_mesh_ply(stage.path("flat.ply"), points, part.faces, arrays, _LEGEND)
+            write_mesh_ply(stage.path("flat.ply"), points, part.faces, channels, _LEGEND)
         stage.commit()
 
 
 def _write_closed(closed: ClosedPart, stage: Stage) -> None:
     """Write the mesh with its holes closed."""
     state = closed.is_inferred.astype(np.uint8)
-    arrays = {"surface": closed.surface, "state": state}
+    record = {"surface": closed.surface, "state": state}
     legend = [*_LEGEND, "state 0 measured", "state 1 inferred: nobody measured it, and no beam vetoes it"]
     write_mesh_ply(
-        stage.path("closed.ply"), closed.points, closed.faces, None, legend, face_properties=arrays
+        stage.path("closed.ply"), closed.points, closed.faces, None, legend, face_properties=record
     )
 
 

@@ -60,21 +60,19 @@ class FlatPart:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What is to be known of it, a sentence each: planes left as they were, and faults."""
-        sentences = [
+        doubts = [
             f"surface {surface.label} is not flattened: {surface.reason}"
             for surface in self.surfaces
             if surface.reason
         ]
-        if len(sentences) > _MOST_TOLD:
-            sentences[_MOST_TOLD:] = [
-                f"{len(sentences) - _MOST_TOLD} other planes are too small to be flattened"
-            ]
+        if len(doubts) > _MOST_TOLD:
+            doubts[_MOST_TOLD:] = [f"{len(doubts) - _MOST_TOLD} other planes are too small to be flattened"]
         if self.n_turned or self.n_crossing:
-            sentences.append(
+            doubts.append(
                 f"flattening turned {self.n_turned} triangles over and made {self.n_crossing} cross others"
             )
         return (
-            *sentences,
+            *doubts,
             *(f"surface {surface.label}: {text}" for surface in self.surfaces if (text := surface.doubt)),
         )
 
@@ -115,7 +113,7 @@ def flatten_part(
     place = _with_those_between(part, points, faces, place.astype(np.int64))
     flat = flatten_mesh(points, faces, place.astype(np.int64), part.fits, options, rng=rng)
     if not any(surface.is_flattened for surface in flat.surfaces):
-        largest = max(flat.surfaces, key=lambda flat_surface: flat_surface.n)
+        largest = max(flat.surfaces, key=lambda surface: surface.n)
         raise InputError(
             f"no plane can be flattened; the largest, surface {part.labels[largest.label - 1]}, has "
             f"{largest.reason}: give a finer mesh, or denser points"
@@ -145,16 +143,16 @@ def _with_those_between(part: Part, points: FloatArray, faces: IntArray, place: 
         return place
     n, piece = connected_components(csr_array(links[free][:, free]), directed=False)
     beside = links[free].tocoo()
-    item, label = piece[beside.row], place[beside.col]
+    piece_number, label = piece[beside.row], place[beside.col]
     touched = np.zeros((n, len(part.fits) + 1), dtype=np.bool_)
-    touched[item, label] = True
+    touched[piece_number, label] = True
     touched[:, 0] = False
     is_plane = np.array([True, *(isinstance(fit.surface, Plane) for fit in part.fits)])
     only: BoolArray = np.asarray(touched.any(axis=1) & ~touched[:, ~is_plane].any(axis=1))
     off = np.full((len(free), len(part.fits) + 1), np.inf)
     for number in np.flatnonzero(is_plane)[1:]:
-        fit, sample = part.fits[number - 1], touched[piece, number]
-        off[sample, number] = np.abs(fit.surface.distance(points[free[sample]])) / max(fit.rms, 1e-300)
+        fit, item = part.fits[number - 1], touched[piece, number]
+        off[item, number] = np.abs(fit.surface.distance(points[free[item]])) / max(fit.rms, 1e-300)
     best = off.argmin(axis=1)
     single: BoolArray = np.asarray(only & (touched.sum(axis=1) == 1))
     piece_at = np.full(len(points), -1)
@@ -171,11 +169,11 @@ def _links(points: FloatArray, faces: IntArray) -> csr_array:
     """Which points (n, 3) are beside one another: by triangles (m, 3), or by distance; symmetric."""
     n = len(points)
     if len(faces):
-        indices, two = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
+        first, two = faces.ravel(), np.roll(faces, 1, axis=1).ravel()
     else:
         near = cKDTree(points).query(points, k=min(_N_BESIDE + 1, n))[1]
-        indices, two = np.repeat(np.arange(n), near.shape[1]), near.ravel()
-    graph = coo_array((np.ones(len(indices)), (indices, two)), shape=(n, n)).tocsr()
+        first, two = np.repeat(np.arange(n), near.shape[1]), near.ravel()
+    graph = coo_array((np.ones(len(first)), (first, two)), shape=(n, n)).tocsr()
     return csr_array(graph + graph.T)
 
 

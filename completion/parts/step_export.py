@@ -99,13 +99,13 @@ def _on_triangles(vertices: FloatArray, faces: IntArray, spacing: float) -> tupl
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.cumsum(np.linalg.norm(across, axis=1) / 2)
     n = int(np.clip(_DENSER * total[-1] / spacing**2, 1, _MOST_SAMPLES))
-    item = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(faces) - 1)
+    triangle = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(faces) - 1)
     index, step = np.arange(1, n + 1)[:, None], 1.324717957244746  # plastic number (Roberts 2018)
     a, b = (0.5 + index / step) % 1.0, (0.5 + index / step**2) % 1.0
     over = a + b > 1
     a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
-    sample = corners[item]
-    return sample[:, 0] + a * (sample[:, 1] - sample[:, 0]) + b * (sample[:, 2] - sample[:, 0]), item
+    sample = corners[triangle]
+    return sample[:, 0] + a * (sample[:, 1] - sample[:, 0]) + b * (sample[:, 2] - sample[:, 0]), triangle
 
 
 def outcome_lines(model: StepModel) -> Sequence[str]:

@@ -138,15 +138,15 @@ def votes(a: Directions, b: Directions, i: int, k: int) -> tuple[FloatArray, Flo
     offsets = (a.heights[i][:, None] - b.heights[k][None]).ravel()
     weight = np.minimum(a.areas[i][:, None], b.areas[k][None]).ravel()
     kept: list[float] = []
-    values: list[float] = []
+    scores: list[float] = []
     left = np.argsort(-weight, kind="stable")
     while len(left) and len(kept) < N_VOTES:
         near = np.abs(offsets[left] - offsets[left[0]]) < SAME_OFFSET_M
-        item = left[near]
-        kept.append(float((offsets[item] * weight[item]).sum() / weight[item].sum()))
-        values.append(float(weight[item].sum()))
+        members = left[near]
+        kept.append(float((offsets[members] * weight[members]).sum() / weight[members].sum()))
+        scores.append(float(weight[members].sum()))
         left = left[~near]
-    return np.array(kept), np.array(values)
+    return np.array(kept), np.array(scores)
 
 
 def turn_candidates(a: StationView, b: StationView) -> FloatArray:
@@ -156,8 +156,8 @@ def turn_candidates(a: StationView, b: StationView) -> FloatArray:
     side = 2 * int(np.ceil(reach / CELL_M)) + 1
     for i in range(min(N_SHARED, len(a.directions.normals))):
         for k in range(min(N_SHARED, len(b.directions.normals))):
-            values, other = _frame_along(a.directions.normals[i]), _frame_along(b.directions.normals[k])
-            places_a, facing_a = _upright(a, values)
+            axes, other = _frame_along(a.directions.normals[i]), _frame_along(b.directions.normals[k])
+            places_a, facing_a = _upright(a, axes)
             places_b, facing_b = _upright(b, other)
             for height in votes(a.directions, b.directions, i, k)[0][:N_HEIGHTS].tolist():
                 shifts, votes_of, turns = _vote_of_turns(
@@ -165,8 +165,8 @@ def turn_candidates(a: StationView, b: StationView) -> FloatArray:
                 )
                 c, s, zero = np.cos(turns), np.sin(turns), np.zeros_like(turns)
                 turn = np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]).transpose(2, 0, 1)
-                rotation = values @ turn @ other.T
-                shift = np.concatenate([shifts, np.full((len(shifts), 1), height)], axis=1) @ values.T
+                rotation = axes @ turn @ other.T
+                shift = np.concatenate([shifts, np.full((len(shifts), 1), height)], axis=1) @ axes.T
                 motions.append(np.concatenate([rotation, shift[:, :, None]], axis=2))
                 counts.append(votes_of)
     order = np.argsort(-np.concatenate(counts), kind="stable")[:N_TURN_CANDIDATES]
@@ -255,9 +255,11 @@ def form_candidates(a: StationView, b: StationView) -> FloatArray:
         return np.zeros((0, 3, 4))
     middle_a, middle_b = places_a.mean(axis=0), places_b.mean(axis=0)
     places_a, places_b = places_a - middle_a, places_b - middle_b
-    spread = min(float(np.sqrt(np.square(item).sum(axis=1).mean())) for item in (places_a, places_b))
+    spread = min(
+        float(np.sqrt(np.square(place_offsets).sum(axis=1).mean())) for place_offsets in (places_a, places_b)
+    )
     cell = max(FORM_CELL * spread, 1e-6)
-    reach = sum(float(np.linalg.norm(item, axis=1).max()) for item in (places_a, places_b))
+    reach = sum(float(np.linalg.norm(place_offsets, axis=1).max()) for place_offsets in (places_a, places_b))
     side = 2 * int(np.ceil(reach / cell)) + 1
     turns = even_turns(N_TURNS)
     shifts, counts = _vote_of_forms(

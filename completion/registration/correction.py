@@ -185,9 +185,9 @@ def scan_pairs(
         used = dict(meet_all(facets, sights, both, settled.motions))
         links = [link(pair, given[pair], facets, still, settled.pivots) for pair in both]
         after = [link(pair, used[pair], facets, settled.motions, settled.pivots) for pair in both]
-        if sum(len(item.offset) for item in after) < LEAST_MEETINGS:
+        if sum(len(links.offset) for links in after) < LEAST_MEETINGS:
             continue
-        if sum(len(item.offset) for item in links) < LEAST_MEETINGS:
+        if sum(len(scan_links.offset) for scan_links in links) < LEAST_MEETINGS:
             links = after
         offset, sd = _spread(both, links, settled)
         known = float(np.hypot(sd, _excess(after)))
@@ -211,15 +211,15 @@ def scan_pairs(
 
 def _spread(both: Sequence[Pair], links: Sequence[Links], settled: Settling) -> tuple[float, float]:
     """How far the motions shift the facets of two scans apart, root mean square, and its deviation."""
-    parts = [settled.between(pair, item) for pair, item in zip(both, links, strict=True)]
+    parts = [settled.between(pair, scan_links) for pair, scan_links in zip(both, links, strict=True)]
     shift, variance = (np.concatenate(several) for several in zip(*parts, strict=True))
     return float(np.sqrt(np.mean(np.square(shift)))), float(np.sqrt(np.mean(variance)))
 
 
 def _excess(links: Sequence[Links]) -> float:
     """By how much offsets are larger than noise makes them, robust, metres."""
-    offset = np.concatenate([item.offset for item in links])
-    deviation = np.concatenate([item.deviation for item in links])
+    offset = np.concatenate([scan_links.offset for scan_links in links])
+    deviation = np.concatenate([scan_links.deviation for scan_links in links])
     spread = MAD_TO_SD * float(np.median(np.abs(offset)))
     return float(np.sqrt(max(spread**2 - float(np.mean(np.square(deviation))), 0.0)))
 
@@ -379,7 +379,7 @@ class PosedScans:
     def _partners(self, scans: Sequence[int], others: Sequence[int]) -> list[Pair]:
         """The pairs of scans and those of the others that they share most with, both ways round."""
         views = Views.of((self.sights[k].eye for k in others), np.zeros(len(others)))
-        pairs: set[Pair] = set()
+        partners: set[Pair] = set()
         for scan in scans:
             facets, shared = self.facets[scan], []
             if not len(facets.centre):
@@ -391,8 +391,8 @@ class PosedScans:
                     met = meet(facets, STILL, self.sights[other], self.facets[other], THINNED).met
                     shared.append((-THINNED * int(met.sum()), other))
             best = [other for count, other in sorted(shared)[:N_PARTNERS] if -count >= LEAST_MEETINGS]
-            pairs |= {pair for other in best for pair in ((scan, other), (other, scan))}
-        return sorted(pairs)
+            partners |= {pair for other in best for pair in ((scan, other), (other, scan))}
+        return sorted(partners)
 
 
 def _in_order(pair: Pair) -> Pair:

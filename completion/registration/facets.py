@@ -128,7 +128,7 @@ def meet(facets: Facets, motion: FloatArray, sight: Sight, other: Facets, step: 
     met, offset, deviation = np.zeros(n, np.bool_), np.zeros(n), np.zeros(n)
     normal, depth, columns = np.zeros((n, 3)), np.zeros(n), eye.shape[1]
     for k in range(n):
-        item = facets.deviation[k * step]
+        members = facets.deviation[k * step]
         place = _moved_vector(motion, facets.centre, k * step, 1.0)
         facing = _moved_vector(motion, facets.normal, k * step, 0.0)
         pixel = pixel_of(eye, sight.angles, place)
@@ -143,14 +143,14 @@ def meet(facets: Facets, motion: FloatArray, sight: Sight, other: Facets, step: 
             behind = (dot(w, ray) - 1.0) / size
             if dot(w, facing) > SAME_SURFACE * size and abs(behind) <= GATE_M:
                 met[k], offset[k] = True, behind
-                deviation[k] = np.sqrt(item * item + other.sd[row, column] ** 2)
+                deviation[k] = np.sqrt(members * members + other.sd[row, column] ** 2)
                 normal[k, 0], normal[k, 1], normal[k, 2] = w[0] / size, w[1] / size, w[2] / size
                 if -behind > eye.n_sigma * deviation[k]:
                     depth[k] = -behind
                 continue
         cosine = abs(dot(ray, facing)) / max(distance, LEAST_DISTANCE_M)
         farther = other.near[row, column] - distance
-        allowed = along_ray(eye, other.noise[row, column], item, cosine)
+        allowed = along_ray(eye, other.noise[row, column], members, cosine)
         if np.isfinite(farther) and farther > allowed and allowed <= eye.max_m:
             depth[k] = farther * cosine
     return Meetings(met, offset, deviation, normal, depth)
@@ -180,26 +180,26 @@ def count_agreement(
     Counted are facets of the `sample` (k,) that agree, that are violated, and that its image holds.
     `within_m` is added to the expected error of both: how far poses may still be off, metres.
     """
-    hits = np.zeros((len(motions), 3), np.int64)
+    counts = np.zeros((len(motions), 3), np.int64)
     for number in range(len(motions)):
         for facet in ask_facets(facets, sample, motions[number], sight, other, within_m):
             if facet != OUTSIDE:
-                hits[number, 2] += 1
+                counts[number, 2] += 1
             if facet >= 0:
-                hits[number, facet] += 1
-    return hits
+                counts[number, facet] += 1
+    return counts
 
 
 @compiled
 def ask_facets(
-    facets: Facets, sample: IntArray, motion: FloatArray, sight: Sight, other: Facets, within_m: float
+    members: Facets, sample: IntArray, motion: FloatArray, sight: Sight, other: Facets, within_m: float
 ) -> IntArray:
     """Return for a motion (3, 4) what the other scan says of each facet of the `sample` (k,)."""
-    eye, m, hits = sight.eye, motion, np.full(len(sample), OUTSIDE)
+    eye, m, facets = sight.eye, motion, np.full(len(sample), OUTSIDE)
     columns = eye.shape[1]
     for number in range(len(sample)):
         k = sample[number]
-        x, y, z = facets.centre[k, 0], facets.centre[k, 1], facets.centre[k, 2]
+        x, y, z = members.centre[k, 0], members.centre[k, 1], members.centre[k, 2]
         place = (
             m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3],
             m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3],
@@ -208,7 +208,7 @@ def ask_facets(
         pixel = pixel_of(eye, sight.angles, place)
         if pixel < 0:
             continue
-        x, y, z = facets.normal[k, 0], facets.normal[k, 1], facets.normal[k, 2]
+        x, y, z = members.normal[k, 0], members.normal[k, 1], members.normal[k, 2]
         facing = (
             m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
             m[1, 0] * x + m[1, 1] * y + m[1, 2] * z,
@@ -216,8 +216,8 @@ def ask_facets(
         )
         row, column = pixel // columns // other.side, pixel % columns // other.side
         ray = minus(place, eye.origin)
-        hits[number] = _answer(other, row, column, ray, facing, facets.deviation[k], eye.n_sigma, within_m)
-    return hits
+        facets[number] = _answer(other, row, column, ray, facing, members.deviation[k], eye.n_sigma, within_m)
+    return facets
 
 
 @inlined

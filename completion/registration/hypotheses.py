@@ -149,12 +149,12 @@ def best_of(stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray)
     motions = distinct(motions, scores_of(stay, move, motions, MIDDLE_M, VIOLATION), move, N_KEPT)
     motions = np.array([refine(stay, move, motion, *LAST) for motion in motions]).reshape(-1, 3, 4)
     kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), move, N_KEPT)
-    return [judged(stay, move, item) for item in kept]
+    return [judged(stay, move, motion) for motion in kept]
 
 
 def judged(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -> Hypothesis:
     """Return a motion (3, 4) with what speaks for it."""
-    counts = np.sum([indices for indices, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
+    counts = np.sum([count for count, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
     score = float(scores_of(stay, move, motion[None], FINE_M, VIOLATION)[0])
     equations, _ = equations_of(stay, move, motion, LAST_GATE_M)
     stiff = stiffness(equations)

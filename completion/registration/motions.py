@@ -43,7 +43,7 @@ def moved(motion: FloatArray, change: FloatArray, middle: FloatArray) -> FloatAr
     return composed(np.concatenate([turn, shift[:, None]], axis=1), motion)
 
 
-def angle_between(values: FloatArray, others: FloatArray) -> FloatArray:
+def angle_between(first: FloatArray, others: FloatArray) -> FloatArray:
     """The angles (n,) between the turns of a motion (3, 4) and others (n, 3, 4), radians."""
-    cosine = (np.einsum("ij,nij->n", values[:, :3], others[:, :, :3]) - 1) / 2
+    cosine = (np.einsum("ij,nij->n", first[:, :3], others[:, :, :3]) - 1) / 2
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))

@@ -104,19 +104,19 @@ def group_scans(
     standing += [Group({number: STILL}) for number in range(len(views)) if number not in known]
     joints: dict[tuple[_Scans, _Scans], _Joint] = {}
     while len(standing) > 1:
-        for item, two in combinations(standing, 2):
-            if (item.scans, two.scans) not in joints:
-                joints[item.scans, two.scans] = _joint(item, two, views, pairs, level)
+        for first_group, two in combinations(standing, 2):
+            if (first_group.scans, two.scans) not in joints:
+                joints[first_group.scans, two.scans] = _joint(first_group, two, views, pairs, level)
         ranked = sorted(
             ((joints[group.scans, two.scans].lead, group, two) for group, two in combinations(standing, 2)),
             key=lambda each: (-each[0], each[1].scans, each[2].scans),
         )
-        lead, item, two = ranked[0]
+        lead, first_group, two = ranked[0]
         if lead < 0:
             break
-        joined = settled(item.joined(two, joints[item.scans, two.scans].hypotheses[0].motion))
+        joined = settled(first_group.joined(two, joints[first_group.scans, two.scans].hypotheses[0].motion))
         standing = sorted(
-            [*(group for group in standing if group is not item and group is not two), joined],
+            [*(group for group in standing if group is not first_group and group is not two), joined],
             key=lambda group: group.scans,
         )
     return standing
@@ -167,12 +167,14 @@ def _with_images_told(
         return list(hypothesis)
 
     def is_alike(motion: FloatArray) -> bool:
-        return any(len(distinct(np.array([motion, values]), np.zeros(2), move, 2)) == 1 for values in alike)
+        return any(len(distinct(np.array([motion, other]), np.zeros(2), move, 2)) == 1 for other in alike)
 
     flag = is_alike(hypothesis[0].motion)
     return [
-        replace(item, is_image=flag and k > 0 and is_approved(item) and is_alike(item.motion))
-        for k, item in enumerate(hypothesis)
+        replace(
+            hypothesis, is_image=flag and k > 0 and is_approved(hypothesis) and is_alike(hypothesis.motion)
+        )
+        for k, hypothesis in enumerate(hypothesis)
     ]
 
 
@@ -218,7 +220,7 @@ def adjusted(
 
 def _labels(link: Link, poses: Sequence[FloatArray], views: Sequence[StationView]) -> IntArray:
     """The plane of either scan (2, m) that each place where they met lies in; -1 for none."""
-    arrays = []
+    labels = []
     for k in (link.first, link.second):
         planes, pose = views[k].planes, poses[k]
         places = (link.equations.places - pose[:, 3]) @ pose[:, :3]
@@ -226,19 +228,19 @@ def _labels(link: Link, poses: Sequence[FloatArray], views: Sequence[StationView
         off = np.abs(places @ planes.normals.T - planes.heights)
         off[np.abs(normals @ planes.normals.T) < PARALLEL] = np.inf
         if not off.shape[1]:
-            arrays.append(np.full(len(places), -1))
+            labels.append(np.full(len(places), -1))
             continue
         best = off.argmin(axis=1)
-        arrays.append(np.where(off[np.arange(len(off)), best] < SAME_PLANE_M, best, -1))
-    return np.array(arrays)
+        labels.append(np.where(off[np.arange(len(off)), best] < SAME_PLANE_M, best, -1))
+    return np.array(labels)
 
 
 def _surfaces(links: Sequence[Link], labels: Sequence[IntArray]) -> list[Surface]:
     """The planes that are one surface, since facets of them met, of two scans at least each."""
     met: dict[tuple[tuple[int, int], tuple[int, int]], int] = defaultdict(int)
-    for link, (item, two) in zip(links, labels, strict=True):
+    for link, (first, two) in zip(links, labels, strict=True):
         pairs, counts = np.unique(
-            np.stack([item, two])[:, (item >= 0) & (two >= 0)], axis=1, return_counts=True
+            np.stack([first, two])[:, (first >= 0) & (two >= 0)], axis=1, return_counts=True
         )
         for (p, q), count in zip(pairs.T.tolist(), counts.tolist(), strict=True):
             if count >= LEAST_FOR_MOTION:
@@ -248,18 +250,16 @@ def _surfaces(links: Sequence[Link], labels: Sequence[IntArray]) -> list[Surface
     ends = np.array([[number[numbers], number[two]] for numbers, two in met]).reshape(-1, 2)
     graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(nodes), len(nodes)))
     count, component = connected_components(graph, directed=False) if nodes else (0, np.zeros(0))
-    return [
-        [node for node, members in zip(nodes, component, strict=True) if members == k] for k in range(count)
-    ]
+    return [[node for node, label in zip(nodes, component, strict=True) if label == k] for k in range(count)]
 
 
-def _are_shared(link: Link, places: IntArray, surface_of: dict[tuple[int, int], int]) -> BoolArray:
+def _are_shared(link: Link, indices: IntArray, surface_of: dict[tuple[int, int], int]) -> BoolArray:
     """Whether each place (m,) where two scans met lies in planes that are one surface."""
-    indices, two = (
-        np.array([surface_of.get((k, p), -1) for p in item.tolist()], dtype=np.int64)
-        for k, item in zip((link.first, link.second), places, strict=True)
+    first, two = (
+        np.array([surface_of.get((k, p), -1) for p in labels_of_scan.tolist()], dtype=np.int64)
+        for k, labels_of_scan in zip((link.first, link.second), indices, strict=True)
     )
-    return np.asarray((indices >= 0) & (indices == two))
+    return np.asarray((first >= 0) & (first == two))
 
 
 def _without(link: Link, kept: BoolArray) -> Link:
@@ -373,8 +373,8 @@ def settle_group(group: Group, views: Sequence[StationView], *, by_planes: bool 
         links = links_of(numbers, poses, views, gate)
         matrix, vector = normal_equations(links, n)
         change = -solved(matrix[6:, 6:], vector[6:]).reshape(-1, 6)
-        for k, values in enumerate(change, start=1):
-            poses[k] = moved(poses[k], values, poses[k][:, 3])
+        for k, step in enumerate(change, start=1):
+            poses[k] = moved(poses[k], step, poses[k][:, 3])
         if number >= len(NETWORK_GATES_M) and np.abs(change).max(initial=0.0) < SMALL_STEP:
             break
     if by_planes and n > 1:
@@ -402,8 +402,8 @@ def _if_alike(
     """
     change = np.concatenate(
         [
-            [*Rotation.from_matrix(values[:, :3] @ two[:, :3].T).as_rotvec(), *(values[:, 3] - two[:, 3])]
-            for values, two in zip(efficient, safe, strict=True)
+            [*Rotation.from_matrix(first[:, :3] @ two[:, :3].T).as_rotvec(), *(first[:, 3] - two[:, 3])]
+            for first, two in zip(efficient, safe, strict=True)
         ]
     )
     return list(efficient if change @ matrix @ change <= len(change) - 6 else safe)
@@ -417,8 +417,8 @@ def _pull_of_sensors(links: Sequence[Link], n: int) -> FloatArray:
         apart = np.zeros((N_MODES, len(places)))
         for placed, sign in ((link.b, 1.0), (link.a, -1.0)):
             turn = placed.pose[:, :3]
-            values = (places - placed.pose[:, 3]) @ turn
-            moves = displacements(placed.view.seen, values) @ turn.T
+            places_here = (places - placed.pose[:, 3]) @ turn
+            moves = displacements(placed.view.seen, places_here) @ turn.T
             apart += sign * np.einsum("mij,ij->mi", moves, normals)
         pull[link.columns] += link.growth.T @ (link.equations.weight * apart).T
     return pull

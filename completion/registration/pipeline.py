@@ -150,13 +150,13 @@ def correct_poses(
         adjusted = scans.adjusted(partners, refused.keys())
     # 5. Settle: how far each pose may still be off, by the pairs that hold; poses that are right stay.
     is_moved = moves and adjusted.is_off
-    held = adjusted.pairs if is_moved else tuple(scan_pair.left_alone() for scan_pair in adjusted.pairs)
-    apart = tuple(scan_pair.left_alone() for scan_pair in refused.values())
+    held = adjusted.pairs if is_moved else tuple(pair.left_alone() for pair in adjusted.pairs)
+    apart = tuple(pair.left_alone() for pair in refused.values())
     return Registration(
         motions=adjusted.motions if is_moved else still,
         moved_m=adjusted.shifts if is_moved else np.zeros(n),
         left_m=deviations_left(held, n),
-        pairs=tuple(sorted((*held, *apart), key=lambda item: (item.first, item.second))) if apart else held,
+        pairs=tuple(sorted((*held, *apart), key=lambda pair: (pair.first, pair.second))) if apart else held,
         stated_m=stated_m,
         refused=frozenset(refused),
     )

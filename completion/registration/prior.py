@@ -159,8 +159,8 @@ def link(
     met, (i, j) = meetings.met, pair
     places = facets[j].centre[met] @ motions[j, :3, :3].T + motions[j, :3, 3]
     normals = meetings.normal[met] @ motions[i, :3, :3].T
-    values, other = (_by_motion(places, normals, pivots[k]) for k in (j, i))
-    return Links(values, other, meetings.offset[met], meetings.deviation[met], places)
+    by_second, other = (_by_motion(places, normals, pivots[k]) for k in (j, i))
+    return Links(by_second, other, meetings.offset[met], meetings.deviation[met], places)
 
 
 def _by_motion(places: FloatArray, normals: FloatArray, pivot: FloatArray) -> FloatArray:
@@ -176,18 +176,18 @@ def _by_motion(places: FloatArray, normals: FloatArray, pivot: FloatArray) -> Fl
 def _equations(links: Iterable[tuple[Pair, Links]], n: int) -> tuple[FloatArray, FloatArray]:
     """Normal equations (6 n, 6 n), (6 n,) of the pairs that tell anything."""
     matrix, vector = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
-    for (i, j), item in links:
-        if len(item.offset) < LEAST_MEETINGS:
+    for (i, j), scan_links in links:
+        if len(scan_links.offset) < LEAST_MEETINGS:
             continue
-        weight = _weights(item)[:, None]
+        weight = _weights(scan_links)[:, None]
         here, there = slice(6 * i, 6 * i + 6), slice(6 * j, 6 * j + 6)
-        values, other = weight * item.own, weight * item.other
-        matrix[there, there] += values.T @ item.own
-        matrix[here, here] += other.T @ item.other
-        matrix[there, here] -= values.T @ item.other
-        matrix[here, there] -= other.T @ item.own
-        vector[there] -= values.T @ item.offset
-        vector[here] += other.T @ item.offset
+        weighted, other = weight * scan_links.own, weight * scan_links.other
+        matrix[there, there] += weighted.T @ scan_links.own
+        matrix[here, here] += other.T @ scan_links.other
+        matrix[there, here] -= weighted.T @ scan_links.other
+        matrix[here, there] -= other.T @ scan_links.own
+        vector[there] -= weighted.T @ scan_links.offset
+        vector[here] += other.T @ scan_links.offset
     return matrix, vector
 
 
@@ -214,8 +214,8 @@ def _shifts(moments: FloatArray, vectors: FloatArray) -> FloatArray:
 def _scales(moments: FloatArray, vectors: FloatArray, covariance: FloatArray) -> FloatArray:
     """The same, as expected from the motions and their covariance."""
     n = len(vectors)
-    values = covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n)]
-    square = np.square(_shifts(moments, vectors)) + np.einsum("nij,nji->n", moments, values)
+    members = covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n)]
+    square = np.square(_shifts(moments, vectors)) + np.einsum("nij,nji->n", moments, members)
     return np.asarray(np.sqrt(np.clip(square, LEAST_SCALE_M**2, MOST_SCALE_M**2)))
 
 

@@ -74,8 +74,8 @@ def refine(
         weight = equations.weight
         matrix = equations.growth.T @ (weight[:, None] * equations.growth)
         ridge = RIDGE * np.trace(matrix / np.outer(scale, scale)) / 6 * np.square(scale)
-        values = equations.growth.T @ (weight * equations.offset)
-        change: FloatArray = -np.linalg.solve(matrix + np.diag(ridge), values).astype(np.float64)
+        gradient = equations.growth.T @ (weight * equations.offset)
+        change: FloatArray = -np.linalg.solve(matrix + np.diag(ridge), gradient).astype(np.float64)
         motion = moved(motion, change, middle)
         if number >= len(GATES_M) and _is_settled(change, matrix, scale, reach):
             break
@@ -176,16 +176,16 @@ def links_of(
     numbers: Sequence[int], poses: Sequence[FloatArray], views: Sequence[StationView], gate_m: float
 ) -> list[Link]:
     """Return all pairs of scans that share surface, of those with these numbers at poses (3, 4)."""
-    pairs = []
+    links = []
     for i, j in combinations(range(len(numbers)), 2):
         a, b = Placed(views[numbers[i]], poses[i]), Placed(views[numbers[j]], poses[j])
         equations, middle = equations_of([a], [b], STILL, gate_m)
         if len(equations.offset) < LEAST_MEETINGS:
             continue
-        values = equations.growth
-        both = np.concatenate([-_about(values, poses[i][:, 3] - middle), values], axis=1)
-        pairs.append(Link(i, j, a=a, b=b, equations=equations, growth=both))
-    return pairs
+        growth = equations.growth
+        both = np.concatenate([-_about(growth, poses[i][:, 3] - middle), growth], axis=1)
+        links.append(Link(i, j, a=a, b=b, equations=equations, growth=both))
+    return links
 
 
 def normal_equations(links: Sequence[Link], n: int) -> tuple[FloatArray, FloatArray]:

@@ -193,7 +193,7 @@ def verdicts_of(
     hypotheses: Hypotheses, networks: Sequence[Network], views: Sequence[StationView], level: float
 ) -> tuple[PairVerdict, ...]:
     """Return what is known of each pair of scans."""
-    group_of = {scan: item for item in networks for scan in item.group.poses}
+    group_of = {scan: network for network in networks for scan in network.group.poses}
     verdicts = []
     for (i, j), several in hypotheses.items():
         network = group_of[i]
@@ -271,7 +271,7 @@ def pose_doubts(
     doubts, stated = [], registration.stated_m
     off = [pair for pair in registration.pairs if pair.offset_m > max(stated, SURE * pair.offset_sd_m)]
     if off:
-        worst = max(off, key=lambda scan_pair: scan_pair.offset_m)
+        worst = max(off, key=lambda pair: pair.offset_m)
         more = (
             f", and {len(off) - 1} more pairs by more than the {1000 * stated:.3g} mm stated"
             if off[1:]
@@ -289,7 +289,7 @@ def pose_doubts(
         and (pair.first, pair.second) not in registration.refused
     ]
     if passed:
-        worst = max(passed, key=lambda item: item.still_contradicted_m2)
+        worst = max(passed, key=lambda pair: pair.still_contradicted_m2)
         more = f"; so it is with {len(passed) - 1} more pairs" if passed[1:] else ""
         doubts.append(
             f"{_named([worst.first, worst.second], names)} contradict each other: beams of one went through "
@@ -365,12 +365,12 @@ def _covariance(
     registration: Registered, number: int, scans: Sequence[RangeImage]
 ) -> list[list[float]] | None:
     """The covariance of a pose, turned into the world's axes; None where it is not known."""
-    values, group = registration.covariance_of(number), registration.group_of(number)
-    if values is None or group is None or not np.isfinite(values).all():
+    covariance_here, group = registration.covariance_of(number), registration.group_of(number)
+    if covariance_here is None or group is None or not np.isfinite(covariance_here).all():
         return None
     first = next(iter(registration.groups[group].group.poses))
     turn = np.kron(np.eye(2), scans[first].world_from_sensor.rotation)
-    turned: FloatArray = turn @ values @ turn.T
+    turned: FloatArray = turn @ covariance_here @ turn.T
     return [[float(value) for value in row] for row in turned]
 
 

@@ -203,27 +203,27 @@ def _even_sample(normals: FloatArray, n: int) -> IntArray:
         cap += 1
     chosen = []
     for k in range(len(count)):
-        values = np.flatnonzero(cell == k)
-        step = max(1.0, len(values) / cap)
-        chosen.append(values[(np.arange(min(cap, len(values))) * step).astype(np.int64)])
+        members = np.flatnonzero(cell == k)
+        step = max(1.0, len(members) / cap)
+        chosen.append(members[(np.arange(min(cap, len(members))) * step).astype(np.int64)])
     return np.sort(np.concatenate(chosen)) if chosen else np.zeros(0, np.int64)
 
 
 def _directions(planes: PlaneSums) -> Directions:
     """What the planes of a scan face; parallel ones are one direction."""
     normals, heights, areas = planes.normals, planes.heights, planes.areas
-    pairs: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    directions: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     left = np.argsort(-areas, kind="stable")
     while len(left):
         alike = normals[left] @ normals[left[0]] > PARALLEL
-        item = left[alike]
-        mean = (normals[item] * areas[item, None]).sum(axis=0)
-        pairs.append((mean / np.linalg.norm(mean), heights[item], areas[item]))
+        members = left[alike]
+        mean = (normals[members] * areas[members, None]).sum(axis=0)
+        directions.append((mean / np.linalg.norm(mean), heights[members], areas[members]))
         left = left[~alike]
-    pairs.sort(key=lambda arrays: -float(arrays[2].sum()))
-    pairs = pairs[:N_DIRECTIONS]
+    directions.sort(key=lambda families: -float(families[2].sum()))
+    directions = directions[:N_DIRECTIONS]
     return Directions(
-        np.array([arrays[0] for arrays in pairs]).reshape(-1, 3),
-        tuple(arrays[1] for arrays in pairs),
-        tuple(arrays[2] for arrays in pairs),
+        np.array([family[0] for family in directions]).reshape(-1, 3),
+        tuple(family[1] for family in directions),
+        tuple(family[2] for family in directions),
     )

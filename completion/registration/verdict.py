@@ -143,8 +143,8 @@ def _slide(best: Hypothesis, rivals: Sequence[Hypothesis]) -> FloatArray | None:
         is_along = abs(float(apart @ direction)) >= ALONG * np.linalg.norm(apart)
         if is_along and angle_between(best.motion, rival.motion[None])[0] <= LEAST_TURN:
             continue
-        values = _free_shift(rival)
-        if values is None or abs(float(values @ direction)) < ALONG:
+        free_shift = _free_shift(rival)
+        if free_shift is None or abs(float(free_shift @ direction)) < ALONG:
             return None
     return direction
 
@@ -192,7 +192,7 @@ def shifts_onto_itself(view: StationView) -> FloatArray:
     motions = np.array([refine(pairs, pairs, motion, FULL[0]) for motion in motions]).reshape(-1, 3, 4)
     chosen = np.linalg.norm(motions[:, :, 3], axis=1) > LEAST_SHIFT_M
     chosen &= angle_between(STILL, motions) < LEAST_TURN
-    kept = [item for item in motions[chosen] if _fits(judged(pairs, pairs, item))]
+    kept = [motion for motion in motions[chosen] if _fits(judged(pairs, pairs, motion))]
     shifts = np.array(kept).reshape(-1, 3, 4)
     return np.concatenate([shifts, inverses(shifts)])
 

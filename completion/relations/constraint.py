@@ -138,9 +138,9 @@ class _PairFrame:
             return stacked([angles, placed]), np.vstack([across @ turns, axis @ moves])
         tilt, reach = across @ axis, float(axis @ apart)
         sideways = across - np.outer(tilt, axis)
-        values = -np.outer(tilt, apart @ two.by_direction) - reach * across @ two.by_direction
+        by_direction = -np.outer(tilt, apart @ two.by_direction) - reach * across @ two.by_direction
         placed = built(
-            (sideways @ apart, {0: sideways @ own_point, 1: values - sideways @ two.by_point}), LENGTH
+            (sideways @ apart, {0: sideways @ own_point, 1: by_direction - sideways @ two.by_point}), LENGTH
         )
         slopes = np.vstack([across @ turns, sideways @ moves, np.zeros((1, 3))])
         return stacked([angles, placed, _radii(placement, two)]), slopes
@@ -303,8 +303,8 @@ def _angle(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> Row
 def _height(number: int, two: int, at: Mapping[int, Placement]) -> Rows:
     """How far the second's point is above the first, a plane."""
     normal, step = at[number].direction, at[two].point - at[number].point
-    values = step @ at[number].by_direction - normal @ at[number].by_point
-    return normal @ step, {number: values, two: normal @ at[two].by_point}
+    by_direction = step @ at[number].by_direction - normal @ at[number].by_point
+    return normal @ step, {number: by_direction, two: normal @ at[two].by_point}
 
 
 def _offset(number: int, two: int, at: Mapping[int, Placement]) -> Rows:
@@ -313,8 +313,11 @@ def _offset(number: int, two: int, at: Mapping[int, Placement]) -> Rows:
     across, along = at[number].across, at[number].direction
     tilt, reach = across @ along, float(along @ step)
     sideways = across - np.outer(tilt, along)  # of the step
-    values = -np.outer(tilt, step @ first.by_direction) - reach * across @ first.by_direction
-    return sideways @ step, {number: values - sideways @ first.by_point, two: sideways @ at[two].by_point}
+    by_direction = -np.outer(tilt, step @ first.by_direction) - reach * across @ first.by_direction
+    return sideways @ step, {
+        number: by_direction - sideways @ first.by_point,
+        two: sideways @ at[two].by_point,
+    }
 
 
 def _regular(surfaces: Sequence[int], at: Mapping[int, Placement], frame: Frame) -> Constraint:

@@ -131,7 +131,7 @@ class Estimate:
     @property
     def rank(self) -> int:
         """Degrees of freedom that the imposed relations take away."""
-        return sum(len(item.rows) for item in self.imposed)
+        return sum(len(relation.rows) for relation in self.imposed)
 
     def change(self, number: int) -> FloatArray:
         """How far the parameters (k,) of a surface have moved from its fit."""
@@ -149,12 +149,12 @@ class Estimate:
     def variance(self, constraint: Constraint, *, prior: bool = False) -> FloatArray:
         """Covariance (m, m) of the equations' values, with nothing imposed where `prior`."""
         n = len(constraint.value)
-        hits = np.zeros((n, n))
+        covariance = np.zeros((n, n))
         for number, block in constraint.blocks.items():
             for two, other in constraint.blocks.items():
                 among = (self._prior if prior else self.covariance)[self.columns(number), self.columns(two)]
-                hits += block @ among @ other.T
-        return hits
+                covariance += block @ among @ other.T
+        return covariance
 
     def built_within(self, constraint: Constraint) -> FloatArray:
         """Variances (m,) of the equations by how exactly things are built."""
@@ -222,7 +222,7 @@ class Estimate:
 
     def equations(self) -> tuple[csr_array, FloatArray, FloatArray]:
         """All equations that are imposed: their derivative (m, n), value (m,), variance as built (m,)."""
-        parts = [self.constraint(item.relation).only(item.rows) for item in self.imposed]
+        parts = [self.constraint(relation.relation).only(relation.rows) for relation in self.imposed]
         data, row, column, first = [], [], [], 0
         for part in parts:
             n = len(part.value)
@@ -338,14 +338,14 @@ def multiplier_tests(estimate: Estimate) -> list[float]:
     _, factor = estimate.factor(jacobian, within)
     multiplier = cho_solve(factor, jacobian @ estimate.x - value)
     inverse = cho_solve(factor, np.eye(len(value)))
-    values, first = [], 0
-    for item in estimate.imposed:
-        stretch = slice(first, first + len(item.rows))
+    tests, first = [], 0
+    for relation in estimate.imposed:
+        stretch = slice(first, first + len(relation.rows))
         square = float(multiplier[stretch] @ np.linalg.solve(inverse[stretch, stretch], multiplier[stretch]))
-        freedom = estimate.freedom_of(item.relation.surfaces)
-        values.append(probability(square, len(item.rows), freedom))
-        first += len(item.rows)
-    return values
+        freedom = estimate.freedom_of(relation.relation.surfaces)
+        tests.append(probability(square, len(relation.rows), freedom))
+        first += len(relation.rows)
+    return tests
 
 
 def probability(square: float, rank: int, freedom: float) -> float:
@@ -368,7 +368,7 @@ def what_determines(constraint: Constraint, estimate: Estimate) -> list[int]:
     size = np.linalg.norm(scaled, axis=1, keepdims=True)
     share, *_ = np.linalg.lstsq((scaled / size).T, (members * estimate.prior_sd).T, rcond=1e-9)
     weight = np.abs(share).max(axis=1) / max(float(np.abs(share).max()), np.finfo(np.float64).tiny)
-    which = np.repeat(np.arange(len(estimate.imposed)), [len(item.rows) for item in estimate.imposed])
+    which = np.repeat(np.arange(len(estimate.imposed)), [len(relation.rows) for relation in estimate.imposed])
     return sorted(set(which[weight > _PART].tolist()))
 
 

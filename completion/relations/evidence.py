@@ -112,7 +112,7 @@ def direction_classes(estimate: Estimate) -> list[list[int]]:
     directed = [number for number in range(len(estimate.fits)) if _has_direction(estimate, number)]
     deviation = {number: direction_sd(estimate, number) for number in directed}
     classes: list[list[int]] = []
-    for number in sorted(directed, key=lambda index: (deviation[index], index)):
+    for number in sorted(directed, key=lambda number: (deviation[number], number)):
         if deviation[number] > MOST_SD:
             continue
         angles = [angle_between(estimate.at[number], estimate.at[kind[0]]) for kind in classes]

@@ -98,7 +98,7 @@ def settle_conflict(refused: Relation, estimate: Estimate) -> Relation | None:
     rivals = [relation for relation in against if relation.is_given == refused.is_given or refused.is_given]
     if not rivals or len(against) > _MOST_MEMBERS:
         return None
-    kept = [item.relation for item in estimate.imposed]
+    kept = [relation.relation for relation in estimate.imposed]
     least, worst = estimate.cost, None
     for rival in rivals:
         cost = with_only([*(relation for relation in kept if relation is not rival), refused], estimate).cost
@@ -133,22 +133,22 @@ def without_evidence(relations: Sequence[Relation]) -> list[Relation]:
         gain = np.inf if relation.is_given else relation.log_evidence
         key = id(group[relation.surfaces[0]])
         total[key] = total.get(key, 0.0) + gain
-    return [item for item in relations if total[id(group[item.surfaces[0]])] < LEAST_GROUP]
+    return [relation for relation in relations if total[id(group[relation.surfaces[0]])] < LEAST_GROUP]
 
 
 def _misfit(test: WaldTest) -> str:
     """How far the equations are from 0, in words."""
-    texts: list[str] = []
+    misfits: list[str] = []
     least = _NOTHING * float(np.abs(test.constraint.value).max())
     for value, what in zip(test.constraint.value, test.constraint.rows, strict=True):
         if abs(value) < least:
             continue
         size = f"{np.degrees(abs(value)):.3g} deg" if what == ANGLE else f"{1000 * abs(value):.3g} mm"
-        texts.append(size)
-    angles = [text for text in texts if text.endswith("deg")]
-    lengths = [text for text in texts if text.endswith("mm")]
+        misfits.append(size)
+    angles = [text for text in misfits if text.endswith("deg")]
+    lengths = [text for text in misfits if text.endswith("mm")]
     return " and ".join(
-        max(item, key=lambda line: float(line.split()[0])) for item in (angles, lengths) if item
+        max(lines, key=lambda text: float(text.split()[0])) for lines in (angles, lengths) if lines
     )
 
 
@@ -231,19 +231,19 @@ def infer(
     options = with_tolerance(options, propose(0, estimate, options), estimate)
     estimate = Estimate(fits, options.up, options.built_sd, doubt)
     size_m, relations = size_of(fits), list[Relation]()
-    stated = [replace(item, is_given=True) for item in given if not item.is_forbidden]
-    forbidden = {_key(item) for item in given if item.is_forbidden}
+    stated = [replace(relation, is_given=True) for relation in given if not relation.is_forbidden]
+    forbidden = {_key(relation) for relation in given if relation.is_forbidden}
 
     # 2. Examine: directions first, then angles, places, radii and distances; in each stage what a person
     #    states, then what is proposed, the strongest evidence first. Each is tested given those before it.
     for stage, kinds in enumerate(STAGES):
         n_found = len(relations)
-        todo = [item for item in stated if item.kind in kinds]
-        known = {_key(item) for item in [*stated, *relations]} | forbidden
+        todo = [relation for relation in stated if relation.kind in kinds]
+        known = {_key(relation) for relation in [*stated, *relations]} | forbidden
         for proposed in (False, True):
             if proposed:
                 new = propose(stage, estimate, options) if proposes else []
-                unknown = [item for item in new if _key(item) not in known]
+                unknown = [relation for relation in new if _key(relation) not in known]
                 todo = by_evidence(unknown, estimate, options, size_m)
             level = options.level / max(len(todo), 1)
             for relation in todo:
@@ -262,7 +262,7 @@ def infer(
         estimate = _again(relations, estimate)
 
     # 4. Weigh: what was proposed stays where all that hangs together has evidence enough.
-    weak = without_evidence([item.relation for item in estimate.imposed])
+    weak = without_evidence([relation.relation for relation in estimate.imposed])
     for relation in weak:
         reason = "it is met, but so little hangs together with it that it may be by chance"
         relations = _refused(relations, relation, Status.UNDECIDED, reason)
@@ -431,15 +431,16 @@ def relate_surfaces(
     least = float(np.clip(LEAST_SHARE * largest, LEAST_LEAST, MOST_LEAST))
     large = {
         k
-        for k, (edited_surface, surface_fit) in enumerate(zip(edited, fits, strict=True))
-        if edited_surface.surface.n_pixels >= least and is_settled(surface_fit)
+        for k, (surface, fit) in enumerate(zip(edited, fits, strict=True))
+        if surface.surface.n_pixels >= least and is_settled(fit)
     }
     numbers = sorted(large.union(*named))
     if not numbers:
         return RelatedSurfaces(tuple(edited), tuple(fits), _errors(edited, fits, stated, observations))
     place = {number: k for k, number in enumerate(numbers)}
     relations = [
-        relation.of([place[number] for number in item]) for relation, item in zip(given, named, strict=True)
+        relation.of([place[number] for number in numbers])
+        for relation, numbers in zip(given, named, strict=True)
     ]
     doubt = Doubt([stated.freedom[number] for number in numbers], stated.smooth.covariance_of(numbers))
     graph = infer([stated.fits[number] for number in numbers], relations, options, doubt=doubt)
@@ -455,7 +456,7 @@ def relate_surfaces(
             fits[number] = replace(moved, covariance=fit.covariance)
     places = tuple(number + 1 for number in numbers)
     found_relations = FoundRelations(graph, before, places, off_m=tuple(off), is_moved=tuple(is_moved))
-    first = tuple(accumulate((len(surface_fit.covariance) for surface_fit in graph.fits), initial=0))
+    first = tuple(accumulate((len(fit.covariance) for fit in graph.fits), initial=0))
     related = RelatedErrors(tuple(numbers), first, graph.covariance, tuple(is_moved))
     return RelatedSurfaces(
         tuple(surfaces), tuple(fits), _errors(surfaces, fits, stated, observations, related), found_relations
@@ -464,7 +465,7 @@ def relate_surfaces(
 
 def _errors(
     edited: Sequence[EditedSurface],
-    fits: Sequence[SurfaceFit],
+    errors: Sequence[SurfaceFit],
     stated: StatedFits,
     observations: Sequence[Observation],
     related: RelatedErrors = UNRELATED,
@@ -475,12 +476,11 @@ def _errors(
         for scan, held in surface.surface.pixels.held:
             shares[number, scan] = len(held) / surface.surface.n_pixels
     return JointErrors(
-        own=tuple(fit.covariance for fit in fits),
+        own=tuple(fit.covariance for fit in errors),
         shared=stated.smooth,
         related=related,
         ranges=tuple(
-            shift_by_sensors(edited_surface.surface, observations, range_displacements)
-            for edited_surface in edited
+            shift_by_sensors(surface.surface, observations, range_displacements) for surface in edited
         ),
         freedom=stated.freedom,
         shares=shares,

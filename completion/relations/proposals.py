@@ -57,7 +57,7 @@ def mirrored_pairs(estimate: Estimate, options: RelationOptions) -> Iterator[Rel
 def further_pairs(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """Other pairs of mirrors that two pairs have told: `n_tried` counts the pairs near this one alone."""
     for mirror in _mirrors_of_several(estimate, options):
-        if any(item.is_implied for item in mirror.told):
+        if any(judgement.is_implied for judgement in mirror.told):
             for judgement in mirror.told:
                 if judgement.is_implied or judgement.evidence > np.log(mirror.n_near):
                     yield replace(judgement.relation, n_tried=mirror.n_near)
@@ -65,11 +65,11 @@ def further_pairs(estimate: Estimate, options: RelationOptions) -> Iterator[Rela
 
 def _best(mirror: _Mirror, estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """The two pairs that tell most of a mirror; where these do not tell enough, all pairs together."""
-    best, *others = sorted(mirror.told, key=lambda item: -item.evidence)
+    best, *others = sorted(mirror.told, key=lambda judgement: -judgement.evidence)
     evidence = best.evidence - float(np.log(mirror.n_pairs))
     if evidence < LEAST_ALONE and others:
         hub = best.relation.surfaces[:2]
-        pairs = [number for item in mirror.told for number in item.relation.surfaces[2:]]
+        pairs = [number for judgement in mirror.told for number in judgement.relation.surfaces[2:]]
         n_tried = mirror.n_pairs * mirror.n_near ** len(others)
         every = Relation(kind="symmetric", surfaces=(*hub, *pairs), n_tried=n_tried)
         judgement = judge(every, estimate, options, size_of(estimate.fits))
@@ -178,9 +178,12 @@ class _Mirrors:
 
     def disjoint(self) -> BoolArray:
         """Which (n, n) pairs have no surface in common."""
-        item, two = self.pairs.T
+        first, two = self.pairs.T
         alike = (
-            (item[:, None] == item) | (two[:, None] == two) | (item[:, None] == two) | (two[:, None] == item)
+            (first[:, None] == first)
+            | (two[:, None] == two)
+            | (first[:, None] == two)
+            | (two[:, None] == first)
         )
         return np.asarray(~alike)
 
@@ -263,7 +266,7 @@ def places_across(members: Sequence[int], estimate: Estimate) -> tuple[FloatArra
     first = estimate.at[members[0]]
     is_plane = isinstance(estimate.fits[members[0]].surface, Plane)
     over = first.direction[None] if is_plane else first.across
-    place = np.array([over @ (estimate.at[number].point - first.point) for number in members])
+    place = np.array([over @ (estimate.at[member].point - first.point) for member in members])
     deviation = [0.0]
     for member in members[1:]:
         constraint = estimate.constraint(
@@ -287,14 +290,15 @@ def _distinct(place: FloatArray, deviation: FloatArray) -> list[int]:
 def _progressions(place: FloatArray, deviation: FloatArray) -> Iterator[list[int]]:
     """Places (m, d) that follow one another at one step, as long as they go on, from any two on."""
     n, tree = len(place), cKDTree(place)
-    item, two = (sample.ravel() for sample in np.mgrid[:n, :n])
-    away = np.linalg.norm(place[two] - place[item], axis=1)
-    allowed = _N_SD * np.sqrt(np.square(deviation[item]) + 4 * np.square(deviation[two]))
-    far, third = tree.query(2 * place[two] - place[item])
-    goes_on = (far <= np.hypot(allowed, _N_SD * deviation[third])) & (item != two)
+    row_step, two = (steps.ravel() for steps in np.mgrid[:n, :n])
+    away = np.linalg.norm(place[two] - place[row_step], axis=1)
+    allowed = _N_SD * np.sqrt(np.square(deviation[row_step]) + 4 * np.square(deviation[two]))
+    far, third = tree.query(2 * place[two] - place[row_step])
+    goes_on = (far <= np.hypot(allowed, _N_SD * deviation[third])) & (row_step != two)
     goes_on &= (allowed <= _MOST_SHARE * away) & (third != two)
     after = {
-        (int(a), int(b)): int(c) for a, b, c in zip(*(x[goes_on] for x in (item, two, third)), strict=True)
+        (int(a), int(b)): int(c)
+        for a, b, c in zip(*(x[goes_on] for x in (row_step, two, third)), strict=True)
     }
     goes_back = {(b, c) for (_, b), c in after.items()}
     for pair in after:
@@ -373,7 +377,7 @@ def _directions(estimate: Estimate, options: RelationOptions) -> Iterator[Relati
 def _angles(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
     """Round angles between the best known of each class, and of cones."""
     step = np.radians(options.round_angle_deg)
-    held = {frozenset(item.relation.surfaces) for item in estimate.imposed}
+    held = {frozenset(relation.relation.surfaces) for relation in estimate.imposed}
     for index, two in combinations([numbers[0] for numbers in parallel_now(estimate)], 2):
         angle = angle_between(estimate.at[index], estimate.at[two])
         value = float(np.rint(angle / step) * step)
@@ -391,8 +395,8 @@ def _places(estimate: Estimate, _options: RelationOptions) -> Iterator[Relation]
     """Planes in one, axes in one, and axes in planes."""
     classes = parallel_now(estimate)
     for kind in classes:
-        planes = [index for index in kind if isinstance(estimate.fits[index].surface, Plane)]
-        axes = [index for index in kind if index not in planes]
+        planes = [number for number in kind if isinstance(estimate.fits[number].surface, Plane)]
+        axes = [number for number in kind if number not in planes]
         yield from _clustered("coplanar", planes, estimate)
         yield from _clustered("coaxial", axes, estimate)
     for first, second in combinations(classes, 2):
@@ -432,7 +436,7 @@ def _distances(estimate: Estimate, options: RelationOptions) -> Iterator[Relatio
         planes = [number for number in numbers if isinstance(estimate.fits[number].surface, Plane)]
         normal = estimate.at[numbers[0]].direction
         along = {plane: float(normal @ estimate.at[plane].point) for plane in planes}
-        placed = sorted(planes, key=lambda index: (along[index], index))
+        placed = sorted(planes, key=lambda number: (along[number], number))
         steps += [pair for pair in pairwise(placed) if not _are_one(estimate, *pair)]
     known = {pair: _length(estimate, pair) for pair in steps}
     if options.round_length_m is not None:

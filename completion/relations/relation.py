@@ -247,25 +247,25 @@ def _read(
 
 
 def _stated(
-    item: object, name: Callable[[object, str], _Named], source: str
+    entry: object, name: Callable[[object, str], _Named], source: str
 ) -> StatedRelation[_Named] | None:
     """A relation of a file; None where it was written by `unseen`, which found that it does not hold."""
-    if not isinstance(item, dict) or item.get("type") not in KINDS:
-        sentence = f", not {item['type']!r}" if isinstance(item, dict) and "type" in item else ""
+    if not isinstance(entry, dict) or entry.get("type") not in KINDS:
+        sentence = f", not {entry['type']!r}" if isinstance(entry, dict) and "type" in entry else ""
         raise InputError(f'{source}: needs a "type" of {", ".join(KINDS)}{sentence}')
-    strange = [field for field in item if field not in _KNOWN]
+    strange = [field for field in entry if field not in _KNOWN]
     if strange:
         raise InputError(f"{source}: a relation knows no {strange[0]!r}, only {', '.join(_FIELDS)}")
-    if item.get("status") in ("rejected", "undecided") and not item.get("given"):
+    if entry.get("status") in ("rejected", "undecided") and not entry.get("given"):
         return None
-    kind, surfaces, value = item["type"], item.get("surfaces"), item.get("value")
+    kind, surfaces, value = entry["type"], entry.get("surfaces"), entry.get("value")
     if not isinstance(surfaces, list):
         raise InputError(f'{source}: "surfaces" are a list, got {surfaces!r}')
     if value is not None:
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
             raise InputError(f'{source}: "value" is a number, got {value!r}')
         value = None if kind not in VALUED else float(np.radians(value)) if kind in _ANGLES else float(value)
-    forbidden = item.get("forbidden", False)
+    forbidden = entry.get("forbidden", False)
     if not isinstance(forbidden, bool):
         raise InputError(f'{source}: "forbidden" is true or false, got {forbidden!r}')
     return StatedRelation(

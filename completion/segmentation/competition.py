@@ -96,12 +96,12 @@ def _settle(
     length = 0
     for i in range(rows):
         for j in range(columns):
-            item = labels[i, j]
+            members = labels[i, j]
             if np.isfinite(ranges[i, j]) and (
-                (i > 0 and labels[i - 1, j] != item)
-                or (j > 0 and labels[i, j - 1] != item)
-                or (i < rows - 1 and labels[i + 1, j] != item)
-                or (j < columns - 1 and labels[i, j + 1] != item)
+                (i > 0 and labels[i - 1, j] != members)
+                or (j > 0 and labels[i, j - 1] != members)
+                or (i < rows - 1 and labels[i + 1, j] != members)
+                or (j < columns - 1 and labels[i, j + 1] != members)
             ):
                 queue[length] = i * columns + j
                 waiting[i, j] = True
@@ -150,8 +150,8 @@ def _best_label(
 ) -> int:
     """The label among those of the pixel and its neighbours with the least cost; 0 where none fits."""
     rows, columns = labels.shape
-    item = labels[i, j]
-    near[0], tally[0], n_near, n_labelled = item, 0, 1, 0
+    members = labels[i, j]
+    near[0], tally[0], n_near, n_labelled = members, 0, 1, 0
     for k in range(max(i - 1, 0), min(i + 2, rows)):
         for m in range(max(j - 1, 0), min(j + 2, columns)):
             label = labels[k, m]
@@ -168,13 +168,13 @@ def _best_label(
     x, y, z = ray_at(rays, i, j)
     ti, tj = i // side, j // side
     best, least = 0, np.inf
-    for index in range(item == 0, n_near):
+    for index in range(members == 0, n_near):
         gap, cosine = gap_to(models, near[index] - 1, x, y, z, r, normal)
         square = gap * gap / (s * s * cosine * cosine + flat * flat + 1e-30)
         if not (cosine > 0.0 and square <= limit):
             continue
         cost = square + _SEAM * (n_labelled - tally[index])
-        if item == 0 and misfit[ti, tj] <= _FLAT:
+        if members == 0 and misfit[ti, tj] <= _FLAT:
             wx, wy, wz = plane[ti, tj, 0], plane[ti, tj, 1], plane[ti, tj, 2]
             cosine = (wx * normal[0] + wy * normal[1] + wz * normal[2]) / np.sqrt(wx * wx + wy * wy + wz * wz)
             if np.arccos(min(1.0, max(-1.0, cosine))) > max_angle + 3.0 * normal_sd[ti, tj]:
@@ -233,19 +233,19 @@ def contacts(labels: NDArray[np.int32], n: int) -> tuple[NDArray[np.int64], NDAr
     rows, columns = labels.shape
     for i in range(rows):
         for j in range(columns):
-            item = labels[i, j]
+            members = labels[i, j]
             for k, m in ((i + 1, j), (i, j + 1)):
                 if k < rows and m < columns:
                     other = labels[k, m]
-                    if item == other:
+                    if members == other:
                         continue
-                    if item > 0:
-                        outline[item - 1] += 1
+                    if members > 0:
+                        outline[members - 1] += 1
                     if other > 0:
                         outline[other - 1] += 1
-                    if item > 0 and other > 0:
-                        contact[item - 1, other - 1] += 1
-                        contact[other - 1, item - 1] += 1
+                    if members > 0 and other > 0:
+                        contact[members - 1, other - 1] += 1
+                        contact[other - 1, members - 1] += 1
     return contact, outline
 
 
@@ -265,21 +265,21 @@ def _distances(
     normal = np.zeros(3)
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
-            item = labels[i, j] - 1
-            if item < 0 or host[item] < 0:
+            label = labels[i, j] - 1
+            if label < 0 or host[label] < 0:
                 continue
             x, y, z = ray_at(rays, i, j)
             r = ranges[i, j]
             s = deviation_at(noise, r)
-            gap, cosine = gap_to(models, host[item], x, y, z, r, normal)
+            gap, cosine = gap_to(models, host[label], x, y, z, r, normal)
             variance = s * s * cosine * cosine + flat * flat
-            sums[item, 0] += 1.0
-            sums[item, 1] += cosine > 0.0 and gap * gap <= n_sigma * n_sigma * variance
-            sums[item, 2] += r * x
-            sums[item, 3] += r * y
-            sums[item, 4] += r * z
-            sums[item, 5] += r
-            sums[item, 6] += gap
+            sums[label, 0] += 1.0
+            sums[label, 1] += cosine > 0.0 and gap * gap <= n_sigma * n_sigma * variance
+            sums[label, 2] += r * x
+            sums[label, 3] += r * y
+            sums[label, 4] += r * z
+            sums[label, 5] += r
+            sums[label, 6] += gap
     return sums
 
 

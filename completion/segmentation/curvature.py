@@ -133,7 +133,8 @@ def _explains_better(cluster: Cluster, plane: Cluster, tiles: Tiles) -> bool:
         both = cluster.tiles
     where = np.argwhere(both)
     flat, round_ = (
-        deviations(item.model, where, tiles.matrix, tiles.plane, tiles.centre) for item in (plane, cluster)
+        deviations(cluster.model, where, tiles.matrix, tiles.plane, tiles.centre)
+        for cluster in (plane, cluster)
     )
     noise = max(float(np.mean(round_)) / 3.0, 1.0)
     return float(flat.sum() - round_.sum()) > _CHI2_2 * noise

@@ -141,12 +141,14 @@ def _flood(
         i, j = stack[top, 0], stack[top, 1]
         if not tangent_plane(model, centre[i, j], w):
             continue
-        item = plane[i, j]
-        excess = quadratic(matrix[i, j], w[0] - item[0], w[1] - item[1], w[2] - item[2])
+        plane_number = plane[i, j]
+        excess = quadratic(
+            matrix[i, j], w[0] - plane_number[0], w[1] - plane_number[1], w[2] - plane_number[2]
+        )
         worst = max(1.0, misfit[i, j])
         if excess > cut * cut * worst * count[i, j] + CHI2_3 * worst:
             continue
-        cosine = min(1.0, _dot(w, item) / np.sqrt(_dot(w, w) * _dot(item, item)))
+        cosine = min(1.0, _dot(w, plane_number) / np.sqrt(_dot(w, w) * _dot(plane_number, plane_number)))
         if np.arccos(cosine) > max_angle + 2.0 * normal_sd[i, j]:
             continue
         members[i, j] = True
@@ -174,8 +176,8 @@ def deviations(
     for index in range(len(where)):
         i, j = where[index]
         if tangent_plane(model, centre[i, j], w):
-            item = plane[i, j]
-            result[index] = quadratic(matrix[i, j], w[0] - item[0], w[1] - item[1], w[2] - item[2])
+            members = plane[i, j]
+            result[index] = quadratic(matrix[i, j], w[0] - members[0], w[1] - members[1], w[2] - members[2])
     return result
 
 
@@ -329,8 +331,10 @@ def _coherent(
             for k in range(max(i - 1, 0), min(i + 2, rows)):
                 for m in range(max(j - 1, 0), min(j + 2, columns)):
                     if flat[k, m]:
-                        item = plane[k, m]
-                        excess += quadratic(matrix[k, m], w[0] - item[0], w[1] - item[1], w[2] - item[2])
+                        members = plane[k, m]
+                        excess += quadratic(
+                            matrix[k, m], w[0] - members[0], w[1] - members[1], w[2] - members[2]
+                        )
                         worst = max(worst, misfit[k, m])
             result[i, j] = excess <= (_SEED_CUT * n_pixels + CHI2_3 * n) * worst
     return result

@@ -60,7 +60,7 @@ def together(plates: Sequence[Plate]) -> Plate:
     noise = np.concatenate([plate.noise[::step] for plate, step in zip(plates, steps, strict=True)])
     centre = points.mean(axis=0)
     normal = np.linalg.eigh((points - centre).T @ (points - centre))[1][:, 0]
-    facing = float(normal @ max(plates, key=lambda item: item.n_pixels).plane.normal_direction)
+    facing = float(normal @ max(plates, key=lambda plate: plate.n_pixels).plane.normal_direction)
     weights = [plate.n_pixels for plate in plates]
     return Plate(
         plane=Plane(centre, normal if facing >= 0 else -normal),
@@ -93,8 +93,8 @@ def find_seams(pixels: Sequence[PixelSet], observation: Observation) -> dict[tup
     for here, there in (((slice(-1), slice(None)), below), ((slice(None), slice(-1)), right)):
         first, second = grown[here], grown[there]
         at = (first != second) & (first > 0) & (second > 0)
-        item, other = first[at].astype(np.int64), second[at].astype(np.int64)
-        keys.append((np.minimum(item, other) - 1) * len(pixels) + np.maximum(item, other) - 1)
+        region_a, other = first[at].astype(np.int64), second[at].astype(np.int64)
+        keys.append((np.minimum(region_a, other) - 1) * len(pixels) + np.maximum(region_a, other) - 1)
         places.append(flat[here][at])
     return _by_pair(np.concatenate(keys), np.concatenate(places), len(pixels), observation)
 
@@ -108,12 +108,12 @@ def _by_pair(
     numbers, starts = np.unique(key, return_index=True)
     if not len(numbers):
         return {}
-    arrays = {}
+    seams = {}
     for number, sample in zip(numbers.tolist(), np.split(place, starts[1:]), strict=True):
         if len(sample) >= _LEAST_CONTACT:
             sample = sample[observation.valid.ravel()[sample]]
-            arrays[divmod(number, n)] = observation.points_at(sample)
-    return arrays
+            seams[divmod(number, n)] = observation.points_at(sample)
+    return seams
 
 
 _MEET = 3.0 * np.sqrt(2.0)  # times their relief, by which two planes differ at a seam at most: both within 3
@@ -157,8 +157,10 @@ def join_relief(
         flags = {pair: is_met for pair, is_met in meets.items() if sheet.issuperset(pair)}
         _join(groups, plates, flags, relief if options.flatness_m is None else 0.0, least)
     return [
-        _joined([regions[k] for k in item], [plates[k] for k in item if k in plates], observation, least)
-        for item in groups.all()
+        _joined(
+            [regions[k] for k in numbers], [plates[k] for k in numbers if k in plates], observation, least
+        )
+        for numbers in groups.all()
     ]
 
 
@@ -174,7 +176,7 @@ def _joined(
     whole = together(plates)
     (fit,) = refit_each([whole.plane], [observation], [ScanPixels.of([pixels])], flatness_m, n_rounds=2)
     if fit is None:
-        return max(regions, key=lambda item: item.n_pixels)
+        return max(regions, key=lambda region: region.n_pixels)
     relief = whole.relief(fit.surface)
     return Region(warped(fit, whole.points, relief), pixels, relief)
 
@@ -195,14 +197,14 @@ def _sheets(n: int, plates: Mapping[int, Plate], pairs: Sequence[Pair]) -> list[
     for i, j in pairs:
         if not groups.are_one(i, j):
             groups.join(i, j)
-    results = []
+    sheets = []
     for several in groups.all():
         sheet = frozenset(several)
         strays = [_strays([plates[i], plates[j]]) for i, j in pairs if i in sheet]
         if strays:
             values = [stray / np.sqrt(size) for stray, size in strays]
-            results.append((sheet, float(np.median(values)) if len(values) >= _LEAST_PAIRS else 0.0))
-    return results
+            sheets.append((sheet, float(np.median(values)) if len(values) >= _LEAST_PAIRS else 0.0))
+    return sheets
 
 
 def _strays(plates: Sequence[Plate]) -> tuple[float, float]:
@@ -249,7 +251,7 @@ def typical_relief(regions: Sequence[Sequence[Region]]) -> float:
 
     At least what any surface may (`FLATNESS_M`).
     """
-    planes = [region for item in regions for region in item if isinstance(region.fit.surface, Plane)]
+    planes = [region for group in regions for region in group if isinstance(region.fit.surface, Plane)]
     if not planes:
         return FLATNESS_M
     relief = np.array([plane.relief_m for plane in planes])

@@ -344,16 +344,16 @@ def _interpolate(
 
     Where none does, that of the flat pixel `fallback` (n,).
     """
-    values = unit_colour(colour.reshape(-1, 3)[fallback])
-    if not len(values):
-        return colour_bytes(values)
+    colours = unit_colour(colour.reshape(-1, 3)[fallback])
+    if not len(colours):
+        return colour_bytes(colours)
     near = _box(position, counts.shape)
     pixels = unit_colour(np.where(counts[near][..., None], colour[near], colour.dtype.type(0)))
     inside = position.astype(np.float32) - np.array([part.start for part in near], np.float32)  # exact
     total, weight = _remap(pixels, inside), _remap(counts[near].astype(np.float32), inside)
     enough = weight > 1e-3
-    values[enough] = total[enough] / weight[enough, None]
-    return np.asarray(np.rint(np.clip(values, 0, 1) * 255), dtype=np.uint8)
+    colours[enough] = total[enough] / weight[enough, None]
+    return np.asarray(np.rint(np.clip(colours, 0, 1) * 255), dtype=np.uint8)
 
 
 def _box(position: FloatArray, shape: tuple[int, ...]) -> tuple[slice, slice]:
@@ -370,5 +370,5 @@ def _remap(image: NDArray[np.float32], position: NDArray[np.float32]) -> NDArray
     """Bilinear values (n,) or (n, channels) at fractional rows and columns (n, 2) inside the image."""
     parts = np.array_split(position, max(1, -(-len(position) // _CHUNK)))
     places = [(part[None, :, 1], part[None, :, 0]) for part in parts]
-    items = [cv2.remap(image, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0] for at in places]
-    return np.asarray(np.concatenate(items), dtype=np.float32)
+    channels = [cv2.remap(image, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0] for at in places]
+    return np.asarray(np.concatenate(channels), dtype=np.float32)

@@ -33,8 +33,8 @@ class SharedErrors:
         """Return the covariance (q, q) of all parameters of some surfaces, in their order."""
         first = np.cumsum([0, *(self.sizes[number] for number in numbers)])
         total = np.zeros((first[-1], first[-1]))
-        for arrays in self.shifts:
-            held = [(k, arrays[number]) for k, number in enumerate(numbers) if number in arrays]
+        for shift_columns in self.shifts:
+            held = [(k, shift_columns[number]) for k, number in enumerate(numbers) if number in shift_columns]
             if not held:
                 continue
             where = np.concatenate([np.arange(first[k], first[k + 1]) for k, _ in held])

@@ -111,13 +111,13 @@ def find_modes(
         return None
     lower = cholesky(unit, lower=True)
     along = solve_triangular(lower, moments[:-1, -1] / scale, lower=True)
-    values, kept, gain = frame.columns(pixels[:: max(1, len(pixels) // _N_SAMPLE)])
+    pixels_used, kept, gain = frame.columns(pixels[:: max(1, len(pixels) // _N_SAMPLE)])
     return ResidualModes(
         beyond=np.asarray(along[size:]),
         square=max(float(diagonal[-1] - along @ along), 0.0) / freedom,
         n=n,
         factor=(lower * scale[:, None])[:size, :size],
-        shapes=np.asarray(solve_triangular(lower, (values[:, :-1] / scale).T, lower=True).T),
+        shapes=np.asarray(solve_triangular(lower, (pixels_used[:, :-1] / scale).T, lower=True).T),
         places=_in_image(kept, seen.scan.shape),
         gain=gain,
     )
@@ -227,7 +227,7 @@ def bumps(places: FloatArray, length: float) -> FloatArray:
     width = length / np.sqrt(2.0)  # their correlation is as long as two of them
     n = int(np.ceil(2.0 / length)) + 3
     centre = (np.arange(n) - (n - 1) / 2) * length
-    x, y = (np.exp(-0.5 * np.square((item[:, None] - centre) / width)) for item in places.T)
+    x, y = (np.exp(-0.5 * np.square((coordinates[:, None] - centre) / width)) for coordinates in places.T)
     both = (x[:, :, None] * y[:, None, :]).reshape(len(places), -1)
     return np.asarray(both / (np.sqrt(np.pi) * width / length))
 
@@ -244,8 +244,8 @@ def fit_field(modes: Sequence[ResidualModes]) -> ImageField:
         return NO_FIELD
     square = np.repeat([mode.square for mode in modes], [len(mode.beyond) for mode in modes])
     tried = {length: _Tried.of(modes, length, square) for length in LENGTHS}
-    top = max(float(item.log_posterior.max()) for item in tried.values())
-    weights = {length: np.exp(item.log_posterior - top) for length, item in tried.items()}
+    top = max(float(trial.log_posterior.max()) for trial in tried.values())
+    weights = {length: np.exp(trial.log_posterior - top) for length, trial in tried.items()}
     total = sum(float(weight.sum()) for weight in weights.values())
     share = {length: float(weight.sum()) / total for length, weight in weights.items()}
     squares = {
@@ -253,7 +253,7 @@ def fit_field(modes: Sequence[ResidualModes]) -> ImageField:
         for length, weight in weights.items()
         if share[length] >= _LEAST_WEIGHT
     }
-    freedom = sum(share[length] * item.freedom for length, item in tried.items())
+    freedom = sum(share[length] * trial.freedom for length, trial in tried.items())
     return ImageField(squares, max(freedom, 1.0))
 
 
@@ -279,10 +279,7 @@ class _Tried:
     @classmethod
     def of(cls, modes: Sequence[ResidualModes], length: float, square: FloatArray) -> _Tried:
         """Try a length on surfaces, whose residuals' mean squares are repeated for each component (c,)."""
-        taken = [
-            residual_modes.taken_on(bumps(residual_modes.places, length))[len(residual_modes.factor) :]
-            for residual_modes in modes
-        ]
+        taken = [mode.taken_on(bumps(mode.places, length))[len(mode.factor) :] for mode in modes]
         every = np.concatenate(taken)
         explained = np.square(every).sum(axis=1)
         log_likelihood = np.zeros(len(_SQUARES))
@@ -413,11 +410,7 @@ def _modes_of(
     modes = {
         scan: find_modes(surface.fit, observations[scan], held.flat, flatness_m) for scan, held in largest
     }
-    return {
-        scan: residual_modes_none
-        for scan, residual_modes_none in sorted(modes.items())
-        if residual_modes_none is not None
-    }
+    return {scan: modes for scan, modes in sorted(modes.items()) if modes is not None}
 
 
 def _fields_of(modes: Sequence[dict[int, ResidualModes]]) -> dict[int, ImageField]:
@@ -427,7 +420,7 @@ def _fields_of(modes: Sequence[dict[int, ResidualModes]]) -> dict[int, ImageFiel
         for scan, residual_modes in mode.items():
             if residual_modes.n >= _LEAST_PIXELS:
                 telling.setdefault(scan, []).append(residual_modes)
-    size = {scan: sum(one.n for one in item) for scan, item in telling.items()}
+    size = {scan: sum(modes.n for modes in modes) for scan, modes in telling.items()}
     chosen = sorted(telling, key=lambda scan: (-size[scan], scan))[:_MOST_FIELDS]
     return {scan: fit_field(telling[scan]) for scan in sorted(chosen)}
 

@@ -59,28 +59,28 @@ def find_warp(fits: Sequence[SurfaceFit], points: Sequence[FloatArray]) -> Space
     points : sequence of (n, 3) float
         Those of each fit.
     """
-    arrays = [point[:: max(1, len(point) // _MOST_POINTS)] for point in points]
-    telling = [k for k, item in enumerate(arrays) if len(item) >= _LEAST_POINTS]
+    samples = [point[:: max(1, len(point) // _MOST_POINTS)] for point in points]
+    telling = [k for k, points_used in enumerate(samples) if len(points_used) >= _LEAST_POINTS]
     if not telling:
         return None
-    every = np.concatenate([arrays[k] for k in telling])
+    every = np.concatenate([samples[k] for k in telling])
     middle, reach = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-9 * np.ptp(every) + 1e-300)
     pulls, normal, right, square, n = [], np.zeros((N_MODES, N_MODES)), np.zeros(N_MODES), 0.0, 0
-    for fit, values in zip(fits, arrays, strict=True):
-        if not len(values):
+    for fit, points_used in zip(fits, samples, strict=True):
+        if not len(points_used):
             pulls.append(np.zeros((len(fit.covariance), N_MODES)))
             continue
-        off, normals = fit.surface.distance(values), fit.surface.normal(values)
-        at = values - off[:, None] * normals  # noise must not displace itself
+        off, normals = fit.surface.distance(points_used), fit.surface.normal(points_used)
+        at = points_used - off[:, None] * normals  # noise must not displace itself
         along = np.einsum("nmi,ni->nm", _displacements(at, middle, reach), normals)
         gradient = fit.gradient(at)
         pull = np.linalg.lstsq(gradient, along, rcond=1e-10)[0]
         pulls.append(pull)
-        if len(values) >= _LEAST_POINTS:
+        if len(points_used) >= _LEAST_POINTS:
             left = along - gradient @ pull
             normal += left.T @ left / fit.inflation
             right += left.T @ off / fit.inflation
-            square, n = square + float(off @ off) / fit.inflation, n + len(values)
+            square, n = square + float(off @ off) / fit.inflation, n + len(points_used)
     amplitude = np.linalg.lstsq(normal, right, rcond=1e-10)[0]
     variance = max(square - float(right @ amplitude), 1e-12 * square) / max(n - N_MODES, 1)
     if variance <= 0:

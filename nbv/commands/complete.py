@@ -110,11 +110,11 @@ def run_complete(shared: Shared, how: CompleteOptions) -> None:
                 journal=journal.part("first"),
             )
         run.watch.enter("save")
-        items = completion_record(completion, verification, observed=how.observed)
-        record = {**items, "warnings": warnings}
+        entry = completion_record(completion, verification, observed=how.observed)
+        record = {**entry, "warnings": warnings}
         building = completion.building()
         decisions = completion.decisions(how.tolerance_m, of=building)
-        lines = placement + lines_of(completion, verification) + lines_of_detail(items["observed_step"])
+        lines = placement + lines_of(completion, verification) + lines_of_detail(entry["observed_step"])
         lines += lines_of_decisions(decisions)
         del verification  # a completion of its own: it is gone before the files are made
         write_model(
@@ -233,12 +233,12 @@ def _lines_of_flattening(completion: Completion) -> list[str]:
     """What flattening did."""
     if not completion.flattened:
         return []
-    items = whole_flattening(completion.flattened)
+    record = whole_flattening(completion.flattened)
     return [
-        f"flattened {count(items['planes'], 'plane')}: ripple {1000 * items['ripple_before_m']:.2f} -> "
-        f"{1000 * items['ripple_after_m']:.2f} mm rms, "
-        f"{count(items['relief_areas'], 'area')} of relief kept; "
-        f"{items['turned_over']} triangles turned over, {items['crossing_anew']} cross others anew"
+        f"flattened {count(record['planes'], 'plane')}: ripple {1000 * record['ripple_before_m']:.2f} -> "
+        f"{1000 * record['ripple_after_m']:.2f} mm rms, "
+        f"{count(record['relief_areas'], 'area')} of relief kept; "
+        f"{record['turned_over']} triangles turned over, {record['crossing_anew']} cross others anew"
     ]
 
 

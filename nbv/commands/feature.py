@@ -128,14 +128,14 @@ def _write(run: Run, features: Features, held: _Input, how: FeatureCommandOption
     write_json(run.path("features.json"), {**features.record(), "asked": list(how.kinds)})
     feature, face = features.of_points()
     colour = surface_bytes(feature)
-    arrays: dict[str, NDArray[Any]] = {
+    record: dict[str, NDArray[Any]] = {
         "feature": _placed(feature, held, 0),
         "face": _placed(face, held, 0),
         "red": _placed(colour[:, 0], held, 0),
         "green": _placed(colour[:, 1], held, 0),
         "blue": _placed(colour[:, 2], held, 0),
     }
-    write_mesh_ply(run.path("features.ply"), _placed(held.points, held, np.nan), held.faces, arrays, _LEGEND)
+    write_mesh_ply(run.path("features.ply"), _placed(held.points, held, np.nan), held.faces, record, _LEGEND)
 
 
 def _placed(values: NDArray[Any], held: _Input, without: float) -> NDArray[Any]:

@@ -107,8 +107,8 @@ def describe_output(path: Path) -> dict[str, Any] | None:
     if describer is None or not path.is_file():
         return None
     with reading(check_file(path), f"a {path.suffix[1:].upper()} file"):
-        items = describer(path)
-        return None if items is None else _ordered(path, items)
+        record = describer(path)
+        return None if record is None else _ordered(path, record)
 
 
 def with_states(held: dict[str, Any]) -> dict[str, Any]:
@@ -122,11 +122,11 @@ def with_states(held: dict[str, Any]) -> dict[str, Any]:
     return {**held, "parts": counts, "warnings": [sentence, *held["warnings"]]}
 
 
-def _ordered(path: Path, items: dict[str, Any]) -> dict[str, Any]:
+def _ordered(path: Path, record: dict[str, Any]) -> dict[str, Any]:
     """Kind and path first, warnings last, all of it plain."""
-    rest = {key: value for key, value in items.items() if key not in ("kind", "warnings")}
-    ends = {"warnings": items.get("warnings", [])}
-    plain = to_plain({"kind": items["kind"], "path": str(path), **rest, **ends})
+    rest = {key: value for key, value in record.items() if key not in ("kind", "warnings")}
+    ends = {"warnings": record.get("warnings", [])}
+    plain = to_plain({"kind": record["kind"], "path": str(path), **rest, **ends})
     return dict(plain)
 
 
@@ -135,8 +135,8 @@ def _json(path: Path) -> dict[str, Any] | None:
     content = read_record(path)
     if content is None:
         return None
-    if (items := describe_manifest(content) or describe_camera(content)) is not None:
-        return items
+    if (record := describe_manifest(content) or describe_camera(content)) is not None:
+        return record
     manifest = manifest_beside(path)
     return None if manifest is None else describe_record(path.name, content, manifest["command"])
 
@@ -147,7 +147,7 @@ def _folder(path: Path) -> dict[str, Any]:
     manifest = describe_manifest(content) if content else None
     if content is None or manifest is None:
         raise InputError(f"{path / 'manifest.json'}: is no manifest of unseen")
-    items = {**manifest, "kind": "output folder"}
+    description = {**manifest, "kind": "output folder"}
     warnings, files = [], []
     for name in manifest["outputs"]:
         file = within_folder(path, name)
@@ -159,11 +159,11 @@ def _folder(path: Path) -> dict[str, Any]:
         if file.suffix == ".json" and (record := read_record(file)) is not None:
             held = describe_record(name, record, manifest["command"])
         if held is not None:
-            items[held.pop("kind")] = held
+            description[held.pop("kind")] = held
     sizes = {entry["name"]: entry["bytes"] for entry in content["outputs"]}
     changed = [name for name in files if (path / name).stat().st_size != sizes[name]]
     warnings += [f"{name} was changed since it was written" for name in changed]
-    return _ordered(path, {**items, "warnings": warnings})
+    return _ordered(path, {**description, "warnings": warnings})
 
 
 def _sensor(path: Path) -> dict[str, Any]:
@@ -206,15 +206,17 @@ def _ply(path: Path) -> dict[str, Any] | None:
     mesh = read_mesh_ply(path)
     values = mesh.vertex_properties
     area = mesh_area(mesh.vertices, mesh.faces)
-    items: dict[str, Any] = {"triangles": len(mesh.faces), "vertices": len(mesh.vertices), "area_m2": area}
-    items["bounds_m"] = [mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] if len(mesh.vertices) else None
+    record: dict[str, Any] = {"triangles": len(mesh.faces), "vertices": len(mesh.vertices), "area_m2": area}
+    record["bounds_m"] = (
+        [mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)] if len(mesh.vertices) else None
+    )
     if "provenance" not in values:
-        return {"kind": "coverage mesh", **items, "properties": list(values)}
+        return {"kind": "coverage mesh", **record, "properties": list(values)}
     inferred = bool((values["provenance"] > 0).all()) and len(mesh.vertices) > 0
     sentences = ["nobody measured this surface: it was inferred"] if inferred else []
     return {
         "kind": "inferred surface" if inferred else "measured surface",
-        **items,
+        **record,
         "surfaces": len(set(values["surface"].tolist()) - {0}),
         "sd_m": {"max": float(values["sd"].max())} if len(values["sd"]) else {},
         "provenance": _counts(values["provenance"], mesh.comments),
@@ -297,9 +299,9 @@ def manifest_beside(path: Path) -> dict[str, Any] | None:
     """Return the described manifest that names a file as an output, None where there is none beside it."""
     for is_folder in (False, True):
         file = manifest_path(path.parent if is_folder else path, is_folder=is_folder)
-        items = describe_manifest(read_record(file) or {}) if file.is_file() else None
-        if items is not None and path.name in items["outputs"]:
-            return items
+        record = describe_manifest(read_record(file) or {}) if file.is_file() else None
+        if record is not None and path.name in record["outputs"]:
+            return record
     return None
 
 
@@ -404,8 +406,8 @@ def _polygons(content: Content) -> dict[str, Any]:
 def _stations(content: Content) -> dict[str, Any]:
     """A tour, and where overlaps were asked after, as many and in how many groups."""
     tour, overlaps = content["tour"], content["overlaps"]
-    items = {"kind": "stations", "stations": len(tour["order"]), "tour_m": tour["length_m"]}
-    return items if overlaps is None else {**items, "overlaps": len(overlaps), "groups": content["groups"]}
+    record = {"kind": "stations", "stations": len(tour["order"]), "tour_m": tour["length_m"]}
+    return record if overlaps is None else {**record, "overlaps": len(overlaps), "groups": content["groups"]}
 
 
 def _fit(content: Content) -> dict[str, Any]:

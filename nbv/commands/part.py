@@ -57,10 +57,10 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         from nbv.report.part_report import part_page
 
         run.report(part_page(part, Path(request.shape).name, flat), request.record())
-        tables = {} if step is None else {"step": step.record()}
-        tables |= {} if closed is None else {"closing": closing_record(closed)}
+        record = {} if step is None else {"step": step.record()}
+        record |= {} if closed is None else {"closing": closing_record(closed)}
         lines = lines_of(part, flat) + ([] if step is None else list(outcome_lines(step)))
-        run.finish({**request.record(), **tables}, {**summary_of(part, flat), **tables}, lines)
+        run.finish({**request.record(), **record}, {**summary_of(part, flat), **record}, lines)
 
 
 def _modelled(

@@ -216,7 +216,7 @@ def ascend(instance: CoverInstance, n_chosen: int, n_steps: int) -> Multipliers:
     for _ in range(n_steps):
         now = _valued(instance, multipliers)
         waited = 0 if now.value > best.value + _GAIN * abs(best.value) else waited + 1
-        best = max(best, now, key=lambda sample: sample.value)
+        best = max(best, now, key=lambda multipliers: multipliers.value)
         if waited > _PATIENCE:
             share, waited = share / 2, 0
             multipliers, direction = best.samples, np.zeros(instance.n_samples)
@@ -272,8 +272,8 @@ def _slope(instance: CoverInstance, at: Multipliers) -> FloatArray:
 @compiled
 def _take_off(starts: Indices, members: Indices, chosen: Indices, values: FloatArray) -> None:
     """Take one off the value of each member of the chosen sets, as often as it is one."""
-    for item in chosen:
-        for at in range(starts[item], starts[item + 1]):
+    for candidate in chosen:
+        for at in range(starts[candidate], starts[candidate + 1]):
             values[members[at]] -= 1.0
 
 
@@ -330,10 +330,10 @@ def _solve(instance: CoverInstance) -> Multipliers | None:
     if solved.x is None:
         return None
     multipliers = np.clip(-solved.ineqlin.marginals[: instance.n_samples], 0.0, 1.0)
-    results = _valued(instance, multipliers)
+    solution = _valued(instance, multipliers)
     if instance.is_full:
-        return results
-    return replace(results, price=max(-float(solved.ineqlin.marginals[-1]), 0.0) / _scale(instance))
+        return solution
+    return replace(solution, price=max(-float(solved.ineqlin.marginals[-1]), 0.0) / _scale(instance))
 
 
 def _feasible(instance: CoverInstance, multipliers: Multipliers) -> FloatArray:
@@ -341,7 +341,7 @@ def _feasible(instance: CoverInstance, multipliers: Multipliers) -> FloatArray:
     if instance.fold > 1 or not instance.is_full:
         return multipliers.samples
     scaled = multipliers.samples / max(1.0, float(multipliers.sums.max()) * (1 + _HAIR))
-    return max(multipliers, _valued(instance, scaled), key=lambda sample: sample.value).samples
+    return max(multipliers, _valued(instance, scaled), key=lambda multipliers: multipliers.value).samples
 
 
 def relaxation(instance: CoverInstance) -> dict[str, Any]:

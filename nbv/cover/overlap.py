@@ -98,8 +98,8 @@ class OverlapGraph:
 
     def links(self, candidate: int) -> Links:
         """Return the overlap (m,) of a candidate with every candidate; it is not linked to itself."""
-        item = self.seen.indices[self.seen.indptr[candidate] : self.seen.indptr[candidate + 1]]
-        sums = self.by_sample[:, item] @ self.terms[item]
+        members = self.seen.indices[self.seen.indptr[candidate] : self.seen.indptr[candidate + 1]]
+        sums = self.by_sample[:, members] @ self.terms[members]
         least = np.minimum(self.areas, self.areas[candidate])
         overlap = np.divide(sums[:, 0], least, out=np.zeros_like(least), where=least > 0)
         stiff = np.zeros_like(least)

@@ -102,7 +102,7 @@ def find_cover(
         bound = LowerBound(certificate.bound(instance), _DUAL)
     else:
         certificate, bound = relaxed.certificate, relaxed.bound
-    results = polish(
+    polished = polish(
         reduced,
         chosen,
         options.polish_steps,
@@ -111,7 +111,7 @@ def find_cover(
         rng=rng,
         progress=progress,
     )
-    smallest = results.chosen
+    smallest = polished.chosen
     may_settle = relaxed is None and reduced.matrix.nnz <= options.exact_entries
     if len(smallest) > bound.views and may_settle:
         exact = solve_exactly(reduced, options.exact_nodes)
@@ -125,8 +125,8 @@ def find_cover(
             is_complete=False,
             bound=bound,
             certificate=certificate,
-            steps=results.steps,
-            was_cut_short=results.was_cut_short,
+            steps=polished.steps,
+            was_cut_short=polished.was_cut_short,
         )
     ordered = by_gain(instance, complete)
     return Cover(
@@ -134,8 +134,8 @@ def find_cover(
         is_complete=True,
         bound=bound,
         certificate=certificate,
-        steps=results.steps,
-        was_cut_short=results.was_cut_short,
+        steps=polished.steps,
+        was_cut_short=polished.was_cut_short,
     )
 
 

@@ -58,9 +58,9 @@ def unreachable_patches(coverage: Coverage) -> tuple[UnreachablePatch, ...]:
     for surface, reason in sorted(set(zip(samples.surface[away], coverage.reason[away], strict=True))):
         here = away[(samples.surface[away] == surface) & (coverage.reason[away] == reason)]
         for part in _connected(samples.points[here], float(np.sqrt(samples.areas[here].max()))):
-            item = here[part]
-            area = float(samples.areas[item].sum())
-            centre = samples.points[item].mean(axis=0)
+            members = here[part]
+            area = float(samples.areas[members].sum())
+            centre = samples.points[members].mean(axis=0)
             name = coverage.surface_names[surface]
             patches.append(UnreachablePatch(int(surface), name, REASONS[reason], area, centre))
     return tuple(sorted(patches, key=lambda patch: -patch.area_m2))

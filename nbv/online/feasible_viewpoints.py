@@ -75,8 +75,8 @@ def _pairs(points: FloatArray, reach_m: float) -> tuple[NDArray[np.int64], NDArr
     """Pairs of points (n, 3) no farther apart than `reach_m` along the ground."""
     if not len(points):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    item = cKDTree(points[:, :2]).query_pairs(reach_m, output_type="ndarray").astype(np.int64)
-    return item[:, 0], item[:, 1]
+    pairs = cKDTree(points[:, :2]).query_pairs(reach_m, output_type="ndarray").astype(np.int64)
+    return pairs[:, 0], pairs[:, 1]
 
 
 def _footing(

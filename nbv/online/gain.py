@@ -405,7 +405,7 @@ def best_view(
         return None
     few = targets.thinned(n_most)
     if expected is not None:
-        few, targets = (item.some(~item.is_unknown) for item in (few, targets))
+        few, targets = (surfels.some(~surfels.is_unknown) for surfels in (few, targets))
     # what each position sees in any direction, and the pose whose aperture holds most of it
     sees = partial(
         seen_from, boundary=boundary, required_cosine=required_cosine, sensor=sensor, expected=expected

@@ -123,9 +123,9 @@ def _slope(
     if both and sigma_m > 0:
         apart = 0.0
         for k in range(3):
-            item = _point(points, row, column, axis, 2 * half, k) - points[row, column, k]
+            edge_step = _point(points, row, column, axis, 2 * half, k) - points[row, column, k]
             other = points[row, column, k] - _point(points, row, column, axis, -2 * half, k)
-            apart += (item - other) ** 2
+            apart += (edge_step - other) ** 2
         both = np.sqrt(apart) < _SAME * sigma_m
     else:
         both = False
@@ -288,7 +288,7 @@ def _index_of(
     points: FloatArray, origin: FloatArray, shape: tuple[int, int, int], voxel_m: float
 ) -> NDArray[np.int64]:
     """Voxel number (n,) of points (n, 3); -1 outside or where not finite."""
-    hits = np.full(len(points), -1, np.int64)
+    indices = np.full(len(points), -1, np.int64)
     for n in range(len(points)):
         number, inside = 0, True
         for axis in range(3):
@@ -298,8 +298,8 @@ def _index_of(
                 break
             number = number * shape[axis] + int(cell)
         if inside:
-            hits[n] = number
-    return hits
+            indices[n] = number
+    return indices
 
 
 _SIDES = 6

@@ -227,7 +227,7 @@ def plan_stations(
             there = chosen[second]
             if link.linked[there]:
                 pairs.append(Overlap(first, second, float(link.overlap[there]), float(link.stiffness[there])))
-    linked = np.array([item.linked for item in links]).reshape(len(chosen), problem.candidates.n_poses)
+    linked = np.array([link.linked for link in links]).reshape(len(chosen), problem.candidates.n_poses)
     poses = [problem.candidates.pose(candidate) for candidate in chosen]
     tour = problem.tour(poses, first=0 if begins_at_first else None)
     return Stations(tour, tuple(pairs), len(set(components(linked, chosen))))

@@ -72,7 +72,7 @@ def grid_places(site: Site, step_m: float = GRID_M) -> FloatArray:
     Each room's grid lies in the middle of its floor's extent; a room that no point of it falls in has its
     middle.
     """
-    columns, arrays = site.rooms.floors.columns, []
+    columns, places = site.rooms.floors.columns, []
     for room in _asked(site):
         spans = np.flatnonzero(site.rooms.room == room.number)
         floor = columns.places(columns.cell[spans])
@@ -86,26 +86,26 @@ def grid_places(site: Site, step_m: float = GRID_M) -> FloatArray:
         off, nearest = cKDTree(floor).query(points)
         on = off <= 1.5 * columns.cell_m
         here = np.column_stack([points[on], columns.bottom[spans[nearest[on]]]])
-        arrays.append(here if len(here) else np.array([room.place]))
-    return np.vstack(arrays)
+        places.append(here if len(here) else np.array([room.place]))
+    return np.vstack(places)
 
 
 def room_and_doorway_places(site: Site) -> FloatArray:
     """Return the middles of the rooms asked for, and of the doorways between two of them (k, 3), metres."""
     rooms, columns = site.rooms, site.rooms.floors.columns
-    arrays = [np.array([room.place for room in _asked(site)])]
+    places_found = [np.array([room.place for room in _asked(site)])]
     links = rooms.floors.links[np.isin(rooms.room[rooms.floors.links], site.chosen).all(axis=1)]
     pair = np.sort(rooms.room[links], axis=1)
     links, pair = links[pair[:, 0] < pair[:, 1]], pair[pair[:, 0] < pair[:, 1]]
-    for item in np.unique(pair, axis=0):
-        sides = links[(pair == item).all(axis=1)]
+    for room_pair in np.unique(pair, axis=0):
+        sides = links[(pair == room_pair).all(axis=1)]
         ends = [np.column_stack([columns.places(columns.cell[s]), columns.bottom[s]]) for s in sides.T]
         places = (ends[0] + ends[1]) / 2
         near = cKDTree(places).query_pairs(_ONE_DOORWAY_M, output_type="ndarray")
         graph = coo_array((np.ones(len(near), np.int8), near.T), shape=(len(places),) * 2)
         n, of = connected_components(graph, directed=False)
-        arrays += [places[of == k].mean(axis=0)[None] for k in range(n)]
-    return np.vstack(arrays)
+        places_found += [places[of == k].mean(axis=0)[None] for k in range(n)]
+    return np.vstack(places_found)
 
 
 RULES: Mapping[str, Callable[[Site], FloatArray]] = {

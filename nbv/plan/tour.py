@@ -259,12 +259,12 @@ def _walkable(columns: Columns) -> tuple[FloatArray, FloatArray, float]:
 
 def _floor_below(columns: Columns, sensors: FloatArray) -> FloatArray:
     """Height (n,) of what lies below each sensor (n, 3), metres; its own where nothing does."""
-    values = sensors[:, 2].copy()
+    heights = sensors[:, 2].copy()
     for k, cell in enumerate(columns.cells_of(sensors[:, :2]).tolist()):
         spans = np.arange(columns.start[cell], columns.start[cell + 1]) if cell >= 0 else np.zeros(0, int)
         below = columns.bottom[spans][columns.bottom[spans] < sensors[k, 2]]
-        values[k] = below.max(initial=-np.inf) if len(below) else values[k]
-    return values
+        heights[k] = below.max(initial=-np.inf) if len(below) else heights[k]
+    return heights
 
 
 def _room_around(
@@ -278,8 +278,8 @@ def _room_around(
     room = np.full(len(flat), np.inf)
     points = points[np.argsort(points[:, 2], kind="stable")]
     level = np.rint(floor / _LEVEL_M)
-    for item in np.unique(level):
-        here = np.flatnonzero(level == item)
+    for level_number in np.unique(level):
+        here = np.flatnonzero(level == level_number)
         band = np.searchsorted(points[:, 2], [floor[here].max() + STEP_M, floor[here].min() + HEADROOM_M])
         among = points[band[0] : band[1], :2]
         reach = clearance_m + enough_m

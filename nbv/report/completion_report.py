@@ -55,13 +55,13 @@ def flattening_sections(completion: Completion) -> tuple[Section, ...]:
     scans = completion.flattened
     if not scans:
         return ()
-    items = whole_flattening(scans)
+    record = whole_flattening(scans)
     text = (
-        f"{count(items['planes'], 'plane was', 'planes were')} flattened along the rays of their pixels, in "
+        f"{count(record['planes'], 'plane was', 'planes were')} flattened along the rays of their pixels, in "
         f"observed.ply and completed.glb; what is inferred does not depend on it. Ripple fell from "
-        f"{1000 * items['ripple_before_m']:.2f} to {1000 * items['ripple_after_m']:.2f} mm rms, "
-        f"{count(items['relief_areas'], 'area')} of relief stayed. {items['turned_over']} triangles turned "
-        f"over, {items['crossing_anew']} cross others that they did not cross."
+        f"{1000 * record['ripple_before_m']:.2f} to {1000 * record['ripple_after_m']:.2f} mm rms, "
+        f"{count(record['relief_areas'], 'area')} of relief stayed. {record['turned_over']} triangles turned "
+        f"over, {record['crossing_anew']} cross others that they did not cross."
     )
     rows = [
         FlatRow(f"{surface.label}" + (f", scan {scan}" if len(scans) > 1 else ""), surface.label, surface)
@@ -75,10 +75,9 @@ def flattening_sections(completion: Completion) -> tuple[Section, ...]:
 def _gallery(completion: Completion, scan: int) -> Block:
     """Heights over their planes of the pixels of a scan, from 0, before and after."""
     seen, owner, flat = completion.observations[scan], completion.owners[scan], completion.flattened[scan]
-    done = [flat_surface for flat_surface in flat.surfaces if flat_surface.is_flattened]
+    done = [surface for surface in flat.surfaces if surface.is_flattened]
     most_m = max(
-        _SHOWN_SD * float(np.median([flat_surface.ripple_sd_m for flat_surface in done])) if done else 0.0,
-        _LEAST_M,
+        _SHOWN_SD * float(np.median([surface.ripple_sd_m for surface in done])) if done else 0.0, _LEAST_M
     )
     before, after = (np.full(owner.shape, np.nan) for _ in range(2))
     for surface in done:
@@ -155,8 +154,8 @@ def completion_page(
 
 def feature_sections(completion: Completion) -> tuple[Section, ...]:
     """Return a section on the openings that were fitted whole; none where none was accepted or in doubt."""
-    fits = [fit for fit in completion.features if fit.status is not Status.NONE]
-    if not fits:
+    sections = [fit for fit in completion.features if fit.status is not Status.NONE]
+    if not sections:
         return ()
     return (Section("Doorways and windows", feature_blocks(completion.features)),)
 

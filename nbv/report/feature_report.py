@@ -32,8 +32,8 @@ def feature_blocks(fits: Sequence[TemplateFit]) -> tuple[Text | Table, ...]:
     if not fits:
         return (Text("None was proposed."),)
     refused = [fit for fit in fits if fit.status is Status.NONE]
-    template_fit = [fit for fit in fits if fit.status is not Status.NONE][:_MOST_ROWS]
-    shown = [*template_fit, *refused[:_MOST_REFUSED]]
+    blocks = [fit for fit in fits if fit.status is not Status.NONE][:_MOST_ROWS]
+    shown = [*blocks, *refused[:_MOST_REFUSED]]
     rows = tuple(_row(fits.index(fit) + 1, fit) for fit in shown)
     columns = ("Feature", "Status", "Size", "Sides seen", "Not seen", "#evidence, nats", "#false", "Why")
     left = len(fits) - len(shown)
@@ -142,21 +142,23 @@ def point_shots(points: FloatArray, features: Features) -> tuple[Picture, ...]:
         return ()
     feature, _ = features.of_points()
     step = max(1, len(points) // _MOST_POINTS)
-    values, colour = points[::step], surface_bytes(feature[::step])
+    points_shown, colour = points[::step], surface_bytes(feature[::step])
     colour = np.where(feature[::step, None] > 0, colour, np.uint8(170))
-    middle = values.mean(axis=0)
-    axes = np.linalg.svd((values - middle)[:: max(1, len(values) // 20_000)], full_matrices=False)[2]
+    middle = points_shown.mean(axis=0)
+    axes = np.linalg.svd(
+        (points_shown - middle)[:: max(1, len(points_shown) // 20_000)], full_matrices=False
+    )[2]
     shots = []
     for first, second, word in ((0, 1, "from its broadest side"), (0, 2, "from aside")):
         view = axes[[first, second]]
-        flat = (values - middle) @ view.T
+        flat = (points_shown - middle) @ view.T
         low, high = flat.min(axis=0), flat.max(axis=0)
         scale = 0.94 * _SIDE / max(float((high - low).max()), 1e-12)
         shape = np.maximum(np.ceil((high - low) * scale).astype(int) + 40, 60)
         image = np.full((shape[1], shape[0], 3), 255, np.uint8)
 
         at = _projection(middle, view, low, scale, height=int(shape[1]))
-        place = at(values)
+        place = at(points_shown)
         order = np.argsort(feature[::step], kind="stable")
         image[place[order, 1], place[order, 0]] = colour[order]
         for fit in features.fits:

@@ -98,7 +98,7 @@ def height_pictures(
     """
     drawings = [PartDrawing(mesh, place, _opaque(height_colours(heights, most_m))[mesh.faces])
                 for heights in (before, after)]  # fmt: skip
-    camera = _best(drawings[0], [item for height in _HEIGHTS_DEG for item in drawings[0].cameras(height)])
+    camera = _best(drawings[0], [camera for height in _HEIGHTS_DEG for camera in drawings[0].cameras(height)])
     scale = f"{-1000 * most_m:.2g} mm (blue) to {1000 * most_m:.2g} mm (red) over each plane"
     return (
         drawings[0].picture(camera, "As measured", f"{scale}; grey is no plane."),
@@ -159,7 +159,7 @@ def relation_graph(graph: RelationGraph, names: Sequence[int], places: Sequence[
                 round_ = np.linspace(angle[numbers[0]], angle[numbers[-1]], 40)
                 axes.plot(1.2 * np.sin(round_), 1.2 * np.cos(round_), color=theme.faint, linewidth=3,
                           solid_capstyle="round")  # fmt: skip
-        for relation in sorted(graph.relations, key=lambda item: item.status is Status.ACCEPTED):
+        for relation in sorted(graph.relations, key=lambda relation: relation.status is Status.ACCEPTED):
             colour = _colour(relation, theme)
             if colour:
                 for index, two in _lines(relation):
@@ -206,11 +206,11 @@ def _of(name: str, theme: Theme) -> str:
     return name if name.startswith("#") else str(getattr(theme, name))
 
 
-def _connect(axes: Axes, values: FloatArray, two: FloatArray, colour: str, status: Status) -> None:
+def _connect(axes: Axes, first: FloatArray, two: FloatArray, colour: str, status: Status) -> None:
     """A line that bends towards the middle."""
     share = np.linspace(0, 1, 30)[:, None]
-    middle = (1 - _PULL) * (values + two) / 2
-    way = (1 - share) ** 2 * values + 2 * share * (1 - share) * middle + share**2 * two
+    middle = (1 - _PULL) * (first + two) / 2
+    way = (1 - share) ** 2 * first + 2 * share * (1 - share) * middle + share**2 * two
     is_accepted, is_rejected = status is Status.ACCEPTED, status is Status.REJECTED
     axes.plot(
         *way.T,
@@ -309,17 +309,17 @@ def _flat_blocks(part: Part, flat: FlatPart) -> tuple[Block, ...]:
     point = shown.vertex
     before, after = np.full(len(point), np.nan), np.full(len(point), np.nan)
     for surface in flat.surfaces:
-        item, plane = (
+        is_member, plane = (
             flat.surface[point] == surface.label,
             part.fits[part.labels.index(surface.label)].surface,
         )
-        before[item] = plane.distance(part.points[point[item]])
-        after[item] = plane.distance(flat.points[point[item]])
-    done = [flat_surface.ripple_sd_m for flat_surface in flat.surfaces if flat_surface.is_flattened]
+        before[is_member] = plane.distance(part.points[point[is_member]])
+        after[is_member] = plane.distance(flat.points[point[is_member]])
+    done = [surface.ripple_sd_m for surface in flat.surfaces if surface.is_flattened]
     most_m = _SHOWN_SD * max(float(np.median(done)), 1e-9)
     rows = [
-        FlatRow(str(flat_surface.label), part.labels.index(flat_surface.label) + 1, flat_surface)
-        for flat_surface in flat.surfaces
+        FlatRow(str(surface.label), part.labels.index(surface.label) + 1, surface)
+        for surface in flat.surfaces
     ]
     what, most = "points" if part.faces is None else "vertices", millimetres(float(flat.moved_m.max()))
     text = f"{int((flat.moved_m > 0).sum())} {what} were moved, by {most} mm at most."
@@ -374,14 +374,14 @@ def _surface_blocks(part: Part) -> tuple[Block, ...]:
 
 def size_text(fit: SurfaceFit) -> str:
     """Radii and half angle of a surface with their standard deviations, in words."""
-    values, surface = fit.parameter_deviations(), fit.surface
+    deviations, surface = fit.parameter_deviations(), fit.surface
     parts = []
     for name, short in (("radius", "R"), ("tube_radius", "r")):
         if hasattr(surface, name):
-            parts.append(f"{short} {_with_sd(1000 * getattr(surface, name), 1000 * values[name])}")
+            parts.append(f"{short} {_with_sd(1000 * getattr(surface, name), 1000 * deviations[name])}")
     if hasattr(surface, "half_angle"):
         angle = float(np.degrees(surface.half_angle))
-        parts.append(f"{_with_sd(angle, values['half_angle_deg'])}\u00b0")
+        parts.append(f"{_with_sd(angle, deviations['half_angle_deg'])}\u00b0")
     return ", ".join(parts)
 
 

@@ -98,9 +98,9 @@ def alternative_plan(pair: PairVerdict, number: int, places: Sequence[FloatArray
     pose = composed(world, pair.alternatives[number])
 
     def draw(axes: Axes, theme: Theme) -> None:
-        for scan, values in ((first, world), (second, pose)):
-            _dots(axes, places[scan], values, surface_colour(scan + 1))
-            _station(axes, theme, scan, values)
+        for scan, pose_here in ((first, world), (second, pose)):
+            _dots(axes, places[scan], pose_here, surface_colour(scan + 1))
+            _station(axes, theme, scan, pose_here)
         _label(axes)
 
     return drawn_plot(draw, _SMALL)
@@ -194,9 +194,7 @@ def _plans(
 
 def _alternatives(registration: Registered, scans: Sequence[RangeImage]) -> Iterator[Block]:
     """The poses that pairs in doubt may have, from above."""
-    doubtful = [
-        verdict for verdict in registration.pairs if verdict.verdict in (Verdict.AMBIGUOUS, Verdict.SLIDES)
-    ]
+    doubtful = [pair for pair in registration.pairs if pair.verdict in (Verdict.AMBIGUOUS, Verdict.SLIDES)]
     places = [registration.places_of(scan) for scan in range(len(scans))]
     for pair in doubtful[:_MOST_DOUBTFUL]:
         world = scans[pair.scans[0]].world_from_sensor.matrix[:3]

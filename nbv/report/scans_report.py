@@ -122,9 +122,9 @@ def state_pictures(coverage: ScanCoverage, state: StateMesh, n_threads: int | No
     for side, camera in zip(("one side", "the other side"), cameras, strict=True):
         layer = canvas.look(camera, camera.shape(_WIDTH))
         hit, shade = layer.hit, canvas.shade(layer)
-        hits = np.full(hit.shape, -1, np.int64)
-        hits[hit] = mesh.face_surface[layer.face[hit]]
-        image = mark_hatched(paint_states(hits, shade, dict(enumerate(_COLOURS))), hits == SHADOW)
+        vertex_of = np.full(hit.shape, -1, np.int64)
+        vertex_of[hit] = mesh.face_surface[layer.face[hit]]
+        image = mark_hatched(paint_states(vertex_of, shade, dict(enumerate(_COLOURS))), vertex_of == SHADOW)
         pictures.append(picture_of(image, f"Measured, inferred, hidden: from {side}."))
     return tuple(pictures)
 

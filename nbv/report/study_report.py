@@ -97,7 +97,7 @@ def views_needed(groups: Sequence[Group], share: float, planners: Sequence[str])
 
 def _telling(setting: tuple[str, str, str], all_of_them: Sequence[tuple[str, str, str]]) -> list[str]:
     """Return the parts of a setting that are not the same in all, or the scene where all are."""
-    parts = [part for k, part in enumerate(setting) if len({texts[k] for texts in all_of_them}) > 1]
+    parts = [part for k, part in enumerate(setting) if len({names[k] for names in all_of_them}) > 1]
     return parts or [setting[0]]
 
 
@@ -166,8 +166,8 @@ def _summary(groups: Sequence[Group], share: float) -> str:
     """Tell for each planner the median of views over all that it planned."""
     parts = []
     for planner in dict.fromkeys(group.planner for group in groups):
-        arrays = [group.views_to(share) for group in groups if group.planner == planner]
-        views = np.concatenate(arrays) if arrays else np.zeros(0)
+        view_counts = [group.views_to(share) for group in groups if group.planner == planner]
+        views = np.concatenate(view_counts) if view_counts else np.zeros(0)
         if len(views):
             middle = float(np.median(views))
             parts.append(f"{planner} {f'{middle:g}' if np.isfinite(middle) else 'never'}")

@@ -30,8 +30,8 @@ def version_of(distribution: str) -> str:
 
 def versions() -> dict[str, str]:
     """Return the versions that results depend on: ours, Python's, and those of the numeric packages."""
-    texts = {"unseen": version_of("unseen"), "python": platform.python_version()}
-    return texts | {name: version_of(name) for name in _PACKAGES}
+    versions_here = {"unseen": version_of("unseen"), "python": platform.python_version()}
+    return versions_here | {name: version_of(name) for name in _PACKAGES}
 
 
 def sha256_of(path: Path) -> str:
@@ -60,15 +60,15 @@ class Inputs:
 
         Names have no folders: a report is the same wherever its inputs lie.
         """
-        pairs = []
+        digests = []
         for record in self.records:
             name = Path(record["input"]).name
             if "sha256" in record:
-                pairs.append((name, record["sha256"]))
+                digests.append((name, record["sha256"]))
             elif "files" in record:
                 lines = "".join(f"{file['sha256']}  {file['name']}\n" for file in record["files"])
-                pairs.append((f"{name}/", hashlib.sha256(lines.encode()).hexdigest()))
-        return tuple(dict.fromkeys(pairs))
+                digests.append((f"{name}/", hashlib.sha256(lines.encode()).hexdigest()))
+        return tuple(dict.fromkeys(digests))
 
     def key(self, options: Mapping[str, Any], seed: int) -> str:
         """Return what tells a run by what it is made of: the SHA-256 of versions, inputs, options, seed."""

@@ -220,7 +220,7 @@ class _Shares:
         now, known = time.monotonic(), self._known()
         if known > self._n_steps:
             self._n_steps, self._n_dead = known, 0
-        for address in [text for text in self._tasks if text not in there]:
+        for address in [task for task in self._tasks if task not in there]:
             self._lost(self._tasks.pop(address)[0])
             self._n_dead += 1
         if there:
@@ -242,8 +242,8 @@ class _Shares:
         """Tell whether one has come to its end, after a moment where none has; raise what went wrong."""
         ended = [task for _, task in self._tasks.values() if task.status in ("finished", "error")]
         for task in ended:
-            if item := task.result():
-                raise InputError(item)
+            if message := task.result():
+                raise InputError(message)
         if not ended:
             time.sleep(_TELL_S)
         return bool(ended)
@@ -301,10 +301,12 @@ def _lost(distributed: ModuleType) -> tuple[type[BaseException], ...]:
 
 def _check_versions(client: Any, address: str) -> None:
     """Raise where a worker has other versions than we."""
-    texts = versions()
-    for worker, item in client.run(versions).items():
+    versions_here = versions()
+    for worker, remote_versions in client.run(versions).items():
         differ = [
-            f"{name} {item.get(name)} for {mine}" for name, mine in texts.items() if item.get(name) != mine
+            f"{name} {remote_versions.get(name)} for {mine}"
+            for name, mine in versions_here.items()
+            if remote_versions.get(name) != mine
         ]
         if differ:
             raise InputError(

@@ -300,16 +300,16 @@ def named_effects(name: str) -> Effects:
     """
     if name in _NAMED:
         return _NAMED[name]
-    if values := _numbers(r"gaussian-#mm", name):
-        return Effects(noise=ConstantNoise(constant_m=values[0] / 1e3))
-    if values := _numbers(r"constant-#mm-#ppm", name):
-        return Effects(noise=ConstantNoise(constant_m=values[0] / 1e3, ppm=values[1]))
-    if values := _numbers(r"stereo-#px-#px-#mm", name):
+    if effects := _numbers(r"gaussian-#mm", name):
+        return Effects(noise=ConstantNoise(constant_m=effects[0] / 1e3))
+    if effects := _numbers(r"constant-#mm-#ppm", name):
+        return Effects(noise=ConstantNoise(constant_m=effects[0] / 1e3, ppm=effects[1]))
+    if effects := _numbers(r"stereo-#px-#px-#mm", name):
         return Effects(
-            noise=StereoNoise(subpixel_px=values[0], focal_px=values[1], baseline_m=values[2] / 1e3)
+            noise=StereoNoise(subpixel_px=effects[0], focal_px=effects[1], baseline_m=effects[2] / 1e3)
         )
-    if values := _numbers(r"terrestrial-#mm-#mm", name):
-        return Effects(noise=TerrestrialNoise(constant_m=values[0] / 1e3, signal_per_m=values[1] / 1e3))
+    if effects := _numbers(r"terrestrial-#mm-#mm", name):
+        return Effects(noise=TerrestrialNoise(constant_m=effects[0] / 1e3, signal_per_m=effects[1] / 1e3))
     raise InputError(
         f"no noise model named {name!r}; there are {', '.join(_NAMED)}, {PROFILE} (the sensor's own), "
         "gaussian-<n>mm, constant-<n>mm-<n>ppm, stereo-<n>px-<focal>px-<baseline>mm, terrestrial-<n>mm-<n>mm"

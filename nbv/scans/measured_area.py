@@ -120,17 +120,11 @@ class MeasuredCells:
 
         As required it is measured where `k` of them did so.
         """
-        every, which = np.unique(
-            np.concatenate([measured_cells.keys for measured_cells in cells]), return_inverse=True
-        )
+        every, which = np.unique(np.concatenate([cells.keys for cells in cells]), return_inverse=True)
         most = _MOST * grid.voxel_m**2
         whole = np.zeros(len(every))
-        np.maximum.at(
-            whole,
-            which,
-            np.minimum(np.concatenate([measured_cells.whole_m2 for measured_cells in cells]), most),
-        )
-        good = np.minimum(np.concatenate([measured_cells.met_m2 for measured_cells in cells]), most)
+        np.maximum.at(whole, which, np.minimum(np.concatenate([cells.whole_m2 for cells in cells]), most))
+        good = np.minimum(np.concatenate([cells.met_m2 for cells in cells]), most)
         return cls(every, np.minimum(_kth_largest(which, good, len(every), k), whole), whole)
 
     @property

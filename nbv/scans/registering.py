@@ -156,7 +156,7 @@ def placement_told(registration: Registered, group: Network, names: Sequence[str
         covariance for covariance in covariances if covariance is not None and np.isfinite(covariance).all()
     ]
     shifts, turns = (
-        [float(np.sqrt(max(np.linalg.eigvalsh(values[part, part])[-1], 0.0))) for values in known]
+        [float(np.sqrt(max(np.linalg.eigvalsh(covariance[part, part])[-1], 0.0))) for covariance in known]
         for part in (slice(3, 6), slice(0, 3))
     )
     sentence = f"placed    {count(len(others), 'scan')} to {names[first]}"
@@ -192,17 +192,17 @@ def _why_alone(registration: Registered, scan: int) -> str:
 
 def doubts_of_poses(registration: Registered, names: Sequence[str]) -> list[str]:
     """What is not known of the poses, a sentence each."""
-    sentences = []
+    doubts = []
     if registration.level is None:
-        sentences += [
-            f"{names[verdict.scans[0]]} and {names[verdict.scans[1]]}: {verdict.reason}"
-            for verdict in registration.pairs
-            if verdict.verdict is Verdict.AMBIGUOUS
+        doubts += [
+            f"{names[pair.scans[0]]} and {names[pair.scans[1]]}: {pair.reason}"
+            for pair in registration.pairs
+            if pair.verdict is Verdict.AMBIGUOUS
         ]
-        return sentences + ([] if registration.checked is None else pose_doubts(registration.checked, names))
+        return doubts + ([] if registration.checked is None else pose_doubts(registration.checked, names))
     for number, name in enumerate(names):
         if registration.group_of(number) is None:
-            sentences.append(f"{name} has no pose: {_why_alone(registration, number)}")
+            doubts.append(f"{name} has no pose: {_why_alone(registration, number)}")
     for network in registration.groups:
         for scan in list(network.group.poses)[1:]:
             covariance = registration.covariance_of(scan)
@@ -210,15 +210,15 @@ def doubts_of_poses(registration: Registered, names: Sequence[str]) -> list[str]
                 continue
             largest = float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:]).max()))
             if largest > 0.05:
-                sentences.append(
+                doubts.append(
                     f"{names[scan]}: its pose is known to {100 * largest:.0f} cm only in one direction"
                 )
     for pair in registration.pairs:
         if pair.verdict is Verdict.REGISTERED and pair.violations > _NOTICED:
             first, second = (names[number] for number in pair.scans)
-            sentences.append(
+            doubts.append(
                 f"{first} and {second} are placed together, but beams contradict "
                 f"{100 * pair.violations:.1f} % of what they share: things were moved between them, or "
                 "they are two places that look alike"
             )
-    return sentences
+    return doubts

@@ -91,12 +91,12 @@ def cover_by_scans(
     everywhere.
     """
     requirement, grid = requirement or Requirement(), scan_map.voxels.grid
-    cells, arrays = list[MeasuredCells](), list[FloatArray]()
+    cells, areas = list[MeasuredCells](), list[FloatArray]()
     for number, scan in enumerate(scan_map.scans):
         pixels = PixelQuality.of(scan, requirement, grid.voxel_m / 2)
         cells.append(MeasuredCells.of_scan(scan, pixels, grid, zones))
         if completion is not None:
-            arrays.append(_measured_of_surfaces(completion, pixels, number, scan.shape))
+            areas.append(_measured_of_surfaces(completion, pixels, number, scan.shape))
     surface = None if completion is None else display_mesh(completion)
     stood = np.array([scan.origin for scan in scan_map.scans])
     unseen = UnseenBoundary.of(scan_map.voxels, surface, zones, stood, scan_map.clearance_m)
@@ -108,9 +108,9 @@ def cover_by_scans(
         measured=growth[-1].total,
         unseen=unseen,
         completion=completion,
-        surfaces=() if completion is None else _recognised(completion, arrays),
+        surfaces=() if completion is None else _recognised(completion, areas),
         rooms=room_coverage(scan_map, growth[-1], unseen, completion),
-        growth=tuple(measured_cells.total for measured_cells in growth),
+        growth=tuple(cells.total for cells in growth),
     )
 
 

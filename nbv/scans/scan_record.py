@@ -57,9 +57,11 @@ class ScanRecord:
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `plan.json`."""
-        items = {name: getattr(self, name) for name in ("expected_m2", "settled_m2", "measured_m2", "met_m2")}
-        none = None if self.said is None else asdict(self.said)
-        return {"world_from_sensor": self.pose.matrix.tolist(), "said": none, **items}
+        record = {
+            name: getattr(self, name) for name in ("expected_m2", "settled_m2", "measured_m2", "met_m2")
+        }
+        station_before = None if self.said is None else asdict(self.said)
+        return {"world_from_sensor": self.pose.matrix.tolist(), "said": station_before, **record}
 
 
 def record_scans(coverage: ScanCoverage, sentence: Sequence[Said | None] = ()) -> tuple[ScanRecord, ...]:
@@ -143,7 +145,7 @@ def said_before(path: Path, poses: Sequence[Pose]) -> tuple[Said | None, ...]:
             standings.append(record[number])
             continue
         away = {station: float(np.linalg.norm(place - pose.translation)) for station, place in left.items()}
-        station = min(away, key=lambda index: away[index], default=0)
+        station = min(away, key=lambda number: away[number], default=0)
         if not station or away[station] > _NEAR_M:
             standings.append(None)
             continue
@@ -155,7 +157,8 @@ def said_before(path: Path, poses: Sequence[Pose]) -> tuple[Said | None, ...]:
 def _number_of(pose: Pose, among: Sequence[Pose]) -> int | None:
     """Number of the pose that is the same as this, None for none."""
     return next(
-        (k for k, item in enumerate(among) if np.allclose(item.matrix, pose.matrix, atol=_SAME)), None
+        (k for k, other_pose in enumerate(among) if np.allclose(other_pose.matrix, pose.matrix, atol=_SAME)),
+        None,
     )
 
 

@@ -71,19 +71,19 @@ class SeenRooms:
 
         It is the room of the nearest floor below, of the highest storey that has any within a metre beside.
         """
-        columns, hits = self.rooms.floors.columns, np.zeros(len(places), np.int32)
+        columns, room_numbers = self.rooms.floors.columns, np.zeros(len(places), np.int32)
         storey = np.array([0, *(room.storey for room in self.rooms.rooms)])[self.rooms.room]
         for number in range(int(storey.max(initial=0)), 0, -1):
             spans = np.flatnonzero(storey == number)
             if not len(spans):
                 continue
             above = places[:, 2] >= columns.bottom[spans].min() - _BELOW_M
-            left = np.flatnonzero((hits == 0) & above)
+            left = np.flatnonzero((room_numbers == 0) & above)
             tree = cKDTree(columns.places(columns.cell[spans]))
             away, nearest = tree.query(places[left, :2], distance_upper_bound=_BESIDE_M)
             near = np.isfinite(away)
-            hits[left[near]] = self.rooms.room[spans[nearest[near]]]
-        return hits
+            room_numbers[left[near]] = self.rooms.room[spans[nearest[near]]]
+        return room_numbers
 
     def chosen(self, site: SiteOptions) -> tuple[tuple[int, ...], list[str]]:
         """Return the numbers of the rooms that are asked for, and what is to be said of it.

@@ -96,7 +96,7 @@ class Outcome:
 
     def row(self) -> dict[str, Any]:
         """Return the row of the results, by `COLUMNS`."""
-        values = {
+        figures = {
             "total_m2": self.total_m2,
             "reachable": self.reachable,
             "met": float(self.met[-1]) if self.n_views else 0.0,
@@ -113,7 +113,7 @@ class Outcome:
             **self.case.settings(),
             "n_candidates": self.n_candidates,
             "n_samples": self.n_samples,
-            **(dict.fromkeys(values) if self.error else values),
+            **(dict.fromkeys(figures) if self.error else figures),
             **{f"views_to_{100 * share:.0f}": self.views_to(share) for share in SHARES},
             "lower_bound": self.lower_bound,
             "tour_m": self.tour_m,
@@ -182,18 +182,18 @@ class Group:
 
     def values(self, name: str) -> FloatArray:
         """Values (n,) of a column of the results; nan for none."""
-        items = [outcome.row()[name] for outcome in self.outcomes]
-        return np.array([np.nan if value is None else value for value in items], dtype=np.float64)
+        column = [outcome.row()[name] for outcome in self.outcomes]
+        return np.array([np.nan if value is None else value for value in column], dtype=np.float64)
 
     def curves(self) -> FloatArray:
         """Share of the reachable area (n, n_most + 1) measured before the first and after each view.
 
         A plan that has ended stays where it was.
         """
-        arrays = [outcome.of_reachable for outcome in self.outcomes]
-        n_most = max((len(curve) for curve in arrays), default=1)
-        padded = [np.concatenate([curve, np.full(n_most - len(curve), curve[-1])]) for curve in arrays]
-        return np.array(padded).reshape(len(arrays), n_most)
+        curves = [outcome.of_reachable for outcome in self.outcomes]
+        n_most = max((len(curve) for curve in curves), default=1)
+        padded = [np.concatenate([curve, np.full(n_most - len(curve), curve[-1])]) for curve in curves]
+        return np.array(padded).reshape(len(curves), n_most)
 
 
 def groups_of(outcomes: Sequence[Outcome]) -> tuple[Group, ...]:
@@ -206,8 +206,8 @@ def groups_of(outcomes: Sequence[Outcome]) -> tuple[Group, ...]:
     return tuple(
         Group(
             *key,
-            outcomes=tuple(item for item in member if not item.error),
-            n_failed=sum(bool(item.error) for item in member),
+            outcomes=tuple(outcome for outcome in member if not outcome.error),
+            n_failed=sum(bool(outcome.error) for outcome in member),
         )
         for key, member in members.items()
     )

@@ -117,17 +117,17 @@ def _air_before(
     It is that of the nearest of the lines around to which nothing stands between.
     """
     places = samples.points + side * _LIFT_M * samples.normals
-    values = np.where(columns.cells_of(places[:, :2]) < 0, _OUTSIDE, 0)
+    codes = np.where(columns.cells_of(places[:, :2]) < 0, _OUTSIDE, 0)
     steps = np.stack(np.meshgrid([0, -1, 1], [0, -1, 1], indexing="ij"), axis=-1).reshape(-1, 2)
     for step in steps[np.argsort(np.abs(steps).sum(axis=1), kind="stable")]:
-        left = np.flatnonzero(values <= 0)  # a room's air is looked for beyond the open
+        left = np.flatnonzero(codes <= 0)  # a room's air is looked for beyond the open
         cells = columns.cells_of(places[left, :2] + step * columns.cell_m)
         room = _air_at(columns, air, cells, places[left, 2])
         left, cells, room = left[room != 0], cells[room != 0], room[room != 0]
         line = np.column_stack([columns.places(cells), places[left, 2]])
         open_ = ~caster.blocked(places[left], line)
-        values[left[open_]] = room[open_]
-    return values
+        codes[left[open_]] = room[open_]
+    return codes
 
 
 def _air_at(
@@ -138,15 +138,15 @@ def _air_at(
     n_spans = np.diff(columns.start)[cells[inside]]
     last = np.append(columns.bottom, 0.0)[columns.start[cells[inside] + 1] - 1]
     lowest = np.where(n_spans > 0, last, np.inf)
-    hits = np.full(len(cells), _OUTSIDE)
-    hits[inside[heights[inside] > lowest]] = 0
+    codes = np.full(len(cells), _OUTSIDE)
+    codes[inside[heights[inside] > lowest]] = 0
     for k in range(int(np.diff(columns.start).max(initial=0))):
         span = columns.start[cells[inside]] + k
         known = span < columns.start[cells[inside] + 1]
         at, span = inside[known], span[known]
         holds = (columns.bottom[span] < heights[at]) & (columns.top[span] > heights[at])
-        hits[at[holds]] = air[span[holds]]
-    return hits
+        codes[at[holds]] = air[span[holds]]
+    return codes
 
 
 _SAME_LEVEL_M = 0.1

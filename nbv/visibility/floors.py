@@ -130,7 +130,7 @@ def _crossings(
 ) -> tuple[NDArray[np.int64], FloatArray, NDArray[np.int32]]:
     """Cells (n,), heights (n,) and faces (n,) of all that lines down at places (c, 2) meet, in order."""
     going, height = np.arange(len(places)), np.full(len(places), above)
-    pairs = []
+    crossings = []
     for _ in range(_MOST_SURFACES):
         origins = np.column_stack([places[going], height])
         hits = caster.first_hit(origins, np.broadcast_to(np.array([0.0, 0.0, -1.0]), origins.shape))
@@ -138,11 +138,11 @@ def _crossings(
         if not met.any():
             break
         going, height = going[met], height[met] - hits.ranges[met]
-        pairs.append((going, height, hits.face[met]))
+        crossings.append((going, height, hits.face[met]))
         height = height - _STEP_OVER * extent
-    if not pairs:
+    if not crossings:
         return np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int32)
-    cells, heights, faces = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    cells, heights, faces = (np.concatenate(parts) for parts in zip(*crossings, strict=True))
     order = np.argsort(cells, kind="stable")  # of each line from above already
     return cells[order], heights[order], faces[order]
 

@@ -103,15 +103,15 @@ class Rooms:
     def span_of(self, places: FloatArray) -> NDArray[np.int64]:
         """Return the span (n,) of free space that each place (n, 3) lies in, metres; -1 for none."""
         columns = self.floors.columns
-        cells, hits = columns.cells_of(places[:, :2]), np.full(len(places), -1, np.int64)
+        cells, spans = columns.cells_of(places[:, :2]), np.full(len(places), -1, np.int64)
         inside = np.flatnonzero(cells >= 0)
         for k in range(int(np.diff(columns.start).max(initial=0))):
             span = columns.start[cells[inside]] + k
-            known = (span < columns.start[cells[inside] + 1]) & (hits[inside] < 0)
+            known = (span < columns.start[cells[inside] + 1]) & (spans[inside] < 0)
             at, span = inside[known], span[known]
             holds = (columns.bottom[span] <= places[at, 2]) & (columns.top[span] >= places[at, 2])
-            hits[at[holds]] = span[holds]
-        return hits
+            spans[at[holds]] = span[holds]
+        return spans
 
     def room_of(self, places: FloatArray) -> NDArray[np.int32]:
         """Return the number (n,) of the room on whose floor, or over it, each place (n, 3) is; 0 for none."""
@@ -228,7 +228,7 @@ class _Plan:
 
 def _under_lintels(headroom: FloatArray, air: BoolArray, cell_m: float) -> BoolArray:
     """Tell the cells (x, y) under the heads of doorways."""
-    mask = np.zeros(air.shape, np.bool_)
+    lintels = np.zeros(air.shape, np.bool_)
     reach = int(np.ceil(_WALL_M / cell_m)) + 1
     for axis in range(2):
         before, after = (
@@ -236,15 +236,15 @@ def _under_lintels(headroom: FloatArray, air: BoolArray, cell_m: float) -> BoolA
             for shift in (reach // 2, -(reach // 2))
         )
         lower = np.minimum(before, after) - headroom >= _LINTEL_M
-        mask |= air & lower & (headroom <= _DOOR_M)
-    label, _ = ndimage.label(mask, np.ones((3, 3)))
+        lintels |= air & lower & (headroom <= _DOOR_M)
+    label, _ = ndimage.label(lintels, np.ones((3, 3)))
     for number, box in enumerate(ndimage.find_objects(label), start=1):
         sides = sorted((side.stop - side.start) * cell_m for side in box)
         inside = label[box] == number
         head = float(np.median(headroom[box][inside]))
         if sides[0] > _WALL_M + 2 * cell_m or (sides[1] > _WIDE_DOOR_M and head > _GATE_M):
-            mask[box][inside] = False
-    return mask
+            lintels[box][inside] = False
+    return lintels
 
 
 def _parted_where_narrow(air: BoolArray, cell_m: float) -> NDArray[np.int64]:
@@ -474,8 +474,8 @@ def _ways(
     """Rooms that each room is joined to directly, and by treads of stairs."""
     joined: list[set[int]] = [set() for _ in range(n_rooms + 1)]
     stairs: list[set[int]] = [set() for _ in range(n_rooms + 1)]
-    item, other = room[floors.links].T
-    key = np.sort(np.column_stack([item, other])[(item != other) & (item > 0) & (other > 0)], axis=1)
+    room_a, other = room[floors.links].T
+    key = np.sort(np.column_stack([room_a, other])[(room_a != other) & (room_a > 0) & (other > 0)], axis=1)
     pairs, times = np.unique(key, axis=0, return_counts=True)
     for (first, second), n in zip(pairs.tolist(), times.tolist(), strict=True):
         if n >= _PASSAGE_CELLS:

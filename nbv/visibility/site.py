@@ -134,22 +134,22 @@ def room_positions(
     places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     heights = np.array(options.heights_above_floor_m)
     stands = floors.can_stand & np.isin(rooms.room, chosen)
-    values, of = _over(places, heights, rooms, stands, clear)
+    positions, of = _over(places, heights, rooms, stands, clear)
     missing = [room for room in asked if room.number not in set(of.tolist())]
     if missing:
         middles = np.array([room.place[:2] for room in missing])
         left = stands & np.isin(rooms.room, [room.number for room in missing])
         more, of_more = _over(middles, heights, rooms, left, clear)
-        values, of = np.vstack([values, more]), np.append(of, of_more)
+        positions, of = np.vstack([positions, more]), np.append(of, of_more)
     if options.start is None:
-        return RoomPositions(values, of, np.zeros((0, 3)))
+        return RoomPositions(positions, of, np.zeros((0, 3)))
     start, of_start = _start(options.start, heights, rooms, stands, clear)
     if not len(start):
-        raise InputError(_why_no_start(options, values))
+        raise InputError(_why_no_start(options, positions))
     new = np.array(
-        [np.abs(values - item).max(axis=1, initial=0.0).min(initial=np.inf) > 1e-6 for item in start]
+        [np.abs(positions - place).max(axis=1, initial=0.0).min(initial=np.inf) > 1e-6 for place in start]
     )
-    return RoomPositions(np.vstack([values, start[new]]), np.append(of, of_start[new]), start)
+    return RoomPositions(np.vstack([positions, start[new]]), np.append(of, of_start[new]), start)
 
 
 def _start(
@@ -158,10 +158,10 @@ def _start(
     """Positions (s, 3) at the start and their rooms (s,): over the lowest floor there, or at its own z."""
     spot = np.array([place[:2]])
     if len(place) == 2:
-        values, of = _over(spot, heights, rooms, stands, clear)
-        lowest = values[:, 2] < values[:, 2].min(initial=np.inf) + HEADROOM_M + heights.max()
+        positions, of = _over(spot, heights, rooms, stands, clear)
+        lowest = positions[:, 2] < positions[:, 2].min(initial=np.inf) + HEADROOM_M + heights.max()
         same = of == of[0] if len(of) else lowest
-        return values[lowest & same], of[lowest & same]
+        return positions[lowest & same], of[lowest & same]
     span = rooms.span_of(np.array([place]))
     if span[0] < 0 or not stands[span[0]]:
         return np.zeros((0, 3)), np.zeros(0, np.int32)

@@ -101,8 +101,8 @@ class Candidates:
 
     def rotations_at(self, position: int) -> FloatArray:
         """Rotations (d, 3, 3) of one position."""
-        values = self.directions if self.directions.ndim == 2 else self.directions[position]
-        return rotations_towards(values)
+        directions = self.directions if self.directions.ndim == 2 else self.directions[position]
+        return rotations_towards(directions)
 
     def pose(self, number: int) -> Pose:
         """Return pose `number`: position number // d with direction number % d."""
@@ -112,8 +112,8 @@ class Candidates:
 
     def at(self, chosen: NDArray[np.int64] | BoolArray) -> Candidates:
         """Return the candidates at the positions chosen by a mask (p,) or numbers (m,)."""
-        values = self.directions if self.directions.ndim == 2 else self.directions[chosen]
-        return replace(self, positions=self.positions[chosen], directions=values)
+        directions = self.directions if self.directions.ndim == 2 else self.directions[chosen]
+        return replace(self, positions=self.positions[chosen], directions=directions)
 
 
 def allowed(candidates: Candidates, zones: Zones) -> Candidates:

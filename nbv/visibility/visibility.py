@@ -281,10 +281,10 @@ def find_reachable(
     with threads(2 * BYTES_A_SAMPLE * len(samples), n_threads) as pool:
         for start in range(0, len(order), _AT_A_TIME):
             pending = np.flatnonzero((times < requirement.k) & counts)
-            for results in pool.map(look, order[start : start + _AT_A_TIME]):
-                for sieve, through in zip(passed, results.through, strict=True):
+            for seen in pool.map(look, order[start : start + _AT_A_TIME]):
+                for sieve, through in zip(passed, seen.through, strict=True):
                     sieve[through] = True
-                times[results.through[-1]] += results.times
+                times[seen.through[-1]] += seen.times
             if progress is not None:
                 progress("reachability", min(start + _AT_A_TIME, len(order)), len(order))
     reachable = times >= requirement.k

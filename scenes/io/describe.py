@@ -72,7 +72,9 @@ def _measure(scan: RangeImage) -> _Measures:
     points = scan.points()[scan.valid]
     if not len(points):
         return _Measures(np.full((2, 3), np.nan), None)
-    bounds = np.array([[pick(item) for item in points.T] for pick in (np.min, np.max)])  # faster than by axis
+    bounds = np.array(
+        [[pick(coordinates) for coordinates in points.T] for pick in (np.min, np.max)]
+    )  # faster than by axis
     return _Measures(bounds, _grid_residual(scan))
 
 
@@ -153,7 +155,7 @@ def _camera_doubt(scan: RangeImage) -> str:
     if not isinstance(camera, PinholeProjection) or camera.width == camera.height:
         return ""
     middle = np.array([camera.width - 1, camera.height - 1]) / 2
-    off, turned = (np.abs([camera.cx, camera.cy] - values).sum() for values in (middle, middle[::-1]))
+    off, turned = (np.abs([camera.cx, camera.cy] - centre).sum() for centre in (middle, middle[::-1]))
     if not turned < off / 4:
         return ""
     return (
@@ -385,7 +387,7 @@ def describe_image(path: Path) -> dict[str, Any]:
     with open_image(path) as image:
         mode, size, values = image.mode, image.size, np.asarray(image)
     is_depth = mode.startswith(("I", "F"))
-    items: dict[str, Any] = {
+    record: dict[str, Any] = {
         "kind": "depth image" if is_depth else "image",
         "path": str(path),
         "width": size[0],
@@ -396,7 +398,7 @@ def describe_image(path: Path) -> dict[str, Any]:
         "warnings": [],
     }
     with np.errstate(invalid="ignore"):  # counts may be of any kind
-        return items | _depth(values.astype(np.float64)) if is_depth else items
+        return record | _depth(values.astype(np.float64)) if is_depth else record
 
 
 def _depth(counts: Any) -> dict[str, Any]:

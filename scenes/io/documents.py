@@ -236,7 +236,7 @@ def _check_obj(file: Path) -> tuple[list[_Named], list[str]]:
             for name in maps
             if name.startswith("-")
         ]
-        images = [_Named(line, within_folder(file.parent, line)) for line in map(_without_options, maps)]
+        images = [_Named(text, within_folder(file.parent, text)) for text in map(_without_options, maps)]
     unknown = sorted(used - defined)
     if libraries and unknown:
         n, first = len(unknown), repr(unknown[0][:_SHOWN])

@@ -365,13 +365,13 @@ def _images(chunks: Iterable[PointChunk], bounds: Survey, rays: RayGrid | None) 
             place, points = ranges_of(place), place
             if not (np.isfinite(place).all() and lie_on_rays(points, place, rays.at(row, column))):
                 return None
-        arrays = {"place": place, "colour": chunk.colour, "intensity": chunk.intensity}
-        known = {name: values for name, values in arrays.items() if values is not None}
+        record = {"place": place, "colour": chunk.colour, "intensity": chunk.intensity}
+        known = {name: values for name, values in record.items() if values is not None}
         if not images:
             kinds = {"place": np.float64 if rays else chunk.points.dtype, "colour": np.uint8}
             images = {
-                name: allocate((*shape, *bit.shape[1:]), kinds.get(name, np.float32))
-                for name, bit in known.items()
+                name: allocate((*shape, *channel.shape[1:]), kinds.get(name, np.float32))
+                for name, channel in known.items()
             }
         pixel = row * shape[1] + column
         new = ~filled[pixel]

@@ -68,7 +68,7 @@ def _chunks(data: memoryview) -> tuple[memoryview, memoryview | None]:
         raise InputError(f"is GLB of version {version}; 2 is known")
     if length != len(data):
         raise InputError(f"truncated or damaged GLB: {length:,} bytes announced, {len(data):,} present")
-    entries: dict[int, memoryview] = {}
+    chunks: dict[int, memoryview] = {}
     at = 12
     while at + 8 <= length:
         size, kind = struct.unpack_from("<II", data, at)
@@ -76,11 +76,11 @@ def _chunks(data: memoryview) -> tuple[memoryview, memoryview | None]:
             raise InputError(
                 f"truncated or damaged GLB: a chunk of {size:,} bytes at byte {at} of {length:,}"
             )
-        entries.setdefault(kind, data[at + 8 : at + 8 + size])
+        chunks.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
-    if _JSON not in entries:
+    if _JSON not in chunks:
         raise InputError("is a GLB file without JSON")
-    return entries[_JSON], entries.get(_BINARY)
+    return chunks[_JSON], chunks.get(_BINARY)
 
 
 def _buffer(entry: Any, number: int, file: Path, binary: memoryview | None) -> memoryview:
@@ -155,7 +155,7 @@ def _numbers(entry: Any, name: str, what: str, most: int) -> list[int]:
     held = entry.get(name, []) if isinstance(entry, dict) else None
     if not isinstance(held, list):
         raise InputError(f"{what} has no list of {name}")
-    return [entry_number({name: item}, name, what, most=most) for item in held]
+    return [entry_number({name: number}, name, what, most=most) for number in held]
 
 
 def _check_node(node: Any, number: int) -> None:

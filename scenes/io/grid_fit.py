@@ -129,15 +129,15 @@ def fit_spherical(points: FloatArray) -> GridFit | None:
     if np.ptp(azimuths) == 0 or np.ptp(elevations) == 0 or np.ptp(azimuths) >= 2 * np.pi + 1e-9:
         return None
     wide, high = (np.median(np.abs(np.diff(angles))) for angles in (azimuths, elevations))
-    arrays = [np.empty(0)]
+    poles = [np.empty(0)]
     step = -(-usable.size // _MOST_JUDGED)
     for rows in row_blocks(points.shape, points):
         stretch = slice(rows.start + -rows.start % step, rows.stop, step)
         elevation = _elevation(points[stretch])
         off_column = _turn(_azimuth(points[stretch]) - azimuths) / wide
         off_row = (elevation - elevations[stretch, None]) / high
-        arrays.append(np.hypot(off_column, off_row)[_level(elevation, usable[stretch])])
-    off = np.concatenate(arrays)
+        poles.append(np.hypot(off_column, off_row)[_level(elevation, usable[stretch])])
+    off = np.concatenate(poles)
     if not len(off):
         return None
     return GridFit(SphericalProjection(azimuths, elevations), float(np.median(off, overwrite_input=True)))

@@ -354,16 +354,16 @@ def write_las(scan: RangeImage, path: Path) -> None:
     header.scales = np.full(3, _step(cloud.points - header.offsets))
     for name in ("row", "column"):
         header.add_extra_dim(laspy.ExtraBytesParams(name=name, type=np.uint32))
-    items = scan_header(scan)
+    record = scan_header(scan)
     if cloud.intensity is not None:
-        items[_SCALE] = max(float(cloud.intensity.max()), 1e-30) / _MOST
-    _add_records(laspy, header, json_text(items, indent=None).encode())
+        record[_SCALE] = max(float(cloud.intensity.max()), 1e-30) / _MOST
+    _add_records(laspy, header, json_text(record, indent=None).encode())
     data = laspy.LasData(header)
     data.x, data.y, data.z = cloud.points.T
     data.row, data.column = cloud.row, cloud.column
     data.return_number = data.number_of_returns = np.ones(len(cloud.points), np.uint8)
     if cloud.intensity is not None:
-        data.intensity = np.rint(np.clip(cloud.intensity / items[_SCALE], 0, _MOST)).astype(np.uint16)
+        data.intensity = np.rint(np.clip(cloud.intensity / record[_SCALE], 0, _MOST)).astype(np.uint16)
     if cloud.colour is not None:
         data.red, data.green, data.blue = cloud.colour.astype(np.uint16).T * 257
     packed = path.suffix.lower() == ".laz"

@@ -95,7 +95,9 @@ def read_mesh_file(file: Path) -> MeshFile:
     check_limit("texels", beside.texels + held.texels, "texels of its textures")
     if suffix == ".off":
         placed = _read_off(file)
-        return MeshFile(placed, sum(len(item.faces) for item in placed.geometry.values()), beside.warnings)
+        return MeshFile(
+            placed, sum(len(geometry.faces) for geometry in placed.geometry.values()), beside.warnings
+        )
     import trimesh  # slow to load: only where a mesh is read
 
     stream = io.BytesIO(data or file.read_bytes())

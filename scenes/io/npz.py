@@ -174,9 +174,9 @@ def _read_ours(arrays: ArrayFile) -> RangeImage:
 
 def _pixels(arrays: ArrayFile, name: str) -> NDArray[Any]:
     """Pixels that nobody else has, and which need not be copied."""
-    values = arrays[name]
-    values.setflags(write=False)
-    return values
+    pixels = arrays[name]
+    pixels.setflags(write=False)
+    return pixels
 
 
 def _read_tenth_mm(arrays: ArrayFile, stem: str) -> list[RangeImage]:

@@ -60,7 +60,7 @@ def check_obj(text: bytes) -> int:
             lines[0].append(number)
             lines[1].append(plain)
             if b"-" in rest and not before:
-                before = [counts[item] for item in _KEYS]
+                before = [counts[key] for key in _KEYS]
         elif key.startswith(b"f") and not key.isalpha():
             raise InputError(f"line {number} begins with {key[:20].decode('latin-1')!r}, which is no face")
     if before and before != [counts[key] for key in _KEYS]:
@@ -139,7 +139,7 @@ def write_obj(parts: Sequence[MeshPart], path: Path, comments: Sequence[str] = (
     body: list[str] = []
     n_vertices = n_uv = 0
     coloured = any(part.colour is not None and _material(part, number_of) is None for part in parts)
-    for part in sorted(parts, key=lambda mesh_part: _material(mesh_part, number_of) is not None):
+    for part in sorted(parts, key=lambda part: _material(part, number_of) is not None):
         material = _material(part, number_of)
         body += [f"o {_UNSAFE.sub('_', part.name)}", *_vertex_lines(part, coloured=coloured)]
         if material is not None:

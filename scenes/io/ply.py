@@ -374,10 +374,10 @@ def _header_text(
         lines.append(f"comment {comment}")
     lines.append(f"element vertex {n_points}")
     lines += _property_lines(dtype, dtype.names or ())
-    texts = (face_dtype.names or ())[2:]
-    if n_faces or texts:
+    members = (face_dtype.names or ())[2:]
+    if n_faces or members:
         lines += [f"element face {n_faces}", "property list uchar int vertex_indices"]
-        lines += _property_lines(face_dtype, texts)
+        lines += _property_lines(face_dtype, members)
     return "\n".join([*lines, "end_header\n"])
 
 

@@ -294,10 +294,12 @@ def _images(folder: Path, names: Sequence[str]) -> list[Path]:
     """Images of the first of the named subfolders that exists, in natural order."""
     for name in names:
         if (folder / name).is_dir():
-            paths = [p for p in (folder / name).iterdir() if p.suffix.lower() in _IMAGES and p.name[0] != "."]
-            check_limit("entries", len(paths), f"images in {name}")
+            images = [
+                p for p in (folder / name).iterdir() if p.suffix.lower() in _IMAGES and p.name[0] != "."
+            ]
+            check_limit("entries", len(images), f"images in {name}")
             return sorted(
-                (_inside(folder, f"{name}/{p.name}") for p in paths), key=lambda path: natural_key(path.name)
+                (_inside(folder, f"{name}/{p.name}") for p in images), key=lambda path: natural_key(path.name)
             )
     return []
 

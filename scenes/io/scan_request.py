@@ -165,11 +165,11 @@ class GivenScans:
     @property
     def names(self) -> list[str]:
         """What each scan is called: its path, numbered where the path holds several."""
-        texts = []
+        names = []
         for number, path in enumerate(self.paths):
             several = self.paths.count(path) > 1
-            texts.append(f"{path}#{self.paths[:number].count(path) + 1}" if several else path)
-        return texts
+            names.append(f"{path}#{self.paths[:number].count(path) + 1}" if several else path)
+        return names
 
     @classmethod
     def of(cls, scans: Sequence[RangeImage]) -> GivenScans:

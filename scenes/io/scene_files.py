@@ -240,14 +240,14 @@ def _unique_names(names: list[str]) -> tuple[str, ...]:
 
 def _warnings(mesh: LabelledMesh, mode: Mode, up: Axis) -> list[str]:
     """What a user should know before scanning."""
-    texts = []
+    warnings = []
     diagonal = float(np.linalg.norm(np.diff(mesh.bounds(), axis=0)))
     doubt = units_doubt(diagonal)
     suggested = suggest_up(mesh, mode)
     if suggested not in (None, "z"):
         axis = axis_in_file(suggested, up)
-        texts.append(f"the geometry suggests that {axis} is up, not {up}; give --up {axis} if so")
-    return [*texts, doubt] if doubt else texts
+        warnings.append(f"the geometry suggests that {axis} is up, not {up}; give --up {axis} if so")
+    return [*warnings, doubt] if doubt else warnings
 
 
 def units_doubt(diagonal_m: float) -> str:

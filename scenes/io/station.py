@@ -79,15 +79,15 @@ def swept_poles(rays: FloatArray) -> list[FloatArray]:
     Two points that follow each other in a column span a plane with the axis; the way from one to the next in
     a row is at right angles to it. None where too few points follow each other closely.
     """
-    arrays = []
+    poles = []
     for across in (np.cross(rays[:-1], rays[1:]), np.diff(rays, axis=0)):
         length = np.linalg.norm(across, axis=1)
         near = (length > 1e-9) & (length < _APART)
         if near.sum() >= _FEW:
             unit = across[near] / length[near, None]
             pole = np.linalg.eigh(unit.T @ unit)[1][:, 0]
-            arrays.append(np.asarray(pole * np.copysign(1.0, pole[int(np.argmax(np.abs(pole)))])))
-    return arrays
+            poles.append(np.asarray(pole * np.copysign(1.0, pole[int(np.argmax(np.abs(pole)))])))
+    return poles
 
 
 def is_filled(filled: BoolArray, share: float) -> bool:
@@ -104,13 +104,13 @@ def neighbour_steps(angles: FloatArray) -> FloatArray:
     _, near = scipy.spatial.cKDTree(flat).query(flat[sample], k=9)
     way = np.abs(flat[near[:, 1:]] - flat[sample, None])
     is_level = way[..., 0] >= way[..., 1]
-    values = []
+    steps = []
     for axis, chosen in ((0, is_level), (1, ~is_level)):
         nearest = np.where(chosen & (way[..., axis] > 1e-9), way[..., axis], np.inf).min(axis=1)
         known = nearest[np.isfinite(nearest)]
-        values.append(float(np.median(known)) if len(known) else np.inf)
-    smaller = min(values) if np.isfinite(min(values)) else 1e-3
-    return np.array([value if np.isfinite(value) else smaller for value in values])
+        steps.append(float(np.median(known)) if len(known) else np.inf)
+    smaller = min(steps) if np.isfinite(min(steps)) else 1e-3
+    return np.array([value if np.isfinite(value) else smaller for value in steps])
 
 
 def _grid_about(rays: FloatArray, pole: FloatArray) -> AngleGrid | None:
@@ -177,7 +177,7 @@ def _comb(angles: FloatArray, near: float) -> tuple[float, float] | None:
 
     wave = float(
         scipy.optimize.minimize_scalar(
-            lambda item: -abs(at(item)), bounds=(peak - 1.0, peak + 1.0), method="bounded"
+            lambda shift: -abs(at(shift)), bounds=(peak - 1.0, peak + 1.0), method="bounded"
         ).x
     )
     return length / wave, float(np.angle(at(wave))) * length / (2 * np.pi * wave)
@@ -259,8 +259,8 @@ def scan_from_station(
     image = np.where((chosen < 0)[..., None], np.nan, seen[chosen])
     painted = None
     if colour is not None:
-        item = np.asarray(colour)[order]
-        painted = np.where((chosen < 0)[..., None], 0, item[chosen]).astype(colour_type(colour))
+        members = np.asarray(colour)[order]
+        painted = np.where((chosen < 0)[..., None], 0, members[chosen]).astype(colour_type(colour))
     scan = RangeImage.from_points(image, bins.projection, pose, painted, name)
     x, y, z = stood
     sensor = (

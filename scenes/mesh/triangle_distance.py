@@ -51,9 +51,9 @@ class TriangleTree:
         if not len(self.corners) or not len(points):
             return nearest
         k = min(_NEAREST, len(self.corners))
-        item = self.tree.query(points, k=k)[1].reshape(len(points), k)
+        nearest_index = self.tree.query(points, k=k)[1].reshape(len(points), k)
         for column in range(k):
-            foot = trimesh.triangles.closest_point(self.corners[item[:, column]], points)
+            foot = trimesh.triangles.closest_point(self.corners[nearest_index[:, column]], points)
             nearest = np.minimum(nearest, np.linalg.norm(foot - points, axis=1))
         return nearest
 

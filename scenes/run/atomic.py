@@ -127,8 +127,8 @@ def _json_parts(value: Mapping[Any, Any]) -> Iterator[str]:
         if not isinstance(item, list | tuple) or not item:
             yield _indented(item, 2)
             continue
-        for index, one in enumerate(item):
-            yield (",\n" if index else "[\n") + 4 * " " + _indented(one, 4)
+        for index, element in enumerate(item):
+            yield (",\n" if index else "[\n") + 4 * " " + _indented(element, 4)
         yield "\n  ]"
     yield "\n}\n"
 

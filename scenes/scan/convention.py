@@ -54,8 +54,8 @@ def _has_returns(scan: RangeImage) -> bool:
 
 def _disagreement(pairs: Sequence[tuple[RangeImage, RangeImage]], convention: str) -> float:
     """Median relative disagreement over all pairs, infinite where they hardly overlap."""
-    arrays = [_compared(first, second, convention) for first, second in pairs]
-    off = np.concatenate([np.zeros(0), *arrays])
+    differences = [_compared(first, second, convention) for first, second in pairs]
+    off = np.concatenate([np.zeros(0), *differences])
     return float(np.median(off)) if len(off) >= _ENOUGH else np.inf
 
 

@@ -141,10 +141,10 @@ def check_same(ranges: FloatArray, points: Any) -> None:
             n_wrong += int(np.count_nonzero(wrong))
             first = np.concatenate([first, [[away[wrong][0], ranges[rows][wrong][0]]]])
     if n_wrong:
-        item, sentence = first[0]
+        value, item = first[0]
         raise InputError(
             f"{n_wrong} of {n_valid} measured points are not as far away as their ranges "
-            f"say (first {item:.6g} m, its range {sentence:.6g} m); give both alike"
+            f"say (first {value:.6g} m, its range {item:.6g} m); give both alike"
         )
 
 

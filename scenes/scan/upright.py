@@ -82,9 +82,9 @@ def axis_direction(up: str) -> FloatArray:
 
 
 def _has_returns(scan: RangeImage) -> bool:
-    flag = bool(scan.valid.any())
+    returns = bool(scan.valid.any())
     scan.release()
-    return flag
+    return returns
 
 
 def _of_cameras(scans: Sequence[RangeImage]) -> tuple[Pose, str]:

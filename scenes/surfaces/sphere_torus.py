@@ -244,15 +244,15 @@ class Torus:
         shape = np.broadcast(origins, directions).shape
         starts = np.broadcast_to(origins, shape).reshape(-1, 3)
         along = np.broadcast_to(directions, shape).reshape(-1, 3)
-        hits = np.full(len(starts), np.inf)
+        ranges = np.full(len(starts), np.inf)
         middle = -np.einsum("ij,ij->i", along, starts - self.centre)  # where the ray is nearest the centre
         nearest = starts + middle[:, None] * along
         reach = self.radius + self.tube_radius
         near = np.flatnonzero(np.linalg.norm(nearest - self.centre, axis=1) <= reach)
         for first in range(0, len(near), _CHUNK):
             sample = near[first : first + _CHUNK]
-            hits[sample] = self._first_hits(nearest[sample], along[sample], -middle[sample])
-        return (hits + np.where(np.isfinite(hits), middle, 0.0)).reshape(shape[:-1])
+            ranges[sample] = self._first_hits(nearest[sample], along[sample], -middle[sample])
+        return (ranges + np.where(np.isfinite(ranges), middle, 0.0)).reshape(shape[:-1])
 
     def _first_hits(self, nearest: FloatArray, along: FloatArray, least: FloatArray) -> FloatArray:
         """Reach (n,) along rays from their points nearest to the centre, at `least` (n,); inf for none."""

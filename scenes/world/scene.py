@@ -147,7 +147,9 @@ class Scene:
         )
 
     def __reduce__(self) -> tuple[type[Scene], tuple[object, ...]]:
-        return Scene, tuple(getattr(self, item.name) for item in fields(self) if item.init)
+        return Scene, tuple(
+            getattr(self, field_of_scene.name) for field_of_scene in fields(self) if field_of_scene.init
+        )
 
     def transformed(self, pose: Pose) -> Scene:
         """Return the scene moved by `pose`."""

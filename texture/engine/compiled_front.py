@@ -54,13 +54,13 @@ def run_passes(
     n_relaxed : int
         How often that was.
     """
-    terms, findings, guesses = make_terms(canvas), make_findings(sample), np.empty(9, np.int64)
+    terms, passes, guesses = make_terms(canvas), make_findings(sample), np.empty(9, np.int64)
     n_passes, n_relaxed = 0, 0
     while n_passes < most and front.sizes[0] > 0:
         n_visits = list_visits(canvas, front, key, pass_number + n_passes)
         for turn in range(n_visits):
             pixel, word = front.visits[turn], front.words[turn]
-            visit_pixel(sample, canvas, pixel, word, threshold, terms, findings, guesses)
+            visit_pixel(sample, canvas, pixel, word, threshold, terms, passes, guesses)
         if advance(canvas, front, front.visits[:n_visits]) == 0:
             threshold *= relaxation
             n_relaxed += 1

@@ -100,7 +100,7 @@ def _list_blocks(centres: IntArray, size: int) -> IntArray:
 
 @inlined
 def find_candidates(
-    sample: SampleArrays, terms: Terms, n_known: int, guesses: IntArray, findings: Findings
+    sample: SampleArrays, terms: Terms, n_known: int, guesses: IntArray, candidates: Findings
 ) -> tuple[int, int]:
     """Write the candidates' centres and distances, as `texture.sampling.sample.find_candidates`.
 
@@ -112,11 +112,11 @@ def find_candidates(
     for reach in range(radius, 0, -1):
         n_terms, weight = _list_terms(sample, terms, n_known, reach)
         largest = weight * len(sample.means) * 255 * 255
-        n_found = _scan(sample, terms, n_terms, guesses, findings)
+        n_found = _scan(sample, terms, n_terms, guesses, candidates)
         if n_found > 0:
             return n_found, largest
-    n_found = _measure_all(sample, terms, n_terms, findings)
-    return _keep_near(findings, n_found), largest
+    n_found = _measure_all(sample, terms, n_terms, candidates)
+    return _keep_near(candidates, n_found), largest
 
 
 @inlined

@@ -73,8 +73,8 @@ class Canvas:
         canvas = cls.empty((height, width), n_channels, wrap, window)
         canvas.levels[:height, :width] = levels
         canvas.known[:height, :width] = known
-        values = np.arange(known.size).reshape(known.shape)
-        canvas.sources[:height, :width] = np.where(known, values, NOWHERE)
+        indices = np.arange(known.size).reshape(known.shape)
+        canvas.sources[:height, :width] = np.where(known, indices, NOWHERE)
         canvas.unfilled[...] = hole
         return canvas
 

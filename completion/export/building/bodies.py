@@ -82,9 +82,9 @@ class Beams:
         cell = max(_CELL_M, float(np.sqrt(np.prod(high - low) / _MOST_CELLS)))
         grid = ChartGrid.over(plane, low, high, cell, full_turn=False)
         is_free = free_cells(grid, np.zeros(grid.shape[0] * grid.shape[1]), self.sights, self.reaches)
-        item = joined(self._cells(grid, np.flatnonzero(is_free), frame))
-        item = buffered(buffered(item, cell), -cell)
-        return wide(common(area, item), max(_LEAST_PASSAGE_M, 3 * cell))
+        free_area = joined(self._cells(grid, np.flatnonzero(is_free), frame))
+        free_area = buffered(buffered(free_area, cell), -cell)
+        return wide(common(area, free_area), max(_LEAST_PASSAGE_M, 3 * cell))
 
     def _cells(self, grid: ChartGrid, chosen: NDArray[np.int64], frame: Frame) -> list[Any]:
         """Squares of some cells in the coordinates of a frame."""
@@ -163,7 +163,7 @@ def find_bodies(faces: Sequence[PlaneFace], beams: Beams) -> tuple[Body, ...]:
     """
     taken: dict[int, list[Any]] = {face.number: [] for face in faces}
     bodies = []
-    pairs = [pair for face, other in combinations(faces, 2) for pair in _back_to_back(face, other)]
+    pairs = [pair for first, second in combinations(faces, 2) for pair in _back_to_back(first, second)]
     for _, first, second in sorted(pairs, key=lambda pair: (pair[0], pair[1].number, pair[2].number)):
         body = _body(first, second, faces, taken, beams)
         if body is not None:
@@ -259,7 +259,7 @@ def _others_between(
     both: Any, pair: Sequence[PlaneFace], faces: Sequence[PlaneFace], depth: float
 ) -> list[Any]:
     """Where another plane along the faces lies between them."""
-    frame, items = pair[0].frame, []
+    frame, bodies_between = pair[0].frame, []
     for face in faces:
         if face in pair or abs(face.frame.normal @ frame.normal) < np.cos(np.radians(_MOST_DEG)):
             continue
@@ -267,8 +267,8 @@ def _others_between(
         if area.area < _LEAST_M2:
             continue
         if _SLACK_M < _depth_at(frame.place(inside(area)), pair[0], face) < depth - _SLACK_M:
-            items.append(area)
-    return items
+            bodies_between.append(area)
+    return bodies_between
 
 
 def _opposite(place: FloatArray, first: PlaneFace, second: PlaneFace) -> FloatArray:

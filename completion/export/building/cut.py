@@ -189,14 +189,14 @@ def seen_below(model: BuildingModel, height_m: float) -> list[FloatArray]:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     is_level = (normal[:, 2] > _LEVEL * length) & (model.surface > 0)
-    item = is_level & (corners[:, :, 2].max(axis=1) < height_m)
-    faces = model.faces[item]
+    is_member = is_level & (corners[:, :, 2].max(axis=1) < height_m)
+    faces = model.faces[is_member]
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
-    numbered = np.column_stack([np.repeat(model.surface[item], 3), edges])
-    values, count = np.unique(numbered, axis=0, return_counts=True)
+    numbered = np.column_stack([np.repeat(model.surface[is_member], 3), edges])
+    cells, count = np.unique(numbered, axis=0, return_counts=True)
     outlines = []
-    for number in np.unique(values[:, 0]).tolist():
-        places = model.vertices[values[(values[:, 0] == number) & (count == 1), 1:], :2]
+    for number in np.unique(cells[:, 0]).tolist():
+        places = model.vertices[cells[(cells[:, 0] == number) & (count == 1), 1:], :2]
         merged = shapely.line_merge(
             shapely.multilinestrings([shapely.linestrings(place) for place in places])
         )

@@ -24,7 +24,7 @@ def polygons(area: Any, least_m2: float = _LEAST_M2) -> list[Any]:
     parts = shapely.get_parts(shapely.get_parts(area))  # of collections too
     return sorted(
         (part for part in parts.tolist() if part.geom_type == "Polygon" and part.area >= least_m2),
-        key=lambda item: (-item.area, *item.bounds),
+        key=lambda polygon: (-polygon.area, *polygon.bounds),
     )
 
 
@@ -190,13 +190,13 @@ def faces_of(model: BuildingModel) -> tuple[PlaneFace, ...]:
     """Return the planes of a model that have facets, in their order."""
     faces = []
     for element in model.planes:
-        item = model.surface == element.number
-        if item.any():
+        is_member = model.surface == element.number
+        if is_member.any():
             frame = Frame.on(element.point, element.normal)
             openings = tuple(opening for opening in model.openings if opening.surface == element.number)
             seen = model.is_measured
             measured, inferred, area = (
-                _covered(model, frame, item & chosen) for chosen in (seen, ~seen, np.ones_like(seen))
+                _covered(model, frame, is_member & chosen) for chosen in (seen, ~seen, np.ones_like(seen))
             )
             faces.append(PlaneFace(element, frame, measured, inferred, area=area, openings=openings))
     return tuple(faces)

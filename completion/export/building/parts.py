@@ -46,14 +46,14 @@ _MARGIN_M = 0.002  # by which surfaces may go on beyond a room: its outline is t
 
 def with_gaps(faces: Sequence[PlaneFace], rooms: Sequence[Room], beams: Beams) -> tuple[PlaneFace, ...]:
     """Return the faces with the doorways and windows that rooms' walls have beside those found before."""
-    entries: dict[int, list[OpeningOutline]] = {face.number: list(face.openings) for face in faces}
+    gaps: dict[int, list[OpeningOutline]] = {face.number: list(face.openings) for face in faces}
     for room in rooms:
         for side in room.sides:
             known = joined(
-                shapely.Polygon(side.face.frame.flat(outline.points)) for outline in entries[side.face.number]
+                shapely.Polygon(side.face.frame.flat(outline.points)) for outline in gaps[side.face.number]
             )
-            entries[side.face.number] += _gaps(side, room, known, beams)
-    return tuple(replace(face, openings=tuple(entries[face.number])) for face in faces)
+            gaps[side.face.number] += _gaps(side, room, known, beams)
+    return tuple(replace(face, openings=tuple(gaps[face.number])) for face in faces)
 
 
 def _gaps(side: RoomSide, room: Room, known: Any, beams: Beams) -> Iterator[OpeningOutline]:
@@ -129,7 +129,7 @@ def _shown(face: PlaneFace, storeys: Sequence[Storey], rooms: Sequence[Room]) ->
     """Where rooms lie before a face; none of faces that are no wall, floor or ceiling."""
     for k, storey in enumerate(storeys):
         level = face in storey.floors or face in storey.ceilings
-        for room in (item for item in rooms if item.storey == k):
+        for room in (room for room in rooms if room.storey == k):
             if level and face.number in room.surfaces:
                 outline = shapely.buffer(room.outline, _MARGIN_M, join_style="mitre")
                 yield joined([shapely.transform(outline, lambda xy: face.frame.flat(_on(face.frame, xy)))])
@@ -160,14 +160,14 @@ def _on(frame: Frame, xy: Any) -> Any:
 def trimmed_bodies(bodies: Sequence[Body], faces: Sequence[PlaneFace]) -> tuple[Body, ...]:
     """Return walls without what is no longer inferred of either face; slabs go on below walls."""
     by_number = {face.number: face for face in faces}
-    results = []
+    trimmed = []
     for body in bodies:
         if body.kind == "wall":
             first, second = (by_number[number] for number in body.surfaces)
             left = common(first.area, joined(second.laid_on(first.frame)))
             body = replace(body, inferred=common(body.inferred, left))
-        results.append(body)
-    return tuple(results)
+        trimmed.append(body)
+    return tuple(trimmed)
 
 
 _LEAST_RADIUS_M, _LEAST_HIGH_M = 0.05, 1.5  # of a column

@@ -50,7 +50,8 @@ class Storey:
     def with_faces(self, faces: Mapping[int, PlaneFace]) -> Storey:
         """Return the storey with other faces of the same numbers."""
         floors, ceilings, walls = (
-            tuple(faces[face.number] for face in item) for item in (self.floors, self.ceilings, self.walls)
+            tuple(faces[face.number] for face in faces_of_kind)
+            for faces_of_kind in (self.floors, self.ceilings, self.walls)
         )
         return replace(self, floors=floors, ceilings=ceilings, walls=walls)
 
@@ -131,7 +132,7 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
         return False
     if face.element.kind == "floor":
         return True
-    item, level = face.plan(), level_of(face)
+    outline, level = face.plan(), level_of(face)
     below = [
         other
         for other in faces
@@ -139,19 +140,15 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
         and other.frame.normal[2] > 0
         and level - _HEADROOM_M < level_of(other) < level - _SAME_M
     ]
-    if any(common(item, other.plan()).area >= _COVERED * item.area for other in below):
+    if any(common(outline, other.plan()).area >= _COVERED * outline.area for other in below):
         return False
-    lower = [
-        plane_face
-        for plane_face in faces
-        if plane_face.lowest_m < level - _SAME_M and plane_face.measured.area >= _LARGE_M2
-    ]
+    lower = [face for face in faces if face.lowest_m < level - _SAME_M and face.measured.area >= _LARGE_M2]
     storey_below = any(
-        plane_face.is_level
-        and plane_face.frame.normal[2] > 0
-        and level_of(plane_face) <= level - _HEADROOM_M
-        and plane_face.area.area >= _LEAST_FLOOR_M2
-        for plane_face in lower
+        face.is_level
+        and face.frame.normal[2] > 0
+        and level_of(face) <= level - _HEADROOM_M
+        and face.area.area >= _LEAST_FLOOR_M2
+        for face in lower
     )
     return storey_below or not lower
 
@@ -402,7 +399,7 @@ def _open_rooms(storey: Storey, number: int, closed: Sequence[Room]) -> Iterator
     outlines = [shapely.buffer(room.outline, _EXTENDED_M, join_style="mitre") for room in closed]
     for part in polygons(wide(less(floor, outlines), _LEAST_WIDE_M), _LEAST_M2):
         floors, ceilings = (_over(faces, part) for faces in (storey.floors, storey.ceilings))
-        roof = joined(item for _, item in ceilings)
+        roof = joined(ceiling_area for _, ceiling_area in ceilings)
         floor_m = _mean_height(floors)
         height = _mean_height(ceilings) - floor_m if roof.area >= _MOST * part.area else None
         yield Room(

@@ -166,7 +166,7 @@ def _goes_round(surface: Cylinder | Cone, points: FloatArray) -> bool:
 
 def _circle(centre: FloatArray, axis: FloatArray, radius: float) -> Any:
     gp, zero = kernel().gp, plain_zero(axis)
-    up, side = (gp.gp_Dir(*(float(item) for item in row)) for row in (axis, zero))
+    up, side = (gp.gp_Dir(*(float(value) for value in row)) for row in (axis, zero))
     return kernel().Geom.Geom_Circle(gp.gp_Ax2(kernel_point(centre), up, side), radius)
 
 
@@ -178,21 +178,21 @@ def _paths(surface: Surface, start: FloatArray, end: FloatArray) -> list[FloatAr
     if isinstance(surface, Cylinder | Cone):
         axis, zero = surface.direction, plain_zero(surface.direction)
         across = cross(axis, zero)
-        heights = [float((values - surface.point) @ axis) for values in (start, end)]
+        heights = [float((end_point - surface.point) @ axis) for end_point in (start, end)]
         angles = [
-            float(np.arctan2((values - surface.point) @ across, (values - surface.point) @ zero))
-            for values in (start, end)
+            float(np.arctan2((end_point - surface.point) @ across, (end_point - surface.point) @ zero))
+            for end_point in (start, end)
         ]
         turn = (angles[1] - angles[0] + np.pi) % (2 * np.pi) - np.pi
-        arrays = list[FloatArray]()
+        paths = list[FloatArray]()
         for way in (turn, turn - np.copysign(2 * np.pi, turn)):
             height, angle = heights[0] + share * (heights[1] - heights[0]), angles[0] + share * way
             radius = surface.radius + (
                 height * np.tan(surface.half_angle) if isinstance(surface, Cone) else 0
             )
             level = np.cos(angle) * zero + np.sin(angle) * across
-            arrays.append(surface.point + height * axis + radius * level)
-        return arrays
+            paths.append(surface.point + height * axis + radius * level)
+        return paths
     path = start + share * (end - start)
     for _ in range(4):
         path = path - surface.distance(path)[:, None] * surface.normal(path)

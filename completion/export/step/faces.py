@@ -65,18 +65,18 @@ def _sampled(corners: FloatArray, spacing: float) -> FloatArray:
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.cumsum(np.linalg.norm(across, axis=1) / 2)
     n = int(np.clip(total[-1] / spacing**2, 200, _MOST_SAMPLES))
-    item = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(corners) - 1)
+    triangle = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(corners) - 1)
     index = np.arange(1, n + 1)
     a, b = (0.5 + index / 1.324717957244746) % 1.0, (0.5 + index / 1.324717957244746**2) % 1.0
     over = a + b > 1
     a, b = np.where(over, 1 - a, a)[:, None], np.where(over, 1 - b, b)[:, None]
-    sample = corners[item]
+    sample = corners[triangle]
     return np.asarray(sample[:, 0] + a * (sample[:, 1] - sample[:, 0]) + b * (sample[:, 2] - sample[:, 0]))
 
 
 def edges_of(shape: Any, n: int = 30) -> list[FloatArray]:
     """Points (n, 3) along each edge of a shape, mm."""
-    modules, arrays = kernel(), list[FloatArray]()
+    modules, edges = kernel(), list[FloatArray]()
     walk = modules.TopExp.TopExp_Explorer(shape, modules.TopAbs.TopAbs_ShapeEnum.TopAbs_EDGE)
     while walk.More():
         edge = modules.TopoDS.TopoDS.Edge(walk.Current())
@@ -85,8 +85,8 @@ def edges_of(shape: Any, n: int = 30) -> list[FloatArray]:
             continue
         curve = modules.BRepAdaptor.BRepAdaptor_Curve(edge)
         t = np.linspace(curve.FirstParameter(), curve.LastParameter(), n)
-        arrays.append(np.array([curve.Value(float(item)).Coord() for item in t]))
-    return arrays
+        edges.append(np.array([curve.Value(float(parameter)).Coord() for parameter in t]))
+    return edges
 
 
 _STRAIGHT = 1e-9  # radians or mm that a seam may leave its parameter
@@ -101,7 +101,7 @@ def plain_seams(face: Any) -> None:
     while walk.More():
         edge = modules.TopoDS.TopoDS.Edge(walk.Current())
         walk.Next()
-        if any(edge.IsSame(item) for item in done):
+        if any(edge.IsSame(known_edge) for known_edge in done):
             continue
         done.append(edge)
         if not tool.Degenerated_s(edge) and tool.IsClosed_s(edge, face):

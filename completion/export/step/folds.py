@@ -82,16 +82,16 @@ class FoldCurve:
         if not len(points):
             return np.zeros(0), np.zeros(0)
         first = self.tree.query(points)[1]
-        item = self.t[first].copy()
-        for place, (point, start) in enumerate(zip(points, item, strict=True)):
+        feet_t = self.t[first].copy()
+        for place, (point, start) in enumerate(zip(points, feet_t, strict=True)):
             t = float(start)
             for _ in range(_N_STEPS):
                 foot, along = self.slope(t)
                 t += float((point - foot) @ along) / max(float(along @ along), 1e-300)
                 if not self.is_closed:
                     t = min(max(t, self.low), self.high)
-            item[place] = self.wrapped(t)
-        return item, np.linalg.norm(self.at(item) - points, axis=1)
+            feet_t[place] = self.wrapped(t)
+        return feet_t, np.linalg.norm(self.at(feet_t) - points, axis=1)
 
     def wrapped(self, t: float) -> float:
         """The parameter within its period."""
@@ -100,7 +100,7 @@ class FoldCurve:
 
 def curve_points(geometry: Any, t: FloatArray) -> FloatArray:
     """Points (n, 3) of a kernel's curve at parameters (n,)."""
-    return np.array([geometry.Value(float(item)).Coord() for item in t]).reshape(-1, 3)
+    return np.array([geometry.Value(float(parameter)).Coord() for parameter in t]).reshape(-1, 3)
 
 
 def tabled(
@@ -233,7 +233,7 @@ class _Follower(NamedTuple):
 
     def from_point(self, start: FloatArray, along: FloatArray) -> tuple[FloatArray, bool]:
         """Points (n, 3) from one on, and whether they came back to it."""
-        arrays, step, lost, gone = [start], self.spacing / 1.5, 0.0, 0.0
+        path, step, lost, gone = [start], self.spacing / 1.5, 0.0, 0.0
         here, way = start, along
         for _ in range(_MOST_STEPS):
             next_ = settled(self.one, self.two, (here + step * way)[None], touching=self.touching)
@@ -247,19 +247,19 @@ class _Follower(NamedTuple):
                 continue
             here, way, gone = next_.points[0], ahead, gone + moved
             if gone > 3 * step and np.linalg.norm(here - start) < 1.01 * step and (start - here) @ way >= 0:
-                if np.linalg.norm(here - start) < 0.3 * step and len(arrays) > 3:
-                    arrays.pop()
-                    here = arrays[-1]
-                arrays.append(next_.points[0])
-                if np.linalg.norm(arrays[-1] - start) < 0.3 * step:
-                    arrays.pop()
-                return np.array(arrays), True
-            arrays.append(here)
+                if np.linalg.norm(here - start) < 0.3 * step and len(path) > 3:
+                    path.pop()
+                    here = path[-1]
+                path.append(next_.points[0])
+                if np.linalg.norm(path[-1] - start) < 0.3 * step:
+                    path.pop()
+                return np.array(path), True
+            path.append(here)
             lost = lost + moved if self.tree.query(here)[0] > 2.5 * self.spacing else 0.0
             if lost > 6 * self.spacing:
                 break
             step = min(step * 1.5, self.spacing / 1.5)
-        return np.array(arrays), False
+        return np.array(path), False
 
 
 _CONICS = ("Geom_Line", "Geom_Circle", "Geom_Ellipse", "Geom_Hyperbola", "Geom_Parabola")
@@ -314,7 +314,7 @@ class FoldFinder:
     def _conics(self, pair: tuple[int, int]) -> Iterator[Any]:
         """Lines and conics in which the kernel says that two surfaces cross."""
         geom = kernel().Geom
-        kinds = {self.surfaces[index].kind for index in pair}
+        kinds = {self.surfaces[number].kind for number in pair}
         if "torus" in kinds and kinds != {"torus", "plane"} and not self._coaxial(pair):
             return
         try:

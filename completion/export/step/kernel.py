@@ -38,30 +38,30 @@ def kernel() -> SimpleNamespace:
     """
     if "kernel" not in _loaded:
         import_extra("OCP", "step")
-        items = {name: import_extra(f"OCP.{name}", "step") for name in _MODULES}
-        printer = items["Message"].Message_Printer.get_type_descriptor_s()
-        items["Message"].Message.DefaultMessenger_s().RemovePrinters(printer)  # it would talk on stdout
-        _loaded["kernel"] = SimpleNamespace(**items)
+        record = {name: import_extra(f"OCP.{name}", "step") for name in _MODULES}
+        printer = record["Message"].Message_Printer.get_type_descriptor_s()
+        record["Message"].Message.DefaultMessenger_s().RemovePrinters(printer)  # it would talk on stdout
+        _loaded["kernel"] = SimpleNamespace(**record)
     return _loaded["kernel"]
 
 
 def kernel_errors() -> tuple[type[Exception], ...]:
     """What the kernel raises; its exceptions have no class in common here."""
     modules = kernel().Standard, kernel().StdFail
-    items = [getattr(module, name) for module in modules for name in dir(module)]
-    return tuple(item for item in items if isinstance(item, type) and issubclass(item, Exception))
+    errors = [getattr(module, name) for module in modules for name in dir(module)]
+    return tuple(member for member in errors if isinstance(member, type) and issubclass(member, Exception))
 
 
 def kernel_point(point: FloatArray) -> Any:
     """A point (3,) of the kernel."""
-    x, y, z = (float(item) for item in point)
+    x, y, z = (float(value) for value in point)
     return kernel().gp.gp_Pnt(x, y, z)
 
 
 def _axes(place: FloatArray, axis: FloatArray, zero: FloatArray) -> Any:
     gp = kernel().gp
-    x, y, z = (float(item) for item in axis)
-    a, b, c = (float(item) for item in zero)
+    x, y, z = (float(value) for value in axis)
+    a, b, c = (float(value) for value in zero)
     return gp.gp_Ax3(kernel_point(place), gp.gp_Dir(x, y, z), gp.gp_Dir(a, b, c))
 
 
@@ -127,7 +127,7 @@ def line_through(points: FloatArray, exact: float) -> Any | None:
     if np.linalg.norm(off, axis=1).max() > exact:
         return None
     gp = kernel().gp
-    return kernel().Geom.Geom_Line(kernel_point(middle), gp.gp_Dir(*(float(item) for item in way)))
+    return kernel().Geom.Geom_Line(kernel_point(middle), gp.gp_Dir(*(float(value) for value in way)))
 
 
 def circle_through(points: FloatArray, exact: float) -> Any | None:
@@ -144,7 +144,9 @@ def circle_through(points: FloatArray, exact: float) -> Any | None:
         return None
     gp = kernel().gp
     centre = middle + a * frame[0] + b * frame[1]
-    up, zero = (gp.gp_Dir(*(float(item) for item in row)) for row in (np.cross(frame[0], frame[1]), frame[0]))
+    up, zero = (
+        gp.gp_Dir(*(float(value) for value in row)) for row in (np.cross(frame[0], frame[1]), frame[0])
+    )
     return kernel().Geom.Geom_Circle(gp.gp_Ax2(kernel_point(centre), up, zero), radius)
 
 
@@ -275,8 +277,8 @@ def spline_surface(patch: SplinePatch) -> Any:
         for column in range(m):
             held.SetValue(row + 1, column + 1, kernel_point(patch.controls[row, column]))
     knots, counts = zip(*(_counted(knot) for knot in patch.knots), strict=True)
-    items = (*knots, *counts, *patch.degree, False, False)
-    return kernel().Geom.Geom_BSplineSurface(held, *items)
+    arguments = (*knots, *counts, *patch.degree, False, False)
+    return kernel().Geom.Geom_BSplineSurface(held, *arguments)
 
 
 def _counted(knots: FloatArray) -> tuple[Any, Any]:

@@ -72,12 +72,12 @@ def corners_of(curves: Sequence[FoldCurve], spacing: float) -> list[Corner]:
     ]
     corners = list[Corner]()
     for group in _groups(crossings, _MERGED * spacing):
-        best = min(group, key=lambda item: item.rank)
-        alike = [item for item in group if item.is_steep == best.is_steep]
-        exact = [item.point for item in alike if item.gap <= max(1e-7, 1.5 * best.gap)]
+        best = min(group, key=lambda crossing: crossing.rank)
+        alike = [crossing for crossing in group if crossing.is_steep == best.is_steep]
+        exact = [crossing.point for crossing in alike if crossing.gap <= max(1e-7, 1.5 * best.gap)]
         near = [point for point in exact if np.linalg.norm(point - best.point) < 1e-3 * spacing]
         corner = Corner(np.mean(near, axis=0))
-        for place in sorted({curve for item in group for curve in item.curves}):
+        for place in sorted({curve for crossing in group for curve in crossing.curves}):
             t, off = curves[place].feet(corner.point[None])
             corner.at[place] = [float(t[0])]
             corner.off = max(corner.off, float(off[0]))
@@ -140,15 +140,15 @@ def _groups(crossings: Sequence[_Crossing], near: float) -> list[list[_Crossing]
     order = sorted(range(len(crossings)), key=lambda k: (*crossings[k].rank, k))
     heads, groups = list[FloatArray](), list[list[_Crossing]]()
     for k in order:
-        item = crossings[k]
+        crossing = crossings[k]
         if heads:
-            apart = np.linalg.norm(np.array(heads) - item.point, axis=1)
+            apart = np.linalg.norm(np.array(heads) - crossing.point, axis=1)
             best = int(apart.argmin())
             if apart[best] <= near:
-                groups[best].append(item)
+                groups[best].append(crossing)
                 continue
-        heads.append(item.point)
-        groups.append([item])
+        heads.append(crossing.point)
+        groups.append([crossing])
     return groups
 
 
@@ -190,8 +190,8 @@ def pieces_of(
     fixed = tuple(corners)
     pieces = list[Piece]()
     for place, curve in enumerate(curves):
-        item = contacts[(between == curve.pair).all(axis=1)]
-        asked = _Asked(curve, place, cKDTree(item), step, corners)
+        members = contacts[(between == curve.pair).all(axis=1)]
+        asked = _Asked(curve, place, cKDTree(members), step, corners)
         at = sorted((t, k) for k, corner in enumerate(fixed) for t in corner.at.get(place, ()))
         if not at:
             pieces += [asked.whole()] if curve.is_closed else asked.measured(curve.low, curve.high, (-1, -1))
@@ -274,7 +274,7 @@ def chosen(
                 entries.append((row, column, 1.0))
     m = len(rows)
     entries += [(row, n + row, -2.0) for row in range(m)] + [(row, n + m + row, -1.0) for row in range(m)]
-    worth = np.array([(1 - 2 * one.support) * one.length / step + 1e-3 for one in pieces])
+    worth = np.array([(1 - 2 * piece.support) * piece.length / step + 1e-3 for piece in pieces])
     cost = np.concatenate([worth, np.zeros(m), np.full(m, _OPEN)])
     upper = np.concatenate([np.ones(n), np.full(m, 20.0), np.ones(m)])
     constraints = []
@@ -282,10 +282,12 @@ def chosen(
         places = np.array([entry[:2] for entry in entries]).T
         matrix = coo_array(([entry[2] for entry in entries], tuple(places)), shape=(m, n + 2 * m)).tocsr()
         constraints = [LinearConstraint(matrix, 0, 0)]
-    item = milp(cost, integrality=np.ones(n + 2 * m), bounds=Bounds(0, upper), constraints=constraints)
-    taken = item.x is not None
-    is_chosen = np.round(item.x[:n]).astype(bool) if taken else np.array([p.support > 0.5 for p in pieces])
-    kept = [one for one, is_kept in zip(pieces, is_chosen, strict=True) if is_kept]
+    solution = milp(cost, integrality=np.ones(n + 2 * m), bounds=Bounds(0, upper), constraints=constraints)
+    taken = solution.x is not None
+    is_chosen = (
+        np.round(solution.x[:n]).astype(bool) if taken else np.array([p.support > 0.5 for p in pieces])
+    )
+    kept = [piece for piece, is_kept in zip(pieces, is_chosen, strict=True) if is_kept]
     return _through(kept, curves)
 
 
@@ -358,7 +360,7 @@ def loops_of(
         for corner in ends[k]:
             if corner >= 0:
                 at.setdefault(corner, []).append(k)
-    odd = [k for corner, item in sorted(at.items()) if len(item) % 2 for k in item[:1]]
+    odd = [k for corner, numbers in sorted(at.items()) if len(numbers) % 2 for k in numbers[:1]]
     for start in (*odd, *sorted(unused)):
         if start not in unused:
             continue
@@ -431,8 +433,8 @@ class Nearby:
         """Positive where the points are on the left of a piece, seen against the surface's normal; in mm."""
         t = piece.low + (np.arange(_N_SAMPLES) + 0.5) / _N_SAMPLES * (piece.high - piece.low)
         value, weight = 0.0, piece.length / _N_SAMPLES
-        for item in t:
-            place, along = curve.slope(float(item))
+        for t_at in t:
+            place, along = curve.slope(float(t_at))
             leftward = np.cross(surface.normal(place[None])[0], along / np.linalg.norm(along))
             near = self.tree.query_ball_point(place, _ASIDE * self.spacing)
             if near:
@@ -474,7 +476,7 @@ def nested(
         face = shapes[n]
         for k in holes:
             face = face.difference(shapes[k])
-        if not any(face.contains(Point(item)) for item in uv[:: max(1, len(uv) // 2000)]):
+        if not any(face.contains(Point(uv_at)) for uv_at in uv[:: max(1, len(uv) // 2000)]):
             continue
         faces.append([_turned(loops[n], areas[n] < 0), *(_turned(loops[k], areas[k] > 0) for k in holes)])
     return faces

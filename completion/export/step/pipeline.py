@@ -149,7 +149,7 @@ def sewn(faces: Sequence[Any], spacing: float, gap: float) -> Sewn:
     shells = [*_found(whole, "TopAbs_SHELL"), *map(_shell, _found(whole, "TopAbs_FACE", "TopAbs_SHELL"))]
     closed = [shell for shell in shells if modules.BRep.BRep_Tool.IsClosed_s(shell)]
     still_open = [shell for shell in shells if not modules.BRep.BRep_Tool.IsClosed_s(shell)]
-    solids = _solids([modules.TopoDS.TopoDS.Shell(item) for item in closed])
+    solids = _solids([modules.TopoDS.TopoDS.Shell(closed_shell) for closed_shell in closed])
     parts = [*solids, *still_open]
     shape = parts[0] if len(parts) == 1 else _compound(parts)
     volume = sum(volume_of(solid) for solid in solids)
@@ -165,11 +165,11 @@ def _found(shape: Any, kind: str, without: str | None = None) -> list[Any]:
         if without is None
         else modules.TopExp.TopExp_Explorer(shape, getattr(kinds, kind), getattr(kinds, without))
     )
-    items = list[Any]()
+    shapes = list[Any]()
     while walk.More():
-        items.append(walk.Current())
+        shapes.append(walk.Current())
         walk.Next()
-    return items
+    return shapes
 
 
 def _shell(face: Any) -> Any:
@@ -301,7 +301,9 @@ def _attempt(parts: PartRegions) -> _Attempt:
     spacing, contacts = parts.spacing_m * MM, parts.contacts * MM
 
     # 2. Folds: the curves in which neighbours cross, or touch where they are tangent.
-    finder = FoldFinder(surfaces, [kernel_surface(item) for item in surfaces], spacing, parts.noise_m * MM)
+    finder = FoldFinder(
+        surfaces, [kernel_surface(surface) for surface in surfaces], spacing, parts.noise_m * MM
+    )
     curves = [
         curve
         for pair in np.unique(parts.between, axis=0).tolist()
@@ -316,8 +318,8 @@ def _attempt(parts: PartRegions) -> _Attempt:
     kept = chosen(pieces, curves, corners, spacing)
 
     # 5. Loops: pieces in order around each region, which lies on their left; open ends close as measured.
-    near = [Nearby(item, spacing) for item in points]
-    loops = [loops_of(k, kept, curves, item, near[k]) for k, item in enumerate(surfaces)]
+    near = [Nearby(point, spacing) for point in points]
+    loops = [loops_of(k, kept, curves, surface, near[k]) for k, surface in enumerate(surfaces)]
 
     ends = OpenEnds(kept, curves, corners, surfaces, spacing)
     is_open = [False] * len(surfaces)
@@ -329,31 +331,31 @@ def _attempt(parts: PartRegions) -> _Attempt:
     for surface, point in zip(surfaces, loops, strict=True):
         seams.begin_on_tubes(surface, point.closed)
     shapes = [
-        seams.shape(item, members, loop.closed)
-        for item, members, loop in zip(surfaces, points, loops, strict=True)
+        seams.shape(surface, point, loop.closed)
+        for surface, point, loop in zip(surfaces, points, loops, strict=True)
     ]
 
     # 7. Faces: each surface within its loops; what does not hold its region's points is none.
     make = EdgeMaker(seams.pieces, curves, corners, surfaces)
     maker = FaceMaker(parts, make, spacing)
     trimmed = [
-        maker.faces(surface, shape, loop, item)
-        for surface, shape, loop, item in zip(surfaces, shapes, loops, points, strict=True)
+        maker.faces(surface, shape, loop, point)
+        for surface, shape, loop, point in zip(surfaces, shapes, loops, points, strict=True)
     ]
     outcomes = tuple(
         FaceOutcome(
             region.number,
             region.surface.kind,
-            region_faces.reason,
-            region_faces.measured,
+            faces.reason,
+            faces.measured,
             sd_m=region.sd_m,
             is_open=ends_open,
         )
-        for region, region_faces, ends_open in zip(parts.regions, trimmed, is_open, strict=True)
+        for region, faces, ends_open in zip(parts.regions, trimmed, is_open, strict=True)
     )
     gap = max((make.off(piece) for piece in seams.pieces), default=0.0)
-    faces = [(face, k) for k, region_faces in enumerate(trimmed) for face in region_faces.faces]
-    held = sum(len(item) for item, region_faces in zip(points, trimmed, strict=True) if region_faces.faces)
+    faces = [(face, k) for k, faces in enumerate(trimmed) for face in faces.faces]
+    held = sum(len(point) for point, faces in zip(points, trimmed, strict=True) if faces.faces)
     return _Attempt(
         [face for face, _ in faces], [k for _, k in faces], outcomes, gap=gap, spacing=spacing, n_held=held
     )

@@ -128,11 +128,11 @@ def _contacts(points: FloatArray, members: IntArray, spacing_m: float) -> tuple[
         return np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
     tree = cKDTree(points)
     apart, near = tree.query(points, k=min(_N_LINKED + 1, len(points)))
-    values = np.repeat(np.arange(len(points)), near.shape[1])
+    point_index = np.repeat(np.arange(len(points)), near.shape[1])
     two, length = near.ravel(), apart.ravel()
-    kept = (members[values] != members[two]) & (length <= _APART * spacing_m)
-    values, two = values[kept], two[kept]
-    pairs = np.unique(np.sort(np.column_stack([values, two]), axis=1), axis=0)
+    kept = (members[point_index] != members[two]) & (length <= _APART * spacing_m)
+    point_index, two = point_index[kept], two[kept]
+    pairs = np.unique(np.sort(np.column_stack([point_index, two]), axis=1), axis=0)
     between = members[pairs]
     middle = points[pairs].mean(axis=1)
     nearest = members[tree.query(middle)[1]]  # of a third region where that lies between
@@ -158,23 +158,23 @@ def joined(parts: PartRegions) -> PartRegions:
     size = np.bincount(parts.region, minlength=n)
     tolerance = max(3 * parts.noise_m, 1e-2 * parts.spacing_m)
     pairs, count = np.unique(parts.between, axis=0, return_counts=True)
-    for (item, two), n_contacts in zip(pairs.tolist(), count.tolist(), strict=True):
-        a, b = root(item), root(two)
+    for (first, two), n_contacts in zip(pairs.tolist(), count.tolist(), strict=True):
+        a, b = root(first), root(two)
         if a == b or n_contacts < 2:
             continue
         large, small = (a, b) if size[a] >= size[b] else (b, a)
         if _is_one(parts, large, small, tolerance):
             head[small] = large
             size[large] += size[small]
-    heads = [root(index) for index in range(n)]
-    kept = [index for index in range(n) if heads[index] == index]
+    heads = [root(number) for number in range(n)]
+    kept = [number for number in range(n) if heads[number] == number]
     number = np.full(n, -1)
     number[kept] = np.arange(len(kept))
     new = number[heads]
     between = np.sort(new[parts.between], axis=1)
     differ = between[:, 0] != between[:, 1]
     return PartRegions(
-        regions=tuple(parts.regions[index] for index in kept),
+        regions=tuple(parts.regions[number] for number in kept),
         points=parts.points,
         region=new[parts.region],
         contacts=parts.contacts[differ],
@@ -201,9 +201,9 @@ def _is_one(parts: PartRegions, large: int, small: int, tolerance: float) -> boo
         return False
     if parts.regions[large].group == parts.regions[small].group >= 0:
         return True
-    item = parts.points[parts.region == small]
-    off = np.abs(first.distance(item))
-    turn = np.abs(np.einsum("ij,ij->i", first.normal(item), second.normal(item)))
+    members = parts.points[parts.region == small]
+    off = np.abs(first.distance(members))
+    turn = np.abs(np.einsum("ij,ij->i", first.normal(members), second.normal(members)))
     return bool(np.quantile(off, 0.9) <= tolerance and np.median(turn) > np.cos(np.radians(2.0)))
 
 

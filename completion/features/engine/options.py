@@ -90,13 +90,13 @@ def read_given(path: str | os.PathLike[str], kinds: Sequence[str]) -> dict[str, 
             raise InputError(f"{source}: {name}: nothing of that name can be given; {_may_be(kinds)}")
     out: dict[str, Given] = {}
     for kind in kinds:
-        item = held.get(kind, {})
-        if not isinstance(item, Mapping):
+        given_values = held.get(kind, {})
+        if not isinstance(given_values, Mapping):
             raise InputError(f"{source}: {kind}: must be an object of numbers; {_may_be([kind])}")
-        for name in item:
+        for name in given_values:
             if name not in KNOWN[kind]:
                 raise InputError(f"{source}: {kind}: {name} cannot be given; {_may_be([kind])}")
-        merged = {**{n: v for n, v in general.items() if n in KNOWN[kind]}, **item}
+        merged = {**{n: v for n, v in general.items() if n in KNOWN[kind]}, **given_values}
         out[kind] = {name: _number(source, name, value) for name, value in merged.items()}
         for name in set(_COUNTS) & set(out[kind]):
             if not out[kind][name].is_integer() or not 2 <= out[kind][name] <= _MOST:

@@ -316,8 +316,8 @@ class _Memory:
         if not len(won):
             return
         share = gain[won] / gain[won].max()
-        for kept, values in ((self.weights, weights[won]), (self.crossing, crossing[won])):
-            kept[self.line] = (share @ values**2) / max(share @ values, 1e-12)
+        for kept, chosen_weights in ((self.weights, weights[won]), (self.crossing, crossing[won])):
+            kept[self.line] = (share @ chosen_weights**2) / max(share @ chosen_weights, 1e-12)
         self.line = (self.line + 1) % _MEMORY
 
 
@@ -373,13 +373,13 @@ def explore(
     if n == 0:
         return Found(np.zeros(0), breach(gates, sought.base), 0, True)
     chosen = rng.permutation(len(measured.points))[:_N_POINTS]
-    values, reach = measured.points[chosen], REACH * measured.diagonal
+    subset, reach = measured.points[chosen], REACH * measured.diagonal
     scale = min(max(measured.noise, 0.25 * measured.spacing, 1e-3 * measured.diagonal), 0.5 * reach)
     most = float(np.log1p((reach / scale) ** 2))
 
     def value(places: FloatArray) -> FloatArray:
-        each = [template.distance(values, sought.full(z))[0] for z in places]
-        return np.array([np.minimum(np.log1p((item / scale) ** 2), most).mean() for item in each])
+        each = [template.distance(subset, sought.full(z))[0] for z in places]
+        return np.array([np.minimum(np.log1p((residuals / scale) ** 2), most).mean() for residuals in each])
 
     def broken(places: FloatArray) -> FloatArray:
         return np.array([breach(gates, sought.full(z)) for z in places])

@@ -362,7 +362,7 @@ def _plain(value: object) -> object:
     array = np.asarray(value)
     if array.ndim == 0:
         return array.item() if array.dtype.kind in "iub" else _number(float(array))
-    return [_plain(item) for item in array]
+    return [_plain(element) for element in array]
 
 
 def moved_geometry(fit: TemplateFit, rotation: FloatArray, shift: FloatArray) -> dict[str, object]:

@@ -333,7 +333,7 @@ def fit_template(
     sought = equations(template.names, bounds, given, equal)
 
     # 1. Search: truncated distances of some points, from anywhere.
-    begun = [] if starts is None else [sought.sought(item) for item in np.atleast_2d(starts)]
+    begun = [] if starts is None else [sought.sought(start) for start in np.atleast_2d(starts)]
     find = explore(
         template,
         measured,

@@ -54,7 +54,7 @@ def rim_scores(survey: Survey, centres: FloatArray, radii: FloatArray, soft: Flo
         return RimScores(np.zeros(0), np.zeros(0), np.zeros((0, N_SECTORS), dtype=np.bool_), np.zeros(0))
     level = survey.level(radii)
     scores = [_scores(survey, centres[at], radii[at], soft[at], level=int(level[at[0]]))
-              for at in (np.flatnonzero(level == item) for item in np.unique(level))]  # fmt: skip
+              for at in (np.flatnonzero(level == step_level) for step_level in np.unique(level))]  # fmt: skip
     back = np.argsort(np.argsort(level, kind="stable"), kind="stable")
     return RimScores(
         *(np.concatenate([getattr(score, f.name) for score in scores])[back] for f in fields(RimScores))
@@ -157,7 +157,7 @@ def candidates(survey: Survey, opened: Openings, radius: float | None = None) ->
     local maxima are weighed, and moved to where they are most evident.
     """
     radii = _radii(survey) if radius is None else np.array([radius])
-    places = [_places(survey, float(item)) for item in radii]
+    places = [_places(survey, float(radius)) for radius in radii]
     centres = np.concatenate([place for place, _ in places])
     sizes = np.repeat(radii, [len(place) for place, _ in places])
     best = np.argsort(-np.concatenate([score for _, score in places]), kind="stable")[: 4 * _MOST_PLACES]
@@ -167,19 +167,19 @@ def candidates(survey: Survey, opened: Openings, radius: float | None = None) ->
     soft = np.full(len(sizes), 0.35 * survey.spacing)
     evidence = rim_scores(survey, centres, sizes, soft).evidence
     best = np.argsort(-evidence, kind="stable")[:_MOST_PLACES]
-    results = _climbed(survey, Candidates(centres[best], sizes[best], evidence[best]), radius is not None)
-    more = opened.evidence(results.centres, results.radii, survey.spacing)
-    return _distinct(replace(results, evidence=results.evidence + more))
+    circles = _climbed(survey, Candidates(centres[best], sizes[best], evidence[best]), radius is not None)
+    more = opened.evidence(circles.centres, circles.radii, survey.spacing)
+    return _distinct(replace(circles, evidence=circles.evidence + more))
 
 
 def _radii(survey: Survey) -> FloatArray:
     """Radii to try, closer together than the spacing where they are small."""
     extent = np.array(survey.counts.shape) * survey.cell
-    values, radius = list[float](), LEAST * survey.spacing
+    radii, radius = list[float](), LEAST * survey.spacing
     while radius < _LARGEST * extent.max():
-        values.append(radius)
+        radii.append(radius)
         radius = max(radius + _STEP * survey.spacing, min(radius * _RATIO, radius + 2 * survey.spacing))
-    return np.array(values)
+    return np.array(radii)
 
 
 def _places(survey: Survey, radius: float) -> tuple[FloatArray, FloatArray]:
@@ -243,14 +243,14 @@ def _grown(survey: Survey, begun: Candidates) -> Candidates:
     large = np.flatnonzero(begun.radii > LARGE * survey.spacing)
     if not len(large):
         return begun
-    results = Candidates(begun.centres[large], begun.radii[large], begun.evidence[large])
+    circles = Candidates(begun.centres[large], begun.radii[large], begun.evidence[large])
     around = 2 * np.pi * np.arange(8) / 8
     out = np.column_stack([np.cos(around), np.sin(around), np.ones(8)])
     moves = np.concatenate([out, -out, np.eye(3), -np.eye(3)])
     for step in _WIDENED:
-        results = _ascended(survey, results, moves, step)
+        circles = _ascended(survey, circles, moves, step)
     merged = [getattr(begun, name).copy() for name in ("centres", "radii", "evidence")]
-    for whole, part in zip(merged, (results.centres, results.radii, results.evidence), strict=True):
+    for whole, part in zip(merged, (circles.centres, circles.radii, circles.evidence), strict=True):
         whole[large] = part
     return _distinct(Candidates(*merged), 2 * _MOST)
 
@@ -280,17 +280,17 @@ def _ascended(survey: Survey, begun: Candidates, moves: FloatArray, step: float)
     return Candidates(centres, radii, evidence)
 
 
-def _distinct(results: Candidates, most: int = _MOST) -> Candidates:
+def _distinct(circles: Candidates, most: int = _MOST) -> Candidates:
     """The most evident, of which centres or radii differ by a fourth of the radius."""
-    order = np.argsort(-results.evidence, kind="stable")
+    order = np.argsort(-circles.evidence, kind="stable")
     kept = list[int]()
     for k in order:
-        if results.evidence[k] < _LEAST_EVIDENCE or len(kept) == most:
+        if circles.evidence[k] < _LEAST_EVIDENCE or len(kept) == most:
             break
-        gap = np.hypot(*(results.centres[kept] - results.centres[k]).T) if kept else np.zeros(0)
-        nearly = (gap < 0.25 * results.radii[k]) & (
-            np.abs(results.radii[kept] - results.radii[k]) < 0.25 * results.radii[k]
+        gap = np.hypot(*(circles.centres[kept] - circles.centres[k]).T) if kept else np.zeros(0)
+        nearly = (gap < 0.25 * circles.radii[k]) & (
+            np.abs(circles.radii[kept] - circles.radii[k]) < 0.25 * circles.radii[k]
         )
         if not nearly.any():
             kept.append(int(k))
-    return Candidates(results.centres[kept], results.radii[kept], results.evidence[kept])
+    return Candidates(circles.centres[kept], circles.radii[kept], circles.evidence[kept])

@@ -318,7 +318,7 @@ def _nearest_rim(pattern: Pattern, places: FloatArray, chosen: BoolArray, reach:
 
 
 def sharpened(
-    coarse: Refined, results: Walls, seen: BoolArray, survey: Survey, held: BoolArray
+    coarse: Refined, bore_walls: Walls, seen: BoolArray, survey: Survey, held: BoolArray
 ) -> Refined | None:
     """Fit a pattern to points on its holes' walls by robust Gauss-Newton.
 
@@ -327,13 +327,13 @@ def sharpened(
     near the rims is no straight wall: a countersink.
     """
     pattern, spacing = coarse.pattern, survey.spacing
-    per_hole = np.bincount(results.owner, minlength=pattern.count)
+    per_hole = np.bincount(bore_walls.owner, minlength=pattern.count)
     if (per_hole[seen] >= _LEAST_POINTS).mean() < _LEAST_SHARE if seen.any() else True:
         return None
     free, x = ~held, np.array([*pattern.x, pattern.radius])
     sigma, radii = 0.5 * spacing, pattern.radius
     for _ in range(_N_ROUNDS):
-        residual, slopes = _residual(replace(pattern, x=x[:-1], radius=float(x[-1])), results)
+        residual, slopes = _residual(replace(pattern, x=x[:-1], radius=float(x[-1])), bore_walls)
         sigma = max(scale_within(np.abs(residual[np.abs(residual) < TUKEY * sigma]), sigma), _EXACT * radii)
         weights = tukey_weights(residual, TUKEY * sigma)
         root = np.sqrt(weights)
@@ -350,10 +350,10 @@ def sharpened(
     return Refined(moved, covariance, coarse.evaluations + _N_ROUNDS)
 
 
-def _residual(pattern: Pattern, results: Walls) -> tuple[FloatArray, FloatArray]:
+def _residual(pattern: Pattern, bore_walls: Walls) -> tuple[FloatArray, FloatArray]:
     """Distances (m,) of the points outside their circles, and their derivatives (m, p + 1)."""
-    offset = results.places - pattern.centres[results.owner]
+    offset = bore_walls.places - pattern.centres[bore_walls.owner]
     far = np.maximum(np.hypot(*offset.T), 1e-300)
     out = offset / far[:, None]
-    slopes = -np.einsum("mi,mip->mp", out, pattern.slopes[results.owner])
+    slopes = -np.einsum("mi,mip->mp", out, pattern.slopes[bore_walls.owner])
     return far - pattern.radius, np.column_stack([slopes, -np.ones(len(far))])

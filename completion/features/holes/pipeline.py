@@ -271,8 +271,8 @@ def _surveyed(plate: Plate, looked_at: Measured, given: Given) -> Ground:
     """Step 1: the plate as it was measured, what went through it, and circles with nothing inside."""
     surveyed = survey(plate)
     opened = openings(plate, looked_at, surveyed.spacing)
-    results = candidates(surveyed, opened, given.get("radius"))
-    return Ground(surveyed, opened, results, surveyed.area)
+    circles = candidates(surveyed, opened, given.get("radius"))
+    return Ground(surveyed, opened, circles, surveyed.area)
 
 
 def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
@@ -284,13 +284,16 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
         for proposed in (begun, wide)
     ]
     # two circles tell others less exactly than three: patterns through them are moved first
-    promising = sorted(weighed[1], key=lambda one: -one.evidence)[:_MOST_CLIMBED]
+    promising = sorted(weighed[1], key=lambda weight: -weight.evidence)[:_MOST_CLIMBED]
     # ... and so are large circles, which many points hold
     wide_from = LARGE * ground.survey.spacing
-    every = [climbed(item, ground, given) if item.pattern.radius > wide_from else item for item in weighed[0]]
-    every += [climbed(item, ground, given) for item in promising]
+    every = [
+        climbed(weight, ground, given) if weight.pattern.radius > wide_from else weight
+        for weight in weighed[0]
+    ]
+    every += [climbed(weight, ground, given) for weight in promising]
     best = list[Weighed]()
-    for weight in sorted(every, key=lambda one: -one.evidence):
+    for weight in sorted(every, key=lambda weight: -weight.evidence):
         taken = {number for other in best for number in other.chosen.tolist()}
         if weight.evidence > (_FURTHER if best else _HOPELESS) and not taken & set(weight.chosen.tolist()):
             best.append(weight)

@@ -251,9 +251,11 @@ class Survey:
         """Return the plate's points within `reach` (m,) of centres (m, 2): whose they are, and offsets."""
         tree = self.trees[level]
         lists = tree.query_ball_point(centres, reach, return_sorted=False)
-        sizes = np.array([len(item) for item in lists], dtype=np.int64)
+        sizes = np.array([len(near_points) for near_points in lists], dtype=np.int64)
         owner = np.repeat(np.arange(len(centres)), sizes)
-        members = np.concatenate([np.asarray(item, dtype=np.int64) for item in lists] or [owner])
+        members = np.concatenate(
+            [np.asarray(near_points, dtype=np.int64) for near_points in lists] or [owner]
+        )
         return owner, np.asarray(tree.data)[members] - centres[owner]
 
 
@@ -340,8 +342,8 @@ class Openings:
 
     def evidence(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         """Return log odds (m,) of holes against lost data at circles (m, 2), (m,), nats."""
-        values = self._of_beams(centres, radii, spacing) + self._of_bores(centres, radii, spacing)
-        return values - (self._without_edge(centres, radii, spacing) if self.is_solid else 0.0)
+        gains = self._of_beams(centres, radii, spacing) + self._of_bores(centres, radii, spacing)
+        return gains - (self._without_edge(centres, radii, spacing) if self.is_solid else 0.0)
 
     def _of_beams(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         if self.crossed is None:
@@ -381,8 +383,8 @@ class Openings:
         if self.off is None:
             return none, np.zeros(0), np.zeros(0), none
         lists = self.off.query_ball_point(centres, radii + beyond, return_sorted=False)
-        owner = np.repeat(np.arange(len(radii)), [len(item) for item in lists])
-        members = np.concatenate([np.asarray(item, dtype=np.int64) for item in lists] or [none])
+        owner = np.repeat(np.arange(len(radii)), [len(near_points) for near_points in lists])
+        members = np.concatenate([np.asarray(near_points, dtype=np.int64) for near_points in lists] or [none])
         offset = np.asarray(self.off.data)[members] - centres[owner]
         turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) % 1
         sector = (turn * N_SECTORS).astype(np.int64) % N_SECTORS
@@ -393,15 +395,15 @@ class Openings:
         shape = (len(radii), N_SECTORS)
         owner, gap, height, sector = self._around(centres, radii, 3 * self.reach)
         near = np.abs(height) < _DEEP[0] * radii[owner] + _DEEP[1] * spacing
-        arrays = []
+        walls = []
         for side in (1, -1):
             chosen = near & (side * height > 0)
             on = chosen & (np.abs(gap) < self.reach)
             beside = chosen & ~on & (gap > -3 * self.reach)
             counted = [np.bincount((owner * N_SECTORS + sector)[which], minlength=shape[0] * N_SECTORS)
                        for which in (on, beside)]  # fmt: skip
-            arrays.append((counted[0] > counted[1]).reshape(shape))
-        return arrays[0], arrays[1]
+            walls.append((counted[0] > counted[1]).reshape(shape))
+        return walls[0], walls[1]
 
 
 def openings(plate: Plate, measured: Measured, spacing: float) -> Openings:
@@ -466,8 +468,8 @@ def _outer_side(plate: Plate, spacing: float) -> int:
     off = np.abs(plate.height) > 1.5 * plate.slab
     lists = cKDTree(plate.uv[off]).query_ball_point(places, _COLUMN * spacing)
     votes = np.zeros((2, 2))
-    for item in lists:
-        heights = plate.height[off][item]
+    for near_points in lists:
+        heights = plate.height[off][near_points]
         for row, side in enumerate((1, -1)):
             along = np.sort(side * heights[side * heights > 0])
             layers = np.split(along, np.flatnonzero(np.diff(along) > 1.5 * spacing) + 1)

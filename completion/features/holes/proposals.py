@@ -151,11 +151,11 @@ class Search:
         """Return the search of some candidates."""
         return cls(candidates, area, spacing, given, cKDTree(candidates.centres))
 
-    def alike(self, values: IntArray | int, two: IntArray) -> BoolArray:
+    def alike(self, first: IntArray | int, two: IntArray) -> BoolArray:
         """Whether radii of candidates (n,), or of one, and of others (n,) are alike."""
         radii = self.found.radii
-        least = ALIKE[0] * self.spacing + ALIKE[1] * np.minimum(radii[values], radii[two])
-        return np.asarray(np.abs(radii[values] - radii[two]) < least)
+        least = ALIKE[0] * self.spacing + ALIKE[1] * np.minimum(radii[first], radii[two])
+        return np.asarray(np.abs(radii[first] - radii[two]) < least)
 
 
 def proposals(
@@ -182,7 +182,7 @@ def proposals(
         if proposal is not None:
             tried.append(proposal)
     best, taken = list[Proposal](), list[set[int]]()
-    for proposal in sorted(tried, key=lambda item: item.log_chance):
+    for proposal in sorted(tried, key=lambda proposal: proposal.log_chance):
         if all(len(set(proposal.chosen.tolist()) & other) < 2 for other in taken) or len(best) < 2:
             best.append(proposal)
             taken.append(set(proposal.chosen.tolist()))
@@ -244,17 +244,17 @@ def _trimmed(pattern: Pattern, places: IntArray) -> tuple[Pattern, IntArray]:
 
 def pairs(search: Search) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of like candidates a pitch apart: numbers (m,) twice, and the pitch (m, 2)."""
-    values, two = np.triu_indices(len(search.found), 1)
-    like = search.alike(values, two)
-    values, two = values[like], two[like]
-    step = search.found.centres[two] - search.found.centres[values]
-    values, two = np.tile(values, len(_MULTIPLES)), np.tile(two, len(_MULTIPLES))
+    first, two = np.triu_indices(len(search.found), 1)
+    like = search.alike(first, two)
+    first, two = first[like], two[like]
+    step = search.found.centres[two] - search.found.centres[first]
+    first, two = np.tile(first, len(_MULTIPLES)), np.tile(two, len(_MULTIPLES))
     pitch = np.concatenate([step / m for m in _MULTIPLES])
     length = np.hypot(*pitch.T)
-    fits = length > 2 * search.found.radii[values]
+    fits = length > 2 * search.found.radii[first]
     if "pitch" in search.given:
         fits &= np.abs(length - search.given["pitch"]) < _NEAR * search.spacing
-    return values[fits], two[fits], pitch[fits]
+    return first[fits], two[fits], pitch[fits]
 
 
 def _matched(search: Search, places: FloatArray, first: IntArray, reach: FloatArray) -> IntArray:
@@ -276,14 +276,14 @@ _Begun = Iterator[tuple[Pattern, IntArray, IntArray]]
 
 def _rows(search: Search) -> _Begun:
     """Rows through pairs, where a third candidate fits."""
-    indices, _, pitch = pairs(search)
-    if not len(indices):
+    first, _, pitch = pairs(search)
+    if not len(first):
         return
     number = np.arange(-_FARTHEST, _FARTHEST + 1)
-    places = search.found.centres[indices][:, None] + number[None, :, None] * pitch[:, None]
+    places = search.found.centres[first][:, None] + number[None, :, None] * pitch[:, None]
     reach = _NEAR * search.spacing * (1 + 0.25 * np.abs(number))
     reach = np.minimum(reach[None, :], 0.3 * np.hypot(*pitch.T)[:, None])
-    match = _matched(search, places, indices, reach)
+    match = _matched(search, places, first, reach)
     for row in np.flatnonzero((match >= 0).sum(axis=1) >= _LEAST_SEEN):
         at = np.flatnonzero(match[row] >= 0)
         angle, length = np.arctan2(pitch[row, 1], pitch[row, 0]), float(np.hypot(*pitch[row]))
@@ -291,7 +291,7 @@ def _rows(search: Search) -> _Begun:
             kept = at[run]
             if len(kept) < _LEAST_SEEN:
                 continue
-            x = np.array([*search.found.centres[indices[row]], angle, search.given.get("pitch", length)])
+            x = np.array([*search.found.centres[first[row]], angle, search.given.get("pitch", length)])
             pattern = Pattern(ROW, (len(number), 1), x, 0.0)
             yield pattern, kept, match[row, kept]
 
@@ -304,39 +304,39 @@ def _runs(numbers: IntArray) -> list[IntArray]:
 
 def _grids(search: Search) -> _Begun:
     """Grids through pairs and a third candidate across."""
-    indices, _, pitch = pairs(search)
+    first, _, pitch = pairs(search)
     candidates = search.found
     span = np.arange(-8, 9)
     i, j = (g.ravel() for g in np.meshgrid(span, span, indexing="ij"))
-    for row in range(len(indices)):
+    for row in range(len(first)):
         length = float(np.hypot(*pitch[row]))
         along = pitch[row] / length
         across = np.array([-along[1], along[0]])
-        offset = (candidates.centres - candidates.centres[indices[row]]) @ np.stack([along, across], axis=1)
+        offset = (candidates.centres - candidates.centres[first[row]]) @ np.stack([along, across], axis=1)
         steps = np.round(offset[:, 0] / length)
         near = np.abs(offset[:, 0] - steps * length) < _NEAR * search.spacing * (1 + 0.25 * np.abs(steps))
-        near &= (offset[:, 1] > 2 * candidates.radii[indices[row]]) & search.alike(
-            indices[row], np.arange(len(candidates))
+        near &= (offset[:, 1] > 2 * candidates.radii[first[row]]) & search.alike(
+            first[row], np.arange(len(candidates))
         )
         widths = np.unique(np.round([offset[k, 1] / m for k in np.flatnonzero(near) for m in (1, 2)], 9))
-        widths = widths[widths > 2 * candidates.radii[indices[row]]]
+        widths = widths[widths > 2 * candidates.radii[first[row]]]
         if "pitch_2" in search.given:
             widths = widths[np.abs(widths - search.given["pitch_2"]) < 2 * _NEAR * search.spacing]
         if not len(widths):
             continue
         places = (
-            candidates.centres[indices[row]]
+            candidates.centres[first[row]]
             + i[:, None] * pitch[row]
             + widths[:, None, None] * j[:, None] * across
         )
         reach = _NEAR * search.spacing * (1 + 0.25 * (np.abs(i) + np.abs(j)))
         reach = np.minimum(reach[None], 0.3 * np.minimum(length, widths)[:, None])
-        match = _matched(search, places, np.full(len(widths), indices[row]), reach)
+        match = _matched(search, places, np.full(len(widths), first[row]), reach)
         for number in np.flatnonzero((match >= 0).sum(axis=1) >= 4):
             at = np.flatnonzero(match[number] >= 0)
             if len(np.unique(i[at])) < 2 or len(np.unique(j[at])) < 2:
                 continue
-            x = [*candidates.centres[indices[row]], np.arctan2(along[1], along[0]), length, widths[number]]
+            x = [*candidates.centres[first[row]], np.arctan2(along[1], along[0]), length, widths[number]]
             x[3:] = [
                 search.given.get(name, value) for name, value in zip(PARAMETERS[GRID][3:], x[3:], strict=True)
             ]
@@ -362,8 +362,8 @@ def _circles(search: Search) -> _Begun:
         turn = [_turn(candidates.centres[k] - middle) for k in (np.full(len(b), a), b, c)]
         for n in counts:
             off = [
-                np.abs((share := (values - turn[0]) * n / (2 * np.pi)) - np.round(share))
-                for values in turn[1:]
+                np.abs((share := (angles - turn[0]) * n / (2 * np.pi)) - np.round(share))
+                for angles in turn[1:]
             ]
             tolerance = 1.5 * _NEAR * search.spacing / radius * n / (2 * np.pi)
             good = (off[0] < tolerance) & (off[1] < tolerance) & (tolerance < 0.25)
@@ -389,16 +389,16 @@ def _turn(offset: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(offset[:, 1], offset[:, 0]))
 
 
-def _through(values: FloatArray, two: FloatArray, three: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _through(first: FloatArray, two: FloatArray, three: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Centres (m, 2) and radii (m,) of circles through a place (2,) and pairs of places (m, 2)."""
-    b, c = two - values, three - values
+    b, c = two - first, three - first
     twice = 2 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
         bb, cc = (b**2).sum(axis=1), (c**2).sum(axis=1)
         offset = np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb]) / twice[:, None]
         radius = np.hypot(*offset.T)
     offset = np.where(np.isfinite(radius)[:, None], offset, 0.0)
-    return values + offset, np.where(np.isfinite(radius), radius, np.inf)
+    return first + offset, np.where(np.isfinite(radius), radius, np.inf)
 
 
 _CIRCLE_COUNTS = range(4, 17)  # of a circle
@@ -455,12 +455,12 @@ def count_range(pattern: Pattern, seen: BoolArray, survey: Survey) -> tuple[int,
 
 def _steps(search: Search, survey: Survey) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Pairs (m,) of like candidates, the pitch (m, 2) and the radius (m,), with room for holes between."""
-    indices, two, pitch = pairs(search)
-    radius = (search.found.radii[indices] + search.found.radii[two]) / 2
+    first, two, pitch = pairs(search)
+    radius = (search.found.radii[first] + search.found.radii[two]) / 2
     room = np.hypot(*pitch.T) > 2 * radius + _WEB * search.spacing
-    for place in (search.found.centres[indices] + pitch, search.found.centres[two] - pitch):
+    for place in (search.found.centres[first] + pitch, search.found.centres[two] - pitch):
         room &= ~survey.is_no_hole(place, radius)
-    return indices[room], two[room], pitch[room], radius[room]
+    return first[room], two[room], pitch[room], radius[room]
 
 
 def _row_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
@@ -481,20 +481,20 @@ def _row_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
 
 def _grid_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
     """Grids through pairs and a third candidate across, with room in all of the rectangle of these."""
-    indices, two, pitch, radius = _steps(search, survey)
+    first, two, pitch, radius = _steps(search, survey)
     candidates = search.found
     length = np.hypot(*pitch.T)
-    for k in range(len(indices)):
+    for k in range(len(first)):
         along = pitch[k] / length[k]
         across = np.array([-along[1], along[0]])
-        offset = (candidates.centres - candidates.centres[indices[k]]) @ np.stack([along, across], axis=1)
+        offset = (candidates.centres - candidates.centres[first[k]]) @ np.stack([along, across], axis=1)
         steps = np.rint(offset[:, 0] / length[k]).astype(np.int64)
         n_along = int(
-            np.rint(np.hypot(*(candidates.centres[two[k]] - candidates.centres[indices[k]])) / length[k])
+            np.rint(np.hypot(*(candidates.centres[two[k]] - candidates.centres[first[k]])) / length[k])
         )
         least = 2 * radius[k] + _WEB * search.spacing
         near = np.abs(offset[:, 0] - steps * length[k]) < _NEAR * search.spacing * (1 + 0.25 * np.abs(steps))
-        near &= (np.abs(offset[:, 1]) > least) & search.alike(indices[k], np.arange(len(candidates)))
+        near &= (np.abs(offset[:, 1]) > least) & search.alike(first[k], np.arange(len(candidates)))
         near &= (steps >= -_MOST_WIDE) & (steps <= n_along + _MOST_WIDE)
         for third in np.flatnonzero(near):
             for n_across in range(1, _MOST_WIDE + 1):
@@ -504,9 +504,7 @@ def _grid_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
                 low, high = min(0, int(steps[third])), max(n_along, int(steps[third]))
                 shape = (high - low + 1, n_across + 1)
                 middle = (
-                    candidates.centres[indices[k]]
-                    + (low + high) / 2 * pitch[k]
-                    + offset[third, 1] / 2 * across
+                    candidates.centres[first[k]] + (low + high) / 2 * pitch[k] + offset[third, 1] / 2 * across
                 )
                 x = np.array([*middle, np.arctan2(along[1], along[0]), length[k], width])
                 x[3:] = [search.given.get(name, value)

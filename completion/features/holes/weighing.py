@@ -74,10 +74,10 @@ def _neighbours(pattern: Pattern) -> list[IntArray]:
 def _on_webs(pattern: Pattern, pairs: IntArray, survey: Survey) -> tuple[IntArray, FloatArray]:
     """Points (m,) of the plate between two holes each, and how many there should be."""
     centres, radius = pattern.centres, pattern.radius
-    values, two = centres[pairs[:, 0]], centres[pairs[:, 1]]
-    step = two - values
+    first, two = centres[pairs[:, 0]], centres[pairs[:, 1]]
+    step = two - first
     length = np.hypot(*step.T)
-    owner, offset = survey.near((values + two) / 2, length / 2)
+    owner, offset = survey.near((first + two) / 2, length / 2)
     along = step / length[:, None]
     u = np.einsum("ij,ij->i", offset, along[owner])
     v = offset[:, 1] * along[owner, 0] - offset[:, 0] * along[owner, 1]
@@ -89,7 +89,7 @@ def _on_webs(pattern: Pattern, pairs: IntArray, survey: Survey) -> tuple[IntArra
     half = _WIDE * radius
     caps = half * np.sqrt(radius**2 - half**2) + radius**2 * np.arcsin(half / radius)
     area = np.maximum(2 * half * length - 2 * caps, 0.0)
-    return counted, survey.density_at((values + two) / 2) * area
+    return counted, survey.density_at((first + two) / 2) * area
 
 
 _MARGIN = {ROW: 3, GRID: 1, CIRCLE: 0}  # places beyond what was proposed

@@ -73,7 +73,7 @@ def _tubes(
 ) -> list[tuple[Cylinder, FloatArray]]:
     """Up to three cylinders, each of what those before leave, and the points (m, 3) on each."""
     held = holding("cylinder", float(radius), None) if np.isfinite(radius) else None
-    pairs, left = [], np.ones(len(sample), dtype=np.bool_)
+    tubes, left = [], np.ones(len(sample), dtype=np.bool_)
     for _ in range(3):
         if left.sum() < _LEAST_LEFT:
             break
@@ -85,9 +85,9 @@ def _tubes(
         on: BoolArray = left & (np.abs(tube.distance(sample)) < tolerance) & across
         if on.sum() < _LEAST_LEFT // 2:
             break
-        pairs.append((tube, sample[on]))
+        tubes.append((tube, sample[on]))
         left &= ~on
-    return pairs
+    return tubes
 
 
 _Tube = tuple[Cylinder, FloatArray]
@@ -223,9 +223,9 @@ def _is_bend(model: Model) -> bool:
 def _alternatives(points: FloatArray, best: Descended) -> list[Alternative]:
     """What else the points (n, 3) may be."""
     model, mixture = best.model, best.mixture
-    radius, tube = (float(item) for item in model.shape[1:])
+    radius, tube = (float(value) for value in model.shape[1:])
     bend = Torus(model.origin, model.turn[2], radius, tube) if radius > tube else None
-    pairs = [Alternative("outliers alone", -len(points) * float(np.log(mixture.reach)), 0)]
+    alternatives = [Alternative("outliers alone", -len(points) * float(np.log(mixture.reach)), 0)]
     for kind, n in _PLAIN.items():
         try:
             start = bend if kind == "torus" else None
@@ -234,8 +234,8 @@ def _alternatives(points: FloatArray, best: Descended) -> list[Alternative]:
             continue
         members = Mixture.of(distances, mixture.reach, mixture.sigma, LEAST_SIGMA)
         name = _ARTICLE.get(kind, "a bend without tubes")
-        pairs.append(Alternative(name, float(members.log_densities(distances).sum()), n))
-    return pairs
+        alternatives.append(Alternative(name, float(members.log_densities(distances).sum()), n))
+    return alternatives
 
 
 def _rival(pairs: Sequence[Descended], factor: float, excess: float) -> str:

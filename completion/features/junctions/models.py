@@ -257,9 +257,9 @@ def _bent(s: FloatArray, far: FloatArray, near: BoolArray, sigma: float) -> Floa
     weight = near.astype(np.float64)
     for _ in range(_N_REWEIGHTED):
         root = np.sqrt(weight)
-        item = np.linalg.lstsq(root[:, None] * columns, root * far, rcond=None)[0]
-        weight = 1 / (1 + ((far - columns @ item) / sigma) ** 2) ** 2
-    return np.asarray(item)
+        solution = np.linalg.lstsq(root[:, None] * columns, root * far, rcond=None)[0]
+        weight = 1 / (1 + ((far - columns @ solution) / sigma) ** 2) ** 2
+    return np.asarray(solution)
 
 
 _N_MIXTURE_ROUNDS = 60
@@ -403,11 +403,13 @@ def descend_from(
     sample = points[:: max(1, len(points) // _N_SAMPLE)]
     coarse = [_coarse(start, sample, reach) for start in starts]
     coarse.sort(key=lambda descent: -descent.log_likelihood)
-    begun = sorted((_begun(model, points, reach) for model in near), key=lambda item: -item.log_likelihood)
+    begun = sorted(
+        (_begun(model, points, reach) for model in near), key=lambda descent: -descent.log_likelihood
+    )
     chosen = _distinct(coarse, sample)[:_N_BEST] + _distinct(begun, sample)[:_N_BEST]
     fine = [settled(descent, points) for descent in _distinct(chosen, sample)]
     spent = sum(descent.evaluations for descent in coarse)
-    fine.sort(key=lambda one: -one.log_likelihood)
+    fine.sort(key=lambda descent: -descent.log_likelihood)
     return [descent._replace(evaluations=descent.evaluations + spent) for descent in fine]
 
 

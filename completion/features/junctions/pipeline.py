@@ -96,7 +96,7 @@ def find_patches(cloud: Cloud) -> list[Patch]:
     free = np.ones(len(cloud.points), dtype=np.bool_)
     untried = free.copy()
     order = np.argsort(cloud.roughness, kind="stable")
-    pairs: list[Patch] = []
+    patches: list[Patch] = []
     for _ in range(_N_SEEDS):
         open_ = order[(untried & free)[order]]
         if len(open_) == 0 or free.sum() < _LEAST_PATCH_POINTS:
@@ -107,10 +107,10 @@ def find_patches(cloud: Cloud) -> list[Patch]:
             untried[seed] = False
             untried[cloud.neighbours[seed]] = False
             continue
-        pairs.append(patch)
+        patches.append(patch)
         free[patch.members] = False
         untried[patch.members] = False
-    return pairs
+    return patches
 
 
 def _grown(cloud: Cloud, seed: int, free: BoolArray) -> Patch | None:
@@ -235,9 +235,9 @@ def _borders(cloud: Cloud, label: IntArray) -> dict[tuple[int, int], IntArray]:
     for _ in range(2):
         free = np.flatnonzero(closed < 0)
         around = closed[cloud.neighbours[free]]
-        for item in around.T:
-            take = (closed[free] < 0) & (item >= 0)
-            closed[free[take]] = item[take]
+        for side_cells in around.T:
+            take = (closed[free] < 0) & (side_cells >= 0)
+            closed[free[take]] = side_cells[take]
     row, column = np.nonzero(closed[cloud.neighbours] != closed[:, None])
     other = closed[cloud.neighbours[row, column]]
     members = closed[row]
@@ -360,8 +360,8 @@ def find_junctions(
     _check(kinds, given)
     whole = [_fit(kind, measured, np.arange(len(measured.points)), given, rng=rng) for kind in kinds]
     # what all points leave open, some of them cannot decide: a patch hides what speaks against it
-    template_fit = [item for item in whole if item.status is not Status.NONE]
-    at_once = [item for item in template_fit if (item.assignment > 0).mean() > _WHOLE]
+    template_fit = [fit for fit in whole if fit.status is not Status.NONE]
+    at_once = [fit for fit in template_fit if (fit.assignment > 0).mean() > _WHOLE]
     if at_once:
         return best_first(at_once)
 
@@ -371,8 +371,8 @@ def find_junctions(
     patches = find_patches(cloud)
 
     # 2. Candidates: pairs that touch along a line, or whose axes cross; each is fitted by its points.
-    tried = [item for kind in kinds for item in _CANDIDATES[kind](cloud, patches)]
-    fits, spent, is_complete = [], sum(item.evaluations for item in whole), True
+    tried = [candidate for kind in kinds for candidate in _CANDIDATES[kind](cloud, patches)]
+    fits, spent, is_complete = [], sum(fit.evaluations for fit in whole), True
     for candidate in tried:
         if spent >= budget:
             is_complete = False
@@ -384,7 +384,7 @@ def find_junctions(
 
     # 3. One of each: of fits that are the same, the one with more evidence.
     kept = _distinct(best_first(fits)) if fits else whole
-    return [replace(item, is_complete=is_complete) for item in best_first(kept)]
+    return [replace(fit, is_complete=is_complete) for fit in best_first(kept)]
 
 
 def _check(kinds: Sequence[str], given: Given) -> None:

@@ -136,10 +136,10 @@ def _told(junction: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
     local = model.local(unit.points[known.near])
     ends = np.quantile(local[:, 2], (0.005, 0.995)) if len(local) else np.zeros(2)
 
-    def told(item: Model) -> FloatArray:
+    def told(tube: Model) -> FloatArray:
         with np.errstate(divide="ignore"):
-            radii = 1 / np.abs(item.shape[order]) / unit.factor
-        return np.concatenate([radii, unit.outside(item.origin + ends.mean() * item.turn[2]), item.turn[2]])
+            radii = 1 / np.abs(tube.shape[order]) / unit.factor
+        return np.concatenate([radii, unit.outside(tube.origin + ends.mean() * tube.turn[2]), tube.turn[2]])
 
     x = told(model)
     covariance = told_covariance(told, model, known)

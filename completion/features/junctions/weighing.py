@@ -143,20 +143,20 @@ def told_covariance(sentence: Told, model: Model, known: Certainty) -> FloatArra
     return slopes @ known.covariance @ slopes.T
 
 
-def sides_of(names: tuple[str, ...], descent: Descended, known: Certainty, unit: Unit) -> tuple[Side, ...]:
+def sides_of(names: tuple[str, ...], sides: Descended, known: Certainty, unit: Unit) -> tuple[Side, ...]:
     """Return the support of each face at unit RMS; deviations in the old unit."""
     deviations = np.full(len(names), np.inf)
     for number in range(1, len(names) + 1):
         on = known.faces == number
         if on.any():
             deviations[number - 1] = float(np.sqrt(np.mean(known.across[on] ** 2))) / unit.factor
-    model = descent.model
+    model = sides.model
 
     def nearest(places: FloatArray) -> tuple[FloatArray, IntArray]:
         section = model.section(places)
         return section.distance, section.face
 
-    tolerance = 3 * descent.mixture.sigma
+    tolerance = 3 * sides.mixture.sigma
     return face_sides(names, unit.measured, known.faces, deviations, nearest=nearest, tolerance=tolerance)
 
 

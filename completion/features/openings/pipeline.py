@@ -280,8 +280,8 @@ def find_openings(
         return list(find_openings_in(wall, observations, up, floors, given or {}, is_assigned=is_assigned))
 
     numbers = range(len(surfaces))
-    groups = [of_wall(number) for number in numbers] if each is None else each(of_wall, numbers)
-    return _each_once([fit for fits in groups for fit in fits if fit.kind in kinds or _may_be(fit, kinds)])
+    openings = [of_wall(number) for number in numbers] if each is None else each(of_wall, numbers)
+    return _each_once([fit for fits in openings for fit in fits if fit.kind in kinds or _may_be(fit, kinds)])
 
 
 def _may_be(fit: TemplateFit, kinds: Sequence[str]) -> bool:
@@ -317,7 +317,7 @@ def floors_of(
         if _is_level(surface, up)
     ]
     wide = [pair for pair in sampled if _is_wide(pair[1] @ frame.T)]
-    points = [values for _, values in wide]
+    points = [floor_points for _, floor_points in wide]
     height = [float(np.median(point @ up)) for point in points]
     plans = [point @ frame.T for point in points]
     few = [plan[:: max(1, len(plan) // _FEW_POINTS)] for plan in plans]
@@ -328,7 +328,9 @@ def floors_of(
             for j in range(len(wide))
         )
 
-    return [Floor(surface.fit, values) for k, (surface, values) in enumerate(wide) if not stands(k)]
+    return [
+        Floor(surface.fit, floor_points) for k, (surface, floor_points) in enumerate(wide) if not stands(k)
+    ]
 
 
 def _is_wide(plan: FloatArray) -> bool:
@@ -375,11 +377,11 @@ def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
     into, beyond = np.asarray(fit.geometry["into"]), np.asarray(other.geometry["into"])
     if float(into @ beyond) < _LEVEL:
         return False
-    values, corners = np.asarray(fit.geometry["corners"]), np.asarray(other.geometry["corners"])
-    if abs(float((values.mean(axis=0) - corners.mean(axis=0)) @ beyond)) >= _SAME_M:
+    corners_here, corners = np.asarray(fit.geometry["corners"]), np.asarray(other.geometry["corners"])
+    if abs(float((corners_here.mean(axis=0) - corners.mean(axis=0)) @ beyond)) >= _SAME_M:
         return False
     u, v = corners[1] - corners[0], corners[3] - corners[0]
-    at = (values - corners[0]) @ np.column_stack(
+    at = (corners_here - corners[0]) @ np.column_stack(
         [u / (u @ u), v / (v @ v)]
     )  # in the other's width and height
     if fit.status is Status.NONE:
@@ -411,23 +413,19 @@ def find_openings_of_scans(
         Where to run.
     """
     # 1. Surfaces: those of completion.
-    scan_surfaces = find_surfaces(scans, SurfaceOptions(), steps)
-    surfaces, observations, owners = (
-        scan_surfaces.surfaces,
-        scan_surfaces.observations,
-        scan_surfaces.evidence(steps).owners,
-    )
+    openings = find_surfaces(scans, SurfaceOptions(), steps)
+    surfaces, observations, owners = openings.surfaces, openings.observations, openings.evidence(steps).owners
     world_from_reference = scans[0].world_from_sensor
 
     # 2. Find: what is known of a kind holds for all that are sought with it.
     up = world_from_reference.matrix[2, :3]
     fits: list[TemplateFit] = []
-    for texts, known in _alike(kinds, given):
+    for asked_kinds, known in _alike(kinds, given):
 
         def each(work: Callable[[int], list[TemplateFit]], numbers: Iterable[int]) -> list[list[TemplateFit]]:
             return steps.each("openings", work, numbers)
 
-        fits += find_openings(surfaces, observations, owners, up, given=known, kinds=texts, each=each)
+        fits += find_openings(surfaces, observations, owners, up, given=known, kinds=asked_kinds, each=each)
 
     # 3. World: what was found in the frame of the first scan; points are those that came back, in turn.
     valid = np.concatenate([scan.valid.ravel() for scan in scans])
@@ -441,7 +439,7 @@ def find_openings_of_scans(
         for fit in fits
     ]
     is_any = any(fit.status is not Status.NONE for fit in moved)
-    doubts = pose_doubts(scan_surfaces.registration)
+    doubts = pose_doubts(openings.registration)
     return moved, doubts if is_any else [*doubts, _why_none(surfaces, observations, up)]
 
 

@@ -231,8 +231,8 @@ def wall_beams(
             **dict.fromkeys(single, none),
         )
     names = [field.name for field in fields(WallBeams) if field.name != "farthest"]
-    joined = {name: np.concatenate([getattr(item, name) for item in beams]) for name in names}
-    return WallBeams(**joined, farthest=max(item.farthest for item in beams))
+    joined = {name: np.concatenate([getattr(beams, name) for beams in beams]) for name in names}
+    return WallBeams(**joined, farthest=max(beams.farthest for beams in beams))
 
 
 def _reaching(
@@ -257,8 +257,8 @@ def _pixels(shape: tuple[int, int], known: IntArray) -> IntArray:
     if not len(known):
         return np.zeros((0, 0), np.int64)
     (top, bottom), (left, right) = (
-        (max(int(values.min()) - _MARGIN, 0), min(int(values.max()) + _MARGIN + 1, size))
-        for values, size in zip(np.divmod(known, shape[1]), shape, strict=True)
+        (max(int(position.min()) - _MARGIN, 0), min(int(position.max()) + _MARGIN + 1, size))
+        for position, size in zip(np.divmod(known, shape[1]), shape, strict=True)
     )
     step = max(1, int(np.ceil(np.sqrt((bottom - top) * (right - left) / _MOST_PIXELS))))
     return np.arange(top, bottom, step)[:, None] * shape[1] + np.arange(left, right, step)

@@ -157,7 +157,7 @@ def _gathered(parts: list[tuple[FloatArray, _Term]], seen: FloatArray) -> JoinEq
         np.einsum("qk,kj,kc->qjc", by, seen, term.by_at - term.by_step, optimize=True) for by, term in parts
     ]
     by_inner = [np.einsum("qk,kj,kc->qjc", by, seen, term.by_step, optimize=True) for by, term in parts]
-    return JoinEquations(*(np.concatenate(arrays) for arrays in (misfit, by_outer, by_inner)))
+    return JoinEquations(*(np.concatenate(rows) for rows in (misfit, by_outer, by_inner)))
 
 
 def _plane_terms(plane: Plane, join: Join, at: FloatArray, step: FloatArray) -> list[_Term]:
@@ -214,14 +214,14 @@ class Equations(NamedTuple):
         """Return those that the others do not entail; linear ones go first."""
         kept, known = list[int](), np.zeros((self.rows.shape[1], 0))
         for linear, least in ((True, _EXACT), (False, _NEARLY)):
-            values = np.flatnonzero(self.is_linear == linear)
-            if not len(values):
+            rows = np.flatnonzero(self.is_linear == linear)
+            if not len(rows):
                 continue
-            left = self.rows[values].T - known @ (known.T @ self.rows[values].T)
+            left = self.rows[rows].T - known @ (known.T @ self.rows[rows].T)
             frame, upper, order = qr(left, mode="economic", pivoting=True)
             size = np.abs(np.diag(upper))
             rank = int(np.count_nonzero(size > least * max(1.0, size.max(initial=0.0))))
-            kept += values[order[:rank]].tolist()
+            kept += rows[order[:rank]].tolist()
             known = np.column_stack([known, frame[:, :rank]])
         which = np.array(kept, dtype=np.int64)
         return Equations(
@@ -342,7 +342,7 @@ def read_boundaries(path: str | PathLike[str]) -> PatchRequest:
 def _controls(held: object) -> tuple[int, int] | None:
     if held is None:
         return None
-    if not (isinstance(held, list) and len(held) == 2 and all(type(item) is int for item in held)):
+    if not (isinstance(held, list) and len(held) == 2 and all(type(entry) is int for entry in held)):
         raise InputError(f'"controls" are two whole numbers, along u and along v, got {held!r}')
     return held[0], held[1]
 
@@ -398,7 +398,7 @@ def _numbers(held: object, name: str, source: str) -> Any:
     """A vector of three numbers, or of a radius one."""
     many: list[Any] = [held] if name == "radius" else held if isinstance(held, list) else []
     is_good = len(many) == (1 if name == "radius" else 3)
-    if not is_good or not all(type(item) in (int, float) and np.isfinite(item) for item in many):
+    if not is_good or not all(type(entry) in (int, float) and np.isfinite(entry) for entry in many):
         what = "a number" if name == "radius" else "three numbers"
         raise InputError(f'{source}: "{name}" is {what} (metres), got {held!r}')
     return held
@@ -407,6 +407,6 @@ def _numbers(held: object, name: str, source: str) -> Any:
 def _deviations(held: object, source: str) -> Mapping[str, float]:
     if held is None:
         return {}
-    if not isinstance(held, dict) or not all(type(item) in (int, float) for item in held.values()):
+    if not isinstance(held, dict) or not all(type(entry) in (int, float) for entry in held.values()):
         raise InputError(f'{source}: "standard_deviation" holds numbers by name, got {held!r}')
-    return {str(name): float(item) for name, item in held.items()}
+    return {str(name): float(deviation) for name, deviation in held.items()}

@@ -98,20 +98,25 @@ def parametrised(points: FloatArray, boundaries: Boundaries) -> Parametrised:
     chart = _Chart.of(points, boundaries)
     turn = _turn(points, chart, boundaries)
     seen = chart.flat @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    xy = np.column_stack([_between(item, _strip_ends(item, _DEGREE)) for item in (seen, seen[:, ::-1])])
+    xy = np.column_stack(
+        [
+            _between(boundary_points, _strip_ends(boundary_points, _DEGREE))
+            for boundary_points in (seen, seen[:, ::-1])
+        ]
+    )
     near = {name: _near_side(xy, name) for name in SIDES}
     best, least = xy, np.inf
     off = dict[SideName, float]()
     for swaps, mirrors in product((False, True), _MIRRORS):
         named = _named(swaps, mirrors)
-        values = {
+        fitted_places = {
             name: float(np.sqrt(np.mean(boundary.surface.distance(points[near[named[name]]]) ** 2)))
             for name, boundary in boundaries.items()
         }
         turned = xy[:, ::-1] if swaps else xy
-        cost = sum(values.values()) + (0.0 if _is_right_handed(swaps, mirrors) else 1e-9)
+        cost = sum(fitted_places.values()) + (0.0 if _is_right_handed(swaps, mirrors) else 1e-9)
         if cost < least:
-            best, least, off = np.where(mirrors, 1.0 - turned, turned), cost, values
+            best, least, off = np.where(mirrors, 1.0 - turned, turned), cost, fitted_places
     return Parametrised(np.ascontiguousarray(best), off)
 
 
@@ -120,17 +125,17 @@ def stretched(uv: FloatArray, ends: Collection[SideName]) -> FloatArray:
 
     A side to which nothing holds a patch wanders along it from round to round; so it is taken back.
     """
-    values = uv.copy()
+    uv_stretched = uv.copy()
     for column, letter in enumerate("uv"):
         seen = uv if column == 0 else uv[:, ::-1]
-        sentence = _strip_ends(seen, _FOLLOWED)
+        values = _strip_ends(seen, _FOLLOWED)
         low, high = (
-            np.clip(item, *most) for item, most in zip(sentence.T, ((0.0, 0.3), (0.7, 1.0)), strict=True)
+            np.clip(column, *most) for column, most in zip(values.T, ((0.0, 0.3), (0.7, 1.0)), strict=True)
         )
         low = low if f"{letter}0" in ends else np.full(len(uv), _END)
         high = high if f"{letter}1" in ends else np.full(len(uv), 1 - _END)
-        values[:, column] = _between(seen, np.column_stack([low, high]))
-    return values
+        uv_stretched[:, column] = _between(seen, np.column_stack([low, high]))
+    return uv_stretched
 
 
 def _turn(points: FloatArray, chart: _Chart, boundaries: Boundaries) -> float:
@@ -161,11 +166,11 @@ def _strip_ends(seen: FloatArray, degree: int) -> FloatArray:
     strip = np.minimum(((scaled + 1) / 2 * _STRIPS).astype(np.int64), _STRIPS - 1)
     middles, ends, sizes = list[float](), list[FloatArray](), list[int]()
     for number in range(_STRIPS):
-        item = strip == number
-        if np.count_nonzero(item) >= 3:
-            middles.append(float(scaled[item].mean()))
-            ends.append(np.quantile(x[item], [_END, 1 - _END]))
-            sizes.append(int(np.count_nonzero(item)))
+        is_member = strip == number
+        if np.count_nonzero(is_member) >= 3:
+            middles.append(float(scaled[is_member].mean()))
+            ends.append(np.quantile(x[is_member], [_END, 1 - _END]))
+            sizes.append(int(np.count_nonzero(is_member)))
     degree = min(degree, max(0, len(middles) - 2))
     weights = np.sqrt(np.array(sizes, dtype=np.float64))
     fitted = np.polynomial.legendre.legfit(np.array(middles), np.array(ends), degree, w=weights)

@@ -105,13 +105,13 @@ class PatchFit:
         places = np.asarray(uv, dtype=np.float64)
         if places.ndim != 2 or places.shape[1] != 2 or not ((places >= 0) & (places <= 1)).all():
             raise InputError(f"expected parameters with shape (k, 2) in [0, 1], got {places.shape}")
-        solver, arrays = Bordered(self.information, self.equations), list[FloatArray]()
+        solver, sums = Bordered(self.information, self.equations), list[FloatArray]()
         for low in range(0, len(places), _CHUNK):
             sample = places[low : low + _CHUNK]
             held = products(self.patch.bases, sample).toarray()
             wide = (held[:, :, None] * self.patch.normals(sample)[:, None]).reshape(len(sample), -1)
-            arrays.append(np.einsum("ij,ji->i", wide, solver.solve(wide.T)))
-        return np.asarray(self.rms * np.sqrt(np.maximum(np.concatenate([np.zeros(0), *arrays]), 0.0)))
+            sums.append(np.einsum("ij,ji->i", wide, solver.solve(wide.T)))
+        return np.asarray(self.rms * np.sqrt(np.maximum(np.concatenate([np.zeros(0), *sums]), 0.0)))
 
 
 def measured_join(patch: SplinePatch, side: SideName, boundary: Boundary) -> MeasuredJoin:
@@ -121,10 +121,10 @@ def measured_join(patch: SplinePatch, side: SideName, boundary: Boundary) -> Mea
     gap = float(np.abs(boundary.surface.distance(at)).max())
     if boundary.join is Join.CONNECTED:
         return MeasuredJoin(np.nan, gap)
-    values, other = patch.normals(places), boundary.surface.normal(at)
+    patch_normals, other = patch.normals(places), boundary.surface.normal(at)
     sine, cosine = (
-        np.linalg.norm(np.cross(values, other), axis=1),
-        np.abs(np.einsum("ij,ij->i", values, other)),
+        np.linalg.norm(np.cross(patch_normals, other), axis=1),
+        np.abs(np.einsum("ij,ij->i", patch_normals, other)),
     )
     off = np.arctan2(sine, cosine) if boundary.join is Join.TANGENT else np.arctan2(cosine, sine)
     return MeasuredJoin(float(off.max()), gap)
@@ -173,7 +173,7 @@ def _is_folded(patch: SplinePatch) -> bool:
         np.einsum("ijk,ijk->ij", *pair)
         for pair in ((normals[1:], normals[:-1]), (normals[:, 1:], normals[:, :-1]))
     )
-    return any(bool((item < 0).any()) for item in turned)
+    return any(bool((determinant < 0).any()) for determinant in turned)
 
 
 _SMOOTHING = 1e-9

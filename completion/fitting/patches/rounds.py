@@ -108,9 +108,9 @@ def normal_equations(
     for low, high in pairwise(starts.tolist()):
         if low == high:
             continue
-        item = values[low:high]
-        wide = (item[:, :, None] * across[low:high, None]).reshape(high - low, -1)
-        blocks.append(wide.T @ wide + np.kron(item.T @ item, eye))
+        members = values[low:high]
+        wide = (members[:, :, None] * across[low:high, None]).reshape(high - low, -1)
+        blocks.append(wide.T @ wide + np.kron(members.T @ members, eye))
         at.append((3 * numbers[low][:, None] + np.arange(3)).ravel())
     size, n_local = 3 * along_u.n * along_v.n, 3 * n_each
     where = np.array(at, dtype=np.int32).reshape(-1, n_local)
@@ -145,13 +145,13 @@ def evenness(patch: SplinePatch) -> csc_array:
         share = [float(a == b) - normals[:, a] * normals[:, b] for b in range(3)]
         parts.append(
             [
-                sum(w * (item.T @ (item * by[:, None])) for item, w in zip(rows, weights, strict=True))
+                sum(w * (row.T @ (row * by[:, None])) for row, w in zip(rows, weights, strict=True))
                 for by in share
             ]
         )
     stacked = block_array(parts, format="coo")
     n = patch.bases[0].n * patch.bases[1].n
-    row, column = (3 * (item % n) + item // n for item in (stacked.row, stacked.col))
+    row, column = (3 * (position % n) + position // n for position in (stacked.row, stacked.col))
     return coo_array((stacked.data, (row, column)), shape=stacked.shape).tocsc()
 
 
@@ -209,10 +209,10 @@ class Freedom:
             key = _key(boundary.surface)
             if key not in starts:
                 starts[key] = n
-                values, axis = _weights(boundary.surface, sd, scale)
-                weights += (np.eye(3) - np.outer(axis, axis)) * values[0]
-                rest += values[1:]
-                n += len(values) - 1
+                weights_here, axis = _weights(boundary.surface, sd, scale)
+                weights += (np.eye(3) - np.outer(axis, axis)) * weights_here[0]
+                rest += weights_here[1:]
+                n += len(weights_here) - 1
             columns[side] = starts[key]
         self._columns: Mapping[SideName, int] = columns
         self.information = np.diag(np.concatenate([np.zeros(3), rest]))
@@ -254,13 +254,13 @@ def _key(surface: Plane | Cylinder) -> bytes:
 
 def _deviations(side: SideName, boundary: Boundary) -> list[float]:
     needed = _NEEDED[type(boundary.surface)]
-    values = [float(boundary.deviations.get(name, np.nan)) for name in needed]
-    if not np.isfinite(values).all() or min(values) < 0 or not max(values) > 0:
+    deviations = [float(boundary.deviations.get(name, np.nan)) for name in needed]
+    if not np.isfinite(deviations).all() or min(deviations) < 0 or not max(deviations) > 0:
         raise InputError(
             f"{side}: a free surface needs to be known by its standard deviations {', '.join(needed)}, as "
             "`unseen fit` writes them; add them, or hold the surfaces"
         )
-    return [max(sd, 1e-12) for sd in values]
+    return [max(sd, 1e-12) for sd in deviations]
 
 
 def _weights(surface: Plane | Cylinder, sd: list[float], scale: float) -> tuple[list[float], FloatArray]:
@@ -305,14 +305,14 @@ class State(NamedTuple):
 def fitted(state: State, places: FloatArray, smoothing: float) -> State:
     """Return the patch after rounds on some of the places (k, 3), until it rests, and on all of them."""
     stride = max(1, len(places) // _SOME)
-    values, last = places[::stride], np.inf
+    places_used, last = places[::stride], np.inf
     coarse = state._replace(uv=state.uv[::stride])
     for number in range(len(_ANNEALED) + _MOST_ROUNDS):
         weight = _ANNEALED[number] if number < len(_ANNEALED) else 0.0
         coarse = next_round(
-            coarse, values, max(weight, smoothing), rms=last, is_first=number == 0, is_stretched=True
+            coarse, places_used, max(weight, smoothing), rms=last, is_first=number == 0, is_stretched=True
         )
-        rms, _ = rms_of(coarse.patch, feet_of(coarse.patch, values, coarse.uv, 0))
+        rms, _ = rms_of(coarse.patch, feet_of(coarse.patch, places_used, coarse.uv, 0))
         if number > len(_ANNEALED) and rms > (1 - _STILL) * last:
             break
         last = rms
@@ -401,10 +401,10 @@ def rms_of(patch: SplinePatch, feet: Feet, around: Boundaries = MappingProxyType
 
     It is over the degrees of freedom of the controls that may move across the patch.
     """
-    values = feet.distance[feet.is_inside]
+    members = feet.distance[feet.is_inside]
     n, m, _ = patch.controls.shape
     held = sum(
         (m if side[0] == "u" else n) * (2 if boundary.join is Join.TANGENT else 1)
         for side, boundary in around.items()
     )
-    return float(np.sqrt((values @ values) / max(len(values) - max(n * m - held, 0), 1))), len(values)
+    return float(np.sqrt((members @ members) / max(len(members) - max(n * m - held, 0), 1))), len(members)

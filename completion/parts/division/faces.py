@@ -39,35 +39,37 @@ def numbered_faces(
     label = labels[first]
     least = np.array([0, *(N_PARAMETERS[surface.kind] + 2 for surface in surfaces)])
     kept = [
-        item for item in np.lexsort((first, -count)) if label[item] > 0 and count[item] >= least[label[item]]
+        piece_number
+        for piece_number in np.lexsort((first, -count))
+        if label[piece_number] > 0 and count[piece_number] >= least[label[piece_number]]
     ]
     number = np.zeros(n, dtype=np.int64)
     number[kept] = np.arange(1, len(kept) + 1)
-    return [surfaces[label[item] - 1] for item in kept], number[piece]
+    return [surfaces[label[piece_number] - 1] for piece_number in kept], number[piece]
 
 
 def spread(
-    points: FloatArray, values: FloatArray, faces: Sequence[Surface], labels: IntArray, tolerance: float
+    points: FloatArray, sample: FloatArray, faces: Sequence[Surface], labels: IntArray, tolerance: float
 ) -> IntArray:
     """Labels (n,) of all points (n, 3): of the faces near, that which explains a point best.
 
-    Which are near, labels (m,) of `values` (m, 3) tell; `tolerance` is the deviation from faces, metres.
+    Which are near, labels (m,) of `sample` (m, 3) tell; `tolerance` is the deviation from faces, metres.
     """
-    tree, hits = cKDTree(values), np.zeros(len(points), dtype=np.int64)
+    tree, labels_near = cKDTree(sample), np.zeros(len(points), dtype=np.int64)
     for start in range(0, len(points), _CHUNK):
         chunk = points[start : start + _CHUNK]
-        near = np.atleast_2d(tree.query(chunk, k=min(_N_NEAR, len(values)))[1].T).T
+        near = np.atleast_2d(tree.query(chunk, k=min(_N_NEAR, len(sample)))[1].T).T
         candidates = labels[near]
         least, best = np.full(len(chunk), CUT * tolerance), np.zeros(len(chunk), dtype=np.int64)
         for number in np.unique(candidates[candidates > 0]):
             asked = np.flatnonzero((candidates == number).any(axis=1))
             distance = np.abs(faces[number - 1].distance(chunk[asked]))
-            item = distance < least[asked] - 1e-3 * tolerance
-            item |= (candidates[asked, 0] == number) & (distance <= CUT * tolerance)
-            better = item & (best[asked] != candidates[asked, 0])
+            is_member = distance < least[asked] - 1e-3 * tolerance
+            is_member |= (candidates[asked, 0] == number) & (distance <= CUT * tolerance)
+            better = is_member & (best[asked] != candidates[asked, 0])
             least[asked[better]], best[asked[better]] = distance[better], number
-        hits[start : start + len(chunk)] = best
-    return hits
+        labels_near[start : start + len(chunk)] = best
+    return labels_near
 
 
 def settle(points: FloatArray, faces: Sequence[Surface], labels: IntArray) -> IntArray:
@@ -105,8 +107,8 @@ def fitted(
     bounds = np.searchsorted(labels[order], np.arange(1, len(faces) + 2))
     fits, number = list[SurfaceFit](), np.zeros(len(faces) + 1, dtype=np.int64)
     for face, surface in enumerate(faces):
-        values = points[order[bounds[face] : bounds[face + 1]]]
-        fit = _fitted_face(values, surface, least_m)
+        members = points[order[bounds[face] : bounds[face + 1]]]
+        fit = _fitted_face(members, surface, least_m)
         if fit is not None:
             fits.append(fit)
             number[face + 1] = len(fits)
@@ -139,8 +141,8 @@ def groups_of(
     group = list(range(len(fits)))
     sizes = [fit.n for fit in fits]
     for small in range(len(fits)):
-        values = np.flatnonzero(labels == small + 1)
-        sample = points[values[:: max(1, len(values) // _MOST_COMPARED)]]
+        members = np.flatnonzero(labels == small + 1)
+        sample = points[members[:: max(1, len(members) // _MOST_COMPARED)]]
         for large in range(small):
             if group[large] != large or fits[large].surface.kind != fits[small].surface.kind:
                 continue

@@ -75,14 +75,14 @@ def adjusted(
         chart, normal, _ = polished(chart, cloud, surface.kind, _N_STEPS)
         chart = chart.growing() if hasattr(chart, "growing") else chart
         normal = normal_equations(chart, cloud)
-        results = chart.surface(centre, scale, False)
+        adjusted_surface = chart.surface(centre, scale, False)
         units = np.where(chart.lengths() > 0, 1.0, 1 / scale)
         covariance = tolerance**2 / stride * normal.inverse() * np.outer(units, units)
     except (FitError, InputError, np.linalg.LinAlgError):
         return None
     if not np.isfinite(covariance).all() or chart.size() > _FAR:
         return None
-    return results, covariance
+    return adjusted_surface, covariance
 
 
 def _planes(points: FloatArray, _normals: FloatArray) -> list[Surface]:
@@ -124,7 +124,7 @@ def _cylinders(points: FloatArray, normals: FloatArray) -> list[Surface]:
 
 def _cones(points: FloatArray, normals: FloatArray) -> list[Surface]:
     """By the apex in all tangent planes, and by the meridians about the axes that the normals meet."""
-    surfaces: list[Surface] = []
+    cones: list[Surface] = []
     apex = np.linalg.lstsq(normals, np.einsum("ij,ij->i", normals, points), rcond=1e-9)[0]
     ways = points - apex
     length = np.linalg.norm(ways, axis=1)
@@ -134,10 +134,10 @@ def _cones(points: FloatArray, normals: FloatArray) -> list[Surface]:
         size = float(np.linalg.norm(axis))
         if 1 < size < np.inf:
             cosine = 1 / size
-            surfaces += _cone(apex, axis * cosine, float(np.arccos(cosine)), float(length.mean()))
+            cones += _cone(apex, axis * cosine, float(np.arccos(cosine)), float(length.mean()))
     for point, axis in rotation_axes(points, normals, 3):
-        surfaces += cones_about(points, point, axis)
-    return surfaces
+        cones += cones_about(points, point, axis)
+    return cones
 
 
 def cones_about(points: FloatArray, point: FloatArray, axis: FloatArray) -> list[Surface]:
@@ -175,10 +175,10 @@ def reached(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArr
     mask = np.zeros(len(allowed), dtype=np.bool_)
     stack = np.empty(len(allowed), dtype=np.int64)
     top = 0
-    for item in begin:
-        if allowed[item] and not mask[item]:
-            mask[item] = True
-            stack[top] = item
+    for start in begin:
+        if allowed[start] and not mask[start]:
+            mask[start] = True
+            stack[top] = start
             top += 1
     while top > 0:
         top -= 1
@@ -308,8 +308,8 @@ def likely(about: Neighbourhoods, kind: str, begin: IntArray, share: float = 0.5
     for surface in hypotheses(kind, points, normals):
         moved: Surface | None = surface
         for factor in (30.0, 8.0, 2.0, 1.0):
-            values = None if moved is None else adjusted(moved, points, factor * about.tolerance_m)
-            moved = None if values is None else values[0]
+            likelihoods = None if moved is None else adjusted(moved, points, factor * about.tolerance_m)
+            moved = None if likelihoods is None else likelihoods[0]
         if moved is None:
             continue
         n_explained = int((np.abs(moved.distance(points)) <= CUT * about.tolerance_m).sum())

@@ -102,7 +102,7 @@ def _give_rims(
 def of_best_kind(about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray) -> list[Surface]:
     """Each surface by the kind of most score for its points, labels (n,): a cone may become a cylinder."""
     every = [(surface, np.flatnonzero(labels == number)) for number, surface in enumerate(surfaces, start=1)]
-    return [best_of_kinds(about, values, surface) or surface for surface, values in every]
+    return [best_of_kinds(about, members, surface) or surface for surface, members in every]
 
 
 def best_of_kinds(about: Neighbourhoods, members: IntArray, known: Surface | None = None) -> Surface | None:
@@ -167,16 +167,16 @@ def _refitted(
     """The surfaces through their points again; those that explain too little go."""
     kept, new = list[Surface](), np.zeros_like(labels)
     for number, surface in enumerate(surfaces, start=1):
-        values = np.flatnonzero(labels == number)
-        if not len(values):
+        members = np.flatnonzero(labels == number)
+        if not len(members):
             continue
-        points = about.points[values]
+        points = about.points[members]
         pair = adjusted(surface, points, about.tolerance_m)
         moved = surface if pair is None else pair[0]
         if score_of(moved, points, about.tolerance_m) <= 0:
             continue
         kept.append(moved)
-        new[values] = len(kept)
+        new[members] = len(kept)
     return kept, new
 
 
@@ -235,7 +235,7 @@ def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Pr
 
 def _from_rests(about: Neighbourhoods, free: BoolArray, tell: Progress) -> list[Grown]:
     """From what is left, piece by piece: as a whole, or about seeds in it."""
-    regions: list[Grown] = []
+    rests: list[Grown] = []
     failed: set[bytes] = set()
     while True:
         new: list[Grown] = []
@@ -252,8 +252,8 @@ def _from_rests(about: Neighbourhoods, free: BoolArray, tell: Progress) -> list[
                 free[best.members] = False
                 tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
         if not new:
-            return regions
-        regions += new
+            return rests
+        rests += new
 
 
 def _joined(about: Neighbourhoods, regions: list[Grown], free: BoolArray) -> list[Grown]:
@@ -293,7 +293,7 @@ def _joined(about: Neighbourhoods, regions: list[Grown], free: BoolArray) -> lis
             continue
         for number in gone:
             del names[number]
-        names[max([*names, *(index for pair in tried for index in pair)]) + 1] = new
+        names[max([*names, *(number for pair in tried for number in pair)]) + 1] = new
         owner = _owners(about, names)
         waiting = _beside(about, names, owner)
     free[:] = owner < 0
@@ -310,15 +310,15 @@ def _owners(about: Neighbourhoods, names: dict[int, Grown]) -> IntArray:
 def _beside(about: Neighbourhoods, names: dict[int, Grown], owner: IntArray) -> list[tuple[int, int]]:
     """Pairs of surfaces that go over into each other without an edge, the smallest first."""
     rows = np.repeat(np.arange(len(owner)), np.diff(about.links.indptr))
-    indices, two = owner[rows], owner[about.links.indices]
-    differ = np.flatnonzero((indices >= 0) & (indices < two))
+    first, two = owner[rows], owner[about.links.indices]
+    differ = np.flatnonzero((first >= 0) & (first < two))
     normals = np.zeros_like(about.points)
     for number, grown in names.items():
-        item = owner == number
-        normals[item] = grown.surface.normal(about.points[item])
+        is_member = owner == number
+        normals[is_member] = grown.surface.normal(about.points[is_member])
     turned = np.abs(np.einsum("ij,ij->i", normals[rows[differ]], normals[about.links.indices[differ]]))
     smooth = differ[turned > np.cos(LEAST_ANGLE)]
-    pairs, count = np.unique(np.column_stack([indices, two])[smooth], axis=0, return_counts=True)
+    pairs, count = np.unique(np.column_stack([first, two])[smooth], axis=0, return_counts=True)
     size = np.bincount(owner[owner >= 0], minlength=int(owner.max(initial=0)) + 1)
     order = np.argsort(size[pairs].max(axis=1), kind="stable")
     return [(int(pairs[k, 0]), int(pairs[k, 1])) for k in order if count[k] >= 3]
@@ -331,7 +331,7 @@ def _pieces(about: Neighbourhoods, free: BoolArray) -> list[IntArray]:
     n, label = connected_components(links, directed=False)
     order = np.argsort(label, kind="stable")
     bounds = np.cumsum(np.bincount(label, minlength=n))[:-1]
-    pieces = [places[values] for values in np.split(order, bounds)]
+    pieces = [places[group] for group in np.split(order, bounds)]
     return sorted(
         (piece for piece in pieces if len(piece) >= LEAST), key=lambda piece: (-len(piece), piece[0])
     )

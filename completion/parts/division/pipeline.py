@@ -169,8 +169,8 @@ def fit_labelled(
     sample = [surface for surface in surfaces if surface is not None]
     place = np.array([0, *np.cumsum([surface is not None for surface in surfaces])])
     is_some = np.array([False, *(surface is not None for surface in surfaces)])
-    values = np.where(is_some[number], place[number], 0)
-    fits, own_fits = fitted(cloud, sample, values, about.noise_m)
+    label_here = np.where(is_some[number], place[number], 0)
+    fits, own_fits = fitted(cloud, sample, label_here, about.noise_m)
     taken = {int(names[number[own_fits == k][0] - 1]): fit for k, fit in enumerate(fits, start=1)}
     without = [int(name) for name in names if int(name) not in taken]
     return PartSegmentation(
@@ -287,15 +287,15 @@ def _sampled(mesh: LabelledMesh, areas: FloatArray) -> tuple[FloatArray, IntArra
     total = np.cumsum(areas)
     n = _n_samples(mesh, areas)
     step = (np.arange(n) + 0.5) / n * total[-1]
-    item = np.minimum(np.searchsorted(total, step), len(areas) - 1)
+    triangle = np.minimum(np.searchsorted(total, step), len(areas) - 1)
     golden = 1.32471795724474602596  # plastic number: a sequence even in two dimensions (Roberts 2018)
     index = np.arange(1, n + 1)[:, None]
     a, b = ((0.5 + index / [golden, golden**2]) % 1.0).T
     over = a + b > 1
     a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
-    corners = mesh.vertices[mesh.faces[item]]
+    corners = mesh.vertices[mesh.faces[triangle]]
     points = corners[:, 0] + a[:, None] * (corners[:, 1] - corners[:, 0])
-    return points + b[:, None] * (corners[:, 2] - corners[:, 0]), item
+    return points + b[:, None] * (corners[:, 2] - corners[:, 0]), triangle
 
 
 def _n_samples(mesh: LabelledMesh, areas: FloatArray) -> int:
@@ -313,14 +313,14 @@ def _sag(mesh: LabelledMesh) -> float:
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     edges, triangle = edges[order], triangle[order]
     twice = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
-    values, two, ends = triangle[twice], triangle[twice + 1], mesh.vertices[edges[twice]]
+    first, two, ends = triangle[twice], triangle[twice + 1], mesh.vertices[edges[twice]]
     normals, areas = mesh.face_normals(), mesh.face_areas()
-    turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", normals[values], normals[two])), 0, 1))
+    turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", normals[first], normals[two])), 0, 1))
     bent = (turn > _FLAT) & (turn < _CREASE)
     if not bent.any():
         return 0.0
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[bent]
-    width = (areas[values] + areas[two])[bent] / np.maximum(length, 1e-300)
+    width = (areas[first] + areas[two])[bent] / np.maximum(length, 1e-300)
     return float(np.quantile(width * turn[bent] / 8, _SAGGING))
 
 
@@ -441,23 +441,23 @@ def said_by_planes(segmentation: PartSegmentation, size_m: float) -> float:
     """
     deviation = max(segmentation.noise_m, _RESOLUTION * segmentation.spacing_m, 1e-300)
     number = np.bincount(segmentation.labels, minlength=len(segmentation.fits) + 1)[1:]
-    values = (
+    planar = (
         number[[isinstance(fit.surface, Plane) for fit in segmentation.fits]]
         if len(segmentation.fits)
         else number
     )
-    gain = np.log(np.maximum(np.sqrt(values / max(len(segmentation.labels), 1)) * size_m / deviation, 1.0))
-    return float(np.sum(values * gain)) / max(len(segmentation.labels), 1)
+    gain = np.log(np.maximum(np.sqrt(planar / max(len(segmentation.labels), 1)) * size_m / deviation, 1.0))
+    return float(np.sum(planar * gain)) / max(len(segmentation.labels), 1)
 
 
 def _of_all(
-    points: FloatArray, values: FloatArray, coarse: PartSegmentation, given: IntArray | None
+    points: FloatArray, sample: FloatArray, coarse: PartSegmentation, given: IntArray | None
 ) -> PartSegmentation:
     """The division of all points (n, 3) by that of some of them (m, 3), or by the labels given (n,)."""
     tolerance = max(coarse.noise_m, _RESOLUTION * coarse.spacing_m)
     surfaces = [fit.surface for fit in coarse.fits]
     if given is None:
-        labels = spread(points, values, surfaces, coarse.labels.astype(np.int64), tolerance)
+        labels = spread(points, sample, surfaces, coarse.labels.astype(np.int64), tolerance)
         labels = settle(points, surfaces, labels)
     else:
         known = np.array(coarse.names)

@@ -134,11 +134,11 @@ def thinned(points: FloatArray, most: int) -> IntArray:
         cells = np.floor(distinct / side).astype(np.int64)
         n = cells.max(axis=0) + 1
         key = (cells[:, 0] * n[1] + cells[:, 1]) * n[2] + cells[:, 2]
-        _, values = np.unique(key, return_index=True)
-        if len(values) > most:
+        _, first_of_cell = np.unique(key, return_index=True)
+        if len(first_of_cell) > most:
             low = side
             continue
-        best, high = first[np.sort(values)], side
-        if len(values) > 0.95 * most:
+        best, high = first[np.sort(first_of_cell)], side
+        if len(first_of_cell) > 0.95 * most:
             break
     return best

@@ -20,18 +20,18 @@ def decision_sections(sheet: DecisionSheet) -> tuple[Section, ...]:
     """Return a section with what may be relied on; none where there is no dimension."""
     if not sheet.dimensions:
         return ()
-    pairs = list(zip(sheet.dimensions, sheet.advice, strict=True))
-    rows = tuple(_row(dimension, word) for dimension, word in pairs[:_MOST_ROWS])
+    sections = list(zip(sheet.dimensions, sheet.advice, strict=True))
+    rows = tuple(_row(dimension, word) for dimension, word in sections[:_MOST_ROWS])
     sentence = ", ".join(f"{n} \u00d7 {word}" for word, n in sheet.counts().items() if n)
     doubt = f" {sheet.told_doubt}" if sheet.told_doubt else ""
-    blocks = [Text(f"{count(len(pairs), 'dimension')}: {sentence}.{doubt} {told_rule(sheet.tolerance_m)}")]
+    blocks = [Text(f"{count(len(sections), 'dimension')}: {sentence}.{doubt} {told_rule(sheet.tolerance_m)}")]
     columns = ("Dimension", "Surfaces", "#value", "#from", "#to (95 %)", "measured", "Advice")
     table = Table(columns, rows)
     note = (
         "Intervals hold noise, what surfaces share by one sensor and by their relations, how well the scans "
         "are placed, and the systematic errors of sensors of this kind."
     )
-    left = len(pairs) - _MOST_ROWS
+    left = len(sections) - _MOST_ROWS
     more = f" {count(left, 'more is', 'more are')} in decisions.csv." if left > 0 else ""
     return (Section("What to rely on", (*blocks, table, Text(note + more, is_note=True))),)
 

@@ -41,23 +41,23 @@ def flattening_blocks(rows: Sequence[FlatRow]) -> tuple[Block, ...]:
         "Plane", "#ripple, mm", "#flattened, mm", "#with relief, mm", "#flattened, mm", "#relief, %",
         "#least p flattened", "Left as it was",
     )  # fmt: skip
-    viewers: list[Block] = [Table(columns, tuple(_row(row) for row in rows[:_MOST_ROWS]))]
+    blocks: list[Block] = [Table(columns, tuple(_row(row) for row in rows[:_MOST_ROWS]))]
     if len(rows) > _MOST_ROWS:
-        viewers.append(Text(f"{len(rows) - _MOST_ROWS} others are not shown; the JSON file holds them."))
-    viewers.append(Text(_NOTE, is_note=True))
+        blocks.append(Text(f"{len(rows) - _MOST_ROWS} others are not shown; the JSON file holds them."))
+    blocks.append(Text(_NOTE, is_note=True))
     areas = [
         (row, region) for row in rows for region in row.surface.regions if region.kind is RegionKind.RELIEF
     ]
     if not areas:
-        return (*viewers, Text("No relief was found."))
+        return (*blocks, Text("No relief was found."))
     areas.sort(key=lambda pair: -pair[1].area_m2)
     of_areas = ("Relief on", "#height, mm", "#sd, mm", "#area, cm\u00b2", "#p", "Without ripple")
-    viewers.append(Table(of_areas, tuple(_area_row(*area) for area in areas[:_MOST_AREAS])))
+    blocks.append(Table(of_areas, tuple(_area_row(*area) for area in areas[:_MOST_AREAS])))
     if len(areas) > _MOST_AREAS:
-        viewers.append(
+        blocks.append(
             Text(f"{len(areas) - _MOST_AREAS} smaller areas are not shown; the JSON file holds them.")
         )
-    return (*viewers, Text(_NOTE_AREAS, is_note=True))
+    return (*blocks, Text(_NOTE_AREAS, is_note=True))
 
 
 def _row(row: FlatRow) -> tuple[Cell, ...]:

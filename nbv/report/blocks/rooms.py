@@ -45,15 +45,15 @@ _RULES = {
 def rule_sentences(plan: Plan, rules: Sequence[RuleOutcome]) -> list[str]:
     """Say of each rule of thumb how many stations it takes, beside the plan's."""
     mine = count(len(plan.views), "station")
-    texts = []
+    sentences = []
     for rule in rules:
         does = f"takes {count(rule.stations, 'station')} and measures {percent(rule.met_of_reachable)} % "
         does += "of what can be reached"
         if rule.stations_to_target is not None and rule.stations_to_target < rule.stations:
             does += f", {percent(plan.target or 1.0)} % with the best {rule.stations_to_target} of them"
         met = plan.coverage.met / max(plan.coverage.reachable, 1e-12) if plan.coverage else 0.0
-        texts.append(f"{_RULES[rule.name]} ({rule.name}) {does}; this plan {mine} and {percent(met)} %")
-    return texts
+        sentences.append(f"{_RULES[rule.name]} ({rule.name}) {does}; this plan {mine} and {percent(met)} %")
+    return sentences
 
 
 def rules_section(plan: Plan, rules: Sequence[RuleOutcome]) -> tuple[Section, ...]:
@@ -226,22 +226,25 @@ def _ways_of(plan: Plan, levels: dict[int, float]) -> dict[int, list[FloatArray]
     storeys = sorted(levels, key=lambda storey: levels[storey])
     floor = np.array([levels[storey] for storey in storeys])
     positions = np.array([view.world_from_sensor.translation for view in plan.views])
-    room, storey_of = plan.site.rooms.room_of(positions), [0, *(one.storey for one in plan.site.rooms.rooms)]
+    room, storey_of = (
+        plan.site.rooms.room_of(positions),
+        [0, *(room.storey for room in plan.site.rooms.rooms)],
+    )
     tour = plan.stations.tour
-    entries: dict[int, list[FloatArray]] = {}
+    ways: dict[int, list[FloatArray]] = {}
     for (a, b), leg in zip(pairwise(tour.order), tour.legs, strict=True):
         if len(leg.path) < 2:
             continue
         of = np.maximum(np.searchsorted(floor, leg.path[:, 2] + _BELOW_STOREY_M, side="right") - 1, 0)
-        item, other = storey_of[room[a]], storey_of[room[b]]
-        if item == other > 0:
-            of[:] = storeys.index(item)
+        storey_a, other = storey_of[room[a]], storey_of[room[b]]
+        if storey_a == other > 0:
+            of[:] = storeys.index(storey_a)
         ends = [0, *(np.flatnonzero(np.diff(of)) + 1).tolist(), len(of)]
         for first, last in pairwise(ends):
             stretch = leg.path[first : min(last + 1, len(of)), :2]
             if len(stretch) > 1:
-                entries.setdefault(storeys[of[first]], []).append(stretch)
-    return entries
+                ways.setdefault(storeys[of[first]], []).append(stretch)
+    return ways
 
 
 _BELOW_M = 0.5
@@ -268,7 +271,7 @@ def seen_storey_plans(seen: SeenRooms, places: np.ndarray, plan: Plan | None = N
             for name, pose in planned
             if is_here(pose.translation[2])
         ]
-        there = np.array([arrays[1] for arrays in [*given, *stations]]).reshape(-1, 2)
+        there = np.array([placed[1] for placed in [*given, *stations]]).reshape(-1, 2)
         shown = [room for room in rooms.rooms if room.storey == storey]
         plans.append(
             StoreyPlan(

@@ -68,7 +68,7 @@ def _covered(mine: FloatArray, known: FloatArray) -> FloatArray:
     low = np.maximum(mine[:, None, 0], known[None, :, 0])
     high = np.minimum(mine[:, None, 1], known[None, :, 1])
     common = np.maximum(high - low, 0.0).prod(axis=2)
-    area, other = ((values[:, 1] - values[:, 0]).prod(axis=1) for values in (mine, known))
+    area, other = ((extents[:, 1] - extents[:, 0]).prod(axis=1) for extents in (mine, known))
     return np.asarray((common / np.minimum(area[:, None], other[None])).sum(axis=1))
 
 
@@ -133,7 +133,7 @@ class StoreyPlan:
 
     def picture(self) -> Picture:
         """Return it as a picture of a page that says what it shows."""
-        strokes = ", their strokes where views look" if any(values for *_, values in self.stations) else ""
+        strokes = ", their strokes where views look" if any(stroke for *_, stroke in self.stations) else ""
         caption = (
             f"Dots are stations by their numbers{strokes}; walls are cut {self.cut_m:.2f} m above the floor."
         )

@@ -40,9 +40,9 @@ def below(mesh: LabelledMesh, height_m: float) -> tuple[LabelledMesh, NDArray[np
         triangles = [(a, ab, ac)] if n == 1 else [(ab, b, c), (ab, c, ac)]
         parts += [np.stack(triangle, axis=1) for triangle in triangles]
         of += [faces] * len(triangles)
-    values, source = np.concatenate(parts), np.concatenate(of)
-    numbers = np.arange(3 * len(values), dtype=np.int32).reshape(-1, 3)
-    return LabelledMesh(values.reshape(-1, 3), numbers, mesh.face_surface[source]), source
+    vertices, source = np.concatenate(parts), np.concatenate(of)
+    numbers = np.arange(3 * len(vertices), dtype=np.int32).reshape(-1, 3)
+    return LabelledMesh(vertices.reshape(-1, 3), numbers, mesh.face_surface[source]), source
 
 
 def _where_cut(first: FloatArray, second: FloatArray, height_m: float) -> FloatArray:
@@ -187,12 +187,12 @@ def state_pictures(
         camera = cameras[number % len(cameras)]
         layer = canvas.look(camera, camera.shape(_WIDTH))
         hit, shade = layer.hit, canvas.shade(layer)
-        hits = np.full(hit.shape, -1, np.int64)
+        vertex_of = np.full(hit.shape, -1, np.int64)
         face = layer.face[hit] if source is None else source[layer.face[hit]]
-        hits[hit] = state[nearest_samples(samples, layer.points[hit], face)]
-        hits[hit] = np.where(zones.of_interest(layer.points[hit], _AT_FACES_M), hits[hit], _OUTSIDE)
-        image = paint_states(hits, shade, {**marks.colours, _OUTSIDE: _PALE})
+        vertex_of[hit] = state[nearest_samples(samples, layer.points[hit], face)]
+        vertex_of[hit] = np.where(zones.of_interest(layer.points[hit], _AT_FACES_M), vertex_of[hit], _OUTSIDE)
+        image = paint_states(vertex_of, shade, {**marks.colours, _OUTSIDE: _PALE})
         if marks.dotted is not None:
-            image = mark_modelled(image, hits == marks.dotted, shade)
-        pictures.append(picture_of(mark_hatched(image, hits == marks.hatched), f"{title}: from {side}."))
+            image = mark_modelled(image, vertex_of == marks.dotted, shade)
+        pictures.append(picture_of(mark_hatched(image, vertex_of == marks.hatched), f"{title}: from {side}."))
     return tuple(pictures)

@@ -127,7 +127,9 @@ def _coordinates(
 ) -> FloatArray:
     """One coordinate (3 * m,) of the corners of all faces, or of those given for each layer."""
     chosen = [layer.faces for layer in layers] if faces is None else faces
-    parts = [layer.vertices[:, axis][values].ravel() for layer, values in zip(layers, chosen, strict=True)]
+    parts = [
+        layer.vertices[:, axis][is_chosen].ravel() for layer, is_chosen in zip(layers, chosen, strict=True)
+    ]
     return np.concatenate([np.zeros(0), *parts])
 
 

@@ -130,8 +130,8 @@ def occluding(patches: Sequence[Patch]) -> list[int]:
 def _surfaces(completion: CompletedModel, parts: Sequence[TexturedPart], *, rest: bool = False) -> _Pieces:
     """Pieces of surfaces, and of what belongs to none with the `rest`."""
     total = sum(patch.observed_m2 + patch.hypothesised_m2 for patch in completion.patches)
-    pieces = [_pieces(completion, part, total / _PIECES) for part in parts]
-    return _Pieces.joined([_nothing(), *pieces, *([_remainder(completion)] if rest else [])])
+    surfaces = [_pieces(completion, part, total / _PIECES) for part in parts]
+    return _Pieces.joined([_nothing(), *surfaces, *([_remainder(completion)] if rest else [])])
 
 
 def _nothing() -> _Pieces:

@@ -127,8 +127,8 @@ def corner_keys(places: Integers, skin: Appearance | None, order: Indices) -> tu
     if skin is not None:
         if skin.images and skin.corner_uv is not None and skin.face_image is not None:
             uv = np.rint(skin.corner_uv[order].reshape(-1, 2).astype(np.float64) * _FRACTION)
-            values = np.column_stack([uv.astype(np.int64), np.repeat(skin.face_image[order], 3)])
-            key = _paired(key, _number(values))
+            texel_keys = np.column_stack([uv.astype(np.int64), np.repeat(skin.face_image[order], 3)])
+            key = _paired(key, _number(texel_keys))
         key = _paired(key, _number(_colours(skin, order)))
     index, old = by_appearance(key)
     first = np.full(int(key.max(initial=-1)) + 1, len(key), np.int64)

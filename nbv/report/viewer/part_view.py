@@ -100,8 +100,8 @@ def _distances(part: Part, points: FloatArray, place: IntArray) -> FloatArray:
     """Distances (n,) of points from their surfaces as measured, metres; NaN on none."""
     off = np.full(len(points), np.nan)
     for number, fit in enumerate(part.measured, start=1):
-        item = place == number
-        off[item] = np.abs(fit.surface.distance(points[item]))
+        is_member = place == number
+        off[is_member] = np.abs(fit.surface.distance(points[is_member]))
     return off
 
 
@@ -109,8 +109,8 @@ def _normals(part: Part, points: FloatArray, place: IntArray) -> FloatArray:
     """Unit normals (n, 3): of the surface, or across the neighbours where there is none."""
     normals = np.zeros_like(points)
     for number, fit in enumerate(part.measured, start=1):
-        item = place == number
-        normals[item] = fit.surface.normal(points[item])
+        is_member = place == number
+        normals[is_member] = fit.surface.normal(points[is_member])
     rest = np.flatnonzero(place == 0)
     if not len(rest):
         return normals

@@ -42,11 +42,11 @@ def scan_sightings(scans: Sequence[RangeImage], vertices: FloatArray, faces: NDA
     known = [with_known_noise(scan) for scan in scans]
     blocks = [faces[start : start + _BLOCK] for start in range(0, len(faces), _BLOCK)]
     sightings = [_sightings_of(known, vertices[block]) for block in blocks]
-    counts = [np.diff(item.start) for item in sightings]
+    counts = [np.diff(sightings.start) for sightings in sightings]
     return Sightings(
         np.concatenate([[0], np.cumsum(np.concatenate([np.zeros(0, np.int64), *counts]))]),
-        np.concatenate([np.zeros(0, np.int64), *(item.view for item in sightings)]),
-        np.concatenate([np.zeros(0), *(item.incidence_deg for item in sightings)]),
+        np.concatenate([np.zeros(0, np.int64), *(sightings.view for sightings in sightings)]),
+        np.concatenate([np.zeros(0), *(sightings.incidence_deg for sightings in sightings)]),
     )
 
 

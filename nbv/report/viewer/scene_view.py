@@ -159,11 +159,11 @@ def _reason_channel(coverage: Coverage) -> tuple[Classes, ...]:
     away = coverage.state == UNREACHABLE
     if not away.any():
         return ()
-    results = np.unique(coverage.reason[away])
+    reasons = np.unique(coverage.reason[away])
     categories = tuple(
-        Category(REASONS[k].replace("_", " "), surface_rgb(_REASON_COLOURS[k])) for k in results
+        Category(REASONS[k].replace("_", " "), surface_rgb(_REASON_COLOURS[k])) for k in reasons
     )
-    values = np.where(away, np.searchsorted(results, coverage.reason), len(results))
+    values = np.where(away, np.searchsorted(reasons, coverage.reason), len(reasons))
     categories += (Category("can be reached", (0.80, 0.81, 0.81)),)
     return (Classes("reason", "Why out of reach", categories, _and_nothing(values)),)
 
