@@ -15,7 +15,7 @@ demo: .venv/demo
 	$(BIN)/unseen demo -o out/demo
 
 # types and import contracts are checked beside the tests; what they say comes after them
-test: .venv/dev
+test: .venv/warm
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	@said=$$(mktemp); $(MAKE) --no-print-directory types >$$said 2>&1 & types=$$!; \
@@ -27,7 +27,7 @@ types: .venv/dev
 	$(BIN)/lint-imports
 
 # what is long by nature (CONTRIBUTING.md), before an issue is resolved
-test-long: .venv/dev
+test-long: .venv/warm
 	$(PYTEST) -m long
 	$(MAKE) --no-print-directory docs
 	$(BIN)/python examples/gallery.py
@@ -69,8 +69,12 @@ format: .venv/dev
 
 .venv/dev: pyproject.toml | .venv/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.[dev]'
-	$(BIN)/unseen warm --quiet
 	touch $@ .venv/demo
+
+# loops that changed are compiled before any test that allows a command some seconds
+.venv/warm: .venv/dev $(shell find scenes texture completion nbv -name '*.py')
+	$(BIN)/unseen warm --quiet
+	touch $@
 
 .venv/bench: pyproject.toml | .venv/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'

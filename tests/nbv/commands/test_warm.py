@@ -76,10 +76,11 @@ def test_warming_calls_every_stage(tmp_path, monkeypatch):
     assert called == ["scan.npz", "completed", "grown.png", "nbv", "cover"]
 
 
-def test_installation_for_tests_warms_and_that_for_the_demo_does_not():
+def test_the_gate_warms_where_sources_changed_and_the_demo_does_not():
     recipes = (ROOT / "Makefile").read_text()
-    for target, is_warmed in (("demo", False), ("dev", True)):
-        recipe = recipes.partition(f".venv/{target}: pyproject")[2].partition("\n\n")[0]
+    assert "\ntest: .venv/warm\n" in recipes
+    for target, is_warmed in ((".venv/demo: pyproject", False), (".venv/warm: .venv/dev", True)):
+        recipe = recipes.partition(target)[2].partition("\n\n")[0]
         assert ("unseen warm" in recipe) == is_warmed
 
 
