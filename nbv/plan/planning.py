@@ -9,7 +9,7 @@ for views.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, cast, get_args
 
@@ -49,6 +49,7 @@ from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError, check_kind, check_rng
 from scenes.io.scene_files import open_scene
 from scenes.pose import Pose
+from scenes.rays.raycast import RayCaster
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Mode, Scene
@@ -294,6 +295,70 @@ def plan_views(
         twice, nowhere to stand, patches that do not lie on the scene,
         scans that measure nothing of it, a region without surface, no candidate that need not keep out.
     """
+    # Check the arguments
+    _check_request(method, target, views, mode=mode, infer=infer, overlap=overlap, remote=remote)
+    check_rng(rng)
+    scene = _as_scene(scene, mode)
+    mode = mode or scene.mode
+    _check_places(candidates, samples, site, mode)
+    options = options or PlannerOptions()
+    zones = _resolve_zones(zones, options.zones)
+    # Where the sensor may stand
+    sensor = with_aperture(sensor or load_sensor("generic60"), candidates)
+    if candidates is not None:
+        standing = Standing(candidates, candidates, None)
+    elif standing is None:
+        standing = find_standing(scene, sensor, site, mode=mode, subdivisions=2 if method == "nbv" else 1)
+    # What counts as measured, and the samples that coverage is measured on
+    requirement = _resolve_requirement(requirement, max_incidence_deg, max_range_m)
+    if requirement.max_sd_m is not None and noise != "none":
+        sensor = with_effects(sensor, chosen_effects(sensor, noise))
+    requirement.limits(sensor)  # raises before anything is cast
+    caster = scene.ray_caster(n_threads)
+    samples, apart = _samples_of(samples, scene, standing, caster, zones)
+    # Plan
+    problem = PlanningProblem(
+        scene=scene,
+        sensor=sensor,
+        requirement=requirement,
+        target=target,
+        candidates=allowed(standing.candidates, zones),
+        proposals=allowed(standing.proposals, zones),
+        site=standing.site,
+        samples=samples,
+        apart_m2=apart,
+        caster=caster,
+        seed=int(rng) if isinstance(rng, int | np.integer) else None,
+        from_outside=mode == "object",
+        overlap=overlap,
+        infer=infer,
+        n_threads=n_threads,
+        progress=progress,
+        scans=tuple(scans),
+        zones=zones,
+        remote=remote,
+        journal=journal,
+    )
+    if method == "cover" and infer:
+        return plan_with_completion(problem, views, noise, rng)
+    if method == "cover":
+        return plan_offline(problem, views, budgets or CoverOptions(), rng)
+    if method in BASELINES:
+        return plan_simply(problem, method, views, rng)
+    return plan_online(problem, views, noise, options, rng)
+
+
+def _check_request(
+    method: str,
+    target: float,
+    views: int | None,
+    *,
+    mode: str | None,
+    infer: bool,
+    overlap: OverlapOptions | None,
+    remote: RemoteVisibility | None,
+) -> None:
+    """Refuse values out of range, and options that the method does not take."""
     if method not in get_args(Method):
         raise InputError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
     if not 0 < target <= 1:
@@ -313,64 +378,32 @@ def plan_views(
         raise InputError("a plan in which completion stands in for views cannot also ask for overlap")
     if mode not in (None, "room", "object"):
         raise InputError(f"mode must be room or object, got {mode!r}")
-    scene = _as_scene(scene, mode)
+
+
+def _check_places(
+    candidates: Candidates | None, samples: SurfaceSamples | None, site: SiteOptions, mode: str
+) -> None:
+    """Refuse candidates and samples of another kind, and a start where there is no floor to choose it on."""
     if candidates is not None:
         cure = "Candidates(positions, directions) holds where the sensor may be and look"
         check_kind("candidates", candidates, Candidates, cure)
     if samples is not None:
         check_kind("samples", samples, SurfaceSamples, "sample_surface(scene.mesh, spacing_m) makes them")
-    check_rng(rng)
-    if site.start is not None and (candidates is not None or (mode or scene.mode) == "object"):
+    if site.start is not None and (candidates is not None or mode == "object"):
         raise InputError(
             "a start is a place on the floor of a room, which objects and given candidates have not; "
             "leave --start out"
         )
-    options = options or PlannerOptions()
-    zones = _one_zones(zones, options.zones)
-    sensor = with_aperture(sensor or load_sensor("generic60"), candidates)
-    if candidates is not None:
-        standing = Standing(candidates, candidates, None)
-    elif standing is None:
-        standing = find_standing(scene, sensor, site, mode=mode, subdivisions=2 if method == "nbv" else 1)
-    requirement = _one_requirement(requirement, max_incidence_deg, max_range_m)
-    if requirement.max_sd_m is not None and noise != "none":
-        sensor = with_effects(sensor, chosen_effects(sensor, noise))
-    requirement.limits(sensor)  # raises before anything is cast
-    caster = scene.ray_caster(n_threads)
+
+
+def _samples_of(
+    samples: SurfaceSamples | None, scene: Scene, standing: Standing, caster: RayCaster, zones: Zones
+) -> tuple[SurfaceSamples, Mapping[str, float]]:
+    """Return the samples that coverage is measured on, and the areas in m2 of what is set apart."""
     samples = samples or patch_samples(scene, caster, standing.candidates)
     if samples is None:
-        samples, apart = samples_that_count(scene, standing, caster, zones)
-    else:
-        samples, apart = counted(within(samples, zones, scene), standing, caster)
-    problem = PlanningProblem(
-        scene=scene,
-        sensor=sensor,
-        requirement=requirement,
-        target=target,
-        candidates=allowed(standing.candidates, zones),
-        proposals=allowed(standing.proposals, zones),
-        site=standing.site,
-        samples=samples,
-        apart_m2=apart,
-        caster=caster,
-        seed=int(rng) if isinstance(rng, int | np.integer) else None,
-        from_outside=(mode or scene.mode) == "object",
-        overlap=overlap,
-        infer=infer,
-        n_threads=n_threads,
-        progress=progress,
-        scans=tuple(scans),
-        zones=zones,
-        remote=remote,
-        journal=journal,
-    )
-    if method == "cover" and infer:
-        return plan_with_completion(problem, views, noise, rng)
-    if method == "cover":
-        return plan_offline(problem, views, budgets or CoverOptions(), rng)
-    if method in BASELINES:
-        return plan_simply(problem, method, views, rng)
-    return plan_online(problem, views, noise, options, rng)
+        return samples_that_count(scene, standing, caster, zones)
+    return counted(within(samples, zones, scene), standing, caster)
 
 
 def _as_scene(scene: object, mode: str | None) -> Scene:
@@ -383,7 +416,7 @@ def _as_scene(scene: object, mode: str | None) -> Scene:
     return Scene.from_mesh(scene, mode=asked)
 
 
-def _one_requirement(
+def _resolve_requirement(
     requirement: Requirement | None, max_incidence_deg: float | None, max_range_m: float | None
 ) -> Requirement:
     """Return what counts as measured, refusing a requirement beside single values."""
@@ -399,7 +432,7 @@ def _one_requirement(
     return requirement
 
 
-def _one_zones(zones: Zones, of_options: Zones) -> Zones:
+def _resolve_zones(zones: Zones, of_options: Zones) -> Zones:
     """Return the zones, which may stand in the planner's options instead."""
     if of_options.is_everywhere or of_options is zones:
         return zones
