@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.boundary.boundary_pixels import find_boundary_pixels
+from completion.boundary.boundary_pixels import BoundaryPixels, find_boundary_pixels
 from completion.boundary.continuation import Cue
 from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import apply_edits
@@ -26,7 +26,7 @@ from completion.features.stated import place_features, reveals_of, with_features
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.scan_surfaces import ScanSurfaces, find_surfaces
 from completion.options import CompletionOptions
-from completion.relations.pipeline import relate_surfaces
+from completion.relations.pipeline import RelatedSurfaces, relate_surfaces
 from completion.result.audit import AuditResult, Bundles, audit, bundle
 from completion.result.completed_model import CompletedSurfaces
 from completion.result.completion import Completion
@@ -136,20 +136,11 @@ def continue_surfaces(
     steps : Steps
         Where to run.
     """
-    # 1. Edit and relate: join and part as a person says; infer relations of surfaces, and impose them.
     observations, flatness_m = scan_surfaces.observations, scan_surfaces.tolerance.flatness_m
     up: FloatArray = world_from_reference.matrix[2, :3]
-    edited = apply_edits(
-        scan_surfaces.surfaces, options.edits, observations, world_from_reference, flatness_m
-    )
-    related = relate_surfaces(
-        edited,
-        state_fits([edit.surface for edit in edited], observations, flatness_m),
-        observations,
-        options.relations if Cue.RELATIONS in options.cues else None,
-        options.stated_relations,
-        world_from_reference=world_from_reference,
-    )
+
+    # 1. Edit and relate: join and part as a person says; infer relations of surfaces, and impose them.
+    related = _edit_and_relate(scan_surfaces, world_from_reference, options)
     surfaces = [edit.surface for edit in related.surfaces]
     scans = scan_surfaces.evidence(steps, surfaces)
 
@@ -160,12 +151,7 @@ def continue_surfaces(
     faces = reveals_of(features, surfaces, observations, scans.owners, flatness_m)
 
     # 3. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
-    boundaries = [
-        steps.keep(
-            find_boundary_pixels(surface.fit, surface.pixels, observations, scans.tolerance, scans.keys)
-        )
-        for surface in surfaces
-    ]
+    boundaries = _find_boundaries(surfaces, scans, steps)
     adjacency = find_adjacency(surfaces, boundaries, scans, up)
 
     # 4. Extend: continue each surface that is wanted as far as it may go and is probable.
@@ -209,6 +195,34 @@ def continue_surfaces(
         mode=options.mode,
         edits=options.edits,
     )
+
+
+def _edit_and_relate(
+    scan_surfaces: ScanSurfaces, world_from_reference: Pose, options: CompletionOptions
+) -> RelatedSurfaces:
+    """The surfaces as a person's edits make them, where their relations hold."""
+    observations, flatness_m = scan_surfaces.observations, scan_surfaces.tolerance.flatness_m
+    edited = apply_edits(
+        scan_surfaces.surfaces, options.edits, observations, world_from_reference, flatness_m
+    )
+    return relate_surfaces(
+        edited,
+        state_fits([edit.surface for edit in edited], observations, flatness_m),
+        observations,
+        options.relations if Cue.RELATIONS in options.cues else None,
+        options.stated_relations,
+        world_from_reference=world_from_reference,
+    )
+
+
+def _find_boundaries(surfaces: Sequence[MergedSurface], scans: Scans, steps: Steps) -> list[BoundaryPixels]:
+    """The boundary pixels of each surface in its own chart, kept where the run keeps arrays."""
+    return [
+        steps.keep(
+            find_boundary_pixels(surface.fit, surface.pixels, scans.observations, scans.tolerance, scans.keys)
+        )
+        for surface in surfaces
+    ]
 
 
 def _features(
