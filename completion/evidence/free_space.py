@@ -193,7 +193,8 @@ def free_cells(
     Every beam that may get there is intersected with the surface in closed form. Without noise one beam is a
     veto; with noise it takes two in the cell's 3 x 3 neighbourhood, one of them in the cell itself. On a
     curved surface the neighbours of a vetoed cell are vetoed too, since facets lie off the surface by less
-    than a cell. `views` are those of the scans, made here when not given.
+    than a cell. A mixed beam counts as far as it is sure to have got. `views` are those of the scans, made
+    here when not given.
     """
     if views is None:
         views = Views.of((sight.eye for sight in sights), (float(reach.far.max()) for reach in reaches))
@@ -206,6 +207,8 @@ def free_cells(
         if crossing.any():
             _count_beams(sight, form, crossing, around, cells)
             trim()
+        if sight.mixed.pixels.size:
+            _count_mixed(sight, form, around, cells)
     vetoed = count > 0
     if any(max(sight.noise) > 0 for sight in sights):
         vetoed &= _around(count, grid.wraps) >= _LEAST_BEAMS
@@ -250,6 +253,16 @@ def _count_beams(sight: Sight, form: Form, crossing: BoolArray, around: Rectangl
                             ray = ray_at(sight.rays, row, column)
                             if form.is_curved or _crosses(sight.eye, form, around, ray, measured):
                                 _count_beam(sight, form, ray, measured, cells)
+
+
+@compiled
+def _count_mixed(sight: Sight, form: Form, around: Rectangle, cells: _Cells) -> None:
+    """Add to each cell the mixed beams that went through it."""
+    for k in range(sight.mixed.pixels.size):
+        row, column = divmod(sight.mixed.pixels[k], sight.eye.shape[1])
+        ray, passed = ray_at(sight.rays, row, column), sight.mixed.passed[k]
+        if form.is_curved or _crosses(sight.eye, form, around, ray, passed):
+            _count_beam(sight, form, ray, passed, cells)
 
 
 @inlined

@@ -10,6 +10,7 @@ import numpy as np
 from numba import int64
 
 from completion.evidence.form import Form, slope_at
+from completion.observe.mixed_pixels import MixedBeams
 from completion.observe.observation import Observation
 from completion.observe.rays import Noise, Rays, Triple, dot, minus, triple
 from completion.observe.shadow import Devices
@@ -49,6 +50,7 @@ class Sight(NamedTuple):
     noise: Noise  # their standard deviations
     rays: Rays
     devices: Devices
+    mixed: MixedBeams  # that are not among the ranges, since each met two surfaces
 
 
 class Look(NamedTuple):
@@ -87,7 +89,15 @@ def sight_of(observation: Observation, tolerance: Tolerance) -> Sight:
     )
     ranges, noise = scan.ranges.ravel(), observation.noise.numbers()
     devices = Devices(observation.shadow, lens, camera.shape)
-    return Sight(eye, angles, ranges=ranges, noise=noise, rays=observation.rays, devices=devices)
+    return Sight(
+        eye=eye,
+        angles=angles,
+        ranges=ranges,
+        noise=noise,
+        rays=observation.rays,
+        devices=devices,
+        mixed=MixedBeams(observation.mixed.pixels.copy(), observation.mixed.passed.copy()),
+    )
 
 
 @inlined

@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""Mixed pixels: ranges between two surfaces, where a wide beam met both and tells of neither."""
+"""Mixed pixels: ranges between two surfaces, where a wide beam met both and tells of neither.
+
+No surface is where they were measured, and the nearer of the two fills a part of the beam. All of the beam
+got as far as that, though: nothing stands before both.
+"""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
 from completion.observe.rays import Noise, deviation_at
 from completion.observe.tolerance import FLATNESS_M
@@ -21,6 +28,32 @@ _JUMP = 12.0  # deviations, from which on two surfaces are apart
 _FEW = 100  # jumps, below which they do not tell how wide a beam is
 _LONGER = np.sqrt(2.0)  # than across an edge, the way along a row over one that is aslant
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+MARGIN_M = 0.02
+"""How far before the nearest range around it a mixed beam is sure to have passed, metres. Chosen: twenty
+times the flatness of surfaces (`FLATNESS_M`), so that the nearer surface keeps its own edge."""
+
+
+class MixedBeams(NamedTuple):
+    """Beams of a scan that were left out, since each met two surfaces."""
+
+    pixels: NDArray[np.int64]  # (n,) flat
+    passed: FloatArray  # (n,) metres from the sensor up to which nothing stopped them
+
+    @classmethod
+    def of(cls, ranges: FloatArray, mixed: BoolArray) -> MixedBeams:
+        """Return the beams of the pixels `mixed` (rows, columns) of an image of ranges, metres.
+
+        They passed what lies before the nearest range of as many pixels around as two surfaces are apart.
+        """
+        pixels = np.flatnonzero(mixed)
+        if not len(pixels):
+            return NO_MIXED
+        nearest = minimum_filter(ranges, 2 * _WIDEST + 1, mode="nearest")
+        return cls(pixels, np.maximum(nearest.ravel()[pixels] - MARGIN_M, 0.0))
+
+
+NO_MIXED = MixedBeams(np.zeros(0, np.int64), np.zeros(0))
 
 
 def find_mixed(ranges: FloatArray, noise: Noise) -> BoolArray:

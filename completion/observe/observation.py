@@ -11,7 +11,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.observe.mixed_pixels import find_mixed
+from completion.observe.mixed_pixels import NO_MIXED, MixedBeams, find_mixed
 from completion.observe.range_noise import RangeNoise, estimate_noise
 from completion.observe.rays import Noise, Rays, pick_points, pick_rays, rays_of
 from completion.observe.shadow import NO_SHADOW, Shadow, find_shadow, shadow_of
@@ -37,6 +37,8 @@ class Observation:
         How far its pose may be off, metres; 0 of a single scan.
     shadow : Shadow
         Where a second device stands that must see a place too.
+    mixed : MixedBeams
+        Beams that are not in the scan any more, since each met two surfaces, and how far they got.
     """
 
     scan: RangeImage
@@ -44,6 +46,7 @@ class Observation:
     rays: Rays
     pose_error_m: float = 0.0
     shadow: Shadow = NO_SHADOW
+    mixed: MixedBeams = NO_MIXED
 
     @property
     def is_noisy(self) -> bool:
@@ -101,9 +104,10 @@ def observe(
     noise = estimate_noise(moved) if known is None else RangeNoise(float(known), 0.0)
     shadow = find_shadow(moved) if projector_m is None else shadow_of(projector_m)
     mixed = find_mixed(moved.ranges, noise.numbers())
+    beams = MixedBeams.of(moved.ranges, mixed)
     if mixed.any():
         moved = _without(moved, mixed)
-    return Observation(moved, noise, rays_of(moved), shadow=shadow)
+    return Observation(moved, noise, rays_of(moved), shadow=shadow, mixed=beams)
 
 
 def _without(scan: RangeImage, mixed: BoolArray) -> RangeImage:

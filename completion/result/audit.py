@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -89,6 +90,7 @@ def audit(
     k sqrt(sigma^2 + (s / cos)^2) + t / cos, with s the face's predicted standard deviation and flatness
     together and t the registration error. Without noise one beam convicts a face; with noise it takes two
     beams on faces that share a vertex. Beams that surely pass beside the mesh or end before it are not cast.
+    Mixed beams count as far as they are sure to have got.
 
     Parameters
     ----------
@@ -111,11 +113,16 @@ def audit(
         seen, of_scan = observations[number], bundles[number]
         within = tolerance.of_pose(seen.pose_error_m)
         chosen = _towards(of_scan, seen.rays.origin, *spheres)
-        for tile in np.array_split(chosen, -(-len(chosen) // _TILES)) if len(chosen) else ():
-            pixels = _returned(tile, seen.scan.ranges)
+        tiles = np.array_split(chosen, -(-len(chosen) // _TILES)) if len(chosen) else []
+        returned = (_returned(tile, seen.scan.ranges) for tile in tiles)
+        cast = chain(
+            ((pixels, seen.scan.ranges.ravel()[pixels]) for pixels in returned),
+            [seen.mixed] if len(seen.mixed.pixels) else [],
+        )
+        for pixels, ends in cast:
             hits = caster.first_hit(seen.scan.origin[None], seen.rays_at(pixels), coherent=True)
             met = np.flatnonzero(hits.hit)
-            face, measured = hits.face[met], seen.scan.ranges.ravel()[pixels[met]]
+            face, measured = hits.face[met], ends[met]
             sd = vertex_sd[faces[face]].max(axis=1)
             allowed = within.along_ray(seen.noise.deviation(measured), sd, hits.incidence_cosine[met])
             through = (measured - hits.ranges[met] > allowed) & (allowed <= tolerance.max_m)

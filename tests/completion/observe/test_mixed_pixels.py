@@ -8,8 +8,15 @@ import pytest
 
 from benchmarks.cases.rooms import random_case
 from completion import CompletionOptions, complete
-from completion.observe.mixed_pixels import find_mixed
+from completion.boundary.meshing import mesh_cells
+from completion.evidence.chart_grid import ChartGrid
+from completion.evidence.free_space import free_cells
+from completion.evidence.reach import reach_of
+from completion.evidence.sight import sight_of
+from completion.observe.mixed_pixels import MixedBeams, find_mixed
 from completion.observe.observation import Observation, observe
+from completion.observe.tolerance import EvidenceOptions
+from completion.result.audit import audit, bundle
 from nbv.scanning.beam import Footprint
 from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise
@@ -17,7 +24,7 @@ from scenes.checks import BoolArray
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
-from scenes.surfaces.catalogue import Cylinder
+from scenes.surfaces.catalogue import Cylinder, Plane
 from tests.helpers.long_cases import first_in_gate
 
 SIGMA_M = 0.002
@@ -88,6 +95,46 @@ def test_the_wall_behind_a_veil_is_filled_and_the_reader_told():
     assert wall.hypothesised_m2 > 0.97 * board
     assert completed.free_space_violation_m2 == 0
     assert any("lie between two surfaces" in text for text in completed.warnings)
+
+
+def passed_by(seen: Observation, low: tuple[float, float], high: tuple[float, float]) -> tuple[float, float]:
+    """Shares of a board 1 m before the camera that beams passed: by the evidence, and by the audit."""
+    board = Plane((0, 0, 1.0), (0, 0, -1), (1, 0, 0))
+    grid = ChartGrid.over(board, low, high, 0.01, full_turn=False)
+    tolerance, n = EvidenceOptions().tolerance(), grid.shape[0] * grid.shape[1]
+    free = free_cells(grid, np.zeros(n), [sight_of(seen, tolerance)], [reach_of(seen)])
+    mesh = mesh_cells(grid, np.ones(grid.shape, dtype=np.bool_), (), (), merged=False)
+    sd = np.zeros(len(mesh.vertices))
+    violation = audit(mesh.vertices, mesh.faces, sd, [seen], [bundle(seen)], tolerance=tolerance).violation_m2
+    return float(np.mean(free)), violation / (n * grid.cell_area)
+
+
+def only_mixed(depth: float) -> Observation:
+    """A scan whose beams were left out but for those at its right rim, with readings at some depth."""
+    ranges = depth / CAMERA.directions()[..., 2]
+    seen = observe(RangeImage(ranges, CAMERA, Pose.identity(), sigma_m=0.0), Pose.identity())
+    mixed = np.arange(CAMERA.shape[1]) < CAMERA.shape[1] - 1 + np.zeros(CAMERA.shape)
+    rim = replace(seen.scan, ranges=np.where(mixed, np.inf, ranges))
+    return replace(seen, scan=rim, mixed=MixedBeams.of(ranges, mixed))
+
+
+def test_a_mixed_beam_passed_what_lies_well_before_both_surfaces():
+    assert passed_by(only_mixed(1.5), (-0.4, -0.3), (0.4, 0.3)) == (1, pytest.approx(1))
+
+
+@pytest.mark.parametrize("depth", [1.01, 0.9])
+def test_a_mixed_beam_tells_nothing_of_what_lies_near_its_range_or_beyond(depth):
+    assert passed_by(only_mixed(depth), (-0.4, -0.3), (0.4, 0.3)) == (0, 0)
+
+
+def test_a_place_that_only_mixed_beams_looked_at_is_no_surface():
+    """The rim of a board: what stood before it would have stopped these beams."""
+    seen = observe(veiled(4), Pose.identity())
+    assert not seen.valid[70:110, 80:84].any()
+    left, right = ((column - CAMERA.cx) / CAMERA.fx for column in (79.5, 83.5))
+    passed, convicted = passed_by(seen, (left, -0.09), (right, 0.09))
+    assert passed > 0.95
+    assert convicted > 0.8
 
 
 def test_a_sharp_image_is_told_nothing():
