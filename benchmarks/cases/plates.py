@@ -211,7 +211,7 @@ def scan(
     is_lost = gone(pixel * (min(SIZE), min(SIZE)))
     ranges = np.where(is_lost, np.inf, ranges)
     kept = ~(is_lost & without_beam(pixel * (min(SIZE), min(SIZE))))
-    beams = Beams(np.tile(origin, (len(ranges), 1)), directions, ranges).chosen(kept)
+    beams = Beams(np.tile(origin, (len(ranges), 1)), directions, ranges).select(kept)
     back = np.isfinite(beams.ranges)
     points = beams.origins[back] + beams.ranges[back, None] * beams.directions[back]
     measured = Measured(points, sigma, 0.5, beams, np.flatnonzero(back))

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.cases.pairs import CAMERA, OBJECTS, Room, Thing, is_right, is_right_of_objects, overlap
 from benchmarks.run import head, suite
-from completion.registration.motions import composed
+from completion.registration.motions import compose
 from completion.registration.network import Group, settle_group
 from completion.registration.pipeline import LEVEL, register_scans
 from completion.registration.station_view import StationView
@@ -475,7 +475,7 @@ class TwoRooms:
                     own &= (np.abs(true[..., 1] - self.door) > 0.45 + _SIDE_M) | (
                         true[..., 2] > 2.05 + _SIDE_M
                     )
-                place = composed(first, pose)
+                place = compose(first, pose)
                 points.append(scan.points_in_sensor()[own] @ place[:, :3].T + place[:, 3])
             found.append(_plane(np.concatenate(points)))
         (normal_a, middle_a), (normal_b, middle_b) = found
@@ -526,7 +526,7 @@ def placements(place: TwoRooms, rng: np.random.Generator) -> Mapping[str, list[F
     chain = [np.eye(4)[:3]]
     for k, start in enumerate(starts):
         pair = settle_group(Group({0: chain[0], 1: start}), views[k : k + 2])
-        chain.append(composed(chain[-1], pair.group.poses[1]))
+        chain.append(compose(chain[-1], pair.group.poses[1]))
     joint = settle_group(Group(dict(enumerate(chain))), views)
     by_planes = settle_group(Group(dict(enumerate(chain))), views, by_planes=True)
     return {

@@ -29,7 +29,7 @@ from benchmarks.cases.pairs import (
 from benchmarks.run import head, row, suite
 from benchmarks.store import each
 from completion.registration.hypotheses import find_hypotheses
-from completion.registration.motions import STILL, composed, inverse
+from completion.registration.motions import STILL, compose, inverse
 from completion.registration.network import Group, settle_group
 from completion.registration.pipeline import LEVEL, register_scans
 from completion.registration.registered import Registered
@@ -221,7 +221,7 @@ def _together(frames: tuple[RangeImage, ...], moved: list[RangeImage]) -> list[s
     for network in found.groups:
         anchor, *others = network.group.poses
         for k in others:
-            pose = composed(inverse(network.group.poses[anchor]), network.group.poses[k])
+            pose = compose(inverse(network.group.poses[anchor]), network.group.poses[k])
             good = is_right(pose, frames[anchor], frames[k])
             right, wrong = right + good, wrong + (not good)
             true = frames[anchor].world_from_sensor.inverse() @ frames[k].world_from_sensor
@@ -236,7 +236,7 @@ def _best(found: Registered, i: int, j: int) -> FloatArray | None:
     """The motion (3, 4) of scan j to scan i that is claimed, else the first of those that are told."""
     a, b = found.pose_of(i), found.pose_of(j)
     if a is not None and b is not None:
-        return composed(inverse(a), b)
+        return compose(inverse(a), b)
     (pair,) = found.pairs
     return pair.alternatives[0] if len(pair.alternatives) else None
 
@@ -270,7 +270,7 @@ def objects(first: int = 0, pairs: int = 4) -> Iterator[str]:
                 spent += time.process_time() - started
                 (told,) = found.pairs
                 held = found.pose_of(1)
-                motions = told.alternatives if held is None else [composed(inverse(STILL), held)]
+                motions = told.alternatives if held is None else [compose(inverse(STILL), held)]
                 right = len(motions) > 0 and is_right_of_objects(motions[0], a, b)
                 counts += [right, held is not None, held is not None and not right]
             yield (

@@ -18,7 +18,7 @@ from completion.features.upright_structure import (
     find_flight,
     find_shafts,
     levels,
-    trimmed,
+    trim_flight,
 )
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 
@@ -187,13 +187,13 @@ def _stairs(
         flight = flight._replace(n_steps=int(given["count"]))
     for _ in range(2):
         template, near = Stairs(frame, flight.n_steps, flight.x, flight.sides), _about_flight(local, flight)
-        fit = _fitted(template, measured, near, known, rng=rng, budget=budget, starts=flight.x[None])
+        fit = _fit_solid(template, measured, near, known, rng=rng, budget=budget, starts=flight.x[None])
         seen = [
             k for k in range(flight.n_steps) if any(fit.sides[n].is_seen for n in (k, k + flight.n_steps))
         ]
         if "count" in given or not seen or len(seen) == flight.n_steps:
             break
-        flight = trimmed(flight, fit.x, seen)  # a step at an end that nothing shows is none
+        flight = trim_flight(flight, fit.x, seen)  # a step at an end that nothing shows is none
     count = flight.n_steps
     heading, forward, height, going, rise = fit.x
     way, middle = np.array([np.cos(heading), np.sin(heading)]), float(flight.sides.mean())
@@ -238,7 +238,7 @@ def _column(
         near = _about_shaft(local, shaft, sample, measured)
         starts = column_starts(shaft, local[near, 2])
         each = budget // len(shafts)
-        fit = _fitted(Column(frame), measured, near, known, rng=rng, budget=each, starts=starts)
+        fit = _fit_solid(Column(frame), measured, near, known, rng=rng, budget=each, starts=starts)
         fits.append(_as_column(fit, frame))
     return best_first(fits)[0]
 
@@ -276,7 +276,7 @@ def _as_column(fit: TemplateFit, frame: Upright) -> TemplateFit:
     return replace(fit, geometry={"radius": radius, "axis": frame.turn[2], "centres": place})
 
 
-def _fitted(
+def _fit_solid(
     template: Template,
     measured: Measured,
     near: BoolArray,

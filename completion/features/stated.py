@@ -448,7 +448,7 @@ def with_features(surfaces: Sequence[EditedSurface], features: Sequence[Template
         if fit.kind in PATTERNS:
             edits[index] = replace(surface_edits, holes=(*surface_edits.holes, *_holes(fit, number)))
         else:
-            edits[index] = replace(surface_edits, fitted=(*surface_edits.fitted, _fitted(fit, number)))
+            edits[index] = replace(surface_edits, fitted=(*surface_edits.fitted, _opening_of(fit, number)))
     return [replace(surface, edits=edit) for surface, edit in zip(surfaces, edits, strict=True)]
 
 
@@ -461,7 +461,7 @@ def _holes(fit: TemplateFit, number: int) -> Iterator[FittedHole]:
             yield FittedHole(centre, axis, radius, side.deviation, seen=seen, number=number)
 
 
-def _fitted(fit: TemplateFit, number: int) -> FittedOpening:
+def _opening_of(fit: TemplateFit, number: int) -> FittedOpening:
     corners = np.asarray(fit.geometry["corners"], dtype=np.float64)
     sides: dict[str, Side] = {side.name: side for side in fit.sides}
     slack = cast(Mapping[str, tuple[float, float]], fit.geometry["slack"])

@@ -173,7 +173,7 @@ def find_flight(sample: UprightSample, noise: float, spacing: float, given: dict
     return Flight(x, int(step[-1]) + 1, np.array([low - margin, high + margin]))
 
 
-def trimmed(flight: Flight, x: FloatArray, seen: list[int]) -> Flight:
+def trim_flight(flight: Flight, x: FloatArray, seen: list[int]) -> Flight:
     """Return the flight from the first to the last step that was seen, with parameters x (5,) of before."""
     first, last = min(seen), max(seen)
     moved = x + first * np.array([0.0, x[3], x[4], 0.0, 0.0])
@@ -297,7 +297,7 @@ def find_shafts(
     low, high = _LEAST_RADIUS * spacing, _MOST_RADIUS * size
     radii = np.array([radius]) if radius is not None else np.geomspace(low, max(high, low), _N_RADII)
     fitted = [
-        _fitted(flat, rough, noise, fixed=radius is not None)
+        _fit_shaft(flat, rough, noise, fixed=radius is not None)
         for radius_m in radii
         for rough in _peaks(flat, way, radius_m)
     ]
@@ -324,7 +324,7 @@ def _peaks(flat: FloatArray, way: FloatArray, radius: float) -> Iterator[Shaft]:
                 yield Shaft(float(middle[0]), float(middle[1]), radius)
 
 
-def _fitted(flat: FloatArray, rough: Shaft, noise: float, *, fixed: bool) -> Shaft:
+def _fit_shaft(flat: FloatArray, rough: Shaft, noise: float, *, fixed: bool) -> Shaft:
     """The circle through the points (n, 2) about a rough one by least squares; of no points if it is none."""
     shaft = rough
     for width in (_AROUND, _AROUND, _ON, _ON):

@@ -50,7 +50,7 @@ class Chart(Protocol):
         """
         ...
 
-    def moved(self, change: FloatArray) -> Chart | None:
+    def move(self, change: FloatArray) -> Chart | None:
         """The chart after a step (k,), None where no surface is left."""
         ...
 
@@ -121,7 +121,7 @@ class PlaneChart:
         """The parameters themselves, (3, 3)."""
         return np.eye(self.n_parameters)
 
-    def moved(self, change: FloatArray) -> PlaneChart:
+    def move(self, change: FloatArray) -> PlaneChart:
         """The chart after a step (3,): a shift and two tilts. Planes are fitted in closed form."""
         normal = self.frame.T @ np.array([change[1], change[2], 1.0])
         normal = normal / np.linalg.norm(normal)
@@ -167,7 +167,7 @@ class SphereChart:
         """Changes (4, 4) in which the radius grows about where the points are."""
         return radius_about(-self.origin / self.radius, 4)
 
-    def moved(self, change: FloatArray) -> SphereChart | None:
+    def move(self, change: FloatArray) -> SphereChart | None:
         """The chart after a step (4,): a shift of the centre, and a change of the radius."""
         radius = self.radius + float(change[3])
         return SphereChart(self.origin + change[:3], radius) if radius > 0 else None
@@ -229,7 +229,7 @@ class TorusChart:
         basis[:2, 5] = -touch / max(1.0, float(np.linalg.norm(touch)))
         return basis
 
-    def moved(self, change: FloatArray) -> TorusChart | None:
+    def move(self, change: FloatArray) -> TorusChart | None:
         """The chart after a step (7,); None where a radius is none."""
         radius, tube_radius = self.radius + float(change[5]), self.tube_radius + float(change[6])
         if radius <= 0 or tube_radius <= 0:
@@ -283,7 +283,7 @@ class CylinderChart:
         """Changes (5, 5) in which the radius grows about where the points are."""
         return radius_about(self.frame[:2] @ -self.origin / self.radius, 5)
 
-    def moved(self, change: FloatArray) -> CylinderChart | None:
+    def move(self, change: FloatArray) -> CylinderChart | None:
         """The chart after a step (5,), on the moved axis."""
         radius = self.radius + float(change[4])
         origin, axis, _ = moved_axis(self.origin, self.frame, change)
@@ -336,7 +336,7 @@ class ConeChart:
         """The parameters themselves, (k, k)."""
         return np.eye(self.n_parameters)
 
-    def moved(self, change: FloatArray) -> ConeChart | None:
+    def move(self, change: FloatArray) -> ConeChart | None:
         """The chart after a step (6,), on the moved axis; its radius is that at the new origin."""
         phi = self.phi + float(change[5])
         if abs(phi) >= 0.4999 * np.pi:
@@ -344,7 +344,7 @@ class ConeChart:
         origin, axis, along = moved_axis(self.origin, self.frame, change)
         return ConeChart(origin, axis_frame(axis), self.radius + float(change[4]) - along * np.tan(phi), phi)
 
-    def growing(self) -> ConeChart:
+    def turn_to_growth(self) -> ConeChart:
         """The same cone with z towards the growing radius, where that is positive at the origin."""
         if self.phi > 0:
             return replace(self, frame=axis_frame(-self.frame[2]), phi=-self.phi)
@@ -399,7 +399,7 @@ class EllipticChart:
         """The parameters themselves, (k, k)."""
         return np.eye(self.n_parameters)
 
-    def moved(self, change: FloatArray) -> EllipticChart | None:
+    def move(self, change: FloatArray) -> EllipticChart | None:
         """The chart after a step (7,), on the moved axis, turned to the new ellipse's own axes."""
         mean = (self.greater + self.smaller) / 2 + float(change[4])
         p, q = (self.greater - self.smaller) / 2 + float(change[5]), float(change[6])

@@ -17,7 +17,7 @@ _CHUNK = 8192
 _N_SAMPLE = 1000
 
 
-def undetermined(n: int, shape: str) -> str:
+def undetermined_by(n: int, shape: str) -> str:
     """How an error begins: so many points determine no such shape."""
     return f"{n} points determine no {'surface' if shape == 'auto' else shape.replace('-', ' ')}"
 
@@ -46,7 +46,7 @@ def check_sample(points: FloatArray, shape: str) -> None:
     n_places = len(np.unique(sample, axis=0))
     if extent > 0 and n_places < least:
         raise FitError(
-            f"{undetermined(len(points), shape)}: they lie in {n_places} places, {least} are needed"
+            f"{undetermined_by(len(points), shape)}: they lie in {n_places} places, {least} are needed"
         )
 
 
@@ -84,7 +84,7 @@ def check_layer(fit: SurfaceFit) -> None:
     radii = kind_of(surface).geometry.radii(surface)
     if radii and min(radii) < LEAST_RADIUS * fit.rms:
         raise FitError(
-            f"{undetermined(fit.n, surface.kind)}: the radius {min(radii):.3g} m is within the noise, "
+            f"{undetermined_by(fit.n, surface.kind)}: the radius {min(radii):.3g} m is within the noise, "
             f"{fit.rms:.3g} m (a layer or a line)"
         )
 
@@ -114,7 +114,7 @@ def check_bend(fit: SurfaceFit, points: FloatArray) -> None:
     needed = float(chdtri(n_more, CHANCE_OF_BEND))
     if gain < needed:
         raise FitError(
-            f"{undetermined(len(used), fit.surface.kind)}: a plane explains them as well (chi squared "
+            f"{undetermined_by(len(used), fit.surface.kind)}: a plane explains them as well (chi squared "
             f"{max(gain, 0.0):.3g} for {n_more} more parameters, {needed:.3g} needed)"
         )
 

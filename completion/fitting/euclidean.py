@@ -14,7 +14,7 @@ from completion.fitting.degeneracy import (
     check_layer,
     check_spread,
     principal,
-    undetermined,
+    undetermined_by,
 )
 from completion.fitting.held import Held, HeldChart
 from completion.fitting.kinds import KINDS, chart_of
@@ -38,7 +38,7 @@ class Cloud:
     scale: float
     weights: FloatArray | None = None
 
-    def thinned(self, n: int) -> Cloud:
+    def thin(self, n: int) -> Cloud:
         """About `n` of the points, every k-th."""
         stride = max(1, len(self.points) // n)
         weights = None if self.weights is None else self.weights[::stride]
@@ -58,7 +58,7 @@ class Normal:
     cost: float
     basis: FloatArray
 
-    def solved(self, damping: float, what: str) -> FloatArray:
+    def solve(self, damping: float, what: str) -> FloatArray:
         """The step (k,); raises FitError where the points determine nothing."""
         scale = np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
         scaled = self.matrix / np.outer(scale, scale)
@@ -97,7 +97,7 @@ def normal_equations(chart: Chart, cloud: Cloud) -> Normal:
     return Normal(matrix, gradient, cost, basis)
 
 
-def polished(
+def polish_chart(
     chart: Chart, cloud: Cloud, what: str, n_steps: int = _MOST_STEPS, damped: bool = True
 ) -> tuple[Chart, Normal, bool]:
     """Step until rounding: the chart, its normal equations, and whether it stands still.
@@ -109,10 +109,10 @@ def polished(
     here = normal_equations(chart, cloud)
     damping, before, stalled, last = 0.0, np.inf, 0, np.zeros(chart.n_parameters)
     for _ in range(n_steps):
-        change = here.solved(damping, what)
-        last, change = change, change * (_remaining(change, last) if damped and damping == 0 else 1.0)
+        change = here.solve(damping, what)
+        last, change = change, change * (_remaining_sum(change, last) if damped and damping == 0 else 1.0)
         moved = float(np.abs(change / np.where(chart.lengths() > 0, chart.size(), 1.0)).max())
-        trial = chart.moved(change)
+        trial = chart.move(change)
         if trial is None and not damped:
             raise FitError(f"{what}: a step left no surface; these points curve the other way or not at all")
         there = None if trial is None else normal_equations(trial, cloud)
@@ -135,7 +135,7 @@ def polished(
     return chart, here, before < (1e-9 if damped else 1e-10)
 
 
-def _remaining(change: FloatArray, last: FloatArray) -> float:
+def _remaining_sum(change: FloatArray, last: FloatArray) -> float:
     """Sum of the geometric series that this step and the last one begin; 1 where they are not parallel."""
     length = float(np.linalg.norm(last))
     if length == 0 or np.linalg.norm(change) > 0.999 * length:
@@ -148,7 +148,7 @@ def _remaining(change: FloatArray, last: FloatArray) -> float:
 def full_step(chart: Chart, cloud: Cloud, what: str) -> tuple[Chart, Normal]:
     """One Gauss-Newton step on all points, and the normal equations before it."""
     here = normal_equations(chart, cloud)
-    trial = chart.moved(here.solved(0.0, what))
+    trial = chart.move(here.solve(0.0, what))
     if trial is None:
         raise FitError(f"{what}: the last step left no surface")
     return trial, here
@@ -252,20 +252,20 @@ def fit_euclidean(
     check_enough(len(points), shape)
     if shape == "plane":
         return fit_plane(points) if held is None else _fit_level(points, held)
-    cloud = normalised(points, weights)
-    what = undetermined(len(points), shape)
+    cloud = normalise(points, weights)
+    what = undetermined_by(len(points), shape)
     if start is None:
-        chart = _searched(shape, cloud, what, held)
+        chart = _search_start(shape, cloud, what, held)
     elif held is not None:
         chart = _best_held([chart_of(start, cloud.centre, cloud.scale)], cloud, what, held)
     else:
         chart = chart_of(start, cloud.centre, cloud.scale)
         _check_off_axis(chart, cloud)
-    sample = cloud.thinned(_SUBSAMPLE)
-    chart, normal, converged = polished(chart, sample, what, n_steps, damped)
+    sample = cloud.thin(_SUBSAMPLE)
+    chart, normal, converged = polish_chart(chart, sample, what, n_steps, damped)
     if not converged:
         raise FitError(f"no convergence: {what}; the last radius is {chart.size() * cloud.scale:.3g} m")
-    chart, is_turned = _growing(chart)
+    chart, is_turned = _turn_to_growth(chart)
     if len(sample.points) < len(points):
         for _ in range(2):
             chart, normal = full_step(chart, cloud, what)
@@ -273,7 +273,7 @@ def fit_euclidean(
         chart, normal = full_step(chart, cloud, what)
     fit = _result(chart, normal, cloud, bool(getattr(start, "concave", False)), what)
     if held is not None:
-        fit = held.marked(fit)
+        fit = held.mark(fit)
     if damped:
         check_layer(fit)
     return fit
@@ -286,10 +286,10 @@ def _fit_level(points: FloatArray, held: Held) -> SurfaceFit:
     rms = float(np.sqrt(residual @ residual / (len(points) - 1)))
     covariance = np.zeros((3, 3))
     covariance[0, 0] = rms**2 / len(points)
-    return held.marked(SurfaceFit(plane, rms, covariance, len(points)))
+    return held.mark(SurfaceFit(plane, rms, covariance, len(points)))
 
 
-def normalised(points: FloatArray, weights: FloatArray | None = None) -> Cloud:
+def normalise(points: FloatArray, weights: FloatArray | None = None) -> Cloud:
     """Return points (n, 3) and weights (n,) with the points' centroid and root mean square radius."""
     centre = centroid(points)
     offset = points[:: max(1, len(points) // _SUBSAMPLE)] - centre
@@ -310,36 +310,36 @@ def _result(chart: Chart, normal: Normal, cloud: Cloud, concave: bool, what: str
         units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
         covariance = rms**2 * normal.inverse() * np.outer(units, units)
     if isinstance(chart, HeldChart):
-        covariance = chart.widened(covariance)
+        covariance = chart.full_covariance(covariance)
     return SurfaceFit(surface, rms, covariance, n)
 
 
-def _growing(chart: Chart) -> tuple[Chart, bool]:
+def _turn_to_growth(chart: Chart) -> tuple[Chart, bool]:
     """The chart with a cone's axis the way it grows, and whether that was the other way round."""
     inner = chart.inner if isinstance(chart, HeldChart) else chart
     if not isinstance(inner, ConeChart) or inner.phi <= 0:
         return chart, False
-    grown = inner.growing()
+    grown = inner.turn_to_growth()
     return (HeldChart(grown, chart.free) if isinstance(chart, HeldChart) else grown), True
 
 
 def _best_held(candidates: list[Chart], cloud: Cloud, what: str, held: Held) -> Chart:
     """The candidate that polishes best when it has the given values."""
-    sample = cloud.thinned(_START_SAMPLE)
-    best = _best_polished(held.scaled(1 / cloud.scale).starts(candidates), sample)
+    sample = cloud.thin(_START_SAMPLE)
+    best = _best_polished(held.scale(1 / cloud.scale).starts(candidates), sample)
     if best is None:
         names = " and ".join(held.names)
         raise FitError(f"{what} with the given {names}: none of {len(candidates)} starts is near it")
     return best[1]
 
 
-def _searched(shape: str, cloud: Cloud, what: str, held: Held | None) -> Chart:
+def _search_start(shape: str, cloud: Cloud, what: str, held: Held | None) -> Chart:
     """The start that polishes best on a sample."""
-    spread, _ = principal(cloud.thinned(_SUBSAMPLE).points, cloud.centre)
+    spread, _ = principal(cloud.thin(_SUBSAMPLE).points, cloud.centre)
     check_spread(len(cloud.points), spread, cloud.centre, 2)
-    sample = cloud.thinned(_START_SAMPLE)
+    sample = cloud.thin(_START_SAMPLE)
     n_best = 40 if len(sample.points) <= _FEW else 8 if shape == "cone" else 3
-    unit = cloud.thinned(_SUBSAMPLE).unit()
+    unit = cloud.thin(_SUBSAMPLE).unit()
     if held is not None:
         axis = [] if held.direction is None else starts_along(shape, unit, held.direction)
         return _best_held([*axis, *KINDS[shape].geometry.starts(unit, n_best)], cloud, what, held)
@@ -373,7 +373,7 @@ def _polished_each(candidates: list[Chart], sample: Cloud, n_steps: int) -> Iter
     """Sum of squares and chart of each candidate after some steps, without those that leave no surface."""
     for start in candidates:
         try:
-            chart, normal, _ = polished(start, sample, "a start", n_steps)
+            chart, normal, _ = polish_chart(start, sample, "a start", n_steps)
         except FitError:
             continue
         yield normal.cost, chart

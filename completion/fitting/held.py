@@ -54,11 +54,11 @@ class HeldChart:
         """The inner chart's changes (k, k), as far as they leave the held parameters alone."""
         return self.inner.basis()[np.ix_(self.free, self.free)]
 
-    def moved(self, change: FloatArray) -> HeldChart | None:
+    def move(self, change: FloatArray) -> HeldChart | None:
         """The chart after a step (k,) of the free parameters."""
         whole = np.zeros(self.inner.n_parameters)
         whole[list(self.free)] = change
-        inner = self.inner.moved(whole)
+        inner = self.inner.move(whole)
         return None if inner is None else HeldChart(inner, self.free)
 
     def lengths(self) -> FloatArray:
@@ -73,7 +73,7 @@ class HeldChart:
         """The inner chart's size."""
         return self.inner.size()
 
-    def widened(self, covariance: FloatArray) -> FloatArray:
+    def full_covariance(self, covariance: FloatArray) -> FloatArray:
         """A covariance (k, k) of the free parameters as one of all, with zeros for what is held."""
         n = self.inner.n_parameters
         whole = np.zeros((n, n))
@@ -119,28 +119,28 @@ class Held:
         """How many parameters are held."""
         return KINDS[self.shape].n_parameters - len(self.free)
 
-    def scaled(self, factor: float) -> Held:
+    def scale(self, factor: float) -> Held:
         """The same in another unit of length."""
         return self if self.radius is None else replace(self, radius=factor * self.radius)
 
-    def imposed(self, surface: Surface, place: FloatArray) -> Iterator[Surface]:
+    def impose(self, surface: Surface, place: FloatArray) -> Iterator[Surface]:
         """Surfaces with the given values that are near `surface` about a `place` (3,).
 
         A direction is turned to about the place's foot; a radius is changed where the foot stays on the
         surface, with the centre or the axis on either side of it.
         """
         given = self.direction
-        turned = surface if given is None else _turned(surface, _signed(given, surface), place)
+        turned = surface if given is None else _turn_surface(surface, _sign_direction(given, surface), place)
         if self.radius is None:
             yield turned
         else:
-            yield from _resized(turned, self.radius, place)
+            yield from _resize_surface(turned, self.radius, place)
 
     def exact(self, surface: Surface) -> Surface:
         """A surface that has the given values but for rounding, with them to the last digit."""
         turned = surface
         if self.direction is not None:
-            turned = _with_direction(turned, _signed(self.direction, turned))
+            turned = _with_direction(turned, _sign_direction(self.direction, turned))
         if self.radius is not None and isinstance(turned, Sphere):
             return Sphere(
                 turned.centre, self.radius, turned.pole_direction, turned.zero_direction, turned.concave
@@ -164,18 +164,18 @@ class Held:
         origin, near_charts = np.zeros(3), list[Chart]()
         for chart in charts:
             try:
-                near = list(self.imposed(chart.surface(origin, 1.0, False), origin))
+                near = list(self.impose(chart.surface(origin, 1.0, False), origin))
                 near_charts += [self.chart(surface, origin, 1.0) for surface in near]
             except InputError:
                 continue  # a spindle, or a cone that is none
         return near_charts
 
-    def marked(self, fit: SurfaceFit) -> SurfaceFit:
+    def mark(self, fit: SurfaceFit) -> SurfaceFit:
         """The fit, told what was held, and with that to the last digit."""
         return replace(fit, surface=self.exact(fit.surface), held=self.names)
 
 
-def holding(shape: str, radius: object | None, axis: object | None) -> Held | None:
+def given_of_shape(shape: str, radius: object | None, axis: object | None) -> Held | None:
     """Return what is held of a shape, None where nothing is.
 
     Raises
@@ -201,7 +201,7 @@ def holding(shape: str, radius: object | None, axis: object | None) -> Held | No
     return Held(shape, None if radius is None else float(radius), direction)
 
 
-def _signed(direction: FloatArray, surface: Surface) -> FloatArray:
+def _sign_direction(direction: FloatArray, surface: Surface) -> FloatArray:
     """A direction; for a cone the way in which it grows."""
     backwards = isinstance(surface, Cone) and surface.direction @ direction < 0
     return -direction if backwards else direction
@@ -224,7 +224,7 @@ def _with_direction(surface: Surface, direction: FloatArray) -> Surface:
     raise TypeError(f"a {type(surface).__name__} has no direction")
 
 
-def _turned(surface: Surface, direction: FloatArray, place: FloatArray) -> Surface:
+def _turn_surface(surface: Surface, direction: FloatArray, place: FloatArray) -> Surface:
     """The surface turned to a direction; its axis passes where it passed beside the place."""
     if isinstance(surface, Cylinder):
         along = float((place - surface.point) @ surface.direction)
@@ -233,7 +233,7 @@ def _turned(surface: Surface, direction: FloatArray, place: FloatArray) -> Surfa
     return _with_direction(surface, direction)
 
 
-def _resized(surface: Surface, radius: float, place: FloatArray) -> Iterator[Surface]:
+def _resize_surface(surface: Surface, radius: float, place: FloatArray) -> Iterator[Surface]:
     """The surface with another radius, the foot of the place kept, from either side."""
     if isinstance(surface, Torus):
         yield Torus(surface.centre, surface.direction, radius, surface.tube_radius, concave=surface.concave)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from completion.fitting.chart import Chart, standard_chart
-from completion.fitting.minimal_sets import spanned
+from completion.fitting.minimal_sets import surface_through
 from completion.fitting.shape import Kind, KindGeometry
 from completion.fitting.starts import starts
 from scenes.checks import FloatArray
@@ -76,7 +76,7 @@ def _standard(shape: str, radii: Callable[[Any], tuple[float, ...]]) -> KindGeom
     return KindGeometry(
         chart=standard_chart,
         starts=partial(starts, shape),
-        spanned=partial(spanned, shape),
+        spanned=partial(surface_through, shape),
         parameters=_parameters,
         jacobians=_natural_jacobians,
         radii=radii,

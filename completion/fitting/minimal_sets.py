@@ -11,7 +11,7 @@ from scenes.checks import FloatArray, InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Surface, Torus
 
 
-def spanned(shape: str, points: FloatArray, normals: FloatArray) -> Surface | None:
+def surface_through(shape: str, points: FloatArray, normals: FloatArray) -> Surface | None:
     """The surface through oriented points (k, 3) with normals (k, 3); None where they are degenerate."""
     try:
         if shape == "plane":

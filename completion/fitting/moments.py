@@ -36,7 +36,7 @@ class Moments:
     Examples
     --------
     >>> left, right = np.eye(3), -np.eye(3)
-    >>> both = moments(left).merged(moments(right))
+    >>> both = moments(left).merge(moments(right))
     >>> both.n, both.mean().round(12).tolist()
     (6, [0.0, 0.0, 0.0])
     """
@@ -70,12 +70,12 @@ class Moments:
                 sums[place] += factor * weight * self.sums[_PLACE[a, b, c]]
         return Moments(target, sums)
 
-    def scaled(self, scale: float) -> Moments:
+    def scale(self, scale: float) -> Moments:
         """The moments of the points divided by `scale`; the centre is the origin then."""
         order = np.array([sum(exponents) for exponents in EXPONENTS])
         return Moments(np.zeros(3), self.sums / float(scale) ** order)
 
-    def merged(self, other: Moments) -> Moments:
+    def merge(self, other: Moments) -> Moments:
         """The moments of both sets of points, about the centroid of this one."""
         here = self.about(self.mean())
         return Moments(here.centre, here.sums + other.about(here.centre).sums)

@@ -7,7 +7,7 @@ import numpy as np
 
 from completion.fitting.degeneracy import check_bend, check_enough, check_sample
 from completion.fitting.euclidean import fit_euclidean
-from completion.fitting.held import holding
+from completion.fitting.held import given_of_shape
 from completion.fitting.kinds import KINDS
 from completion.fitting.quadrics import fit_by_quadric
 from completion.fitting.rays import fit_along_rays
@@ -68,15 +68,15 @@ def fit(
     0.3
     """
     _check_options(shape, metric, robust, rays)
-    held = holding(shape, radius, axis)
+    held = given_of_shape(shape, radius, axis)
     if held is not None and metric != "euclidean":
         raise InputError(f"given values are held by Euclidean fits alone; drop them or metric={metric!r}")
-    cloud = _checked(points)
+    cloud = _check_points(points)
     check_enough(len(cloud), "plane" if shape == "auto" else shape)
     check_sample(cloud, shape)
     along = None if rays is None else _unit_rays(rays, len(cloud))
     selection = select(cloud, robust=robust) if shape == "auto" else None
-    kind = shape if selection is None else selection.decided()
+    kind = shape if selection is None else selection.decide()
     if metric != "euclidean" and not KINDS[kind].is_quadric:
         raise FitError(
             f"{KINDS[kind].title} is no quadric: {metric!r} cannot fit it; use the euclidean metric"
@@ -104,7 +104,7 @@ def _check_options(shape: str, metric: str, robust: bool, rays: object | None) -
         )
 
 
-def _checked(points: object) -> FloatArray:
+def _check_points(points: object) -> FloatArray:
     """The points as finite (n, 3); raises FitError, with how many, where they are not finite."""
     cloud = check_vectors("points", points)
     with np.errstate(all="ignore"):

@@ -74,7 +74,7 @@ def fit_quadric(points: Moments, metric: Literal["algebraic", "taubin"], *, sphe
     centre, scale = points.mean(), points.radius()
     if not scale > 0:
         raise FitError(f"{points.n} points lie in one spot, at {centre.tolist()}")
-    gram = points.about(centre).scaled(scale).gram() / points.n
+    gram = points.about(centre).scale(scale).gram() / points.n
     m = basis @ gram @ basis.T
     if metric == "algebraic":
         solution = np.linalg.eigh(m)[1][:, 0]

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.fitting.chart import Chart
-from completion.fitting.degeneracy import undetermined
-from completion.fitting.euclidean import Cloud, Normal, normalised
+from completion.fitting.degeneracy import undetermined_by
+from completion.fitting.euclidean import Cloud, Normal, normalise
 from completion.fitting.held import Held, HeldChart
 from completion.fitting.kinds import chart_of
 from completion.fitting.limits import LEAST_SLOPE, STILL, TUKEY
@@ -57,8 +57,8 @@ def fit_along_rays(
     FitError
         Too few rays meet the surface, or no convergence.
     """
-    cloud, is_robust = normalised(points), fit.inliers is not None
-    what = f"{undetermined(len(points), fit.surface.kind)} along rays"
+    cloud, is_robust = normalise(points), fit.inliers is not None
+    what = f"{undetermined_by(len(points), fit.surface.kind)} along rays"
     chart: Chart = chart_of(fit.surface, cloud.centre, cloud.scale)
     if held is not None:
         chart = held.chart(fit.surface, cloud.centre, cloud.scale)
@@ -71,7 +71,7 @@ def fit_along_rays(
         crossings = _crossings(chart, cloud, rays, reach)
         reach = np.where(crossings.met, crossings.reach, 0.0)
         if is_robust and step < _N_WEIGHING:
-            weights, sigma = _weighed(crossings, weights, sigma)
+            weights, sigma = _weigh_rays(crossings, weights, sigma)
         elif not is_robust and step < _N_CHOOSING:
             weights = crossings.steeper(LEAST_SLOPE).astype(np.float64)
         used = crossings.steeper(LEAST_SLOPE / 2) & (weights > 0)  # a ray at the brink does not flicker
@@ -81,8 +81,8 @@ def fit_along_rays(
         error, weight = -crossings.reach[used], weights[used]
         weighted, cost = rows * weight, float(weight @ error**2)
         normal = Normal(weighted @ rows.T, weighted @ error / cloud.scale, cost, chart.basis())
-        change = normal.solved(0.0, what)
-        moved = chart.moved(change)
+        change = normal.solve(0.0, what)
+        moved = chart.move(change)
         if moved is None:
             break
         chart = moved
@@ -93,11 +93,11 @@ def fit_along_rays(
             )
             inverse = Normal(rows @ rows.T, normal.gradient, cost, normal.basis).inverse()
             result = _result(fit, chart, cloud=cloud, covariance=variance * inverse, error=error, used=used)
-            return result if held is None else held.marked(result)
+            return result if held is None else held.mark(result)
     raise FitError(f"no convergence along the rays: {what}")
 
 
-def _weighed(crossings: _Crossings, weights: FloatArray, sigma: float) -> tuple[FloatArray, float]:
+def _weigh_rays(crossings: _Crossings, weights: FloatArray, sigma: float) -> tuple[FloatArray, float]:
     """Tukey's weights of the rays, zero for those that miss, and the scale of the errors along them."""
     error = np.abs(crossings.reach)
     sigma = scale_within(error[crossings.met & (weights > 0)], sigma)
@@ -139,5 +139,5 @@ def _result(
     rms = float(np.sqrt(error @ error / (len(error) - len(covariance))))
     covariance = covariance * np.outer(units, units)
     if isinstance(chart, HeldChart):
-        covariance = chart.widened(covariance)
+        covariance = chart.full_covariance(covariance)
     return SurfaceFit(surface, rms, covariance, len(error), inliers=used)

@@ -189,7 +189,7 @@ def inflated(fit: SurfaceFit, points: FloatArray, block: float | None = None) ->
     return replace(fit, covariance=fit.covariance * excess, inflation=fit.inflation * excess)
 
 
-def warped(fit: SurfaceFit, points: FloatArray, relief_m: float) -> SurfaceFit:
+def allow_for_warp(fit: SurfaceFit, points: FloatArray, relief_m: float) -> SurfaceFit:
     """Return the fit with a covariance that allows for a warp as long as its `points` (n, 3).
 
     Such a warp is one sample of the surface, not many: it adds s^2 (mean g g')^-1, with s the relief in

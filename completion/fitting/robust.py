@@ -9,12 +9,12 @@ import numpy as np
 
 from completion.fitting.chart import Chart
 from completion.fitting.degeneracy import check_layer
-from completion.fitting.euclidean import Cloud, normal_equations, polished
+from completion.fitting.euclidean import Cloud, normal_equations, polish_chart
 from completion.fitting.held import Held, HeldChart
 from completion.fitting.kinds import KINDS, chart_of
 from completion.fitting.limits import CUTS, LEAST_AGREEING, TUKEY
 from completion.fitting.result import FitError, SurfaceFit
-from completion.fitting.starts import N_NEIGHBOURS, oriented
+from completion.fitting.starts import N_NEIGHBOURS, orient_normals
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.surfaces.catalogue import Plane, Surface
 
@@ -63,7 +63,7 @@ def consensus_surface(
 def _with_given(surface: Surface, place: FloatArray, held: Held | None) -> list[Surface]:
     """The surface, or those with the given values that are near it about a place (3,)."""
     try:
-        return [surface] if held is None else list(held.imposed(surface, place))
+        return [surface] if held is None else list(held.impose(surface, place))
     except InputError:
         return []
 
@@ -106,7 +106,7 @@ def fit_robust(
     if len(points) < N_NEIGHBOURS:
         raise FitError(f"a robust fit needs {N_NEIGHBOURS} points, got {len(points)}")
     sample = points[np.unique(np.linspace(0, len(points) - 1, _N_SAMPLE).astype(np.int64))]
-    normals, sigma = oriented(sample, points)
+    normals, sigma = orient_normals(sample, points)
     surface = (
         _held_start(start, held, sample)
         if start is not None
@@ -114,19 +114,19 @@ def fit_robust(
     )
     part = points[:: max(1, len(points) // _N_ANNEALED)]
     for cut in CUTS:
-        surface, sigma = _reweighted(part, surface, cut, sigma, held)
-    surface, sigma, inliers = _settled(part, surface, sigma, _N_FINAL, held)
+        surface, sigma = _reweigh(part, surface, cut, sigma, held)
+    surface, sigma, inliers = _settle_weights(part, surface, sigma, _N_FINAL, held)
     if len(part) < len(points):
-        surface, sigma, inliers = _settled(points, surface, sigma, 2, held)
+        surface, sigma, inliers = _settle_weights(points, surface, sigma, 2, held)
     fit = _robust_result(points, surface, sigma, inliers, held)
-    return fit if held is None else held.marked(fit)
+    return fit if held is None else held.mark(fit)
 
 
 def _held_start(start: Surface, held: Held | None, points: FloatArray) -> Surface:
     """The start with the given values, nearest to most points (n, 3)."""
     if held is None:
         return start
-    near = held.imposed(start, points.mean(axis=0))
+    near = held.impose(start, points.mean(axis=0))
     return min(near, key=lambda surface: float(np.median(np.abs(surface.distance(points)))))
 
 
@@ -137,13 +137,13 @@ def _chart(surface: Surface, cloud: Cloud, held: Held | None) -> Chart:
     return held.chart(surface, cloud.centre, cloud.scale)
 
 
-def _settled(
+def _settle_weights(
     points: FloatArray, surface: Surface, sigma: float, n_rounds: int, held: Held | None
 ) -> tuple[Surface, float, BoolArray]:
     """Reweigh at the last cut until the same points have a weight, at most so many times."""
     inliers: BoolArray = np.zeros(len(points), dtype=np.bool_)
     for _ in range(n_rounds):
-        surface, sigma = _reweighted(points, surface, TUKEY, sigma, held)
+        surface, sigma = _reweigh(points, surface, TUKEY, sigma, held)
         before, inliers = inliers, np.abs(surface.distance(points)) < TUKEY * sigma
         if (before == inliers).all():
             break
@@ -155,14 +155,14 @@ def tukey_weights(residual: FloatArray, cut: float) -> FloatArray:
     return np.asarray(np.maximum(1 - (residual / cut) ** 2, 0.0) ** 2, dtype=np.float64)
 
 
-def _reweighted(
+def _reweigh(
     points: FloatArray, surface: Surface, cut: float, sigma: float, held: Held | None
 ) -> tuple[Surface, float]:
     """The surface after a weighted fit, and the scale of its residuals within the cut."""
     weights = tukey_weights(surface.distance(points), cut * sigma)
     cloud = _weighted_cloud(points, weights, surface.kind)
     what = f"{len(cloud.points)} of {len(points)} points left with a weight determine no {surface.kind}"
-    chart, _, _ = polished(_chart(surface, cloud, held), cloud, what, 12)
+    chart, _, _ = polish_chart(_chart(surface, cloud, held), cloud, what, 12)
     try:
         moved = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
     except InputError as error:
@@ -213,7 +213,7 @@ def _robust_result(
     units = np.where(chart.lengths() > 0, 1.0, 1 / cloud.scale)
     covariance = variance * normal.inverse() * np.outer(units, units)
     if isinstance(chart, HeldChart):
-        covariance = chart.widened(covariance)
+        covariance = chart.full_covariance(covariance)
     rms = float(np.sqrt(residual @ residual / max(n - k, 1)))
     placed = chart.surface(cloud.centre, cloud.scale, bool(getattr(surface, "concave", False)))
     fit = SurfaceFit(placed, rms, covariance if n > k else covariance * np.nan, n, inliers=inliers)

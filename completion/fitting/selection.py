@@ -43,7 +43,7 @@ class Selection:
     evidence: dict[str, float]
     failures: dict[str, str]
 
-    def decided(self) -> Shape:
+    def decide(self) -> Shape:
         """The shape that the evidence is for; raises FitError, with the ratios, where it is for none."""
         if self.shape is None:
             raise FitError(f"{self.summary()}; name the shape")

@@ -39,7 +39,7 @@ _N_TREE = 50_000
 N_NEIGHBOURS = 24
 
 
-def oriented(sample: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
+def orient_normals(sample: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
     """Normals (m, 3), without a side, of sample points by their neighbours, and the typical roughness."""
     thinned = points[:: max(1, len(points) // _N_TREE)]
     _, nearest = cKDTree(thinned).query(sample, k=min(N_NEIGHBOURS, len(thinned)))
@@ -110,10 +110,10 @@ def rotation_axes(points: FloatArray, normals: FloatArray, n_best: int = 3) -> l
 
 def torus_starts(unit: FloatArray) -> list[TorusChart]:
     """Tori to polish from, about axes and by curvature, for points (n, 3) near the unit ball."""
-    charts = _osculating(unit)
+    charts = _osculating_tori(unit)
     if len(unit) >= _LEAST_NEIGHBOURS:
         places = np.unique(np.linspace(0, len(unit) - 1, _N_ORIENTED).astype(np.int64))
-        normals, _ = oriented(unit[places], unit)
+        normals, _ = orient_normals(unit[places], unit)
         for point, axis in rotation_axes(unit[places], normals, 4):
             charts = [*torus_about(unit[places], point, axis), *charts]
     _, principal = np.linalg.eigh(unit.T @ unit)
@@ -135,7 +135,7 @@ def torus_about(points: FloatArray, point: FloatArray, axis: FloatArray) -> list
     return [TorusChart(point + level * axis, axis_frame(axis), float(radius), float(np.sqrt(tube2)))]
 
 
-def _osculating(unit: FloatArray) -> list[TorusChart]:
+def _osculating_tori(unit: FloatArray) -> list[TorusChart]:
     """Tori that touch the points' paraboloid and curve there as it does, one for each place on the tube.
 
     At an angle a from the outermost circle the curvatures are 1 / r and cos(a) / (R + r cos(a)).

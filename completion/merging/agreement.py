@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.evidence.form import Form, form_of
-from completion.fitting.result import SurfaceFit, warped
+from completion.fitting.result import SurfaceFit, allow_for_warp
 from completion.observe.rays import dot, minus
 from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled, inlined
@@ -188,7 +188,7 @@ class Part:
         few = points[np.unique(np.linspace(0, len(points) - 1, _FEW).astype(np.int64))]
         return cls(
             fit=fit,
-            covariance=warped(fit, points, systematic_m).covariance,
+            covariance=allow_for_warp(fit, points, systematic_m).covariance,
             points=points,
             scale=scale,
             few=few,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.evidence.sight import Sight, pixel_of
-from completion.fitting.result import SurfaceFit, warped
+from completion.fitting.result import SurfaceFit, allow_for_warp
 from completion.merging.agreement import Part, PoseDoubt
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation, PixelSet, ScanPixels
@@ -165,7 +165,7 @@ def _with_relief(fit: SurfaceFit, pieces: Sequence[Piece], flatness_m: float) ->
     relief = _relief_of(pieces)
     if relief <= flatness_m:
         return fit
-    return warped(fit, np.concatenate([piece.part.points for piece in pieces]), relief)
+    return allow_for_warp(fit, np.concatenate([piece.part.points for piece in pieces]), relief)
 
 
 def _together(pieces: Sequence[Piece], spill: Spill | NoSpill) -> tuple[tuple[int, PixelSet], ...]:

@@ -159,7 +159,7 @@ class ScanSurfaces:
         """Return the surfaces that the first scan shows by itself, from its own regions."""
         alone = self.registration.seen_from_first(self.observations[:1])
         registration = _registration(alone, (0,), options, steps)
-        observations = registration.applied(alone, options.pose_errors(registration.left_m))
+        observations = registration.apply(alone, options.pose_errors(registration.left_m))
         regions: Sequence[Sequence[Region]] = self.regions[:1]
         if alone[0] is not self.observations[0]:  # moved, and its regions with it
             regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
@@ -189,7 +189,7 @@ def find_surfaces(scans: Sequence[RangeImage], options: SurfaceOptions, steps: S
     # 2. Register: correct poses that contradict what was measured.
     keys = find_key_frames(observations)
     registration = _registration(observations, keys, options, steps)
-    observations = registration.applied(observations, options.pose_errors(registration.left_m))
+    observations = registration.apply(observations, options.pose_errors(registration.left_m))
 
     # 3. Segment: cut each scan into regions on planes and cylinders.
     regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)

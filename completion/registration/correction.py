@@ -92,7 +92,7 @@ class Registration:
             tuple(np.flatnonzero(component == k).tolist()) for k in dict.fromkeys(component.tolist())
         )
 
-    def applied(self, observations: Sequence[Observation], errors_m: FloatArray) -> list[Observation]:
+    def apply(self, observations: Sequence[Observation], errors_m: FloatArray) -> list[Observation]:
         """Return the scans, moved, with the errors (n,) of their poses, metres."""
         return [
             replace(_moved_scan(seen, motion), pose_error_m=error)
@@ -191,8 +191,8 @@ def scan_pairs(
             links = after
         offset, sd = _spread(both, links, settled)
         known = float(np.hypot(sd, _excess(after)))
-        passed, depth = _passed(facets, given)
-        still_passed, _ = _passed(facets, used)
+        passed, depth = _area_passed(facets, given)
+        still_passed, _ = _area_passed(facets, used)
         scan_pair.append(
             ScanPair(
                 first=i,
@@ -211,7 +211,7 @@ def scan_pairs(
 
 def _spread(both: Sequence[Pair], links: Sequence[Links], settled: Settling) -> tuple[float, float]:
     """How far the motions shift the facets of two scans apart, root mean square, and its deviation."""
-    parts = [settled.between(pair, scan_links) for pair, scan_links in zip(both, links, strict=True)]
+    parts = [settled.shift_between(pair, scan_links) for pair, scan_links in zip(both, links, strict=True)]
     shift, variance = (np.concatenate(several) for several in zip(*parts, strict=True))
     return float(np.sqrt(np.mean(np.square(shift)))), float(np.sqrt(np.mean(variance)))
 
@@ -224,7 +224,7 @@ def _excess(links: Sequence[Links]) -> float:
     return float(np.sqrt(max(spread**2 - float(np.mean(np.square(deviation))), 0.0)))
 
 
-def _passed(facets: Sequence[Facets], meetings: Mapping[Pair, Meetings]) -> tuple[float, float]:
+def _area_passed(facets: Sequence[Facets], meetings: Mapping[Pair, Meetings]) -> tuple[float, float]:
     """Area of facets that beams of the other scan went through, square metres, and how far these went on."""
     area, depths = 0.0, [np.zeros(0)]
     for (_, j), meeting in meetings.items():
@@ -306,9 +306,7 @@ class PosedScans:
         alone = ((number,) for number in range(n) if number not in together)
         return [(scans, self._partners(scans, together)) for scans in (together, *alone)]
 
-    def adjusted(
-        self, partners: Sequence[tuple[tuple[int, ...], list[Pair]]], refused: Set[Pair]
-    ) -> Adjusted:
+    def adjust(self, partners: Sequence[tuple[tuple[int, ...], list[Pair]]], refused: Set[Pair]) -> Adjusted:
         """Return the scans moved so that the facets of all partners come together but those `refused`."""
         n, pairs = len(self.facets), []
         motions, shifts = np.tile(np.eye(4), (n, 1, 1)), np.zeros(n)
@@ -322,7 +320,7 @@ class PosedScans:
             trim()
         return Adjusted(motions, shifts, tuple(pairs))
 
-    def contradicted(self, adjusted: Adjusted) -> set[Pair]:
+    def contradicted_pairs(self, adjusted: Adjusted) -> set[Pair]:
         """Return the pairs whose beams approve the poses as adjusted less than the poses as they came.
 
         Beams may lose what makes a pose worth a word (`LEAST_SCORE`), summed over the pairs of a scan, before

@@ -41,7 +41,7 @@ from completion.registration.limits import (
     SLIDES_M,
     VIOLATION,
 )
-from completion.registration.motions import STILL, angle_between, composed, inverse, inverses, moved
+from completion.registration.motions import STILL, angle_between, compose, inverse, inverses, perturb
 from completion.registration.refinement import Placed, equations_of, refine, stiffness
 from completion.registration.station_view import StationView
 from scenes.checks import FloatArray, IntArray
@@ -149,10 +149,10 @@ def best_of(stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray)
     motions = distinct(motions, scores_of(stay, move, motions, MIDDLE_M, VIOLATION), move, N_KEPT)
     motions = np.array([refine(stay, move, motion, *LAST) for motion in motions]).reshape(-1, 3, 4)
     kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), move, N_KEPT)
-    return [judged(stay, move, motion) for motion in kept]
+    return [judge_motion(stay, move, motion) for motion in kept]
 
 
-def judged(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -> Hypothesis:
+def judge_motion(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -> Hypothesis:
     """Return a motion (3, 4) with what speaks for it."""
     counts = np.sum([count for count, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
     score = float(scores_of(stay, move, motion[None], FINE_M, VIOLATION)[0])
@@ -166,7 +166,7 @@ def judged(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -
         violate=float(counts[1] / seen),
         stiffness=stiff.least,
         surplus=sum(
-            surplus_of(a.view, b.view, composed(composed(inverse(a.pose), motion), b.pose), FINE_M)
+            surplus_of(a.view, b.view, compose(compose(inverse(a.pose), motion), b.pose), FINE_M)
             for a in stay
             for b in move
         ),
@@ -200,7 +200,7 @@ def _counts(
     pairs = []
     for a in stay:
         for b in move:
-            there = composed(composed(inverse(a.pose), motions), b.pose)
+            there = compose(compose(inverse(a.pose), motions), b.pose)
             for view, second, first in ((b.view, a.view, there), (a.view, b.view, inverses(there))):
                 sample = view.sample[:: max(1, round(len(view.sample) / n))]
                 counts = count_agreement(view.facets, sample, first, second.sight, second.facets, within_m)
@@ -239,7 +239,7 @@ def _slid(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) ->
         sentence = stiffness(equations_of(stay, move, motion, LAST_GATE_M)[0])
         if not sentence.free.any():
             break
-        tried = np.array([moved(motion, step * sentence.change, sentence.middle) for step in SLIDES_M])
+        tried = np.array([perturb(motion, step * sentence.change, sentence.middle) for step in SLIDES_M])
         scores = scores_of(stay, move, tried, MIDDLE_M, VIOLATION, n=N_JUDGES)
         again = refine(stay, move, tried[int(scores.argmax())], *FULL)
         score = float(scores_of(stay, move, again[None], MIDDLE_M, VIOLATION, n=N_JUDGES)[0])

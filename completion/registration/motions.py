@@ -29,18 +29,18 @@ def in_units(motions: FloatArray, unit_m: float) -> FloatArray:
     return np.ascontiguousarray(motions / np.array([1.0, 1.0, 1.0, unit_m]))
 
 
-def composed(first: FloatArray, then: FloatArray) -> FloatArray:
+def compose(first: FloatArray, then: FloatArray) -> FloatArray:
     """The motions (..., 3, 4) of going by `then` and afterwards by `first`; either may be several."""
     turn = first[..., :3] @ then[..., :3]
     shift = (first[..., :3] @ then[..., 3:])[..., 0] + first[..., 3]
     return np.ascontiguousarray(np.concatenate([turn, shift[..., None]], axis=-1))
 
 
-def moved(motion: FloatArray, change: FloatArray, middle: FloatArray) -> FloatArray:
+def perturb(motion: FloatArray, change: FloatArray, middle: FloatArray) -> FloatArray:
     """The motion (3, 4) after a small turn about the place `middle` (3,) and a shift: `change` (6,)."""
     turn = Rotation.from_rotvec(change[:3]).as_matrix()
     shift = middle + change[3:] - turn @ middle
-    return composed(np.concatenate([turn, shift[:, None]], axis=1), motion)
+    return compose(np.concatenate([turn, shift[:, None]], axis=1), motion)
 
 
 def angle_between(first: FloatArray, others: FloatArray) -> FloatArray:

@@ -36,8 +36,15 @@ from completion.registration.limits import (
     STILL_PLANES,
     VIOLATION,
 )
-from completion.registration.motions import STILL, composed, in_units, inverse, moved
-from completion.registration.refinement import Equations, Link, Placed, links_of, normal_equations, solved
+from completion.registration.motions import STILL, compose, in_units, inverse, perturb
+from completion.registration.refinement import (
+    Equations,
+    Link,
+    Placed,
+    links_of,
+    normal_equations,
+    solve_ridge,
+)
 from completion.registration.station_view import StationView
 from completion.registration.verdict import Judgement, Verdict, is_approved, judge
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -59,13 +66,13 @@ class Group:
         """The numbers of its scans, in order. In one run no two groups have the same."""
         return tuple(sorted(self.poses))
 
-    def placed(self, views: Sequence[StationView]) -> list[Placed]:
+    def place(self, views: Sequence[StationView]) -> list[Placed]:
         """Return its scans where they stand."""
         return [Placed(views[number], pose) for number, pose in self.poses.items()]
 
-    def joined(self, other: Group, motion: FloatArray) -> Group:
+    def join(self, other: Group, motion: FloatArray) -> Group:
         """Return both together; `motion` (3, 4) leads out of the other's frame."""
-        poses = {**self.poses, **{number: composed(motion, pose) for number, pose in other.poses.items()}}
+        poses = {**self.poses, **{number: compose(motion, pose) for number, pose in other.poses.items()}}
         return Group(dict(sorted(poses.items())))
 
 
@@ -114,7 +121,7 @@ def group_scans(
         lead, first_group, two = ranked[0]
         if lead < 0:
             break
-        joined = settled(first_group.joined(two, joints[first_group.scans, two.scans].hypotheses[0].motion))
+        joined = settled(first_group.join(two, joints[first_group.scans, two.scans].hypotheses[0].motion))
         standing = sorted(
             [*(group for group in standing if group is not first_group and group is not two), joined],
             key=lambda group: group.scans,
@@ -124,9 +131,9 @@ def group_scans(
 
 def _joint(group: Group, two: Group, views: Sequence[StationView], pairs: Hypotheses, level: float) -> _Joint:
     """Judge the motions of one group to another that pairs of their scans propose."""
-    stay, move = group.placed(views), two.placed(views)
+    stay, move = group.place(views), two.place(views)
     motions = [
-        composed(composed(pose_a, motion), inverse(pose_b))
+        compose(compose(pose_a, motion), inverse(pose_b))
         for a, pose_a in group.poses.items()
         for b, pose_b in two.poses.items()
         for motion in _motions(pairs, a, b)
@@ -141,7 +148,7 @@ def _joint(group: Group, two: Group, views: Sequence[StationView], pairs: Hypoth
         scores = scores_of(stay, move, several, MIDDLE_M, VIOLATION)
         best = best_of(stay, move, distinct(several, scores, move, N_JOINT))
         alike = [
-            composed(composed(pose_a, motion), inverse(pose_b))
+            compose(compose(pose_a, motion), inverse(pose_b))
             for a, pose_a in group.poses.items()
             for b, pose_b in two.poses.items()
             for motion in _motions(_alike(pairs), a, b)
@@ -189,7 +196,7 @@ Surface = list[tuple[int, int]]
 """By the places of scans in their group, and the numbers of their planes: the planes that are one surface."""
 
 
-def adjusted(
+def adjust_poses(
     poses: Sequence[FloatArray], views: Sequence[StationView], links: Sequence[Link]
 ) -> list[FloatArray]:
     """Return poses (3, 4) of n scans that their planes and themselves make most probable; the first stays.
@@ -209,10 +216,10 @@ def adjusted(
         matrix, vector = fixed.copy(), pull + fixed @ change
         for several in surfaces:
             _add(matrix, vector, several, now, views)
-        step = -solved(matrix[6:, 6:], vector[6:])
+        step = -solve_ridge(matrix[6:, 6:], vector[6:])
         change[6:] += step
         for k, values in enumerate(step.reshape(-1, 6), start=1):
-            now[k] = moved(now[k], values, now[k][:, 3])
+            now[k] = perturb(now[k], values, now[k][:, 3])
         if np.abs(step).max(initial=0.0) < STILL_PLANES:
             break
     return now
@@ -364,7 +371,7 @@ def settle_group(group: Group, views: Sequence[StationView], *, by_planes: bool 
     """
     numbers = sorted(group.poses)
     back = inverse(group.poses[numbers[0]])
-    poses = [composed(back, group.poses[number]) for number in numbers]
+    poses = [compose(back, group.poses[number]) for number in numbers]
     n = len(numbers)
     matrix: FloatArray = np.zeros((6 * n, 6 * n))
     links: list[Link] = []
@@ -372,13 +379,13 @@ def settle_group(group: Group, views: Sequence[StationView], *, by_planes: bool 
         gate = NETWORK_GATES_M[min(number, len(NETWORK_GATES_M) - 1)]
         links = links_of(numbers, poses, views, gate)
         matrix, vector = normal_equations(links, n)
-        change = -solved(matrix[6:, 6:], vector[6:]).reshape(-1, 6)
+        change = -solve_ridge(matrix[6:, 6:], vector[6:]).reshape(-1, 6)
         for k, step in enumerate(change, start=1):
-            poses[k] = moved(poses[k], step, poses[k][:, 3])
+            poses[k] = perturb(poses[k], step, poses[k][:, 3])
         if number >= len(NETWORK_GATES_M) and np.abs(change).max(initial=0.0) < SMALL_STEP:
             break
     if by_planes and n > 1:
-        poses = _if_alike(adjusted(poses, [views[k] for k in numbers], links), poses, matrix)
+        poses = _if_alike(adjust_poses(poses, [views[k] for k in numbers], links), poses, matrix)
     covariance = np.zeros((6 * n, 6 * n))
     if n > 1:
         known = np.linalg.pinv(matrix[6:, 6:], rcond=1e-12, hermitian=True)

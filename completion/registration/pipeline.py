@@ -89,10 +89,10 @@ def register_scans(
         hypotheses = dict(zip(pairs, proposed, strict=True))
 
         # 3. Group: join what may be claimed, the surest first, against all that is placed already.
-        def settled(group: Group) -> Group:
+        def settle(group: Group) -> Group:
             return settle_group(group, views).group
 
-        groups = steps.one("groups", lambda: group_scans(views, hypotheses, level, settled))
+        groups = steps.one("groups", lambda: group_scans(views, hypotheses, level, settle))
 
         # 4. Settle: all scans of a group by all that they share, with the covariance of their poses.
         networks = [settle_group(group, views, by_planes=True) for group in groups]
@@ -140,14 +140,14 @@ def correct_poses(
     partners = scans.partners(keys)
     # 3. Refine all scans together. 4. Judge: beams refuse pairs that came together only for it; refine again.
     refused: dict[tuple[int, int], ScanPair] = {}
-    adjusted = scans.adjusted(partners, refused.keys())
-    while adjusted.is_off and (worse := scans.contradicted(adjusted)):
+    adjusted = scans.adjust(partners, refused.keys())
+    while adjusted.is_off and (worse := scans.contradicted_pairs(adjusted)):
         refused |= {
             pair: scan_pair
             for scan_pair in adjusted.pairs
             if (pair := (scan_pair.first, scan_pair.second)) in worse
         }
-        adjusted = scans.adjusted(partners, refused.keys())
+        adjusted = scans.adjust(partners, refused.keys())
     # 5. Settle: how far each pose may still be off, by the pairs that hold; poses that are right stay.
     is_moved = moves and adjusted.is_off
     held = adjusted.pairs if is_moved else tuple(pair.left_alone() for pair in adjusted.pairs)

@@ -64,7 +64,7 @@ class Settling:
     pivots: FloatArray
     shifts: FloatArray
 
-    def between(self, pair: Pair, links: Links) -> tuple[FloatArray, FloatArray]:
+    def shift_between(self, pair: Pair, links: Links) -> tuple[FloatArray, FloatArray]:
         """How far the motions shift the facets of a pair apart (n,), metres, and the variances of that.
 
         The links are those of the poses as given.

@@ -22,7 +22,7 @@ from completion.registration.limits import (
     SMALL_STEP,
     SURE,
 )
-from completion.registration.motions import STILL, composed, inverse, moved
+from completion.registration.motions import STILL, compose, inverse, perturb
 from completion.registration.station_view import StationView
 from scenes.checks import BoolArray, FloatArray, IntArray
 
@@ -76,7 +76,7 @@ def refine(
         ridge = RIDGE * np.trace(matrix / np.outer(scale, scale)) / 6 * np.square(scale)
         gradient = equations.growth.T @ (weight * equations.offset)
         change: FloatArray = -np.linalg.solve(matrix + np.diag(ridge), gradient).astype(np.float64)
-        motion = moved(motion, change, middle)
+        motion = perturb(motion, change, middle)
         if number >= len(GATES_M) and _is_settled(change, matrix, scale, reach):
             break
     return motion
@@ -92,28 +92,28 @@ def equations_of(
     stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray, gate_m: float, step: int = 1
 ) -> tuple[Equations, FloatArray]:
     """Return the equations of all facets that meet across, and the place (3,) that turns are about."""
-    middle = np.mean([composed(motion, placement.pose)[:, 3] for placement in move], axis=0)
+    middle = np.mean([compose(motion, placement.pose)[:, 3] for placement in move], axis=0)
     parts = [
         part
         for a in stay
         for b in move
-        for part in _linked(a, Placed(b.view, composed(motion, b.pose)), middle, gate_m, step)
+        for part in _link_equations(a, Placed(b.view, compose(motion, b.pose)), middle, gate_m, step)
     ]
     return Equations(*(np.concatenate(several) for several in zip(*parts, strict=True))), middle
 
 
-def _linked(
+def _link_equations(
     a: Placed, b: Placed, middle: FloatArray, gate_m: float, step: int
 ) -> tuple[Equations, Equations]:
     """The equations of facets of b that meet a, and of those of a that b meets, by a motion of b."""
-    relative = composed(inverse(a.pose), b.pose)
+    relative = compose(inverse(a.pose), b.pose)
     there = meet(b.view.facets, relative, a.view.sight, a.view.facets, step)
     here = meet(a.view.facets, inverse(relative), b.view.sight, b.view.facets, step)
     chosen = there.met & (np.abs(there.offset) <= gate_m)
-    places = _moved(b.view.facets.centre[::step][chosen], b.pose)
+    places = _move_places(b.view.facets.centre[::step][chosen], b.pose)
     equations = _equations(places, middle, there.normal[chosen] @ a.pose[:, :3].T, there, chosen)
     chosen = here.met & (np.abs(here.offset) <= gate_m)
-    places = _moved(a.view.facets.centre[::step][chosen], a.pose)
+    places = _move_places(a.view.facets.centre[::step][chosen], a.pose)
     other = _equations(places, middle, -here.normal[chosen] @ b.pose[:, :3].T, here, chosen)
     return equations, other
 
@@ -126,7 +126,7 @@ def _equations(
     return Equations(growth, met.offset[chosen], met.deviation[chosen], share, places)
 
 
-def _moved(places: FloatArray, motion: FloatArray) -> FloatArray:
+def _move_places(places: FloatArray, motion: FloatArray) -> FloatArray:
     return np.asarray(places @ motion[:, :3].T + motion[:, 3])
 
 
@@ -207,7 +207,7 @@ def _about(growth: FloatArray, place: FloatArray) -> FloatArray:
     return turned
 
 
-def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+def solve_ridge(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     """Return the solution (m,) of equations some of whose directions may be told by nothing; these stay."""
     if not len(vector):
         return np.zeros(0)

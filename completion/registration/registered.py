@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from completion.registration.correction import Registration
-from completion.registration.hypotheses import Hypothesis, judged
+from completion.registration.hypotheses import Hypothesis, judge_motion
 from completion.registration.limits import (
     CONTRADICTED_M2,
     CONTRADICTED_SHARE,
@@ -20,7 +20,7 @@ from completion.registration.limits import (
     NETWORK_GATES_M,
     SURE,
 )
-from completion.registration.motions import STILL, composed, in_units, inverse
+from completion.registration.motions import STILL, compose, in_units, inverse
 from completion.registration.network import Edge, Group, Hypotheses, Network
 from completion.registration.refinement import Placed, equations_of
 from completion.registration.station_view import StationView
@@ -198,8 +198,8 @@ def verdicts_of(
     for (i, j), several in hypotheses.items():
         network = group_of[i]
         if j in network.group.poses and any(edge.scans == (i, j) for edge in network.edges):
-            motion = composed(inverse(network.group.poses[i]), network.group.poses[j])
-            held = judged([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
+            motion = compose(inverse(network.group.poses[i]), network.group.poses[j])
+            held = judge_motion([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
             reason = "placed in one group, and they share surface there"
             verdicts.append(PairVerdict.of_pose((i, j), held, Verdict.REGISTERED, reason))
             continue
@@ -236,8 +236,8 @@ def held_poses(
     """
     pairs, edges = [], []
     for i, j in combinations(range(len(views)), 2):
-        motion = composed(inverse(poses[i]), poses[j])
-        held = judged([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
+        motion = compose(inverse(poses[i]), poses[j])
+        held = judge_motion([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
         verdict, reason = Verdict.REGISTERED, "beams hardly contradict the poses"
         if held.violate >= MOST_VIOLATED:
             verdict = Verdict.AMBIGUOUS
@@ -252,7 +252,7 @@ def held_poses(
         pairs.append(PairVerdict.of_pose((i, j), held, verdict, reason))
     networks = tuple(
         Network(
-            Group({k: composed(inverse(poses[part[0]]), poses[k]) for k in part}),
+            Group({k: compose(inverse(poses[part[0]]), poses[k]) for k in part}),
             np.full((6 * len(part), 6 * len(part)), np.nan),
             tuple(edge for edge in edges if {*edge.scans} <= {*part}),
         )
@@ -278,7 +278,7 @@ def pose_doubts(
             else ""
         )
         doubts.append(
-            f"poses contradict what was measured: {_named([worst.first, worst.second], names)} lie "
+            f"poses contradict what was measured: {_words([worst.first, worst.second], names)} lie "
             f"{1000 * worst.offset_m:.0f} mm apart where both measured the same{more}; "
             f"{_cure(registration, names, way_out)}"
         )
@@ -292,7 +292,7 @@ def pose_doubts(
         worst = max(passed, key=lambda pair: pair.still_contradicted_m2)
         more = f"; so it is with {len(passed) - 1} more pairs" if passed[1:] else ""
         doubts.append(
-            f"{_named([worst.first, worst.second], names)} contradict each other: beams of one went through "
+            f"{_words([worst.first, worst.second], names)} contradict each other: beams of one went through "
             f"{worst.still_contradicted_m2:.2g} m2 that the other measured, where both see "
             f"{worst.overlap_m2:.2g} m2 alike{more}; did something move between them?"
         )
@@ -303,7 +303,7 @@ def _cure(registration: Registration, names: Sequence[str] | None, way_out: str)
     """What was done about poses that are off."""
     cures = []
     if registration.refused:
-        groups = " | ".join(_named(part, names) for part in registration.parts)
+        groups = " | ".join(_words(part, names) for part in registration.parts)
         cures.append(
             "beams approve no motion that brings all together, so these groups stay to each other as they "
             f"came: {groups}"
@@ -318,7 +318,7 @@ def _cure(registration: Registration, names: Sequence[str] | None, way_out: str)
     return "; ".join(cures)
 
 
-def _named(scans: Sequence[int], names: Sequence[str] | None) -> str:
+def _words(scans: Sequence[int], names: Sequence[str] | None) -> str:
     """Scans in words."""
     each = [str(k + 1) for k in scans] if names is None else [names[k] for k in scans]
     text = " and ".join([", ".join(each[:-1]), each[-1]] if each[1:] else each)
@@ -379,9 +379,7 @@ def _pair_record(verdict: PairVerdict, scans: Sequence[RangeImage]) -> dict[str,
     world = scans[verdict.scans[0]].world_from_sensor
     direction = None if verdict.direction is None else (world.rotation @ verdict.direction).tolist()
     there = (
-        composed(world.matrix[:3], verdict.alternatives)
-        if len(verdict.alternatives)
-        else verdict.alternatives
+        compose(world.matrix[:3], verdict.alternatives) if len(verdict.alternatives) else verdict.alternatives
     )
     row = np.array([[0.0, 0.0, 0.0, 1.0]])
     return {

@@ -10,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from completion.registration.candidates import places_of
-from completion.registration.hypotheses import Hypothesis, distinct, judged, scores_of
+from completion.registration.hypotheses import Hypothesis, distinct, judge_motion, scores_of
 from completion.registration.limits import (
     ALONG,
     BY_RIVAL,
@@ -37,7 +37,7 @@ from completion.registration.limits import (
     TRUST,
     VIOLATION,
 )
-from completion.registration.motions import STILL, angle_between, composed, inverses
+from completion.registration.motions import STILL, angle_between, compose, inverses
 from completion.registration.refinement import Placed, refine
 from completion.registration.station_view import StationView
 from scenes.checks import FloatArray
@@ -167,14 +167,14 @@ def with_images(hypotheses: Sequence[Hypothesis], a: StationView, b: StationView
         return hypothesis
     best = hypothesis[0].motion
     motions = np.concatenate(
-        [composed(shifts_onto_itself(a), best), composed(best, shifts_onto_itself(b))]
+        [compose(shifts_onto_itself(a), best), compose(best, shifts_onto_itself(b))]
     ).reshape(-1, 3, 4)
     first, second = [Placed(a, STILL)], [Placed(b, STILL)]
     motions = np.array([refine(first, second, motion, FULL[0]) for motion in motions]).reshape(-1, 3, 4)
     apart = np.linalg.norm(motions[:, :, 3] - best[:, 3], axis=1) > LEAST_SHIFT_M
     motions = motions[apart]
     motions = distinct(motions, scores_of(first, second, motions, FINE_M, VIOLATION), second, N_KEPT)
-    images = [judged(first, second, motion) for motion in motions]
+    images = [judge_motion(first, second, motion) for motion in motions]
     return hypothesis + [replace(image, is_image=True) for image in images if is_approved(image)]
 
 
@@ -192,7 +192,7 @@ def shifts_onto_itself(view: StationView) -> FloatArray:
     motions = np.array([refine(pairs, pairs, motion, FULL[0]) for motion in motions]).reshape(-1, 3, 4)
     chosen = np.linalg.norm(motions[:, :, 3], axis=1) > LEAST_SHIFT_M
     chosen &= angle_between(STILL, motions) < LEAST_TURN
-    kept = [motion for motion in motions[chosen] if _fits(judged(pairs, pairs, motion))]
+    kept = [motion for motion in motions[chosen] if _fits(judge_motion(pairs, pairs, motion))]
     shifts = np.array(kept).reshape(-1, 3, 4)
     return np.concatenate([shifts, inverses(shifts)])
 

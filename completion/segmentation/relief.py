@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.fitting.result import warped
+from completion.fitting.result import allow_for_warp
 from completion.observe.observation import Observation, PixelSet, ScanPixels
 from completion.observe.refitting import refit_each
 from completion.observe.tolerance import FLATNESS_M
@@ -178,7 +178,7 @@ def _joined(
     if fit is None:
         return max(regions, key=lambda region: region.n_pixels)
     relief = whole.relief(fit.surface)
-    return Region(warped(fit, whole.points, relief), pixels, relief)
+    return Region(allow_for_warp(fit, whole.points, relief), pixels, relief)
 
 
 def _meets(first: Plate, second: Plate, seam: FloatArray, flatness_m: float) -> bool:

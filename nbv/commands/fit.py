@@ -51,7 +51,7 @@ def _run_surface(shared: Shared, asked: FitOptions, shape: Shape) -> None:
         try:
             is_auto = shape == "auto" and not any(value is not None for value in given.values())
             selection = select(cloud.points, robust=robust) if is_auto else None
-            chosen = shape if selection is None else selection.decided()
+            chosen = shape if selection is None else selection.decide()
             start = None if selection is None else selection.fits[chosen].surface
             fitted = fit(cloud.points, chosen, metric=metric, robust=robust, start=start, rays=along, **given)
             held = fit_record(fitted, cloud, options, selection)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from completion.registration.motions import composed
+from completion.registration.motions import compose
 from completion.registration.network import Network
 from completion.registration.registered import PairVerdict, Registered
 from completion.registration.verdict import Verdict
@@ -38,7 +38,7 @@ def registration_plan(network: Network, places: Sequence[FloatArray], world: Flo
     world : (3, 4) float
         The pose of the group's first scan in the world, whose z is up.
     """
-    poses = {number: composed(world, pose) for number, pose in network.group.poses.items()}
+    poses = {number: compose(world, pose) for number, pose in network.group.poses.items()}
 
     def draw(axes: Axes, theme: Theme) -> None:
         for number, pose in poses.items():
@@ -95,7 +95,7 @@ def alternative_plan(pair: PairVerdict, number: int, places: Sequence[FloatArray
         The pose of the first scan.
     """
     first, second = pair.scans
-    pose = composed(world, pair.alternatives[number])
+    pose = compose(world, pair.alternatives[number])
 
     def draw(axes: Axes, theme: Theme) -> None:
         for scan, pose_here in ((first, world), (second, pose)):

@@ -263,7 +263,7 @@ def patch_step(patch: SplinePatch, name: str = "patch") -> bytes:
     InputError
         OCP is not installed (the message names the cure), or the kernel cannot write it.
     """
-    surface = spline_surface(patch.moved(_MM, np.zeros(3)))
+    surface = spline_surface(patch.scale_and_shift(_MM, np.zeros(3)))
     face = kernel().BRepBuilderAPI.BRepBuilderAPI_MakeFace(surface, _TOLERANCE).Face()
     red, green, blue = surface_bytes(np.array([1]))[0].tolist()
     return step_bytes(face, [NamedFace(face, name, "MEASURED", (red, green, blue))], name)

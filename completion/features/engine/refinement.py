@@ -80,7 +80,7 @@ def refine(distance: Distance, place: FloatArray, sigma: float, *, least_sigma: 
         if allowed < 1 or len(place) == 0:
             settled = len(place) == 0
             break
-        place, n_steps = _stepped(distance, place, cut * sigma, allowed)
+        place, n_steps = _take_steps(distance, place, cut * sigma, allowed)
         size = np.abs(distance(place))
         spent += n_steps * n_each + 1
         sigma = max(scale_within(size[size < cut * sigma], sigma), least_sigma)
@@ -104,7 +104,7 @@ def _settled_scale(size: FloatArray, sigma: float, least: float) -> float:
     return sigma
 
 
-def _stepped(distance: Distance, place: FloatArray, cut: float, n_steps: int) -> tuple[FloatArray, int]:
+def _take_steps(distance: Distance, place: FloatArray, cut: float, n_steps: int) -> tuple[FloatArray, int]:
     """The place (m,) after a fit with the weights of where it began, and how many steps it took."""
     root = np.sqrt(tukey_weights(distance(place), cut))
     squares = least_squares(

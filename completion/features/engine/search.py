@@ -194,7 +194,7 @@ def search(
     given = np.zeros((0, len(lower))) if starts is None else np.asarray(starts)[:size]
     members = np.clip(np.concatenate([given, drawn[len(given) :]]), lower, upper)
     members = members[: max(1, min(size, budget))]
-    broken, values = _judged(members, objective, violation)
+    broken, values = _evaluate(members, objective, violation)
     spent, memory, replaced = len(members), _Memory(), members[:0]
     looseness = float(np.nan_to_num(np.median(broken), posinf=0.0))
     best = _best_of(spent, members, broken, values)
@@ -207,12 +207,12 @@ def search(
         order = np.lexsort((values, np.maximum(broken - loose, 0.0)))
         order = order[: max(_LAST_SIZE, round(size + (_LAST_SIZE - size) * share))]
         members, broken, values = members[order], broken[order], values[order]
-        weights, crossing = memory.drawn(len(members), rng)
-        tried = _crossed(members, replaced, weights, crossing, rng=rng)
+        weights, crossing = memory.draw(len(members), rng)
+        tried = _cross_over(members, replaced, weights, crossing, rng=rng)
         # what leaves the box comes back half way between its side and where it was
         tried = np.where(tried < lower, (lower + members) / 2, tried)
         tried = np.where(tried > upper, (upper + members) / 2, tried)[: budget - spent]
-        new_broken, new_values = _judged(tried, objective, violation)
+        new_broken, new_values = _evaluate(tried, objective, violation)
         spent += len(tried)
         gain = _gains(broken[: len(tried)], values[: len(tried)], new_broken, new_values, loose=loose)
         memory.learn(weights, crossing, gain)
@@ -257,22 +257,24 @@ def polish(
     """
     spent = progress.evaluations
 
-    def counted(x: FloatArray) -> FloatArray:
+    def count_and_evaluate(x: FloatArray) -> FloatArray:
         nonlocal spent
         spent += 1
         return residuals(x)
 
     start = np.clip(progress.place, lower, upper)
-    before = float(np.sum(counted(start) ** 2))
+    before = float(np.sum(count_and_evaluate(start) ** 2))
     rounds = max(1, (budget - 1) // (len(start) + 1))  # a round asks once, and for each derivative
-    ended = least_squares(counted, start, bounds=(lower, upper), x_scale=upper - lower, max_nfev=rounds)
+    ended = least_squares(
+        count_and_evaluate, start, bounds=(lower, upper), x_scale=upper - lower, max_nfev=rounds
+    )
     value = float(2 * ended.cost)
     if value > before:
         return progress._replace(evaluations=spent, value=before)
     return Progress(spent, np.asarray(ended.x), value, progress.violation)
 
 
-def _judged(
+def _evaluate(
     places: FloatArray, objective: Objective, violation: Objective | None
 ) -> tuple[FloatArray, FloatArray]:
     """How far places (n, d) break the constraints (n,), and their values (n,); NaN is worst."""
@@ -302,7 +304,7 @@ class _Memory:
     def __init__(self) -> None:
         self.weights, self.crossing, self.line = np.full(_MEMORY, 0.5), np.full(_MEMORY, 0.8), 0
 
-    def drawn(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    def draw(self, n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """A weight (n,) and a share (n,) for each member."""
         line = rng.integers(_MEMORY, size=n)
         weights = self.weights[line] + 0.1 * rng.standard_cauchy(n)
@@ -321,7 +323,7 @@ class _Memory:
         self.line = (self.line + 1) % _MEMORY
 
 
-def _crossed(
+def _cross_over(
     members: FloatArray,
     replaced: FloatArray,
     weights: FloatArray,
@@ -381,7 +383,7 @@ def explore(
         each = [template.distance(subset, sought.full(z))[0] for z in places]
         return np.array([np.minimum(np.log1p((residuals / scale) ** 2), most).mean() for residuals in each])
 
-    def broken(places: FloatArray) -> FloatArray:
+    def violation(places: FloatArray) -> FloatArray:
         return np.array([breach(gates, sought.full(z)) for z in places])
 
     stages = search(
@@ -391,7 +393,7 @@ def explore(
         rng=rng,
         budget=max(1, budget),
         starts=np.array(begun) if len(begun) else None,
-        violation=broken if gates else None,
+        violation=violation if gates else None,
     )
     best: list[tuple[float, float]] = []
     settled = False

@@ -32,7 +32,7 @@ class Beams:
     directions: FloatArray
     ranges: FloatArray
 
-    def chosen(self, which: BoolArray | IntArray) -> Beams:
+    def select(self, which: BoolArray | IntArray) -> Beams:
         """Return some of them, by truth (n,) or by number (m,)."""
         return Beams(self.origins[which], self.directions[which], self.ranges[which])
 
@@ -69,7 +69,7 @@ class Measured:
         """Of the box round all points; 0 of none."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0))) if len(self.points) else 0.0
 
-    def scaled(self, factor: float) -> Measured:
+    def scale(self, factor: float) -> Measured:
         """Return the same in another unit."""
         beams = self.beams and Beams(
             self.beams.origins * factor, self.beams.directions, self.beams.ranges * factor

@@ -111,7 +111,7 @@ def face_sides(
     sides = []
     for number, name in enumerate(names, start=1):
         points = measured.points[faces == number]
-        side = max(_TILE * max(measured.spacing, _spacing(points)), 4 * tolerance, 1e-12)
+        side = max(_TILE * max(measured.spacing, _typical_spacing(points)), 4 * tolerance, 1e-12)
         confirmed = _tiles(points, side, _LEAST_TILE_POINTS)
         crossed = _tiles(through[through_faces == number], side, 1) - confirmed
         n = len(confirmed) + len(crossed)
@@ -120,7 +120,7 @@ def face_sides(
     return tuple(sides)
 
 
-def _spacing(points: FloatArray) -> float:
+def _typical_spacing(points: FloatArray) -> float:
     """Typical distance between the points (n, 3) of a face: where beams graze it they lie farther apart."""
     if len(points) < _LEAST_TILE_POINTS:
         return 0.0
@@ -250,7 +250,7 @@ def misfit(measured: Measured, refined: Refined) -> str:
     return f"points scatter by {refined.sigma:.3g} about its faces{times}"
 
 
-def judged(
+def judge_fit(
     template: Template, known: Known, evidence: float, *, plain: str, wrong: str, breach: float
 ) -> tuple[Status, str]:
     """Return the status, and why it is not simply found; `wrong` is a misfit."""
@@ -360,7 +360,7 @@ def fit_template(
     known = knowledge(template, measured, sought, refined)
     nats, plain = evidence(measured, refined, known)
     wrong = misfit(measured, refined)
-    status, reason = judged(template, known, nats, plain=plain, wrong=wrong, breach=find.violation)
+    status, reason = judge_fit(template, known, nats, plain=plain, wrong=wrong, breach=find.violation)
     return TemplateFit(
         kind=template.kind,
         status=status,

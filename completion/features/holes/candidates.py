@@ -167,7 +167,7 @@ def candidates(survey: Survey, opened: Openings, radius: float | None = None) ->
     soft = np.full(len(sizes), 0.35 * survey.spacing)
     evidence = rim_scores(survey, centres, sizes, soft).evidence
     best = np.argsort(-evidence, kind="stable")[:_MOST_PLACES]
-    circles = _climbed(survey, Candidates(centres[best], sizes[best], evidence[best]), radius is not None)
+    circles = _climb(survey, Candidates(centres[best], sizes[best], evidence[best]), radius is not None)
     more = opened.evidence(circles.centres, circles.radii, survey.spacing)
     return _distinct(replace(circles, evidence=circles.evidence + more))
 
@@ -194,12 +194,12 @@ def _places(survey: Survey, radius: float) -> tuple[FloatArray, FloatArray]:
     far = np.hypot(across[:, None], across[None])
     image = fft.rfft2(padded, shape)
 
-    def counted(kernel: FloatArray) -> FloatArray:
+    def count(kernel: FloatArray) -> FloatArray:
         summed = fft.irfft2(image * fft.rfft2(kernel, shape), shape)
         return np.asarray(summed[half : half + padded.shape[0], half : half + padded.shape[1]])
 
-    inside = counted((far <= disc).astype(np.float64)) / (expected * disc**2)
-    around = counted(((far > disc) & (far <= ring)).astype(np.float64)) / (expected * (ring**2 - disc**2))
+    inside = count((far <= disc).astype(np.float64)) / (expected * disc**2)
+    around = count(((far > disc) & (far <= ring)).astype(np.float64)) / (expected * (ring**2 - disc**2))
     score = around - 3 * inside
     top = ndimage.maximum_filter(score, size=3) == score
     cells = np.argwhere(top & (inside < _EMPTY) & (around > _MET))
@@ -220,13 +220,13 @@ def _coarser(survey: Survey, radius: float) -> tuple[float, FloatArray, FloatArr
     return factor * survey.cell, counts, densities
 
 
-def _climbed(survey: Survey, begun: Candidates, is_given: bool) -> Candidates:
+def _climb(survey: Survey, begun: Candidates, is_given: bool) -> Candidates:
     """The candidates moved, step by step, to the most evident circles near them."""
     distinct = begun
     moves = np.concatenate([np.eye(3), -np.eye(3)])
     moves = moves[moves[:, 2] == 0] if is_given else moves
     for step in _SHRINK:
-        distinct = _ascended(survey, distinct, moves, step)
+        distinct = _ascend(survey, distinct, moves, step)
         kept = np.argsort(-distinct.evidence, kind="stable")[: max(_MOST, len(distinct) // 2)]
         distinct = _distinct(
             Candidates(distinct.centres[kept], distinct.radii[kept], distinct.evidence[kept]), 2 * _MOST
@@ -248,14 +248,14 @@ def _grown(survey: Survey, begun: Candidates) -> Candidates:
     out = np.column_stack([np.cos(around), np.sin(around), np.ones(8)])
     moves = np.concatenate([out, -out, np.eye(3), -np.eye(3)])
     for step in _WIDENED:
-        circles = _ascended(survey, circles, moves, step)
+        circles = _ascend(survey, circles, moves, step)
     merged = [getattr(begun, name).copy() for name in ("centres", "radii", "evidence")]
     for whole, part in zip(merged, (circles.centres, circles.radii, circles.evidence), strict=True):
         whole[large] = part
     return _distinct(Candidates(*merged), 2 * _MOST)
 
 
-def _ascended(survey: Survey, begun: Candidates, moves: FloatArray, step: float) -> Candidates:
+def _ascend(survey: Survey, begun: Candidates, moves: FloatArray, step: float) -> Candidates:
     """The candidates moved by moves (k, 3) of centre and radius, as long as they become more evident."""
     centres, radii = begun.centres.copy(), begun.radii.copy()
     length = step * np.maximum(survey.spacing, radii / _CELLS)

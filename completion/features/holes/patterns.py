@@ -62,14 +62,14 @@ class Pattern:
     @property
     def centres(self) -> FloatArray:
         """Return the centres (count, 2)."""
-        return self._placed()[0]
+        return self._place_holes()[0]
 
     @property
     def slopes(self) -> FloatArray:
         """Return the derivatives (count, 2, p) of the centres."""
-        return self._placed()[1]
+        return self._place_holes()[1]
 
-    def _placed(self) -> tuple[FloatArray, FloatArray]:
+    def _place_holes(self) -> tuple[FloatArray, FloatArray]:
         middle, angle, steps = self.x[:2], self.x[2], self.steps
         slopes = np.zeros((self.count, 2, len(self.x)))
         slopes[:, 0, 0] = slopes[:, 1, 1] = 1.0
@@ -90,7 +90,7 @@ class Pattern:
             slopes[:, :, 4] = steps[:, 1:] * across
         return middle + offset, slopes
 
-    def resized(self, low: tuple[int, int], shape: tuple[int, int]) -> Pattern:
+    def resize(self, low: tuple[int, int], shape: tuple[int, int]) -> Pattern:
         """Return the same lattice with another part of it: from the hole `low`, which may be negative, on."""
         if self.kind == CIRCLE:
             return self
@@ -103,7 +103,7 @@ class Pattern:
         return replace(self, shape=shape, x=x)
 
 
-def fitted(
+def fit_pattern(
     begun: Pattern, places: IntArray, centres: FloatArray, held: BoolArray, n_rounds: int = 4
 ) -> Pattern:
     """Fit a pattern to centres (m, 2) of some of its holes by Gauss-Newton; `held` (p,) stay as they are."""
@@ -179,7 +179,7 @@ def refine(
         rims = _rims(pattern, survey, used, _FIRST * survey.spacing if not last else 0.05 * survey.spacing)
         spread = _first_spread(pattern, survey, held) if not last else _root(covariance)
         n = (_BURNT, _KEPT if last else _BURNT)
-        drawn = _sampled(pattern, rims, spread, held, rounds=n, rng=rng)
+        drawn = _sample_posterior(pattern, rims, spread, held, rounds=n, rng=rng)
         spent += drawn.shape[0]
         mean, covariance = drawn.mean(axis=0), np.cov(drawn.T)
         mean[held] = np.array([*pattern.x, pattern.radius])[held]
@@ -217,7 +217,7 @@ def _root(covariance: FloatArray) -> FloatArray:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def _sampled(
+def _sample_posterior(
     pattern: Pattern, rims: _Rims, spread: FloatArray, held: BoolArray,
     *, rounds: tuple[int, int], rng: np.random.Generator,
 ) -> FloatArray:  # fmt: skip
@@ -228,13 +228,13 @@ def _sampled(
     walkers = np.tile(middle, (2 * half, 1))
     walkers[:, free] += (rng.normal(size=(2 * half, len(middle))) @ spread.T)[:, free]
 
-    def judged(places: FloatArray) -> FloatArray:
+    def log_likelihood(places: FloatArray) -> FloatArray:
         centres = centres_of(pattern, places[:, :-1])
         return rims.log_likelihood(centres, places[:, -1])
 
-    values, kept = judged(walkers), list[FloatArray]()
+    values, kept = log_likelihood(walkers), list[FloatArray]()
     outside = ~np.isfinite(values)
-    walkers[outside], values[outside] = middle, judged(middle[None])[0]
+    walkers[outside], values[outside] = middle, log_likelihood(middle[None])[0]
     for number in range(sum(rounds)):
         for side in (slice(0, half), slice(half, None)):
             others = walkers[half:] if side.start == 0 else walkers[:half]
@@ -242,7 +242,7 @@ def _sampled(
             partner = others[rng.integers(half, size=half)]
             tried = partner + z[:, None] * (walkers[side] - partner)
             tried[:, held] = middle[held]
-            new = judged(tried)
+            new = log_likelihood(tried)
             level = np.log(rng.random(half)) - (len(free) - 1) * np.log(z)
             accepted = new > values[side] + level
             walkers[side] = np.where(accepted[:, None], tried, walkers[side])
@@ -282,7 +282,7 @@ class Walls:
     owner: IntArray
 
 
-def assigned(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> IntArray:
+def assign_faces(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> IntArray:
     """Number the faces that points (n, 3) are on: 1 the plate, from 2 the walls of its holes, 0 none."""
     faces = _owners(pattern, plate, opened, points) + 2
     faces[faces == 1] = 0
@@ -317,7 +317,7 @@ def _nearest_rim(pattern: Pattern, places: FloatArray, chosen: BoolArray, reach:
     return owner
 
 
-def sharpened(
+def sharpen_pattern(
     coarse: Refined, bore_walls: Walls, seen: BoolArray, survey: Survey, held: BoolArray
 ) -> Refined | None:
     """Fit a pattern to points on its holes' walls by robust Gauss-Newton.

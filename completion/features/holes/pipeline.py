@@ -24,14 +24,29 @@ from completion.features.holes.patterns import (
     PARAMETERS,
     ROW,
     Refined,
-    assigned,
+    assign_faces,
     refine,
-    sharpened,
+    sharpen_pattern,
     walls,
 )
-from completion.features.holes.plates import Plate, Survey, openings, plates, rim_corners, scattered, survey
+from completion.features.holes.plates import (
+    Plate,
+    Survey,
+    openings,
+    plates,
+    rim_corners,
+    scatter_points,
+    survey,
+)
 from completion.features.holes.proposals import count_range, lattices, proposals
-from completion.features.holes.weighing import Ground, Weighed, are_notches, climbed, open_sides, windowed
+from completion.features.holes.weighing import (
+    Ground,
+    Weighed,
+    are_notches,
+    best_window,
+    climb_pattern,
+    open_sides,
+)
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 
 _N_PLATES = 450
@@ -107,7 +122,7 @@ def fit_of(
     )
 
 
-def nothing(kind: str, n_points: int, reason: str) -> TemplateFit:
+def no_pattern(kind: str, n_points: int, reason: str) -> TemplateFit:
     """Return that there is no pattern of a kind, and why."""
     empty = np.zeros(0)
     return TemplateFit(
@@ -176,12 +191,12 @@ def _decision(weighed: Weighed, probability: float, spread: FloatArray, spacing:
         return Status.AMBIGUOUS, f"every hole of the {what} is open on a side: notches and slots look like it"
     if probability > _FALSE:
         return Status.AMBIGUOUS, f"lost patches make a {what} as regular on {probability:.0%} of blank plates"
-    sentences = [f"{_named(which)} {_is(which)} {why}" for which, why in
+    sentences = [f"{_hole_numbers(which)} {_is(which)} {why}" for which, why in
             ((absent, "absent: measured surface fills it"), (unseen, "unseen")) if which.any()]  # fmt: skip
     return Status.FOUND, "; ".join(sentences)
 
 
-def _named(which: BoolArray) -> str:
+def _hole_numbers(which: BoolArray) -> str:
     numbers = [str(k + 1) for k in np.flatnonzero(which)]
     return f"hole{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}"
 
@@ -253,21 +268,21 @@ def find_holes(
     """
     _check(kinds, given)
     # a mesh is looked at as points all over it
-    looked_at = scattered(measured, rng=rng)
+    looked_at = scatter_points(measured, rng=rng)
     fits, spent = list[TemplateFit](), 0
     for plate in plates(looked_at, rng=rng):
-        ground = _surveyed(plate, looked_at, given)
+        ground = _survey_plate(plate, looked_at, given)
         for kind in kinds:
             for begun in _lattices(kind, ground, given):
                 coarse, refined = _together(begun, ground, measured, given, rng=rng)
                 fits.append(_against_chance(coarse, refined, ground, measured, given))
                 spent += refined.evaluations
                 if spent >= budget:
-                    return _chosen(fits, kinds, measured, is_complete=False)
-    return _chosen(fits, kinds, measured, is_complete=True)
+                    return _choose_fits(fits, kinds, measured, is_complete=False)
+    return _choose_fits(fits, kinds, measured, is_complete=True)
 
 
-def _surveyed(plate: Plate, looked_at: Measured, given: Given) -> Ground:
+def _survey_plate(plate: Plate, looked_at: Measured, given: Given) -> Ground:
     """Step 1: the plate as it was measured, what went through it, and circles with nothing inside."""
     surveyed = survey(plate)
     opened = openings(plate, looked_at, surveyed.spacing)
@@ -280,7 +295,7 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
     begun = proposals(kind, ground.found, ground.area, ground.survey.spacing, given)
     wide = lattices(kind, ground.found, ground.survey, given)
     weighed = [
-        [row for row in (windowed(proposal, ground, given) for proposal in proposed) if row is not None]
+        [row for row in (best_window(proposal, ground, given) for proposal in proposed) if row is not None]
         for proposed in (begun, wide)
     ]
     # two circles tell others less exactly than three: patterns through them are moved first
@@ -288,10 +303,10 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
     # ... and so are large circles, which many points hold
     wide_from = LARGE * ground.survey.spacing
     every = [
-        climbed(weight, ground, given) if weight.pattern.radius > wide_from else weight
+        climb_pattern(weight, ground, given) if weight.pattern.radius > wide_from else weight
         for weight in weighed[0]
     ]
-    every += [climbed(weight, ground, given) for weight in promising]
+    every += [climb_pattern(weight, ground, given) for weight in promising]
     best = list[Weighed]()
     for weight in sorted(every, key=lambda weight: -weight.evidence):
         taken = {number for other in best for number in other.chosen.tolist()}
@@ -306,7 +321,7 @@ def _together(
     """Step 3: all holes at once, by their rims; with more holes where now more of the lattice is evident."""
     held = np.array([name in given for name in (*PARAMETERS[coarse.pattern.kind], "radius")])
     refined = refine(coarse.pattern, ground.survey, held, ~coarse.filled, rng=rng)
-    again = windowed(replace(coarse, pattern=refined.pattern), ground, given)
+    again = best_window(replace(coarse, pattern=refined.pattern), ground, given)
     if again is not None and again.pattern.shape != coarse.pattern.shape:
         coarse = again
         refined = refine(coarse.pattern, ground.survey, held, ~coarse.filled, rng=rng)
@@ -320,20 +335,20 @@ def _by_walls(
     plate = ground.survey.plate
     corners = rim_corners(measured, plate)
     on_walls = walls(refined.pattern, plate, ground.opened, measured.points if corners is None else corners)
-    return sharpened(refined, on_walls, seen, ground.survey, held) or refined
+    return sharpen_pattern(refined, on_walls, seen, ground.survey, held) or refined
 
 
 def _against_chance(
     coarse: Weighed, refined: Refined, ground: Ground, measured: Measured, given: Given
 ) -> TemplateFit:
     """Step 5: the pattern against as many as chance makes, what is known of each hole, and the decision."""
-    weighed = ground.weighed(refined.pattern, coarse, _EXACT)
+    weighed = ground.weigh(refined.pattern, coarse, _EXACT)
     plate = ground.survey.plate
-    faces = assigned(refined.pattern, plate, ground.opened, measured.points)
+    faces = assign_faces(refined.pattern, plate, ground.opened, measured.points)
     return fit_of(ground.survey, weighed, refined, faces, given)
 
 
-def _chosen(
+def _choose_fits(
     fits: list[TemplateFit], kinds: Sequence[str], measured: Measured, *, is_complete: bool
 ) -> list[TemplateFit]:
     """Step 6: of each kind what was found or may be; else what came nearest, or that there is none."""
@@ -341,7 +356,7 @@ def _chosen(
     for kind in kinds:
         template_fit = best_first([fit for fit in fits if fit.kind == kind])
         kept = distinct([fit for fit in template_fit if fit.status is not Status.NONE]) or template_fit[:1]
-        none = nothing(
+        none = no_pattern(
             kind, len(measured.points), "no circles in any flat part are more regular than by chance"
         )
         chosen += kept or [none]

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from completion.features.engine.template import Beams, Measured
 from completion.fitting.robust import tukey_weights
-from completion.fitting.starts import oriented
+from completion.fitting.starts import orient_normals
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _MOST = 8  # plates of one input
@@ -78,7 +78,7 @@ def plates(measured: Measured, *, rng: np.random.Generator) -> Iterator[Plate]:
         return
     noise = max(measured.noise, _EXACT * measured.diagonal, _ROUGH * measured.spacing)
     voters = rng.permutation(len(points))[:_N_SAMPLE]
-    normals, _ = oriented(points[voters], points)
+    normals, _ = orient_normals(points[voters], points)
     least = max(_LEAST_POINTS, _LEAST_SHARE * len(points))
     free: BoolArray = np.ones(len(points), dtype=np.bool_)
     for _ in range(_MOST):
@@ -86,7 +86,7 @@ def plates(measured: Measured, *, rng: np.random.Generator) -> Iterator[Plate]:
         consensus = _consensus(points[voters[left]], normals[left], _SLAB * noise, rng=rng)
         if consensus is None:
             return
-        plate = _refined(points, free, *consensus, noise)
+        plate = _refine_plate(points, free, *consensus, noise)
         if plate is None or (plate.is_on & free).sum() < least:
             return
         free &= ~plate.is_on
@@ -106,7 +106,7 @@ def _consensus(
     return points[best], normals[best]
 
 
-def _refined(
+def _refine_plate(
     points: FloatArray, free: BoolArray, place: FloatArray, normal: FloatArray, noise: float
 ) -> Plate | None:
     """The plate about a plane: Tukey's weights, its scale annealed to the noise."""
@@ -144,7 +144,7 @@ def density(uv: FloatArray) -> float:
 _N_POINTS = 20_000
 
 
-def scattered(measured: Measured, *, rng: np.random.Generator) -> Measured:
+def scatter_points(measured: Measured, *, rng: np.random.Generator) -> Measured:
     """Return points all over the triangles, as many an area everywhere, instead of the mesh's corners."""
     faces = measured.faces
     if faces is None or not len(faces):

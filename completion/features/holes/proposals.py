@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
 from completion.features.holes.candidates import Candidates, rim_scores
-from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, SYMMETRIES, Pattern, fitted
+from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, SYMMETRIES, Pattern, fit_pattern
 from completion.features.holes.plates import Openings, Survey
 from scenes.checks import BoolArray, FloatArray, IntArray
 
@@ -178,7 +178,7 @@ def proposals(
         if key in seen or len(tried) >= _MOST_TRIED:
             continue
         seen.add(key)
-        proposal = _settled(search, pattern, places, chosen)
+        proposal = _fit_proposal(search, pattern, places, chosen)
         if proposal is not None:
             tried.append(proposal)
     best, taken = list[Proposal](), list[set[int]]()
@@ -199,14 +199,14 @@ def _promise(search: Search, pattern: Pattern, places: IntArray) -> float:
     return float(-n * np.log(by_chance) - ways)
 
 
-def _settled(search: Search, begun: Pattern, places: IntArray, chosen: IntArray) -> Proposal | None:
+def _fit_proposal(search: Search, begun: Pattern, places: IntArray, chosen: IntArray) -> Proposal | None:
     """The pattern fitted; candidates that make it more probable by chance are left out, the worst first."""
     held = np.array([name in search.given for name in PARAMETERS[begun.kind]])
     candidates, best = search.found, None
     for _ in range(3):
-        pattern = fitted(begun, places, candidates.centres[chosen], held)
+        pattern = fit_pattern(begun, places, candidates.centres[chosen], held)
         if pattern.kind != CIRCLE:
-            pattern, places = _trimmed(pattern, places)
+            pattern, places = _trim_pattern(pattern, places)
         pattern = replace(
             pattern, radius=search.given.get("radius", float(np.median(candidates.radii[chosen])))
         )
@@ -235,11 +235,11 @@ def _fits(pattern: Pattern, spacing: float) -> bool:
     return bool(apart > 2 * pattern.radius + _WEB * spacing and min(np.array(pattern.shape) - least) >= 0)
 
 
-def _trimmed(pattern: Pattern, places: IntArray) -> tuple[Pattern, IntArray]:
+def _trim_pattern(pattern: Pattern, places: IntArray) -> tuple[Pattern, IntArray]:
     """The part of a row or grid that its outermost candidates span."""
     i, j = np.divmod(places, pattern.shape[1])
     low, shape = (int(i.min()), int(j.min())), (int(np.ptp(i)) + 1, int(np.ptp(j)) + 1)
-    return pattern.resized(low, shape), (i - low[0]) * shape[1] + (j - low[1])
+    return pattern.resize(low, shape), (i - low[0]) * shape[1] + (j - low[1])
 
 
 def pairs(search: Search) -> tuple[IntArray, IntArray, FloatArray]:
@@ -257,7 +257,7 @@ def pairs(search: Search) -> tuple[IntArray, IntArray, FloatArray]:
     return first[fits], two[fits], pitch[fits]
 
 
-def _matched(search: Search, places: FloatArray, first: IntArray, reach: FloatArray) -> IntArray:
+def _match_candidates(search: Search, places: FloatArray, first: IntArray, reach: FloatArray) -> IntArray:
     """The candidate (m, k) near each of places (m, k, 2) that is like the first (m,) of its row, else -1."""
     flat = places.reshape(-1, 2)
     _, near = search.tree.query(flat, k=min(3, len(search.found)))
@@ -283,7 +283,7 @@ def _rows(search: Search) -> _Begun:
     places = search.found.centres[first][:, None] + number[None, :, None] * pitch[:, None]
     reach = _NEAR * search.spacing * (1 + 0.25 * np.abs(number))
     reach = np.minimum(reach[None, :], 0.3 * np.hypot(*pitch.T)[:, None])
-    match = _matched(search, places, first, reach)
+    match = _match_candidates(search, places, first, reach)
     for row in np.flatnonzero((match >= 0).sum(axis=1) >= _LEAST_SEEN):
         at = np.flatnonzero(match[row] >= 0)
         angle, length = np.arctan2(pitch[row, 1], pitch[row, 0]), float(np.hypot(*pitch[row]))
@@ -331,7 +331,7 @@ def _grids(search: Search) -> _Begun:
         )
         reach = _NEAR * search.spacing * (1 + 0.25 * (np.abs(i) + np.abs(j)))
         reach = np.minimum(reach[None], 0.3 * np.minimum(length, widths)[:, None])
-        match = _matched(search, places, np.full(len(widths), first[row]), reach)
+        match = _match_candidates(search, places, np.full(len(widths), first[row]), reach)
         for number in np.flatnonzero((match >= 0).sum(axis=1) >= 4):
             at = np.flatnonzero(match[number] >= 0)
             if len(np.unique(i[at])) < 2 or len(np.unique(j[at])) < 2:
@@ -374,7 +374,9 @@ def _circles(search: Search) -> _Begun:
             angles = turn[0][rows, None] + 2 * np.pi * np.arange(n) / n
             ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
             places = middle[rows, None] + radius[rows, None, None] * ring
-            match = _matched(search, places, np.full(len(rows), a), np.array(1.5 * _NEAR * search.spacing))
+            match = _match_candidates(
+                search, places, np.full(len(rows), a), np.array(1.5 * _NEAR * search.spacing)
+            )
             enough = np.maximum(_LEAST_SEEN, np.ceil(0.5 * n))
             for k in np.flatnonzero((match >= 0).sum(axis=1) >= enough):
                 at = np.flatnonzero(match[k] >= 0)
@@ -446,7 +448,7 @@ def count_range(pattern: Pattern, seen: BoolArray, survey: Survey) -> tuple[int,
              ((0, -1), (0, -1), (n, 1)), ((0, m), (0, 1), (n, 1))]  # fmt: skip
     for number, (first, way, shape) in enumerate(lines if pattern.kind == GRID else lines[:2]):
         for k in range(_MOST_BEYOND):
-            beyond = pattern.resized((first[0] + k * way[0], first[1] + k * way[1]), shape)
+            beyond = pattern.resize((first[0] + k * way[0], first[1] + k * way[1]), shape)
             if survey.is_no_hole(beyond.centres, np.full(beyond.count, pattern.radius)).any():
                 break
             most[number // 2] += 1
@@ -476,7 +478,7 @@ def _row_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
         radius_k = search.given.get("radius", float(radius[k]))
         pattern = Pattern(ROW, (int(count[k]), 1), np.array([*middle, angle, size]), radius_k)
         low = -int(count[k] == 2 and not survey.is_no_hole(first[k] - pitch[k], radius[k]))
-        yield pattern.resized((low, 0), (max(pattern.shape[0], 3), 1))
+        yield pattern.resize((low, 0), (max(pattern.shape[0], 3), 1))
 
 
 def _grid_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:

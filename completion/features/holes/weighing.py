@@ -153,7 +153,7 @@ class Ground:
     area: float
     looks: dict[int, FloatArray] = field(default_factory=dict)  # of places thrown, by the log of the radius
 
-    def weighed(self, pattern: Pattern, proposal: Proposal | Weighed, soft: float) -> Weighed:
+    def weigh(self, pattern: Pattern, proposal: Proposal | Weighed, soft: float) -> Weighed:
         """Weigh a pattern of which some holes are candidates, its places known to `soft` spacings.
 
         A candidate that is far from its place tells less than the place itself: the farthest ones are left
@@ -221,7 +221,7 @@ class Ground:
         return scores.evidence + more, scores.seen, scores.filled > _FILLED
 
 
-def windowed(proposal: Proposal | Weighed, ground: Ground, given: Mapping[str, float]) -> Weighed | None:
+def best_window(proposal: Proposal | Weighed, ground: Ground, given: Mapping[str, float]) -> Weighed | None:
     """Weigh the part of a proposal's lattice whose holes' evidence sums to most.
 
     An exact search of all windows with at least three holes along (two by two in grids), or with the counts
@@ -229,28 +229,28 @@ def windowed(proposal: Proposal | Weighed, ground: Ground, given: Mapping[str, f
     """
     pattern, margin = proposal.pattern, _MARGIN[proposal.pattern.kind]
     if pattern.kind == CIRCLE:
-        return ground.weighed(pattern, proposal, _SOFT)
+        return ground.weigh(pattern, proposal, _SOFT)
     n_along, n_across = pattern.shape
     asked = (given.get("count"), given.get("count_2") if pattern.kind == GRID else 1)
     margins = [max(margin, int(n or 0) - size) for n, size in zip(asked, pattern.shape, strict=True)]
     margins = [margins[0], margins[1] if pattern.kind == GRID else 0]
     low = (-margins[0], -margins[1])
-    wide = pattern.resized(low, (n_along + 2 * margins[0], n_across + 2 * margins[1]))
+    wide = pattern.resize(low, (n_along + 2 * margins[0], n_across + 2 * margins[1]))
     value = np.clip(ground.holes(wide, _SOFT)[0], _LEAST, _GREATEST) + _UNKNOWN
     window = _best_window(value.reshape(wide.shape), pattern.kind, asked)
     if window is None:
         return None
     i, j, shape = window
-    kept = wide.resized((i, j), shape)
+    kept = wide.resize((i, j), shape)
     at = np.stack(np.divmod(proposal.places, n_across)) - np.array([[i + low[0]], [j + low[1]]])
     inside = ((at >= 0) & (at < np.array(shape)[:, None])).all(axis=0)
     if inside.sum() < _least_seen(pattern):
         return None
     places = at[0, inside] * shape[1] + at[1, inside]
-    return ground.weighed(kept, Proposal(kept, places, proposal.chosen[inside], 0.0), _SOFT)
+    return ground.weigh(kept, Proposal(kept, places, proposal.chosen[inside], 0.0), _SOFT)
 
 
-def climbed(begun: Weighed, ground: Ground, given: Mapping[str, float]) -> Weighed:
+def climb_pattern(begun: Weighed, ground: Ground, given: Mapping[str, float]) -> Weighed:
     """Move a pattern to where its holes are most evident together, and weigh it with the candidates there.
 
     Steps of each parameter and the radius, by which no hole moves more than some share of the spacing.
@@ -272,7 +272,7 @@ def climbed(begun: Weighed, ground: Ground, given: Mapping[str, float]) -> Weigh
     places, chosen = matches(moved, ground.found, spacing)
     if len(places) < _least_seen(pattern):
         return begun
-    again = windowed(Proposal(moved, places, chosen, 0.0), ground, given)
+    again = best_window(Proposal(moved, places, chosen, 0.0), ground, given)
     return begun if again is None or again.evidence < begun.evidence else again
 
 

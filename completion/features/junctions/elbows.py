@@ -28,10 +28,10 @@ from completion.features.junctions.weighing import (
     told_covariance,
     weigh,
 )
-from completion.fitting.held import holding
+from completion.fitting.held import given_of_shape
 from completion.fitting.result import FitError
 from completion.fitting.robust import consensus_surface, fit_robust
-from completion.fitting.starts import oriented
+from completion.fitting.starts import orient_normals
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Torus
 
@@ -55,9 +55,9 @@ def bend_starts(points: FloatArray, given: FloatArray) -> list[Model]:
         Half the angle, radius of the bend and of the tube; NaN where it is not given.
     """
     sample = points[:: max(1, len(points) // _N_SAMPLE)]
-    normals, roughness = oriented(sample, points)
+    normals, roughness = orient_normals(sample, points)
     tubes = _tubes(sample, normals, _WITHIN * roughness, given[2])
-    starts = [model for pair in _pairs(tubes) for model in _between(*pair, given)]
+    starts = [model for pair in _pairs(tubes) for model in _elbows_between(*pair, given)]
     if starts:
         return starts
     try:
@@ -72,7 +72,7 @@ def _tubes(
     sample: FloatArray, normals: FloatArray, tolerance: float, radius: float
 ) -> list[tuple[Cylinder, FloatArray]]:
     """Up to three cylinders, each of what those before leave, and the points (m, 3) on each."""
-    held = holding("cylinder", float(radius), None) if np.isfinite(radius) else None
+    held = given_of_shape("cylinder", float(radius), None) if np.isfinite(radius) else None
     tubes, left = [], np.ones(len(sample), dtype=np.bool_)
     for _ in range(3):
         if left.sum() < _LEAST_LEFT:
@@ -109,7 +109,7 @@ def _pairs(tubes: list[_Tube]) -> list[tuple[_Tube, _Tube]]:
     return pairs
 
 
-def _between(first: _Tube, second: _Tube, given: FloatArray) -> list[Model]:
+def _elbows_between(first: _Tube, second: _Tube, given: FloatArray) -> list[Model]:
     """Elbows between two tubes, with bends of several radii."""
     a, b = first[0], second[0]
     gap = b.point - a.point
@@ -187,13 +187,13 @@ def fit_elbow(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
         return TemplateFit.absent("elbow", NAMES, n, f"{n} points are too few for an elbow ({_LEAST_POINTS})")
     unit = at_unit(measured)
     held = {name: value for name, value in given.items() if name in SHAPE}
-    elbow = _fitted(unit, held)
+    elbow = _fit_elbow(unit, held)
     if isinstance(elbow, str):
         return TemplateFit.absent("elbow", NAMES, n, elbow)
-    return _told(elbow, unit, tuple(held))
+    return _describe_elbow(elbow, unit, tuple(held))
 
 
-def _fitted(unit: Unit, given: Mapping[str, float]) -> Weighed | str:
+def _fit_elbow(unit: Unit, given: Mapping[str, float]) -> Weighed | str:
     """The most likely elbow and the plain alternatives, or why there is none."""
     points, reach = unit.points, thickness(unit.points)
     units = {"angle": 0.5, "bend_radius": unit.factor, "tube_radius": unit.factor}
@@ -251,18 +251,18 @@ def _rival(pairs: Sequence[Descended], factor: float, excess: float) -> str:
     return ""
 
 
-def _told(elbow: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
-    """What is told of an elbow, in the unit of the points."""
+def _describe_elbow(elbow: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
+    """Return an elbow, in the unit of the points."""
     descent, known = elbow.found, elbow.known
 
-    def told(model: Model) -> FloatArray:
+    def parameters(model: Model) -> FloatArray:
         half, bend, tube = model.shape
         corner = unit.outside(model.origin + bend / np.cos(half) * model.turn[0])
         return np.concatenate([[2 * half, bend / unit.factor, tube / unit.factor], corner, model.turn[2]])
 
-    x, covariance = told(descent.model), told_covariance(told, descent.model, known)
+    x, covariance = parameters(descent.model), told_covariance(parameters, descent.model, known)
     sides = sides_of(FACES, descent, known, unit)
-    status, reason = _judged(elbow, x, covariance, sides)
+    status, reason = _judge_elbow(elbow, x, covariance, sides)
     half, bend, _ = descent.model.shape
     ends = bend * np.array([[np.cos(half), -np.sin(half), 0.0], [np.cos(half), np.sin(half), 0.0]])
     return TemplateFit(
@@ -287,7 +287,7 @@ def _told(elbow: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
     )
 
 
-def _judged(
+def _judge_elbow(
     elbow: Weighed, x: FloatArray, covariance: FloatArray, sides: tuple[Side, ...]
 ) -> tuple[Status, str]:
     """The status and why."""

@@ -99,7 +99,7 @@ class Model:
         """Return the signed distances (n,) of points (n, 3)."""
         return self.section(points).distance
 
-    def linearised(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def linearise(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the distances (n,) of points (n, 3), and their derivatives (n, m) by what moves."""
         local = self.local(points)
         at = self.profile(local, self.shape)
@@ -108,7 +108,7 @@ class Model:
         every = np.vstack([*turned, -u, -v, -w, at.by_shape.T])
         return at.distance, (self.basis.T @ every).T
 
-    def moved(self, step: FloatArray) -> Model:
+    def move(self, step: FloatArray) -> Model:
         """Return it after a step (m,)."""
         every = self.basis @ step
         turned = rotation(every[:3]) @ self.turn
@@ -198,7 +198,7 @@ def at_unit(measured: Measured) -> Unit:
     factor = 1 / max(float(np.sqrt(square.mean())), 1e-300)
     beams = measured.beams and replace(measured.beams, origins=measured.beams.origins - centre)
     moved = replace(measured, points=measured.points - centre, beams=beams)
-    return Unit(moved.scaled(factor), centre, factor)
+    return Unit(moved.scale(factor), centre, factor)
 
 
 def flat_starts(
@@ -357,7 +357,7 @@ def descend(
 ) -> tuple[Model, int]:
     """Return the model after steps of reweighted, damped least squares on points (n, 3), and how many."""
     damping, n_spent = _DAMPING, 0
-    distance, slopes = model.linearised(points)
+    distance, slopes = model.linearise(points)
     for _ in range(n_steps):
         weight = weights(distance)
         matrix, gradient = slopes.T @ (weight[:, None] * slopes), slopes.T @ (weight * distance)
@@ -366,8 +366,8 @@ def descend(
         gained = False
         for _ in range(6):
             step = np.asarray(np.linalg.solve(matrix + damping * np.diag(scale), -gradient), dtype=float)
-            moved = model.moved(step)
-            new, new_slopes = moved.linearised(points)
+            moved = model.move(step)
+            new, new_slopes = moved.linearise(points)
             n_spent += 1
             if np.isfinite(new).all() and float(weight @ new**2) <= before:
                 gained = True
@@ -407,7 +407,7 @@ def descend_from(
         (_begun(model, points, reach) for model in near), key=lambda descent: -descent.log_likelihood
     )
     chosen = _distinct(coarse, sample)[:_N_BEST] + _distinct(begun, sample)[:_N_BEST]
-    fine = [settled(descent, points) for descent in _distinct(chosen, sample)]
+    fine = [descend_to_rest(descent, points) for descent in _distinct(chosen, sample)]
     spent = sum(descent.evaluations for descent in coarse)
     fine.sort(key=lambda descent: -descent.log_likelihood)
     return [descent._replace(evaluations=descent.evaluations + spent) for descent in fine]
@@ -443,7 +443,7 @@ def _distinct(pairs: Sequence[Descended], sample: FloatArray) -> list[Descended]
     return kept
 
 
-def settled(descent: Descended, points: FloatArray, n_rounds: int = _N_ROUNDS) -> Descended:
+def descend_to_rest(descent: Descended, points: FloatArray, n_rounds: int = _N_ROUNDS) -> Descended:
     """Return where all points (n, 3) lead, weighed by how likely each is noise, until the scale stands."""
     model, mixture, spent = descent.model, descent.mixture, descent.evaluations
     for _ in range(n_rounds):

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from completion.features.engine.template import Given, Measured, Status, TemplateFit, best_first
 from completion.features.engine.template_fit import NOTHING
 from completion.features.junctions.elbows import fit_elbow
-from completion.features.junctions.models import Descended, Unit, at_unit, settled, thickness
+from completion.features.junctions.models import Descended, Unit, at_unit, descend_to_rest, thickness
 from completion.features.junctions.tangent import fit_junction
 from completion.features.junctions.weighing import one_arc
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
@@ -127,7 +127,7 @@ def _grown(cloud: Cloud, seed: int, free: BoolArray) -> Patch | None:
 
 def _from_ball(cloud: Cloud, ball: IntArray, free: BoolArray) -> Patch | None:
     """A patch from the points (m,) of a ball, if they are one surface."""
-    fit = _fitted(cloud, ball)
+    fit = _fit_surface(cloud, ball)
     if fit.mixture.sigma > 2.5 * cloud.noise + 0.05 * cloud.spacing:
         return None
     members = ball
@@ -137,19 +137,19 @@ def _from_ball(cloud: Cloud, ball: IntArray, free: BoolArray) -> Patch | None:
         agrees = np.abs(np.einsum("ij,ij->i", normal, cloud.normals)) > _ANGLE
         band = _WITHIN * max(fit.mixture.sigma, cloud.noise)
         on = free & agrees & (np.abs(section.distance) < band)
-        grown = _connected(cloud, on, ball)
+        grown = _connected_part(cloud, on, ball)
         if len(grown) < _LEAST_PATCH_POINTS:
             return None
         if len(grown) == len(members) and (grown == members).all():
             break
         members = grown
-        fit = _refitted(fit, cloud.points[members])
+        fit = _refit(fit, cloud.points[members])
     size = float(np.ptp(fit.model.local(cloud.points[members])[:, 1]))
     sagitta = abs(fit.model.shape[0]) * size**2 / 8
     return Patch(members, fit, is_flat=bool(sagitta < max(_FLAT * size, 2 * cloud.noise)))
 
 
-def _fitted(cloud: Cloud, members: IntArray) -> Descended:
+def _fit_surface(cloud: Cloud, members: IntArray) -> Descended:
     """The plane or cylinder of some points (m,), brought to unit RMS for it and back."""
     unit = at_unit(Measured(cloud.points[members], 0.0, cloud.spacing))
     fit = one_arc(unit.points, thickness(unit.points), _N_DIRECTIONS)
@@ -160,9 +160,9 @@ def _fitted(cloud: Cloud, members: IntArray) -> Descended:
     return fit._replace(model=model, mixture=mixture)
 
 
-def _refitted(fit: Descended, points: FloatArray) -> Descended:
+def _refit(fit: Descended, points: FloatArray) -> Descended:
     """The fit on at most some of the points (n, 3)."""
-    return settled(fit, points[:: max(1, len(points) // _N_FITTED)], _N_ROUNDS)
+    return descend_to_rest(fit, points[:: max(1, len(points) // _N_FITTED)], _N_ROUNDS)
 
 
 def _ball(cloud: Cloud, seed: int, free: BoolArray, size: int) -> IntArray:
@@ -177,7 +177,7 @@ def _ball(cloud: Cloud, seed: int, free: BoolArray, size: int) -> IntArray:
     return np.flatnonzero(inside)
 
 
-def _connected(cloud: Cloud, on: BoolArray, ball: IntArray) -> IntArray:
+def _connected_part(cloud: Cloud, on: BoolArray, ball: IntArray) -> IntArray:
     """The points (m,) among some that are connected with most of a ball."""
     number = np.flatnonzero(on)
     if len(number) == 0:
@@ -211,7 +211,7 @@ class Candidate(NamedTuple):
     worth: float  # points of the smaller patch: the order in which they are tried
 
 
-def touching(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
+def touching_patches(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
     """Return pairs of patches that lie side by side with one normal at their border."""
     label = np.full(len(cloud.points), -1)
     for k, patch in enumerate(patches):
@@ -270,7 +270,7 @@ def _about(cloud: Cloud, first: Patch, second: Patch, border: IntArray) -> IntAr
     return np.asarray(both[tree.query(cloud.points[both])[0] <= reach])
 
 
-def crossing(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
+def crossing_tubes(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
     """Return pairs of tubes of like radii whose axes cross not far from both."""
     tubes = [patch for patch in patches if not patch.is_flat and len(patch.members) >= _LEAST_POINTS // 2]
     pairs = []
@@ -317,7 +317,7 @@ def _axis(patch: Patch) -> tuple[FloatArray, FloatArray]:
 
 KINDS = ("junction", "elbow")
 _FITS = {"junction": fit_junction, "elbow": fit_elbow}
-_CANDIDATES = {"junction": touching, "elbow": crossing}
+_CANDIDATES = {"junction": touching_patches, "elbow": crossing_tubes}
 _MOST_POINTS = 6_000  # that one fit looks at
 _WHOLE = 0.5  # of all points, that are on a feature which is all of them
 _SAME = 0.5  # of the smaller radius, between the joints of two fits that are one

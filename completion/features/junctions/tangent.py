@@ -15,8 +15,8 @@ from completion.features.junctions.models import (
     Unit,
     at_unit,
     descend_from,
+    descend_to_rest,
     flat_starts,
-    settled,
     split_starts,
     tangent_arcs,
     thickness,
@@ -67,10 +67,10 @@ def fit_junction(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
         )
     unit = at_unit(measured)
     held = {name: value for name, value in given.items() if name in NAMES[:2]}
-    return _told(_fitted(unit, held), unit, tuple(held))
+    return _describe_junction(_fit_junction(unit, held), unit, tuple(held))
 
 
-def _fitted(unit: Unit, given: Mapping[str, float]) -> Weighed:
+def _fit_junction(unit: Unit, given: Mapping[str, float]) -> Weighed:
     """The most likely junction, and the plain alternatives."""
     points, reach = unit.points, thickness(unit.points)
     single = one_arc(points, reach)
@@ -87,7 +87,7 @@ def _fitted(unit: Unit, given: Mapping[str, float]) -> Weighed:
             for start in split_starts(single.model, points, single.mixture.sigma, is_free)
             for shape in (shapes if is_held.any() else shapes[:1])]  # fmt: skip
     descend = descend_from(starts, points, reach, near)
-    best = _flattened(descend[0], points, is_held)
+    best = _try_plane(descend[0], points, is_held)
     return weigh(
         best,
         alternatives(points, reach, single),
@@ -102,14 +102,16 @@ def turned_round(model: Model) -> Model:
     return replace(model, turn=model.turn * np.array([[1.0], [-1.0], [-1.0]]))
 
 
-def _flattened(descent: Descended, points: FloatArray, is_held: BoolArray) -> Descended:
+def _try_plane(descent: Descended, points: FloatArray, is_held: BoolArray) -> Descended:
     """The fit with a plane instead of the flatter surface, where that is as likely for a parameter less."""
     flatter = int(np.argmin(np.abs(descent.model.shape)))
     if is_held[flatter]:
         return descent
     shape, is_free = descent.model.shape.copy(), descent.model.is_free.copy()
     shape[flatter], is_free[6 + flatter] = 0.0, False
-    flat = settled(descent._replace(model=replace(descent.model, shape=shape, is_free=is_free)), points)
+    flat = descend_to_rest(
+        descent._replace(model=replace(descent.model, shape=shape, is_free=is_free)), points
+    )
     worth = 0.5 * float(np.log(len(points)))
     return flat if flat.log_likelihood > descent.log_likelihood - worth else descent
 
@@ -127,8 +129,8 @@ def _rival(pairs: Sequence[Descended], factor: float, n: int, excess: float) -> 
     return ""
 
 
-def _told(junction: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
-    """What is told of a junction, in the unit of the points."""
+def _describe_junction(junction: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
+    """Return a junction, in the unit of the points."""
     descent, known = junction.found, junction.known
     model = descent.model
     first = 0 if held or abs(model.shape[0]) >= abs(model.shape[1]) else 1
@@ -136,13 +138,13 @@ def _told(junction: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
     local = model.local(unit.points[known.near])
     ends = np.quantile(local[:, 2], (0.005, 0.995)) if len(local) else np.zeros(2)
 
-    def told(tube: Model) -> FloatArray:
+    def parameters(tube: Model) -> FloatArray:
         with np.errstate(divide="ignore"):
             radii = 1 / np.abs(tube.shape[order]) / unit.factor
         return np.concatenate([radii, unit.outside(tube.origin + ends.mean() * tube.turn[2]), tube.turn[2]])
 
-    x = told(model)
-    covariance = told_covariance(told, model, known)
+    x = parameters(model)
+    covariance = told_covariance(parameters, model, known)
     faces = np.where(known.faces > 0, np.where(known.faces == first + 1, 1, 2), 0)
     known = known._replace(faces=faces)
     if first:
@@ -150,7 +152,7 @@ def _told(junction: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
         local = local * [1.0, -1.0, -1.0]
     joint = _joint(local, ends, unit, _across(model, known) / unit.factor)
     sides = (*sides_of(FACES, descent, known, unit), joint)
-    status, reason = _judged(junction, x, covariance, sides, local=local / unit.factor)
+    status, reason = _judge_junction(junction, x, covariance, sides, local=local / unit.factor)
     bends = descent.model.shape
     return TemplateFit(
         kind="junction",
@@ -190,7 +192,7 @@ def _joint(local: FloatArray, ends: FloatArray, unit: Unit, deviation: float) ->
     return Side("joint", len(sides[0] & sides[1]), 0, max(1, len(set(pieces.tolist()))), deviation=deviation)
 
 
-def _judged(
+def _judge_junction(
     junction: Weighed, x: FloatArray, covariance: FloatArray, sides: tuple[Side, ...], *, local: FloatArray
 ) -> tuple[Status, str]:
     """The status and why."""

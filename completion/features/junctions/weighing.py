@@ -25,7 +25,7 @@ from completion.features.junctions.models import (
 )
 from completion.fitting.result import FitError
 from completion.fitting.robust import fit_robust
-from completion.fitting.starts import oriented
+from completion.fitting.starts import orient_normals
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _ONE_ARC = np.array([True, True, True, True, False, False, True, True])
@@ -97,7 +97,7 @@ def certainty(descent: Descended, points: FloatArray, spacing: float) -> Certain
     of the spacing have in common.
     """
     model, mixture = descent.model, descent.mixture
-    distances, slopes = model.linearised(points)
+    distances, slopes = model.linearise(points)
     weight = mixture.weights(distances)
     size2 = (distances / mixture.sigma) ** 2
     curving = slopes.T @ ((weight * (1 - (1 - weight) * size2))[:, None] * slopes)
@@ -121,7 +121,7 @@ def misfit(descent: Descended, unit: Unit) -> str:
     the surface bends and of outliers. Where residuals exceed it threefold, the surface is another.
     """
     points = unit.points
-    _, roughness = oriented(points[:: max(1, len(points) // _N_ROUGH)], points)
+    _, roughness = orient_normals(points[:: max(1, len(points) // _N_ROUGH)], points)
     sigma, rough = descent.mixture.sigma, max(roughness, unit.measured.noise, LEAST_SIGMA)
     if sigma <= _ROUGHER * rough:
         return ""
@@ -136,7 +136,7 @@ def told_covariance(sentence: Told, model: Model, known: Certainty) -> FloatArra
     """Return the covariance (k, k) of what is told of a model, by differences; zero where it is infinite."""
     columns = []
     for step in np.eye(len(known.covariance)) * _STEP:
-        ahead, back = sentence(model.moved(step)), sentence(model.moved(-step))
+        ahead, back = sentence(model.move(step)), sentence(model.move(-step))
         finite = np.isfinite(ahead) & np.isfinite(back)
         columns.append((np.where(finite, ahead, 0.0) - np.where(finite, back, 0.0)) / (2 * _STEP))
     slopes = np.column_stack(columns) if columns else np.zeros((len(sentence(model)), 0))

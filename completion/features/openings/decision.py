@@ -106,8 +106,8 @@ def decide(
     opened: Opened, beams: WallBeams, observations: Sequence[Observation], given: Given
 ) -> TemplateFit:
     """Return the opening as a feature, found, ambiguous or refused, with the reason in one sentence."""
-    assignment, on_reveals = _assigned(opened.recess, beams.turned(opened.turn), observations)
-    kind, reason, status = _judged(opened, on_reveals)
+    assignment, on_reveals = _assign_faces(opened.recess, beams.turn(opened.turn), observations)
+    kind, reason, status = _judge_opening(opened, on_reveals)
     x, covariance = _parameters(opened)
     recess, depth = opened.recess, opened.known["depth"]
     held = tuple(name for name in NAMES if name in given)
@@ -155,7 +155,7 @@ def silent_feature(fit: TemplateFit, share: float) -> TemplateFit:
     return replace(unknown, status=Status.AMBIGUOUS, reason=sentence, false_fit_probability=chance)
 
 
-def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
+def _judge_opening(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
     """Kind, reason and status."""
     kind, doubt = _kind(opened)
     width, height = opened.recess.size
@@ -164,7 +164,10 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
     if is_narrow or (height < _LEAST_M and {"bottom", "top"} <= set(seen)):
         return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", Status.NONE
     has_floor = opened.floor is not None
-    for side in [*refuted(opened.sides, has_floor=has_floor), *_ended(opened.sides, has_floor=has_floor)]:
+    for side in [
+        *refuted_sides(opened.sides, has_floor=has_floor),
+        *_ending_sides(opened.sides, has_floor=has_floor),
+    ]:
         sentence = f"its {side.name} side is contradicted by {side.contradicted} of {side.total} tiles"
         return kind, sentence, Status.NONE
     if kind == "niche" and (sentence := _relief(opened)):
@@ -190,7 +193,7 @@ def _judged(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
     return kind, doubt, Status.FOUND
 
 
-def refuted(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
+def refuted_sides(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
     """Return the sides that more tiles contradict than confirm, a door's foot excepted."""
     return [
         side
@@ -201,7 +204,7 @@ def refuted(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
     ]
 
 
-def _ended(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
+def _ending_sides(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
     """The sides that more tiles contradict than would by mistake: the wall ends there, the opening does not.
 
     Binomial test, over the tiles that tell.
@@ -254,7 +257,9 @@ def _parameters(opened: Opened) -> tuple[FloatArray, FloatArray]:
     return x, (jacobian * variance) @ jacobian.T
 
 
-def _assigned(recess: Recess, beams: WallBeams, observations: Sequence[Observation]) -> tuple[IntArray, int]:
+def _assign_faces(
+    recess: Recess, beams: WallBeams, observations: Sequence[Observation]
+) -> tuple[IntArray, int]:
     """Face of each pixel of all scans in turn, 0 for none, and how many are of reveals."""
     start = np.cumsum([0, *(seen.scan.ranges.size for seen in observations)])
     out = np.zeros(int(start[-1]), np.int64)
@@ -316,7 +321,7 @@ def is_strip(
     of_others = np.zeros(len(beams), dtype=np.bool_)
     for other in others:
         of_others |= other.holds(beams.uv) & (beams.nats > 0)
-    beyond = _tiles(beams.chosen(~of_others), recess, side, known).beyond
+    beyond = _tiles(beams.select(~of_others), recess, side, known).beyond
     return int((beyond > _DECIDED).sum()) > int((beyond < -_DECIDED).sum())
 
 
@@ -367,7 +372,7 @@ def fit_recess(
     Of what the sides refute at once neither depth nor turn is sought.
     """
     floor = floor_of(rough, levels)
-    recess = rough if floor is None else rough.moved("bottom", floor.value)
+    recess = rough if floor is None else rough.move_side("bottom", floor.value)
     known = {"bottom": floor or Estimate(rough.bottom, np.inf)}
     sides = [side for side in SIDES if side != "bottom" or floor is None]
     reach = {side: _reach(beams, recess, side) for side in SIDES}
@@ -375,21 +380,21 @@ def fit_recess(
         for _ in range(_TRIES):
             known[side] = fit_side(beams, recess, side, reach[side])
             shift = abs(known[side].value - getattr(recess, side))
-            recess = recess.moved(side, known[side].value)
+            recess = recess.move_side(side, known[side].value)
             if shift < _FAR * reach[side]:  # else it may lie farther on
                 break
     first = all_sides(beams, recess, known, None if floor is None else floor.value)
-    if refuted(first, has_floor=floor is not None):
+    if refuted_sides(first, has_floor=floor is not None):
         return recess, known | {"depth": _UNKNOWN, "turn": Estimate(0.0, 0.0)}, 0.0
     total = 0.0
     for _ in range(_ROUNDS):
         recess, known["depth"], _ = fit_depth(beams, recess, given.get("depth"))
         known["turn"], recess = fit_turn(beams, recess, CELL_M)
-        beams, total = beams.turned(known["turn"].value), total + known["turn"].value
+        beams, total = beams.turn(known["turn"].value), total + known["turn"].value
         for side in sides:
             closer = CELL_M if reach[side] <= 2 * CELL_M else reach[side]
             known[side] = fit_side(beams, recess, side, closer)
-            recess = recess.moved(side, known[side].value)
+            recess = recess.move_side(side, known[side].value)
     return recess, known, total
 
 
@@ -414,13 +419,13 @@ def with_unseen(
         opposite, size = _OPPOSITE[side.name], given.get(_SIZE[side.name])
         if size is not None and seen[opposite].is_seen:
             sign = 1.0 if side.name in ("right", "top") else -1.0
-            recess = recess.moved(side.name, getattr(recess, opposite) + sign * size)
+            recess = recess.move_side(side.name, getattr(recess, opposite) + sign * size)
             seen[side.name] = replace(side, deviation=seen[opposite].deviation)
             continue
         inner, outer = open_limits(beams, recess, side.name)
         if not np.isfinite(outer):
             outer = open_limits(farther, recess, side.name)[1]
-        recess, slack[side.name] = recess.moved(side.name, inner), (0.0, abs(outer - inner))
+        recess, slack[side.name] = recess.move_side(side.name, inner), (0.0, abs(outer - inner))
         seen[side.name] = replace(side, deviation=float(abs(outer - inner) / np.sqrt(3.0)))
     return recess, tuple(seen.values()), slack
 

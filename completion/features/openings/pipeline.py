@@ -53,17 +53,17 @@ def image_share(frame: WallFrame, beams: WallBeams, observations: Sequence[Obser
     agrees = refutes = 0
     for number in np.unique(beams.scan):
         seen = observations[int(number)]
-        of_scan = beams.chosen((beams.scan == number) & np.isfinite(beams.ranges))
+        of_scan = beams.select((beams.scan == number) & np.isfinite(beams.ranges))
         points = seen.points_at(of_scan.pixel)
         into = frame.axes[1]
         images = points - 2 * ((points - frame.origin) @ into)[:, None] * into
         for other in observations:
-            numbers = _said(images, other)
+            numbers = _count_images(images, other)
             agrees, refutes = agrees + numbers[0], refutes + numbers[1]
     return agrees / (agrees + refutes) if agrees + refutes >= _FEW else np.nan
 
 
-def _said(images: FloatArray, seen: Observation) -> tuple[int, int]:
+def _count_images(images: FloatArray, seen: Observation) -> tuple[int, int]:
     """How many images (n, 3) a scan's beams end at, and how many they go on behind."""
     place = seen.scan.pixels(images)
     rows, columns = seen.scan.shape
@@ -132,13 +132,15 @@ def find_openings_in(
         low, high = corners.min(axis=0) - _BESIDE_M, corners.max(axis=0) + _BESIDE_M
         return wall_beams(frame, observations, low, high, wall, among=beams)
 
-    def decided(rough: Recess, every: WallBeams, chart: WallChart, others: Sequence[Recess]) -> TemplateFit:
+    def fit_and_decide(
+        rough: Recess, every: WallBeams, chart: WallChart, others: Sequence[Recess]
+    ) -> TemplateFit:
         near = closely(rough)
         sample = near.silent_as_open() if every is not beams else near
-        opened = _opened(
+        opened = _fit_opening(
             wall, frame, (sample, every), rough, observations=observations, given=given, levels=levels
         )
-        turned = sample.turned(opened.turn)
+        turned = sample.turn(opened.turn)
         bare = [
             side.name
             for side in opened.sides
@@ -153,7 +155,7 @@ def find_openings_in(
     if len(beams):
         chart = WallChart.of(beams)
         proposed = [rough for rough, _ in propose(chart, reached)]
-        fits = [decided(rough, beams, chart, _without(proposed, rough)) for rough in proposed]
+        fits = [fit_and_decide(rough, beams, chart, _without(proposed, rough)) for rough in proposed]
     yield from fits
 
     # 4. Silence: rectangles from which nothing came back may be panes; they are told, and never claimed.
@@ -167,7 +169,7 @@ def find_openings_in(
         inside = rough.holds(beams.uv)
         share = float(silent[inside].mean()) if inside.any() else 0.0
         if share > _MOSTLY and not any(_overlaps(fit, frame, rough) for fit in fits):
-            yield silent_feature(decided(rough, as_open, chart, _without(proposed, rough)), share)
+            yield silent_feature(fit_and_decide(rough, as_open, chart, _without(proposed, rough)), share)
 
 
 def _without(proposed: Sequence[Recess], rough: Recess) -> list[Recess]:
@@ -180,7 +182,7 @@ def _meets(frame: WallFrame, floor: Floor) -> FloatArray:
     return np.asarray(local[(local[:, 1] > -_BESIDE_M) & (local[:, 1] < 0)][:, [0, 2]])
 
 
-def _opened(
+def _fit_opening(
     wall: Wall,
     frame: WallFrame,
     near_and_all: tuple[WallBeams, WallBeams],
@@ -194,22 +196,22 @@ def _opened(
     beams, every = near_and_all
     # a. Fit: sides, depth and turn, each by its posterior with the others as they are.
     recess, known, turn = fit_recess(beams, rough, given, levels)
-    turned = beams.turned(turn)
-    known = with_wall(turned, recess, known, wall, frame.turned(turn))
+    turned = beams.turn(turn)
+    known = with_wall(turned, recess, known, wall, frame.turn(turn))
     floor = None if (level := floor_of(recess, levels)) is None else level.value
 
     # b. Support: tiles along each side, which confirm or contradict it.
     sides = all_sides(turned, recess, known, floor)
-    recess, sides, slack = with_unseen(turned, recess, sides, given, farther=every.turned(turn))
+    recess, sides, slack = with_unseen(turned, recess, sides, given, farther=every.turn(turn))
     return Opened(
-        frame=frame.turned(turn),
+        frame=frame.turn(turn),
         turn=turn,
         recess=recess,
         known=known,
         sides=sides,
         floor=floor,
         lowest=min((level.value for level in levels if np.isfinite(level.value)), default=np.nan),
-        image_share=lambda: image_share(frame, turned.chosen(recess.holds(turned.uv)), observations),
+        image_share=lambda: image_share(frame, turned.select(recess.holds(turned.uv)), observations),
         wall=wall,
         slack=slack,
         bare=(),

@@ -136,7 +136,7 @@ def _closest(beams: WallBeams) -> float:
     return float(np.quantile(least, _SHARE))
 
 
-def _undivided(nats: FloatArray, rectangle: CellRectangle) -> CellRectangle:
+def _undivided_part(nats: FloatArray, rectangle: CellRectangle) -> CellRectangle:
     """The rectangle, or the best part of it where wall divides it from one side to the other.
 
     Two holes with the wall between them are likelier than one that claims the wall, by as many nats as speak
@@ -154,7 +154,7 @@ def _undivided(nats: FloatArray, rectangle: CellRectangle) -> CellRectangle:
         ends = (
             (top, left + first, bottom, left + last) if axis == 0 else (top + first, left, top + last, right)
         )
-        return _undivided(nats, CellRectangle(*ends, total=max(before, after)))
+        return _undivided_part(nats, CellRectangle(*ends, total=max(before, after)))
     return rectangle
 
 
@@ -184,7 +184,7 @@ def propose(chart: WallChart | None, floors: Sequence[FloatArray] = ()) -> Itera
             rectangle = best_rectangle(np.where(values == -_PRICE, -_DEAR, values))
         if rectangle.total < _LEAST_NATS:
             return
-        rectangle = _undivided(values + _PRICE, rectangle)
+        rectangle = _undivided_part(values + _PRICE, rectangle)
         values[rectangle.top : rectangle.bottom, rectangle.left : rectangle.right] = -_PRICE
         left, bottom = chart.corner + chart.cell * np.array([rectangle.left, rectangle.top])
         right, top = chart.corner + chart.cell * np.array([rectangle.right, rectangle.bottom])

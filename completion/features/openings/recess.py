@@ -42,7 +42,7 @@ class Recess:
         """Width and height."""
         return self.right - self.left, self.top - self.bottom
 
-    def moved(self, side: str, to: float) -> Recess:
+    def move_side(self, side: str, to: float) -> Recess:
         """Return it with one side elsewhere."""
         at = [to if name == side else float(getattr(self, name)) for name in SIDES]
         return Recess(at[0], at[1], at[2], at[3], depth=self.depth, is_closed=self.is_closed)
@@ -217,7 +217,7 @@ def fit_side(beams: WallBeams, recess: Recess, side: str, reach: float) -> Estim
     Where no beam says anything the side stays, with a deviation of inf.
     """
     chosen = np.flatnonzero(near_side(beams, recess, side, reach))
-    wall_beams = beams.chosen(chosen[:: max(1, len(chosen) // _MOST_BEAMS)])
+    wall_beams = beams.select(chosen[:: max(1, len(chosen) // _MOST_BEAMS)])
     here = getattr(recess, side)
     if not len(wall_beams):
         return Estimate(here, np.inf)
@@ -243,20 +243,20 @@ def fit_turn(beams: WallBeams, recess: Recess, reach: float) -> tuple[Estimate, 
     for side in SIDES:
         near |= near_side(beams, recess, side, reach)
     chosen = np.flatnonzero(near)
-    wall_beams = beams.chosen(chosen[:: max(1, len(chosen) // _MOST_BEAMS)])
+    wall_beams = beams.select(chosen[:: max(1, len(chosen) // _MOST_BEAMS)])
     centre = np.array([recess.left + recess.right, recess.bottom + recess.top]) / 2
     best = sd = 0.0
     for half, count in ((np.radians(3.0), 25), (np.radians(0.3), 13), (np.radians(0.05), 13)):
         angles = best + np.linspace(-half, half, count)
         logs = np.array([_turned_likelihood(wall_beams, recess, centre, angle) for angle in angles])
         best, sd, _ = _posterior((logs - 0.5 * np.square(angles / _PLUMB))[None], angles)
-    moved = _rotated(centre[None], best)[0] - centre
+    moved = _rotate(centre[None], best)[0] - centre
     u, v = (float(shift) for shift in moved)
     turned = replace(recess, left=recess.left + u, right=recess.right + u)
     return Estimate(best, sd), replace(turned, bottom=recess.bottom + v, top=recess.top + v)
 
 
-def _rotated(uv: FloatArray, angle: float) -> FloatArray:
+def _rotate(uv: FloatArray, angle: float) -> FloatArray:
     cos, sin = np.cos(angle), np.sin(angle)
     return np.asarray(uv @ np.array([[cos, -sin], [sin, cos]]))
 
@@ -265,8 +265,8 @@ def _turned_likelihood(beams: WallBeams, recess: Recess, centre: FloatArray, ang
     """Log likelihood of a recess whose frame is turned about its centre."""
     if not len(beams):
         return 0.0
-    turned = beams.turned(angle)
-    moved = replace(turned, uv=turned.uv - _rotated(centre[None], angle) + centre)
+    turned = beams.turn(angle)
+    moved = replace(turned, uv=turned.uv - _rotate(centre[None], angle) + centre)
     sought = recesses(recess, "depth", np.array([recess.depth]))
     tile = np.zeros(len(beams), np.int64)
     return float(log_likelihoods(moved, sought, is_closed=recess.is_closed, tile=tile).sum())
@@ -297,7 +297,7 @@ def fit_depth(beams: WallBeams, recess: Recess, given: float | None = None) -> t
     nothing, so beams that meet the bottom are left out of it. A `given` depth is held.
     """
     inside = np.flatnonzero(recess.holds(beams.uv) & np.isfinite(beams.ranges))
-    wall_beams = beams.chosen(inside[:: max(1, len(inside) // _MOST_BEAMS)])
+    wall_beams = beams.select(inside[:: max(1, len(inside) // _MOST_BEAMS)])
     factor = max(1.0, len(inside) / max(len(wall_beams), 1))
     best: dict[bool, tuple[float, Estimate]] = {}
     for is_closed in (False, True):
@@ -328,7 +328,7 @@ def _has_back(beams: WallBeams, recess: Recess, depth: float) -> bool:
     """
     if depth > _WALLS_M:
         return False
-    inside = beams.chosen(recess.holds(beams.uv) & (beams.ranges > beams.wall_range))
+    inside = beams.select(recess.holds(beams.uv) & (beams.ranges > beams.wall_range))
     held = {name: np.array([getattr(recess, name)]) for name in SIDES}
     left, right = held.pop("left"), held.pop("right")
     expected, _, face = expect(inside, left, right, **held, depth=np.array([depth]), is_closed=True)

@@ -91,7 +91,7 @@ class WallFrame:
         """Coordinates (n, 3) along u, y and v of points (n, 3)."""
         return np.asarray((points - self.origin) @ self.axes.T)
 
-    def turned(self, angle: float) -> WallFrame:
+    def turn(self, angle: float) -> WallFrame:
         """Return the frame turned in its wall, from u towards v."""
         u, y, v = self.axes
         cos, sin = np.cos(angle), np.sin(angle)
@@ -148,7 +148,7 @@ class WallBeams:
     def __len__(self) -> int:
         return len(self.ranges)
 
-    def chosen(self, which: BoolArray | IntArray) -> WallBeams:
+    def select(self, which: BoolArray | IntArray) -> WallBeams:
         """Return some of them, by truth (n,) or by number (m,)."""
         names = [field.name for field in fields(self) if field.name != "farthest"]
         return replace(self, **{name: getattr(self, name)[which] for name in names})
@@ -160,7 +160,7 @@ class WallBeams:
         nats = np.where(silent, odds_of(ranges, self.wall_range, self.deviation, self.farthest), self.nats)
         return replace(self, ranges=ranges, nats=nats)
 
-    def turned(self, angle: float) -> WallBeams:
+    def turn(self, angle: float) -> WallBeams:
         """Return the same in the frame turned by an angle from u towards v."""
         back = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]).T
         return replace(self, uv=self.uv @ back, slope=self.slope @ back)
@@ -213,7 +213,7 @@ def wall_beams(
             inside = (among.scan == number) & ((among.uv > low) & (among.uv < high)).all(axis=1)
             known = among.pixel[inside]
         else:
-            known = _reaching(frame, seen, window, wall=wall, number=number)
+            known = _reaching_pixels(frame, seen, window, wall=wall, number=number)
         scan = _of_scan(frame, seen, window, wall=wall, number=number, pixels=_pixels(shape, known))
         if scan is not None:
             beams.append(scan)
@@ -235,7 +235,7 @@ def wall_beams(
     return WallBeams(**joined, farthest=max(beams.farthest for beams in beams))
 
 
-def _reaching(
+def _reaching_pixels(
     frame: WallFrame,
     seen: Observation,
     window: tuple[FloatArray, FloatArray],

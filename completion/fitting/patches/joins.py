@@ -141,16 +141,16 @@ def join_equations(
     n, surface = along.n, boundary.surface
     if isinstance(surface, Plane):
         parts = [(np.eye(n), term) for term in _plane_terms(surface, boundary.join, outer, inner - outer)]
-        return _gathered(parts, np.eye(n))
+        return _gather_equations(parts, np.eye(n))
     seen = along.values(along.stations)
     asked = np.delete(np.eye(n), [k for k, is_told in zip((1, n - 2), flags, strict=True) if is_told], axis=0)
     rough = np.linalg.qr(np.polynomial.legendre.legvander(2 * along.stations - 1, _SMOOTH), "complete")[0]
     exact, smooth = _cylinder_terms(surface, boundary.join, seen @ outer, seen @ (inner - outer))
     parts = [(asked, term) for term in exact] + [(rough[:, _SMOOTH + 1 :].T, term) for term in smooth]
-    return _gathered(parts, seen)
+    return _gather_equations(parts, seen)
 
 
-def _gathered(parts: list[tuple[FloatArray, _Term]], seen: FloatArray) -> JoinEquations:
+def _gather_equations(parts: list[tuple[FloatArray, _Term]], seen: FloatArray) -> JoinEquations:
     """Combinations of terms, as equations of controls that stations see by `seen` (m, m)."""
     misfit = [by @ term.value for by, term in parts]
     by_outer = [
@@ -228,7 +228,7 @@ class Equations(NamedTuple):
             self.columns, self.rows[which], self.misfit[which], self.value[which], self.is_linear[which]
         )
 
-    def imposed(self, x: FloatArray) -> FloatArray:
+    def impose(self, x: FloatArray) -> FloatArray:
         """Return coordinates (k,) moved as little as possible to where independent equations hold."""
         if not len(self.rows):
             return x
@@ -248,7 +248,9 @@ def equations_of(patch: SplinePatch, boundaries: Boundaries) -> Equations:
     for side, boundary in boundaries.items():
         outer, inner = side_rows(side, n, m)
         along = patch.bases[1 if side[0] == "u" else 0]
-        equations = join_equations(boundary, controls[outer], controls[inner], along, _told(side, boundaries))
+        equations = join_equations(
+            boundary, controls[outer], controls[inner], along, _fixed_ends(side, boundaries)
+        )
         columns = 3 * np.concatenate([outer, inner])[:, None] + np.arange(3)
         rows = np.concatenate([equations.by_outer, equations.by_inner], axis=1).reshape(
             len(equations.misfit), -1
@@ -266,7 +268,7 @@ def equations_of(patch: SplinePatch, boundaries: Boundaries) -> Equations:
     return Equations(columns, whole, misfit, value, is_linear)
 
 
-def _told(side: SideName, boundaries: Boundaries) -> tuple[bool, bool]:
+def _fixed_ends(side: SideName, boundaries: Boundaries) -> tuple[bool, bool]:
     """Whether, at each end of a boundary, a plane next to it says how the boundary begins there."""
     join = boundaries[side].join
     ends = list[bool]()

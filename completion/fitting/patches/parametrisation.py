@@ -46,12 +46,12 @@ class _Chart(NamedTuple):
                 isinstance(boundary.surface, Cylinder)
                 and (span := span_about(points, boundary.surface)) > most
             ):
-                placed, axes, most = *_unrolled(points, boundary.surface), span
+                placed, axes, most = *_unroll(points, boundary.surface), span
         offset = placed - placed.mean(axis=0)
         frame = np.linalg.svd(offset, full_matrices=False)[2]
         return cls(axes, frame, offset @ frame[:2].T)
 
-    def turned(self, directions: FloatArray, which: IntArray) -> FloatArray:
+    def project(self, directions: FloatArray, which: IntArray) -> FloatArray:
         """Return directions (j, 3) at some of the points (j,), as the chart sees them (j, 2)."""
         axes = np.broadcast_to(self.axes if len(self.axes) == 1 else self.axes[which], (len(which), 3, 3))
         return np.asarray(np.einsum("jab,jb->ja", axes, directions) @ self.frame[:2].T)
@@ -73,7 +73,7 @@ def _polar(points: FloatArray, tube: Cylinder) -> tuple[FloatArray, FloatArray]:
     return np.arctan2(y, x), np.hypot(x, y)
 
 
-def _unrolled(points: FloatArray, tube: Cylinder) -> tuple[FloatArray, FloatArray]:
+def _unroll(points: FloatArray, tube: Cylinder) -> tuple[FloatArray, FloatArray]:
     """Arc, height and distance from the axis of points (k, 3), and these directions at each (k, 3, 3)."""
     angle, reach = _polar(points, tube)
     turns = np.sort(angle)
@@ -93,14 +93,14 @@ class Parametrised(NamedTuple):
     off: Mapping[SideName, float]
 
 
-def parametrised(points: FloatArray, boundaries: Boundaries) -> Parametrised:
+def parametrise(points: FloatArray, boundaries: Boundaries) -> Parametrised:
     """Return where points (k, 3) lie between their boundaries."""
     chart = _Chart.of(points, boundaries)
     turn = _turn(points, chart, boundaries)
     seen = chart.flat @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     xy = np.column_stack(
         [
-            _between(boundary_points, _strip_ends(boundary_points, _DEGREE))
+            _share_between(boundary_points, _strip_ends(boundary_points, _DEGREE))
             for boundary_points in (seen, seen[:, ::-1])
         ]
     )
@@ -108,7 +108,7 @@ def parametrised(points: FloatArray, boundaries: Boundaries) -> Parametrised:
     best, least = xy, np.inf
     off = dict[SideName, float]()
     for swaps, mirrors in product((False, True), _MIRRORS):
-        named = _named(swaps, mirrors)
+        named = _name_sides(swaps, mirrors)
         fitted_places = {
             name: float(np.sqrt(np.mean(boundary.surface.distance(points[near[named[name]]]) ** 2)))
             for name, boundary in boundaries.items()
@@ -120,7 +120,7 @@ def parametrised(points: FloatArray, boundaries: Boundaries) -> Parametrised:
     return Parametrised(np.ascontiguousarray(best), off)
 
 
-def stretched(uv: FloatArray, ends: Collection[SideName]) -> FloatArray:
+def stretch(uv: FloatArray, ends: Collection[SideName]) -> FloatArray:
     """Return parameters (k, 2) stretched so that the points end at those sides of the patch which are `ends`.
 
     A side to which nothing holds a patch wanders along it from round to round; so it is taken back.
@@ -134,7 +134,7 @@ def stretched(uv: FloatArray, ends: Collection[SideName]) -> FloatArray:
         )
         low = low if f"{letter}0" in ends else np.full(len(uv), _END)
         high = high if f"{letter}1" in ends else np.full(len(uv), 1 - _END)
-        uv_stretched[:, column] = _between(seen, np.column_stack([low, high]))
+        uv_stretched[:, column] = _share_between(seen, np.column_stack([low, high]))
     return uv_stretched
 
 
@@ -144,7 +144,7 @@ def _turn(points: FloatArray, chart: _Chart, boundaries: Boundaries) -> float:
     for boundary in boundaries.values():
         away = np.abs(boundary.surface.distance(points))
         nearest = np.argsort(away, kind="stable")[: max(8, int(_NEAREST * len(points)))]
-        across = chart.turned(boundary.surface.normal(points[nearest]), nearest).mean(axis=0)
+        across = chart.project(boundary.surface.normal(points[nearest]), nearest).mean(axis=0)
         size = float(np.linalg.norm(across))
         total += size * np.exp(4j * np.arctan2(across[1], across[0]))
         weight += 1.0
@@ -177,7 +177,7 @@ def _strip_ends(seen: FloatArray, degree: int) -> FloatArray:
     return np.asarray(np.polynomial.legendre.legval(scaled, fitted).T)
 
 
-def _between(seen: FloatArray, ends: FloatArray) -> FloatArray:
+def _share_between(seen: FloatArray, ends: FloatArray) -> FloatArray:
     """Where points (k, 2) lie along x between ends (k, 2), beyond which a small share of them is."""
     width = np.maximum(ends[:, 1] - ends[:, 0], 0.05 * np.median(ends[:, 1] - ends[:, 0]))
     return np.clip(_END + (1 - 2 * _END) * (seen[:, 0] - ends[:, 0]) / width, 0.0, 1.0)
@@ -190,7 +190,7 @@ def _near_side(xy: FloatArray, name: SideName) -> IntArray:
     return np.argsort(away, kind="stable")[: max(4, int(0.03 * len(xy)))]
 
 
-def _named(swaps: bool, mirrors: tuple[bool, bool]) -> dict[SideName, SideName]:
+def _name_sides(swaps: bool, mirrors: tuple[bool, bool]) -> dict[SideName, SideName]:
     """Which side of the frame each boundary is."""
     held = dict[SideName, SideName]()
     for name in SIDES:

@@ -165,7 +165,7 @@ class SplinePatch:
         with np.errstate(all="ignore"):
             return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
 
-    def moved(self, factor: float, offset: FloatArray) -> SplinePatch:
+    def scale_and_shift(self, factor: float, offset: FloatArray) -> SplinePatch:
         """Return it made larger by a factor, then moved by (3,)."""
         return SplinePatch(self.controls * factor + offset, self.degree)
 

@@ -18,7 +18,7 @@ from completion.fitting.patches.joins import (
     check_boundaries,
     equations_of,
 )
-from completion.fitting.patches.parametrisation import parametrised, span_about
+from completion.fitting.patches.parametrisation import parametrise, span_about
 from completion.fitting.patches.patch import SideName, SplinePatch, products, side_places
 from completion.fitting.patches.rounds import (
     ON_ALL,
@@ -27,12 +27,12 @@ from completion.fitting.patches.rounds import (
     Freedom,
     State,
     feet_of,
-    fitted,
+    fit_by_rounds,
+    impose_joins,
     information,
     next_round,
-    released,
+    release_surfaces,
     rms_of,
-    settled,
 )
 from completion.fitting.result import FitError
 from scenes.checks import FloatArray, InputError, check_points
@@ -229,19 +229,21 @@ def fit_patch(
     True
     """
     # 1. Check, and take the points to the origin at unit size.
-    cloud = _checked(points)
+    cloud = _check_points(points)
     check_boundaries(boundaries)
     centre, size = cloud.mean(axis=0), float(np.sqrt(np.mean(np.var(cloud, axis=0)) * 3))
-    places, around = (cloud - centre) / size, _scaled(boundaries, centre, size)
+    places, around = (cloud - centre) / size, _scale(boundaries, centre, size)
     degree = _degrees(around)
     shape = _shape(controls, degree, places, around)
 
     # 2. Parametrise: the four curves where the points end, each named by the surface that it lies on.
-    start = parametrised(places, around)
+    start = parametrise(places, around)
     _check_met(start.off, boundaries, size)
 
     # 3. Fit: feet of the points, then controls under the joins' equations, less and less smooth.
-    state = fitted(State(SplinePatch(np.zeros((*shape, 3)), degree), start.uv, around), places, smoothing)
+    state = fit_by_rounds(
+        State(SplinePatch(np.zeros((*shape, 3)), degree), start.uv, around), places, smoothing
+    )
 
     # 4. Compare with a patch joined to nothing: what is left of the points there is their error.
     loose = state._replace(around={})
@@ -252,15 +254,15 @@ def fit_patch(
 
     # 5. Free: surfaces move with the controls; then once more with the surfaces where they came to be.
     if free and around:
-        state = released(state, places, Freedom(around, size), error**2, smoothing)
+        state = release_surfaces(state, places, Freedom(around, size), error**2, smoothing)
         state = next_round(state, places, smoothing, rms=error)
-    state = state._replace(patch=settled(state.patch, state.around))
+    state = state._replace(patch=impose_joins(state.patch, state.around))
 
     # 6. Measure residuals and joins, in the unit of the points.
     feet = feet_of(state.patch, places, state.uv, STEPS)
     rms, n = rms_of(state.patch, feet, around)
-    patch = state.patch.moved(size, centre)
-    met = _unscaled(state.around, boundaries, centre, size) if free else boundaries
+    patch = state.patch.scale_and_shift(size, centre)
+    met = _unscale(state.around, boundaries, centre, size) if free else boundaries
     fit = PatchFit(
         patch=patch,
         boundaries=met,
@@ -275,7 +277,7 @@ def fit_patch(
     return replace(fit, warnings=doubts_of(fit, float(np.mean(~feet.is_inside & (apart > BEYOND * rms)))))
 
 
-def _checked(points: object) -> FloatArray:
+def _check_points(points: object) -> FloatArray:
     cloud = check_points("points", points)
     least = 4 * 4
     if len(cloud) < least:
@@ -288,18 +290,18 @@ def _checked(points: object) -> FloatArray:
     return cloud
 
 
-def _scaled(boundaries: Boundaries, centre: FloatArray, size: float) -> Boundaries:
+def _scale(boundaries: Boundaries, centre: FloatArray, size: float) -> Boundaries:
     """The surfaces with their lengths over `size`, from `centre` (3,) on."""
-    return {side: replace(boundary, surface=_resized(boundary.surface, -centre / size, 1 / size))
+    return {side: replace(boundary, surface=_scale_surface(boundary.surface, -centre / size, 1 / size))
             for side, boundary in boundaries.items()}  # fmt: skip
 
 
-def _unscaled(around: Boundaries, given: Boundaries, centre: FloatArray, size: float) -> Boundaries:
-    return {side: replace(given[side], surface=_resized(boundary.surface, centre, size))
+def _unscale(around: Boundaries, given: Boundaries, centre: FloatArray, size: float) -> Boundaries:
+    return {side: replace(given[side], surface=_scale_surface(boundary.surface, centre, size))
             for side, boundary in around.items()}  # fmt: skip
 
 
-def _resized(surface: Plane | Cylinder, offset: FloatArray, factor: float) -> Plane | Cylinder:
+def _scale_surface(surface: Plane | Cylinder, offset: FloatArray, factor: float) -> Plane | Cylinder:
     point = surface.point * factor + offset
     if isinstance(surface, Plane):
         return Plane(point, surface.normal_direction, surface.u_direction)

@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from completion.fitting.patches.joins import Boundaries, Boundary, Equations, Join, equations_of
-from completion.fitting.patches.parametrisation import stretched
+from completion.fitting.patches.parametrisation import stretch
 from completion.fitting.patches.patch import SIDES, Basis, SideName, SplinePatch, products
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.surfaces.catalogue import Cylinder, Plane
@@ -224,21 +224,21 @@ class Freedom:
         """How many parameters there are."""
         return len(self.information)
 
-    def moved(self, x: FloatArray) -> Boundaries:
+    def move(self, x: FloatArray) -> Boundaries:
         """Return the boundaries whose surfaces are moved by parameters (k,)."""
         turn = Rotation.from_rotvec(x[:3]).as_matrix()
         return {
-            side: replace(boundary, surface=_moved(boundary.surface, turn, x[self._columns[side] :]))
+            side: replace(boundary, surface=_move_surface(boundary.surface, turn, x[self._columns[side] :]))
             for side, boundary in self.given.items()
         }
 
     def equations(self, patch: SplinePatch, x: FloatArray) -> Equations:
         """Return the equations of the controls' coordinates and, after them, these parameters, at x (k,)."""
-        plain = equations_of(patch, self.moved(x))
+        plain = equations_of(patch, self.move(x))
         slopes = np.zeros((len(plain.rows), self.n))
         for k in range(self.n):
             step = _DIFFERENCE * np.eye(self.n)[k]
-            after, before = (equations_of(patch, self.moved(x + sign * step)).misfit for sign in (1, -1))
+            after, before = (equations_of(patch, self.move(x + sign * step)).misfit for sign in (1, -1))
             slopes[:, k] = (after - before) / (2 * _DIFFERENCE)
         columns = np.concatenate([plain.columns, patch.controls.size + np.arange(self.n)])
         value = plain.value + slopes @ x
@@ -271,7 +271,7 @@ def _weights(surface: Plane | Cylinder, sd: list[float], scale: float) -> tuple[
     return [2 / sd[1] ** 2, shift, shift, (scale / sd[2]) ** 2], surface.direction
 
 
-def _moved(surface: Plane | Cylinder, turn: FloatArray, x: FloatArray) -> Plane | Cylinder:
+def _move_surface(surface: Plane | Cylinder, turn: FloatArray, x: FloatArray) -> Plane | Cylinder:
     if isinstance(surface, Plane):
         normal = turn @ surface.normal_direction
         return Plane(surface.point + x[0] * normal, normal, turn @ surface.u_direction)
@@ -302,7 +302,7 @@ class State(NamedTuple):
     around: Boundaries
 
 
-def fitted(state: State, places: FloatArray, smoothing: float) -> State:
+def fit_by_rounds(state: State, places: FloatArray, smoothing: float) -> State:
     """Return the patch after rounds on some of the places (k, 3), until it rests, and on all of them."""
     stride = max(1, len(places) // _SOME)
     places_used, last = places[::stride], np.inf
@@ -342,13 +342,13 @@ def next_round(
         uv, normals = feet.uv, feet.normals
         if is_stretched:
             held = {side for side, boundary in state.around.items() if boundary.join is not Join.TANGENT}
-            uv = stretched(uv, set(SIDES) - held)
+            uv = stretch(uv, set(SIDES) - held)
     normal = normal_equations(state.patch.bases, uv, places, normals)
     plate = thin_plate(state.patch.bases) * (weight * len(places) * (BESIDE if is_first else 1.0))
     equations = equations_of(state.patch, {} if is_first else state.around).independent()
     even = 0.0 * plate if is_first else evenness(state.patch) * (even_weight(rms) * len(places))
     solved = Bordered(csc_array(normal.matrix + plate + even), equations).solve(normal.right, equations.value)
-    return state._replace(patch=_with(state.patch, equations.imposed(solved)), uv=uv)
+    return state._replace(patch=_with(state.patch, equations.impose(solved)), uv=uv)
 
 
 def even_weight(rms: float) -> float:
@@ -356,7 +356,9 @@ def even_weight(rms: float) -> float:
     return min(_EVEN, _EVEN_BY_NOISE * rms**2)
 
 
-def released(state: State, places: FloatArray, freedom: Freedom, variance: float, smoothing: float) -> State:
+def release_surfaces(
+    state: State, places: FloatArray, freedom: Freedom, variance: float, smoothing: float
+) -> State:
     """Return the patch and the surfaces when these may move; places (k, 3) are off by `variance`."""
     moved = np.zeros(freedom.n)
     plate = thin_plate(state.patch.bases) * (smoothing * len(places))
@@ -369,19 +371,19 @@ def released(state: State, places: FloatArray, freedom: Freedom, variance: float
         right = np.concatenate([normal.right, np.zeros(freedom.n)])
         solved, last = Bordered(csc_array(form), equations).solve(right, equations.value), moved
         moved = solved[-freedom.n :]
-        state = State(_with(state.patch, solved[: -freedom.n]), feet.uv, freedom.moved(moved))
+        state = State(_with(state.patch, solved[: -freedom.n]), feet.uv, freedom.move(moved))
         if np.abs(moved - last).max() < _RESTS * np.sqrt(variance):
             break
     return state
 
 
-def settled(patch: SplinePatch, around: Boundaries) -> SplinePatch:
+def impose_joins(patch: SplinePatch, around: Boundaries) -> SplinePatch:
     """Return the patch moved the little way that linearised equations left."""
     for _ in range(4):
         equations = equations_of(patch, around).independent()
         if not len(equations.rows) or np.abs(equations.misfit).max() < 1e-15:
             break
-        patch = _with(patch, equations.imposed(patch.controls.ravel()))
+        patch = _with(patch, equations.impose(patch.controls.ravel()))
     return patch
 
 

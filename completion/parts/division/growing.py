@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from completion.fitting.chart import Chart
-from completion.fitting.euclidean import Cloud, normal_equations, polished
+from completion.fitting.euclidean import Cloud, normal_equations, polish_chart
 from completion.fitting.kinds import chart_of
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.starts import rotation_axes, torus_about
@@ -72,8 +72,8 @@ def adjusted(
     cloud = Cloud(sample, centre, scale, weights)
     try:
         chart: Chart = chart_of(surface, centre, scale)
-        chart, normal, _ = polished(chart, cloud, surface.kind, _N_STEPS)
-        chart = chart.growing() if hasattr(chart, "growing") else chart
+        chart, normal, _ = polish_chart(chart, cloud, surface.kind, _N_STEPS)
+        chart = chart.turn_to_growth() if hasattr(chart, "turn_to_growth") else chart
         normal = normal_equations(chart, cloud)
         adjusted_surface = chart.surface(centre, scale, False)
         units = np.where(chart.lengths() > 0, 1.0, 1 / scale)

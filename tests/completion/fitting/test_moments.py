@@ -32,7 +32,7 @@ def test_moments_are_the_sums_they_say() -> None:
 def test_merged_moments_are_those_of_the_union(seed: int, cut: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(100, 3)) + rng.uniform(-3, 3, 3)
-    merged = moments(points[:cut]).merged(moments(points[cut:]))
+    merged = moments(points[:cut]).merge(moments(points[cut:]))
     union = moments(points, merged.centre)
     size = np.abs(points - merged.centre).max() + 8  # what the shifts pass through
     order = np.array([sum(e) for e in EXPONENTS])
@@ -46,7 +46,7 @@ def test_a_quadric_from_tiles_is_that_of_the_union(seed: int, cut: int) -> None:
     uv = np.column_stack([rng.uniform(-0.1, 0.1, 400), rng.uniform(-0.1, 0.1, 400)])
     points = DUCT.from_uv(uv) + rng.normal(0, 1e-4, (400, 3))
     whole = fit_quadric(moments(points), "taubin").coefficients
-    tiles = fit_quadric(moments(points[:cut]).merged(moments(points[cut:])), "taubin").coefficients
+    tiles = fit_quadric(moments(points[:cut]).merge(moments(points[cut:])), "taubin").coefficients
     assert abs(abs(float(whole @ tiles)) - 1) < 1e-9
 
 

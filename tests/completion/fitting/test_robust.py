@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.fitting.euclidean import normal_equations, normalised
+from completion.fitting.euclidean import normal_equations, normalise
 from completion.fitting.kinds import chart_of
 from completion.fitting.pipeline import fit
 from completion.fitting.result import FitError
@@ -148,9 +148,9 @@ def test_a_robust_plane_has_its_point_amid_the_points() -> None:
 def test_many_points_converge_on_a_part_and_end_on_all() -> None:
     """50 000 points are polished on 20 000 and get two full steps: another step is nothing to u."""
     points = arc(50_000, 90, 0.5, np.random.default_rng(4))
-    found_fit, cloud = fit(points, "cylinder"), normalised(points)
+    found_fit, cloud = fit(points, "cylinder"), normalise(points)
     chart = chart_of(found_fit.surface, cloud.centre, cloud.scale)
-    step = normal_equations(chart, cloud).solved(0.0, "these points")
+    step = normal_equations(chart, cloud).solve(0.0, "these points")
     u = found_fit.parameter_deviations()["radius"] / cloud.scale
     assert np.abs(step).max() < 1e-3 * u
 

@@ -42,7 +42,7 @@ def test_points_of_a_surface_start_at_it(name, axis):
     centre = points.mean(axis=0)
     scale = float(np.sqrt(np.square(points - centre).sum(axis=1).mean()))
     charts = starts(shape, (points - centre) / scale, 4)
-    charts = [chart.growing() if isinstance(chart, ConeChart) else chart for chart in charts]
+    charts = [chart.turn_to_growth() if isinstance(chart, ConeChart) else chart for chart in charts]
     found = [chart.surface(centre, scale, concave=False) for chart in charts]
     assert min(np.abs(surface.distance(points)).max() for surface in found) <= off
 

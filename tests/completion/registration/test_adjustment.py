@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from completion.registration.motions import composed, inverse, moved
-from completion.registration.network import Group, _if_alike, adjusted, settle_group
+from completion.registration.motions import compose, inverse, perturb
+from completion.registration.network import Group, _if_alike, adjust_poses, settle_group
 from completion.registration.refinement import links_of
 from completion.registration.station_view import PlaneSums, StationView
 from nbv.scanning.scanner import scan_scene
@@ -52,7 +52,7 @@ def test_sums_tell_the_misfit_of_their_pixels(office):
 
 def test_planes_bring_poses_nearer_to_the_truth(office):
     views, true = office
-    start = Group({k: moved(pose, np.full(6, 0.004 * (k > 0)), pose[:, 3]) for k, pose in enumerate(true)})
+    start = Group({k: perturb(pose, np.full(6, 0.004 * (k > 0)), pose[:, 3]) for k, pose in enumerate(true)})
     safe = settle_group(start, views)
     better = settle_group(start, views, by_planes=True)
     off, less = (errors_of([one.group.poses[k] for k in range(4)], true) for one in (safe, better))
@@ -66,11 +66,11 @@ def test_the_frame_of_the_group_changes_nothing(office):
     views, true = office
     turned = np.array([[0.0, 0.6, 0.8, 7.0], [1.0, 0.0, 0.0, -3.0], [0.0, 0.8, -0.6, 2.0]])
     links = links_of(range(4), true, views, GATE_M)
-    poses = adjusted(true, views, links)
-    away = [composed(turned, one) for one in true]
-    again = adjusted(away, views, links_of(range(4), away, views, GATE_M))
+    poses = adjust_poses(true, views, links)
+    away = [compose(turned, one) for one in true]
+    again = adjust_poses(away, views, links_of(range(4), away, views, GATE_M))
     for one, two in zip(poses, again, strict=True):
-        np.testing.assert_allclose(composed(inverse(turned), two), one, atol=1e-6)
+        np.testing.assert_allclose(compose(inverse(turned), two), one, atol=1e-6)
 
 
 def test_poses_that_suppose_more_are_kept_only_where_chance_explains_the_difference():

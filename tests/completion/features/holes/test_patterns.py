@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from completion.features.holes.candidates import Candidates
-from completion.features.holes.patterns import CIRCLE, GRID, KINDS, LEAST_SEEN, ROW, Pattern, fitted
+from completion.features.holes.patterns import CIRCLE, GRID, KINDS, LEAST_SEEN, ROW, Pattern, fit_pattern
 from completion.features.holes.pipeline import false_fit_probability
 from completion.features.holes.proposals import log_chance
 
@@ -32,13 +32,13 @@ def test_slopes_are_those_of_finite_differences(pattern: Pattern) -> None:
 def test_some_of_its_holes_determine_a_pattern(pattern: Pattern) -> None:
     places = np.array([0, 1, 3, 4])
     begun = replace(pattern, x=pattern.x + 0.02)
-    found = fitted(begun, places, pattern.centres[places], np.zeros(len(pattern.x), dtype=np.bool_))
+    found = fit_pattern(begun, places, pattern.centres[places], np.zeros(len(pattern.x), dtype=np.bool_))
     np.testing.assert_allclose(found.centres, pattern.centres, atol=1e-6)
 
 
 def test_a_part_of_a_lattice_has_its_holes() -> None:
     grid = PATTERNS[1]
-    part = grid.resized((1, 2), (2, 2))
+    part = grid.resize((1, 2), (2, 2))
     wanted = grid.centres.reshape(3, 4, 2)[1:3, 2:4].reshape(-1, 2)
     np.testing.assert_allclose(part.centres, wanted, atol=1e-12)
 

@@ -135,7 +135,7 @@ def test_moved_or_in_another_unit_the_same_is_found() -> None:
     places = turn.apply(np.asarray(before.geometry["centres"])) + shift
     gap = np.linalg.norm(np.asarray(after.geometry["centres"])[:, None] - places, axis=2).min(axis=0)
     assert gap.max() < 0.15
-    small = found(measured.scaled(1e-3), "hole-row")
+    small = found(measured.scale(1e-3), "hole-row")
     assert small.value("pitch") == pytest.approx(before.value("pitch") * 1e-3, rel=1e-3)
     assert small.evidence == pytest.approx(before.evidence, abs=1.0)
 

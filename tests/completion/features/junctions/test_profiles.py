@@ -22,9 +22,9 @@ def test_derivatives_are_those_of_differences(profile, shape):
     k = 6 + len(shape)
     model = Model(profile, turn, np.array([0.1, -0.2, 0.05]), np.array(shape), np.ones(k, dtype=bool))
     points = RNG.normal(0, 1, (60, 3))
-    _, slopes = model.linearised(points)
+    _, slopes = model.linearise(points)
     for number, step in enumerate(1e-6 * np.eye(k)):
-        ahead, back = model.moved(step).distance(points), model.moved(-step).distance(points)
+        ahead, back = model.move(step).distance(points), model.move(-step).distance(points)
         np.testing.assert_allclose(slopes[:, number], (ahead - back) / 2e-6, atol=1e-7)
 
 

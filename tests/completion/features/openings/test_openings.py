@@ -115,7 +115,7 @@ def test_sides_and_depth_are_right_as_often_as_their_deviations_say():
 def test_where_nothing_is_seen_a_side_stays_and_nothing_is_known_of_it():
     beams = beams_at(NICHE, np.random.default_rng(4))
     hidden = np.abs(beams.uv[:, 0] - NICHE.left) < 0.5
-    left = fit_side(beams.chosen(~hidden), NICHE, "left", 0.1)
+    left = fit_side(beams.select(~hidden), NICHE, "left", 0.1)
     assert left.value == NICHE.left
     assert np.isinf(left.deviation)
 

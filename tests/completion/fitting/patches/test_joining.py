@@ -44,7 +44,7 @@ def test_redundant_equations_are_dropped_and_entailed_by_the_rest() -> None:
     every = equations_of(patch, BLEND)
     some = every.independent()
     assert len(some.rows) == np.linalg.matrix_rank(every.rows) < len(every.rows)
-    moved = some.imposed(patch.controls.ravel())
+    moved = some.impose(patch.controls.ravel())
     assert every.rows @ moved[every.columns] == pytest.approx(every.value, abs=1e-12)
 
 
