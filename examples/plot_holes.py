@@ -14,12 +14,12 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 from benchmarks.cases.plates import plate
-from completion.features.engine.template import Seen
+from completion.features.engine.template import SideState
 from completion.features.holes.patterns import KINDS
 from completion.features.holes.pipeline import find_holes
 
 ROOT = Path(__file__).resolve().parents[1]
-COLOURS = {Seen.CONFIRMED: "#1b7837", Seen.UNSEEN: "#2166ac", Seen.CONTRADICTED: "#b2182b"}
+COLOURS = {SideState.CONFIRMED: "#1b7837", SideState.UNSEEN: "#2166ac", SideState.CONTRADICTED: "#b2182b"}
 SEEDS = (11, 1, 5)
 
 

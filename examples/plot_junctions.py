@@ -11,7 +11,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from completion.features.engine.template import Measured, Status, TemplateFit
+from completion.features.engine.template import FeatureStatus, Measurements, TemplateFit
 from completion.features.junctions.pipeline import find_junctions
 
 mpl.use("Agg")
@@ -90,8 +90,8 @@ def main(arguments: list[str] | None = None) -> None:
         (sides[0], "junction", bracket(rng), 0.05),
         (sides[1], "elbow", pipe(np.random.default_rng(0)), 0.5),
     ):
-        found = find_junctions(Measured(points, noise, 1.5), [kind], rng=np.random.default_rng(0))
-        found = [fit for fit in found if fit.status is Status.FOUND]
+        found = find_junctions(Measurements(points, noise, 1.5), [kind], rng=np.random.default_rng(0))
+        found = [fit for fit in found if fit.status is FeatureStatus.FOUND]
         for fit in found:
             print(f"{fit.kind}: {told(fit)}, {fit.evidence:.0f} nats")
         draw(axes, points, found)

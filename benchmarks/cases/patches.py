@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from completion.fitting.patches.joins import Boundary, Join
+from completion.fitting.patches.joins import Boundary, JoinKind
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, Plane
@@ -42,9 +42,9 @@ def blend(rng: np.random.Generator) -> tuple[At, dict[str, Boundary]]:
         return np.column_stack([x + swell * np.cos(turn), 100 * v, z + swell * np.sin(turn)])
 
     return at, {
-        "u0": Boundary(WALL, Join.TANGENT),
-        "u1": Boundary(FLOOR, Join.TANGENT),
-        "v0": Boundary(END, Join.ORTHOGONAL),
+        "u0": Boundary(WALL, JoinKind.TANGENT),
+        "u1": Boundary(FLOOR, JoinKind.TANGENT),
+        "v0": Boundary(END, JoinKind.ORTHOGONAL),
     }
 
 
@@ -57,7 +57,7 @@ def dome(rng: np.random.Generator) -> tuple[At, dict[str, Boundary]]:
         rise = height * ((1 - x**2) * (1 - y**2)) ** 2 * (1 + lean * x)
         return np.column_stack([70 * x, 45 * y, rise])
 
-    return at, dict.fromkeys(("u0", "u1", "v0", "v1"), Boundary(FLOOR, Join.TANGENT))
+    return at, dict.fromkeys(("u0", "u1", "v0", "v1"), Boundary(FLOOR, JoinKind.TANGENT))
 
 
 def cover(rng: np.random.Generator) -> tuple[At, dict[str, Boundary]]:
@@ -69,7 +69,12 @@ def cover(rng: np.random.Generator) -> tuple[At, dict[str, Boundary]]:
         return np.column_stack([90 * u, 60 * v, rise])
 
     walls = {"u0": WALL, "u1": Plane((90, 0, 0), (1, 0, 0)), "v0": END, "v1": Plane((0, 60, 0), (0, 1, 0))}
-    joins = {"u0": Join.CONNECTED, "u1": Join.CONNECTED, "v0": Join.ORTHOGONAL, "v1": Join.ORTHOGONAL}
+    joins = {
+        "u0": JoinKind.CONNECTED,
+        "u1": JoinKind.CONNECTED,
+        "v0": JoinKind.ORTHOGONAL,
+        "v1": JoinKind.ORTHOGONAL,
+    }
     return at, {side: Boundary(walls[side], joins[side]) for side in walls}
 
 
@@ -88,9 +93,9 @@ def collar(rng: np.random.Generator) -> tuple[At, dict[str, Boundary]]:
 
     tube = Cylinder((0, 0, 0), (0, 0, 1), _RADIUS)
     return at, {
-        "u0": Boundary(tube, Join.TANGENT),
-        "u1": Boundary(FLOOR, Join.TANGENT),
-        "v0": Boundary(END, Join.ORTHOGONAL),
+        "u0": Boundary(tube, JoinKind.TANGENT),
+        "u1": Boundary(FLOOR, JoinKind.TANGENT),
+        "v0": Boundary(END, JoinKind.ORTHOGONAL),
     }
 
 
@@ -105,7 +110,7 @@ def flange(rng: np.random.Generator) -> tuple[At, dict[str, Boundary]]:
         return np.column_stack([reach * np.cos(about), reach * np.sin(about), z])
 
     inner, outer = (Cylinder((0, 0, 0), (0, 0, 1), radius) for radius in (_RADIUS, _RADIUS + 30))
-    return at, {"u0": Boundary(inner, Join.ORTHOGONAL), "u1": Boundary(outer, Join.CONNECTED)}
+    return at, {"u0": Boundary(inner, JoinKind.ORTHOGONAL), "u1": Boundary(outer, JoinKind.CONNECTED)}
 
 
 KINDS = {"blend": blend, "dome": dome, "cover": cover, "collar": collar, "flange": flange}

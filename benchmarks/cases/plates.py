@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from completion.features.engine.template import Beams, Measured
+from completion.features.engine.template import Measurements, PixelBeams
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -32,7 +32,7 @@ class PlateTruth:
     radius: float
     pitches: tuple[float, ...]
     shown: FloatArray  # (n,)
-    measured: Measured
+    measured: Measurements
 
 
 def plate(
@@ -61,7 +61,7 @@ def plate(
     space = rng.permutation(np.concatenate([space, stray]))
     turn, moved = Rotation.random(random_state=rng), rng.uniform(-500, 500, 3)
     centres = turn.apply(np.column_stack([flat, np.zeros(len(flat))])) + moved
-    measured = Measured(turn.apply(space) + moved, noise=sigma, spacing=0.5)
+    measured = Measurements(turn.apply(space) + moved, noise=sigma, spacing=0.5)
     return PlateTruth(kind, centres, radius, pitches, shown, measured)
 
 
@@ -211,10 +211,10 @@ def scan(
     is_lost = gone(pixel * (min(SIZE), min(SIZE)))
     ranges = np.where(is_lost, np.inf, ranges)
     kept = ~(is_lost & without_beam(pixel * (min(SIZE), min(SIZE))))
-    beams = Beams(np.tile(origin, (len(ranges), 1)), directions, ranges).select(kept)
+    beams = PixelBeams(np.tile(origin, (len(ranges), 1)), directions, ranges).select(kept)
     back = np.isfinite(beams.ranges)
     points = beams.origins[back] + beams.ranges[back, None] * beams.directions[back]
-    measured = Measured(points, sigma, 0.5, beams, np.flatnonzero(back))
+    measured = Measurements(points, sigma, 0.5, beams, np.flatnonzero(back))
     centres = np.column_stack([flat, np.zeros(len(flat))])
     shown = np.array([_shown_of_hole_scans(points, centre, radius) for centre in centres])
     return PlateTruth(kind, centres, radius, pitches, shown, measured)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.cases.pairs import CAMERA, OBJECTS, Room, Thing, is_right, is_right_of_objects, overlap
 from benchmarks.run import head, suite
 from completion.registration.motions import compose
-from completion.registration.network import Group, settle_group
+from completion.registration.network import ScanGroup, settle_group
 from completion.registration.pipeline import LEVEL, register_scans
 from completion.registration.station_view import StationView
 from completion.registration.verdict import Verdict
@@ -525,10 +525,10 @@ def placements(place: TwoRooms, rng: np.random.Generator) -> Mapping[str, list[F
     ]
     chain = [np.eye(4)[:3]]
     for k, start in enumerate(starts):
-        pair = settle_group(Group({0: chain[0], 1: start}), views[k : k + 2])
+        pair = settle_group(ScanGroup({0: chain[0], 1: start}), views[k : k + 2])
         chain.append(compose(chain[-1], pair.group.poses[1]))
-    joint = settle_group(Group(dict(enumerate(chain))), views)
-    by_planes = settle_group(Group(dict(enumerate(chain))), views, by_planes=True)
+    joint = settle_group(ScanGroup(dict(enumerate(chain))), views)
+    by_planes = settle_group(ScanGroup(dict(enumerate(chain))), views, by_planes=True)
     return {
         "true poses": [
             (place.scans[0].world_from_sensor.inverse() @ one.world_from_sensor).matrix[:3]

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.cases.plates import PlateTruth, plate
 from benchmarks.run import suite
 from benchmarks.store import each
-from completion.features.engine.template import Seen, Status, TemplateFit
+from completion.features.engine.template import FeatureStatus, SideState, TemplateFit
 from completion.features.holes.patterns import KINDS, LEAST_SEEN
 from completion.features.holes.pipeline import find_holes
 
@@ -24,7 +24,7 @@ class Score:
     """What became of one plate."""
 
     kind: str
-    status: Status
+    status: FeatureStatus
     is_count_right: bool  # of all holes
     is_range_right: bool  # whether the least and the most that are told hold it
     is_seen_right: bool  # of those from the first to the last that can be seen
@@ -92,17 +92,17 @@ def holes(first: int = 10_000, n: int = 20) -> Iterator[str]:
     """Rows, grids and bolt circles of holes in plates of which a third is lost, n plates each."""
     for kind in KINDS:
         scores = list(each(plate_score, kind, range(first, first + n)))
-        found = [one for one in scores if one.status is Status.FOUND]
+        found = [one for one in scores if one.status is FeatureStatus.FOUND]
         whole = [one for one in found if np.isfinite(one.centre_rms)]
         can = [one for one in scores if one.can_be_seen]
         countable = [one for one in scores if one.can_be_counted]
         zs, seconds = [abs(one.z) for one in whole], [one.seconds for one in scores]
         rms = np.sqrt(np.mean([one.centre_rms**2 for one in whole])) if whole else np.nan
-        by_itself = sum(one.is_count_right and one.status is Status.FOUND for one in countable)
+        by_itself = sum(one.is_count_right and one.status is FeatureStatus.FOUND for one in countable)
         yield (
             f"{kind}: found {len(found)} of {n} (of {len(can)} that show enough: "
-            f"{sum(one.status is Status.FOUND for one in can)}), placed {len(whole)}, all holes counted "
-            f"{sum(one.is_count_right for one in found)}, within what is told "
+            f"{sum(one.status is FeatureStatus.FOUND for one in can)}), placed {len(whole)}, "
+            f"all holes counted {sum(one.is_count_right for one in found)}, within what is told "
             f"{sum(one.is_range_right for one in found)}, those that show "
             f"{sum(one.is_seen_right for one in found)}; of {len(countable)} whose holes each show a third: "
             f"{by_itself}; centres {rms:.3f} mm, "
@@ -128,12 +128,12 @@ def _on_blank(seed: int) -> tuple[list[float], list[bool]]:
     rng = np.random.default_rng(seed)
     fits = find_holes(plate(rng, "blank").measured, KINDS, {}, rng=rng, budget=10**7)
     own = [[fit for fit in fits if fit.kind == kind] for kind in KINDS]
-    found = [any(fit.status is Status.FOUND for fit in kind) for kind in own]
+    found = [any(fit.status is FeatureStatus.FOUND for fit in kind) for kind in own]
     return [float(max(_counted(fit) for fit in kind)) for kind in own], found
 
 
 def _counted(fit: TemplateFit) -> float:
     """Evidence of a fit, of which enough was seen and that nothing but the null refuses; -inf of others."""
-    seen = sum(side.state is Seen.CONFIRMED for side in fit.sides)
-    by_null = fit.status is Status.FOUND or "lost patches make" in fit.reason
+    seen = sum(side.state is SideState.CONFIRMED for side in fit.sides)
+    by_null = fit.status is FeatureStatus.FOUND or "lost patches make" in fit.reason
     return fit.evidence if seen >= LEAST_SEEN.get(fit.kind, 3) and by_null else -np.inf

@@ -18,12 +18,12 @@ from benchmarks.cases.plates import SIZE
 from benchmarks.cases.solids import CONTENTS, solid_room
 from benchmarks.run import head, row, suite
 from benchmarks.store import each, peak_bytes
-from completion.features.engine.template import Measured, Status, TemplateFit
+from completion.features.engine.template import FeatureStatus, Measurements, TemplateFit
 from completion.features.holes.pipeline import find_holes
 from completion.features.junctions.pipeline import find_junctions
 from completion.features.pipeline import find_features
 from completion.fitting.euclidean import fit_plane
-from completion.fitting.patches.joins import Boundary, Join
+from completion.fitting.patches.joins import Boundary, JoinKind
 from completion.fitting.patches.pipeline import PatchFit, fit_patch
 from completion.fitting.patches.rounds import feet_of
 from scenes.checks import FloatArray
@@ -59,7 +59,7 @@ class Row:
 def fitted(points: np.ndarray, kind: str, sigma: float) -> TemplateFit:
     """The best fit to points."""
     spacing = float(np.sqrt(np.prod(np.sort(np.ptp(points, axis=0))[1:]) / len(points)))
-    return find_junctions(Measured(points, sigma, spacing), [kind], rng=np.random.default_rng(0))[0]
+    return find_junctions(Measurements(points, sigma, spacing), [kind], rng=np.random.default_rng(0))[0]
 
 
 def junction_errors(fit: TemplateFit, truth: Truth) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -123,7 +123,7 @@ def _tried(subject: str, sigma: float, share: float, first: int, k: int) -> _Tri
     begin, (kind, made) = time.process_time(), SUBJECTS[subject]
     truth = made(np.random.default_rng(first + k), k, sigma, share)
     fit, none = fitted(truth.points, kind, sigma), np.zeros(0)
-    if fit.status is not Status.FOUND:
+    if fit.status is not FeatureStatus.FOUND:
         return _Trial(True, False, none, none, time.process_time() - begin)
     errors, shares, right = (junction_errors if kind == "junction" else elbow_errors)(fit, truth)
     return _Trial(False, not right, np.asarray(errors), np.asarray(shares), time.process_time() - begin)
@@ -159,7 +159,7 @@ def _on_plain(name: str, kind: str, seed: int) -> tuple[str, str]:
     sigma, share = float(rng.choice(SIGMAS)), float(rng.choice(OUTLIERS))
     fit = fitted(plain(name, rng, sigma, share).points, kind, sigma)
     false = f"  false {kind} on {name}: seed {seed} {fit.x[:2]} {fit.evidence:.1f}"
-    return str(fit.status), false if fit.status is Status.FOUND else ""
+    return str(fit.status), false if fit.status is FeatureStatus.FOUND else ""
 
 
 @suite("junctions", smallest="--n 1")
@@ -185,11 +185,14 @@ def growth(points: str = "10000,30000,100000,300000,1000000") -> Iterator[str]:
         for n in map(int, points.split(",")):
             measured, begin = make(n), time.process_time()
             fits = find(measured)
-            seconds, n_found = time.process_time() - begin, sum(fit.status is Status.FOUND for fit in fits)
+            seconds, n_found = (
+                time.process_time() - begin,
+                sum(fit.status is FeatureStatus.FOUND for fit in fits),
+            )
             yield row(name, n, n_found, f"{seconds:.2f}", f"{(peak_bytes() or 0) / 1e6:.0f}")
 
 
-def _row_of_holes(n: int) -> Measured:
+def _row_of_holes(n: int) -> Measurements:
     """Points of a plate with a row of six holes."""
     rng = np.random.default_rng(0)
     flat = rng.uniform(0, 1, (n, 2)) * SIZE
@@ -197,18 +200,18 @@ def _row_of_holes(n: int) -> Measured:
     flat = flat[cKDTree(centres).query(flat)[0] > 5.0]
     spacing = float(np.sqrt(SIZE[0] * SIZE[1] / n))
     points = np.column_stack([flat, rng.normal(0, 0.1 * spacing, len(flat))])
-    return Measured(points, 0.1 * spacing, 0.5 * spacing)
+    return Measurements(points, 0.1 * spacing, 0.5 * spacing)
 
 
-def _fillet(n: int) -> Measured:
+def _fillet(n: int) -> Measurements:
     """Points of a plane and a quarter of a cylinder."""
     truth = junction(np.random.default_rng(0), 0.0, 0.0, radii=(25.0, np.inf), n=n)
     spacing = float(np.sqrt(60 * (30 + 26) / n))
     points = truth.points + np.random.default_rng(1).normal(0, 0.05 * spacing, (n, 3))
-    return Measured(points, 0.05 * spacing, spacing)
+    return Measurements(points, 0.05 * spacing, spacing)
 
 
-def _block(n: int) -> Measured:
+def _block(n: int) -> Measurements:
     """Points of a block of 100 by 60, its four long edges rounded by 10."""
     rng, flats, radius = np.random.default_rng(0), (80.0, 40.0, 80.0, 40.0), 10.0
     arc = radius * np.pi / 2
@@ -231,14 +234,14 @@ def _block(n: int) -> Measured:
         x[on], y[on] = ends.T
     spacing = float(np.sqrt(lengths.sum() * 100 / n))
     points = np.column_stack([x, y, rng.uniform(0, 100, n)])
-    return Measured(points + rng.normal(0, 0.05 * spacing, (n, 3)), 0.05 * spacing, spacing)
+    return Measurements(points + rng.normal(0, 0.05 * spacing, (n, 3)), 0.05 * spacing, spacing)
 
 
-def _junctions_in(measured: Measured) -> Sequence[TemplateFit]:
+def _junctions_in(measured: Measurements) -> Sequence[TemplateFit]:
     return find_junctions(measured, ["junction"], rng=np.random.default_rng(0))
 
 
-def _holes_in(measured: Measured) -> Sequence[TemplateFit]:
+def _holes_in(measured: Measurements) -> Sequence[TemplateFit]:
     return find_holes(measured, ["hole-row"], {}, rng=np.random.default_rng(0), budget=10**7)
 
 
@@ -263,7 +266,7 @@ def solid_rooms(first: int = 10_000, n: int = 20) -> Iterator[str]:
                 scan, true = solid_room(seed, content)
                 fit = find_features([scan], [kind], rng=0).fits[0]
                 status[str(fit.status)] += 1
-                if content == kind and fit.status is not Status.NONE:
+                if content == kind and fit.status is not FeatureStatus.NONE:
                     rows.append([abs(fit.value(name) - value) for name, value in true.items()])
             said = ", ".join(f"{number} {name}" for name, number in sorted(status.items()))
             names, off = " and ".join(_TRUE[kind]), ""
@@ -359,7 +362,7 @@ def _free_row(sigma: float, seeds: range) -> str:
         normals = np.array([plane.normal_direction for plane in planes])
         left, _, right = np.linalg.svd(normals)
         square = left @ right
-        joins_of = dict(zip(_SIDES, (Join.TANGENT, Join.TANGENT, Join.ORTHOGONAL), strict=True))
+        joins_of = dict(zip(_SIDES, (JoinKind.TANGENT, JoinKind.TANGENT, JoinKind.ORTHOGONAL), strict=True))
         given = {
             side: Boundary(Plane(plane.point, normal), joins_of[side], fit.parameter_deviations())
             for side, plane, fit, normal in zip(joins_of, planes, fits, square, strict=True)

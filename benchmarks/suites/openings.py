@@ -19,7 +19,7 @@ from benchmarks.store import each
 from benchmarks.suites.buildings import has_rooms_on_both_sides, house_scans, leaf_groups
 from completion import CompletionOptions, complete
 from completion.extension.patch import Patch, Provenance
-from completion.features.engine.template import Seen, Status, TemplateFit
+from completion.features.engine.template import FeatureStatus, SideState, TemplateFit
 from completion.features.openings.decision import LEVELS, rank
 from completion.features.pipeline import find_features
 from completion.result.completion import Completion
@@ -42,7 +42,7 @@ class SideError:
     name: str
     error: float
     deviation: float
-    state: Seen
+    state: SideState
     in_sight: float
 
 
@@ -62,7 +62,7 @@ def _wall(seed: int, kind: str, hidden: float, noise: float) -> _Wall:
     """Find the opening of a wall."""
     case = opening_case(seed, kind, hidden, noise)
     fits = find_features([case.scan], KINDS).fits
-    found = [fit for fit in fits if fit.status is not Status.NONE]
+    found = [fit for fit in fits if fit.status is not FeatureStatus.NONE]
     same = [fit for fit in found if _overlap(case, fit) > _SAME]
     asked = sum(share >= _SEEN for share in case.seen.values()) >= 2
     sides = _errors(case, same[0]) if same else []
@@ -96,7 +96,7 @@ def openings(first: int = 0, seeds: int = 10, noise: float = 0.005, listed: bool
             )  # fmt: skip
     sides = [side for wall in every for side in wall.sides]
     seen = [side for side in sides if _is_confirmed(side)]
-    missed = [side for side in sides if side.in_sight >= _SEEN and side.state is not Seen.CONFIRMED]
+    missed = [side for side in sides if side.in_sight >= _SEEN and side.state is not SideState.CONFIRMED]
     blind = [side for side in sides if side.in_sight <= _HARDLY]
     blind = [side for side in blind if (side.kind, side.name) != ("doorway", "bottom")]  # the floor goes on
     off = np.array([abs(side.error) for side in seen])
@@ -111,12 +111,12 @@ def openings(first: int = 0, seeds: int = 10, noise: float = 0.005, listed: bool
     yield f"sides in sight within 3 cm {share:.3f} of {len(off)}, not confirmed {len(missed)}"
     yield f"median {1000 * np.median(off):.2f} mm, doors' jambs {1000 * np.median(jambs):.2f} mm"
     yield f"|z| median {np.median(z):.2f}, above 3: {(z > 3).mean():.3f}"
-    unseen = np.mean([side.state is not Seen.CONFIRMED for side in blind])
+    unseen = np.mean([side.state is not SideState.CONFIRMED for side in blind])
     yield f"sides out of sight called unseen {unseen:.3f} of {len(blind)}"
 
 
 def _is_confirmed(side: SideError) -> bool:
-    return side.in_sight >= _SEEN and side.state is Seen.CONFIRMED
+    return side.in_sight >= _SEEN and side.state is SideState.CONFIRMED
 
 
 def _null(seed: int, kind: str, noise: float) -> list[tuple[str, float]]:
@@ -138,18 +138,18 @@ def nulls(first: int = 0, seeds: int = 50, noise: float = 0.005, tail: bool = Fa
         every += walls
         false, unsure = (
             sum(any(status == wanted.value for status, _ in fits) for fits in walls)
-            for wanted in (Status.FOUND, Status.AMBIGUOUS)
+            for wanted in (FeatureStatus.FOUND, FeatureStatus.AMBIGUOUS)
         )
         most = max((evidence for fits in walls for _, evidence in fits), default=0.0)
         yield row(kind, seeds, false, unsure, f"{max(most, 0.0):.0f}")
     if tail:
-        yield from tail_lines([[(Status(status), value) for status, value in fits] for fits in every])
+        yield from tail_lines([[(FeatureStatus(status), value) for status, value in fits] for fits in every])
 
 
-def tail_lines(walls: Sequence[Sequence[tuple[Status, float]]]) -> list[str]:
+def tail_lines(walls: Sequence[Sequence[tuple[FeatureStatus, float]]]) -> list[str]:
     """Return, of walls' fits, how many walls have one as good: by status first, then by evidence."""
     out = [f"N_WALLS = {len(walls)}"]
-    for status in Status:
+    for status in FeatureStatus:
         ranks = [[rank(status, evidence) for status, evidence in fits] for fits in walls]
         held = [sum(any(one >= rank(status, nats) for one in fits) for fits in ranks) for nats in LEVELS]
         out.append(f"{status.name}: {tuple(held)}")
@@ -319,8 +319,10 @@ def duplex(
     start = time.process_time()
     features = find_features(scans, ("doorway", "window", "niche"), rng=0)
     spent = time.process_time() - start
-    found = [fit for fit in features.fits if fit.status is Status.FOUND and not fit.geometry["is_closed"]]
-    unsure = [fit for fit in features.fits if fit.status is Status.AMBIGUOUS]
+    found = [
+        fit for fit in features.fits if fit.status is FeatureStatus.FOUND and not fit.geometry["is_closed"]
+    ]
+    unsure = [fit for fit in features.fits if fit.status is FeatureStatus.AMBIGUOUS]
     matched: set[int] = set()
     tally = {name: _Tally() for name in ("inner, found", "outer, found", "outer, ambiguous")}
     for hole in holes:
@@ -408,7 +410,7 @@ def _errors_of_duplex(fit: TemplateFit, house: RayCaster) -> list[tuple[str, flo
     middle = corners.mean(axis=0) + _IN_REVEAL_M * into
     found = []
     for side in fit.sides:
-        if side.state is not Seen.CONFIRMED:
+        if side.state is not SideState.CONFIRMED:
             continue
         sign = 1.0 if side.name in ("right", "top") else -1.0
         out, along = (across, up) if side.name in ("left", "right") else (up, across)

@@ -30,7 +30,7 @@ from benchmarks.run import head, row, suite
 from benchmarks.store import each
 from completion.registration.hypotheses import find_hypotheses
 from completion.registration.motions import STILL, compose, inverse
-from completion.registration.network import Group, settle_group
+from completion.registration.network import ScanGroup, settle_group
 from completion.registration.pipeline import LEVEL, register_scans
 from completion.registration.registered import Registered
 from completion.registration.station_view import StationView
@@ -115,7 +115,7 @@ def within_three(
     motion: FloatArray, views: tuple[StationView, StationView], scans: tuple[RangeImage, RangeImage]
 ) -> IntArray:
     """Return how many coordinates of a pair's pose lie within three deviations, of how many: (2, 2)."""
-    network = settle_group(Group({0: STILL, 1: motion}), views)
+    network = settle_group(ScanGroup({0: STILL, 1: motion}), views)
     return coordinates_within(network.group.poses[1], network.covariance[6:, 6:], scans)
 
 

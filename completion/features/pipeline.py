@@ -10,7 +10,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.features.engine.options import KNOWN, OPENINGS
-from completion.features.engine.template import Beams, Features, Given, Measured, TemplateFit, best_first
+from completion.features.engine.template import (
+    Features,
+    Given,
+    Measurements,
+    PixelBeams,
+    TemplateFit,
+    best_first,
+)
 from completion.features.holes.patterns import KINDS as HOLES
 from completion.features.holes.pipeline import find_holes
 from completion.features.junctions.pipeline import find_junctions
@@ -29,7 +36,9 @@ _FEWEST = 20
 _PARAMETERS_OF_A_PLANE = 3
 
 
-def of_points(points: FloatArray, *, faces: IntArray | None = None, noise: float | None = None) -> Measured:
+def of_points(
+    points: FloatArray, *, faces: IntArray | None = None, noise: float | None = None
+) -> Measurements:
     """Return points, or a mesh's vertices with its faces, as material.
 
     Parameters
@@ -52,10 +61,10 @@ def of_points(points: FloatArray, *, faces: IntArray | None = None, noise: float
         raise InputError(f"features need {_FEWEST} points at least, got {len(held)}")
     _check_extent(held)
     spacing, rough = _spacing_and_noise(held)
-    return Measured(held, rough if noise is None else float(noise), spacing, faces=faces)
+    return Measurements(held, rough if noise is None else float(noise), spacing, faces=faces)
 
 
-def of_scans(scans: Sequence[RangeImage], *, sigma_m: float | None = None) -> Measured:
+def of_scans(scans: Sequence[RangeImage], *, sigma_m: float | None = None) -> Measurements:
     """Return all scans in the world as material: their points in turn, and every beam.
 
     Raises InputError: scans in which nothing came back.
@@ -70,14 +79,14 @@ def of_scans(scans: Sequence[RangeImage], *, sigma_m: float | None = None) -> Me
         known = scan.sigma_m if sigma_m is None else sigma_m
         away = np.median(scan.ranges[scan.valid]) if scan.valid.any() else 0.0
         noise.append(float(estimate_noise(scan).sigma(np.array([away]))[0]) if known is None else known)
-    beams = Beams(np.concatenate(origins), np.concatenate(directions), np.concatenate(ranges))
+    beams = PixelBeams(np.concatenate(origins), np.concatenate(directions), np.concatenate(ranges))
     back = np.flatnonzero(np.isfinite(beams.ranges))
     if len(back) < _FEWEST:
         raise InputError(f"features need {_FEWEST} points at least, got {len(back)}")
     held = np.concatenate(points)[back]
     _check_extent(held)
     spacing, _ = _spacing_and_noise(held)
-    return Measured(held, float(np.median(noise)), spacing, beams=beams, beam_of_point=back)
+    return Measurements(held, float(np.median(noise)), spacing, beams=beams, beam_of_point=back)
 
 
 def _check_extent(points: FloatArray) -> None:
@@ -108,7 +117,7 @@ _FINDERS: dict[str, Callable[..., list[TemplateFit]]] = {
 
 
 def find_features(
-    material: Sequence[RangeImage] | Measured,
+    material: Sequence[RangeImage] | Measurements,
     kinds: Sequence[str],
     *,
     given: Mapping[str, Given] | None = None,
@@ -127,7 +136,7 @@ def find_features(
 
     Parameters
     ----------
-    material : sequence of RangeImage, or Measured
+    material : sequence of RangeImage, or Measurements
         Registered scans; or points or a mesh (`material.of_points`). Doorways, windows and niches need scans:
         points do not say where beams went on.
     kinds : sequence of str
@@ -155,7 +164,7 @@ def find_features(
     others = [kind for kind in kinds if kind not in OPENINGS]
     try:
         # 1. Openings: doorways, windows and niches in every upright plane, by beams that go on or stop.
-        if openings and not isinstance(material, Measured):
+        if openings and not isinstance(material, Measurements):
             sizes = [scan.ranges.size for scan in material]
             with Steps.over(sizes, n_threads, progress, journal) as steps:
                 fits, sentences = find_openings_of_scans(material, openings, known, steps)
@@ -163,7 +172,7 @@ def find_features(
 
         # 2. Others: solids, patterns of holes and junctions, in the points of all scans together.
         if others:
-            measured = material if isinstance(material, Measured) else of_scans(material)
+            measured = material if isinstance(material, Measurements) else of_scans(material)
         for done, (kind, *more) in enumerate(_searches(others, known)):
             if progress is not None:
                 progress("features", done, len(others))
@@ -176,7 +185,7 @@ def find_features(
     # 3. Order: found, ambiguous, refused, the most evident of each first.
     n_points = (
         len(material.points)
-        if isinstance(material, Measured)
+        if isinstance(material, Measurements)
         else sum(int(np.count_nonzero(scan.valid)) for scan in material)
     )
     is_whole = is_whole and all(fit.is_complete for fit in features)
@@ -198,14 +207,14 @@ def _searches(kinds: Sequence[str], known: Mapping[str, Given]) -> list[list[str
     return searches
 
 
-def _check(material: Sequence[RangeImage] | Measured, kinds: Sequence[str]) -> None:
+def _check(material: Sequence[RangeImage] | Measurements, kinds: Sequence[str]) -> None:
     for kind in kinds:
         if kind not in KINDS:
             raise InputError(f"there is no feature called {kind!r}; there are {', '.join(KINDS)}")
     if not kinds:
         raise InputError(f"say what to find: {', '.join(KINDS)}")
     openings = [kind for kind in kinds if kind in OPENINGS]
-    if isinstance(material, Measured):
+    if isinstance(material, Measurements):
         if openings:
             raise InputError(
                 f"a {openings[0]} is seen by beams that go through it, and points have none: give scans, or "

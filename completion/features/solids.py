@@ -8,7 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.features.engine.template import Given, Measured, Status, Template, TemplateFit, best_first
+from completion.features.engine.template import (
+    FeatureStatus,
+    Given,
+    Measurements,
+    Template,
+    TemplateFit,
+    best_first,
+)
 from completion.features.engine.template_fit import NOTHING, fit_template
 from completion.features.upright_structure import (
     Flight,
@@ -25,7 +32,7 @@ from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 _WIDTHS, _TURNS, _TOPS = (2.2, 2.8, 3.6), (0.2, 1.0), (15, 30, 50)  # radii, radians, percentiles of height
 
 
-class Column:
+class ColumnTemplate:
     """A shaft above the top of a base, which goes down to wherever it ends.
 
     Parameters: x, y (of the axis), heading (of a side, in a quarter turn), width (of the base), top (of the
@@ -39,7 +46,7 @@ class Column:
     def __init__(self, frame: Upright) -> None:
         self.frame = frame
 
-    def bounds(self, measured: Measured) -> tuple[FloatArray, FloatArray]:
+    def bounds(self, measured: Measurements) -> tuple[FloatArray, FloatArray]:
         """Return (6,) and (6,): the box of what was measured; widths and radii up to its size."""
         local = self.frame.local(measured.points)
         low, high = local.min(axis=0), local.max(axis=0)
@@ -96,7 +103,7 @@ class Stairs:
         numbers = range(1, count + 1)
         self.faces = (*(f"tread {k}" for k in numbers), *(f"riser {k}" for k in numbers))
 
-    def bounds(self, measured: Measured) -> tuple[FloatArray, FloatArray]:
+    def bounds(self, measured: Measurements) -> tuple[FloatArray, FloatArray]:
         """Return (5,) and (5,): a step round what structure says; steps longer than the spacing of points."""
         _, _, _, going, rise = self.about
         reach = np.array([np.pi / 6, going, rise, 0.4 * going, 0.3 * rise])
@@ -132,7 +139,7 @@ _NOISES, _LEAST_LEVEL = 4.0, 20  # half the thickness of a level, and its points
 
 
 def find_solids(
-    measured: Measured,
+    measured: Measurements,
     kinds: Sequence[str],
     given: Given = NOTHING,
     *,
@@ -144,7 +151,7 @@ def find_solids(
 
     Parameters
     ----------
-    measured : Measured
+    measured : Measurements
         Points, and beams where there are.
     kinds : sequence of str
         Of "stairs", "column".
@@ -174,7 +181,7 @@ def find_solids(
 
 
 def _stairs(
-    frame: Upright, measured: Measured, given: Given, *, rng: np.random.Generator, budget: int
+    frame: Upright, measured: Measurements, given: Given, *, rng: np.random.Generator, budget: int
 ) -> TemplateFit:
     """A flight where structure sees one, fitted to what lies about it."""
     local = frame.local(measured.points)
@@ -207,8 +214,8 @@ def _stairs(
         "centres": frame.outside(np.column_stack([flat, height + steps * rise])),
     }
     treads = sum(side.is_seen for side in fit.sides[:count])
-    if fit.status is Status.FOUND and treads < _LEAST_TREADS:
-        fit = replace(fit, status=Status.AMBIGUOUS, reason=f"only {treads} treads were seen")
+    if fit.status is FeatureStatus.FOUND and treads < _LEAST_TREADS:
+        fit = replace(fit, status=FeatureStatus.AMBIGUOUS, reason=f"only {treads} treads were seen")
     return replace(fit, geometry=geometry)
 
 
@@ -224,26 +231,28 @@ def _about_flight(local: FloatArray, flight: Flight) -> BoolArray:
 
 
 def _column(
-    frame: Upright, measured: Measured, given: Given, *, rng: np.random.Generator, budget: int
+    frame: Upright, measured: Measurements, given: Given, *, rng: np.random.Generator, budget: int
 ) -> TemplateFit:
     """A column about one of the upright cylinders among the points."""
     local = frame.local(measured.points)
-    known = {name: value for name, value in given.items() if name in Column.names}
+    known = {name: value for name, value in given.items() if name in ColumnTemplate.names}
     sample = UprightSample.of(local)
     shafts = find_shafts(sample, measured.spacing, measured.noise, radius=known.get("radius"))
     if not shafts:
-        return TemplateFit.absent("column", Column.names, len(local), "no upright cylinder was measured")
+        return TemplateFit.absent(
+            "column", ColumnTemplate.names, len(local), "no upright cylinder was measured"
+        )
     fits = []
     for shaft in shafts:
         near = _about_shaft(local, shaft, sample, measured)
         starts = column_starts(shaft, local[near, 2])
         each = budget // len(shafts)
-        fit = _fit_solid(Column(frame), measured, near, known, rng=rng, budget=each, starts=starts)
+        fit = _fit_solid(ColumnTemplate(frame), measured, near, known, rng=rng, budget=each, starts=starts)
         fits.append(_as_column(fit, frame))
     return best_first(fits)[0]
 
 
-def _about_shaft(local: FloatArray, shaft: Shaft, sample: UprightSample, measured: Measured) -> BoolArray:
+def _about_shaft(local: FloatArray, shaft: Shaft, sample: UprightSample, measured: Measurements) -> BoolArray:
     """Which points (n, 3) lie about a shaft, without floors and ceilings, which go on beyond."""
     out = np.hypot(*(sample.flat[:, :2] - shaft[:2]).T) / shaft.radius
     beyond = sample.flat[(out > _ABOUT) & (out < _BEYOND), 2]
@@ -257,28 +266,28 @@ def _about_shaft(local: FloatArray, shaft: Shaft, sample: UprightSample, measure
 def _as_column(fit: TemplateFit, frame: Upright) -> TemplateFit:
     """The fit with what else a column must show, and its geometry."""
     x, y, _, width, top, radius = fit.x
-    if fit.status is not Status.NONE:
+    if fit.status is not FeatureStatus.NONE:
         seen = {side.name for side in fit.sides if side.is_seen}
         of_base = [name for name in seen if name.startswith("side")]
         against = [side.name for side in fit.sides if side.contradicted > side.confirmed]
         if "shaft" not in seen or not of_base:
             reason = f"shaft and base belong to a column: seen were {', '.join(sorted(seen))}"
-            fit = replace(fit, status=Status.NONE, reason=reason)
+            fit = replace(fit, status=FeatureStatus.NONE, reason=reason)
         elif against:
             sentence = f"beams went through {', '.join(against)}"
-            fit = replace(fit, status=Status.NONE, reason=sentence)
-        elif len(of_base) == 1 and fit.status is Status.FOUND:
+            fit = replace(fit, status=FeatureStatus.NONE, reason=sentence)
+        elif len(of_base) == 1 and fit.status is FeatureStatus.FOUND:
             sentence = "one side of its base was seen: anything may stand beside a shaft"
-            fit = replace(fit, status=Status.AMBIGUOUS, reason=sentence)
+            fit = replace(fit, status=FeatureStatus.AMBIGUOUS, reason=sentence)
         elif width < 2 * radius:
-            fit = replace(fit, status=Status.NONE, reason="the base is narrower than the shaft")
+            fit = replace(fit, status=FeatureStatus.NONE, reason="the base is narrower than the shaft")
     place = frame.outside(np.array([[x, y, top]]))
     return replace(fit, geometry={"radius": radius, "axis": frame.turn[2], "centres": place})
 
 
 def _fit_solid(
     template: Template,
-    measured: Measured,
+    measured: Measurements,
     near: BoolArray,
     known: Given,
     *,

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from completion.edits.application import EditedSurface
 from completion.edits.edit import FittedHole, FittedJoint, FittedOpening, KnownFace
 from completion.features.engine.options import OPENINGS
-from completion.features.engine.template import Seen, Side, Status, TemplateFit, moved_geometry
+from completion.features.engine.template import (
+    FeatureSide,
+    FeatureStatus,
+    SideState,
+    TemplateFit,
+    moved_geometry,
+)
 from completion.features.openings.recess import SIDES
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
@@ -65,7 +71,7 @@ def reveals_of(
     outlines = [
         outline
         for number, fit in enumerate(features, start=1)
-        if fit.status is Status.FOUND
+        if fit.status is FeatureStatus.FOUND
         for outline in _outlines(fit, number, surfaces)
         if not any(_is_on(outline, surface, observations, flatness_m) for surface in surfaces)
     ]
@@ -85,7 +91,7 @@ def reveals_of(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Outline:
+class _RevealOutline:
     """Where a reveal lies: its plane, from one corner of the opening along a side and into the wall."""
 
     plane: Plane
@@ -111,7 +117,7 @@ class _Outline:
         return KnownFace(MergedSurface(fit, pixels, 1), self.size, self.feature)
 
 
-def _outlines(fit: TemplateFit, number: int, surfaces: Sequence[MergedSurface]) -> Iterator[_Outline]:
+def _outlines(fit: TemplateFit, number: int, surfaces: Sequence[MergedSurface]) -> Iterator[_RevealOutline]:
     """The reveals of one opening whose sides were seen."""
     depth = float(str(fit.geometry.get("depth_m", np.nan)))
     off = float(str(fit.geometry.get("depth_sd_m", 0.0)))
@@ -130,11 +136,11 @@ def _outlines(fit: TemplateFit, number: int, surfaces: Sequence[MergedSurface]) 
         along = end - start
         length = float(np.linalg.norm(along))
         plane = Plane(start, np.cross(along, into), along)
-        yield _Outline(plane, np.array([length, depth]), float(sides[name].deviation), number)
+        yield _RevealOutline(plane, np.array([length, depth]), float(sides[name].deviation), number)
 
 
 def _is_on(
-    outline: _Outline, surface: MergedSurface, observations: Sequence[Observation], flatness_m: float
+    outline: _RevealOutline, surface: MergedSurface, observations: Sequence[Observation], flatness_m: float
 ) -> bool:
     """Whether a surface is the face: parallel to it, and measured on it."""
     plane = surface.fit.surface
@@ -236,7 +242,7 @@ def _fit(
     """A feature that is found, by its sides and its geometry."""
     return TemplateFit(
         kind=str(entry["kind"]),
-        status=Status.FOUND,
+        status=FeatureStatus.FOUND,
         names=(),
         x=np.zeros(0),
         covariance=np.zeros((0, 0)),
@@ -248,7 +254,7 @@ def _fit(
     )
 
 
-def _side(source: str, name: str, entry: object) -> Side:
+def _side(source: str, name: str, entry: object) -> FeatureSide:
     held = entry if isinstance(entry, Mapping) else {}
     seen, sd = held.get("seen"), held.get("sd_m")
     if not isinstance(seen, bool) or not (sd is None or (isinstance(sd, int | float) and 0 <= sd < np.inf)):
@@ -256,8 +262,8 @@ def _side(source: str, name: str, entry: object) -> Side:
     confirmed, tiles = (int(_number(source, what, held.get(what))) for what in ("confirmed", "tiles"))
     tiles = max(tiles, 2)
     confirmed = min(max(confirmed, 2), tiles) if seen else 0
-    against = tiles if held.get("state") == Seen.CONTRADICTED else 0
-    return Side(name, confirmed, against, tiles, np.inf if sd is None else float(sd))
+    against = tiles if held.get("state") == SideState.CONTRADICTED else 0
+    return FeatureSide(name, confirmed, against, tiles, np.inf if sd is None else float(sd))
 
 
 def _places(source: str, name: str, value: object) -> FloatArray:
@@ -434,7 +440,7 @@ def with_features(surfaces: Sequence[EditedSurface], features: Sequence[Template
     """
     edits = [surface.edits for surface in surfaces]
     for number, fit in enumerate(features, start=1):
-        if fit.status is not Status.FOUND or fit.geometry.get("is_closed"):
+        if fit.status is not FeatureStatus.FOUND or fit.geometry.get("is_closed"):
             continue
         for surface, plane in cast(Sequence[tuple[int, Plane]], fit.geometry.get("ends", ())):
             surface_edits = edits[surface - 1]
@@ -463,7 +469,7 @@ def _holes(fit: TemplateFit, number: int) -> Iterator[FittedHole]:
 
 def _opening_of(fit: TemplateFit, number: int) -> FittedOpening:
     corners = np.asarray(fit.geometry["corners"], dtype=np.float64)
-    sides: dict[str, Side] = {side.name: side for side in fit.sides}
+    sides: dict[str, FeatureSide] = {side.name: side for side in fit.sides}
     slack = cast(Mapping[str, tuple[float, float]], fit.geometry["slack"])
     off = np.array([slack[name] for name in AROUND])
     deviation = np.array([sides[name].deviation for name in AROUND])

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from completion.features.engine.template import Measured
+from completion.features.engine.template import Measurements
 from scenes.checks import FloatArray
 
 _SHARE, _N_SAMPLE = 0.05, (20_000, 100_000)  # of all points, that are looked at; at least and at most
@@ -37,7 +37,7 @@ class Upright:
     origin: FloatArray
 
     @classmethod
-    def about(cls, measured: Measured, up: FloatArray) -> Upright:
+    def about(cls, measured: Measurements, up: FloatArray) -> Upright:
         """Return the frame in the middle of what was measured, with up (3,) of any length; z stays z."""
         axis = np.asarray(up, dtype=np.float64) / np.linalg.norm(up)
         beside = np.eye(3)[0] if abs(axis[0]) < 0.9 else np.eye(3)[1]

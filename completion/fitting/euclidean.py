@@ -16,7 +16,7 @@ from completion.fitting.degeneracy import (
     principal,
     undetermined_by,
 )
-from completion.fitting.held import Held, HeldChart
+from completion.fitting.held import GivenGeometry, HeldChart
 from completion.fitting.kinds import KINDS, chart_of
 from completion.fitting.limits import MOST_CONDITION
 from completion.fitting.moments import centroid
@@ -30,7 +30,7 @@ _MOST_STEPS = 300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
+class ScaledCloud:
     """Points (n, 3) with the centre and scale that bring them near the unit ball; weights (n,) or None."""
 
     points: FloatArray
@@ -38,11 +38,11 @@ class Cloud:
     scale: float
     weights: FloatArray | None = None
 
-    def thin(self, n: int) -> Cloud:
+    def thin(self, n: int) -> ScaledCloud:
         """About `n` of the points, every k-th."""
         stride = max(1, len(self.points) // n)
         weights = None if self.weights is None else self.weights[::stride]
-        return Cloud(self.points[::stride], self.centre, self.scale, weights)
+        return ScaledCloud(self.points[::stride], self.centre, self.scale, weights)
 
     def unit(self) -> FloatArray:
         """The points (n, 3) relative to the centre, in units of the scale."""
@@ -76,7 +76,7 @@ class Normal:
         return np.asarray(self.basis @ inverse @ self.basis.T)
 
 
-def normal_equations(chart: Chart, cloud: Cloud) -> Normal:
+def normal_equations(chart: Chart, cloud: ScaledCloud) -> Normal:
     """Accumulate the normal equations over the points, chunk by chunk."""
     k, basis = chart.n_parameters, chart.basis()
     matrix, gradient, cost = np.zeros((k, k)), np.zeros(k), 0.0
@@ -98,7 +98,7 @@ def normal_equations(chart: Chart, cloud: Cloud) -> Normal:
 
 
 def polish_chart(
-    chart: Chart, cloud: Cloud, what: str, n_steps: int = _MOST_STEPS, damped: bool = True
+    chart: Chart, cloud: ScaledCloud, what: str, n_steps: int = _MOST_STEPS, damped: bool = True
 ) -> tuple[Chart, Normal, bool]:
     """Step until rounding: the chart, its normal equations, and whether it stands still.
 
@@ -145,7 +145,7 @@ def _remaining_sum(change: FloatArray, last: FloatArray) -> float:
     return 1 / (1 - ratio) if parallel and ratio > 0.2 else 1.0
 
 
-def full_step(chart: Chart, cloud: Cloud, what: str) -> tuple[Chart, Normal]:
+def full_step(chart: Chart, cloud: ScaledCloud, what: str) -> tuple[Chart, Normal]:
     """One Gauss-Newton step on all points, and the normal equations before it."""
     here = normal_equations(chart, cloud)
     trial = chart.move(here.solve(0.0, what))
@@ -223,7 +223,7 @@ def fit_euclidean(
     *,
     n_steps: int = 300,
     damped: bool = True,
-    held: Held | None = None,
+    held: GivenGeometry | None = None,
 ) -> SurfaceFit:
     """Fit one shape by orthogonal distances to checked points.
 
@@ -241,7 +241,7 @@ def fit_euclidean(
         Most steps.
     damped : bool
         Whether steps are damped, and thin layers of points refused.
-    held : Held, optional
+    held : GivenGeometry, optional
         Values that are given.
 
     Raises
@@ -279,7 +279,7 @@ def fit_euclidean(
     return fit
 
 
-def _fit_level(points: FloatArray, held: Held) -> SurfaceFit:
+def _fit_level(points: FloatArray, held: GivenGeometry) -> SurfaceFit:
     """Fit a plane whose normal is given: its offset is the points' mean."""
     plane = held.exact(fit_plane(points).surface)
     residual = plane.distance(points)
@@ -289,15 +289,15 @@ def _fit_level(points: FloatArray, held: Held) -> SurfaceFit:
     return held.mark(SurfaceFit(plane, rms, covariance, len(points)))
 
 
-def normalise(points: FloatArray, weights: FloatArray | None = None) -> Cloud:
+def normalise(points: FloatArray, weights: FloatArray | None = None) -> ScaledCloud:
     """Return points (n, 3) and weights (n,) with the points' centroid and root mean square radius."""
     centre = centroid(points)
     offset = points[:: max(1, len(points) // _SUBSAMPLE)] - centre
     scale = float(np.sqrt(np.einsum("ij,ij->", offset, offset) / len(offset)))
-    return Cloud(points, centre, scale or 1.0, weights)
+    return ScaledCloud(points, centre, scale or 1.0, weights)
 
 
-def _result(chart: Chart, normal: Normal, cloud: Cloud, concave: bool, what: str) -> SurfaceFit:
+def _result(chart: Chart, normal: Normal, cloud: ScaledCloud, concave: bool, what: str) -> SurfaceFit:
     """The fit in metres, with the covariance of its chart's parameters."""
     n, k = len(cloud.points), chart.n_parameters
     rms = cloud.scale * float(np.sqrt(max(normal.cost, 0.0) / max(n - k, 1)))
@@ -323,7 +323,7 @@ def _turn_to_growth(chart: Chart) -> tuple[Chart, bool]:
     return (HeldChart(grown, chart.free) if isinstance(chart, HeldChart) else grown), True
 
 
-def _best_held(candidates: list[Chart], cloud: Cloud, what: str, held: Held) -> Chart:
+def _best_held(candidates: list[Chart], cloud: ScaledCloud, what: str, held: GivenGeometry) -> Chart:
     """The candidate that polishes best when it has the given values."""
     sample = cloud.thin(_START_SAMPLE)
     best = _best_polished(held.scale(1 / cloud.scale).starts(candidates), sample)
@@ -333,7 +333,7 @@ def _best_held(candidates: list[Chart], cloud: Cloud, what: str, held: Held) -> 
     return best[1]
 
 
-def _search_start(shape: str, cloud: Cloud, what: str, held: Held | None) -> Chart:
+def _search_start(shape: str, cloud: ScaledCloud, what: str, held: GivenGeometry | None) -> Chart:
     """The start that polishes best on a sample."""
     spread, _ = principal(cloud.thin(_SUBSAMPLE).points, cloud.centre)
     check_spread(len(cloud.points), spread, cloud.centre, 2)
@@ -354,7 +354,7 @@ def _search_start(shape: str, cloud: Cloud, what: str, held: Held | None) -> Cha
     return best[1]
 
 
-def _best_polished(candidates: list[Chart], sample: Cloud) -> tuple[float, Chart] | None:
+def _best_polished(candidates: list[Chart], sample: ScaledCloud) -> tuple[float, Chart] | None:
     """Sum of squares and chart of the candidate that polishes best; None where none does.
 
     Where there are many points and starts, only those that lead after a few steps go on.
@@ -369,7 +369,9 @@ def _best_polished(candidates: list[Chart], sample: Cloud) -> tuple[float, Chart
     return best
 
 
-def _polished_each(candidates: list[Chart], sample: Cloud, n_steps: int) -> Iterator[tuple[float, Chart]]:
+def _polished_each(
+    candidates: list[Chart], sample: ScaledCloud, n_steps: int
+) -> Iterator[tuple[float, Chart]]:
     """Sum of squares and chart of each candidate after some steps, without those that leave no surface."""
     for start in candidates:
         try:
@@ -379,7 +381,7 @@ def _polished_each(candidates: list[Chart], sample: Cloud, n_steps: int) -> Iter
         yield normal.cost, chart
 
 
-def _check_off_axis(chart: Chart, cloud: Cloud) -> None:
+def _check_off_axis(chart: Chart, cloud: ScaledCloud) -> None:
     local = chart.frame @ (cloud.unit() - chart.origin).T
     near: BoolArray = np.hypot(local[0], local[1]) < 1e-9 * chart.size()
     if near.any():

@@ -82,7 +82,7 @@ class HeldChart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class GivenGeometry:
     """What is given of a surface.
 
     Attributes
@@ -119,7 +119,7 @@ class Held:
         """How many parameters are held."""
         return KINDS[self.shape].n_parameters - len(self.free)
 
-    def scale(self, factor: float) -> Held:
+    def scale(self, factor: float) -> GivenGeometry:
         """The same in another unit of length."""
         return self if self.radius is None else replace(self, radius=factor * self.radius)
 
@@ -175,7 +175,7 @@ class Held:
         return replace(fit, surface=self.exact(fit.surface), held=self.names)
 
 
-def given_of_shape(shape: str, radius: object | None, axis: object | None) -> Held | None:
+def given_of_shape(shape: str, radius: object | None, axis: object | None) -> GivenGeometry | None:
     """Return what is held of a shape, None where nothing is.
 
     Raises
@@ -198,7 +198,7 @@ def given_of_shape(shape: str, radius: object | None, axis: object | None) -> He
     if axis is not None and not KINDS[shape].axis:
         raise InputError(f"{KINDS[shape].title} has no axis to be given")
     direction = None if axis is None else check_direction("axis", axis)
-    return Held(shape, None if radius is None else float(radius), direction)
+    return GivenGeometry(shape, None if radius is None else float(radius), direction)
 
 
 def _sign_direction(direction: FloatArray, surface: Surface) -> FloatArray:

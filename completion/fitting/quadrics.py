@@ -119,16 +119,16 @@ def read_surface(quadric: Quadric, shape: str) -> Surface:
     if shape == "cone":
         return _read_cone(quadric, values, vectors)
     along = int(np.argmin(np.abs(values)))
-    axis, rest = vectors[:, along], np.delete(np.arange(3), along)
+    axis, across = vectors[:, along], np.delete(np.arange(3), along)
     middle, level = quadric.centre_of_symmetry(2)
-    squares = -level / values[rest]
+    squares = -level / values[across]
     if not (squares > 0).all():
         raise FitError(f"not an elliptic cylinder: squared radii {(squares * scale**2).tolist()} m2")
     radii = scale * np.sqrt(squares)
     if shape == "cylinder":
         return Cylinder(centre + scale * middle, axis, float(radii.mean()))
     order = np.argsort(-radii)
-    zero = vectors[:, rest[order[0]]]
+    zero = vectors[:, across[order[0]]]
     return EllipticCylinder(
         centre + scale * middle, axis, (float(radii[order[0]]), float(radii[order[1]])), zero
     )

@@ -14,8 +14,8 @@ import numpy as np
 
 from completion.fitting.chart import Chart
 from completion.fitting.degeneracy import undetermined_by
-from completion.fitting.euclidean import Cloud, Normal, normalise
-from completion.fitting.held import Held, HeldChart
+from completion.fitting.euclidean import Normal, ScaledCloud, normalise
+from completion.fitting.held import GivenGeometry, HeldChart
 from completion.fitting.kinds import chart_of
 from completion.fitting.limits import LEAST_SLOPE, STILL, TUKEY
 from completion.fitting.result import FitError, SurfaceFit
@@ -43,7 +43,7 @@ class _Crossings:
 
 
 def fit_along_rays(
-    fit: SurfaceFit, points: FloatArray, rays: FloatArray, held: Held | None = None
+    fit: SurfaceFit, points: FloatArray, rays: FloatArray, held: GivenGeometry | None = None
 ) -> SurfaceFit:
     """Refit by Gauss-Newton on the errors along the rays, from an orthogonal fit.
 
@@ -104,7 +104,7 @@ def _weigh_rays(crossings: _Crossings, weights: FloatArray, sigma: float) -> tup
     return tukey_weights(error, TUKEY * sigma) * crossings.steeper(LEAST_SLOPE), sigma
 
 
-def _gradient(chart: Chart, cloud: Cloud, rays: FloatArray, crossings: _Crossings) -> FloatArray:
+def _gradient(chart: Chart, cloud: ScaledCloud, rays: FloatArray, crossings: _Crossings) -> FloatArray:
     """Derivatives (k, n) of the errors along the rays by the chart's basis, lengths in its scale."""
     feet = cloud.points + crossings.reach[:, None] * rays
     local = chart.frame @ ((feet - cloud.centre) / cloud.scale - chart.origin).T
@@ -112,7 +112,7 @@ def _gradient(chart: Chart, cloud: Cloud, rays: FloatArray, crossings: _Crossing
     return np.asarray(chart.basis().T @ chart.linearise(local)[1] / slope)
 
 
-def _crossings(chart: Chart, cloud: Cloud, rays: FloatArray, begin: FloatArray) -> _Crossings:
+def _crossings(chart: Chart, cloud: ScaledCloud, rays: FloatArray, begin: FloatArray) -> _Crossings:
     """Newton steps along the rays to the chart's surface, from so far beyond the points (n,), metres."""
     surface, scale = chart.surface(cloud.centre, cloud.scale, False), cloud.scale
     reach, slope, height = begin.copy(), np.zeros(len(rays)), np.zeros(len(rays))
@@ -130,7 +130,12 @@ def _crossings(chart: Chart, cloud: Cloud, rays: FloatArray, begin: FloatArray) 
 
 
 def _result(
-    fit: SurfaceFit, chart: Chart, cloud: Cloud, covariance: FloatArray, error: FloatArray, used: BoolArray
+    fit: SurfaceFit,
+    chart: Chart,
+    cloud: ScaledCloud,
+    covariance: FloatArray,
+    error: FloatArray,
+    used: BoolArray,
 ) -> SurfaceFit:
     """The fit in metres."""
     concave = bool(getattr(fit.surface, "concave", False))

@@ -9,8 +9,8 @@ import numpy as np
 
 from completion.fitting.chart import Chart
 from completion.fitting.degeneracy import check_layer
-from completion.fitting.euclidean import Cloud, normal_equations, polish_chart
-from completion.fitting.held import Held, HeldChart
+from completion.fitting.euclidean import ScaledCloud, normal_equations, polish_chart
+from completion.fitting.held import GivenGeometry, HeldChart
 from completion.fitting.kinds import KINDS, chart_of
 from completion.fitting.limits import CUTS, LEAST_AGREEING, TUKEY
 from completion.fitting.result import FitError, SurfaceFit
@@ -22,7 +22,7 @@ _N_SCORED = 600
 
 
 def consensus_surface(
-    points: FloatArray, normals: FloatArray, shape: str, tolerance: float, held: Held | None = None
+    points: FloatArray, normals: FloatArray, shape: str, tolerance: float, held: GivenGeometry | None = None
 ) -> Surface:
     """Find the surface of one shape with the least truncated squared distance (MSAC), from minimal sets.
 
@@ -60,7 +60,7 @@ def consensus_surface(
     return best
 
 
-def _with_given(surface: Surface, place: FloatArray, held: Held | None) -> list[Surface]:
+def _with_given(surface: Surface, place: FloatArray, held: GivenGeometry | None) -> list[Surface]:
     """The surface, or those with the given values that are near it about a place (3,)."""
     try:
         return [surface] if held is None else list(held.impose(surface, place))
@@ -74,7 +74,7 @@ _N_FINAL = 20
 
 
 def fit_robust(
-    points: FloatArray, shape: str, start: Surface | None = None, held: Held | None = None
+    points: FloatArray, shape: str, start: Surface | None = None, held: GivenGeometry | None = None
 ) -> SurfaceFit:
     """Fit a shape to points of which up to about half are outliers.
 
@@ -90,7 +90,7 @@ def fit_robust(
         As for `fit`, "auto" excepted.
     start : Surface, optional
         Instead of the consensus.
-    held : Held, optional
+    held : GivenGeometry, optional
         Values that are given.
 
     Returns
@@ -122,7 +122,7 @@ def fit_robust(
     return fit if held is None else held.mark(fit)
 
 
-def _held_start(start: Surface, held: Held | None, points: FloatArray) -> Surface:
+def _held_start(start: Surface, held: GivenGeometry | None, points: FloatArray) -> Surface:
     """The start with the given values, nearest to most points (n, 3)."""
     if held is None:
         return start
@@ -130,7 +130,7 @@ def _held_start(start: Surface, held: Held | None, points: FloatArray) -> Surfac
     return min(near, key=lambda surface: float(np.median(np.abs(surface.distance(points)))))
 
 
-def _chart(surface: Surface, cloud: Cloud, held: Held | None) -> Chart:
+def _chart(surface: Surface, cloud: ScaledCloud, held: GivenGeometry | None) -> Chart:
     """The chart at a surface, with what is given held."""
     if held is None:
         return chart_of(surface, cloud.centre, cloud.scale)
@@ -138,7 +138,7 @@ def _chart(surface: Surface, cloud: Cloud, held: Held | None) -> Chart:
 
 
 def _settle_weights(
-    points: FloatArray, surface: Surface, sigma: float, n_rounds: int, held: Held | None
+    points: FloatArray, surface: Surface, sigma: float, n_rounds: int, held: GivenGeometry | None
 ) -> tuple[Surface, float, BoolArray]:
     """Reweigh at the last cut until the same points have a weight, at most so many times."""
     inliers: BoolArray = np.zeros(len(points), dtype=np.bool_)
@@ -156,7 +156,7 @@ def tukey_weights(residual: FloatArray, cut: float) -> FloatArray:
 
 
 def _reweigh(
-    points: FloatArray, surface: Surface, cut: float, sigma: float, held: Held | None
+    points: FloatArray, surface: Surface, cut: float, sigma: float, held: GivenGeometry | None
 ) -> tuple[Surface, float]:
     """The surface after a weighted fit, and the scale of its residuals within the cut."""
     weights = tukey_weights(surface.distance(points), cut * sigma)
@@ -186,18 +186,18 @@ def tukey_variance(residual: FloatArray, sigma: float, n_parameters: int) -> flo
     return float(psi @ psi) / max(len(residual) - n_parameters, 1) / slope**2
 
 
-def _weighted_cloud(points: FloatArray, weights: FloatArray, kind: str) -> Cloud:
+def _weighted_cloud(points: FloatArray, weights: FloatArray, kind: str) -> ScaledCloud:
     kept = weights > 0
     if kept.sum() < 8:
         raise FitError(f"only {int(kept.sum())} of {len(points)} points are near any {kind}")
     near = points[kept]
     centre = near.mean(axis=0)
     scale = float(np.sqrt(np.einsum("ij,ij->", near - centre, near - centre) / len(near)))
-    return Cloud(near, centre, scale or 1.0, weights[kept])
+    return ScaledCloud(near, centre, scale or 1.0, weights[kept])
 
 
 def _robust_result(
-    points: FloatArray, surface: Surface, sigma: float, inliers: BoolArray, held: Held | None
+    points: FloatArray, surface: Surface, sigma: float, inliers: BoolArray, held: GivenGeometry | None
 ) -> SurfaceFit:
     """The fit with the M-estimator's covariance."""
     kept = points[inliers]

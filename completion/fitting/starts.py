@@ -128,8 +128,8 @@ def torus_about(points: FloatArray, point: FloatArray, axis: FloatArray) -> list
     height = offset @ axis
     from_axis = np.linalg.norm(offset - height[:, None] * axis, axis=1)
     basis = np.column_stack([2 * from_axis, 2 * height, np.ones(len(points))])
-    radius, level, rest = np.linalg.lstsq(basis, from_axis**2 + height**2, rcond=None)[0]
-    tube2 = float(rest + radius**2 + level**2)
+    radius, level, constant = np.linalg.lstsq(basis, from_axis**2 + height**2, rcond=None)[0]
+    tube2 = float(constant + radius**2 + level**2)
     if radius <= 1e-6 or tube2 <= 1e-12:
         return []
     return [TorusChart(point + level * axis, axis_frame(axis), float(radius), float(np.sqrt(tube2)))]

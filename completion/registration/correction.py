@@ -15,7 +15,7 @@ from completion.evidence.sight import Ball, Sight, Views, sight_of
 from completion.observe.observation import Observation
 from completion.observe.rays import rays_of, triple
 from completion.observe.tolerance import EvidenceOptions
-from completion.registration.facets import Facets, Meetings, count_agreement, facets_of, meet
+from completion.registration.facets import Meetings, ScanFacets, count_agreement, facets_of, meet
 from completion.registration.limits import (
     BOUND,
     FINE_M,
@@ -30,7 +30,7 @@ from completion.registration.limits import (
     VIOLATION,
 )
 from completion.registration.motions import STILL
-from completion.registration.prior import Links, Pair, Settling, link, meet_all, settle
+from completion.registration.prior import FacetLinks, Pair, PoseCorrections, link, meet_all, settle
 from completion.registration.station_view import sample_of
 from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose
@@ -164,7 +164,7 @@ class ScanPair:
 
 
 def scan_pairs(
-    facets: Sequence[Facets], sights: Sequence[Sight], pairs: Sequence[Pair], settled: Settling
+    facets: Sequence[ScanFacets], sights: Sequence[Sight], pairs: Sequence[Pair], corrections: PoseCorrections
 ) -> list[ScanPair]:
     """Return a pair of scans for each two of which enough facets met, moved as they settled.
 
@@ -174,7 +174,7 @@ def scan_pairs(
         Of each scan.
     pairs : sequence of (int, int)
         Which scans' facets (the second) are held against which scan (the first).
-    settled : Settling
+    corrections : PoseCorrections
         The motions from the poses as given.
     """
     scan_pair, asked = [], set(pairs)
@@ -182,14 +182,14 @@ def scan_pairs(
     for i, j in sorted({(min(pair), max(pair)) for pair in pairs}):
         both = [pair for pair in ((i, j), (j, i)) if pair in asked]
         given = dict(meet_all(facets, sights, both, still))
-        used = dict(meet_all(facets, sights, both, settled.motions))
-        links = [link(pair, given[pair], facets, still, settled.pivots) for pair in both]
-        after = [link(pair, used[pair], facets, settled.motions, settled.pivots) for pair in both]
+        used = dict(meet_all(facets, sights, both, corrections.motions))
+        links = [link(pair, given[pair], facets, still, corrections.pivots) for pair in both]
+        after = [link(pair, used[pair], facets, corrections.motions, corrections.pivots) for pair in both]
         if sum(len(links.offset) for links in after) < LEAST_MEETINGS:
             continue
         if sum(len(scan_links.offset) for scan_links in links) < LEAST_MEETINGS:
             links = after
-        offset, sd = _spread(both, links, settled)
+        offset, sd = _spread(both, links, corrections)
         known = float(np.hypot(sd, _excess(after)))
         passed, depth = _area_passed(facets, given)
         still_passed, _ = _area_passed(facets, used)
@@ -209,14 +209,18 @@ def scan_pairs(
     return scan_pair
 
 
-def _spread(both: Sequence[Pair], links: Sequence[Links], settled: Settling) -> tuple[float, float]:
+def _spread(
+    both: Sequence[Pair], links: Sequence[FacetLinks], corrections: PoseCorrections
+) -> tuple[float, float]:
     """How far the motions shift the facets of two scans apart, root mean square, and its deviation."""
-    parts = [settled.shift_between(pair, scan_links) for pair, scan_links in zip(both, links, strict=True)]
+    parts = [
+        corrections.shift_between(pair, scan_links) for pair, scan_links in zip(both, links, strict=True)
+    ]
     shift, variance = (np.concatenate(several) for several in zip(*parts, strict=True))
     return float(np.sqrt(np.mean(np.square(shift)))), float(np.sqrt(np.mean(variance)))
 
 
-def _excess(links: Sequence[Links]) -> float:
+def _excess(links: Sequence[FacetLinks]) -> float:
     """By how much offsets are larger than noise makes them, robust, metres."""
     offset = np.concatenate([scan_links.offset for scan_links in links])
     deviation = np.concatenate([scan_links.deviation for scan_links in links])
@@ -224,7 +228,7 @@ def _excess(links: Sequence[Links]) -> float:
     return float(np.sqrt(max(spread**2 - float(np.mean(np.square(deviation))), 0.0)))
 
 
-def _area_passed(facets: Sequence[Facets], meetings: Mapping[Pair, Meetings]) -> tuple[float, float]:
+def _area_passed(facets: Sequence[ScanFacets], meetings: Mapping[Pair, Meetings]) -> tuple[float, float]:
     """Area of facets that beams of the other scan went through, square metres, and how far these went on."""
     area, depths = 0.0, [np.zeros(0)]
     for (_, j), meeting in meetings.items():
@@ -236,7 +240,7 @@ def _area_passed(facets: Sequence[Facets], meetings: Mapping[Pair, Meetings]) ->
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Adjusted:
+class AdjustedScans:
     """Scans moved so that their facets come together, and what each pair says of that.
 
     Attributes
@@ -272,19 +276,19 @@ def deviations_left(pairs: Sequence[ScanPair], n: int) -> FloatArray:
     return left
 
 
-class _Group(NamedTuple):
+class _CorrectionGroup(NamedTuple):
     """Some scans that settle, and behind them those that they are held against, settled before."""
 
     scans: tuple[int, ...]
     pairs: tuple[Pair, ...]  # by their place in the group
-    settled: Settling
+    corrections: PoseCorrections
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedScans:
     """The facets of scans with poses, and how each scan sees a place."""
 
-    facets: tuple[Facets, ...]
+    facets: tuple[ScanFacets, ...]
     sights: tuple[Sight, ...]
 
     @classmethod
@@ -306,7 +310,9 @@ class PosedScans:
         alone = ((number,) for number in range(n) if number not in together)
         return [(scans, self._partners(scans, together)) for scans in (together, *alone)]
 
-    def adjust(self, partners: Sequence[tuple[tuple[int, ...], list[Pair]]], refused: Set[Pair]) -> Adjusted:
+    def adjust(
+        self, partners: Sequence[tuple[tuple[int, ...], list[Pair]]], refused: Set[Pair]
+    ) -> AdjustedScans:
         """Return the scans moved so that the facets of all partners come together but those `refused`."""
         n, pairs = len(self.facets), []
         motions, shifts = np.tile(np.eye(4), (n, 1, 1)), np.zeros(n)
@@ -314,13 +320,13 @@ class PosedScans:
             group = self._settle(
                 scans, [numbers for numbers in several if _in_order(numbers) not in refused], motions
             )
-            motions[[*scans]] = group.settled.motions[: len(scans)]
-            shifts[[*scans]] = group.settled.shifts[: len(scans)]
+            motions[[*scans]] = group.corrections.motions[: len(scans)]
+            shifts[[*scans]] = group.corrections.shifts[: len(scans)]
             pairs += self._pairs(group)
             trim()
-        return Adjusted(motions, shifts, tuple(pairs))
+        return AdjustedScans(motions, shifts, tuple(pairs))
 
-    def contradicted_pairs(self, adjusted: Adjusted) -> set[Pair]:
+    def contradicted_pairs(self, adjusted: AdjustedScans) -> set[Pair]:
         """Return the pairs whose beams approve the poses as adjusted less than the poses as they came.
 
         Beams may lose what makes a pose worth a word (`LEAST_SCORE`), summed over the pairs of a scan, before
@@ -354,24 +360,24 @@ class PosedScans:
                 scores[pair] += float(agree - VIOLATION * violated) / max(len(samples[j]), 1)
         return scores
 
-    def _settle(self, scans: Sequence[int], pairs: Sequence[Pair], motions: FloatArray) -> _Group:
+    def _settle(self, scans: Sequence[int], pairs: Sequence[Pair], motions: FloatArray) -> _CorrectionGroup:
         """Settle scans by pairs with others, whose `motions` (n, 4, 4) are known where not among them."""
         several = (*scans, *sorted({number for pair in pairs for number in pair} - set(scans)))
         place = {number: k for k, number in enumerate(several)}
         members = tuple((place[i], place[j]) for i, j in pairs)
         known = {place[number]: motions[number] for number in several[len(scans) :]}
-        return _Group(several, members, settle(*self._of(several), members, known))
+        return _CorrectionGroup(several, members, settle(*self._of(several), members, known))
 
-    def _pairs(self, group: _Group) -> list[ScanPair]:
+    def _pairs(self, group: _CorrectionGroup) -> list[ScanPair]:
         """Return what the scans of a group say of each other's poses, moved as they settled."""
-        pairs = scan_pairs(*self._of(group.scans), group.pairs, group.settled)
+        pairs = scan_pairs(*self._of(group.scans), group.pairs, group.corrections)
         numbers = [sorted((group.scans[pair.first], group.scans[pair.second])) for pair in pairs]
         return [
             replace(pair, first=first, second=second)
             for pair, (first, second) in zip(pairs, numbers, strict=True)
         ]
 
-    def _of(self, scans: Sequence[int]) -> tuple[list[Facets], list[Sight]]:
+    def _of(self, scans: Sequence[int]) -> tuple[list[ScanFacets], list[Sight]]:
         return [self.facets[k] for k in scans], [self.sights[k] for k in scans]
 
     def _partners(self, scans: Sequence[int], others: Sequence[int]) -> list[Pair]:

@@ -35,7 +35,7 @@ from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled, inlined
 
 
-class Facets(NamedTuple):
+class ScanFacets(NamedTuple):
     """A scan in tiles of `side` pixels, working frame; the flat ones are facets."""
 
     side: int
@@ -50,7 +50,7 @@ class Facets(NamedTuple):
     area: FloatArray  # (n,) each stands for, square metres
 
 
-def facets_of(seen: Observation, *, curved: bool = False) -> Facets:
+def facets_of(seen: Observation, *, curved: bool = False) -> ScanFacets:
     """Return the facets of a scan.
 
     The error of a facet is that of the mean of its ranges, the error that neighbouring ranges have in common,
@@ -82,7 +82,7 @@ def facets_of(seen: Observation, *, curved: bool = False) -> Facets:
     sample = chosen[step // 2 :: step]
     with np.errstate(invalid="ignore", divide="ignore"):
         area = np.square(pixel) / cosine * step
-    return Facets(
+    return ScanFacets(
         side=tiles.side,
         is_flat=flat,
         plane=np.ascontiguousarray(tiles.plane),
@@ -117,7 +117,7 @@ class Meetings(NamedTuple):
 
 
 @compiled
-def meet(facets: Facets, motion: FloatArray, sight: Sight, other: Facets, step: int) -> Meetings:
+def meet(facets: ScanFacets, motion: FloatArray, sight: Sight, other: ScanFacets, step: int) -> Meetings:
     """Hold every step-th facet of one scan, moved by `motion` (3, 4), against another scan.
 
     A facet meets another one of its direction that it lies in front of or behind by at most `GATE_M`. Beams
@@ -173,7 +173,12 @@ AGREES, VIOLATED, HIDDEN, OUTSIDE = 0, 1, -1, -2
 
 @compiled
 def count_agreement(
-    facets: Facets, sample: IntArray, motions: FloatArray, sight: Sight, other: Facets, within_m: float
+    facets: ScanFacets,
+    sample: IntArray,
+    motions: FloatArray,
+    sight: Sight,
+    other: ScanFacets,
+    within_m: float,
 ) -> IntArray:
     """Return for each motion (n, 3, 4) of one scan's facets what the other says (n, 3).
 
@@ -192,7 +197,12 @@ def count_agreement(
 
 @compiled
 def ask_facets(
-    members: Facets, sample: IntArray, motion: FloatArray, sight: Sight, other: Facets, within_m: float
+    members: ScanFacets,
+    sample: IntArray,
+    motion: FloatArray,
+    sight: Sight,
+    other: ScanFacets,
+    within_m: float,
 ) -> IntArray:
     """Return for a motion (3, 4) what the other scan says of each facet of the `sample` (k,)."""
     eye, m, facets = sight.eye, motion, np.full(len(sample), OUTSIDE)
@@ -222,7 +232,7 @@ def ask_facets(
 
 @inlined
 def _answer(
-    other: Facets,
+    other: ScanFacets,
     row: int,
     column: int,
     ray: Triple,

@@ -42,7 +42,7 @@ from completion.registration.limits import (
     VIOLATION,
 )
 from completion.registration.motions import STILL, angle_between, compose, inverse, inverses, perturb
-from completion.registration.refinement import Placed, equations_of, refine, stiffness
+from completion.registration.refinement import PlacedScan, equations_of, refine, stiffness
 from completion.registration.station_view import StationView
 from scenes.checks import FloatArray, IntArray
 
@@ -88,7 +88,7 @@ class Hypothesis:
         Shares of facets in view of another scan.
     stiffness : float
         Least eigenvalue of what the facets tell, 0 to 1 / 6.
-    surplus : float
+    beyond_planes : float
         What agrees beyond three planes of each two scans, summed: three planes agree by construction.
     free : (6,) float
         The motion that they tell least, a turn about the facets' middle times their reach and a shift, in the
@@ -102,7 +102,7 @@ class Hypothesis:
     agree: float
     violate: float
     stiffness: float
-    surplus: float
+    beyond_planes: float
     free: FloatArray
     is_image: bool = False
 
@@ -119,7 +119,7 @@ def find_hypotheses(
     """
     if not len(a.sample) or not len(b.sample):
         return []
-    first, second = [Placed(a, STILL)], [Placed(b, STILL)]
+    first, second = [PlacedScan(a, STILL)], [PlacedScan(b, STILL)]
     n_screened, n_short, n_full = OF_OBJECTS if are_objects else OF_ROOMS
     planes = plane_candidates(a.directions, b.directions, 2 * max(a.radius_m, b.radius_m))
     motions = np.concatenate([planes, turn_candidates(a, b), form_candidates(a, b)])
@@ -139,20 +139,20 @@ def find_hypotheses(
     return best_of(first, second, motions)
 
 
-def best_of(stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray) -> list[Hypothesis]:
+def best_of(stay: Sequence[PlacedScan], move: Sequence[PlacedScan], motions: FloatArray) -> list[Hypothesis]:
     """Return the best distinct hypotheses that motions (n, 3, 4) of some scans to others lead to.
 
     Curved things creep into place: the best are refined once more, until they stand still.
     """
-    settled = [_slid(stay, move, refine(stay, move, motion, *FULL)) for motion in motions]
-    motions = np.array(settled).reshape(-1, 3, 4)
+    slid = [_slid(stay, move, refine(stay, move, motion, *FULL)) for motion in motions]
+    motions = np.array(slid).reshape(-1, 3, 4)
     motions = distinct(motions, scores_of(stay, move, motions, MIDDLE_M, VIOLATION), move, N_KEPT)
     motions = np.array([refine(stay, move, motion, *LAST) for motion in motions]).reshape(-1, 3, 4)
     kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), move, N_KEPT)
     return [judge_motion(stay, move, motion) for motion in kept]
 
 
-def judge_motion(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -> Hypothesis:
+def judge_motion(stay: Sequence[PlacedScan], move: Sequence[PlacedScan], motion: FloatArray) -> Hypothesis:
     """Return a motion (3, 4) with what speaks for it."""
     counts = np.sum([count for count, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
     score = float(scores_of(stay, move, motion[None], FINE_M, VIOLATION)[0])
@@ -165,7 +165,7 @@ def judge_motion(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatAr
         agree=float(counts[0] / seen),
         violate=float(counts[1] / seen),
         stiffness=stiff.least,
-        surplus=sum(
+        beyond_planes=sum(
             surplus_of(a.view, b.view, compose(compose(inverse(a.pose), motion), b.pose), FINE_M)
             for a in stay
             for b in move
@@ -175,8 +175,8 @@ def judge_motion(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatAr
 
 
 def scores_of(
-    stay: Sequence[Placed],
-    move: Sequence[Placed],
+    stay: Sequence[PlacedScan],
+    move: Sequence[PlacedScan],
     motions: FloatArray,
     within_m: float,
     violation: float,
@@ -194,7 +194,11 @@ def scores_of(
 
 
 def _counts(
-    stay: Sequence[Placed], move: Sequence[Placed], motions: FloatArray, within_m: float, n: int = N_SAMPLES
+    stay: Sequence[PlacedScan],
+    move: Sequence[PlacedScan],
+    motions: FloatArray,
+    within_m: float,
+    n: int = N_SAMPLES,
 ) -> list[tuple[IntArray, int]]:
     """What each scan says of each other one across (n, 3), and the size of the sample it was asked of."""
     pairs = []
@@ -208,7 +212,7 @@ def _counts(
     return pairs
 
 
-def distinct(motions: FloatArray, scores: FloatArray, move: Sequence[Placed], n: int) -> FloatArray:
+def distinct(motions: FloatArray, scores: FloatArray, move: Sequence[PlacedScan], n: int) -> FloatArray:
     """Return at most n of the motions (m, 3, 4) of some scans that are distinct, best first.
 
     They are where they turn the scans otherwise, or put the middle of what these saw elsewhere.
@@ -229,7 +233,7 @@ def distinct(motions: FloatArray, scores: FloatArray, move: Sequence[Placed], n:
     return np.asarray(motions[kept])
 
 
-def _slid(stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray) -> FloatArray:
+def _slid(stay: Sequence[PlacedScan], move: Sequence[PlacedScan], motion: FloatArray) -> FloatArray:
     """The motion (3, 4) slid along what facets tell least, as far as beams approve.
 
     Facets of a bare wall meet wherever it is slid; what stands before it and where it ends does not.

@@ -38,9 +38,9 @@ from completion.registration.limits import (
 )
 from completion.registration.motions import STILL, compose, in_units, inverse, perturb
 from completion.registration.refinement import (
-    Equations,
     Link,
-    Placed,
+    MotionEquations,
+    PlacedScan,
     links_of,
     normal_equations,
     solve_ridge,
@@ -56,7 +56,7 @@ Hypotheses = Mapping[Pair, Sequence[Hypothesis]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class ScanGroup:
     """Scans that are placed to each other: by the number of each its pose (3, 4) in the group's frame."""
 
     poses: Mapping[int, FloatArray]
@@ -66,14 +66,14 @@ class Group:
         """The numbers of its scans, in order. In one run no two groups have the same."""
         return tuple(sorted(self.poses))
 
-    def place(self, views: Sequence[StationView]) -> list[Placed]:
+    def place(self, views: Sequence[StationView]) -> list[PlacedScan]:
         """Return its scans where they stand."""
-        return [Placed(views[number], pose) for number, pose in self.poses.items()]
+        return [PlacedScan(views[number], pose) for number, pose in self.poses.items()]
 
-    def join(self, other: Group, motion: FloatArray) -> Group:
+    def join(self, other: ScanGroup, motion: FloatArray) -> ScanGroup:
         """Return both together; `motion` (3, 4) leads out of the other's frame."""
         poses = {**self.poses, **{number: compose(motion, pose) for number, pose in other.poses.items()}}
-        return Group(dict(sorted(poses.items())))
+        return ScanGroup(dict(sorted(poses.items())))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,19 +96,19 @@ def group_scans(
     views: Sequence[StationView],
     pairs: Hypotheses,
     level: float,
-    settled: Callable[[Group], Group],
-    groups: Iterable[Group] = (),
-) -> list[Group]:
+    settle: Callable[[ScanGroup], ScanGroup],
+    groups: Iterable[ScanGroup] = (),
+) -> list[ScanGroup]:
     """Return the scans in groups, each with the poses that were claimed.
 
     All scans begin by themselves, but for `groups` that are given. Of all pairs of groups those join whose
     best motion leads most, among those that may be claimed at `level`: motions come from the hypotheses of
-    all pairs of scans across, and all scans across judge them. After each, `settled` brings a group's scans
+    all pairs of scans across, and all scans across judge them. After each, `settle` brings a group's scans
     together by all that they share.
     """
     standing = list(groups)
     known = {number for group in standing for number in group.poses}
-    standing += [Group({number: STILL}) for number in range(len(views)) if number not in known]
+    standing += [ScanGroup({number: STILL}) for number in range(len(views)) if number not in known]
     joints: dict[tuple[_Scans, _Scans], _Joint] = {}
     while len(standing) > 1:
         for first_group, two in combinations(standing, 2):
@@ -121,7 +121,7 @@ def group_scans(
         lead, first_group, two = ranked[0]
         if lead < 0:
             break
-        joined = settled(first_group.join(two, joints[first_group.scans, two.scans].hypotheses[0].motion))
+        joined = settle(first_group.join(two, joints[first_group.scans, two.scans].hypotheses[0].motion))
         standing = sorted(
             [*(group for group in standing if group is not first_group and group is not two), joined],
             key=lambda group: group.scans,
@@ -129,7 +129,9 @@ def group_scans(
     return standing
 
 
-def _joint(group: Group, two: Group, views: Sequence[StationView], pairs: Hypotheses, level: float) -> _Joint:
+def _joint(
+    group: ScanGroup, two: ScanGroup, views: Sequence[StationView], pairs: Hypotheses, level: float
+) -> _Joint:
     """Judge the motions of one group to another that pairs of their scans propose."""
     stay, move = group.place(views), two.place(views)
     motions = [
@@ -147,13 +149,13 @@ def _joint(group: Group, two: Group, views: Sequence[StationView], pairs: Hypoth
         several = np.array(motions)
         scores = scores_of(stay, move, several, MIDDLE_M, VIOLATION)
         best = best_of(stay, move, distinct(several, scores, move, N_JOINT))
-        alike = [
+        images = [
             compose(compose(pose_a, motion), inverse(pose_b))
             for a, pose_a in group.poses.items()
             for b, pose_b in two.poses.items()
             for motion in _motions(_alike(pairs), a, b)
         ]
-        best = _with_images_told(best, alike, move)
+        best = _with_images_told(best, images, move)
     return _Joint(best, judge(best, level))
 
 
@@ -167,14 +169,14 @@ def _alike(pairs: Hypotheses) -> Hypotheses:
 
 
 def _with_images_told(
-    hypothesis: Sequence[Hypothesis], alike: Sequence[FloatArray], move: Sequence[Placed]
+    hypothesis: Sequence[Hypothesis], images: Sequence[FloatArray], move: Sequence[PlacedScan]
 ) -> list[Hypothesis]:
     """The hypotheses of two groups; those that are images of the first one, for some pair across, say so."""
-    if not alike:
+    if not images:
         return list(hypothesis)
 
     def is_alike(motion: FloatArray) -> bool:
-        return any(len(distinct(np.array([motion, other]), np.zeros(2), move, 2)) == 1 for other in alike)
+        return any(len(distinct(np.array([motion, other]), np.zeros(2), move, 2)) == 1 for other in images)
 
     flag = is_alike(hypothesis[0].motion)
     return [
@@ -314,7 +316,7 @@ def _add(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Edge:
+class NetworkEdge:
     """Two scans of a group that share surface.
 
     Attributes
@@ -338,29 +340,29 @@ class Network:
 
     Attributes
     ----------
-    group : Group
+    group : ScanGroup
         The poses, relative to the first scan.
     covariance : (6 n, 6 n) float
         Of turns (radians) and shifts (metres) of the scans in their order, each about the scan's own place,
         axes of the group; zeros for the first. It holds the noise, and what errors of the sensor do that
         all scans have in common.
-    edges : tuple of Edge
+    edges : tuple of NetworkEdge
         The pairs that share surface.
     """
 
-    group: Group
+    group: ScanGroup
     covariance: FloatArray
-    edges: tuple[Edge, ...]
+    edges: tuple[NetworkEdge, ...]
 
     def in_metres(self, unit_m: float) -> Network:
         """Return the same in metres whose lengths were in units of `unit_m`."""
         scale = np.tile([1.0] * 3 + [unit_m] * 3, len(self.group.poses))
         poses = {number: in_units(pose, 1.0 / unit_m) for number, pose in self.group.poses.items()}
         edges = tuple(replace(edge, rms_m=unit_m * edge.rms_m) for edge in self.edges)
-        return Network(Group(poses), self.covariance * np.outer(scale, scale), edges)
+        return Network(ScanGroup(poses), self.covariance * np.outer(scale, scale), edges)
 
 
-def settle_group(group: Group, views: Sequence[StationView], *, by_planes: bool = False) -> Network:
+def settle_group(group: ScanGroup, views: Sequence[StationView], *, by_planes: bool = False) -> Network:
     """Bring the scans of a group together by point-to-plane least squares over all pairs at once.
 
     The first scan stays. Offsets are weighted by their variance and robustly; facets of a pair tell as much
@@ -392,10 +394,12 @@ def settle_group(group: Group, views: Sequence[StationView], *, by_planes: bool 
         by_sensors = known @ _pull_of_sensors(links, n)[6:]
         covariance[6:, 6:] = known + by_sensors @ by_sensors.T
     edges = tuple(
-        Edge((numbers[link.first], numbers[link.second]), len(link.equations.offset), _rms(link.equations))
+        NetworkEdge(
+            (numbers[link.first], numbers[link.second]), len(link.equations.offset), _rms(link.equations)
+        )
         for link in links
     )
-    return Network(Group(dict(zip(numbers, poses, strict=True))), covariance, edges)
+    return Network(ScanGroup(dict(zip(numbers, poses, strict=True))), covariance, edges)
 
 
 def _if_alike(
@@ -431,5 +435,5 @@ def _pull_of_sensors(links: Sequence[Link], n: int) -> FloatArray:
     return pull
 
 
-def _rms(equations: Equations) -> float:
+def _rms(equations: MotionEquations) -> float:
     return 1.4826 * float(np.median(np.abs(equations.offset)))

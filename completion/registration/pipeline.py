@@ -13,7 +13,7 @@ from completion.observe.tolerance import REGISTRATION_M
 from completion.registration.correction import PosedScans, Registration, ScanPair, deviations_left
 from completion.registration.hypotheses import Hypothesis, find_hypotheses
 from completion.registration.motions import in_units
-from completion.registration.network import Group, group_scans, settle_group
+from completion.registration.network import ScanGroup, group_scans, settle_group
 from completion.registration.registered import Registered, held_poses, verdicts_of
 from completion.registration.station_view import StationView, unit_of
 from completion.registration.verdict import with_images
@@ -89,7 +89,7 @@ def register_scans(
         hypotheses = dict(zip(pairs, proposed, strict=True))
 
         # 3. Group: join what may be claimed, the surest first, against all that is placed already.
-        def settle(group: Group) -> Group:
+        def settle(group: ScanGroup) -> ScanGroup:
             return settle_group(group, views).group
 
         groups = steps.one("groups", lambda: group_scans(views, hypotheses, level, settle))

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from completion.evidence.sight import Sight
-from completion.registration.facets import Facets, Meetings, meet
+from completion.registration.facets import Meetings, ScanFacets, meet
 from completion.registration.limits import (
     FIRST_M,
     INDEPENDENT,
@@ -30,10 +30,10 @@ Pair = tuple[int, int]
 """A scan, and another one whose facets are held against it."""
 
 
-class Links(NamedTuple):
+class FacetLinks(NamedTuple):
     """How offsets (n,) of facets that met change by small motions of both scans."""
 
-    own: FloatArray  # (n, 6) growth by turn and shift of the scan whose facets they are
+    by_owner: FloatArray  # (n, 6) growth by turn and shift of the scan whose facets they are
     other: FloatArray  # (n, 6) decline by those of the scan that they met
     offset: FloatArray  # (n,) metres
     deviation: FloatArray  # (n,) expected error of each, metres
@@ -41,7 +41,7 @@ class Links(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Settling:
+class PoseCorrections:
     """Motions of n scans that bring their facets together.
 
     Attributes
@@ -64,26 +64,26 @@ class Settling:
     pivots: FloatArray
     shifts: FloatArray
 
-    def shift_between(self, pair: Pair, links: Links) -> tuple[FloatArray, FloatArray]:
+    def shift_between(self, pair: Pair, links: FacetLinks) -> tuple[FloatArray, FloatArray]:
         """How far the motions shift the facets of a pair apart (n,), metres, and the variances of that.
 
         The links are those of the poses as given.
         """
         (i, j), n = pair, len(links.offset)
         chosen = np.r_[6 * j : 6 * j + 6, 6 * i : 6 * i + 6]
-        both = np.concatenate([links.own, -links.other], axis=1).reshape(n, 12)
+        both = np.concatenate([links.by_owner, -links.other], axis=1).reshape(n, 12)
         variance = np.einsum("ij,jk,ik->i", both, self.covariance[np.ix_(chosen, chosen)], both)
         apart = self.motions[j] - self.motions[i]
         shift = links.places @ apart[:3, :3].T + apart[:3, 3]
-        return np.einsum("ij,ij->i", shift, links.own[:, 3:]), np.maximum(variance, 0.0)
+        return np.einsum("ij,ij->i", shift, links.by_owner[:, 3:]), np.maximum(variance, 0.0)
 
 
 def settle(
-    facets: Sequence[Facets],
+    facets: Sequence[ScanFacets],
     sights: Sequence[Sight],
     pairs: Sequence[Pair],
     known: Mapping[int, FloatArray] | None = None,
-) -> Settling:
+) -> PoseCorrections:
     """Bring the facets of scans together by point-to-plane least squares over all pairs at once.
 
     Offsets are weighted by their variance, and by a function of their robust spread in the pair that falls
@@ -127,23 +127,23 @@ def settle(
         motions = np.asarray([held.get(k, _motion(vectors[k], pivots[k])) for k in range(n)])
         if _shifts(moments, vectors - before).max() < STILL_PRIOR_M:
             break
-    return Settling(motions, vectors, covariance, pivots, _shifts(moments, vectors))
+    return PoseCorrections(motions, vectors, covariance, pivots, _shifts(moments, vectors))
 
 
 def link_all(
-    facets: Sequence[Facets],
+    facets: Sequence[ScanFacets],
     sights: Sequence[Sight],
     pairs: Sequence[Pair],
     motions: FloatArray,
     pivots: FloatArray,
-) -> Iterator[tuple[Pair, Links]]:
+) -> Iterator[tuple[Pair, FacetLinks]]:
     """Yield the links of each pair of n scans, moved by `motions` (n, 4, 4); `pivots` (n, 3), metres."""
     for pair, met in meet_all(facets, sights, pairs, motions):
         yield pair, link(pair, met, facets, motions, pivots)
 
 
 def meet_all(
-    facets: Sequence[Facets], sights: Sequence[Sight], pairs: Sequence[Pair], motions: FloatArray
+    facets: Sequence[ScanFacets], sights: Sequence[Sight], pairs: Sequence[Pair], motions: FloatArray
 ) -> Iterator[tuple[Pair, Meetings]]:
     """Yield what the facets of each pair's second scan meet in its first, moved by `motions` (n, 4, 4)."""
     back = np.linalg.inv(motions)
@@ -153,14 +153,14 @@ def meet_all(
 
 
 def link(
-    pair: Pair, meetings: Meetings, facets: Sequence[Facets], motions: FloatArray, pivots: FloatArray
-) -> Links:
+    pair: Pair, meetings: Meetings, facets: Sequence[ScanFacets], motions: FloatArray, pivots: FloatArray
+) -> FacetLinks:
     """Return how the offsets of a pair change with its scans' `motions` (n, 4, 4) about `pivots` (n, 3)."""
     met, (i, j) = meetings.met, pair
     places = facets[j].centre[met] @ motions[j, :3, :3].T + motions[j, :3, 3]
     normals = meetings.normal[met] @ motions[i, :3, :3].T
     by_second, other = (_by_motion(places, normals, pivots[k]) for k in (j, i))
-    return Links(by_second, other, meetings.offset[met], meetings.deviation[met], places)
+    return FacetLinks(by_second, other, meetings.offset[met], meetings.deviation[met], places)
 
 
 def _by_motion(places: FloatArray, normals: FloatArray, pivot: FloatArray) -> FloatArray:
@@ -173,7 +173,7 @@ def _by_motion(places: FloatArray, normals: FloatArray, pivot: FloatArray) -> Fl
     return growth
 
 
-def _equations(links: Iterable[tuple[Pair, Links]], n: int) -> tuple[FloatArray, FloatArray]:
+def _equations(links: Iterable[tuple[Pair, FacetLinks]], n: int) -> tuple[FloatArray, FloatArray]:
     """Normal equations (6 n, 6 n), (6 n,) of the pairs that tell anything."""
     matrix, vector = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
     for (i, j), scan_links in links:
@@ -181,17 +181,17 @@ def _equations(links: Iterable[tuple[Pair, Links]], n: int) -> tuple[FloatArray,
             continue
         weight = _weights(scan_links)[:, None]
         here, there = slice(6 * i, 6 * i + 6), slice(6 * j, 6 * j + 6)
-        weighted, other = weight * scan_links.own, weight * scan_links.other
-        matrix[there, there] += weighted.T @ scan_links.own
+        weighted, other = weight * scan_links.by_owner, weight * scan_links.other
+        matrix[there, there] += weighted.T @ scan_links.by_owner
         matrix[here, here] += other.T @ scan_links.other
         matrix[there, here] -= weighted.T @ scan_links.other
-        matrix[here, there] -= other.T @ scan_links.own
+        matrix[here, there] -= other.T @ scan_links.by_owner
         vector[there] -= weighted.T @ scan_links.offset
         vector[here] += other.T @ scan_links.offset
     return matrix, vector
 
 
-def _weights(links: Links) -> FloatArray:
+def _weights(links: FacetLinks) -> FloatArray:
     """Inverse variances (n,) of offsets, 1 / metres squared, robust, of all as of some independent ones."""
     ratio = links.offset / links.deviation
     spread = max(1.0, 1.4826 * float(np.median(np.abs(ratio))))
@@ -200,7 +200,7 @@ def _weights(links: Links) -> FloatArray:
     return np.asarray(share * robust / np.square(spread * links.deviation))
 
 
-def _moment(facets: Facets, pivot: FloatArray) -> FloatArray:
+def _moment(facets: ScanFacets, pivot: FloatArray) -> FloatArray:
     """Mean (6, 6) of what a motion does to heights along the normals of facets; zeros without any."""
     by_motion = _by_motion(facets.centre, facets.normal, pivot)
     return np.asarray(by_motion.T @ by_motion / max(len(by_motion), 1))
@@ -227,6 +227,6 @@ def _motion(vector: FloatArray, pivot: FloatArray) -> FloatArray:
     return motion
 
 
-def _middle(facets: Facets, sight: Sight) -> FloatArray:
+def _middle(facets: ScanFacets, sight: Sight) -> FloatArray:
     """The mean (3,) of a scan's facets; its sensor's place without any."""
     return facets.centre.mean(axis=0) if len(facets.centre) else np.array(sight.eye.origin)

@@ -27,14 +27,14 @@ from completion.registration.station_view import StationView
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 
-class Placed(NamedTuple):
+class PlacedScan(NamedTuple):
     """A scan and its pose (3, 4) in the frame of its group."""
 
     view: StationView
     pose: FloatArray
 
 
-class Equations(NamedTuple):
+class MotionEquations(NamedTuple):
     """Point-to-plane equations of scans that move together against others that stay.
 
     `growth` (n, 6) of the offsets by a turn about a place and a shift, `offset`, `deviation`, metres,
@@ -57,7 +57,7 @@ class Equations(NamedTuple):
 
 
 def refine(
-    stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray, n_rounds: int, step: int = 1
+    stay: Sequence[PlacedScan], move: Sequence[PlacedScan], motion: FloatArray, n_rounds: int, step: int = 1
 ) -> FloatArray:
     """Return the motion (3, 4) of a group of scans into the frame of another that brings facets together.
 
@@ -89,22 +89,22 @@ def _is_settled(change: FloatArray, matrix: FloatArray, scale: FloatArray, reach
 
 
 def equations_of(
-    stay: Sequence[Placed], move: Sequence[Placed], motion: FloatArray, gate_m: float, step: int = 1
-) -> tuple[Equations, FloatArray]:
+    stay: Sequence[PlacedScan], move: Sequence[PlacedScan], motion: FloatArray, gate_m: float, step: int = 1
+) -> tuple[MotionEquations, FloatArray]:
     """Return the equations of all facets that meet across, and the place (3,) that turns are about."""
     middle = np.mean([compose(motion, placement.pose)[:, 3] for placement in move], axis=0)
     parts = [
         part
         for a in stay
         for b in move
-        for part in _link_equations(a, Placed(b.view, compose(motion, b.pose)), middle, gate_m, step)
+        for part in _link_equations(a, PlacedScan(b.view, compose(motion, b.pose)), middle, gate_m, step)
     ]
-    return Equations(*(np.concatenate(several) for several in zip(*parts, strict=True))), middle
+    return MotionEquations(*(np.concatenate(several) for several in zip(*parts, strict=True))), middle
 
 
 def _link_equations(
-    a: Placed, b: Placed, middle: FloatArray, gate_m: float, step: int
-) -> tuple[Equations, Equations]:
+    a: PlacedScan, b: PlacedScan, middle: FloatArray, gate_m: float, step: int
+) -> tuple[MotionEquations, MotionEquations]:
     """The equations of facets of b that meet a, and of those of a that b meets, by a motion of b."""
     relative = compose(inverse(a.pose), b.pose)
     there = meet(b.view.facets, relative, a.view.sight, a.view.facets, step)
@@ -120,10 +120,10 @@ def _link_equations(
 
 def _equations(
     places: FloatArray, middle: FloatArray, normals: FloatArray, met: Meetings, chosen: BoolArray
-) -> Equations:
+) -> MotionEquations:
     growth = np.concatenate([np.cross(places - middle, normals), normals], axis=1)
     share = np.full(len(places), min(1.0, INDEPENDENT / max(len(chosen), 1)))
-    return Equations(growth, met.offset[chosen], met.deviation[chosen], share, places)
+    return MotionEquations(growth, met.offset[chosen], met.deviation[chosen], share, places)
 
 
 def _move_places(places: FloatArray, motion: FloatArray) -> FloatArray:
@@ -144,7 +144,7 @@ class Stiffness(NamedTuple):
         return np.asarray(self.free / np.array([max(self.reach_m, SMALL_STEP)] * 3 + [1.0] * 3))
 
 
-def stiffness(equations: Equations) -> Stiffness:
+def stiffness(equations: MotionEquations) -> Stiffness:
     """Return what n facets tell least of a motion; turns count by what they shift at the facets' reach."""
     if not len(equations.offset):
         return Stiffness(0.0, np.zeros(6), np.zeros(3), 0.0)
@@ -161,9 +161,9 @@ class Link(NamedTuple):
 
     first: int
     second: int
-    a: Placed
-    b: Placed
-    equations: Equations
+    a: PlacedScan
+    b: PlacedScan
+    equations: MotionEquations
     growth: FloatArray  # (m, 12) of the offsets by turns and shifts of both, each about its own place
 
     @property
@@ -178,7 +178,7 @@ def links_of(
     """Return all pairs of scans that share surface, of those with these numbers at poses (3, 4)."""
     links = []
     for i, j in combinations(range(len(numbers)), 2):
-        a, b = Placed(views[numbers[i]], poses[i]), Placed(views[numbers[j]], poses[j])
+        a, b = PlacedScan(views[numbers[i]], poses[i]), PlacedScan(views[numbers[j]], poses[j])
         equations, middle = equations_of([a], [b], STILL, gate_m)
         if len(equations.offset) < LEAST_MEETINGS:
             continue

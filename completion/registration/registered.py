@@ -21,8 +21,8 @@ from completion.registration.limits import (
     SURE,
 )
 from completion.registration.motions import STILL, compose, in_units, inverse
-from completion.registration.network import Edge, Group, Hypotheses, Network
-from completion.registration.refinement import Placed, equations_of
+from completion.registration.network import Hypotheses, Network, NetworkEdge, ScanGroup
+from completion.registration.refinement import PlacedScan, equations_of
 from completion.registration.station_view import StationView
 from completion.registration.verdict import Verdict, judge
 from scenes.checks import FloatArray
@@ -147,7 +147,7 @@ class Registered:
         Metres; above zero where the later scan's surface lies behind the earlier one's.
         """
         placed = {
-            number: Placed(self.views[number], in_units(pose, self.unit_m))
+            number: PlacedScan(self.views[number], in_units(pose, self.unit_m))
             for number, pose in network.group.poses.items()
         }
         met = [
@@ -199,7 +199,7 @@ def verdicts_of(
         network = group_of[i]
         if j in network.group.poses and any(edge.scans == (i, j) for edge in network.edges):
             motion = compose(inverse(network.group.poses[i]), network.group.poses[j])
-            held = judge_motion([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
+            held = judge_motion([PlacedScan(views[i], STILL)], [PlacedScan(views[j], STILL)], motion)
             reason = "placed in one group, and they share surface there"
             verdicts.append(PairVerdict.of_pose((i, j), held, Verdict.REGISTERED, reason))
             continue
@@ -237,7 +237,7 @@ def held_poses(
     pairs, edges = [], []
     for i, j in combinations(range(len(views)), 2):
         motion = compose(inverse(poses[i]), poses[j])
-        held = judge_motion([Placed(views[i], STILL)], [Placed(views[j], STILL)], motion)
+        held = judge_motion([PlacedScan(views[i], STILL)], [PlacedScan(views[j], STILL)], motion)
         verdict, reason = Verdict.REGISTERED, "beams hardly contradict the poses"
         if held.violate >= MOST_VIOLATED:
             verdict = Verdict.AMBIGUOUS
@@ -248,11 +248,11 @@ def held_poses(
         elif held.score <= LEAST_SCORE:
             verdict, reason = Verdict.NO_OVERLAP, "in these poses they share too little to tell"
         else:
-            edges.append(Edge((i, j), 0, float("nan")))
+            edges.append(NetworkEdge((i, j), 0, float("nan")))
         pairs.append(PairVerdict.of_pose((i, j), held, verdict, reason))
     networks = tuple(
         Network(
-            Group({k: compose(inverse(poses[part[0]]), poses[k]) for k in part}),
+            ScanGroup({k: compose(inverse(poses[part[0]]), poses[k]) for k in part}),
             np.full((6 * len(part), 6 * len(part)), np.nan),
             tuple(edge for edge in edges if {*edge.scans} <= {*part}),
         )

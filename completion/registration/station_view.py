@@ -11,7 +11,7 @@ import numpy as np
 from completion.evidence.sight import Sight, sight_of
 from completion.observe.observation import Observation, observe
 from completion.observe.tolerance import FLATNESS_M, EvidenceOptions
-from completion.registration.facets import Facets, facets_of
+from completion.registration.facets import ScanFacets, facets_of
 from completion.registration.limits import (
     CELLS,
     LEAST_COSINE,
@@ -104,7 +104,7 @@ class StationView:
     ----------
     seen : Observation
         The scan.
-    facets : Facets
+    facets : ScanFacets
         Its flat tiles.
     sight : Sight
         How it sees a place.
@@ -125,7 +125,7 @@ class StationView:
     """
 
     seen: Observation
-    facets: Facets
+    facets: ScanFacets
     sight: Sight
     sample: IntArray
     planes: PlaneSums
@@ -215,11 +215,11 @@ def _directions(planes: PlaneSums) -> Directions:
     directions: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     left = np.argsort(-areas, kind="stable")
     while len(left):
-        alike = normals[left] @ normals[left[0]] > PARALLEL
-        members = left[alike]
+        is_parallel = normals[left] @ normals[left[0]] > PARALLEL
+        members = left[is_parallel]
         mean = (normals[members] * areas[members, None]).sum(axis=0)
         directions.append((mean / np.linalg.norm(mean), heights[members], areas[members]))
-        left = left[~alike]
+        left = left[~is_parallel]
     directions.sort(key=lambda families: -float(families[2].sum()))
     directions = directions[:N_DIRECTIONS]
     return Directions(

@@ -38,7 +38,7 @@ from completion.registration.limits import (
     VIOLATION,
 )
 from completion.registration.motions import STILL, angle_between, compose, inverses
-from completion.registration.refinement import Placed, refine
+from completion.registration.refinement import PlacedScan, refine
 from completion.registration.station_view import StationView
 from scenes.checks import FloatArray
 
@@ -123,7 +123,9 @@ def trust_of(hypotheses: Sequence[Hypothesis]) -> float:
 def _odds_alone(hypothesis: Hypothesis) -> float:
     """Log odds of a pose without any other one beside it."""
     return float(
-        TRUST + BY_VIOLATION * hypothesis.violate + BY_SURPLUS * np.log(hypothesis.surplus + LEAST_SURPLUS)
+        TRUST
+        + BY_VIOLATION * hypothesis.violate
+        + BY_SURPLUS * np.log(hypothesis.beyond_planes + LEAST_SURPLUS)
     )
 
 
@@ -169,7 +171,7 @@ def with_images(hypotheses: Sequence[Hypothesis], a: StationView, b: StationView
     motions = np.concatenate(
         [compose(shifts_onto_itself(a), best), compose(best, shifts_onto_itself(b))]
     ).reshape(-1, 3, 4)
-    first, second = [Placed(a, STILL)], [Placed(b, STILL)]
+    first, second = [PlacedScan(a, STILL)], [PlacedScan(b, STILL)]
     motions = np.array([refine(first, second, motion, FULL[0]) for motion in motions]).reshape(-1, 3, 4)
     apart = np.linalg.norm(motions[:, :, 3] - best[:, 3], axis=1) > LEAST_SHIFT_M
     motions = motions[apart]
@@ -184,7 +186,7 @@ def shifts_onto_itself(view: StationView) -> FloatArray:
     places = places_of(view.directions, view.directions, np.eye(3), reach)
     places = places[np.linalg.norm(places, axis=1) > LEAST_SHIFT_M]
     motions = np.concatenate([np.repeat(np.eye(3)[None], len(places), axis=0), places[:, :, None]], axis=2)
-    pairs = [Placed(view, STILL)]
+    pairs = [PlacedScan(view, STILL)]
     scores = scores_of(pairs, pairs, motions, COARSE_M, COARSE_VIOLATION, n=N_SCREENS)
     motions = motions[np.argsort(-scores, kind="stable")[:N_SHIFTS]]
     scores = scores_of(pairs, pairs, motions, MIDDLE_M, COARSE_VIOLATION)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.features.engine.options import OPENINGS, read_given
-from completion.features.engine.template import Features, Measured, Status
+from completion.features.engine.template import Features, FeatureStatus, Measurements
 from completion.features.openings.recess import log_likelihoods
 from completion.features.pipeline import find_features, of_points
 from nbv.commands.options import FeatureCommandOptions, Shared
@@ -35,7 +35,7 @@ class _Input:
     """What was read: scans, or points, perhaps a mesh's, with their places in the file."""
 
     points: FloatArray
-    material: tuple[RangeImage, ...] | Measured
+    material: tuple[RangeImage, ...] | Measurements
     rows: IntArray | None = None
     n_rows: int = 0
     warnings: tuple[str, ...] = field(default=())
@@ -44,12 +44,12 @@ class _Input:
     @property
     def scans(self) -> tuple[RangeImage, ...]:
         """The scans; none where it is points."""
-        return () if isinstance(self.material, Measured) else self.material
+        return () if isinstance(self.material, Measurements) else self.material
 
     @property
     def faces(self) -> IntArray | None:
         """The triangles of a mesh."""
-        return self.material.faces if isinstance(self.material, Measured) else None
+        return self.material.faces if isinstance(self.material, Measurements) else None
 
 
 def run_feature(shared: Shared, how: FeatureCommandOptions) -> None:
@@ -149,7 +149,7 @@ def _placed(values: NDArray[Any], held: _Input, without: float) -> NDArray[Any]:
 
 def summary_of(features: Features) -> dict[str, Any]:
     """Return the headline numbers."""
-    numbers = {str(status): sum(fit.status is status for fit in features.fits) for status in Status}
+    numbers = {str(status): sum(fit.status is status for fit in features.fits) for status in FeatureStatus}
     return {
         **features.record(),
         "found": numbers["found"],
@@ -164,7 +164,7 @@ def lines_of(features: Features) -> list[str]:
 
     lines = []
     for number, fit in enumerate(features.fits, start=1):
-        if fit.status is Status.NONE:
+        if fit.status is FeatureStatus.NONE:
             continue
         seen = sum(side.is_seen for side in fit.sides)
         doubt = f" ({fit.reason})" if fit.reason else ""
@@ -172,7 +172,7 @@ def lines_of(features: Features) -> list[str]:
         if np.isfinite(fit.false_fit_probability):
             sentence += f", false {chance_of(fit)}"
         lines.append(f"{number:3d} {fit.kind} {fit.status}: {size_of(fit)}; {sentence}{doubt}")
-    refused = [fit for fit in features.fits if fit.status is Status.NONE]
+    refused = [fit for fit in features.fits if fit.status is FeatureStatus.NONE]
     if refused:
         lines.append(f"{len(refused)} proposed and refused, the best: {refused[0].kind}, {refused[0].reason}")
     if not features.is_complete:

@@ -12,7 +12,7 @@ import numpy as np
 
 from completion.export.decisions import DecisionSheet
 from completion.extension.patch import Patch
-from completion.features.engine.template import Status
+from completion.features.engine.template import FeatureStatus
 from completion.registration.correction import Registration
 from completion.result.completion import Completion
 from completion.result.flat_scans import whole_flattening
@@ -154,7 +154,7 @@ def completion_page(
 
 def feature_sections(completion: Completion) -> tuple[Section, ...]:
     """Return a section on the openings that were fitted whole; none where none was accepted or in doubt."""
-    sections = [fit for fit in completion.features if fit.status is not Status.NONE]
+    sections = [fit for fit in completion.features if fit.status is not FeatureStatus.NONE]
     if not sections:
         return ()
     return (Section("Doorways and windows", feature_blocks(completion.features)),)

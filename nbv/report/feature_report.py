@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.features.engine.template import Features, Seen, Status, TemplateFit
+from completion.features.engine.template import Features, FeatureStatus, SideState, TemplateFit
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, State, Table, Text
 from nbv.report.pictures.picture import Picture, picture_of, range_colours
 from nbv.run.wording import count
@@ -19,8 +19,12 @@ from scenes.scan.colour import colour_bytes, surface_bytes, surface_colour
 from scenes.scan.range_image import RangeImage
 
 _MOST_ROWS, _MOST_REFUSED = 80, 12
-_STATES: dict[Status, State] = {Status.FOUND: "measured", Status.AMBIGUOUS: "unknown", Status.NONE: ""}
-_WORDS = {Status.FOUND: "found", Status.AMBIGUOUS: "ambiguous", Status.NONE: "refused"}
+_STATES: dict[FeatureStatus, State] = {
+    FeatureStatus.FOUND: "measured",
+    FeatureStatus.AMBIGUOUS: "unknown",
+    FeatureStatus.NONE: "",
+}
+_WORDS = {FeatureStatus.FOUND: "found", FeatureStatus.AMBIGUOUS: "ambiguous", FeatureStatus.NONE: "refused"}
 _BETWEEN = {"width": ("left", "right"), "height": ("bottom", "top")}
 _NOTHING = 1e-9  # below which a number is rounding
 _UNKNOWN = 100.0  # deviation from which on nothing is known
@@ -31,8 +35,8 @@ def feature_blocks(fits: Sequence[TemplateFit]) -> tuple[Text | Table, ...]:
     """Return a table of features with a sentence before it."""
     if not fits:
         return (Text("None was proposed."),)
-    refused = [fit for fit in fits if fit.status is Status.NONE]
-    blocks = [fit for fit in fits if fit.status is not Status.NONE][:_MOST_ROWS]
+    refused = [fit for fit in fits if fit.status is FeatureStatus.NONE]
+    blocks = [fit for fit in fits if fit.status is not FeatureStatus.NONE][:_MOST_ROWS]
     shown = [*blocks, *refused[:_MOST_REFUSED]]
     rows = tuple(_row(fits.index(fit) + 1, fit) for fit in shown)
     columns = ("Feature", "Status", "Size", "Sides seen", "Not seen", "#evidence, nats", "#false", "Why")
@@ -74,7 +78,7 @@ def chance_of(fit: TemplateFit) -> str:
 
 
 def _row(number: int, fit: TemplateFit) -> tuple[Cell, ...]:
-    seen = [side for side in fit.sides if side.state is Seen.CONFIRMED]
+    seen = [side for side in fit.sides if side.state is SideState.CONFIRMED]
     sides = f"{len(seen)} of {len(fit.sides)}" if len(fit.sides) > 4 else ", ".join(s.name for s in seen)
     unseen = ", ".join(fit.unseen[:6]) + (" ..." if len(fit.unseen) > 6 else "")
     return (
@@ -89,7 +93,11 @@ def _row(number: int, fit: TemplateFit) -> tuple[Cell, ...]:
     )
 
 
-SEEN_COLOURS = {Seen.CONFIRMED: (40, 160, 70), Seen.CONTRADICTED: (200, 40, 40), Seen.UNSEEN: (230, 150, 20)}
+SEEN_COLOURS = {
+    SideState.CONFIRMED: (40, 160, 70),
+    SideState.CONTRADICTED: (200, 40, 40),
+    SideState.UNSEEN: (230, 150, 20),
+}
 """Of sides that are confirmed, contradicted, unseen; sRGB."""
 
 _ORDER = ("bottom", "right", "top", "left")
@@ -100,7 +108,7 @@ _CIRCLE = 72
 
 def scan_shots(scans: Sequence[RangeImage], fits: Sequence[TemplateFit]) -> tuple[Picture, ...]:
     """Return a picture of each scan that openings are in, at most six, with their sides."""
-    shown = [fit for fit in fits if "corners" in fit.geometry and fit.status is not Status.NONE]
+    shown = [fit for fit in fits if "corners" in fit.geometry and fit.status is not FeatureStatus.NONE]
     pictures = []
     for scan in scans:
         image, n = _image(scan), 0
@@ -162,7 +170,7 @@ def point_shots(points: FloatArray, features: Features) -> tuple[Picture, ...]:
         order = np.argsort(feature[::step], kind="stable")
         image[place[order, 1], place[order, 0]] = colour[order]
         for fit in features.fits:
-            if fit.status is not Status.NONE:
+            if fit.status is not FeatureStatus.NONE:
                 _draw_lines(image, fit, at)
         sentence = "Coloured: points of features. Holes: green seen, orange seen by nobody, red filled."
         shots.append(picture_of(image, f"The points {word}", sentence))
@@ -191,14 +199,14 @@ def _draw_lines(
         across = _plane_of(fit, centres)
         turn = np.linspace(0, 2 * np.pi, _CIRCLE)
         ring = radius * (np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1])
-        states = [side.state for side in fit.sides] + [Seen.UNSEEN] * len(centres)
+        states = [side.state for side in fit.sides] + [SideState.UNSEEN] * len(centres)
         for centre, state in zip(centres, states, strict=False):
             cv2.polylines(
                 image, [at(centre + ring).astype(np.int32)], True, SEEN_COLOURS[state], 2, cv2.LINE_AA
             )
     if "joint" in fit.geometry:
         ends = at(np.asarray(fit.geometry["joint"])).astype(np.int32)
-        cv2.polylines(image, [ends], False, SEEN_COLOURS[Seen.CONFIRMED], 3, cv2.LINE_AA)
+        cv2.polylines(image, [ends], False, SEEN_COLOURS[SideState.CONFIRMED], 3, cv2.LINE_AA)
 
 
 def _plane_of(fit: TemplateFit, centres: FloatArray) -> FloatArray:
@@ -219,14 +227,14 @@ def feature_page(
     warnings: Sequence[str] = (),
 ) -> Page:
     """Return the report of the features of `points` (n, 3), or of scans."""
-    numbers = {status: sum(fit.status is status for fit in features.fits) for status in Status}
+    numbers = {status: sum(fit.status is status for fit in features.fits) for status in FeatureStatus}
     unseen = sum(len(fit.unseen) for fit in features.found)
     shots: list[Block] = []
     if scans and (pictures := scan_shots(scans, features.fits)):
         shots.append(Gallery(pictures, 2))
     if any("corners" not in fit.geometry for fit in features.fits) or not scans:
         shots.append(Gallery(point_shots(points, features), 2))
-    text = count(numbers[Status.FOUND], "feature was", "features were")
+    text = count(numbers[FeatureStatus.FOUND], "feature was", "features were")
     state = (
         "" if features.is_complete else " The search was ended before it was done: these are the best so far."
     )
@@ -235,9 +243,9 @@ def feature_page(
         kicker="Report of features",
         summary=f"{text} found of {', '.join(kinds)}.{state}",
         headlines=(
-            Headline(str(numbers[Status.FOUND]), "", "found", "measured"),
-            Headline(str(numbers[Status.AMBIGUOUS]), "", "ambiguous", "unknown"),
-            Headline(str(numbers[Status.NONE]), "", "proposed and refused"),
+            Headline(str(numbers[FeatureStatus.FOUND]), "", "found", "measured"),
+            Headline(str(numbers[FeatureStatus.AMBIGUOUS]), "", "ambiguous", "unknown"),
+            Headline(str(numbers[FeatureStatus.NONE]), "", "proposed and refused"),
             Headline(str(unseen), "", "sides of those found that nobody saw", "unknown"),
         ),
         bar=None,

@@ -3,22 +3,22 @@
 
 import numpy as np
 
-from completion.fitting.patches.joins import Boundary, Join
+from completion.fitting.patches.joins import Boundary, JoinKind
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 WALL, FLOOR, END = Plane((0, 0, 0), (1, 0, 0)), Plane((0, 0, 0), (0, 0, 1)), Plane((0, 0, 0), (0, 1, 0))
 TUBE = Cylinder((0, 0, 0), (0, 0, 1), 50.0)
 BLEND = {
-    "u0": Boundary(WALL, Join.TANGENT),
-    "u1": Boundary(FLOOR, Join.TANGENT),
-    "v0": Boundary(END, Join.ORTHOGONAL),
+    "u0": Boundary(WALL, JoinKind.TANGENT),
+    "u1": Boundary(FLOOR, JoinKind.TANGENT),
+    "v0": Boundary(END, JoinKind.ORTHOGONAL),
 }
 """Tangent to a wall and a floor, at right angles to an end, free at the other."""
 
 COLLAR = {
-    "u0": Boundary(TUBE, Join.TANGENT),
-    "u1": Boundary(FLOOR, Join.TANGENT),
-    "v0": Boundary(END, Join.ORTHOGONAL),
+    "u0": Boundary(TUBE, JoinKind.TANGENT),
+    "u1": Boundary(FLOOR, JoinKind.TANGENT),
+    "v0": Boundary(END, JoinKind.ORTHOGONAL),
 }
 """The same between a tube that stands on a floor, and that floor."""
 

@@ -25,7 +25,7 @@ PRIOR_VARIANCE = 1 / 12  # of a parameter between its bounds, in the unit box
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Refined:
+class Refinement:
     """Where least squares ended.
 
     Attributes
@@ -57,7 +57,9 @@ class Refined:
         return np.abs(self.distances) < TUKEY * self.sigma
 
 
-def refine(distance: Distance, place: FloatArray, sigma: float, *, least_sigma: float, most: int) -> Refined:
+def refine(
+    distance: Distance, place: FloatArray, sigma: float, *, least_sigma: float, most: int
+) -> Refinement:
     """Move a place to where Tukey's weighted squares are least, the cut annealed from 20 to 4.685 sigma.
 
     Parameters
@@ -74,19 +76,19 @@ def refine(distance: Distance, place: FloatArray, sigma: float, *, least_sigma: 
         Evaluations at most; at least those that the derivatives at the end need are spent.
     """
     n_each = len(place) + 1
-    spent, settled, kept = 0, False, np.zeros(0, dtype=np.bool_)
+    spent, is_settled, kept = 0, False, np.zeros(0, dtype=np.bool_)
     for cut in (*_CUTS, *[TUKEY] * _N_FINAL):
         allowed = min(_N_STEPS, (most - spent) // n_each - 1)
         if allowed < 1 or len(place) == 0:
-            settled = len(place) == 0
+            is_settled = len(place) == 0
             break
         place, n_steps = _take_steps(distance, place, cut * sigma, allowed)
         size = np.abs(distance(place))
         spent += n_steps * n_each + 1
         sigma = max(scale_within(size[size < cut * sigma], sigma), least_sigma)
         before, kept = kept, size < cut * sigma
-        settled = cut == TUKEY and np.array_equal(before, kept)
-        if settled:
+        is_settled = cut == TUKEY and np.array_equal(before, kept)
+        if is_settled:
             break
     at_end = distance(place)
     size = np.abs(at_end)
@@ -94,7 +96,7 @@ def refine(distance: Distance, place: FloatArray, sigma: float, *, least_sigma: 
         sigma = _settled_scale(size, sigma, least_sigma)
     spent += 2 * len(place) + 1
     slopes = _jacobian(distance, place)
-    return Refined(place, sigma, at_end, slopes, evaluations=spent, is_settled=settled)
+    return Refinement(place, sigma, at_end, slopes, evaluations=spent, is_settled=is_settled)
 
 
 def _settled_scale(size: FloatArray, sigma: float, least: float) -> float:
@@ -180,7 +182,7 @@ def neighbour_cells(
     return np.column_stack([faces, np.floor(points / side).astype(np.int64)])
 
 
-def box_covariance(refined: Refined, excess: float) -> FloatArray:
+def box_covariance(refined: Refinement, excess: float) -> FloatArray:
     """Return the covariance (m, m) of the place: of points, and of that it lies in the unit box.
 
     (J'J / s^2 + 12)^-1, s^2 of the M-estimator times the inflation; 1 / 12 is the variance between bounds.

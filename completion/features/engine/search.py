@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from completion.features.engine.template import Measured, Template
+from completion.features.engine.template import Measurements, Template
 from scenes.checks import FloatArray, InputError
 
 
@@ -40,7 +40,7 @@ class Gate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Equations:
+class SoughtParameters:
     """All k parameters from the m that are sought, each of these a number in 0..1 between its bounds.
 
     x = base + spread z, so that what is held, or equal, is so exactly.
@@ -78,7 +78,7 @@ def equations(
     bounds: tuple[FloatArray, FloatArray],
     given: Mapping[str, float],
     equal: Sequence[tuple[str, ...]] = (),
-) -> Equations:
+) -> SoughtParameters:
     """Return what is left to be sought of parameters, of which some are given and some equal.
 
     Parameters
@@ -123,7 +123,7 @@ def equations(
         column[which] = greatest - least
         columns.append(column)
     spread = np.column_stack(columns) if columns else np.zeros((len(names), 0))
-    return Equations(base, spread, tuple(name for name in names if name in given))
+    return SoughtParameters(base, spread, tuple(name for name in names if name in given))
 
 
 def _check_names(names: Sequence[str], asked: Sequence[str]) -> None:
@@ -346,7 +346,7 @@ REACH = 0.1  # of the diagonal, beyond which a point has no say
 _PATIENCE, _SETTLED = 6, 1e-3  # generations a sought parameter in which the best gets hardly better
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """Where the search ended."""
 
     place: FloatArray  # (m,) in the unit box
@@ -357,14 +357,14 @@ class Found(NamedTuple):
 
 def explore(
     template: Template,
-    measured: Measured,
-    sought: Equations,
+    measured: Measurements,
+    sought: SoughtParameters,
     *,
     rng: np.random.Generator,
     budget: int,
     begun: Sequence[FloatArray],
     gates: Sequence[Gate],
-) -> Found:
+) -> SearchResult:
     """Return the best place of an evolution, until it stands still or the budget is spent.
 
     Deb's rule for gates: what obeys them beats what does not. It has settled when the best value has fallen
@@ -373,7 +373,7 @@ def explore(
     """
     n = sought.n_sought
     if n == 0:
-        return Found(np.zeros(0), breach(gates, sought.base), 0, True)
+        return SearchResult(np.zeros(0), breach(gates, sought.base), 0, True)
     chosen = rng.permutation(len(measured.points))[:_N_POINTS]
     subset, reach = measured.points[chosen], REACH * measured.diagonal
     scale = min(max(measured.noise, 0.25 * measured.spacing, 1e-3 * measured.diagonal), 0.5 * reach)
@@ -396,20 +396,20 @@ def explore(
         violation=violation if gates else None,
     )
     best: list[tuple[float, float]] = []
-    settled = False
+    is_settled = False
     try:
         for stage in stages:
-            find = Found(stage.place, stage.violation, stage.evaluations, False)
+            find = SearchResult(stage.place, stage.violation, stage.evaluations, False)
             best.append((stage.violation, stage.value))
             before = best[max(0, len(best) - 1 - _PATIENCE * n)]
             still = before[0] == stage.violation and before[1] - stage.value < _SETTLED * before[1]
-            settled = len(best) > _PATIENCE * n and still
-            if settled:
+            is_settled = len(best) > _PATIENCE * n and still
+            if is_settled:
                 break
     except KeyboardInterrupt:
         if not best:
             raise
-    return find._replace(is_settled=settled)
+    return find._replace(is_settled=is_settled)
 
 
 def breach(gates: Sequence[Gate], x: FloatArray) -> float:

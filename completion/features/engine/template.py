@@ -15,7 +15,7 @@ from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beams:
+class PixelBeams:
     """Beams of n pixels.
 
     Attributes
@@ -32,13 +32,13 @@ class Beams:
     directions: FloatArray
     ranges: FloatArray
 
-    def select(self, which: BoolArray | IntArray) -> Beams:
+    def select(self, which: BoolArray | IntArray) -> PixelBeams:
         """Return some of them, by truth (n,) or by number (m,)."""
-        return Beams(self.origins[which], self.directions[which], self.ranges[which])
+        return PixelBeams(self.origins[which], self.directions[which], self.ranges[which])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class Measurements:
     """What was measured, in one frame and one unit.
 
     Attributes
@@ -49,7 +49,7 @@ class Measured:
         Standard deviation of a point across its surface; 0 where there is none.
     spacing : float
         Typical distance between neighbouring points.
-    beams : Beams, optional
+    beams : PixelBeams, optional
         The beams of a scan, those without a return too; None of points alone.
     beam_of_point : (n,) int, optional
         Number of the beam that measured each point.
@@ -60,7 +60,7 @@ class Measured:
     points: FloatArray
     noise: float
     spacing: float
-    beams: Beams | None = None
+    beams: PixelBeams | None = None
     beam_of_point: IntArray | None = None
     faces: IntArray | None = None
 
@@ -69,9 +69,9 @@ class Measured:
         """Of the box round all points; 0 of none."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0))) if len(self.points) else 0.0
 
-    def scale(self, factor: float) -> Measured:
+    def scale(self, factor: float) -> Measurements:
         """Return the same in another unit."""
-        beams = self.beams and Beams(
+        beams = self.beams and PixelBeams(
             self.beams.origins * factor, self.beams.directions, self.beams.ranges * factor
         )
         return replace(
@@ -86,7 +86,7 @@ class Measured:
 _LEAST_TILES = 2  # that confirm a side which counts as seen
 
 
-class Status(StrEnum):
+class FeatureStatus(StrEnum):
     """What became of a feature."""
 
     FOUND = "found"
@@ -94,7 +94,7 @@ class Status(StrEnum):
     NONE = "none"  # proposed, and refused by what was measured
 
 
-class Seen(StrEnum):
+class SideState(StrEnum):
     """What was measured beside a side."""
 
     CONFIRMED = "confirmed"
@@ -103,7 +103,7 @@ class Seen(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class FeatureSide:
     """One side of a feature: an edge of an opening, a hole of a row, one of two joined surfaces.
 
     Attributes
@@ -123,16 +123,16 @@ class Side:
     deviation: float = np.inf
 
     @property
-    def state(self) -> Seen:
+    def state(self) -> SideState:
         """Return whether it was seen: two tiles at least confirm it, and fewer contradict it."""
         if self.contradicted > self.confirmed:
-            return Seen.CONTRADICTED
-        return Seen.CONFIRMED if self.confirmed >= _LEAST_TILES else Seen.UNSEEN
+            return SideState.CONTRADICTED
+        return SideState.CONFIRMED if self.confirmed >= _LEAST_TILES else SideState.UNSEEN
 
     @property
     def is_seen(self) -> bool:
         """Whether it was seen where it is said to be."""
-        return self.state is Seen.CONFIRMED
+        return self.state is SideState.CONFIRMED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +143,7 @@ class TemplateFit:
     ----------
     kind : str
         "doorway", "hole-row" ...
-    status : Status
+    status : FeatureStatus
         Found, ambiguous or none.
     names : tuple of str
         The k parameters that were sought or held.
@@ -151,7 +151,7 @@ class TemplateFit:
         Their values; lengths in the unit of the input, angles in radians.
     covariance : (k, k) float
         Of them; zero in rows of what was held.
-    sides : tuple of Side
+    sides : tuple of FeatureSide
         Support of each side.
     evidence : float
         Log odds against the plain surface, nats.
@@ -176,11 +176,11 @@ class TemplateFit:
     """
 
     kind: str
-    status: Status
+    status: FeatureStatus
     names: tuple[str, ...]
     x: FloatArray
     covariance: FloatArray
-    sides: tuple[Side, ...]
+    sides: tuple[FeatureSide, ...]
     evidence: float
     faces: tuple[str, ...]
     assignment: IntArray
@@ -199,7 +199,7 @@ class TemplateFit:
         """Return what is told where nothing among n points could be fitted."""
         return cls(
             kind=kind,
-            status=Status.NONE,
+            status=FeatureStatus.NONE,
             names=names,
             x=np.full(len(names), np.nan),
             covariance=np.diag(np.full(len(names), np.inf)),
@@ -213,7 +213,7 @@ class TemplateFit:
     @property
     def unseen(self) -> tuple[str, ...]:
         """Names of the sides that were not seen."""
-        return tuple(side.name for side in self.sides if side.state is Seen.UNSEEN)
+        return tuple(side.name for side in self.sides if side.state is SideState.UNSEEN)
 
     def value(self, name: str) -> float:
         """Return a parameter by name."""
@@ -253,7 +253,7 @@ class Template(Protocol):
         """Its faces, numbered from 1."""
         ...
 
-    def bounds(self, measured: Measured) -> tuple[FloatArray, FloatArray]:
+    def bounds(self, measured: Measurements) -> tuple[FloatArray, FloatArray]:
         """Return the least and the greatest value of each parameter (k,)."""
         ...
 
@@ -268,7 +268,7 @@ Given = Mapping[str, float]
 
 def best_first(fits: Sequence[TemplateFit]) -> list[TemplateFit]:
     """Return the fits in order of status and evidence."""
-    rank = {Status.FOUND: 0, Status.AMBIGUOUS: 1, Status.NONE: 2}
+    rank = {FeatureStatus.FOUND: 0, FeatureStatus.AMBIGUOUS: 1, FeatureStatus.NONE: 2}
     return sorted(fits, key=lambda fit: (rank[fit.status], -fit.evidence))
 
 
@@ -299,7 +299,7 @@ class Features:
     @property
     def found(self) -> tuple[TemplateFit, ...]:
         """Those that were accepted."""
-        return tuple(fit for fit in self.fits if fit.status is Status.FOUND)
+        return tuple(fit for fit in self.fits if fit.status is FeatureStatus.FOUND)
 
     def of_points(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Return the feature (n,), from 1, and its face (n,), from 1, of each point; 0 for none.
@@ -308,7 +308,7 @@ class Features:
         """
         feature, face = np.zeros(self.n_points, np.int32), np.zeros(self.n_points, np.int32)
         for number, fit in enumerate(self.fits, start=1):
-            if fit.status is Status.NONE:
+            if fit.status is FeatureStatus.NONE:
                 continue
             new = (fit.assignment > 0) & (feature == 0)
             feature[new], face[new] = number, fit.assignment[new]

@@ -11,14 +11,21 @@ from scipy.spatial import cKDTree
 
 from completion.features.engine.refinement import (
     PRIOR_VARIANCE,
-    Refined,
+    Refinement,
     box_covariance,
     inflation,
     neighbour_cells,
     refine,
 )
-from completion.features.engine.search import REACH, Equations, Gate, breach, equations, explore
-from completion.features.engine.template import Given, Measured, Side, Status, Template, TemplateFit
+from completion.features.engine.search import REACH, Gate, SoughtParameters, breach, equations, explore
+from completion.features.engine.template import (
+    FeatureSide,
+    FeatureStatus,
+    Given,
+    Measurements,
+    Template,
+    TemplateFit,
+)
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.limits import TUKEY
 from completion.fitting.result import FitError
@@ -80,13 +87,13 @@ _N_BEAMS, _N_STEPS, _N_SAMPLE = 2_000, 80, 2_000
 
 def face_sides(
     names: Sequence[str],
-    measured: Measured,
+    measured: Measurements,
     faces: IntArray,
     deviations: FloatArray,
     *,
     nearest: Nearest,
     tolerance: float,
-) -> tuple[Side, ...]:
+) -> tuple[FeatureSide, ...]:
     """Return the support of each face.
 
     Tiles are cubes of six typical distances between the points of a face. One is confirmed by four of them,
@@ -96,7 +103,7 @@ def face_sides(
     ----------
     names : sequence of str
         Of the faces.
-    measured : Measured
+    measured : Measurements
         What was measured.
     faces : (n,) int
         Face of each point, from 1; 0 for none.
@@ -116,7 +123,7 @@ def face_sides(
         crossed = _tiles(through[through_faces == number], side, 1) - confirmed
         n = len(confirmed) + len(crossed)
         deviation = float(deviations[number - 1])
-        sides.append(Side(name, len(confirmed), len(crossed), n, deviation=deviation))
+        sides.append(FeatureSide(name, len(confirmed), len(crossed), n, deviation=deviation))
     return tuple(sides)
 
 
@@ -136,7 +143,7 @@ def _tiles(points: FloatArray, side: float, least: int) -> set[tuple[int, ...]]:
 
 
 def _passages(
-    measured: Measured, explained: FloatArray, nearest: Nearest, tolerance: float
+    measured: Measurements, explained: FloatArray, nearest: Nearest, tolerance: float
 ) -> tuple[FloatArray, IntArray]:
     """Where beams (m, 3) went through a face and on, and its number (m,); by steps of the distance.
 
@@ -174,18 +181,20 @@ _SCATTER, _FORM = 5.0, 0.01  # of the noise, and of the size of what is explaine
 _UNKNOWN = 0.5  # of the variance between the bounds: who knows no more knows nothing
 
 
-class Known(NamedTuple):
+class LocalFit(NamedTuple):
     """What least squares says of a place."""
 
     covariance: FloatArray  # (k, k); infinite where nothing is known
     unknown: tuple[str, ...]  # parameters that the points leave open
     faces: IntArray  # (n,) face of each point, 0 for none
-    sides: tuple[Side, ...]
+    sides: tuple[FeatureSide, ...]
     cost: float  # nats: of the parameters
     excess: float  # inflation of variances
 
 
-def knowledge(template: Template, measured: Measured, sought: Equations, refined: Refined) -> Known:
+def knowledge(
+    template: Template, measured: Measurements, sought: SoughtParameters, refined: Refinement
+) -> LocalFit:
     """Return the covariance of all parameters, the faces of all points and their support."""
     x = sought.full(refined.place)
     _, nearest = template.distance(measured.points, x)
@@ -217,7 +226,7 @@ def knowledge(template: Template, measured: Measured, sought: Equations, refined
     names = tuple(name for name, gone in zip(template.names, lost, strict=True) if gone)
     sign, size = np.linalg.slogdet(box / PRIOR_VARIANCE)
     cost = -0.5 * float(size) if sign > 0 else 0.0
-    return Known(covariance, names, faces, sides, cost=cost, excess=excess)
+    return LocalFit(covariance, names, faces, sides, cost=cost, excess=excess)
 
 
 def _gradient(template: Template, points: FloatArray, x: FloatArray, step: float) -> FloatArray:
@@ -228,7 +237,7 @@ def _gradient(template: Template, points: FloatArray, x: FloatArray, step: float
     )
 
 
-def evidence(measured: Measured, refined: Refined, known: Known) -> tuple[float, str]:
+def evidence(measured: Measurements, refined: Refinement, known: LocalFit) -> tuple[float, str]:
     """Return the log odds against the best plain surface, in nats, and which that is."""
     step = max(1, len(measured.points) // MOST_POINTS)
     floor, reach = max(1e-9 * measured.diagonal, 1e-300), max(measured.diagonal, 1e-300)
@@ -238,7 +247,7 @@ def evidence(measured: Measured, refined: Refined, known: Known) -> tuple[float,
     return (fitted - plain) * step / known.excess - known.cost, name
 
 
-def misfit(measured: Measured, refined: Refined) -> str:
+def misfit(measured: Measurements, refined: Refinement) -> str:
     """Return what is wrong where points scatter about the faces by more than noise and form explain.
 
     A template that follows the bulk of a scene beats any plain surface, and is still not there.
@@ -251,28 +260,31 @@ def misfit(measured: Measured, refined: Refined) -> str:
 
 
 def judge_fit(
-    template: Template, known: Known, evidence: float, *, plain: str, wrong: str, breach: float
-) -> tuple[Status, str]:
+    template: Template, known: LocalFit, evidence: float, *, plain: str, wrong: str, breach: float
+) -> tuple[FeatureStatus, str]:
     """Return the status, and why it is not simply found; `wrong` is a misfit."""
     if breach > 0:
-        return Status.NONE, f"no place obeys the constraints: the best breaks them by {breach:.3g} tolerances"
+        return (
+            FeatureStatus.NONE,
+            f"no place obeys the constraints: the best breaks them by {breach:.3g} tolerances",
+        )
     if wrong:
-        return Status.NONE, wrong
+        return FeatureStatus.NONE, wrong
     if evidence <= 0:
-        return Status.NONE, f"{plain} explains the points as well ({-evidence:.0f} nats better)"
+        return FeatureStatus.NONE, f"{plain} explains the points as well ({-evidence:.0f} nats better)"
     against = [side for side in known.sides if side.contradicted > side.confirmed]
     seen = [side for side in known.sides if side.is_seen]
     if not seen:
-        return Status.NONE, "no face has points on two tiles"
+        return FeatureStatus.NONE, "no face has points on two tiles"
     if len(against) > len(seen):
-        return Status.NONE, f"beams went through {', '.join(side.name for side in against)}"
+        return FeatureStatus.NONE, f"beams went through {', '.join(side.name for side in against)}"
     if evidence < LEAST_EVIDENCE:
-        return Status.AMBIGUOUS, f"{plain} explains the points nearly as well ({evidence:.1f} nats)"
+        return FeatureStatus.AMBIGUOUS, f"{plain} explains the points nearly as well ({evidence:.1f} nats)"
     if len(seen) == 1 < len(template.faces):
-        return Status.AMBIGUOUS, f"only {seen[0].name} was seen: it may be a part of anything"
+        return FeatureStatus.AMBIGUOUS, f"only {seen[0].name} was seen: it may be a part of anything"
     if known.unknown:
-        return Status.FOUND, f"the points leave open: {', '.join(known.unknown)}"
-    return Status.FOUND, ""
+        return FeatureStatus.FOUND, f"the points leave open: {', '.join(known.unknown)}"
+    return FeatureStatus.FOUND, ""
 
 
 NOTHING: Given = {}
@@ -282,7 +294,7 @@ _LEAST_POINTS = 8
 
 def fit_template(
     template: Template,
-    measured: Measured,
+    measured: Measurements,
     given: Given = NOTHING,
     *,
     rng: np.random.Generator,
@@ -297,7 +309,7 @@ def fit_template(
     ----------
     template : Template
         What is fitted.
-    measured : Measured
+    measured : Measurements
         Points, and beams where there are.
     given : mapping
         Parameters that are known: held exactly.

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import fft, ndimage
 from scipy.special import ndtr
 
-from completion.features.holes.plates import Openings, Survey
+from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 N_SECTORS = 16
@@ -42,7 +42,7 @@ class RimScores:
     filled: FloatArray
 
 
-def rim_scores(survey: Survey, centres: FloatArray, radii: FloatArray, soft: FloatArray) -> RimScores:
+def rim_scores(survey: PlateSurvey, centres: FloatArray, radii: FloatArray, soft: FloatArray) -> RimScores:
     """Weigh circles (m, 2), (m,) whose radii are known to `soft` (m,).
 
     In each of 16 sectors the plate begins at some distance g from the centre. Its points are a Poisson
@@ -62,7 +62,7 @@ def rim_scores(survey: Survey, centres: FloatArray, radii: FloatArray, soft: Flo
 
 
 def _scores(
-    survey: Survey, centres: FloatArray, radii: FloatArray, soft: FloatArray, *, level: int
+    survey: PlateSurvey, centres: FloatArray, radii: FloatArray, soft: FloatArray, *, level: int
 ) -> RimScores:
     """The same of circles for which a fourth of the points, or of these, suffices."""
     m, beyond = len(centres), _BEYOND * survey.spacing * 2**level
@@ -129,7 +129,7 @@ LARGE, _WIDENED = 8.0, (1.0, 0.5, 0.25, 0.12)  # spacings from which circles are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
+class HoleCandidates:
     """Circles that may be holes.
 
     Attributes
@@ -150,7 +150,7 @@ class Candidates:
         return len(self.radii)
 
 
-def candidates(survey: Survey, opened: Openings, radius: float | None = None) -> Candidates:
+def candidates(survey: PlateSurvey, opened: Openings, radius: float | None = None) -> HoleCandidates:
     """Find circles with an empty inside and plate around, of any radius or of one that is given.
 
     For each radius two convolutions count the plate's points in the disc and on the ring about every cell;
@@ -163,16 +163,16 @@ def candidates(survey: Survey, opened: Openings, radius: float | None = None) ->
     best = np.argsort(-np.concatenate([score for _, score in places]), kind="stable")[: 4 * _MOST_PLACES]
     centres, sizes = centres[best], sizes[best]
     if not len(centres):
-        return Candidates(centres, sizes, np.zeros(0))
+        return HoleCandidates(centres, sizes, np.zeros(0))
     soft = np.full(len(sizes), 0.35 * survey.spacing)
     evidence = rim_scores(survey, centres, sizes, soft).evidence
     best = np.argsort(-evidence, kind="stable")[:_MOST_PLACES]
-    circles = _climb(survey, Candidates(centres[best], sizes[best], evidence[best]), radius is not None)
+    circles = _climb(survey, HoleCandidates(centres[best], sizes[best], evidence[best]), radius is not None)
     more = opened.evidence(circles.centres, circles.radii, survey.spacing)
     return _distinct(replace(circles, evidence=circles.evidence + more))
 
 
-def _radii(survey: Survey) -> FloatArray:
+def _radii(survey: PlateSurvey) -> FloatArray:
     """Radii to try, closer together than the spacing where they are small."""
     extent = np.array(survey.counts.shape) * survey.cell
     radii, radius = list[float](), LEAST * survey.spacing
@@ -182,7 +182,7 @@ def _radii(survey: Survey) -> FloatArray:
     return np.array(radii)
 
 
-def _places(survey: Survey, radius: float) -> tuple[FloatArray, FloatArray]:
+def _places(survey: PlateSurvey, radius: float) -> tuple[FloatArray, FloatArray]:
     """Centres (m, 2) of circles of one radius, and how much of the ring less of the disc is filled (m,)."""
     cell, counts, densities = _coarser(survey, radius)
     ring, disc = radius + max(_RING * survey.spacing, 1.5 * cell), radius - 0.5 * cell
@@ -207,7 +207,7 @@ def _places(survey: Survey, radius: float) -> tuple[FloatArray, FloatArray]:
     return centres, score[tuple(cells.T)] * np.sqrt(radius / survey.spacing)
 
 
-def _coarser(survey: Survey, radius: float) -> tuple[float, FloatArray, FloatArray]:
+def _coarser(survey: PlateSurvey, radius: float) -> tuple[float, FloatArray, FloatArray]:
     """Side of cells of which a radius has some, points in each of them, and their density."""
     factor = max(1, int(radius / (_CELLS * survey.cell)))
     if factor == 1:
@@ -220,7 +220,7 @@ def _coarser(survey: Survey, radius: float) -> tuple[float, FloatArray, FloatArr
     return factor * survey.cell, counts, densities
 
 
-def _climb(survey: Survey, begun: Candidates, is_given: bool) -> Candidates:
+def _climb(survey: PlateSurvey, begun: HoleCandidates, is_given: bool) -> HoleCandidates:
     """The candidates moved, step by step, to the most evident circles near them."""
     distinct = begun
     moves = np.concatenate([np.eye(3), -np.eye(3)])
@@ -229,12 +229,12 @@ def _climb(survey: Survey, begun: Candidates, is_given: bool) -> Candidates:
         distinct = _ascend(survey, distinct, moves, step)
         kept = np.argsort(-distinct.evidence, kind="stable")[: max(_MOST, len(distinct) // 2)]
         distinct = _distinct(
-            Candidates(distinct.centres[kept], distinct.radii[kept], distinct.evidence[kept]), 2 * _MOST
+            HoleCandidates(distinct.centres[kept], distinct.radii[kept], distinct.evidence[kept]), 2 * _MOST
         )
     return distinct if is_given else _grown(survey, distinct)
 
 
-def _grown(survey: Survey, begun: Candidates) -> Candidates:
+def _grown(survey: PlateSurvey, begun: HoleCandidates) -> HoleCandidates:
     """The candidates, large ones moved and widened at once.
 
     A circle in a larger one, which it touches, can neither be moved nor widened by more than its rim is
@@ -243,7 +243,7 @@ def _grown(survey: Survey, begun: Candidates) -> Candidates:
     large = np.flatnonzero(begun.radii > LARGE * survey.spacing)
     if not len(large):
         return begun
-    circles = Candidates(begun.centres[large], begun.radii[large], begun.evidence[large])
+    circles = HoleCandidates(begun.centres[large], begun.radii[large], begun.evidence[large])
     around = 2 * np.pi * np.arange(8) / 8
     out = np.column_stack([np.cos(around), np.sin(around), np.ones(8)])
     moves = np.concatenate([out, -out, np.eye(3), -np.eye(3)])
@@ -252,10 +252,10 @@ def _grown(survey: Survey, begun: Candidates) -> Candidates:
     merged = [getattr(begun, name).copy() for name in ("centres", "radii", "evidence")]
     for whole, part in zip(merged, (circles.centres, circles.radii, circles.evidence), strict=True):
         whole[large] = part
-    return _distinct(Candidates(*merged), 2 * _MOST)
+    return _distinct(HoleCandidates(*merged), 2 * _MOST)
 
 
-def _ascend(survey: Survey, begun: Candidates, moves: FloatArray, step: float) -> Candidates:
+def _ascend(survey: PlateSurvey, begun: HoleCandidates, moves: FloatArray, step: float) -> HoleCandidates:
     """The candidates moved by moves (k, 3) of centre and radius, as long as they become more evident."""
     centres, radii = begun.centres.copy(), begun.radii.copy()
     length = step * np.maximum(survey.spacing, radii / _CELLS)
@@ -277,10 +277,10 @@ def _ascend(survey: Survey, begun: Candidates, moves: FloatArray, step: float) -
         evidence[active] = values[rows, best]
         if not len(active):
             break
-    return Candidates(centres, radii, evidence)
+    return HoleCandidates(centres, radii, evidence)
 
 
-def _distinct(circles: Candidates, most: int = _MOST) -> Candidates:
+def _distinct(circles: HoleCandidates, most: int = _MOST) -> HoleCandidates:
     """The most evident, of which centres or radii differ by a fourth of the radius."""
     order = np.argsort(-circles.evidence, kind="stable")
     kept = list[int]()
@@ -293,4 +293,4 @@ def _distinct(circles: Candidates, most: int = _MOST) -> Candidates:
         )
         if not nearly.any():
             kept.append(int(k))
-    return Candidates(circles.centres[kept], circles.radii[kept], circles.evidence[kept])
+    return HoleCandidates(circles.centres[kept], circles.radii[kept], circles.evidence[kept])

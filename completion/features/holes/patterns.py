@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from completion.features.holes.candidates import LEAST, N_SECTORS, rim_scores
-from completion.features.holes.plates import Openings, Plate, Survey
+from completion.features.holes.plates import HolePlate, Openings, PlateSurvey
 from completion.fitting.limits import TUKEY
 from completion.fitting.robust import scale_within, tukey_weights
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -125,7 +125,7 @@ _STRETCH = 2.0  # of Goodman & Weare
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Refined:
+class PatternRefinement:
     """A pattern, the covariance (p + 1, p + 1) of its parameters and radius, and evaluations spent."""
 
     pattern: Pattern
@@ -163,8 +163,8 @@ class _Rims:
 
 
 def refine(
-    begun: Pattern, survey: Survey, held: BoolArray, used: BoolArray, *, rng: np.random.Generator
-) -> Refined:
+    begun: Pattern, survey: PlateSurvey, held: BoolArray, used: BoolArray, *, rng: np.random.Generator
+) -> PatternRefinement:
     """Refine a pattern: mean and covariance of its posterior by an affine-invariant ensemble.
 
     The edge of a Poisson process is no regular parameter: its likelihood jumps, and errors shrink with the
@@ -185,10 +185,10 @@ def refine(
         mean[held] = np.array([*pattern.x, pattern.radius])[held]
         covariance[held], covariance[:, held] = 0.0, 0.0
         pattern = replace(pattern, x=mean[:-1], radius=float(mean[-1]))
-    return Refined(pattern, covariance, spent)
+    return PatternRefinement(pattern, covariance, spent)
 
 
-def _rims(pattern: Pattern, survey: Survey, used: BoolArray, soft: float) -> _Rims:
+def _rims(pattern: Pattern, survey: PlateSurvey, used: BoolArray, soft: float) -> _Rims:
     centres, radii = pattern.centres, np.full(pattern.count, pattern.radius)
     soft = max(soft, survey.plate.noise)
     seen = rim_scores(survey, centres, radii, np.full(len(radii), soft)).seen
@@ -203,7 +203,7 @@ def _rims(pattern: Pattern, survey: Survey, used: BoolArray, soft: float) -> _Ri
     )  # fmt: skip
 
 
-def _first_spread(pattern: Pattern, survey: Survey, held: BoolArray) -> FloatArray:
+def _first_spread(pattern: Pattern, survey: PlateSurvey, held: BoolArray) -> FloatArray:
     """Root (p + 1, p + 1) of the covariance if each centre were known to a share of the spacing."""
     slopes = pattern.slopes.reshape(-1, len(pattern.x))
     root = np.zeros((len(held),) * 2)
@@ -282,7 +282,7 @@ class Walls:
     owner: IntArray
 
 
-def assign_faces(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> IntArray:
+def assign_faces(pattern: Pattern, plate: HolePlate, opened: Openings, points: FloatArray) -> IntArray:
     """Number the faces that points (n, 3) are on: 1 the plate, from 2 the walls of its holes, 0 none."""
     faces = _owners(pattern, plate, opened, points) + 2
     faces[faces == 1] = 0
@@ -290,7 +290,7 @@ def assign_faces(pattern: Pattern, plate: Plate, opened: Openings, points: Float
     return faces
 
 
-def _owners(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> IntArray:
+def _owners(pattern: Pattern, plate: HolePlate, opened: Openings, points: FloatArray) -> IntArray:
     """The hole (n,) on whose wall each of points (n, 3) is, -1 for none."""
     places, height = plate.chart(points)
     deep = (np.abs(height) > 1.5 * plate.slab) & (np.abs(height) < _DEEP * pattern.radius)
@@ -299,7 +299,7 @@ def _owners(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray
     return _nearest_rim(pattern, places, deep, opened.reach)
 
 
-def walls(pattern: Pattern, plate: Plate, opened: Openings, points: FloatArray) -> Walls:
+def walls(pattern: Pattern, plate: HolePlate, opened: Openings, points: FloatArray) -> Walls:
     """Gather those of points (n, 3) that are on walls; or places (n, 2) near rims: a mesh's corners."""
     if points.shape[1] == 2:
         places, owner = points, _nearest_rim(pattern, points, np.ones(len(points), np.bool_), opened.reach)
@@ -318,8 +318,8 @@ def _nearest_rim(pattern: Pattern, places: FloatArray, chosen: BoolArray, reach:
 
 
 def sharpen_pattern(
-    coarse: Refined, bore_walls: Walls, seen: BoolArray, survey: Survey, held: BoolArray
-) -> Refined | None:
+    coarse: PatternRefinement, bore_walls: Walls, seen: BoolArray, survey: PlateSurvey, held: BoolArray
+) -> PatternRefinement | None:
     """Fit a pattern to points on its holes' walls by robust Gauss-Newton.
 
     Residuals are distances from the circles, weighed by Tukey's function; `held` (p + 1,) stay as they are.
@@ -347,7 +347,7 @@ def sharpen_pattern(
     moved = replace(pattern, x=x[:-1], radius=float(x[-1]))
     if np.hypot(*(moved.centres - pattern.centres).T).max() > spacing:
         return None
-    return Refined(moved, covariance, coarse.evaluations + _N_ROUNDS)
+    return PatternRefinement(moved, covariance, coarse.evaluations + _N_ROUNDS)
 
 
 def _residual(pattern: Pattern, bore_walls: Walls) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.features.engine.template import Given, Measured, Side, Status, TemplateFit, best_first
+from completion.features.engine.template import (
+    FeatureSide,
+    FeatureStatus,
+    Given,
+    Measurements,
+    TemplateFit,
+    best_first,
+)
 from completion.features.holes.candidates import LARGE, N_SECTORS, candidates
 from completion.features.holes.patterns import (
     CIRCLE,
@@ -23,15 +30,15 @@ from completion.features.holes.patterns import (
     LEAST_SEEN,
     PARAMETERS,
     ROW,
-    Refined,
+    PatternRefinement,
     assign_faces,
     refine,
     sharpen_pattern,
     walls,
 )
 from completion.features.holes.plates import (
-    Plate,
-    Survey,
+    HolePlate,
+    PlateSurvey,
     openings,
     plates,
     rim_corners,
@@ -41,7 +48,7 @@ from completion.features.holes.plates import (
 from completion.features.holes.proposals import count_range, lattices, proposals
 from completion.features.holes.weighing import (
     Ground,
-    Weighed,
+    WeighedPattern,
     are_notches,
     best_window,
     climb_pattern,
@@ -79,7 +86,11 @@ _KIND_NAMES = {"hole-row": "row", "hole-grid": "grid", "bolt-circle": "bolt circ
 
 
 def fit_of(
-    survey: Survey, weighed: Weighed, refined: Refined, assignment: IntArray, given: Mapping[str, float]
+    survey: PlateSurvey,
+    weighed: WeighedPattern,
+    refined: PatternRefinement,
+    assignment: IntArray,
+    given: Mapping[str, float],
 ) -> TemplateFit:
     """Return the fit in space: parameters with covariance, a side a hole, and the decision.
 
@@ -94,7 +105,7 @@ def fit_of(
     probability = false_fit_probability(pattern.kind, weighed.evidence, n_seen=int(weighed.seen.sum()))
     status, reason = _decision(weighed, probability, _spread(refined), survey.spacing)
     least, most = count_range(pattern, weighed.seen, survey)
-    if status is Status.FOUND and least < most:
+    if status is FeatureStatus.FOUND and least < most:
         doubt = f"{least} to {most} holes: nothing was measured where the others would be"
         reason = f"{reason}; {doubt}" if reason else doubt
     return TemplateFit(
@@ -126,12 +137,12 @@ def no_pattern(kind: str, n_points: int, reason: str) -> TemplateFit:
     """Return that there is no pattern of a kind, and why."""
     empty = np.zeros(0)
     return TemplateFit(
-        kind=kind, status=Status.NONE, names=(), x=empty, covariance=np.zeros((0, 0)), sides=(), evidence=0.0,
-        faces=(), assignment=np.zeros(n_points, np.int64), reason=reason,
+        kind=kind, status=FeatureStatus.NONE, names=(), x=empty, covariance=np.zeros((0, 0)), sides=(),
+        evidence=0.0, faces=(), assignment=np.zeros(n_points, np.int64), reason=reason,
     )  # fmt: skip
 
 
-def _in_space(plate: Plate, refined: Refined) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+def _in_space(plate: HolePlate, refined: PatternRefinement) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Names (k,), values (k,), and derivatives (k, p + 1) by the chart's parameters and the radius."""
     pattern = refined.pattern
     along, across = plate.frame[:2]
@@ -151,49 +162,63 @@ def _in_space(plate: Plate, refined: Refined) -> tuple[tuple[str, ...], FloatArr
     return tuple(names), np.array(x), slopes
 
 
-def _sides(weighed: Weighed, refined: Refined) -> tuple[Side, ...]:
+def _sides(weighed: WeighedPattern, refined: PatternRefinement) -> tuple[FeatureSide, ...]:
     """One side a hole: sectors of its rim that were seen, or all against it where it is filled."""
     sides = []
     for k, deviation in enumerate(_spread(refined)):
         confirmed = int(weighed.rims[k].sum()) if weighed.seen[k] else 0
         contradicted = N_SECTORS if weighed.filled[k] else 0
-        sides.append(Side(f"hole {k + 1}", confirmed, contradicted, N_SECTORS, float(deviation)))
+        sides.append(FeatureSide(f"hole {k + 1}", confirmed, contradicted, N_SECTORS, float(deviation)))
     return tuple(sides)
 
 
-def _spread(refined: Refined) -> FloatArray:
+def _spread(refined: PatternRefinement) -> FloatArray:
     """Standard deviation (count,) of each hole's place in the direction in which it is known worst."""
     slopes = refined.pattern.slopes
     covariance = np.einsum("nip,pq,njq->nij", slopes, refined.covariance[:-1, :-1], slopes)
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0)))
 
 
-def _decision(weighed: Weighed, probability: float, spread: FloatArray, spacing: float) -> tuple[Status, str]:
+def _decision(
+    weighed: WeighedPattern, probability: float, spread: FloatArray, spacing: float
+) -> tuple[FeatureStatus, str]:
     """Whether a pattern is believed, and why not, or what is doubtful of it."""
     what, seen = _KIND_NAMES[weighed.pattern.kind], int(weighed.seen.sum())
     least = LEAST_SEEN[weighed.pattern.kind]
     if seen < least:
-        return Status.NONE, f"only {seen} holes of the {what} were seen, {least} are needed"
+        return FeatureStatus.NONE, f"only {seen} holes of the {what} were seen, {least} are needed"
     if probability > _DOUBTFUL:
-        return Status.NONE, f"lost patches make a {what} as regular on {probability:.0%} of blank plates"
+        return (
+            FeatureStatus.NONE,
+            f"lost patches make a {what} as regular on {probability:.0%} of blank plates",
+        )
     if are_notches(weighed.pattern, weighed.rims, weighed.seen):
-        return Status.NONE, f"all holes of the {what} are open on the same side: they are no holes"
+        return FeatureStatus.NONE, f"all holes of the {what} are open on the same side: they are no holes"
     if weighed.blocked:
-        return Status.NONE, f"beams came back from behind the plate, but none through the {what}: lost data"
+        return (
+            FeatureStatus.NONE,
+            f"beams came back from behind the plate, but none through the {what}: lost data",
+        )
     if np.median(spread[weighed.seen]) > _HELD * spacing:
-        return Status.NONE, f"nothing holds the {what} in its place: its circles could slide"
+        return FeatureStatus.NONE, f"nothing holds the {what} in its place: its circles could slide"
     absent, unseen = weighed.filled, ~weighed.seen & ~weighed.filled
     if absent.sum() + unseen.sum() > seen:
-        return Status.NONE, f"{seen} of {len(absent)} holes of the {what} were seen, less than half"
+        return FeatureStatus.NONE, f"{seen} of {len(absent)} holes of the {what} were seen, less than half"
     if weighed.joined:
-        return Status.AMBIGUOUS, f"no plate between neighbours of the {what}: slots look like it"
+        return FeatureStatus.AMBIGUOUS, f"no plate between neighbours of the {what}: slots look like it"
     if open_sides(weighed.rims[weighed.seen]).all():
-        return Status.AMBIGUOUS, f"every hole of the {what} is open on a side: notches and slots look like it"
+        return (
+            FeatureStatus.AMBIGUOUS,
+            f"every hole of the {what} is open on a side: notches and slots look like it",
+        )
     if probability > _FALSE:
-        return Status.AMBIGUOUS, f"lost patches make a {what} as regular on {probability:.0%} of blank plates"
+        return (
+            FeatureStatus.AMBIGUOUS,
+            f"lost patches make a {what} as regular on {probability:.0%} of blank plates",
+        )
     sentences = [f"{_hole_numbers(which)} {_is(which)} {why}" for which, why in
             ((absent, "absent: measured surface fills it"), (unseen, "unseen")) if which.any()]  # fmt: skip
-    return Status.FOUND, "; ".join(sentences)
+    return FeatureStatus.FOUND, "; ".join(sentences)
 
 
 def _hole_numbers(which: BoolArray) -> str:
@@ -234,7 +259,7 @@ _HOPELESS, _FURTHER = -7.0, 0.0  # nats, before refinement, of the best and of o
 
 
 def find_holes(
-    measured: Measured, kinds: Sequence[str], given: Given, *, rng: np.random.Generator, budget: int
+    measured: Measurements, kinds: Sequence[str], given: Given, *, rng: np.random.Generator, budget: int
 ) -> list[TemplateFit]:
     """Find rows, grids and bolt circles of equal holes in the flat parts of what was measured.
 
@@ -244,7 +269,7 @@ def find_holes(
 
     Parameters
     ----------
-    measured : Measured
+    measured : Measurements
         Points, the triangles of a mesh, or a scan with its beams, in any unit.
     kinds : sequence of str
         Of "hole-row", "hole-grid" and "bolt-circle".
@@ -282,7 +307,7 @@ def find_holes(
     return _choose_fits(fits, kinds, measured, is_complete=True)
 
 
-def _survey_plate(plate: Plate, looked_at: Measured, given: Given) -> Ground:
+def _survey_plate(plate: HolePlate, looked_at: Measurements, given: Given) -> Ground:
     """Step 1: the plate as it was measured, what went through it, and circles with nothing inside."""
     surveyed = survey(plate)
     opened = openings(plate, looked_at, surveyed.spacing)
@@ -290,10 +315,10 @@ def _survey_plate(plate: Plate, looked_at: Measured, given: Given) -> Ground:
     return Ground(surveyed, opened, circles, surveyed.area)
 
 
-def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
+def _lattices(kind: str, ground: Ground, given: Given) -> list[WeighedPattern]:
     """Step 2: lattices through like circles, those that chance explains worst, and of each the best part."""
-    begun = proposals(kind, ground.found, ground.area, ground.survey.spacing, given)
-    wide = lattices(kind, ground.found, ground.survey, given)
+    begun = proposals(kind, ground.candidates, ground.area, ground.survey.spacing, given)
+    wide = lattices(kind, ground.candidates, ground.survey, given)
     weighed = [
         [row for row in (best_window(proposal, ground, given) for proposal in proposed) if row is not None]
         for proposed in (begun, wide)
@@ -307,7 +332,7 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
         for weight in weighed[0]
     ]
     every += [climb_pattern(weight, ground, given) for weight in promising]
-    best = list[Weighed]()
+    best = list[WeighedPattern]()
     for weight in sorted(every, key=lambda weight: -weight.evidence):
         taken = {number for other in best for number in other.chosen.tolist()}
         if weight.evidence > (_FURTHER if best else _HOPELESS) and not taken & set(weight.chosen.tolist()):
@@ -316,8 +341,8 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[Weighed]:
 
 
 def _together(
-    coarse: Weighed, ground: Ground, measured: Measured, given: Given, *, rng: np.random.Generator
-) -> tuple[Weighed, Refined]:
+    coarse: WeighedPattern, ground: Ground, measured: Measurements, given: Given, *, rng: np.random.Generator
+) -> tuple[WeighedPattern, PatternRefinement]:
     """Step 3: all holes at once, by their rims; with more holes where now more of the lattice is evident."""
     held = np.array([name in given for name in (*PARAMETERS[coarse.pattern.kind], "radius")])
     refined = refine(coarse.pattern, ground.survey, held, ~coarse.filled, rng=rng)
@@ -329,8 +354,8 @@ def _together(
 
 
 def _by_walls(
-    refined: Refined, seen: BoolArray, ground: Ground, measured: Measured, held: BoolArray
-) -> Refined:
+    refined: PatternRefinement, seen: BoolArray, ground: Ground, measured: Measurements, held: BoolArray
+) -> PatternRefinement:
     """Step 4: by the walls of their bores, or a mesh's corners on the rims, where there are any."""
     plate = ground.survey.plate
     corners = rim_corners(measured, plate)
@@ -339,7 +364,7 @@ def _by_walls(
 
 
 def _against_chance(
-    coarse: Weighed, refined: Refined, ground: Ground, measured: Measured, given: Given
+    coarse: WeighedPattern, refined: PatternRefinement, ground: Ground, measured: Measurements, given: Given
 ) -> TemplateFit:
     """Step 5: the pattern against as many as chance makes, what is known of each hole, and the decision."""
     weighed = ground.weigh(refined.pattern, coarse, _EXACT)
@@ -349,13 +374,16 @@ def _against_chance(
 
 
 def _choose_fits(
-    fits: list[TemplateFit], kinds: Sequence[str], measured: Measured, *, is_complete: bool
+    fits: list[TemplateFit], kinds: Sequence[str], measured: Measurements, *, is_complete: bool
 ) -> list[TemplateFit]:
     """Step 6: of each kind what was found or may be; else what came nearest, or that there is none."""
     chosen = list[TemplateFit]()
     for kind in kinds:
         template_fit = best_first([fit for fit in fits if fit.kind == kind])
-        kept = distinct([fit for fit in template_fit if fit.status is not Status.NONE]) or template_fit[:1]
+        kept = (
+            distinct([fit for fit in template_fit if fit.status is not FeatureStatus.NONE])
+            or template_fit[:1]
+        )
         none = no_pattern(
             kind, len(measured.points), "no circles in any flat part are more regular than by chance"
         )

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from completion.features.engine.template import Beams, Measured
+from completion.features.engine.template import Measurements, PixelBeams
 from completion.fitting.robust import tukey_weights
 from completion.fitting.starts import orient_normals
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -26,7 +26,7 @@ _N_ROUNDS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plate:
+class HolePlate:
     """A plane with a chart, and all points in it.
 
     Attributes
@@ -67,7 +67,7 @@ class Plate:
         return local[:, :2], local[:, 2]
 
 
-def plates(measured: Measured, *, rng: np.random.Generator) -> Iterator[Plate]:
+def plates(measured: Measurements, *, rng: np.random.Generator) -> Iterator[HolePlate]:
     """Yield planes with many points, the largest first.
 
     Consensus of oriented points (normals by local principal components), then Tukey's weights; the points of
@@ -108,7 +108,7 @@ def _consensus(
 
 def _refine_plate(
     points: FloatArray, free: BoolArray, place: FloatArray, normal: FloatArray, noise: float
-) -> Plate | None:
+) -> HolePlate | None:
     """The plate about a plane: Tukey's weights, its scale annealed to the noise."""
     near = points[free]
     for cut in np.geomspace(4.0, 1.0, _N_ROUNDS):
@@ -121,7 +121,7 @@ def _refine_plate(
     frame = _frame((np.abs((near - place) @ normal) < _SLAB * noise), near - place, normal)
     local = (points - place) @ frame.T
     is_on = np.abs(local[:, 2]) < _SLAB * noise
-    return Plate(origin=place, frame=frame, uv=local[:, :2], height=local[:, 2], is_on=is_on, noise=noise)
+    return HolePlate(origin=place, frame=frame, uv=local[:, :2], height=local[:, 2], is_on=is_on, noise=noise)
 
 
 def _frame(is_on: BoolArray, offset: FloatArray, normal: FloatArray) -> FloatArray:
@@ -144,7 +144,7 @@ def density(uv: FloatArray) -> float:
 _N_POINTS = 20_000
 
 
-def scatter_points(measured: Measured, *, rng: np.random.Generator) -> Measured:
+def scatter_points(measured: Measurements, *, rng: np.random.Generator) -> Measurements:
     """Return points all over the triangles, as many an area everywhere, instead of the mesh's corners."""
     faces = measured.faces
     if faces is None or not len(faces):
@@ -163,7 +163,7 @@ def scatter_points(measured: Measured, *, rng: np.random.Generator) -> Measured:
     return replace(measured, points=points, spacing=0.5 * float(np.sqrt(area.sum() / _N_POINTS)), faces=None)
 
 
-def rim_corners(measured: Measured, plate: Plate) -> FloatArray | None:
+def rim_corners(measured: Measurements, plate: HolePlate) -> FloatArray | None:
     """Return the places (k, 2) in the plate's chart of corners where its triangles end; None without any."""
     if measured.faces is None:
         return None
@@ -184,12 +184,12 @@ _INNER, _FULL, _FEW = 0.6, 0.25, 1.5  # half sides of squares, in radii; share o
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Survey:
+class PlateSurvey:
     """A plate as it was measured.
 
     Attributes
     ----------
-    plate : Plate
+    plate : HolePlate
         With its chart.
     spacing : float
         The side of the square that one point of the plate has to itself.
@@ -211,7 +211,7 @@ class Survey:
         Of the box round the plate.
     """
 
-    plate: Plate
+    plate: HolePlate
     spacing: float
     trees: tuple[cKDTree, ...]
     corner: FloatArray
@@ -259,7 +259,7 @@ class Survey:
         return owner, np.asarray(tree.data)[members] - centres[owner]
 
 
-def survey(plate: Plate) -> Survey:
+def survey(plate: HolePlate) -> PlateSurvey:
     """Return what was measured of a plate."""
     uv = plate.uv[plate.is_on]
     overall = density(uv)
@@ -274,7 +274,7 @@ def survey(plate: Plate) -> Survey:
     mean = ndimage.gaussian_filter(counts, wide), ndimage.gaussian_filter(covered * cell**2, wide)
     local = np.divide(mean[0], mean[1], out=np.full(counts.shape, overall), where=mean[1] > 0.02 * cell**2)
     area, stray = float(np.prod(high - low)), _stray(plate, uv)
-    return Survey(
+    return PlateSurvey(
         plate=plate, spacing=spacing, trees=_trees(uv), corner=low, cell=cell, counts=counts,
         summed=np.pad(counts.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0))),
         densities=local, stray=stray, area=area,
@@ -288,7 +288,7 @@ def _trees(uv: FloatArray) -> tuple[cKDTree, ...]:
     return tuple(cKDTree(mixed[::step]) for step in steps.tolist())
 
 
-def _stray(plate: Plate, uv: FloatArray) -> float:
+def _stray(plate: HolePlate, uv: FloatArray) -> float:
     """The share of stray points, from those a few slabs above and below the plate."""
     size = np.abs(plate.height)
     beside = (size > 2 * plate.slab) & (size < 5 * plate.slab)
@@ -406,7 +406,7 @@ class Openings:
         return walls[0], walls[1]
 
 
-def openings(plate: Plate, measured: Measured, spacing: float) -> Openings:
+def openings(plate: HolePlate, measured: Measurements, spacing: float) -> Openings:
     """Gather what tells holes from lost data."""
     off = np.abs(plate.height) > 1.5 * plate.slab
     beams, outward = measured.beams, 0
@@ -429,7 +429,7 @@ def openings(plate: Plate, measured: Measured, spacing: float) -> Openings:
     )
 
 
-def _has_walls(plate: Plate, spacing: float) -> bool:
+def _has_walls(plate: HolePlate, spacing: float) -> bool:
     """Whether points near and off the plate stand along most of its edges."""
     off = (np.abs(plate.height) > 1.5 * plate.slab) & (np.abs(plate.height) < _NEAR * spacing)
     on = plate.uv[plate.is_on]
@@ -444,7 +444,7 @@ def _has_walls(plate: Plate, spacing: float) -> bool:
     return bool((far < spacing).mean() > _MOST_WALLED)
 
 
-def _through(plate: Plate, beams: Beams) -> tuple[cKDTree | None, float]:
+def _through(plate: HolePlate, beams: PixelBeams) -> tuple[cKDTree | None, float]:
     """Places where beams went through the plane and came back, and how many did of those that met nothing."""
     normal = plate.frame[2]
     falling = beams.directions @ normal
@@ -461,7 +461,7 @@ def _through(plate: Plate, beams: Beams) -> tuple[cKDTree | None, float]:
     return (cKDTree(places[beyond]) if beyond.any() else None), behind
 
 
-def _outer_side(plate: Plate, spacing: float) -> int:
+def _outer_side(plate: HolePlate, spacing: float) -> int:
     """On which side no solid is: from inside, lines meet surface an odd number of times."""
     on = np.flatnonzero(plate.is_on)
     places = plate.uv[on[:: max(1, len(on) // _N_RAYS)]]

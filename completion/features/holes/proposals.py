@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
-from completion.features.holes.candidates import Candidates, rim_scores
+from completion.features.holes.candidates import HoleCandidates, rim_scores
 from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, SYMMETRIES, Pattern, fit_pattern
-from completion.features.holes.plates import Openings, Survey
+from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _N_COUNTS = 10.0  # counts that a pattern might have had
@@ -31,7 +31,7 @@ def log_chance(
     pattern: Pattern,
     places: IntArray,
     chosen: IntArray,
-    candidates: Candidates,
+    candidates: HoleCandidates,
     *,
     area: float,
     spacing: float,
@@ -50,7 +50,7 @@ def log_chance(
         As fitted.
     places, chosen : (n,) int
         Numbers of holes of the pattern, and of the candidates that are there.
-    candidates : Candidates
+    candidates : HoleCandidates
         All.
     area, spacing : float
         Of the plate, and of its points.
@@ -85,7 +85,7 @@ def _log_room(pattern: Pattern, area: float) -> float:
     return float(room + (np.log(longest / max(pattern.shape[1] - 1, 1)) if pattern.kind == GRID else 0.0))
 
 
-def _log_alike(candidates: Candidates, chosen: IntArray, spacing: float) -> float:
+def _log_alike(candidates: HoleCandidates, chosen: IntArray, spacing: float) -> float:
     """Log of the probability that radii are as equal as those chosen (n,), of candidates as they are."""
     radii: FloatArray = candidates.radii[chosen]
     freedom = len(radii) - 1
@@ -95,7 +95,7 @@ def _log_alike(candidates: Candidates, chosen: IntArray, spacing: float) -> floa
     return float(min(tube - freedom * np.log(wide), 0.0))
 
 
-def looks(radius: float, survey: Survey, opened: Openings) -> FloatArray:
+def looks(radius: float, survey: PlateSurvey, opened: Openings) -> FloatArray:
     """Return how much places thrown on a plate look like holes of a radius: log odds (m,), rising.
 
     Measured on the plate itself, losses and all: a model's log odds say less than how often they occur.
@@ -140,26 +140,28 @@ class Proposal:
 class Search:
     """What is searched for patterns: candidates, their tree, the plate, and what is given."""
 
-    found: Candidates
+    candidates: HoleCandidates
     area: float
     spacing: float
     given: Mapping[str, float]
     tree: cKDTree
 
     @classmethod
-    def of(cls, candidates: Candidates, area: float, spacing: float, given: Mapping[str, float]) -> Search:
+    def of(
+        cls, candidates: HoleCandidates, area: float, spacing: float, given: Mapping[str, float]
+    ) -> Search:
         """Return the search of some candidates."""
         return cls(candidates, area, spacing, given, cKDTree(candidates.centres))
 
     def alike(self, first: IntArray | int, two: IntArray) -> BoolArray:
         """Whether radii of candidates (n,), or of one, and of others (n,) are alike."""
-        radii = self.found.radii
+        radii = self.candidates.radii
         least = ALIKE[0] * self.spacing + ALIKE[1] * np.minimum(radii[first], radii[two])
         return np.asarray(np.abs(radii[first] - radii[two]) < least)
 
 
 def proposals(
-    kind: str, candidates: Candidates, area: float, spacing: float, given: Mapping[str, float]
+    kind: str, candidates: HoleCandidates, area: float, spacing: float, given: Mapping[str, float]
 ) -> list[Proposal]:
     """Return the patterns of a kind that chance explains worst, of which at least three holes are candidates.
 
@@ -195,14 +197,14 @@ def _promise(search: Search, pattern: Pattern, places: IntArray) -> float:
     n = len(places)
     window = pattern.count if pattern.kind == CIRCLE else (np.ptp(i) + 1) * (np.ptp(j) + 1)
     ways = gammaln(window + 1) - gammaln(n + 1) - gammaln(window - n + 1)
-    by_chance = len(search.found) * np.pi * (_NEAR * search.spacing) ** 2 / search.area
+    by_chance = len(search.candidates) * np.pi * (_NEAR * search.spacing) ** 2 / search.area
     return float(-n * np.log(by_chance) - ways)
 
 
 def _fit_proposal(search: Search, begun: Pattern, places: IntArray, chosen: IntArray) -> Proposal | None:
     """The pattern fitted; candidates that make it more probable by chance are left out, the worst first."""
     held = np.array([name in search.given for name in PARAMETERS[begun.kind]])
-    candidates, best = search.found, None
+    candidates, best = search.candidates, None
     for _ in range(3):
         pattern = fit_pattern(begun, places, candidates.centres[chosen], held)
         if pattern.kind != CIRCLE:
@@ -244,14 +246,14 @@ def _trim_pattern(pattern: Pattern, places: IntArray) -> tuple[Pattern, IntArray
 
 def pairs(search: Search) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of like candidates a pitch apart: numbers (m,) twice, and the pitch (m, 2)."""
-    first, two = np.triu_indices(len(search.found), 1)
+    first, two = np.triu_indices(len(search.candidates), 1)
     like = search.alike(first, two)
     first, two = first[like], two[like]
-    step = search.found.centres[two] - search.found.centres[first]
+    step = search.candidates.centres[two] - search.candidates.centres[first]
     first, two = np.tile(first, len(_MULTIPLES)), np.tile(two, len(_MULTIPLES))
     pitch = np.concatenate([step / m for m in _MULTIPLES])
     length = np.hypot(*pitch.T)
-    fits = length > 2 * search.found.radii[first]
+    fits = length > 2 * search.candidates.radii[first]
     if "pitch" in search.given:
         fits &= np.abs(length - search.given["pitch"]) < _NEAR * search.spacing
     return first[fits], two[fits], pitch[fits]
@@ -260,12 +262,12 @@ def pairs(search: Search) -> tuple[IntArray, IntArray, FloatArray]:
 def _match_candidates(search: Search, places: FloatArray, first: IntArray, reach: FloatArray) -> IntArray:
     """The candidate (m, k) near each of places (m, k, 2) that is like the first (m,) of its row, else -1."""
     flat = places.reshape(-1, 2)
-    _, near = search.tree.query(flat, k=min(3, len(search.found)))
+    _, near = search.tree.query(flat, k=min(3, len(search.candidates)))
     near = near.reshape(len(flat), -1)
     owner = np.repeat(first, places.shape[1])
     best = np.full(len(flat), -1)
     for column in near.T[::-1]:
-        gap = np.hypot(*(search.found.centres[column] - flat).T)
+        gap = np.hypot(*(search.candidates.centres[column] - flat).T)
         good = (gap < np.broadcast_to(reach, places.shape[:2]).ravel()) & search.alike(owner, column)
         best = np.where(good, column, best)
     return best.reshape(places.shape[:2])
@@ -280,7 +282,7 @@ def _rows(search: Search) -> _Begun:
     if not len(first):
         return
     number = np.arange(-_FARTHEST, _FARTHEST + 1)
-    places = search.found.centres[first][:, None] + number[None, :, None] * pitch[:, None]
+    places = search.candidates.centres[first][:, None] + number[None, :, None] * pitch[:, None]
     reach = _NEAR * search.spacing * (1 + 0.25 * np.abs(number))
     reach = np.minimum(reach[None, :], 0.3 * np.hypot(*pitch.T)[:, None])
     match = _match_candidates(search, places, first, reach)
@@ -291,7 +293,7 @@ def _rows(search: Search) -> _Begun:
             kept = at[run]
             if len(kept) < _LEAST_SEEN:
                 continue
-            x = np.array([*search.found.centres[first[row]], angle, search.given.get("pitch", length)])
+            x = np.array([*search.candidates.centres[first[row]], angle, search.given.get("pitch", length)])
             pattern = Pattern(ROW, (len(number), 1), x, 0.0)
             yield pattern, kept, match[row, kept]
 
@@ -305,7 +307,7 @@ def _runs(numbers: IntArray) -> list[IntArray]:
 def _grids(search: Search) -> _Begun:
     """Grids through pairs and a third candidate across."""
     first, _, pitch = pairs(search)
-    candidates = search.found
+    candidates = search.candidates
     span = np.arange(-8, 9)
     i, j = (g.ravel() for g in np.meshgrid(span, span, indexing="ij"))
     for row in range(len(first)):
@@ -345,7 +347,7 @@ def _grids(search: Search) -> _Begun:
 
 def _circles(search: Search) -> _Begun:
     """Bolt circles through triples whose angles are shares of a turn."""
-    candidates, longest = search.found, np.sqrt(search.area)
+    candidates, longest = search.candidates, np.sqrt(search.area)
     counts = np.arange(3, _MOST_ON_CIRCLE + 1)
     if "count" in search.given:
         counts = counts[counts == round(search.given["count"])]
@@ -408,7 +410,9 @@ _MOST_BEYOND = 4  # places beyond either end of a pattern that are looked at
 _MOST_WIDE = 3  # steps of a grid between its first candidates
 
 
-def lattices(kind: str, candidates: Candidates, survey: Survey, given: Mapping[str, float]) -> list[Proposal]:
+def lattices(
+    kind: str, candidates: HoleCandidates, survey: PlateSurvey, given: Mapping[str, float]
+) -> list[Proposal]:
     """Return the patterns of a kind through pairs (triples, of a grid) that have room for three holes.
 
     Each is as small as the candidates that it goes through allow: a window of its lattice is sought by
@@ -421,7 +425,7 @@ def lattices(kind: str, candidates: Candidates, survey: Survey, given: Mapping[s
     return [Proposal(pattern, *matches(pattern, candidates, survey.spacing), 0.0) for pattern in begun]
 
 
-def matches(pattern: Pattern, candidates: Candidates, spacing: float) -> tuple[IntArray, IntArray]:
+def matches(pattern: Pattern, candidates: HoleCandidates, spacing: float) -> tuple[IntArray, IntArray]:
     """Return the places (m,) of a pattern at which candidates are, and their numbers (m,)."""
     if not len(candidates):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -433,7 +437,7 @@ def matches(pattern: Pattern, candidates: Candidates, spacing: float) -> tuple[I
     return places, cost[places].argmin(axis=1)
 
 
-def count_range(pattern: Pattern, seen: BoolArray, survey: Survey) -> tuple[int, int]:
+def count_range(pattern: Pattern, seen: BoolArray, survey: PlateSurvey) -> tuple[int, int]:
     """Return how many holes a pattern has at least and at most, where `seen` (count,) of them were.
 
     At least those from the first to the last that were seen. At most as many more as there is room for: an
@@ -455,20 +459,20 @@ def count_range(pattern: Pattern, seen: BoolArray, survey: Survey) -> tuple[int,
     return least[0] * least[1], most[0] * most[1]
 
 
-def _steps(search: Search, survey: Survey) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+def _steps(search: Search, survey: PlateSurvey) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Pairs (m,) of like candidates, the pitch (m, 2) and the radius (m,), with room for holes between."""
     first, two, pitch = pairs(search)
-    radius = (search.found.radii[first] + search.found.radii[two]) / 2
+    radius = (search.candidates.radii[first] + search.candidates.radii[two]) / 2
     room = np.hypot(*pitch.T) > 2 * radius + _WEB * search.spacing
-    for place in (search.found.centres[first] + pitch, search.found.centres[two] - pitch):
+    for place in (search.candidates.centres[first] + pitch, search.candidates.centres[two] - pitch):
         room &= ~survey.is_no_hole(place, radius)
     return first[room], two[room], pitch[room], radius[room]
 
 
-def _row_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
+def _row_lattices(search: Search, survey: PlateSurvey) -> Iterator[Pattern]:
     """Rows with room for a third hole beside the first two, or between."""
     indices, two, pitch, radius = _steps(search, survey)
-    first, last = search.found.centres[indices], search.found.centres[two]
+    first, last = search.candidates.centres[indices], search.candidates.centres[two]
     length = np.hypot(*pitch.T)
     count = np.rint(np.hypot(*(last - first).T) / length).astype(np.int64) + 1
     beside = ~(survey.is_no_hole(first - pitch, radius) & survey.is_no_hole(last + pitch, radius))
@@ -481,10 +485,10 @@ def _row_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
         yield pattern.resize((low, 0), (max(pattern.shape[0], 3), 1))
 
 
-def _grid_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
+def _grid_lattices(search: Search, survey: PlateSurvey) -> Iterator[Pattern]:
     """Grids through pairs and a third candidate across, with room in all of the rectangle of these."""
     first, two, pitch, radius = _steps(search, survey)
-    candidates = search.found
+    candidates = search.candidates
     length = np.hypot(*pitch.T)
     for k in range(len(first)):
         along = pitch[k] / length[k]
@@ -516,10 +520,10 @@ def _grid_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
                     yield pattern
 
 
-def _circle_lattices(search: Search, survey: Survey) -> Iterator[Pattern]:
+def _circle_lattices(search: Search, survey: PlateSurvey) -> Iterator[Pattern]:
     """Bolt circles through pairs, any share of a turn apart, with room for all holes."""
     indices, two, pitch, radius = _steps(search, survey)
-    first, last = search.found.centres[indices], search.found.centres[two]
+    first, last = search.candidates.centres[indices], search.candidates.centres[two]
     whole = np.hypot(*(pitch - (last - first)).T) < 1e-9  # each pair once
     first, last, radius = first[whole], last[whole], radius[whole]
     half, longest = np.hypot(*(last - first).T) / 2, np.sqrt(search.area) / 2

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from completion.features.holes.candidates import LARGE, Candidates, rim_scores
+from completion.features.holes.candidates import LARGE, HoleCandidates, rim_scores
 from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, Pattern, centres_of
-from completion.features.holes.plates import Openings, Survey
+from completion.features.holes.plates import Openings, PlateSurvey
 from completion.features.holes.proposals import Proposal, log_chance, log_rarity, looks, matches
 from scenes.checks import BoolArray, FloatArray, IntArray
 
@@ -19,7 +19,7 @@ _OPEN_SIDE, _OPEN_ALIKE = 5, 4  # sectors of 16 side by side without a rim, of o
 _LEAST_EXPECTED = 4.0  # points expected of a web that can tell
 
 
-def are_joined(pattern: Pattern, survey: Survey) -> bool:
+def are_joined(pattern: Pattern, survey: PlateSurvey) -> bool:
     """Whether along one direction of a pattern nothing was measured between any two neighbours: slots."""
     for neighbours in _neighbours(pattern):
         counted, expected = _on_webs(pattern, neighbours, survey)
@@ -71,7 +71,7 @@ def _neighbours(pattern: Pattern) -> list[IntArray]:
     return [pairs for pairs in (along, across) if len(pairs)]
 
 
-def _on_webs(pattern: Pattern, pairs: IntArray, survey: Survey) -> tuple[IntArray, FloatArray]:
+def _on_webs(pattern: Pattern, pairs: IntArray, survey: PlateSurvey) -> tuple[IntArray, FloatArray]:
     """Points (m,) of the plate between two holes each, and how many there should be."""
     centres, radius = pattern.centres, pattern.radius
     first, two = centres[pairs[:, 0]], centres[pairs[:, 1]]
@@ -104,7 +104,7 @@ _SEEN, _FILLED = 1.5, 3.0  # nats from which a hole is seen, or surface fills it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Weighed:
+class WeighedPattern:
     """A pattern and what says that it is there.
 
     Attributes
@@ -147,13 +147,13 @@ class Weighed:
 class Ground:
     """What patterns of one plate are weighed on."""
 
-    survey: Survey
+    survey: PlateSurvey
     opened: Openings
-    found: Candidates
+    candidates: HoleCandidates
     area: float
     looks: dict[int, FloatArray] = field(default_factory=dict)  # of places thrown, by the log of the radius
 
-    def weigh(self, pattern: Pattern, proposal: Proposal | Weighed, soft: float) -> Weighed:
+    def weigh(self, pattern: Pattern, proposal: Proposal | WeighedPattern, soft: float) -> WeighedPattern:
         """Weigh a pattern of which some holes are candidates, its places known to `soft` spacings.
 
         A candidate that is far from its place tells less than the place itself: the farthest ones are left
@@ -163,15 +163,16 @@ class Ground:
         places, chosen = proposal.places, proposal.chosen
         evidence = self._evidence(pattern, places, chosen, holes)
         while len(places) > _least_seen(pattern):
-            off = np.hypot(*(self.found.centres[chosen] - pattern.centres[places]).T)
+            off = np.hypot(*(self.candidates.centres[chosen] - pattern.centres[places]).T)
             kept = (
-                np.arange(len(places)) != (off + np.abs(self.found.radii[chosen] - pattern.radius)).argmax()
+                np.arange(len(places))
+                != (off + np.abs(self.candidates.radii[chosen] - pattern.radius)).argmax()
             )
             less = self._evidence(pattern, places[kept], chosen[kept], holes)
             if less <= evidence:
                 break
             places, chosen, evidence = places[kept], chosen[kept], less
-        return Weighed(
+        return WeighedPattern(
             pattern=pattern,
             places=places,
             chosen=chosen,
@@ -185,7 +186,7 @@ class Ground:
 
     def _evidence(self, pattern: Pattern, places: IntArray, chosen: IntArray, holes: FloatArray) -> float:
         """Against chance, with what holes (count,) that are no candidates add, less what a fit costs."""
-        candidates = self.found
+        candidates = self.candidates
         chance = log_chance(pattern, places, chosen, candidates, area=self.area, spacing=self.survey.spacing)
         other = np.ones(pattern.count, dtype=np.bool_)
         other[places] = False
@@ -221,7 +222,9 @@ class Ground:
         return scores.evidence + more, scores.seen, scores.filled > _FILLED
 
 
-def best_window(proposal: Proposal | Weighed, ground: Ground, given: Mapping[str, float]) -> Weighed | None:
+def best_window(
+    proposal: Proposal | WeighedPattern, ground: Ground, given: Mapping[str, float]
+) -> WeighedPattern | None:
     """Weigh the part of a proposal's lattice whose holes' evidence sums to most.
 
     An exact search of all windows with at least three holes along (two by two in grids), or with the counts
@@ -250,7 +253,7 @@ def best_window(proposal: Proposal | Weighed, ground: Ground, given: Mapping[str
     return ground.weigh(kept, Proposal(kept, places, proposal.chosen[inside], 0.0), _SOFT)
 
 
-def climb_pattern(begun: Weighed, ground: Ground, given: Mapping[str, float]) -> Weighed:
+def climb_pattern(begun: WeighedPattern, ground: Ground, given: Mapping[str, float]) -> WeighedPattern:
     """Move a pattern to where its holes are most evident together, and weigh it with the candidates there.
 
     Steps of each parameter and the radius, by which no hole moves more than some share of the spacing.
@@ -269,7 +272,7 @@ def climb_pattern(begun: Weighed, ground: Ground, given: Mapping[str, float]) ->
                 break
             x, now = tried[1 + values[1:].argmax()], float(values[1:].max())
     moved = replace(pattern, x=x[:-1], radius=float(x[-1]))
-    places, chosen = matches(moved, ground.found, spacing)
+    places, chosen = matches(moved, ground.candidates, spacing)
     if len(places) < _least_seen(pattern):
         return begun
     again = best_window(Proposal(moved, places, chosen, 0.0), ground, given)

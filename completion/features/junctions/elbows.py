@@ -8,10 +8,10 @@ from typing import cast
 
 import numpy as np
 
-from completion.features.engine.template import Measured, Side, Status, TemplateFit
+from completion.features.engine.template import FeatureSide, FeatureStatus, Measurements, TemplateFit
 from completion.features.junctions.models import (
     LEAST_SIGMA,
-    Descended,
+    Descent,
     Mixture,
     Model,
     Unit,
@@ -23,7 +23,7 @@ from completion.features.junctions.models import (
 from completion.features.junctions.weighing import (
     LEAST_EVIDENCE,
     Alternative,
-    Weighed,
+    WeighedFit,
     sides_of,
     told_covariance,
     weigh,
@@ -168,7 +168,7 @@ _TIGHTEST = 0.8  # of the tube's radius, that a bend has
 _LEAST_POINTS = 60
 
 
-def fit_elbow(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
+def fit_elbow(measured: Measurements, given: Mapping[str, float]) -> TemplateFit:
     """Fit an elbow to points, all of which, but for outliers, lie on it; one side of it may be enough.
 
     Nine parameters: the frame of the bend, half its angle, its radius and the tube's. Starts are two
@@ -176,7 +176,7 @@ def fit_elbow(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
 
     Parameters
     ----------
-    measured : Measured
+    measured : Measurements
         Points (n, 3).
     given : mapping
         "angle" (radians, by which the pipe turns), "bend_radius" (of the bend's middle line), "tube_radius":
@@ -193,7 +193,7 @@ def fit_elbow(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
     return _describe_elbow(elbow, unit, tuple(held))
 
 
-def _fit_elbow(unit: Unit, given: Mapping[str, float]) -> Weighed | str:
+def _fit_elbow(unit: Unit, given: Mapping[str, float]) -> WeighedFit | str:
     """The most likely elbow and the plain alternatives, or why there is none."""
     points, reach = unit.points, thickness(unit.points)
     units = {"angle": 0.5, "bend_radius": unit.factor, "tube_radius": unit.factor}
@@ -220,7 +220,7 @@ def _is_bend(model: Model) -> bool:
     return bool(0.02 < half < 1.55 and tube > 0 and bend > _TIGHTEST * tube)
 
 
-def _alternatives(points: FloatArray, best: Descended) -> list[Alternative]:
+def _alternatives(points: FloatArray, best: Descent) -> list[Alternative]:
     """What else the points (n, 3) may be."""
     model, mixture = best.model, best.mixture
     radius, tube = (float(value) for value in model.shape[1:])
@@ -238,7 +238,7 @@ def _alternatives(points: FloatArray, best: Descended) -> list[Alternative]:
     return alternatives
 
 
-def _rival(pairs: Sequence[Descended], factor: float, excess: float) -> str:
+def _rival(pairs: Sequence[Descent], factor: float, excess: float) -> str:
     """Another solution that is nearly as likely and has another shape."""
     first = pairs[0].model.shape
     for descent in pairs[1:]:
@@ -251,9 +251,9 @@ def _rival(pairs: Sequence[Descended], factor: float, excess: float) -> str:
     return ""
 
 
-def _describe_elbow(elbow: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
+def _describe_elbow(elbow: WeighedFit, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
     """Return an elbow, in the unit of the points."""
-    descent, known = elbow.found, elbow.known
+    descent, known = elbow.descent, elbow.known
 
     def parameters(model: Model) -> FloatArray:
         half, bend, tube = model.shape
@@ -288,27 +288,30 @@ def _describe_elbow(elbow: Weighed, unit: Unit, held: tuple[str, ...]) -> Templa
 
 
 def _judge_elbow(
-    elbow: Weighed, x: FloatArray, covariance: FloatArray, sides: tuple[Side, ...]
-) -> tuple[Status, str]:
+    elbow: WeighedFit, x: FloatArray, covariance: FloatArray, sides: tuple[FeatureSide, ...]
+) -> tuple[FeatureStatus, str]:
     """The status and why."""
     if elbow.evidence <= 0:
-        return Status.NONE, f"{elbow.plain} explains the points as well ({-elbow.evidence:.1f} nats better)"
+        return (
+            FeatureStatus.NONE,
+            f"{elbow.plain} explains the points as well ({-elbow.evidence:.1f} nats better)",
+        )
     if elbow.misfit:
-        return Status.NONE, elbow.misfit
+        return FeatureStatus.NONE, elbow.misfit
     unseen = [side.name for side in sides if not side.is_seen]
     if "bend" in unseen or len(unseen) > 1:
-        return Status.NONE, f"not seen: {', '.join(unseen)}"
+        return FeatureStatus.NONE, f"not seen: {', '.join(unseen)}"
     if elbow.evidence < LEAST_EVIDENCE:
         return (
-            Status.AMBIGUOUS,
+            FeatureStatus.AMBIGUOUS,
             f"{elbow.plain} explains the points nearly as well ({elbow.evidence:.1f} nats)",
         )
     if unseen:
-        return Status.AMBIGUOUS, f"{unseen[0]} was not seen: where the bend ends is open"
+        return FeatureStatus.AMBIGUOUS, f"{unseen[0]} was not seen: where the bend ends is open"
     if elbow.rival:
-        return Status.AMBIGUOUS, elbow.rival
+        return FeatureStatus.AMBIGUOUS, elbow.rival
     deviations = np.sqrt(np.diag(covariance)[:3])
     vague = [name for name, value, sd in zip(SHAPE, x, deviations, strict=False) if sd > _VAGUE * value]
     if vague:
-        return Status.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
-    return Status.FOUND, ""
+        return FeatureStatus.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
+    return FeatureStatus.FOUND, ""

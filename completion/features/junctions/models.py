@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.features.engine.template import Measured
+from completion.features.engine.template import Measurements
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 POSE = ("turn_x", "turn_y", "turn_z", "x", "y", "z")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Section:
+class ProfileSection:
     """What a shape says of points in its frame.
 
     Attributes
@@ -47,11 +47,11 @@ def rotation(vector: FloatArray) -> FloatArray:
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     if angle < 1e-8:
         return np.asarray(np.eye(3) + cross)
-    share, rest = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2
-    return np.asarray(np.eye(3) + share * cross + rest * (cross @ cross))
+    sine, versine = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2
+    return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
 
 
-Profile = Callable[[FloatArray, FloatArray], Section]
+Profile = Callable[[FloatArray, FloatArray], ProfileSection]
 """From points (n, 3) in the frame and the numbers of the shape (s,) to distances and derivatives."""
 
 
@@ -91,7 +91,7 @@ class Model:
         """Return points (n, 3) in its frame."""
         return np.asarray((points - self.origin) @ self.turn.T)
 
-    def section(self, points: FloatArray) -> Section:
+    def section(self, points: FloatArray) -> ProfileSection:
         """Return what its shape says of points (n, 3)."""
         return self.profile(self.local(points), self.shape)
 
@@ -117,7 +117,7 @@ class Model:
         )
 
 
-def tangent_arcs(local: FloatArray, shape: FloatArray) -> Section:
+def tangent_arcs(local: FloatArray, shape: FloatArray) -> ProfileSection:
     """Return the distances of points (n, 3) to two arcs along z that touch in x = y = 0.
 
     d(x, y; k) = (2 x + k (x^2 + y^2)) / (1 + sqrt(1 + k (2 x + k (x^2 + y^2)))) with the curvatures (2,): the
@@ -134,19 +134,19 @@ def tangent_arcs(local: FloatArray, shape: FloatArray) -> Section:
     slope = np.column_stack([(1 + k * x) / root, k * y / root, np.zeros(len(x))])
     by_k = (square - distance**2) / (2 * root)
     by_shape = np.column_stack([np.where(is_first, by_k, 0.0), np.where(is_first, 0.0, by_k)])
-    return Section(distance, slope, by_shape, np.where(is_first, 1, 2))
+    return ProfileSection(distance, slope, by_shape, np.where(is_first, 1, 2))
 
 
-def edge(local: FloatArray, shape: FloatArray) -> Section:
+def edge(local: FloatArray, shape: FloatArray) -> ProfileSection:
     """Return the distances of points (n, 3) to two planes that meet along z and lean by an angle (1,)."""
     cosine, sine = np.cos(shape[0]), np.sin(shape[0])
     x, y, side = local[:, 0], np.abs(local[:, 1]), np.where(local[:, 1] > 0, 1.0, -1.0)
     slope = np.column_stack([np.full(len(x), cosine), side * sine, np.zeros(len(x))])
     by_shape = (y * cosine - x * sine)[:, None]
-    return Section(x * cosine + y * sine, slope, by_shape, np.where(side > 0, 1, 2))
+    return ProfileSection(x * cosine + y * sine, slope, by_shape, np.where(side > 0, 1, 2))
 
 
-def elbow(local: FloatArray, shape: FloatArray) -> Section:
+def elbow(local: FloatArray, shape: FloatArray) -> ProfileSection:
     """Return the distances of points (n, 3) to a bend of a tube about z, and the straight tubes beyond.
 
     The shape (3,): half the angle of the bend, which lies about the x axis; its radius; the tube's. The
@@ -166,7 +166,7 @@ def elbow(local: FloatArray, shape: FloatArray) -> Section:
     share = u / w
     slope = np.column_stack([share * by_x, share * by_y, z / w])
     by_shape = np.column_stack([np.where(is_tube, share * beyond, 0.0), -share, np.full(len(x), -1.0)])
-    return Section(w - tube, slope, by_shape, np.where(is_tube, np.where(side > 0, 2, 3), 1))
+    return ProfileSection(w - tube, slope, by_shape, np.where(is_tube, np.where(side > 0, 2, 3), 1))
 
 
 N_DIRECTIONS = 12
@@ -177,7 +177,7 @@ _NEAR, _N_REWEIGHTED = 4.0, 6  # sigmas from one arc within which points tell wh
 class Unit(NamedTuple):
     """What was measured, about its median and at unit RMS."""
 
-    measured: Measured
+    measured: Measurements
     centre: FloatArray  # (3,) in the old unit
     factor: float  # new units in an old one
 
@@ -191,7 +191,7 @@ class Unit(NamedTuple):
         return np.asarray(points / self.factor + self.centre)
 
 
-def at_unit(measured: Measured) -> Unit:
+def at_unit(measured: Measurements) -> Unit:
     """Return what was measured at unit RMS."""
     centre = np.median(measured.points, axis=0)
     square = ((measured.points - centre) ** 2).sum(axis=1)
@@ -338,7 +338,7 @@ Weights = Callable[[FloatArray], FloatArray]
 """From distances (n,) to weights (n,)."""
 
 
-class Descended(NamedTuple):
+class Descent(NamedTuple):
     """Where a descent ended."""
 
     model: Model
@@ -384,7 +384,7 @@ def descend(
 
 def descend_from(
     starts: Sequence[Model], points: FloatArray, reach: float, near: Sequence[Model] = ()
-) -> list[Descended]:
+) -> list[Descent]:
     """Return where several starts lead, the most likely first.
 
     Each goes down by Cauchy's weights at falling scales on 600 of the points; the four most likely go on as
@@ -413,7 +413,7 @@ def descend_from(
     return [descent._replace(evaluations=descent.evaluations + spent) for descent in fine]
 
 
-def _coarse(start: Model, sample: FloatArray, reach: float) -> Descended:
+def _coarse(start: Model, sample: FloatArray, reach: float) -> Descent:
     """Where Cauchy's weights lead on a sample (n, 3)."""
     model, spent = start, 0
     for scale in _CAUCHY:
@@ -421,19 +421,19 @@ def _coarse(start: Model, sample: FloatArray, reach: float) -> Descended:
         spent += n
     distances = model.distance(sample)
     mixture = Mixture.of(distances, reach, _CAUCHY[-1], LEAST_SIGMA)
-    return Descended(model, mixture, float(mixture.log_densities(distances).sum()), spent)
+    return Descent(model, mixture, float(mixture.log_densities(distances).sum()), spent)
 
 
-def _begun(start: Model, points: FloatArray, reach: float) -> Descended:
+def _begun(start: Model, points: FloatArray, reach: float) -> Descent:
     """A start as it is, by all points (n, 3)."""
     distances = start.distance(points)
     mixture = Mixture.of(distances, reach, _CAUCHY[-1], LEAST_SIGMA)
-    return Descended(start, mixture, float(mixture.log_densities(distances).sum()), 1)
+    return Descent(start, mixture, float(mixture.log_densities(distances).sum()), 1)
 
 
-def _distinct(pairs: Sequence[Descended], sample: FloatArray) -> list[Descended]:
+def _distinct(pairs: Sequence[Descent], sample: FloatArray) -> list[Descent]:
     """Those that are not the same surface as one before."""
-    kept: list[Descended] = []
+    kept: list[Descent] = []
     sizes: list[FloatArray] = []
     for descent in pairs:
         size = np.abs(descent.model.distance(sample))
@@ -443,7 +443,7 @@ def _distinct(pairs: Sequence[Descended], sample: FloatArray) -> list[Descended]
     return kept
 
 
-def descend_to_rest(descent: Descended, points: FloatArray, n_rounds: int = _N_ROUNDS) -> Descended:
+def descend_to_rest(descent: Descent, points: FloatArray, n_rounds: int = _N_ROUNDS) -> Descent:
     """Return where all points (n, 3) lead, weighed by how likely each is noise, until the scale stands."""
     model, mixture, spent = descent.model, descent.mixture, descent.evaluations
     for _ in range(n_rounds):
@@ -455,4 +455,4 @@ def descend_to_rest(descent: Descended, points: FloatArray, n_rounds: int = _N_R
             break
     distances = model.distance(points)
     mixture = Mixture.of(distances, mixture.reach, mixture.sigma, LEAST_SIGMA)
-    return Descended(model, mixture, float(mixture.log_densities(distances).sum()), spent)
+    return Descent(model, mixture, float(mixture.log_densities(distances).sum()), spent)

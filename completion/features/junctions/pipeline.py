@@ -15,10 +15,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from completion.features.engine.template import Given, Measured, Status, TemplateFit, best_first
+from completion.features.engine.template import FeatureStatus, Given, Measurements, TemplateFit, best_first
 from completion.features.engine.template_fit import NOTHING
 from completion.features.junctions.elbows import fit_elbow
-from completion.features.junctions.models import Descended, Unit, at_unit, descend_to_rest, thickness
+from completion.features.junctions.models import Descent, Unit, at_unit, descend_to_rest, thickness
 from completion.features.junctions.tangent import fit_junction
 from completion.features.junctions.weighing import one_arc
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
@@ -36,7 +36,7 @@ _FLAT = 0.02  # of its size, that a patch may bend and count as a plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
+class OrientedCloud:
     """Points thinned, with normals and neighbours.
 
     Attributes
@@ -62,11 +62,11 @@ class Cloud:
     which: IntArray
 
 
-class Patch(NamedTuple):
+class CloudPatch(NamedTuple):
     """Points (m,) of a cloud on one plane or cylinder, by number, and that surface."""
 
     members: IntArray
-    fit: Descended
+    fit: Descent
     is_flat: bool
 
     @property
@@ -75,7 +75,7 @@ class Patch(NamedTuple):
         return np.inf if self.is_flat else float(1 / max(abs(self.fit.model.shape[0]), 1e-12))
 
 
-def cloud_of(unit: Unit) -> Cloud:
+def cloud_of(unit: Unit) -> OrientedCloud:
     """Return at most some thousand points of what was measured, with normals and neighbours."""
     points = unit.points
     which = np.arange(len(points))[:: max(1, -(-len(points) // _MOST_CLOUD_POINTS))]
@@ -88,15 +88,17 @@ def cloud_of(unit: Unit) -> Cloud:
     rough = np.sqrt(np.maximum(values[:, 0], 0.0))
     spacing = float(np.median(apart[:, 1]))
     noise = max(unit.measured.noise, float(np.quantile(rough, 0.2)), 0.01 * spacing)
-    return Cloud(sample, vectors[:, :, 0], near[:, 1:], rough, spacing=spacing, noise=noise, which=which)
+    return OrientedCloud(
+        sample, vectors[:, :, 0], near[:, 1:], rough, spacing=spacing, noise=noise, which=which
+    )
 
 
-def find_patches(cloud: Cloud) -> list[Patch]:
+def find_patches(cloud: OrientedCloud) -> list[CloudPatch]:
     """Return the planes and cylinders of a cloud, the smoothest places first."""
     free = np.ones(len(cloud.points), dtype=np.bool_)
     untried = free.copy()
     order = np.argsort(cloud.roughness, kind="stable")
-    patches: list[Patch] = []
+    patches: list[CloudPatch] = []
     for _ in range(_N_SEEDS):
         open_ = order[(untried & free)[order]]
         if len(open_) == 0 or free.sum() < _LEAST_PATCH_POINTS:
@@ -113,7 +115,7 @@ def find_patches(cloud: Cloud) -> list[Patch]:
     return patches
 
 
-def _grown(cloud: Cloud, seed: int, free: BoolArray) -> Patch | None:
+def _grown(cloud: OrientedCloud, seed: int, free: BoolArray) -> CloudPatch | None:
     """A patch about a seed, of free points."""
     for size in _BALLS:
         ball = _ball(cloud, seed, free, size)
@@ -125,7 +127,7 @@ def _grown(cloud: Cloud, seed: int, free: BoolArray) -> Patch | None:
     return None
 
 
-def _from_ball(cloud: Cloud, ball: IntArray, free: BoolArray) -> Patch | None:
+def _from_ball(cloud: OrientedCloud, ball: IntArray, free: BoolArray) -> CloudPatch | None:
     """A patch from the points (m,) of a ball, if they are one surface."""
     fit = _fit_surface(cloud, ball)
     if fit.mixture.sigma > 2.5 * cloud.noise + 0.05 * cloud.spacing:
@@ -146,12 +148,12 @@ def _from_ball(cloud: Cloud, ball: IntArray, free: BoolArray) -> Patch | None:
         fit = _refit(fit, cloud.points[members])
     size = float(np.ptp(fit.model.local(cloud.points[members])[:, 1]))
     sagitta = abs(fit.model.shape[0]) * size**2 / 8
-    return Patch(members, fit, is_flat=bool(sagitta < max(_FLAT * size, 2 * cloud.noise)))
+    return CloudPatch(members, fit, is_flat=bool(sagitta < max(_FLAT * size, 2 * cloud.noise)))
 
 
-def _fit_surface(cloud: Cloud, members: IntArray) -> Descended:
+def _fit_surface(cloud: OrientedCloud, members: IntArray) -> Descent:
     """The plane or cylinder of some points (m,), brought to unit RMS for it and back."""
-    unit = at_unit(Measured(cloud.points[members], 0.0, cloud.spacing))
+    unit = at_unit(Measurements(cloud.points[members], 0.0, cloud.spacing))
     fit = one_arc(unit.points, thickness(unit.points), _N_DIRECTIONS)
     model = replace(fit.model, origin=unit.outside(fit.model.origin), shape=fit.model.shape * unit.factor)
     mixture = replace(
@@ -160,12 +162,12 @@ def _fit_surface(cloud: Cloud, members: IntArray) -> Descended:
     return fit._replace(model=model, mixture=mixture)
 
 
-def _refit(fit: Descended, points: FloatArray) -> Descended:
+def _refit(fit: Descent, points: FloatArray) -> Descent:
     """The fit on at most some of the points (n, 3)."""
     return descend_to_rest(fit, points[:: max(1, len(points) // _N_FITTED)], _N_ROUNDS)
 
 
-def _ball(cloud: Cloud, seed: int, free: BoolArray, size: int) -> IntArray:
+def _ball(cloud: OrientedCloud, seed: int, free: BoolArray, size: int) -> IntArray:
     """About so many free points (m,) that are connected with a seed."""
     inside = np.zeros(len(free), dtype=np.bool_)
     inside[seed] = True
@@ -177,7 +179,7 @@ def _ball(cloud: Cloud, seed: int, free: BoolArray, size: int) -> IntArray:
     return np.flatnonzero(inside)
 
 
-def _connected_part(cloud: Cloud, on: BoolArray, ball: IntArray) -> IntArray:
+def _connected_part(cloud: OrientedCloud, on: BoolArray, ball: IntArray) -> IntArray:
     """The points (m,) among some that are connected with most of a ball."""
     number = np.flatnonzero(on)
     if len(number) == 0:
@@ -203,7 +205,7 @@ _MISS, _FAR, _OUT, _ARM = 0.8, 9.0, 2.2, 8.0  # radii: axes apart, corner away, 
 _LEAST_POINTS = 60
 
 
-class Candidate(NamedTuple):
+class JunctionCandidate(NamedTuple):
     """Where a feature may be: its kind, and points (n, 3) about it, by truth (n,) of the cloud."""
 
     kind: str
@@ -211,7 +213,7 @@ class Candidate(NamedTuple):
     worth: float  # points of the smaller patch: the order in which they are tried
 
 
-def touching_patches(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
+def touching_patches(cloud: OrientedCloud, patches: list[CloudPatch]) -> list[JunctionCandidate]:
     """Return pairs of patches that lie side by side with one normal at their border."""
     label = np.full(len(cloud.points), -1)
     for k, patch in enumerate(patches):
@@ -225,11 +227,13 @@ def touching_patches(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
             continue
         members = _about(cloud, first, second, border)
         if len(members) >= _LEAST_POINTS:
-            pairs.append(Candidate("junction", members, float(min(len(first.members), len(second.members)))))
+            pairs.append(
+                JunctionCandidate("junction", members, float(min(len(first.members), len(second.members))))
+            )
     return sorted(pairs, key=lambda candidate: -candidate.worth)
 
 
-def _borders(cloud: Cloud, label: IntArray) -> dict[tuple[int, int], IntArray]:
+def _borders(cloud: OrientedCloud, label: IntArray) -> dict[tuple[int, int], IntArray]:
     """Points (b,) of pairs that have a neighbour of another patch; narrow gaps of free points are closed."""
     closed = label.copy()
     for _ in range(2):
@@ -248,7 +252,7 @@ def _borders(cloud: Cloud, label: IntArray) -> dict[tuple[int, int], IntArray]:
     return {pair: np.unique(points) for pair, points in sorted(pairs.items())}
 
 
-def _are_tangent(first: Patch, second: Patch, border: FloatArray) -> bool:
+def _are_tangent(first: CloudPatch, second: CloudPatch, border: FloatArray) -> bool:
     """Whether both surfaces have one direction along, and one normal at points (b, 3) of the border."""
     axes = [patch.fit.model.turn[2] for patch in (first, second)]
     normals = [patch.fit.model.section(border).slope @ patch.fit.model.turn for patch in (first, second)]
@@ -261,7 +265,7 @@ def _are_tangent(first: Patch, second: Patch, border: FloatArray) -> bool:
     return bool(is_along and np.median(agree) > _TANGENT)
 
 
-def _about(cloud: Cloud, first: Patch, second: Patch, border: IntArray) -> IntArray:
+def _about(cloud: OrientedCloud, first: CloudPatch, second: CloudPatch, border: IntArray) -> IntArray:
     """Points (m,) of both patches, and free ones, as far from the border as the narrower patch is wide."""
     tree = cKDTree(cloud.points[border])
     widths = [float(tree.query(cloud.points[patch.members])[0].max()) for patch in (first, second)]
@@ -270,7 +274,7 @@ def _about(cloud: Cloud, first: Patch, second: Patch, border: IntArray) -> IntAr
     return np.asarray(both[tree.query(cloud.points[both])[0] <= reach])
 
 
-def crossing_tubes(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
+def crossing_tubes(cloud: OrientedCloud, patches: list[CloudPatch]) -> list[JunctionCandidate]:
     """Return pairs of tubes of like radii whose axes cross not far from both."""
     tubes = [patch for patch in patches if not patch.is_flat and len(patch.members) >= _LEAST_POINTS // 2]
     pairs = []
@@ -281,11 +285,11 @@ def crossing_tubes(cloud: Cloud, patches: list[Patch]) -> list[Candidate]:
             members = _pipe(cloud, first, second)
             if len(members) >= _LEAST_POINTS:
                 worth = float(min(len(first.members), len(second.members)))
-                pairs.append(Candidate("elbow", members, worth))
+                pairs.append(JunctionCandidate("elbow", members, worth))
     return sorted(pairs, key=lambda candidate: -candidate.worth)
 
 
-def _pipe(cloud: Cloud, first: Patch, second: Patch) -> IntArray:
+def _pipe(cloud: OrientedCloud, first: CloudPatch, second: CloudPatch) -> IntArray:
     """Points (m,) about the axes of two tubes, from where these cross; none where they do not."""
     none = np.zeros(0, dtype=np.int64)
     radius = (first.radius + second.radius) / 2
@@ -309,7 +313,7 @@ def _pipe(cloud: Cloud, first: Patch, second: Patch) -> IntArray:
     return np.flatnonzero(on)
 
 
-def _axis(patch: Patch) -> tuple[FloatArray, FloatArray]:
+def _axis(patch: CloudPatch) -> tuple[FloatArray, FloatArray]:
     """A point (3,) of a tube's axis, and its direction (3,)."""
     model = patch.fit.model
     return model.origin - model.turn[0] / model.shape[0], model.turn[2]
@@ -324,7 +328,7 @@ _SAME = 0.5  # of the smaller radius, between the joints of two fits that are on
 
 
 def find_junctions(
-    measured: Measured,
+    measured: Measurements,
     kinds: Sequence[str],
     given: Given = NOTHING,
     *,
@@ -335,7 +339,7 @@ def find_junctions(
 
     Parameters
     ----------
-    measured : Measured
+    measured : Measurements
         Points (n, 3) of a junction, or of a whole part or pipe.
     kinds : sequence of str
         Of "junction", "elbow".
@@ -360,7 +364,7 @@ def find_junctions(
     _check(kinds, given)
     whole = [_fit(kind, measured, np.arange(len(measured.points)), given, rng=rng) for kind in kinds]
     # what all points leave open, some of them cannot decide: a patch hides what speaks against it
-    template_fit = [fit for fit in whole if fit.status is not Status.NONE]
+    template_fit = [fit for fit in whole if fit.status is not FeatureStatus.NONE]
     at_once = [fit for fit in template_fit if (fit.assignment > 0).mean() > _WHOLE]
     if at_once:
         return best_first(at_once)
@@ -379,7 +383,7 @@ def find_junctions(
             break
         fit = _fit(candidate.kind, measured, _members(unit, cloud, candidate), given, rng=rng)
         spent += fit.evaluations
-        if fit.status is not Status.NONE:
+        if fit.status is not FeatureStatus.NONE:
             fits.append(fit)
 
     # 3. One of each: of fits that are the same, the one with more evidence.
@@ -396,7 +400,7 @@ def _check(kinds: Sequence[str], given: Given) -> None:
         raise InputError(f"{wrong[0]} is given as {given[wrong[0]]}; give a number above 0")
 
 
-def _members(unit: Unit, cloud: Cloud, candidate: Candidate) -> IntArray:
+def _members(unit: Unit, cloud: OrientedCloud, candidate: JunctionCandidate) -> IntArray:
     """The points (m,) of all about a candidate, by number: those beside its points of the cloud."""
     if len(cloud.points) == len(unit.points):
         return cloud.which[candidate.members]
@@ -407,7 +411,7 @@ def _members(unit: Unit, cloud: Cloud, candidate: Candidate) -> IntArray:
 
 
 def _fit(
-    kind: str, measured: Measured, members: IntArray, given: Given, *, rng: np.random.Generator
+    kind: str, measured: Measurements, members: IntArray, given: Given, *, rng: np.random.Generator
 ) -> TemplateFit:
     """The fit to some points (m,), told of all."""
     chosen = members
@@ -417,7 +421,7 @@ def _fit(
     part = replace(measured, points=measured.points[chosen], spacing=spacing, beam_of_point=None, faces=None)
     fit = _FITS[kind](part, given)
     assignment = np.zeros(len(measured.points), dtype=np.int64)
-    if len(chosen) and fit.status is not Status.NONE:
+    if len(chosen) and fit.status is not FeatureStatus.NONE:
         _, nearest = cKDTree(measured.points[chosen]).query(measured.points[members])
         assignment[members] = fit.assignment[nearest]
     return replace(fit, assignment=assignment)

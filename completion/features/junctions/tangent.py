@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.features.engine.template import Measured, Side, Status, TemplateFit
+from completion.features.engine.template import FeatureSide, FeatureStatus, Measurements, TemplateFit
 from completion.features.junctions.models import (
-    Descended,
+    Descent,
     Model,
     Unit,
     at_unit,
@@ -24,7 +24,7 @@ from completion.features.junctions.models import (
 from completion.features.junctions.weighing import (
     LEAST_EVIDENCE,
     Certainty,
-    Weighed,
+    WeighedFit,
     alternatives,
     one_arc,
     sides_of,
@@ -45,7 +45,7 @@ _LEAST_POINTS = 30
 _BINS = 12  # along a joint
 
 
-def fit_junction(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
+def fit_junction(measured: Measurements, given: Mapping[str, float]) -> TemplateFit:
     """Fit a tangent junction to points, all of which, but for outliers, lie on it.
 
     Curvatures have a sign, so that S-shaped, same-sided and plane junctions are one family (the formula
@@ -55,7 +55,7 @@ def fit_junction(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
 
     Parameters
     ----------
-    measured : Measured
+    measured : Measurements
         Points (n, 3).
     given : mapping
         "radius_1", "radius_2": held exactly; inf for a plane. Without them the smaller is the first.
@@ -70,7 +70,7 @@ def fit_junction(measured: Measured, given: Mapping[str, float]) -> TemplateFit:
     return _describe_junction(_fit_junction(unit, held), unit, tuple(held))
 
 
-def _fit_junction(unit: Unit, given: Mapping[str, float]) -> Weighed:
+def _fit_junction(unit: Unit, given: Mapping[str, float]) -> WeighedFit:
     """The most likely junction, and the plain alternatives."""
     points, reach = unit.points, thickness(unit.points)
     single = one_arc(points, reach)
@@ -102,7 +102,7 @@ def turned_round(model: Model) -> Model:
     return replace(model, turn=model.turn * np.array([[1.0], [-1.0], [-1.0]]))
 
 
-def _try_plane(descent: Descended, points: FloatArray, is_held: BoolArray) -> Descended:
+def _try_plane(descent: Descent, points: FloatArray, is_held: BoolArray) -> Descent:
     """The fit with a plane instead of the flatter surface, where that is as likely for a parameter less."""
     flatter = int(np.argmin(np.abs(descent.model.shape)))
     if is_held[flatter]:
@@ -116,7 +116,7 @@ def _try_plane(descent: Descended, points: FloatArray, is_held: BoolArray) -> De
     return flat if flat.log_likelihood > descent.log_likelihood - worth else descent
 
 
-def _rival(pairs: Sequence[Descended], factor: float, n: int, excess: float) -> str:
+def _rival(pairs: Sequence[Descent], factor: float, n: int, excess: float) -> str:
     """Another solution for n points that is nearly as likely and has other radii."""
     first = np.sort(np.abs(pairs[0].model.shape))
     ahead = _AHEAD + _EACH * pairs[0].mixture.share * n
@@ -129,9 +129,9 @@ def _rival(pairs: Sequence[Descended], factor: float, n: int, excess: float) -> 
     return ""
 
 
-def _describe_junction(junction: Weighed, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
+def _describe_junction(junction: WeighedFit, unit: Unit, held: tuple[str, ...]) -> TemplateFit:
     """Return a junction, in the unit of the points."""
-    descent, known = junction.found, junction.known
+    descent, known = junction.descent, junction.known
     model = descent.model
     first = 0 if held or abs(model.shape[0]) >= abs(model.shape[1]) else 1
     order = [first, 1 - first]
@@ -182,49 +182,59 @@ def _across(model: Model, known: Certainty) -> float:
     return float(np.sqrt(max(row @ known.covariance @ row, 0.0)))
 
 
-def _joint(local: FloatArray, ends: FloatArray, unit: Unit, deviation: float) -> Side:
+def _joint(local: FloatArray, ends: FloatArray, unit: Unit, deviation: float) -> FeatureSide:
     """The support of the joint: pieces along it with points close by on both sides."""
     spacing = unit.measured.spacing
     length = max(float(np.ptp(ends)) / _BINS, 4 * spacing, 1e-12)
     pieces = np.floor((local[:, 2] - ends[0]) / length).astype(np.int64)
     beside = np.abs(local[:, 1]) < 0.5 * length
     sides = [set(pieces[beside & (sign * local[:, 1] > 0)].tolist()) for sign in (1.0, -1.0)]
-    return Side("joint", len(sides[0] & sides[1]), 0, max(1, len(set(pieces.tolist()))), deviation=deviation)
+    return FeatureSide(
+        "joint", len(sides[0] & sides[1]), 0, max(1, len(set(pieces.tolist()))), deviation=deviation
+    )
 
 
 def _judge_junction(
-    junction: Weighed, x: FloatArray, covariance: FloatArray, sides: tuple[Side, ...], *, local: FloatArray
-) -> tuple[Status, str]:
+    junction: WeighedFit,
+    x: FloatArray,
+    covariance: FloatArray,
+    sides: tuple[FeatureSide, ...],
+    *,
+    local: FloatArray,
+) -> tuple[FeatureStatus, str]:
     """The status and why."""
     if junction.evidence <= 0:
         return (
-            Status.NONE,
+            FeatureStatus.NONE,
             f"{junction.plain} explains the points as well ({-junction.evidence:.1f} nats better)",
         )
     if junction.misfit:
-        return Status.NONE, junction.misfit
+        return FeatureStatus.NONE, junction.misfit
     unseen = [side.name for side in sides if not side.is_seen]
     if unseen:
-        return Status.NONE, f"not seen: {', '.join(unseen)}"
+        return FeatureStatus.NONE, f"not seen: {', '.join(unseen)}"
     if junction.evidence < LEAST_EVIDENCE:
         return (
-            Status.AMBIGUOUS,
+            FeatureStatus.AMBIGUOUS,
             f"{junction.plain} explains the points nearly as well ({junction.evidence:.1f} nats)",
         )
     if junction.rival:
-        return Status.AMBIGUOUS, junction.rival
+        return FeatureStatus.AMBIGUOUS, junction.rival
     deviations = np.sqrt(np.diag(covariance)[:2])
     vague = [
         name for name, r, sd in zip(NAMES, x, deviations, strict=False) if np.isfinite(r) and sd > _VAGUE * r
     ]
     if vague:
-        return Status.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
+        return FeatureStatus.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
     shorter = min(float(np.quantile(local[:, 1], 0.99)), -float(np.quantile(local[:, 1], 0.01)))
     if sides[2].deviation > _LOOSE * shorter:
-        return Status.AMBIGUOUS, "the points hardly tell where the joint lies"
-    model, mixture = junction.found.model, junction.found.mixture
+        return FeatureStatus.AMBIGUOUS, "the points hardly tell where the joint lies"
+    model, mixture = junction.descent.model, junction.descent.mixture
     factor = 1 / (float(x[0]) * float(np.abs(model.shape).max()))
     apart = abs(float(model.shape[0] - model.shape[1])) * (factor * shorter) ** 2 / 2
     if mixture.share > _MANY and apart < _APART * mixture.sigma:
-        return Status.AMBIGUOUS, f"{mixture.share:.0%} outliers, and both sides bend too much alike for that"
-    return Status.FOUND, ""
+        return (
+            FeatureStatus.AMBIGUOUS,
+            f"{mixture.share:.0%} outliers, and both sides bend too much alike for that",
+        )
+    return FeatureStatus.FOUND, ""

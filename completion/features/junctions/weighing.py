@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.features.engine.refinement import inflation, neighbour_cells
-from completion.features.engine.template import Side
+from completion.features.engine.template import FeatureSide
 from completion.features.engine.template_fit import face_sides
 from completion.features.junctions.models import (
     LEAST_SIGMA,
     N_DIRECTIONS,
-    Descended,
+    Descent,
     Mixture,
     Model,
     Unit,
@@ -48,14 +48,14 @@ class Alternative(NamedTuple):
         return self.log_likelihood - 0.5 * self.n_parameters * float(np.log(n))
 
 
-def one_arc(points: FloatArray, reach: float, n_directions: int = N_DIRECTIONS) -> Descended:
+def one_arc(points: FloatArray, reach: float, n_directions: int = N_DIRECTIONS) -> Descent:
     """Return the one cylinder, or plane, that points (n, 3) at unit RMS are most likely on."""
     shapes = np.zeros((1, 2))
     starts = flat_starts(points, tangent_arcs, shapes, _ONE_ARC, ties=_TIED, n_directions=n_directions)
     return descend_from(starts, points, reach)[0]
 
 
-def alternatives(points: FloatArray, reach: float, single: Descended) -> list[Alternative]:
+def alternatives(points: FloatArray, reach: float, single: Descent) -> list[Alternative]:
     """Return what else points (n, 3) at unit RMS may be, beside the one cylinder that was fitted before."""
     flat = descend_from(flat_starts(points, tangent_arcs, np.zeros((1, 2)), _STRAIGHT)[:1], points, reach)[0]
     sharp = descend_from(flat_starts(points, edge, _LEANS, _EDGE), points, reach)
@@ -90,7 +90,7 @@ class Certainty(NamedTuple):
     across: FloatArray  # (n,) standard deviation of the surface at each
 
 
-def certainty(descent: Descended, points: FloatArray, spacing: float) -> Certainty:
+def certainty(descent: Descent, points: FloatArray, spacing: float) -> Certainty:
     """Return the covariance of a model that points (n, 3) at unit RMS were fitted by, and the faces of these.
 
     A^-1 B A^-1 of the likelihood's derivatives (Huber 1967), times what residuals of neighbours at distances
@@ -114,7 +114,7 @@ def certainty(descent: Descended, points: FloatArray, spacing: float) -> Certain
     return Certainty(small, excess, faces, near, across)
 
 
-def misfit(descent: Descended, unit: Unit) -> str:
+def misfit(descent: Descent, unit: Unit) -> str:
     """Return why residuals are no noise, "" where they may be: more than the points are rough.
 
     Roughness is that of small neighbourhoods about their own planes: it holds the noise, and some of what
@@ -143,7 +143,7 @@ def told_covariance(sentence: Told, model: Model, known: Certainty) -> FloatArra
     return slopes @ known.covariance @ slopes.T
 
 
-def sides_of(names: tuple[str, ...], sides: Descended, known: Certainty, unit: Unit) -> tuple[Side, ...]:
+def sides_of(names: tuple[str, ...], sides: Descent, known: Certainty, unit: Unit) -> tuple[FeatureSide, ...]:
     """Return the support of each face at unit RMS; deviations in the old unit."""
     deviations = np.full(len(names), np.inf)
     for number in range(1, len(names) + 1):
@@ -164,10 +164,10 @@ LEAST_EVIDENCE = float(np.log(100.0))
 """Nats from which on a fit counts as better than what is plainer."""
 
 
-class Weighed(NamedTuple):
+class WeighedFit(NamedTuple):
     """A fit at unit RMS and what it was weighed against."""
 
-    found: Descended
+    descent: Descent
     known: Certainty
     evidence: float
     plain: str  # the best that is plainer
@@ -177,13 +177,13 @@ class Weighed(NamedTuple):
 
 
 def weigh(
-    descent: Descended,
+    descent: Descent,
     others: Sequence[Alternative],
     unit: Unit,
     *,
     rival: Callable[[float], str],
     evaluations: int,
-) -> Weighed:
+) -> WeighedFit:
     """Return a fit with its evidence against the best of the `others`, each less what its parameters cost.
 
     `rival` tells of another solution, by how much residuals of neighbours have in common.
@@ -193,7 +193,7 @@ def weigh(
     plain = max(others, key=lambda alternative: alternative.value(n))
     cost = 0.5 * descent.model.basis.shape[1] * float(np.log(n))
     evidence = (descent.log_likelihood - cost - plain.value(n)) / known.excess
-    return Weighed(
+    return WeighedFit(
         descent,
         known,
         evidence,

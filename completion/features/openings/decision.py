@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import bdtrc
 
-from completion.features.engine.template import Given, Side, Status, TemplateFit
+from completion.features.engine.template import FeatureSide, FeatureStatus, Given, TemplateFit
 from completion.features.openings.proposals import CELL_M, WallChart
 from completion.features.openings.recess import (
     FACES,
     SIDES,
-    Estimate,
     Recess,
+    SideEstimate,
     expect,
     fit_depth,
     fit_side,
@@ -38,22 +38,22 @@ LEVELS = (-np.inf, 0.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0)
 """Nats of evidence."""
 
 N_WALLS = 108
-WALLS_AS_GOOD: dict[Status, tuple[int, ...]] = {
-    Status.FOUND: (2, 2, 2, 2, 2, 1, 1, 0),
-    Status.AMBIGUOUS: (25, 25, 25, 25, 25, 25, 11, 2),
-    Status.NONE: (66, 47, 42, 41, 39, 35, 25, 25),
+WALLS_AS_GOOD: dict[FeatureStatus, tuple[int, ...]] = {
+    FeatureStatus.FOUND: (2, 2, 2, 2, 2, 1, 1, 0),
+    FeatureStatus.AMBIGUOUS: (25, 25, 25, 25, 25, 25, 11, 2),
+    FeatureStatus.NONE: (66, 47, 42, 41, 39, 35, 25, 25),
 }
 """Of each status: on how many walls one came as far with that evidence, or farther."""
 
-_ORDER = (Status.NONE, Status.AMBIGUOUS, Status.FOUND)
+_ORDER = (FeatureStatus.NONE, FeatureStatus.AMBIGUOUS, FeatureStatus.FOUND)
 
 
-def rank(status: Status, evidence: float) -> tuple[int, float]:
+def rank(status: FeatureStatus, evidence: float) -> tuple[int, float]:
     """Return by what fits are ordered: how far the rules let them come, then their evidence, nats."""
     return _ORDER.index(status), evidence
 
 
-def false_fit_probability(status: Status, evidence: float) -> float:
+def false_fit_probability(status: FeatureStatus, evidence: float) -> float:
     """Return how probably a wall without an opening shows one that comes as far, and is as evident, or more.
 
     A share of the walls that were simulated, at the tabled evidence below; never less than one of them.
@@ -81,7 +81,7 @@ NAMES = ("u", "sill", "width", "height", "depth")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Opened:
+class FittedRecess:
     """A recess as it was fitted, what speaks for it, and how far in and out each side may be off.
 
     `floor` is the level that it stands on, `lowest` the lowest level that was measured, NaN for none; `bare`
@@ -91,8 +91,8 @@ class Opened:
     frame: WallFrame
     turn: float
     recess: Recess
-    known: dict[str, Estimate]
-    sides: tuple[Side, ...]
+    known: dict[str, SideEstimate]
+    sides: tuple[FeatureSide, ...]
     floor: float | None
     lowest: float
     image_share: Callable[[], float]
@@ -103,7 +103,7 @@ class Opened:
 
 
 def decide(
-    opened: Opened, beams: WallBeams, observations: Sequence[Observation], given: Given
+    opened: FittedRecess, beams: WallBeams, observations: Sequence[Observation], given: Given
 ) -> TemplateFit:
     """Return the opening as a feature, found, ambiguous or refused, with the reason in one sentence."""
     assignment, on_reveals = _assign_faces(opened.recess, beams.turn(opened.turn), observations)
@@ -143,7 +143,7 @@ def decide(
 
 def silent_feature(fit: TemplateFit, share: float) -> TemplateFit:
     """Return a rectangle from which nothing came back, a `share` of its beams: never more than ambiguous."""
-    if fit.status is Status.NONE:
+    if fit.status is FeatureStatus.NONE:
         return fit
     sentence = f"nothing came back from {share:.0%} of it: a window, a mirror or something dark"
     x, covariance, depth = fit.x.copy(), fit.covariance.copy(), NAMES.index("depth")
@@ -151,49 +151,49 @@ def silent_feature(fit: TemplateFit, share: float) -> TemplateFit:
     geometry = {**fit.geometry, "depth_m": np.nan, "depth_sd_m": np.inf}
     none = np.zeros_like(fit.assignment)
     unknown = replace(fit, x=x, covariance=covariance, geometry=geometry, assignment=none)
-    chance = false_fit_probability(Status.AMBIGUOUS, fit.evidence)
-    return replace(unknown, status=Status.AMBIGUOUS, reason=sentence, false_fit_probability=chance)
+    chance = false_fit_probability(FeatureStatus.AMBIGUOUS, fit.evidence)
+    return replace(unknown, status=FeatureStatus.AMBIGUOUS, reason=sentence, false_fit_probability=chance)
 
 
-def _judge_opening(opened: Opened, on_reveals: int) -> tuple[str, str, Status]:
+def _judge_opening(opened: FittedRecess, on_reveals: int) -> tuple[str, str, FeatureStatus]:
     """Kind, reason and status."""
     kind, doubt = _kind(opened)
     width, height = opened.recess.size
     seen = [side.name for side in opened.sides if side.is_seen]
     is_narrow = width < _LEAST_M and {"left", "right"} <= set(seen)
     if is_narrow or (height < _LEAST_M and {"bottom", "top"} <= set(seen)):
-        return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", Status.NONE
+        return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", FeatureStatus.NONE
     has_floor = opened.floor is not None
     for side in [
         *refuted_sides(opened.sides, has_floor=has_floor),
         *_ending_sides(opened.sides, has_floor=has_floor),
     ]:
         sentence = f"its {side.name} side is contradicted by {side.contradicted} of {side.total} tiles"
-        return kind, sentence, Status.NONE
+        return kind, sentence, FeatureStatus.NONE
     if kind == "niche" and (sentence := _relief(opened)):
-        return kind, sentence, Status.NONE
+        return kind, sentence, FeatureStatus.NONE
     if len(seen) < _FEWEST_SEEN or not {"left", "right"} & set(seen):
         sentence = f"only its {' and '.join(seen)} side was seen" if seen else "none of its sides was seen"
-        return kind, sentence, Status.NONE
+        return kind, sentence, FeatureStatus.NONE
     walled = {name for name in seen if name not in opened.bare}
     if opened.floor is not None:
         walled -= {"bottom"}
     if opened.bare and (len(walled) < _FEWEST_SEEN or not {"left", "right"} & walled):
         sentence = f"what bounds its {' and '.join(opened.bare)} side is a strip, no wall: beams go on beyond"
-        return kind, sentence, Status.NONE
+        return kind, sentence, FeatureStatus.NONE
     may_be_image = on_reveals < _REVEALED and not opened.recess.is_closed
     share = opened.image_share() if may_be_image else 0.0
     if share > _IS_IMAGE:
         sentence = f"opening or mirror: {share:.0%} of what lies behind is the image of what stands"
-        return kind, f"{sentence} before it, and no reveal was measured", Status.AMBIGUOUS
+        return kind, f"{sentence} before it, and no reveal was measured", FeatureStatus.AMBIGUOUS
     if np.isnan(share):
         doubt = "; ".join(
             [*([doubt] if doubt else []), "no reveal and no image is in view: it may be a mirror"]
         )
-    return kind, doubt, Status.FOUND
+    return kind, doubt, FeatureStatus.FOUND
 
 
-def refuted_sides(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
+def refuted_sides(sides: Sequence[FeatureSide], *, has_floor: bool) -> list[FeatureSide]:
     """Return the sides that more tiles contradict than confirm, a door's foot excepted."""
     return [
         side
@@ -204,7 +204,7 @@ def refuted_sides(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
     ]
 
 
-def _ending_sides(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
+def _ending_sides(sides: Sequence[FeatureSide], *, has_floor: bool) -> list[FeatureSide]:
     """The sides that more tiles contradict than would by mistake: the wall ends there, the opening does not.
 
     Binomial test, over the tiles that tell.
@@ -219,7 +219,7 @@ def _ending_sides(sides: Sequence[Side], *, has_floor: bool) -> list[Side]:
     ]
 
 
-def _relief(opened: Opened) -> str:
+def _relief(opened: FittedRecess) -> str:
     """Why a niche is none: a picture's frame stands around it, or it is as shallow as relief."""
     recess, wall = opened.recess, 0.0 if opened.chart is None else opened.chart.wall_m2
     area = float(np.prod(recess.size))
@@ -229,7 +229,7 @@ def _relief(opened: Opened) -> str:
     return f"it is {1000 * recess.depth:.0f} mm deep: relief" if shallow else ""
 
 
-def _kind(opened: Opened) -> tuple[str, str]:
+def _kind(opened: FittedRecess) -> tuple[str, str]:
     """Doorway, window or niche, and what is doubtful of that."""
     recess, stands = opened.recess, opened.floor is not None
     if recess.is_closed:
@@ -244,7 +244,7 @@ def _kind(opened: Opened) -> tuple[str, str]:
     return ("doorway" if recess.size[1] > DOOR_M else "window"), "its foot was not seen: doorway or window"
 
 
-def _parameters(opened: Opened) -> tuple[FloatArray, FloatArray]:
+def _parameters(opened: FittedRecess) -> tuple[FloatArray, FloatArray]:
     """Left side, sill, width, height and depth (5,), and their covariance (5, 5)."""
     recess = opened.recess
     sd = {side.name: side.deviation for side in opened.sides}
@@ -283,7 +283,7 @@ _MOST_OF_A_BEAM = 4.6  # nats that one beam may say: one in a hundred strays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Tiles:
+class _SideTiles:
     """Odds for no wall (n,) of n tiles along a side: just outside it, beyond that, and just inside."""
 
     outside: FloatArray
@@ -292,8 +292,8 @@ class _Tiles:
 
 
 def side_support(
-    beams: WallBeams, recess: Recess, side: str, known: Estimate, *, floor: float | None = None
-) -> Side:
+    beams: WallBeams, recess: Recess, side: str, known: SideEstimate, *, floor: float | None = None
+) -> FeatureSide:
     """Return a side with its tiles: confirmed where wall is just outside it and none just inside.
 
     Contradicted: no wall just outside, or wall just inside. A door's foot is confirmed where the opening
@@ -307,11 +307,11 @@ def side_support(
     else:
         confirmed, contradicted = wall_outside & open_inside, open_outside | wall_inside
     n = len(confirmed)
-    return Side(side, int(confirmed.sum()), int(contradicted.sum()), n, known.deviation)
+    return FeatureSide(side, int(confirmed.sum()), int(contradicted.sum()), n, known.deviation)
 
 
 def is_strip(
-    beams: WallBeams, recess: Recess, side: str, known: Estimate, *, others: Sequence[Recess] = ()
+    beams: WallBeams, recess: Recess, side: str, known: SideEstimate, *, others: Sequence[Recess] = ()
 ) -> bool:
     """Whether what bounds a side is a strip, as of a frame or a board: most of its tiles are open beyond.
 
@@ -325,7 +325,7 @@ def is_strip(
     return int((beyond > _DECIDED).sum()) > int((beyond < -_DECIDED).sum())
 
 
-def _tiles(beams: WallBeams, recess: Recess, side: str, known: Estimate) -> _Tiles:
+def _tiles(beams: WallBeams, recess: Recess, side: str, known: SideEstimate) -> _SideTiles:
     axis = 0 if side in ("left", "right") else 1
     low, high = ((recess.bottom, recess.top), (recess.left, recess.right))[axis]
     n = max(round((high - low) / _TILE_M), 1)
@@ -344,12 +344,12 @@ def _tiles(beams: WallBeams, recess: Recess, side: str, known: Estimate) -> _Til
         return np.asarray(np.bincount(tile[where], odds[where], minlength=n), dtype=np.float64)
 
     end = margin + band
-    return _Tiles(sums(margin, end), sums(end, end + _BEYOND_M), sums(-end, -margin))
+    return _SideTiles(sums(margin, end), sums(end, end + _BEYOND_M), sums(-end, -margin))
 
 
 def all_sides(
-    beams: WallBeams, recess: Recess, known: dict[str, Estimate], floor: float | None
-) -> tuple[Side, ...]:
+    beams: WallBeams, recess: Recess, known: dict[str, SideEstimate], floor: float | None
+) -> tuple[FeatureSide, ...]:
     """Return the support of all four sides."""
     return tuple(side_support(beams, recess, side, known[side], floor=floor) for side in SIDES)
 
@@ -361,19 +361,19 @@ _INFLATION = 1.9  # by which deviations of sides were too small, in the median o
 FLOOR_M = 0.15  # between an opening's foot and the floor that it stands on
 _OPPOSITE = {"left": "right", "right": "left", "bottom": "top", "top": "bottom"}
 _SIZE = {"left": "width", "right": "width", "bottom": "height", "top": "height"}
-_UNKNOWN = Estimate(0.0, np.inf)
+_UNKNOWN = SideEstimate(0.0, np.inf)
 
 
 def fit_recess(
-    beams: WallBeams, rough: Recess, given: Given, levels: Sequence[Estimate]
-) -> tuple[Recess, dict[str, Estimate], float]:
+    beams: WallBeams, rough: Recess, given: Given, levels: Sequence[SideEstimate]
+) -> tuple[Recess, dict[str, SideEstimate], float]:
     """Return the recess at its most probable, how well its parameters are known, and its turn in the wall.
 
     Of what the sides refute at once neither depth nor turn is sought.
     """
     floor = floor_of(rough, levels)
     recess = rough if floor is None else rough.move_side("bottom", floor.value)
-    known = {"bottom": floor or Estimate(rough.bottom, np.inf)}
+    known = {"bottom": floor or SideEstimate(rough.bottom, np.inf)}
     sides = [side for side in SIDES if side != "bottom" or floor is None]
     reach = {side: _reach(beams, recess, side) for side in SIDES}
     for side in sides:
@@ -385,7 +385,7 @@ def fit_recess(
                 break
     first = all_sides(beams, recess, known, None if floor is None else floor.value)
     if refuted_sides(first, has_floor=floor is not None):
-        return recess, known | {"depth": _UNKNOWN, "turn": Estimate(0.0, 0.0)}, 0.0
+        return recess, known | {"depth": _UNKNOWN, "turn": SideEstimate(0.0, 0.0)}, 0.0
     total = 0.0
     for _ in range(_ROUNDS):
         recess, known["depth"], _ = fit_depth(beams, recess, given.get("depth"))
@@ -405,8 +405,8 @@ def _reach(beams: WallBeams, recess: Recess, side: str) -> float:
 
 
 def with_unseen(
-    beams: WallBeams, recess: Recess, sides: tuple[Side, ...], given: Given, *, farther: WallBeams
-) -> tuple[Recess, tuple[Side, ...], dict[str, tuple[float, float]]]:
+    beams: WallBeams, recess: Recess, sides: tuple[FeatureSide, ...], given: Given, *, farther: WallBeams
+) -> tuple[Recess, tuple[FeatureSide, ...], dict[str, tuple[float, float]]]:
     """Return the recess with sides that nobody saw where beams still went through, as uncertain as that is.
 
     Of a width or height that is given, a side that was seen says where the other one is. How far inwards and
@@ -431,8 +431,8 @@ def with_unseen(
 
 
 def with_wall(
-    beams: WallBeams, recess: Recess, known: dict[str, Estimate], wall: Wall, frame: WallFrame
-) -> dict[str, Estimate]:
+    beams: WallBeams, recess: Recess, known: dict[str, SideEstimate], wall: Wall, frame: WallFrame
+) -> dict[str, SideEstimate]:
     """Return what is known of the sides, with what errors of the wall's plane and of the turn add to it."""
     out, centre = dict(known), recess.corners().mean(axis=0)
     for side in SIDES:
@@ -445,22 +445,22 @@ def with_wall(
         by_wall = float(off * np.median(np.abs(beams.slope[near, axis])))
         by_turn = known["turn"].deviation * recess.size[1 - axis] / np.sqrt(12)
         sd = _INFLATION * float(np.sqrt(known[side].deviation ** 2 + by_wall**2 + by_turn**2))
-        out[side] = Estimate(known[side].value, sd)
+        out[side] = SideEstimate(known[side].value, sd)
     return out
 
 
-def height_of(frame: WallFrame, fit: SurfaceFit) -> Estimate:
+def height_of(frame: WallFrame, fit: SurfaceFit) -> SideEstimate:
     """Return the height in the wall's frame at which a level plane meets the wall."""
     floor = fit.surface
     normal = frame.axes @ floor.normal(frame.origin[None])[0]
     if abs(normal[2]) < 0.5:
-        return Estimate(np.inf, np.inf)
+        return SideEstimate(np.inf, np.inf)
     off = float(floor.distance(frame.origin[None])[0])
     sd = float(fit.standard_deviation(frame.origin[None])[0])
-    return Estimate(-off / normal[2], sd)
+    return SideEstimate(-off / normal[2], sd)
 
 
-def floor_of(recess: Recess, levels: Sequence[Estimate]) -> Estimate | None:
+def floor_of(recess: Recess, levels: Sequence[SideEstimate]) -> SideEstimate | None:
     """Return the level that an opening stands on, None for none: what is lower than people stands on none."""
     if recess.size[1] < DOOR_M:
         return None

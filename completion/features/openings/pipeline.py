@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from completion.features.engine.options import OPENINGS
-from completion.features.engine.template import Given, Status, TemplateFit, best_first, moved_geometry
+from completion.features.engine.template import FeatureStatus, Given, TemplateFit, best_first, moved_geometry
 from completion.features.openings.decision import (
     DOOR_M,
     FLOOR_M,
     LEAST_NICHE_M,
-    Opened,
+    FittedRecess,
     all_sides,
     decide,
     fit_recess,
@@ -29,7 +29,7 @@ from completion.features.openings.decision import (
     with_wall,
 )
 from completion.features.openings.proposals import WallChart, propose
-from completion.features.openings.recess import Estimate, Recess
+from completion.features.openings.recess import Recess, SideEstimate
 from completion.features.openings.walls import Floor, Wall, WallBeams, WallFrame, wall_beams
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
@@ -190,8 +190,8 @@ def _fit_opening(
     *,
     observations: Sequence[Observation],
     given: Given,
-    levels: Sequence[Estimate],
-) -> Opened:
+    levels: Sequence[SideEstimate],
+) -> FittedRecess:
     """A proposed rectangle fitted by the beams near it, with what supports each of its sides."""
     beams, every = near_and_all
     # a. Fit: sides, depth and turn, each by its posterior with the others as they are.
@@ -203,7 +203,7 @@ def _fit_opening(
     # b. Support: tiles along each side, which confirm or contradict it.
     sides = all_sides(turned, recess, known, floor)
     recess, sides, slack = with_unseen(turned, recess, sides, given, farther=every.turn(turn))
-    return Opened(
+    return FittedRecess(
         frame=frame.turn(turn),
         turn=turn,
         recess=recess,
@@ -224,7 +224,7 @@ def _overlaps(fit: TemplateFit, frame: WallFrame, rough: Recess) -> bool:
     corners = frame.local(np.asarray(fit.geometry["corners"]))[:, [0, 2]]
     middle = rough.corners().mean(axis=0)
     inside = (middle > corners.min(axis=0)).all() and (middle < corners.max(axis=0)).all()
-    return bool(inside) and fit.status is not Status.NONE
+    return bool(inside) and fit.status is not FeatureStatus.NONE
 
 
 _LEVEL = 0.98  # cosine between a floor's normal and up
@@ -374,7 +374,7 @@ def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
 
     Of a found one and a refused one the middle of the refused one must lie within the other.
     """
-    if other.status is Status.NONE and fit.status is not Status.NONE:
+    if other.status is FeatureStatus.NONE and fit.status is not FeatureStatus.NONE:
         return False
     into, beyond = np.asarray(fit.geometry["into"]), np.asarray(other.geometry["into"])
     if float(into @ beyond) < _LEVEL:
@@ -386,7 +386,7 @@ def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
     at = (corners_here - corners[0]) @ np.column_stack(
         [u / (u @ u), v / (v @ v)]
     )  # in the other's width and height
-    if fit.status is Status.NONE:
+    if fit.status is FeatureStatus.NONE:
         return bool((np.abs(at.mean(axis=0) - 0.5) < 0.5).all())
     low, high = at.min(axis=0), at.max(axis=0)
     shared = np.prod(np.clip(np.minimum(high, 1.0) - np.maximum(low, 0.0), 0.0, None))
@@ -440,7 +440,7 @@ def find_openings_of_scans(
         )
         for fit in fits
     ]
-    is_any = any(fit.status is not Status.NONE for fit in moved)
+    is_any = any(fit.status is not FeatureStatus.NONE for fit in moved)
     doubts = pose_doubts(openings.registration)
     return moved, doubts if is_any else [*doubts, _why_none(surfaces, observations, up)]
 

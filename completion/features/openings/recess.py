@@ -190,7 +190,7 @@ _DEPTHS_M = np.array([0.0, *np.geomspace(0.01, 1.2, 60)])
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class SideEstimate:
     """A number and its standard deviation."""
 
     value: float
@@ -209,7 +209,7 @@ def near_side(beams: WallBeams, recess: Recess, side: str, reach: float) -> Bool
     return np.asarray(within & ((np.abs(outwards) < reach) | meets))
 
 
-def fit_side(beams: WallBeams, recess: Recess, side: str, reach: float) -> Estimate:
+def fit_side(beams: WallBeams, recess: Recess, side: str, reach: float) -> SideEstimate:
     """Return where a side is: the mean and deviation of its posterior, all else as it is.
 
     The likelihood of all beams near it is evaluated at places closer and closer together. Beams next to each
@@ -220,21 +220,21 @@ def fit_side(beams: WallBeams, recess: Recess, side: str, reach: float) -> Estim
     wall_beams = beams.select(chosen[:: max(1, len(chosen) // _MOST_BEAMS)])
     here = getattr(recess, side)
     if not len(wall_beams):
-        return Estimate(here, np.inf)
+        return SideEstimate(here, np.inf)
     axis = 0 if side in ("left", "right") else 1
     places = here + np.linspace(-reach, reach, _COARSE)
     for count in (_FINE, _FINE):
         mean, sd, _ = _posterior(_by_tiles(wall_beams, recess, side, places, axis), places)
         if sd > _NOTHING * reach:
-            return Estimate(here, np.inf)
+            return SideEstimate(here, np.inf)
         half = max(_FIVE_SD * sd, 2 * (places[1] - places[0]), _LEAST_STEP_M)
         places = mean + np.linspace(-half, half, count)
     tiles = _by_tiles(wall_beams, recess, side, places, axis)
     mean, sd, _ = _posterior(tiles, places)
-    return Estimate(mean, max(sd, _jackknife(tiles, places)))
+    return SideEstimate(mean, max(sd, _jackknife(tiles, places)))
 
 
-def fit_turn(beams: WallBeams, recess: Recess, reach: float) -> tuple[Estimate, Recess]:
+def fit_turn(beams: WallBeams, recess: Recess, reach: float) -> tuple[SideEstimate, Recess]:
     """Return by what angle a recess is turned in its wall, from u towards v, and the recess in that frame.
 
     Walls stand upright and so do openings, to about a degree, which is the prior.
@@ -253,7 +253,7 @@ def fit_turn(beams: WallBeams, recess: Recess, reach: float) -> tuple[Estimate, 
     moved = _rotate(centre[None], best)[0] - centre
     u, v = (float(shift) for shift in moved)
     turned = replace(recess, left=recess.left + u, right=recess.right + u)
-    return Estimate(best, sd), replace(turned, bottom=recess.bottom + v, top=recess.top + v)
+    return SideEstimate(best, sd), replace(turned, bottom=recess.bottom + v, top=recess.top + v)
 
 
 def _rotate(uv: FloatArray, angle: float) -> FloatArray:
@@ -289,7 +289,9 @@ def open_limits(beams: WallBeams, recess: Recess, side: str) -> tuple[float, flo
     return sign * inner, sign * outer
 
 
-def fit_depth(beams: WallBeams, recess: Recess, given: float | None = None) -> tuple[Recess, Estimate, float]:
+def fit_depth(
+    beams: WallBeams, recess: Recess, given: float | None = None
+) -> tuple[Recess, SideEstimate, float]:
     """Return the recess with its most probable depth, open or closed, the depth, and the odds for closed.
 
     The odds are log likelihood of the best niche less that of the best opening, nats. A deviation of inf says
@@ -299,12 +301,12 @@ def fit_depth(beams: WallBeams, recess: Recess, given: float | None = None) -> t
     inside = np.flatnonzero(recess.holds(beams.uv) & np.isfinite(beams.ranges))
     wall_beams = beams.select(inside[:: max(1, len(inside) // _MOST_BEAMS)])
     factor = max(1.0, len(inside) / max(len(wall_beams), 1))
-    best: dict[bool, tuple[float, Estimate]] = {}
+    best: dict[bool, tuple[float, SideEstimate]] = {}
     for is_closed in (False, True):
         depths = _DEPTHS_M if not is_closed else _DEPTHS_M[1:]
         if given is not None:
             top = float(_depth_tiles(wall_beams, recess, np.array([given]), is_closed).sum())
-            best[is_closed] = (top, Estimate(given, 0.0))
+            best[is_closed] = (top, SideEstimate(given, 0.0))
             continue
         for _ in range(3):
             tiles = _depth_tiles(wall_beams, recess, depths, is_closed)
@@ -312,7 +314,7 @@ def fit_depth(beams: WallBeams, recess: Recess, given: float | None = None) -> t
             step = float(np.max(np.diff(depths)[max(np.argmin(np.abs(depths - mean)) - 1, 0) :][:2]))
             half = max(_FIVE_SD * sd, 2 * step, 1e-4)
             tried, depths = depths, np.unique(np.clip(mean + np.linspace(-half, half, 41), 0.0, None))
-        best[is_closed] = (top, Estimate(mean, max(sd, _jackknife(tiles, tried))))
+        best[is_closed] = (top, SideEstimate(mean, max(sd, _jackknife(tiles, tried))))
     odds = factor * (best[True][0] - best[False][0])
     back = best[True][1]
     is_closed = odds > 0 and (given is not None or _has_back(beams, recess, back.value))

@@ -31,7 +31,7 @@ _SQUARE = 1e-10
 """Radians: planes that are off by more leave no corner at which both joins hold."""
 
 
-class Join(StrEnum):
+class JoinKind(StrEnum):
     """How a patch meets a surface along a boundary."""
 
     CONNECTED = "connected"  # the boundary lies on it
@@ -47,7 +47,7 @@ class Boundary:
     ----------
     surface : Plane or Cylinder
         In the unit of the points.
-    join : Join
+    join : JoinKind
         How they are joined.
     deviations : mapping
         How well the surface is known, as `SurfaceFit.parameter_deviations` names it: "offset" and "normal" of
@@ -60,7 +60,7 @@ class Boundary:
     """
 
     surface: Plane | Cylinder
-    join: Join
+    join: JoinKind
     deviations: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -68,9 +68,9 @@ class Boundary:
         if not isinstance(surface, Plane | Cylinder):
             kind = getattr(self.surface, "kind", type(self.surface).__name__)
             raise InputError(f"a patch is joined to planes and cylinders, not to a {kind}")
-        if self.join not in tuple(Join):
-            raise InputError(f"a join is one of {', '.join(Join)}, got {self.join!r}")
-        object.__setattr__(self, "join", Join(self.join))
+        if self.join not in tuple(JoinKind):
+            raise InputError(f"a join is one of {', '.join(JoinKind)}, got {self.join!r}")
+        object.__setattr__(self, "join", JoinKind(self.join))
 
 
 Boundaries = Mapping[SideName, Boundary]
@@ -95,10 +95,10 @@ def _check_corner(name: str, next_name: str, first: Boundary, second: Boundary) 
     across = float(np.linalg.norm(np.cross(normal, next_normal)))
     angle = float(np.arctan2(across, abs(normal @ next_normal)))
     joins = {first.join, second.join}
-    if joins == {Join.TANGENT}:
+    if joins == {JoinKind.TANGENT}:
         is_good, needs = angle <= _SQUARE, "in one plane"
     else:
-        is_good = Join.ORTHOGONAL not in joins or abs(angle - np.pi / 2) <= _SQUARE
+        is_good = JoinKind.ORTHOGONAL not in joins or abs(angle - np.pi / 2) <= _SQUARE
         needs = "square to the last digits (hold their directions: `unseen fit --axis`)"
     if not is_good:
         raise InputError(
@@ -160,19 +160,19 @@ def _gather_equations(parts: list[tuple[FloatArray, _Term]], seen: FloatArray) -
     return JoinEquations(*(np.concatenate(rows) for rows in (misfit, by_outer, by_inner)))
 
 
-def _plane_terms(plane: Plane, join: Join, at: FloatArray, step: FloatArray) -> list[_Term]:
+def _plane_terms(plane: Plane, join: JoinKind, at: FloatArray, step: FloatArray) -> list[_Term]:
     none, normal = np.zeros_like(at), plane.normal(at)
     pairs = [_Term(plane.distance(at), normal, none)]
     axes = {
-        Join.CONNECTED: (),
-        Join.TANGENT: (plane.normal_direction,),
-        Join.ORTHOGONAL: (plane.u_direction, plane.v_direction),
+        JoinKind.CONNECTED: (),
+        JoinKind.TANGENT: (plane.normal_direction,),
+        JoinKind.ORTHOGONAL: (plane.u_direction, plane.v_direction),
     }[join]
     return pairs + [_Term(step @ axis, none, np.broadcast_to(axis, at.shape)) for axis in axes]
 
 
 def _cylinder_terms(
-    tube: Cylinder, join: Join, at: FloatArray, step: FloatArray
+    tube: Cylinder, join: JoinKind, at: FloatArray, step: FloatArray
 ) -> tuple[list[_Term], list[_Term]]:
     """Terms that have to be zero, and terms that have to be smooth."""
     normal, axis = tube.normal(at), np.broadcast_to(tube.direction, at.shape)
@@ -186,9 +186,9 @@ def _cylinder_terms(
     along_side = _Term(_dot(step, side), -_dot(step, normal)[:, None] * turn, side)
     along_axis = _Term(step @ tube.direction, none, axis)
     exact, smooth = [_Term(tube.distance(at), normal, none)], [_Term(angle, turn, none)]
-    if join is Join.TANGENT:
+    if join is JoinKind.TANGENT:
         return [*exact, along_normal], [*smooth, along_side]
-    if join is Join.ORTHOGONAL:
+    if join is JoinKind.ORTHOGONAL:
         return [*exact, along_side, along_axis], [*smooth, along_normal]
     return exact, smooth
 
@@ -201,7 +201,7 @@ _EXACT, _NEARLY = 1e-10, 1e-5
 """Independent is what is left of an equation by others: of linear ones, and of linearised ones."""
 
 
-class Equations(NamedTuple):
+class ControlEquations(NamedTuple):
     """Equations rows @ x[columns] = value of the controls' coordinates x, and which of them are linear."""
 
     columns: IntArray  # (t,) of the coordinates (3 a control) that take part
@@ -210,7 +210,7 @@ class Equations(NamedTuple):
     value: FloatArray  # (q,)
     is_linear: BoolArray  # (q,)
 
-    def independent(self) -> Equations:
+    def independent(self) -> ControlEquations:
         """Return those that the others do not entail; linear ones go first."""
         kept, known = list[int](), np.zeros((self.rows.shape[1], 0))
         for linear, least in ((True, _EXACT), (False, _NEARLY)):
@@ -224,7 +224,7 @@ class Equations(NamedTuple):
             kept += rows[order[:rank]].tolist()
             known = np.column_stack([known, frame[:, :rank]])
         which = np.array(kept, dtype=np.int64)
-        return Equations(
+        return ControlEquations(
             self.columns, self.rows[which], self.misfit[which], self.value[which], self.is_linear[which]
         )
 
@@ -240,7 +240,7 @@ class Equations(NamedTuple):
         return moved
 
 
-def equations_of(patch: SplinePatch, boundaries: Boundaries) -> Equations:
+def equations_of(patch: SplinePatch, boundaries: Boundaries) -> ControlEquations:
     """Return all equations of a patch's joins, linearised where it is."""
     n, m, _ = patch.controls.shape
     controls = patch.controls.reshape(-1, 3)
@@ -265,7 +265,7 @@ def equations_of(patch: SplinePatch, boundaries: Boundaries) -> Equations:
     misfit = np.concatenate([np.zeros(0), *(row[2] for row in pairs)])
     is_linear = np.concatenate([np.zeros(0, bool), *(np.full(len(row[2]), row[3]) for row in pairs)])
     value = whole @ controls.ravel()[columns] - misfit
-    return Equations(columns, whole, misfit, value, is_linear)
+    return ControlEquations(columns, whole, misfit, value, is_linear)
 
 
 def _fixed_ends(side: SideName, boundaries: Boundaries) -> tuple[bool, bool]:
@@ -277,7 +277,7 @@ def _fixed_ends(side: SideName, boundaries: Boundaries) -> tuple[bool, bool]:
         if other is None or not isinstance(other.surface, Plane):
             ends.append(False)
             continue
-        ends.append(other.join is Join.ORTHOGONAL or join is Join.TANGENT is other.join)
+        ends.append(other.join is JoinKind.ORTHOGONAL or join is JoinKind.TANGENT is other.join)
     return ends[0], ends[1]
 
 
@@ -353,8 +353,8 @@ def _boundary(held: object, source: str, folder: Path, files: list[Path]) -> Bou
     if not isinstance(held, dict) or set(held) - {"surface", "join", "note"} or "surface" not in held:
         raise InputError(f'{source}: needs a "surface" and a "join" alone, as in {_EXAMPLE}')
     join = held.get("join")
-    if join not in tuple(Join):
-        raise InputError(f'{source}: "join" is one of {", ".join(Join)}, got {join!r}')
+    if join not in tuple(JoinKind):
+        raise InputError(f'{source}: "join" is one of {", ".join(JoinKind)}, got {join!r}')
     surface = held["surface"]
     if isinstance(surface, str):
         named = folder / surface
@@ -367,10 +367,12 @@ def _boundary(held: object, source: str, folder: Path, files: list[Path]) -> Bou
             surface = read_json(named, dict)
         except InputError as error:
             raise InputError(f"{source}: its surface {surface}: {error}") from error
-    return Boundary(*_surface(surface, source, Join(join)))
+    return Boundary(*_surface(surface, source, JoinKind(join)))
 
 
-def _surface(held: object, source: str, join: Join) -> tuple[Plane | Cylinder, Join, Mapping[str, float]]:
+def _surface(
+    held: object, source: str, join: JoinKind
+) -> tuple[Plane | Cylinder, JoinKind, Mapping[str, float]]:
     if not isinstance(held, dict):
         raise InputError(f'{source}: "surface" is what `unseen fit` wrote, or the name of such a file')
     shape = held.get("shape")

@@ -30,7 +30,7 @@ _CLOSE = 0.3  # radii from an axis, within which points are not unrolled about i
 _TRACE = 0.2  # length of the mean trace, of those of one, from which on it decides
 
 
-class _Chart(NamedTuple):
+class _PointChart(NamedTuple):
     """Points seen along their least extent."""
 
     axes: FloatArray  # (k or 1, 3, 3) of each point: directions of the coordinates that the frame is of
@@ -38,7 +38,7 @@ class _Chart(NamedTuple):
     flat: FloatArray  # (k, 2)
 
     @classmethod
-    def of(cls, points: FloatArray, boundaries: Boundaries) -> _Chart:
+    def of(cls, points: FloatArray, boundaries: Boundaries) -> _PointChart:
         """Return how points (k, 3) are seen, unrolled about the cylinder about which they turn farthest."""
         placed, axes, most = points, np.eye(3)[None], 0.0
         for boundary in boundaries.values():
@@ -86,16 +86,16 @@ def _unroll(points: FloatArray, tube: Cylinder) -> tuple[FloatArray, FloatArray]
     return placed, axes
 
 
-class Parametrised(NamedTuple):
+class Parametrisation(NamedTuple):
     """Parameters of points, and how far each named boundary's points are from its surface (rms)."""
 
     uv: FloatArray  # (k, 2)
     off: Mapping[SideName, float]
 
 
-def parametrise(points: FloatArray, boundaries: Boundaries) -> Parametrised:
+def parametrise(points: FloatArray, boundaries: Boundaries) -> Parametrisation:
     """Return where points (k, 3) lie between their boundaries."""
-    chart = _Chart.of(points, boundaries)
+    chart = _PointChart.of(points, boundaries)
     turn = _turn(points, chart, boundaries)
     seen = chart.flat @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     xy = np.column_stack(
@@ -117,7 +117,7 @@ def parametrise(points: FloatArray, boundaries: Boundaries) -> Parametrised:
         cost = sum(fitted_places.values()) + (0.0 if _is_right_handed(swaps, mirrors) else 1e-9)
         if cost < least:
             best, least, off = np.where(mirrors, 1.0 - turned, turned), cost, fitted_places
-    return Parametrised(np.ascontiguousarray(best), off)
+    return Parametrisation(np.ascontiguousarray(best), off)
 
 
 def stretch(uv: FloatArray, ends: Collection[SideName]) -> FloatArray:
@@ -138,7 +138,7 @@ def stretch(uv: FloatArray, ends: Collection[SideName]) -> FloatArray:
     return uv_stretched
 
 
-def _turn(points: FloatArray, chart: _Chart, boundaries: Boundaries) -> float:
+def _turn(points: FloatArray, chart: _PointChart, boundaries: Boundaries) -> float:
     """The angle by which the frame is turned, radians, by the surfaces' traces, else by the hull."""
     total, weight = 0j, 0.0
     for boundary in boundaries.values():

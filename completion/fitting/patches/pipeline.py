@@ -13,8 +13,8 @@ from scipy.sparse import csc_array
 from completion.fitting.patches.joins import (
     Boundaries,
     Boundary,
-    Equations,
-    Join,
+    ControlEquations,
+    JoinKind,
     check_boundaries,
     equations_of,
 )
@@ -23,7 +23,7 @@ from completion.fitting.patches.patch import SideName, SplinePatch, products, si
 from completion.fitting.patches.rounds import (
     ON_ALL,
     STEPS,
-    Bordered,
+    BorderedSystem,
     Freedom,
     State,
     feet_of,
@@ -71,7 +71,7 @@ class PatchFit:
         By side, the largest angle and gap at `N_MEASURED` places.
     information : (k, k) sparse
         Of the controls' coordinates, for points of unit variance, the smoothing included.
-    equations : Equations
+    equations : ControlEquations
         Those that hold them.
     warnings : tuple of str
         What is doubtful.
@@ -84,7 +84,7 @@ class PatchFit:
     n: int
     joins: Mapping[SideName, MeasuredJoin]
     information: csc_array
-    equations: Equations
+    equations: ControlEquations
     warnings: tuple[str, ...] = ()
 
     @property
@@ -105,7 +105,7 @@ class PatchFit:
         places = np.asarray(uv, dtype=np.float64)
         if places.ndim != 2 or places.shape[1] != 2 or not ((places >= 0) & (places <= 1)).all():
             raise InputError(f"expected parameters with shape (k, 2) in [0, 1], got {places.shape}")
-        solver, sums = Bordered(self.information, self.equations), list[FloatArray]()
+        solver, sums = BorderedSystem(self.information, self.equations), list[FloatArray]()
         for low in range(0, len(places), _CHUNK):
             sample = places[low : low + _CHUNK]
             held = products(self.patch.bases, sample).toarray()
@@ -119,14 +119,14 @@ def measured_join(patch: SplinePatch, side: SideName, boundary: Boundary) -> Mea
     places = side_places(side, np.linspace(0.0, 1.0, N_MEASURED))
     at = patch.at(places)
     gap = float(np.abs(boundary.surface.distance(at)).max())
-    if boundary.join is Join.CONNECTED:
+    if boundary.join is JoinKind.CONNECTED:
         return MeasuredJoin(np.nan, gap)
     patch_normals, other = patch.normals(places), boundary.surface.normal(at)
     sine, cosine = (
         np.linalg.norm(np.cross(patch_normals, other), axis=1),
         np.abs(np.einsum("ij,ij->i", patch_normals, other)),
     )
-    off = np.arctan2(sine, cosine) if boundary.join is Join.TANGENT else np.arctan2(cosine, sine)
+    off = np.arctan2(sine, cosine) if boundary.join is JoinKind.TANGENT else np.arctan2(cosine, sine)
     return MeasuredJoin(float(off.max()), gap)
 
 

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from completion.fitting.patches.joins import Boundaries, Boundary, Equations, Join, equations_of
+from completion.fitting.patches.joins import Boundaries, Boundary, ControlEquations, JoinKind, equations_of
 from completion.fitting.patches.parametrisation import stretch
 from completion.fitting.patches.patch import SIDES, Basis, SideName, SplinePatch, products
 from scenes.checks import BoolArray, FloatArray, InputError
@@ -80,7 +80,7 @@ BESIDE = 0.05**2
 _SAMPLED = 2  # places a span, along u and along v, at which evenness is measured
 
 
-class NormalEquations(NamedTuple):
+class QuadraticForm(NamedTuple):
     """The quadratic form x' matrix x - 2 x' right of the controls' coordinates."""
 
     matrix: csc_array  # (k, k)
@@ -89,7 +89,7 @@ class NormalEquations(NamedTuple):
 
 def normal_equations(
     bases: tuple[Basis, Basis], uv: FloatArray, points: FloatArray, normals: FloatArray
-) -> NormalEquations:
+) -> QuadraticForm:
     """Return those of points (k, 3) whose feet are at parameters (k, 2), where normals (k, 3) are.
 
     The squared distance to the tangent plane, and `BESIDE` times that to the foot.
@@ -116,7 +116,7 @@ def normal_equations(
     where = np.array(at, dtype=np.int32).reshape(-1, n_local)
     row, column = np.repeat(where, n_local, axis=1).ravel(), np.tile(where, (1, n_local)).ravel()
     matrix = coo_array((np.array(blocks).ravel(), (row, column)), shape=(size, size))
-    return NormalEquations(matrix.tocsc(), right.ravel())
+    return QuadraticForm(matrix.tocsc(), right.ravel())
 
 
 def thin_plate(bases: tuple[Basis, Basis]) -> csc_array:
@@ -155,10 +155,10 @@ def evenness(patch: SplinePatch) -> csc_array:
     return coo_array((stacked.data, (row, column)), shape=stacked.shape).tocsc()
 
 
-class Bordered:
+class BorderedSystem:
     """A quadratic form under equations, factorised."""
 
-    def __init__(self, matrix: csc_array, equations: Equations) -> None:
+    def __init__(self, matrix: csc_array, equations: ControlEquations) -> None:
         self.equations, self.size = equations, matrix.shape[0]
         n_rows = len(equations.rows)
         row, column = np.nonzero(equations.rows)
@@ -203,7 +203,7 @@ class Freedom:
         self.given = boundaries
         starts, columns, n = dict[bytes, int](), dict[SideName, int](), 3
         weights = np.zeros((3, 3))
-        rest = list[float]()
+        of_offsets = list[float]()
         for side, boundary in boundaries.items():
             sd = _deviations(side, boundary)
             key = _key(boundary.surface)
@@ -211,11 +211,11 @@ class Freedom:
                 starts[key] = n
                 weights_here, axis = _weights(boundary.surface, sd, scale)
                 weights += (np.eye(3) - np.outer(axis, axis)) * weights_here[0]
-                rest += weights_here[1:]
+                of_offsets += weights_here[1:]
                 n += len(weights_here) - 1
             columns[side] = starts[key]
         self._columns: Mapping[SideName, int] = columns
-        self.information = np.diag(np.concatenate([np.zeros(3), rest]))
+        self.information = np.diag(np.concatenate([np.zeros(3), of_offsets]))
         """(k, k) of rotation and offsets, in the boundaries' unit."""
         self.information[:3, :3] = weights
 
@@ -232,7 +232,7 @@ class Freedom:
             for side, boundary in self.given.items()
         }
 
-    def equations(self, patch: SplinePatch, x: FloatArray) -> Equations:
+    def equations(self, patch: SplinePatch, x: FloatArray) -> ControlEquations:
         """Return the equations of the controls' coordinates and, after them, these parameters, at x (k,)."""
         plain = equations_of(patch, self.move(x))
         slopes = np.zeros((len(plain.rows), self.n))
@@ -243,7 +243,9 @@ class Freedom:
         columns = np.concatenate([plain.columns, patch.controls.size + np.arange(self.n)])
         value = plain.value + slopes @ x
         is_linear = np.ones(len(plain.rows), dtype=bool)
-        return Equations(columns, np.column_stack([plain.rows, slopes]), plain.misfit, value, is_linear)
+        return ControlEquations(
+            columns, np.column_stack([plain.rows, slopes]), plain.misfit, value, is_linear
+        )
 
 
 def _key(surface: Plane | Cylinder) -> bytes:
@@ -341,13 +343,15 @@ def next_round(
         feet = feet_of(state.patch, places, uv, STEPS)
         uv, normals = feet.uv, feet.normals
         if is_stretched:
-            held = {side for side, boundary in state.around.items() if boundary.join is not Join.TANGENT}
+            held = {side for side, boundary in state.around.items() if boundary.join is not JoinKind.TANGENT}
             uv = stretch(uv, set(SIDES) - held)
     normal = normal_equations(state.patch.bases, uv, places, normals)
     plate = thin_plate(state.patch.bases) * (weight * len(places) * (BESIDE if is_first else 1.0))
     equations = equations_of(state.patch, {} if is_first else state.around).independent()
     even = 0.0 * plate if is_first else evenness(state.patch) * (even_weight(rms) * len(places))
-    solved = Bordered(csc_array(normal.matrix + plate + even), equations).solve(normal.right, equations.value)
+    solved = BorderedSystem(csc_array(normal.matrix + plate + even), equations).solve(
+        normal.right, equations.value
+    )
     return state._replace(patch=_with(state.patch, equations.impose(solved)), uv=uv)
 
 
@@ -369,7 +373,7 @@ def release_surfaces(
         form = block_diag([normal.matrix + plate + even, variance * freedom.information], format="csc")
         equations = freedom.equations(state.patch, moved).independent()
         right = np.concatenate([normal.right, np.zeros(freedom.n)])
-        solved, last = Bordered(csc_array(form), equations).solve(right, equations.value), moved
+        solved, last = BorderedSystem(csc_array(form), equations).solve(right, equations.value), moved
         moved = solved[-freedom.n :]
         state = State(_with(state.patch, solved[: -freedom.n]), feet.uv, freedom.move(moved))
         if np.abs(moved - last).max() < _RESTS * np.sqrt(variance):
@@ -406,7 +410,7 @@ def rms_of(patch: SplinePatch, feet: Feet, around: Boundaries = MappingProxyType
     members = feet.distance[feet.is_inside]
     n, m, _ = patch.controls.shape
     held = sum(
-        (m if side[0] == "u" else n) * (2 if boundary.join is Join.TANGENT else 1)
+        (m if side[0] == "u" else n) * (2 if boundary.join is JoinKind.TANGENT else 1)
         for side, boundary in around.items()
     )
     return float(np.sqrt((members @ members) / max(len(members) - max(n * m - held, 0), 1))), len(members)

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from completion.fitting.chart import Chart
-from completion.fitting.euclidean import Cloud, normal_equations, polish_chart
+from completion.fitting.euclidean import ScaledCloud, normal_equations, polish_chart
 from completion.fitting.kinds import chart_of
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.starts import rotation_axes, torus_about
@@ -69,7 +69,7 @@ def adjusted(
         return None
     centre = sample.mean(axis=0)
     scale = float(np.sqrt(np.mean(np.sum((sample - centre) ** 2, axis=1)))) or 1.0
-    cloud = Cloud(sample, centre, scale, weights)
+    cloud = ScaledCloud(sample, centre, scale, weights)
     try:
         chart: Chart = chart_of(surface, centre, scale)
         chart, normal, _ = polish_chart(chart, cloud, surface.kind, _N_STEPS)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from completion.features.engine.search import Gate
-from completion.features.engine.template import Beams, Measured, Seen, Status
+from completion.features.engine.template import FeatureStatus, Measurements, PixelBeams, SideState
 from completion.features.engine.template_fit import fit_template
 from scenes.checks import InputError
 
@@ -49,7 +49,7 @@ def wedge_points(seed, n=1500, outliers=0.0, halves=(1, 2)):
 
 
 def fitted(points, given=None, template=None, seed=0, beams=None, **options):
-    measured = Measured(points, SIGMA, 0.05, beams=beams)
+    measured = Measurements(points, SIGMA, 0.05, beams=beams)
     rng = np.random.default_rng(seed)
     return fit_template(
         template or Wedge(), measured, given or {}, rng=rng, **{"budget": 8000, "starts": None} | options
@@ -60,7 +60,7 @@ def test_it_is_found_among_outliers_and_its_deviations_hold():
     errors = []
     for seed in range(6):
         fit = fitted(wedge_points(seed, outliers=0.2), seed=seed)
-        assert fit.status is Status.FOUND
+        assert fit.status is FeatureStatus.FOUND
         assert fit.is_complete
         errors.append((fit.x - TRUTH) / np.sqrt(np.diag(fit.covariance)))
     assert 0.4 < np.sqrt(np.mean(np.square(errors))) < 1.6
@@ -79,7 +79,7 @@ def test_what_is_given_is_held_and_what_is_equal_is_one():
 
 def test_all_given_is_judged_without_a_search():
     fit = fitted(wedge_points(0), dict(zip(Wedge.names, TRUTH, strict=True)))
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     np.testing.assert_array_equal(fit.covariance, 0)
 
 
@@ -93,13 +93,13 @@ def test_a_plane_is_no_wedge():
     rng = np.random.default_rng(1)
     flat = np.column_stack([rng.uniform(-1, 1, (800, 2)), rng.normal(0, SIGMA, 800)])
     fit = fitted(flat)
-    assert fit.status is not Status.FOUND
+    assert fit.status is not FeatureStatus.FOUND
     assert "plane" in fit.reason
 
 
 def test_a_face_without_points_is_unseen_and_what_it_bounds_is_open():
     fit = fitted(wedge_points(2, halves=(1,)))
-    assert fit.status is not Status.FOUND
+    assert fit.status is not FeatureStatus.FOUND
     assert "right" in fit.unseen or "left" in fit.unseen
 
 
@@ -117,10 +117,10 @@ def test_beams_through_a_face_contradict_it():
     x = np.random.default_rng(4).uniform([0.3, -1], [0.9, 1], (400, 2))
     origins = np.column_stack([x, np.full(400, 2.0)])
     down = np.tile([0.0, 0.0, -1.0], (400, 1))
-    beams = Beams(origins, down, np.full(400, 5.0))
+    beams = PixelBeams(origins, down, np.full(400, 5.0))
     fit = fitted(seen, dict(zip(Wedge.names, TRUTH, strict=True)), beams=beams)
     states = {side.name: side.state for side in fit.sides}
-    assert states == {"left": Seen.CONFIRMED, "right": Seen.CONTRADICTED}
+    assert states == {"left": SideState.CONFIRMED, "right": SideState.CONTRADICTED}
 
 
 def test_a_budget_that_ends_it_is_said_and_never_overspent():
@@ -134,7 +134,7 @@ def test_gates_are_obeyed_or_the_fit_is_refused():
     tied = fitted(wedge_points(0), gates=[Gate(lambda x: x[2] - x[3], 0.02)])
     assert abs(tied.value("left") - tied.value("right")) <= 0.02 + 1e-9
     never = fitted(wedge_points(0), gates=[Gate(lambda x: x[0] - 9.0, 0.02)])
-    assert never.status is Status.NONE
+    assert never.status is FeatureStatus.NONE
     assert "constraints" in never.reason
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from completion.registration.motions import compose, inverse, perturb
-from completion.registration.network import Group, _if_alike, adjust_poses, settle_group
+from completion.registration.network import ScanGroup, _if_alike, adjust_poses, settle_group
 from completion.registration.refinement import links_of
 from completion.registration.station_view import PlaneSums, StationView
 from nbv.scanning.scanner import scan_scene
@@ -52,7 +52,9 @@ def test_sums_tell_the_misfit_of_their_pixels(office):
 
 def test_planes_bring_poses_nearer_to_the_truth(office):
     views, true = office
-    start = Group({k: perturb(pose, np.full(6, 0.004 * (k > 0)), pose[:, 3]) for k, pose in enumerate(true)})
+    start = ScanGroup(
+        {k: perturb(pose, np.full(6, 0.004 * (k > 0)), pose[:, 3]) for k, pose in enumerate(true)}
+    )
     safe = settle_group(start, views)
     better = settle_group(start, views, by_planes=True)
     off, less = (errors_of([one.group.poses[k] for k in range(4)], true) for one in (safe, better))

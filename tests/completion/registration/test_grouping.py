@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from completion.registration import network
 from completion.registration.motions import STILL
-from completion.registration.network import Group, group_scans
+from completion.registration.network import ScanGroup, group_scans
 from completion.registration.verdict import Judgement, Verdict
 
 
@@ -22,7 +22,7 @@ def test_each_two_groups_are_judged_by_themselves(monkeypatch):
         return network._Joint([best], Judgement(verdict, ""))
 
     monkeypatch.setattr(network, "_joint", joint)
-    found = group_scans([None] * 9, {}, 0.01, lambda group: Group(dict(group.poses)))
+    found = group_scans([None] * 9, {}, 0.01, lambda group: ScanGroup(dict(group.poses)))
     assert [one.scans for one in found] == [(0,), tuple(range(1, 9))]
     asked = set(combinations([(k,) for k in range(9)], 2))
     asked |= {((0,), tuple(range(1, last))) for last in range(3, 10)}

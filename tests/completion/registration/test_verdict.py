@@ -13,31 +13,41 @@ ALONG_X, ALONG_Y = np.array([0.0, 0, 0, 1, 0, 0]), np.array([0.0, 0, 0, 0, 1, 0]
 
 def pose(turn=STILL, shift=(0.0, 0.0, 0.0), **facts):
     """A hypothesis; without further facts one that beams approve of in all."""
-    told = {"score": 1.4, "agree": 0.9, "violate": 0.0, "stiffness": 0.01, "surplus": 0.4, "free": ALONG_X}
+    told = {
+        "score": 1.4,
+        "agree": 0.9,
+        "violate": 0.0,
+        "stiffness": 0.01,
+        "beyond_planes": 0.4,
+        "free": ALONG_X,
+    }
     return Hypothesis(motion=np.column_stack([turn, shift]), **{**told, **facts})
 
 
 def test_a_pose_that_nothing_comes_near_is_claimed():
-    assert judge([pose(), pose(HALF_TURN, score=0.1, surplus=0.0)], 0.01).verdict is Verdict.REGISTERED
+    assert judge([pose(), pose(HALF_TURN, score=0.1, beyond_planes=0.0)], 0.01).verdict is Verdict.REGISTERED
 
 
 def test_a_pose_of_which_beams_approve_where_less_is_shared_forbids_a_claim():
     """A room that is its own image: turned by half, less of it is in view, and all that is agrees."""
-    found = [pose(), pose(HALF_TURN, score=0.4, surplus=0.3)]
+    found = [pose(), pose(HALF_TURN, score=0.4, beyond_planes=0.3)]
     judged = judge(found, 0.01)
     assert judged.verdict is Verdict.AMBIGUOUS
     assert trust_of(found) < 0.8 < trust_of(found[:1])
 
 
 def test_one_that_beams_contradict_forbids_none():
-    assert judge([pose(), pose(HALF_TURN, score=0.4, surplus=0.3, violate=0.03)], 0.01).verdict is (
+    assert judge([pose(), pose(HALF_TURN, score=0.4, beyond_planes=0.3, violate=0.03)], 0.01).verdict is (
         Verdict.REGISTERED
     )
 
 
 @pytest.mark.parametrize(("level", "verdict"), [(0.001, Verdict.AMBIGUOUS), (0.2, Verdict.REGISTERED)])
 def test_the_level_decides_how_sure_a_claim_is(level, verdict):
-    assert judge([pose(surplus=0.05), pose(HALF_TURN, score=0.6, surplus=0.01)], level).verdict is verdict
+    assert (
+        judge([pose(beyond_planes=0.05), pose(HALF_TURN, score=0.6, beyond_planes=0.01)], level).verdict
+        is verdict
+    )
 
 
 def test_a_corridor_slides_whichever_way_one_looks_along_it():

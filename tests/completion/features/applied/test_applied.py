@@ -11,7 +11,7 @@ from benchmarks.cases.plates import SIZE, mesh
 from completion import CompletionOptions, complete
 from completion.extension.patch import Provenance
 from completion.features.engine.options import FeatureOptions
-from completion.features.engine.template import Features, Side, Status, TemplateFit
+from completion.features.engine.template import Features, FeatureSide, FeatureStatus, TemplateFit
 from completion.features.stated import read_features
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
@@ -40,8 +40,8 @@ def together(*meshes):
 
 def found(kind, geometry, sides=()):
     return TemplateFit(
-        kind=kind, status=Status.FOUND, names=(), x=np.zeros(0), covariance=np.zeros((0, 0)), sides=sides,
-        evidence=50.0, faces=(), assignment=np.zeros(0, np.int64), geometry=geometry,
+        kind=kind, status=FeatureStatus.FOUND, names=(), x=np.zeros(0), covariance=np.zeros((0, 0)),
+        sides=sides, evidence=50.0, faces=(), assignment=np.zeros(0, np.int64), geometry=geometry,
     )  # fmt: skip
 
 
@@ -63,7 +63,7 @@ def plate():
     eye = Pose.looking_at(np.array([*middle, 320.0]) * MM, np.array([*middle, 0.0]) * MM, up=(0, 1, 0))
     scan = scan_scene(scene, eye, CAMERA, noise="gaussian-0.1mm", rng=0)
     centres = np.column_stack([flat, np.zeros(3)]) * MM
-    sides = tuple(Side(f"hole {k}", 20, 0, 36, 1e-4) for k in (1, 2, 3))
+    sides = tuple(FeatureSide(f"hole {k}", 20, 0, 36, 1e-4) for k in (1, 2, 3))
     return scan, found("hole-row", {"centres": centres, "radius": RADIUS * MM, "axis": (0, 0, 1)}, sides)
 
 
@@ -93,7 +93,7 @@ def test_a_half_hidden_hole_is_as_round_as_the_others_of_its_row(plate, tmp_path
 
 def test_holes_that_nobody_saw_change_nothing(plate, tmp_path):
     scan, row = plate
-    unseen = replace(row, sides=tuple(Side(side.name, 0, 0, 36, np.inf) for side in row.sides))
+    unseen = replace(row, sides=tuple(FeatureSide(side.name, 0, 0, 36, np.inf) for side in row.sides))
     without = complete(scan, CompletionOptions(texture=False, features=None), rng=0)
     same = complete(scan, stated(tmp_path, unseen), rng=0)
     assert same.hypothesised_m2 == without.hypothesised_m2

@@ -11,7 +11,7 @@ from benchmarks.cases.walls import opening_case
 from completion import CompletionOptions, complete
 from completion.evidence.evidence import Label
 from completion.extension.patch import Provenance
-from completion.features.engine.template import Side, Status, TemplateFit
+from completion.features.engine.template import FeatureSide, FeatureStatus, TemplateFit
 from completion.features.stated import reveals_of
 from completion.observe.observation import observe
 from completion.result.record import completion_record
@@ -76,7 +76,7 @@ def test_the_record_says_which_feature_a_face_is_of(done):
 def test_a_shallow_or_unknown_depth_gives_no_reveals(case, done):
     seen = observe(case.scan, case.scan.world_from_sensor)
     surfaces = [patch.source for patch in done.patches if not patch.feature]
-    found = next(fit for fit in done.features if fit.status is Status.FOUND)
+    found = next(fit for fit in done.features if fit.status is FeatureStatus.FOUND)
     owners = [np.zeros(case.scan.shape, np.int32)]
 
     def n_faces(fit: TemplateFit) -> int:
@@ -87,8 +87,10 @@ def test_a_shallow_or_unknown_depth_gives_no_reveals(case, done):
     assert n_faces(wall) == n_seen
     for more in ({"depth_m": 0.01}, {"depth_m": np.nan}, {"depth_sd_m": np.inf}, {"depth_sd_m": 0.2}):
         assert n_faces(replace(wall, geometry={**wall.geometry, **more})) == 0
-    assert n_faces(replace(wall, status=Status.AMBIGUOUS)) == 0
-    unseen = tuple(Side(side.name, 0, 0, side.total, np.inf) for side in found.sides)
+    assert n_faces(replace(wall, status=FeatureStatus.AMBIGUOUS)) == 0
+    unseen = tuple(FeatureSide(side.name, 0, 0, side.total, np.inf) for side in found.sides)
     assert n_faces(replace(wall, sides=unseen)) == 0
-    doorway = replace(wall, kind="doorway", sides=tuple(Side(s.name, 5, 0, 5, 0.01) for s in found.sides))
+    doorway = replace(
+        wall, kind="doorway", sides=tuple(FeatureSide(s.name, 5, 0, 5, 0.01) for s in found.sides)
+    )
     assert n_faces(doorway) == 3

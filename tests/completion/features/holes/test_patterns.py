@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.features.holes.candidates import Candidates
+from completion.features.holes.candidates import HoleCandidates
 from completion.features.holes.patterns import CIRCLE, GRID, KINDS, LEAST_SEEN, ROW, Pattern, fit_pattern
 from completion.features.holes.pipeline import false_fit_probability
 from completion.features.holes.proposals import log_chance
@@ -53,7 +53,7 @@ def test_chance_makes_few_regular_patterns_and_more_of_more_circles() -> None:
     def chance(evidence: float, off: float) -> float:
         moved = centres.copy()
         moved[:5] += off * rng.normal(size=(5, 2))
-        found = Candidates(moved, radii, np.concatenate([np.full(5, evidence), np.full(30, 10.0)]))
+        found = HoleCandidates(moved, radii, np.concatenate([np.full(5, evidence), np.full(30, 10.0)]))
         return log_chance(row, at, at, found, area=1e4, spacing=1.0)
 
     assert chance(20.0, 0.0) < -20

@@ -12,7 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.cases.plates import mesh
 from completion.features import pipeline
-from completion.features.engine.template import Beams, Measured, Seen, Status, TemplateFit
+from completion.features.engine.template import (
+    FeatureStatus,
+    Measurements,
+    PixelBeams,
+    SideState,
+    TemplateFit,
+)
 from completion.features.holes.patterns import KINDS
 from completion.features.holes.pipeline import find_holes
 from completion.features.pipeline import find_features
@@ -24,13 +30,13 @@ _LONG = (110.0, 36.0)  # of a plate
 _BUDGET = 10**7
 
 
-def found(measured: Measured, kind: str, **given: float) -> TemplateFit:
+def found(measured: Measurements, kind: str, **given: float) -> TemplateFit:
     """The best fit of a kind."""
     return find_holes(measured, [kind], given, rng=np.random.default_rng(0), budget=_BUDGET)[0]
 
 
 @cache
-def four() -> tuple[Measured, TemplateFit]:
+def four() -> tuple[Measurements, TemplateFit]:
     """A row of four, and its fit."""
     measured = plate(np.random.default_rng(8), row(4, PITCH), RADIUS)
     return measured, found(measured, "hole-row")
@@ -45,7 +51,7 @@ def off(fit: TemplateFit, centres: FloatArray) -> float:
 
 def test_a_row_is_found_and_counted() -> None:
     _, fit = four()
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count"] == 4
     assert off(fit, row(4, PITCH)) < 0.2
     for name, true in (("pitch", PITCH), ("radius", RADIUS)):
@@ -59,13 +65,13 @@ def test_a_grid_and_a_bolt_circle_are_found_and_counted() -> None:
     i, j = np.indices((3, 2)).reshape(2, -1)
     grid = np.column_stack([(i - 1) * 16.0, (j - 0.5) * 20.0])
     fit = found(plate(np.random.default_rng(2), grid, RADIUS), "hole-grid")
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count"] == 6
     assert sorted([fit.value("pitch"), fit.value("pitch_2")]) == pytest.approx([16.0, 20.0], abs=0.2)
     turn = 2 * np.pi * np.arange(6) / 6
     circle = 16 * np.column_stack([np.cos(turn), np.sin(turn)])
     fit = found(plate(np.random.default_rng(3), circle, RADIUS, (50.0, 50.0)), "bolt-circle")
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count"] == 6
     assert abs(fit.value("circle_radius") - 16) < 4 * fit.deviation("circle_radius")
 
@@ -74,9 +80,9 @@ def test_a_blank_plate_and_lost_patches_are_refused() -> None:
     blank = plate(np.random.default_rng(4), np.zeros((0, 2)), RADIUS)
     lost = np.random.default_rng(5).uniform(-0.5, 0.5, (10, 2)) * (80, 36)
     for fit in find_holes(without(blank, lost, 3.5), KINDS, {}, rng=np.random.default_rng(0), budget=_BUDGET):
-        assert fit.status is not Status.FOUND
+        assert fit.status is not FeatureStatus.FOUND
         assert fit.reason
-    assert found(Measured(blank.points[:50], 0.1, 0.5), "hole-row").status is Status.NONE
+    assert found(Measurements(blank.points[:50], 0.1, 0.5), "hole-row").status is FeatureStatus.NONE
 
 
 @pytest.mark.long
@@ -84,12 +90,12 @@ def test_a_hole_that_was_lost_is_unseen_and_one_that_is_filled_is_contradicted()
     centres = row(6, PITCH)
     whole = plate(np.random.default_rng(6), centres, RADIUS, _LONG)
     fit = found(without(whole, centres[2:3], 7.5), "hole-row")
-    assert (fit.status, fit.geometry["count"], fit.unseen) == (Status.FOUND, 6, ("hole 3",))
+    assert (fit.status, fit.geometry["count"], fit.unseen) == (FeatureStatus.FOUND, 6, ("hole 3",))
     assert "hole 3 is unseen" in fit.reason
     gap = plate(np.random.default_rng(7), np.delete(centres, 2, axis=0), RADIUS, _LONG)
     fit = found(gap, "hole-row")
-    assert fit.status is Status.FOUND
-    absent = [k for k, side in enumerate(fit.sides) if side.state is Seen.CONTRADICTED]
+    assert fit.status is FeatureStatus.FOUND
+    absent = [k for k, side in enumerate(fit.sides) if side.state is SideState.CONTRADICTED]
     assert len(absent) == 1
     assert np.asarray(fit.geometry["centres"])[absent[0], :2] == pytest.approx(centres[2], abs=0.5)
     assert f"hole {absent[0] + 1} is absent" in fit.reason
@@ -102,7 +108,7 @@ def test_what_an_end_that_was_lost_leaves_open_is_told() -> None:
     centres = row(5, PITCH)
     whole = plate(np.random.default_rng(6), centres, RADIUS)
     fit = found(without(whole, centres[:1], 7.5), "hole-row")
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count_range"] == (4, 5)
     assert "4 to 5 holes" in fit.reason
 
@@ -111,7 +117,7 @@ def test_two_whole_holes_find_those_of_which_a_part_is_left() -> None:
     centres = row(4, PITCH)
     whole = plate(np.random.default_rng(9), centres, RADIUS)
     fit = found(without(whole, centres[[0, 2]] + (0.0, 4.0), 5.0), "hole-row")
-    assert fit.status is not Status.NONE
+    assert fit.status is not FeatureStatus.NONE
     assert fit.geometry["count"] == 4
     assert off(fit, centres) < 0.4
 
@@ -120,7 +126,7 @@ def test_two_whole_holes_find_those_of_which_a_part_is_left() -> None:
 def test_large_holes_with_many_points_on_their_rims_are_found_as_they_are() -> None:
     centres = row(4, 45.0)
     fit = found(plate(np.random.default_rng(10), centres, 14.0, (220.0, 60.0)), "hole-row")
-    assert (fit.status, fit.geometry["count"]) == (Status.FOUND, 4)
+    assert (fit.status, fit.geometry["count"]) == (FeatureStatus.FOUND, 4)
     assert abs(fit.value("radius") - 14) < 0.2
     assert off(fit, centres) < 0.2
 
@@ -143,8 +149,8 @@ def test_moved_or_in_another_unit_the_same_is_found() -> None:
 @pytest.mark.long
 def test_a_mesh_tells_circles_exactly() -> None:
     corners, faces = mesh(row(4, PITCH) + (60.0, 40.0), RADIUS)
-    fit = found(Measured(corners, noise=0.0, spacing=1.0, faces=faces), "hole-row")
-    assert (fit.status, fit.geometry["count"]) == (Status.FOUND, 4)
+    fit = found(Measurements(corners, noise=0.0, spacing=1.0, faces=faces), "hole-row")
+    assert (fit.status, fit.geometry["count"]) == (FeatureStatus.FOUND, 4)
     assert fit.value("pitch") == pytest.approx(PITCH, abs=1e-9)
     assert fit.value("radius") == pytest.approx(RADIUS, abs=1e-9)
     assert len(fit.assignment) == len(corners)
@@ -161,14 +167,14 @@ def test_where_beams_go_on_beside_a_row_but_not_through_it_it_was_lost() -> None
         targets = np.concatenate([holes.points, eye + (below - eye) * 1.5])
         ray = targets - eye
         length = np.linalg.norm(ray, axis=1)
-        beams = Beams(np.tile(eye, (len(ray), 1)), ray / length[:, None], length)
+        beams = PixelBeams(np.tile(eye, (len(ray), 1)), ray / length[:, None], length)
         return found(replace(holes, points=targets, beams=beams), "hole-row")
 
     beside = np.random.default_rng(14).uniform(-1.5, 1.5, (20, 2)) + (-36.0, 12.0)
     lost = status(beside)
-    assert (lost.status, "lost data" in lost.reason) == (Status.NONE, True)
+    assert (lost.status, "lost data" in lost.reason) == (FeatureStatus.NONE, True)
     through = (row(4, PITCH)[:, None] + 0.5 * beside[None, :10] + (18.0, -6.0)).reshape(-1, 2)
-    assert status(np.concatenate([beside, through])).status is Status.FOUND
+    assert status(np.concatenate([beside, through])).status is FeatureStatus.FOUND
 
 
 @pytest.mark.long
@@ -208,7 +214,7 @@ def test_patterns_of_three_kinds_share_one_survey_of_the_plates(monkeypatch) -> 
     for kind in KINDS:
         monkeypatch.setitem(pipeline._FINDERS, kind, find)
     points = np.random.default_rng(0).uniform(size=(100, 3))
-    measured = Measured(points, 0.001, 0.1)
+    measured = Measurements(points, 0.001, 0.1)
     find_features(measured, KINDS, rng=0)
     find_features(measured, KINDS, given={"hole-row": {"count": 6.0}}, rng=0)
     assert searched == [tuple(KINDS), ("hole-row",), tuple(kind for kind in KINDS if kind != "hole-row")]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cases.walls import null_case, opening_case
-from completion.features.engine.template import Seen, Status
+from completion.features.engine.template import FeatureStatus, SideState
 from completion.features.openings.decision import false_fit_probability
 from completion.features.openings.pipeline import find_openings_of_scans
 from completion.features.openings.proposals import best_rectangle
@@ -129,12 +129,12 @@ def door():
 def test_a_doorway_is_found_and_what_nobody_saw_of_it_is_said(door):
     case, fits = door
     fit = fits[0]
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     found = np.asarray(fit.geometry["corners"])[:, 1:]
     y0, _z0, y1, z1 = case.hole
     at = {"left": found[:, 0].max() - y1, "right": found[:, 0].min() - y0, "top": found[:, 1].max() - z1}
     for side in fit.sides:
-        if side.state is Seen.CONFIRMED and side.name in at:
+        if side.state is SideState.CONFIRMED and side.name in at:
             assert abs(at[side.name]) < 0.005
             assert abs(at[side.name]) < 6 * side.deviation
         if case.seen[side.name] == 0 and side.name != "bottom":
@@ -170,7 +170,7 @@ def test_what_is_given_is_held_and_places_the_side_that_nobody_saw(door):
 @pytest.mark.parametrize("kind", first_in_gate(2, ["table", "wardrobes", "wall end", "cupboards"]))
 def test_walls_without_openings_have_none(kind):
     fits, doubts = find(null_case(101, kind).scan)
-    assert not [fit for fit in fits if fit.status is Status.FOUND]
+    assert not [fit for fit in fits if fit.status is FeatureStatus.FOUND]
     assert doubts
     assert "upright planes" in doubts[0]
 
@@ -185,6 +185,6 @@ def test_poses_that_contradict_what_was_measured_are_told():
 @pytest.mark.long
 def test_a_mirror_is_an_opening_or_a_mirror():
     fits, _ = find(null_case(100, "mirror").scan)
-    assert fits[0].status is Status.AMBIGUOUS
-    assert fits[0].false_fit_probability == false_fit_probability(Status.AMBIGUOUS, fits[0].evidence)
+    assert fits[0].status is FeatureStatus.AMBIGUOUS
+    assert fits[0].false_fit_probability == false_fit_probability(FeatureStatus.AMBIGUOUS, fits[0].evidence)
     assert fits[0].reason.startswith("opening or mirror")

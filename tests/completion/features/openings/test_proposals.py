@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.suites.openings import tail_lines
-from completion.features.engine.template import Status
+from completion.features.engine.template import FeatureStatus
 from completion.features.openings.decision import (
     LEVELS,
     N_WALLS,
@@ -18,7 +18,7 @@ from completion.features.openings.decision import (
 )
 from completion.features.openings.pipeline import floors_of
 from completion.features.openings.proposals import WallChart, propose
-from completion.features.openings.recess import Estimate, Recess, fit_depth
+from completion.features.openings.recess import Recess, SideEstimate, fit_depth
 from scenes.surfaces.plane import Plane
 from tests.completion.features.openings.test_openings import NICHE, beams_at, expected_of
 
@@ -64,13 +64,13 @@ def strips(wall_to: float) -> np.ndarray:
 
 @pytest.mark.parametrize("side", ["left", "right", "bottom", "top"])
 def test_a_frame_is_a_strip_and_a_wall_is_none(side) -> None:
-    known = Estimate(0.0, 0.001)
+    known = SideEstimate(0.0, 0.001)
     assert is_strip(strips(0.09), NICHE, side, known)
     assert not is_strip(strips(0.6), NICHE, side, known)
 
 
 def test_the_next_opening_beyond_a_post_says_nothing() -> None:
-    known, next_to = Estimate(0.0, 0.001), Recess(0.44, 1.4, bottom=-0.4, top=0.8)
+    known, next_to = SideEstimate(0.0, 0.001), Recess(0.44, 1.4, bottom=-0.4, top=0.8)
     beams = strips(0.09)
     assert is_strip(beams, NICHE, "right", known)
     assert not is_strip(beams, NICHE, "right", known, others=[next_to])
@@ -106,18 +106,21 @@ def test_seats_and_sills_are_no_floors() -> None:
 
 
 def test_the_chance_of_a_false_fit_falls_with_what_a_fit_has_come_to() -> None:
-    for status in Status:
+    for status in FeatureStatus:
         chances = [false_fit_probability(status, nats) for nats in (-50.0, 0.0, 20.0, 100.0, 1000.0)]
         assert chances == sorted(chances, reverse=True)
         assert min(chances) >= 1 / N_WALLS
         assert max(chances) <= 1.0
-    at = [false_fit_probability(status, 40.0) for status in (Status.FOUND, Status.AMBIGUOUS, Status.NONE)]
+    at = [
+        false_fit_probability(status, 40.0)
+        for status in (FeatureStatus.FOUND, FeatureStatus.AMBIGUOUS, FeatureStatus.NONE)
+    ]
     assert at == sorted(at)
     assert all(len(held) == len(LEVELS) for held in WALLS_AS_GOOD.values())
 
 
 def test_the_tail_counts_walls_with_one_as_good() -> None:
-    walls = [[(Status.NONE, 10.0), (Status.NONE, 70.0)], [(Status.AMBIGUOUS, 20.0)], []]
+    walls = [[(FeatureStatus.NONE, 10.0), (FeatureStatus.NONE, 70.0)], [(FeatureStatus.AMBIGUOUS, 20.0)], []]
     lines = tail_lines(walls)
     assert lines[0] == "N_WALLS = 3"
     assert "FOUND: (0, 0, 0, 0, 0, 0, 0, 0)" in lines[1]

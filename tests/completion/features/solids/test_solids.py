@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cases.solids import solid_room
-from completion.features.engine.template import Measured, Status
+from completion.features.engine.template import FeatureStatus, Measurements
 from completion.features.pipeline import find_features
 from completion.features.solids import find_solids
 from completion.features.upright_structure import levels
@@ -16,13 +16,13 @@ SIGMA = 0.004
 
 
 def found(points, kind, given=None, **options):
-    measured = Measured(points, SIGMA, 0.03)
+    measured = Measurements(points, SIGMA, 0.03)
     return find_solids(measured, [kind], given or {}, rng=np.random.default_rng(0), **options)[0]
 
 
 def test_a_flight_is_measured_among_outliers():
     fit = found(stairs_points(np.random.default_rng(1)), "stairs")
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count"] == 6
     for name, true in (("going", 0.28), ("rise", 0.17), ("heading", 0.6)):
         assert abs(fit.value(name) - true) < 4 * fit.deviation(name)
@@ -41,7 +41,7 @@ def test_a_tread_that_is_hidden_is_unseen_and_counted():
     along = points @ [np.cos(0.6), np.sin(0.6), 0]
     hidden = (along > 0.55) & (along < 0.85)  # the third tread and the risers at both of its ends
     fit = found(points[~hidden], "stairs")
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count"] == 6
     assert "tread 3" in fit.unseen
 
@@ -55,7 +55,7 @@ def test_what_is_known_of_stairs_is_held():
 
 def test_a_column_is_measured_from_one_side():
     fit = found(column_points(np.random.default_rng(4)), "column")
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     assert len(fit.unseen) == 1  # the side at the back
     for name, true in (("width", 0.6), ("radius", 0.2)):
         assert abs(fit.value(name) - true) < 4 * fit.deviation(name)
@@ -68,7 +68,7 @@ def test_up_may_be_any_direction():
     points = column_points(np.random.default_rng(5), outliers=0.0)
     lying = points[:, [2, 0, 1]]  # z becomes x
     fit = found(lying, "column", up=(1.0, 0.0, 0.0))
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     np.testing.assert_allclose(fit.geometry["centres"][0], [0.3, 1.0, 2.0], atol=0.01)
 
 
@@ -82,7 +82,7 @@ def test_plain_surfaces_are_neither(kind):
     for surfaces in ([floor], [floor, wall], [shaft]):
         points = np.concatenate(surfaces)
         fit = found(points + rng.normal(0, SIGMA, points.shape), kind)
-        assert fit.status is not Status.FOUND
+        assert fit.status is not FeatureStatus.FOUND
         assert fit.reason
 
 
@@ -106,7 +106,7 @@ def test_it_is_found_in_a_scanned_room(kind):
     scan, true = solid_room(0, kind)
     few = scan.thinned(300_000) if kind == "column" else scan
     fit = find_features([few], [kind], rng=0).fits[0]
-    assert fit.status is Status.FOUND
+    assert fit.status is FeatureStatus.FOUND
     for name, value in true.items():
         assert fit.value(name) == pytest.approx(value, abs=4e-3)
 
@@ -121,9 +121,9 @@ def test_boxes_in_a_scanned_room_are_no_column_and_no_stairs():
 def test_points_with_another_up_axis_are_searched_along_it():
     """Rolled so that y is up: the flight is found with --up y, and not as if z were up."""
     points = stairs_points(np.random.default_rng(1))
-    rolled = Measured(points[:, [0, 2, 1]] * [1.0, 1.0, -1.0], SIGMA, 0.03)
+    rolled = Measurements(points[:, [0, 2, 1]] * [1.0, 1.0, -1.0], SIGMA, 0.03)
     upright = find_features(rolled, ["stairs"], up=(0.0, 1.0, 0.0), rng=0).fits[0]
-    assert upright.status is Status.FOUND
+    assert upright.status is FeatureStatus.FOUND
     assert upright.geometry["count"] == 6
     lying = find_features(rolled, ["stairs"], rng=0).fits[0]
-    assert lying.status is not Status.FOUND or lying.geometry["count"] != 6
+    assert lying.status is not FeatureStatus.FOUND or lying.geometry["count"] != 6

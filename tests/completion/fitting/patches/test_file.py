@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from completion import read_boundaries
-from completion.fitting.patches.joins import Join
+from completion.fitting.patches.joins import JoinKind
 from scenes.checks import InputError
 
 FLOOR = {"shape": "plane", "parameters": {"point": [0, 0, 0], "normal": [0, 0, 2]}}
@@ -30,7 +30,7 @@ def test_surfaces_are_pasted_named_or_short(tmp_path) -> None:
     }
     asked = read_boundaries(written(tmp_path, {**sides, "free": True, "controls": [9, 12], "note": "x"}))
     assert list(asked.boundaries) == ["u0", "u1", "v1"]
-    assert asked.boundaries["u0"].join is Join.TANGENT
+    assert asked.boundaries["u0"].join is JoinKind.TANGENT
     assert asked.boundaries["u0"].deviations == {"offset": 1e-5, "normal": 2e-4}
     assert asked.boundaries["u1"].surface.normal_direction == pytest.approx(np.array([0, 0, 1.0]))
     assert asked.boundaries["v1"].surface.radius == 0.05

@@ -5,9 +5,15 @@ import numpy as np
 import pytest
 from scipy.linalg import null_space
 
-from completion.fitting.patches.joins import Boundary, Join, check_boundaries, equations_of, join_equations
+from completion.fitting.patches.joins import (
+    Boundary,
+    JoinKind,
+    check_boundaries,
+    equations_of,
+    join_equations,
+)
 from completion.fitting.patches.patch import SplinePatch, basis
-from completion.fitting.patches.rounds import Bordered, normal_equations, thin_plate
+from completion.fitting.patches.rounds import BorderedSystem, normal_equations, thin_plate
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.patch_examples import BLEND, END, FLOOR, WALL
@@ -23,7 +29,7 @@ AXIS = (0, 0.1, 1)
         Plane((0, 0, 1), (1, 2, 3)),
     ],
 )
-@pytest.mark.parametrize("join", list(Join))
+@pytest.mark.parametrize("join", list(JoinKind))
 def test_derivatives_are_those_of_differences(surface, join) -> None:
     rng, about, own = np.random.default_rng(0), np.linspace(0, 1, 9), basis(9, 5)
     outer = np.column_stack([2 * np.cos(about), 2 * np.sin(about), about]) + 0.1 * rng.normal(size=(9, 3))
@@ -62,7 +68,7 @@ def test_the_sparse_solution_is_the_dense_one() -> None:
     assert held.matrix.toarray() == pytest.approx(form, abs=1e-10)
     equations = equations_of(patch, BLEND).independent()
     matrix = held.matrix + 1e-3 * thin_plate(patch.bases)
-    found = Bordered(matrix, equations).solve(held.right, equations.value)
+    found = BorderedSystem(matrix, equations).solve(held.right, equations.value)
     rows = np.zeros((len(equations.rows), 90))
     rows[:, equations.columns] = equations.rows
     free, start = null_space(rows), np.linalg.lstsq(rows, equations.value, rcond=None)[0]

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from completion import fit_patch, fit_plane
-from completion.fitting.patches.joins import Boundary, Join
+from completion.fitting.patches.joins import Boundary, JoinKind
 from completion.fitting.result import FitError
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Plane
@@ -71,11 +71,11 @@ def test_moved_and_enlarged_points_give_the_moved_patch(blended) -> None:
     assert np.linalg.norm(at - blended.patch.at(uv), axis=1).max() < SIGMA
 
 
-@pytest.mark.parametrize("join", first_in_gate(1, list(Join)))
+@pytest.mark.parametrize("join", first_in_gate(1, list(JoinKind)))
 def test_a_cylinder_is_met_within_a_millionth(join) -> None:
-    given = COLLAR if join is Join.TANGENT else {"u0": Boundary(TUBE, join)}
+    given = COLLAR if join is JoinKind.TANGENT else {"u0": Boundary(TUBE, join)}
     points = collar(4000, SIGMA, 1)
-    if join is not Join.TANGENT:  # a flange that leaves the tube at right angles
+    if join is not JoinKind.TANGENT:  # a flange that leaves the tube at right angles
         rng = np.random.default_rng(0)
         about, reach = rng.uniform(0, 1, (2, 4000))
         radius = TUBE.radius + 30 * reach
@@ -84,7 +84,7 @@ def test_a_cylinder_is_met_within_a_millionth(join) -> None:
     found = fit_patch(points, given)
     assert found.ratio < 1.05
     assert found.joins["u0"].gap < 1e-6 * TUBE.radius
-    assert np.isnan(found.joins["u0"].angle) if join is Join.CONNECTED else found.joins["u0"].angle < 1e-6
+    assert np.isnan(found.joins["u0"].angle) if join is JoinKind.CONNECTED else found.joins["u0"].angle < 1e-6
 
 
 @pytest.mark.long
@@ -92,7 +92,7 @@ def test_one_plane_all_round_a_bump() -> None:
     rng = np.random.default_rng(0)
     xy = rng.uniform(-1, 1, (4000, 2))
     height = 15 * ((1 - xy**2) ** 2).prod(axis=1)
-    floor = Boundary(FLOOR, Join.TANGENT)
+    floor = Boundary(FLOOR, JoinKind.TANGENT)
     found = fit_patch(
         np.column_stack([80 * xy[:, 0], 50 * xy[:, 1], height + 0.05 * rng.normal(size=4000)]),
         dict.fromkeys(("u0", "u1", "v0", "v1"), floor),
@@ -135,7 +135,7 @@ def test_free_surfaces_come_nearer_to_the_truth_and_are_met_exactly() -> None:
 def test_a_fit_of_a_plane_is_what_free_surfaces_need() -> None:
     rng = np.random.default_rng(0)
     wall = fit_plane(np.column_stack([rng.normal(0, SIGMA, 300), rng.uniform(0, 100, (300, 2))]))
-    known = Boundary(wall.surface, Join.TANGENT, wall.parameter_deviations())
+    known = Boundary(wall.surface, JoinKind.TANGENT, wall.parameter_deviations())
     found = fit_patch(blend(2000, SIGMA, 0), {"u0": known}, free=True)
     assert abs(found.boundaries["u0"].surface.normal_direction[0]) == pytest.approx(1.0, abs=1e-5)
     with pytest.raises(
@@ -145,15 +145,15 @@ def test_a_fit_of_a_plane_is_what_free_surfaces_need() -> None:
 
 
 def test_a_wrong_surface_is_said() -> None:
-    moved = {"u0": Boundary(Plane((-5, 0, 0), (1, 0, 0)), Join.TANGENT)}
+    moved = {"u0": Boundary(Plane((-5, 0, 0), (1, 0, 0)), JoinKind.TANGENT)}
     found = fit_patch(blend(2000, SIGMA, 0), moved, controls=(6, 6))
     assert any("times that of a patch joined to nothing" in one for one in found.warnings)
-    cut = {"v0": Boundary(Plane((0, 20, 0), (0, 1, 0)), Join.ORTHOGONAL)}
+    cut = {"v0": Boundary(Plane((0, 20, 0), (0, 1, 0)), JoinKind.ORTHOGONAL)}
     told = fit_patch(blend(2000, SIGMA, 0), cut, controls=(6, 6)).warnings
     assert re.match(r"\d+ % of the points lie beyond the boundaries", told[0])
     assert "the patch is folded" in told[1]
     with pytest.raises(FitError, match=r"u0: where the points end next to its plane they are .* from it"):
-        fit_patch(blend(500, SIGMA, 0), {"u0": Boundary(Plane((9000, 0, 0), (1, 0, 0)), Join.TANGENT)})
+        fit_patch(blend(500, SIGMA, 0), {"u0": Boundary(Plane((9000, 0, 0), (1, 0, 0)), JoinKind.TANGENT)})
 
 
 def test_points_that_bear_no_patch_are_refused() -> None:
