@@ -6,9 +6,8 @@ It shares no code with the extension: it knows scans and triangles, neither char
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -113,13 +112,7 @@ def audit(
         seen, of_scan = observations[number], bundles[number]
         within = tolerance.of_pose(seen.pose_error_m)
         chosen = _towards(of_scan, seen.rays.origin, *spheres)
-        tiles = np.array_split(chosen, -(-len(chosen) // _TILES)) if len(chosen) else []
-        returned = (_returned(tile, seen.scan.ranges) for tile in tiles)
-        cast = chain(
-            ((pixels, seen.scan.ranges.ravel()[pixels]) for pixels in returned),
-            [seen.mixed] if len(seen.mixed.pixels) else [],
-        )
-        for pixels, ends in cast:
+        for pixels, ends in _beam_ends(seen, chosen):
             hits = caster.first_hit(seen.scan.origin[None], seen.rays_at(pixels), coherent=True)
             met = np.flatnonzero(hits.hit)
             face, measured = hits.face[met], ends[met]
@@ -134,6 +127,18 @@ def audit(
         convicted &= at_vertex[faces].max(axis=1) >= 2
     area = float(triangle_areas(vertices[faces[convicted]]).sum())
     return AuditResult(area, np.flatnonzero(convicted))
+
+
+def _beam_ends(
+    seen: Observation, squares: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.integer], FloatArray]]:
+    """Flat pixels (n,) of some squares and where their beams ended (n,), metres; mixed ones last."""
+    ranges = seen.scan.ranges
+    for tile in np.array_split(squares, -(-len(squares) // _TILES)) if len(squares) else ():
+        pixels = _returned(tile, ranges)
+        yield pixels, ranges.ravel()[pixels]
+    if len(seen.mixed.pixels):
+        yield seen.mixed.pixels, seen.mixed.passed
 
 
 def _facing(observations: Sequence[Observation], bundles: Sequence[Bundles], points: FloatArray) -> list[int]:
