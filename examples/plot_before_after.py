@@ -24,7 +24,7 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from nbv.report.pictures.camera import Camera, aside_cameras
+from nbv.report.figures.picture import Camera, aside_cameras
 from scenes.checks import BoolArray, FloatArray
 from scenes.io.npz import write_npz
 from scenes.io.ply import read_mesh_ply

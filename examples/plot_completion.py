@@ -22,8 +22,8 @@ from completion import Completion, CompletionOptions, complete
 from nbv import PinholeSensor, scan_scene
 from nbv.report.blocks.page import Gallery
 from nbv.report.completion_report import before_and_after
-from nbv.report.pictures.camera import Camera, aside_cameras
-from nbv.report.pictures.completion_shots import ModelDrawings
+from nbv.report.figures.completion_shots import ModelDrawings
+from nbv.report.figures.picture import Camera, aside_cameras
 from scenes import Pose, RangeImage, builtin_scene
 from scenes.io.scan_request import ScanRequest, read_request
 

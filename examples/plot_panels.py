@@ -15,8 +15,8 @@ from PIL import Image
 
 from completion import CompletionOptions, complete
 from nbv import PinholeSensor, scan_scene
-from nbv.report.pictures.camera import aside_cameras
-from nbv.report.pictures.drawing import MeshDrawing
+from nbv.report.figures.drawing import MeshDrawing
+from nbv.report.figures.picture import aside_cameras
 from scenes import Pose, RangeImage, builtin_scene, read_scan
 from scenes.mesh.labelled_mesh import LabelledMesh
 

@@ -30,7 +30,7 @@ from .scanning.sensor_profile import load_sensor as load_sensor
 from .scanning.sensor_profile import sensor_names as sensor_names
 from .scanning.triangulation import LineSensor as LineSensor
 from .scanning.triangulation import TriangulationSensor as TriangulationSensor
-from .study.outcome import groups_of as groups_of
+from .study.pipeline import groups_of as groups_of
 from .study.pipeline import run_study as run_study
 from .study.spec import read_study as read_study
 from .visibility.candidates import room_candidates as room_candidates

@@ -10,8 +10,7 @@ import typer.testing
 from hypothesis import settings
 
 from nbv.report import scans_report as scan_coverage_blocks
-from nbv.report.figures import plots
-from nbv.report.pictures import completion_shots, picture, surface_values
+from nbv.report.figures import completion_shots, picture, plots, surface_values
 from nbv.report.viewer import encoding as byte_packing
 from tests.helpers.data_paths import ROOT
 

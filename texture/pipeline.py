@@ -15,8 +15,7 @@ References
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from texture.engine.coarse_to_fine import fill_coarse_to_fine
-from texture.engine.passes import Progress, Way, can_compile, count_threads, synthesise
+from texture.engine.passes import Progress, Way, can_compile, count_threads, fill_coarse_to_fine, synthesise
 from texture.reflectance import fill_plainly
 from texture.result import Synthesis, collect
 from texture.sampling.arguments import (

@@ -21,7 +21,7 @@ from nbv.coverage.surface_classes import CompletedSurfaces
 from nbv.coverage.unreachable import coverage_record
 from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
-from nbv.report.pictures.surface_values import fine_coverage
+from nbv.report.figures.surface_values import fine_coverage
 from nbv.report.scans_report import scan_coverage_page
 from nbv.run.csv_table import csv_text
 from nbv.run.wording import count, percent_within, square_metres

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Options of every command, each declared once: name, help text, default and limits.
 
-`nbv.commands.command_line` makes the commands from these dataclasses; a command's work takes its dataclass.
+`nbv.cli` makes the commands from these dataclasses; a command's work takes its dataclass.
 Nothing slow is imported here.
 """
 

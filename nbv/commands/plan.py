@@ -23,8 +23,7 @@ from nbv.plan.plan import CSV_NAME, TRAJECTORY_NAME, Plan, write_plan_files
 from nbv.plan.planning import plan_views
 from nbv.plan.problem import remote_visibility
 from nbv.plan.rules import compare_with_rules
-from nbv.report.blocks.rooms import rule_sentences
-from nbv.report.building_files import write_building_files
+from nbv.report.blocks.rooms import rule_sentences, write_building_files
 from nbv.report.coverage_report import plan_page
 from nbv.report.scans_report import next_stations_page
 from nbv.run.wording import count, percent, percent_within, square_metres

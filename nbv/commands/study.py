@@ -12,9 +12,7 @@ from nbv.report.figures.plots import on_white
 from nbv.report.study_report import spread, study_page
 from nbv.run.wording import count
 from nbv.run.workers import workers_of
-from nbv.study.outcome import Outcome, groups_of
-from nbv.study.pipeline import run_study
-from nbv.study.results import check_results, write_results
+from nbv.study.pipeline import Outcome, check_results, groups_of, run_study, write_results
 from nbv.study.spec import StudySpec, common_share, read_study
 from scenes.run.atomic import write_bytes
 

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from completion.export.decisions import DecisionSheet
+from completion.export.dimension import Advice, Dimension, told_rule
 from completion.extension.patch import Patch
 from completion.features.engine.template import FeatureStatus
 from completion.registration.correction import Registration
 from completion.result.completion import Completion
 from completion.result.flat_scans import whole_flattening
 from nbv.report.blocks.coverage_tables import scans_table
-from nbv.report.blocks.decisions import decision_sections
-from nbv.report.blocks.flattening import FlatRow, flattening_blocks
 from nbv.report.blocks.page import (
     Bar,
     BarShare,
@@ -33,17 +32,66 @@ from nbv.report.blocks.page import (
     Table,
     Text,
 )
-from nbv.report.blocks.relations import relation_section
+from nbv.report.blocks.surface_tables import FlatRow, flattening_blocks, relation_section
 from nbv.report.feature_report import feature_blocks
-from nbv.report.pictures.camera import Camera, aside_cameras, overview_cameras
-from nbv.report.pictures.completion_shots import ModelDrawings, is_single_camera
-from nbv.report.pictures.picture import Picture, height_colours, picture_of, range_colours, segment_pixels
-from nbv.report.viewer.completion_view import completion_view
+from nbv.report.figures.completion_shots import ModelDrawings, is_single_camera
+from nbv.report.figures.picture import (
+    Camera,
+    Picture,
+    aside_cameras,
+    height_colours,
+    overview_cameras,
+    picture_of,
+    range_colours,
+    segment_pixels,
+)
+from nbv.report.viewer.scan_views import completion_view
 from nbv.run.wording import count, square_metres
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.scan.colour import colour_bytes, surface_colour
 from scenes.scan.thumbnail import standing
+
+_MOST_ROWS = 60
+_STATES: dict[Advice, State] = {"rely": "measured", "check": "unknown", "do not build": "inferred"}
+_UNITS = {"m": "m", "m2": "m\u00b2", "m3": "m\u00b3"}
+
+
+def decision_sections(sheet: DecisionSheet) -> tuple[Section, ...]:
+    """Return a section with what may be relied on; none where there is no dimension."""
+    if not sheet.dimensions:
+        return ()
+    sections = list(zip(sheet.dimensions, sheet.advice, strict=True))
+    rows = tuple(_dimension_row(dimension, word) for dimension, word in sections[:_MOST_ROWS])
+    sentence = ", ".join(f"{n} \u00d7 {word}" for word, n in sheet.counts().items() if n)
+    doubt = f" {sheet.told_doubt}" if sheet.told_doubt else ""
+    blocks = [Text(f"{count(len(sections), 'dimension')}: {sentence}.{doubt} {told_rule(sheet.tolerance_m)}")]
+    columns = ("Dimension", "Surfaces", "#value", "#from", "#to (95 %)", "measured", "Advice")
+    table = Table(columns, rows)
+    note = (
+        "Intervals hold noise, what surfaces share by one sensor and by their relations, how well the scans "
+        "are placed, and the systematic errors of sensors of this kind."
+    )
+    left = len(sections) - _MOST_ROWS
+    more = f" {count(left, 'more is', 'more are')} in decisions.csv." if left > 0 else ""
+    return (Section("What to rely on", (*blocks, table, Text(note + more, is_note=True))),)
+
+
+def _dimension_row(dimension: Dimension, word: Advice) -> tuple[Cell, ...]:
+    digits = int(np.clip(np.ceil(-np.log10(max(dimension.half, 1e-12))) + 1, 2, 4))
+    ends = (dimension.low, dimension.high) if np.isfinite(dimension.half) else ()
+    numbers = [f"{dimension.value:.{digits}f}", *(f"{end:.{digits}f}" for end in ends), *("not known",) * 2][
+        :3
+    ]
+    return (
+        Cell(dimension.kind),
+        Cell(" ".join(map(str, dimension.surfaces)), swatch=surface_colour(dimension.surfaces[0])),
+        Cell(f"{numbers[0]} {_UNITS[dimension.unit]}"),
+        *(Cell(number) for number in numbers[1:]),
+        Cell(f"{100 * dimension.measured_share:.0f} %", share=dimension.measured_share),
+        Cell(word, state=_STATES[word]),
+    )
+
 
 _MOST_FLAT_SCANS = 3  # of which pictures are shown
 _SHOWN_SD = 3.0  # of the ripple, at which the colours of heights end

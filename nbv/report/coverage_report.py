@@ -10,7 +10,14 @@ from nbv.coverage.measurement import visibility_history
 from nbv.plan.baselines import Baseline
 from nbv.plan.plan import Plan
 from nbv.plan.rules import RuleOutcome
-from nbv.report.blocks.coverage_tables import reasons, stations_table, surfaces_table, views_table
+from nbv.report.blocks.coverage_tables import (
+    curve,
+    reasons,
+    stations,
+    stations_table,
+    surfaces_table,
+    views_table,
+)
 from nbv.report.blocks.inference import (
     PlanFindings,
     baselines_section,
@@ -31,9 +38,8 @@ from nbv.report.blocks.page import (
     shares_bar,
 )
 from nbv.report.blocks.rooms import rooms_section, rules_section, set_apart, storey_plans
-from nbv.report.blocks.stations import curve, stations
-from nbv.report.pictures.picture import MEASURED, UNKNOWN, Picture
-from nbv.report.pictures.surface_values import StateMarks, state_pictures
+from nbv.report.figures.picture import MEASURED, UNKNOWN, Picture
+from nbv.report.figures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import given_markers, opening_lines, tour_lines, view_markers, zone_lines
 from nbv.report.viewer.scene_view import PALE, scene_view
 from nbv.run.wording import count, percent_within, square_metres

@@ -14,8 +14,7 @@ from nbv.coverage.coverage import Coverage, share_error
 from nbv.coverage.measurement import measured_samples, visibility_history
 from nbv.coverage.surface_classes import CLOSE_M
 from nbv.plan.plan import Plan
-from nbv.report.blocks.coverage_tables import reasons, views_table
-from nbv.report.blocks.decisions import decision_sections
+from nbv.report.blocks.coverage_tables import curve, reasons, stations, views_table
 from nbv.report.blocks.page import (
     Bar,
     BarShare,
@@ -32,10 +31,15 @@ from nbv.report.blocks.page import (
     headline_of,
 )
 from nbv.report.blocks.rooms import set_apart
-from nbv.report.blocks.stations import curve, stations
-from nbv.report.completion_report import before_and_after, scan_pictures, scans_of, surface_blocks
-from nbv.report.pictures import picture
-from nbv.report.pictures.surface_values import StateMarks, state_pictures
+from nbv.report.completion_report import (
+    before_and_after,
+    decision_sections,
+    scan_pictures,
+    scans_of,
+    surface_blocks,
+)
+from nbv.report.figures import picture
+from nbv.report.figures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import view_markers
 from nbv.report.viewer.scene_view import colours_of_views, scene_view
 from nbv.run.wording import count, percent, percent_within, square_metres

@@ -21,7 +21,7 @@ from nbv.plan.plan import Plan
 from nbv.report.blocks.page import Gallery, Headline, Page, Section, Text
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
-from nbv.report.pictures.picture import Picture, picture_of, range_colours
+from nbv.report.figures.picture import Picture, picture_of, range_colours
 from nbv.run.showing import register
 from nbv.scanning.sensor import Sensor, View
 from nbv.scanning.sensor_profile import load_sensor

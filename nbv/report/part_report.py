@@ -15,13 +15,11 @@ from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part, kinds_text
 from completion.relations.graph import RelationGraph, shared_directions
 from completion.relations.relation import Relation, RelationKind, Status
-from nbv.report.blocks.flattening import FlatRow, flattening_blocks
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
-from nbv.report.blocks.relations import relation_section
+from nbv.report.blocks.surface_tables import FlatRow, flattening_blocks, relation_section
+from nbv.report.figures.drawing import MeshDrawing, SeenFaces
+from nbv.report.figures.picture import Camera, Picture, height_colours, overview_cameras, picture_of
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
-from nbv.report.pictures.camera import Camera, overview_cameras
-from nbv.report.pictures.drawing import MeshDrawing, SeenFaces
-from nbv.report.pictures.picture import Picture, height_colours, picture_of
 from nbv.report.viewer.part_view import part_view, shown_part
 from nbv.run.wording import count
 from scenes.checks import FloatArray, IntArray

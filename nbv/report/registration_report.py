@@ -14,8 +14,8 @@ from completion.registration.network import Network
 from completion.registration.registered import PairVerdict, Registered
 from completion.registration.verdict import Verdict
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
+from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
-from nbv.report.pictures.picture import Picture
 from nbv.run.wording import count
 from scenes.checks import FloatArray
 from scenes.scan.colour import surface_colour

@@ -9,7 +9,15 @@ import numpy as np
 
 from nbv.online.occupancy import SEEN
 from nbv.plan.plan import Plan
-from nbv.report.blocks.coverage_tables import PLACE_COLUMNS, place_cells, scans_table
+from nbv.report.blocks.coverage_tables import (
+    PLACE_COLUMNS,
+    field_length,
+    fields_of,
+    place_cells,
+    places_of,
+    scans_table,
+    zones_caption,
+)
 from nbv.report.blocks.page import (
     Bar,
     BarShare,
@@ -24,14 +32,20 @@ from nbv.report.blocks.page import (
     Text,
 )
 from nbv.report.blocks.rooms import record_blocks, rooms_blocks, seen_storey_plans
-from nbv.report.blocks.stations import field_length, fields_of, places_of, zones_caption
+from nbv.report.figures.completion_shots import is_single_camera, part_of, solid_bounds
+from nbv.report.figures.drawing import MeshDrawing, mark_hatched, paint_states
 from nbv.report.figures.floor_plan import FloorPlan
-from nbv.report.pictures.camera import aside_cameras, overview_cameras
-from nbv.report.pictures.completion_shots import is_single_camera, part_of, solid_bounds
-from nbv.report.pictures.drawing import MeshDrawing, mark_hatched, paint_states
-from nbv.report.pictures.picture import INFERRED, MEASURED, UNKNOWN, Picture, picture_of
+from nbv.report.figures.picture import (
+    INFERRED,
+    MEASURED,
+    UNKNOWN,
+    Picture,
+    aside_cameras,
+    overview_cameras,
+    picture_of,
+)
+from nbv.report.viewer.scan_views import state_view
 from nbv.report.viewer.scene_view import PALE
-from nbv.report.viewer.state_view import state_view
 from nbv.run.wording import count, square_metres
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_coverage import ScanCoverage

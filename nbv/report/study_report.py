@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
 from nbv.report.figures.plots import Plot, Theme, drawn_plot, label_views
 from nbv.run.wording import count, percent
-from nbv.study.outcome import Group, Outcome, groups_of
+from nbv.study.pipeline import Group, Outcome, groups_of
 from nbv.study.spec import StudySpec, common_share
 from scenes.checks import FloatArray
 

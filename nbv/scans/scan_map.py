@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Scan map: what scans that were really taken say of a place that nobody has a model of."""
+"""Scan map: what scans that were really taken say of a place that nobody has a model of.
+
+And what the scans before a scan predicted that it would gain, beside what it gained: the same area that the
+planner's gain counts, boundary of the unknown, foreshortened, and surface seen at a worse angle than
+required.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +17,11 @@ from numpy.typing import NDArray
 
 from completion.observe.range_noise import estimate_noise
 from nbv.coverage.surface_classes import CompletedSurfaces
-from nbv.online.occupancy import VoxelMap
-from nbv.online.planner import PlannerOptions
+from nbv.online.gain import ViewEvaluation, seen_from
+from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
+from nbv.online.planner import PlannerOptions, wanted_cosine
+from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensor import Sensor
-from nbv.scans.expectation import Settled, settled
 from nbv.scans.scan_mesh import MOST_PIXELS
 from nbv.scans.seen_rooms import SeenRooms
 from nbv.visibility.requirement import Requirement
@@ -23,8 +29,66 @@ from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, room_lattice, sensor_directions, viewing_sphere
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError
+from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Mode
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """What a scan was expected to settle, and what of it it settled, weighted square metres."""
+
+    expected_m2: float
+    settled_m2: float
+
+
+def settled(
+    before: VoxelMap,
+    after: VoxelMap,
+    scan: RangeImage,
+    *,
+    sensor: Sensor,
+    requirement: Requirement,
+    gain: GainOptions,
+    zones: Zones = EVERYWHERE,
+) -> Settled:
+    """Compare what a map said of a scan from where it stood with the map after the scan.
+
+    What lies in the scan's field of view counts, within the range of `sensor`. An unknown voxel is settled
+    when it is known to be empty or holds a sample; badly seen surface when none is left in its voxel.
+    """
+    expected = _expected(before, scan, sensor=sensor, requirement=requirement, gain=gain, zones=zones)
+    known = (after.labels == EMPTY) | (after.labels == SEEN)
+    poor = np.zeros(after.grid.n_voxels, np.bool_)
+    poor[after.surfels.voxels[after.surfels.quality < requirement.min_cosine]] = True
+    done = np.where(expected.is_unknown, known[expected.voxel], ~poor[expected.voxel])
+    return Settled(float(expected.worth_m2.sum()), float(expected.worth_m2[done].sum()))
+
+
+def _expected(
+    before: VoxelMap,
+    scan: RangeImage,
+    *,
+    sensor: Sensor,
+    requirement: Requirement,
+    gain: GainOptions,
+    zones: Zones,
+) -> ViewEvaluation:
+    """Return the targets of a map that a scan should see."""
+    faces = before.boundary()
+    attempts = np.zeros((2, before.grid.n_voxels), np.int32)
+    targets = find_targets(
+        before, faces, required_cosine=requirement.min_cosine, attempts=attempts, options=gain
+    )
+    targets = targets.some(voxels_of_interest(before, zones)[targets.voxel])
+    caster = RayCaster(*faces.triangles(before.grid.voxel_m), n_threads=1)
+    seen = seen_from(
+        targets, scan.origin, boundary=caster, required_cosine=wanted_cosine(requirement, gain),
+        sensor=sensor, expected=None,
+    )  # fmt: skip
+    in_view = np.isfinite(scan.pixels(scan.origin + seen.offsets).sum(axis=1))
+    return seen.some(in_view)
+
 
 _CELL_M = 0.05  # of the lattice by which points are thinned, so that near surface has no more say than far
 _STRAY = 0.002  # share of its cells that may lie beyond the volume on either side: stray echoes

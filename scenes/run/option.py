@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Option: a field of a dataclass that a person can set, declared once with its help text, default and limits.
 
-The command line (`nbv.commands.command_line`), the fields of study files (`nbv.study.spec`) and the checks of
+The command line (`nbv.cli`), the fields of study files (`nbv.study.spec`) and the checks of
 calls from Python (`check_limits`) are made from these declarations. Nothing slow is imported here: commands
 show their help before they import their work.
 """

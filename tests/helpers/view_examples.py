@@ -18,11 +18,10 @@ from nbv.report.blocks.page import Cell, Page, Section, Table
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.report.demo_report import compare, demo_page
-from nbv.report.pictures import picture
+from nbv.report.figures import picture
 from nbv.report.scans_report import next_stations_page, scan_coverage_page
 from nbv.report.study_report import study_page
-from nbv.report.viewer.block import Lines, Marker, Viewer
-from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Sightings
+from nbv.report.viewer.layers import Category, Classes, Layer, Lines, Marker, Numbers, Sightings, Viewer
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
 from nbv.scans.next_stations import plan_next_stations

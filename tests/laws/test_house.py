@@ -54,7 +54,7 @@ def test_the_parts_of_a_page_load_no_completion() -> None:
     """A report of a part or a registration starts without the whole of completion and of planning."""
     page = reached(by_file(("at import",)), "nbv/report/blocks/page.py")
     assert {"completion/pipeline.py", "nbv/coverage/measurement.py"} & set(page) == set()
-    assert "nbv/report/viewer/block.py" in page
+    assert "nbv/report/viewer/layers.py" in page
 
 
 def test_folders_import_in_no_circle() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import nbv.report.pictures.picture as report_picture
+import nbv.report.figures.picture as report_picture
 from completion.fitting.pipeline import fit
 from nbv.cover.instance import LowerBound
 from nbv.plan.plan import Plan, Resumption

@@ -25,10 +25,10 @@ from nbv.report.blocks.page import (
     headline_of,
     shares_bar,
 )
+from nbv.report.figures import picture
+from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import class_curve
-from nbv.report.pictures import picture
-from nbv.report.pictures.picture import Picture
-from nbv.report.pictures.surface_values import StateMarks, state_pictures
+from nbv.report.figures.surface_values import StateMarks, state_pictures
 from nbv.run.wording import count, percent, percent_within, square_metres
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray

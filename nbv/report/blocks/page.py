@@ -15,9 +15,9 @@ from typing import Any, ClassVar, Literal
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from nbv.report.pictures.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, Picture
-from nbv.report.viewer.block import Viewer
+from nbv.report.figures.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, Picture
 from nbv.report.viewer.encoding import encoded
+from nbv.report.viewer.layers import Viewer
 from nbv.run.manifest import versions
 from nbv.run.wording import percent_within, square_metres
 from scenes.run.atomic import write_text
@@ -197,7 +197,7 @@ def _colours() -> dict[str, str]:
 
 def _environment() -> Environment:
     environment = Environment(
-        loader=PackageLoader("nbv.report.blocks", "templates"),
+        loader=PackageLoader("nbv.report", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -218,7 +218,7 @@ _VIEW = (
 def script_of(*, has_view: bool) -> str:
     """Return the page's script: sortable tables, and the 3-D view where there is one."""
     names = (*_TABLES, *(_VIEW if has_view else ()))
-    folder = resources.files("nbv.report.viewer") / "scripts"
+    folder = resources.files("nbv.report") / "templates"
     parts = [(folder / f"{name}.js").read_text(encoding="utf-8") for name in names]
     return '(() => {\n"use strict";\n' + "\n".join(parts) + "})();\n"
 
@@ -226,7 +226,7 @@ def script_of(*, has_view: bool) -> str:
 @cache
 def style_of(*, has_view: bool) -> str:
     """Return the page's style sheet."""
-    page = (resources.files("nbv.report.blocks") / "templates" / "style.css").read_text(encoding="utf-8")
+    page = (resources.files("nbv.report") / "templates" / "style.css").read_text(encoding="utf-8")
     view = (resources.files("nbv.report.viewer") / "view.css").read_text(encoding="utf-8")
     return page + view if has_view else page
 

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Rooms in a report: where stations stand, and what surface is none of the rooms'."""
+"""Rooms in a report: where stations stand, and what surface is none of the rooms'.
+
+And the files that a surveyor takes along: the list of stations, a floor plan of each storey.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +18,10 @@ from scipy.spatial import cKDTree
 from nbv.coverage.coverage import Coverage
 from nbv.plan.plan import Plan, aim_of
 from nbv.plan.rules import RuleOutcome
-from nbv.plan.station_list import stations_of
+from nbv.plan.station_list import station_csv, stations_of
+from nbv.report.blocks.coverage_tables import cut_of
 from nbv.report.blocks.page import Block, Cell, Section, Table, Text
-from nbv.report.blocks.stations import cut_of
-from nbv.report.figures.storey_plan import StoreyPlan
+from nbv.report.figures.floor_plan import StoreyPlan, sheets_pdf
 from nbv.run.wording import count, letters, percent, percent_within, square_metres
 from nbv.scans.room_coverage import RoomCoverage
 from nbv.scans.scan_coverage import ScanCoverage
@@ -26,6 +30,7 @@ from nbv.scans.seen_rooms import SeenRooms
 from nbv.visibility.rooms import Room, Rooms
 from nbv.visibility.zones import EVERYWHERE
 from scenes.checks import FloatArray
+from scenes.run.atomic import write_bytes, write_text
 from scenes.world.scene import Scene
 
 APART_TEXTS = {
@@ -377,3 +382,20 @@ def _record_row(number: int, scan: ScanRecord) -> tuple[Cell, ...]:
         share = f"{100 * scan.settled_m2 / scan.expected_m2:.0f}"
     cells = (letters(number), station, gain, expected, done, share)
     return (*map(Cell, cells), Cell(square_metres(scan.measured_m2)), Cell(square_metres(scan.met_m2)))
+
+
+STATIONS_NAME, SHEETS_NAME = "stations.csv", "floor-plans.pdf"
+
+
+def write_building_files(scene: Scene, plan: Plan, path: Callable[[str], Path]) -> None:
+    """Write `stations.csv`, `floor-plan-N.svg` for each storey N, and `floor-plans.pdf` with all of them.
+
+    `path` tells where a file of a name goes. Nothing is written of plans without rooms or without views.
+    """
+    if plan.site is None or not plan.views:
+        return
+    write_text(path(STATIONS_NAME), station_csv(stations_of(plan)))
+    sheets = storey_plans(scene, plan)
+    for sheet in sheets:
+        write_bytes(path(f"floor-plan-{sheet.storey}.svg"), sheet.svg())
+    write_bytes(path(SHEETS_NAME), sheets_pdf(sheets))

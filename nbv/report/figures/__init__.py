@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Figures of reports: plots and floor plans."""
+"""Figures of reports: plots, floor plans, pictures."""

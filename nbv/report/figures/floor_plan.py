@@ -1,16 +1,25 @@
 # SPDX-License-Identifier: MIT
-"""Floor plan: stations from above, with those that were given, the zones and the ways between them."""
+"""Floor plans: stations from above, with those that were given, the zones and the ways between them.
+
+A storey plan shows the walls, rooms and stations of one storey to scale, for paper and for a page.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import io
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 
-from nbv.report.figures.plots import Plot, Theme, drawn_plot
+from nbv.report.figures.picture import Picture
+from nbv.report.figures.plots import LIGHT, Plot, Theme, drawn_plot
 from nbv.run.wording import letters
 from nbv.visibility.zones import EVERYWHERE, Box, Zones
 from scenes.checks import FloatArray
@@ -144,3 +153,269 @@ def _label(
         axes.annotate(
             text, place, xytext=offset, textcoords="offset points", fontsize=7.5, color=colour, zorder=5
         )
+
+
+_AROUND = np.array(
+    [[1, 1], [-1, 1], [1, -1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0, -1]], dtype=np.float64
+)  # the best known first (Christensen, Marks & Shieber 1995)
+_FARTHER = 0.02  # what a place farther down that list costs, where all of a text costs 1
+_SWEEPS = 3
+
+
+def beside(points: FloatArray, sizes: FloatArray, gap: float, taken: FloatArray) -> FloatArray:
+    """Return the middles (n, 2) of texts of `sizes` (n, 2) beside `points` (n, 2).
+
+    Each takes the one of eight places around its point, `gap` away from it, where it covers least of the
+    rectangles `taken` (k, 2, 2), lower and upper corners, and of the other texts. All in one unit.
+    """
+    offsets = _AROUND[None] * (sizes[:, None] / 2 + gap * np.sqrt(0.5))
+    return _placed(points[:, None] + offsets, sizes, taken)
+
+
+def around(points: FloatArray, sizes: FloatArray, taken: FloatArray) -> FloatArray:
+    """Return the middles (n, 2) of texts on `points` (n, 2), or up to a text's size away; see `beside`."""
+    steps = np.vstack([np.zeros(2), 0.5 * _AROUND, _AROUND])
+    return _placed(points[:, None] + steps[None] * sizes[:, None], sizes, taken)
+
+
+def boxes(middles: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return rectangles (n, 2, 2), lower and upper corners, by their middles and sizes (n, 2)."""
+    return np.stack([middles - sizes / 2, middles + sizes / 2], axis=1)
+
+
+def _placed(places: FloatArray, sizes: FloatArray, taken: FloatArray) -> FloatArray:
+    """Of the places (n, m, 2) of each text the one that covers least; later sweeps see all other texts."""
+    n, fixed = len(places), taken.reshape(-1, 2, 2)
+    texts = np.full((n, 2, 2), np.nan)
+    for _ in range(_SWEEPS):
+        for number in range(n):
+            texts[number] = np.nan
+            known = np.concatenate([fixed, texts[~np.isnan(texts[:, 0, 0])]])
+            mine = boxes(places[number], np.broadcast_to(sizes[number], places[number].shape))
+            cost = _covered(mine, known) + _FARTHER * np.arange(len(mine))
+            texts[number] = mine[int(np.argmin(cost))]
+    return np.asarray(texts.mean(axis=1))
+
+
+def _covered(mine: FloatArray, known: FloatArray) -> FloatArray:
+    """Common area of each rectangle (m, 2, 2) with all known ones, in shares of the smaller of two."""
+    low = np.maximum(mine[:, None, 0], known[None, :, 0])
+    high = np.minimum(mine[:, None, 1], known[None, :, 1])
+    common = np.maximum(high - low, 0.0).prod(axis=2)
+    area, other = ((extents[:, 1] - extents[:, 0]).prod(axis=1) for extents in (mine, known))
+    return np.asarray((common / np.minimum(area[:, None], other[None])).sum(axis=1))
+
+
+_SCALES = (20, 50, 100, 200, 500, 1000, 2000, 5000)
+_PAPER_M = (0.40, 0.27)  # an A3 sheet within its margins
+_MARGIN_IN = 0.65
+_FOOT_IN = 0.75  # below the plan: scale bar and text
+_PAGE_IN = 4.9  # width in a report
+_INCH_M, _INCH_PT = 0.0254, 72.0
+_NAME_PT, _NUMBER_PT, _DOT_PT = 6.5, 8.0, 4.2  # of rooms, of stations, and across these
+_SQUARE_PT = 5.0  # across a scan
+_WIDE, _HIGH = 0.7, 1.2  # of a letter and a line, in units of the font's size
+_HEADING_M = 0.6  # length of the stroke that shows where a camera looks
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class StoreyPlan:
+    """One storey from above; metres, world coordinates.
+
+    Attributes
+    ----------
+    storey : int
+        Its number.
+    title : str
+        What it shows.
+    outline : (k, 2, 2) float
+        Where a level plane at `cut_m` cuts walls and furniture.
+    cut_m : float
+        Height of that plane above the storey's floor.
+    rooms : sequence of (str, (2,) float)
+        Text and place of each room's label.
+    stations : sequence of (str, (2,) float, sequence of float)
+        Number and place of each station, and the headings of its views, degrees clockwise from +y.
+    ways : sequence of (k, 2) float
+        What of the tour lies on this storey.
+    given : sequence of (str, (2,) float)
+        Name and place of each scan that had been taken before.
+    zones : Zones
+        Where surface counts, and where no station may be.
+    """
+
+    storey: int
+    title: str
+    outline: FloatArray
+    cut_m: float
+    rooms: Sequence[tuple[str, FloatArray]]
+    stations: Sequence[tuple[str, FloatArray, Sequence[float]]]
+    ways: Sequence[FloatArray] = ()
+    given: Sequence[tuple[str, FloatArray]] = ()
+    zones: Zones = EVERYWHERE
+
+    def plot(self) -> Plot:
+        """Return it as a picture of a page, no scale promised."""
+        low, high = self.extent()
+        size = np.maximum(high - low, 1e-6)
+        height = float(np.clip(_PAGE_IN * size[1] / size[0], 2.2, 6.5))
+
+        def draw(axes: Axes, theme: Theme) -> None:
+            self._draw(axes, theme, _INCH_PT * float(min(_PAGE_IN / size[0], height / size[1])))
+
+        return drawn_plot(draw, (_PAGE_IN + 0.5, height + 0.4))
+
+    def picture(self) -> Picture:
+        """Return it as a picture of a page that says what it shows."""
+        strokes = ", their strokes where views look" if any(stroke for *_, stroke in self.stations) else ""
+        caption = (
+            f"Dots are stations by their numbers{strokes}; walls are cut {self.cut_m:.2f} m above the floor."
+        )
+        caption += " Squares with letters: scans that have been taken." if self.given else ""
+        caption += " Lines: what of the tour lies here." if self.ways else ""
+        return self.plot().picture(f"Storey {self.storey}.", caption)
+
+    def svg(self) -> bytes:
+        """Return it as SVG to scale, texts as texts."""
+        data = io.BytesIO()
+        with _drawing():
+            self.sheet().savefig(data, format="svg", metadata={"Date": None, "Creator": None})
+        return data.getvalue()
+
+    def extent(self) -> tuple[FloatArray, FloatArray]:
+        """Return the smallest and the largest x and y, (2,) each, of all there is to see."""
+        parts = [self.outline.reshape(-1, 2), *(np.reshape(way, (-1, 2)) for way in self.ways)]
+        parts += [np.array([place for _, place, _ in self.stations]).reshape(-1, 2)]
+        parts += [np.array([place for _, place in [*self.rooms, *self.given]]).reshape(-1, 2)]
+        points = np.vstack(parts)
+        return points.min(axis=0), points.max(axis=0)
+
+    def sheet(self) -> Figure:
+        """Draw the sheet: the plan to scale, a scale bar and what the signs mean below it."""
+        _settle()
+        low, high = self.extent()
+        pad = 0.3
+        size = high - low + 2 * pad
+        scale = next((s for s in _SCALES if (size / s <= _PAPER_M).all()), _SCALES[-1])
+        inches = size / scale / _INCH_M
+        sheet = np.maximum(inches + [2 * _MARGIN_IN, 2 * _MARGIN_IN + _FOOT_IN], [4.6, 3.2])
+        figure = Figure(figsize=tuple(sheet.tolist()))
+        left, bottom = (sheet[0] - inches[0]) / 2, _MARGIN_IN + _FOOT_IN
+        bottom += (sheet[1] - _FOOT_IN - 2 * _MARGIN_IN - inches[1]) / 2
+        axes = figure.add_axes((left / sheet[0], bottom / sheet[1], *(inches / sheet).tolist()))
+        self._draw(axes, LIGHT, _INCH_PT / (scale * _INCH_M))
+        axes.set_xlim(low[0] - pad, high[0] + pad)
+        axes.set_ylim(low[1] - pad, high[1] + pad)
+        title = f"{self.title}\n1:{scale}, cut {self.cut_m:.2f} m above the floor"
+        axes.set_title(title, fontsize=9, loc="left", color=LIGHT.ink, parse_math=False)
+        _draw_scale_bar(figure, sheet, left, scale)
+        return figure
+
+    def _draw(self, axes: Axes, theme: Theme, metre_pt: float) -> None:
+        """Draw all but the frame of it, about so many points a metre."""
+        axes.add_collection(LineCollection(list(self.outline), colors=theme.ink, linewidths=1.3))
+        for way in self.ways:
+            axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=0.9, alpha=0.75, zorder=2)
+        draw_zones(axes, theme, self.zones)
+        for _, place in self.given:
+            axes.plot(*place, "s", markersize=_SQUARE_PT, color=theme.ink, fillstyle="none", zorder=4)
+        for _, place, headings in self.stations:
+            for heading in headings:
+                turn = np.radians(heading)
+                end = place + _HEADING_M * np.array([np.sin(turn), np.cos(turn)])
+                axes.plot(*np.stack([place, end]).T, color=theme.inferred, linewidth=0.8, zorder=4)
+            axes.plot(*place, "o", markersize=_DOT_PT, color=theme.inferred, zorder=5)
+        self._draw_labels(axes, theme, metre_pt)
+        axes.set_aspect("equal")
+        axes.set_xlabel("x, m")
+        axes.set_ylabel("y, m")
+        axes.grid(visible=False)
+        _draw_north(axes, theme)
+
+    def _draw_labels(self, axes: Axes, theme: Theme, metre_pt: float) -> None:
+        """Write the names of rooms clear of the stations, and numbers beside these clear of all of it."""
+        ground = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
+        signs = [(text, place, theme.inferred) for text, place, _ in self.stations]
+        signs += [(text, place, theme.ink) for text, place in self.given]
+        dots = np.array([place for _, place, _ in signs]).reshape(-1, 2) * metre_pt
+        taken = boxes(dots, np.full_like(dots, _DOT_PT))
+        names, numbers = [text for text, _ in self.rooms], [text for text, *_ in signs]
+        sizes = np.array([_size_pt(text, _NAME_PT) for text in names]).reshape(-1, 2)
+        middles = around(np.array([place for _, place in self.rooms]).reshape(-1, 2) * metre_pt, sizes, taken)
+        for text, (x, y) in zip(names, (middles / metre_pt).tolist(), strict=True):
+            axes.text(
+                x, y, text, ha="center", va="center", fontsize=_NAME_PT, color=theme.line,
+                bbox=ground if theme is LIGHT else None, zorder=3,
+            )  # fmt: skip
+        taken = np.concatenate([taken, boxes(middles, sizes)])
+        sizes = np.array([_size_pt(text, _NUMBER_PT) for text in numbers]).reshape(-1, 2)
+        middles = beside(dots, sizes, _DOT_PT / 2, taken)
+        for (text, _, colour), (x, y) in zip(signs, (middles / metre_pt).tolist(), strict=True):
+            axes.text(
+                x, y, text, ha="center", va="center", fontsize=_NUMBER_PT, fontweight="bold",
+                color=colour, zorder=6,
+            )  # fmt: skip
+
+
+def _size_pt(text: str, font_pt: float) -> tuple[float, float]:
+    """About how wide and how high a text is, points."""
+    lines = text.split("\n")
+    return _WIDE * font_pt * max(map(len, lines)), _HIGH * font_pt * len(lines)
+
+
+def sheets_pdf(plans: Sequence[StoreyPlan]) -> bytes:
+    """Return the sheets of several storeys as one PDF."""
+    from matplotlib.backends.backend_pdf import PdfPages  # slow to import, and plans alone have sheets
+
+    data = io.BytesIO()
+    entries = {"CreationDate": None, "Producer": None, "Creator": None}
+    with _drawing(), PdfPages(data, metadata=entries) as pages:
+        for plan in plans:
+            pages.savefig(plan.sheet())
+    return data.getvalue()
+
+
+@contextmanager
+def _drawing() -> Iterator[None]:
+    """Leave matplotlib's settings as they were; a sign that the font has not is drawn as a box."""
+    with mpl.rc_context(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")
+        yield
+
+
+def _settle() -> None:
+    """Set what the drawing depends on, whatever a machine is set to."""
+    mpl.rcdefaults()
+    mpl.rc("font", family="DejaVu Sans", size=8)
+    mpl.rc("axes", labelcolor=LIGHT.ink, edgecolor=LIGHT.faint)
+    mpl.rc("axes.spines", top=False, right=False)
+    mpl.rc("svg", fonttype="none", hashsalt="unseen")
+    for axis in ("xtick", "ytick"):
+        mpl.rc(axis, color=LIGHT.ink)
+
+
+def _draw_north(axes: Axes, theme: Theme) -> None:
+    """Draw an arrow along the world's +y axis, from which headings count."""
+    axes.annotate(
+        "", (1, 1), xytext=(0, -22), xycoords="axes fraction", textcoords="offset points",
+        arrowprops={"arrowstyle": "-|>", "color": theme.faint, "linewidth": 1.1, "shrinkA": 0, "shrinkB": 0},
+        annotation_clip=False,
+    )  # fmt: skip
+    axes.annotate(
+        "+y", (1, 1), xytext=(-4, -1), xycoords="axes fraction", textcoords="offset points", ha="right",
+        va="top", fontsize=6.5, color=theme.faint, annotation_clip=False,
+    )  # fmt: skip
+
+
+def _draw_scale_bar(figure: Figure, sheet: FloatArray, left: float, scale: int) -> None:
+    """Draw a bar of a round length, about a fifth of the sheet, below the plan."""
+    wished = 0.25 * float(sheet[0]) * _INCH_M * scale
+    length = max((m for m in (0.5, 1, 2, 5, 10, 20, 50, 100, 200) if m <= wished), default=0.5)
+    inches = length / scale / _INCH_M
+    axes = figure.add_axes((left / sheet[0], 0.28 / sheet[1], inches / sheet[0], 0.07 / sheet[1]))
+    axes.barh([0, 0], [0.5, 0.5], left=[0, 0.5], height=1, color=[LIGHT.ink, "white"], edgecolor=LIGHT.ink)
+    axes.set_xlim(0, 1)
+    axes.set_ylim(-0.5, 0.5)
+    axes.set_yticks([])
+    axes.set_xticks([0, 0.5, 1], ["0", f"{length / 2:g}", f"{length:g} m"], fontsize=7)
+    axes.tick_params(length=0, pad=2)

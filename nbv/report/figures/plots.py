@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from nbv.report.pictures.picture import Picture
+from nbv.report.figures.picture import Picture
 from scenes.checks import FloatArray
 
 _DPI = 180

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The report's 3-D view: what it shows, how that is packed into the page, and the scripts that draw it."""
+"""The report's 3-D view: what it shows, and how that is packed into the page."""

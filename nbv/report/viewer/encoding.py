@@ -24,8 +24,17 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
 
-from nbv.report.viewer.block import Lines, Marker, Viewer, best_camera, focus
-from nbv.report.viewer.layers import Classes, Layer, Numbers, Sightings
+from nbv.report.viewer.layers import (
+    Classes,
+    Layer,
+    Lines,
+    Marker,
+    Numbers,
+    Sightings,
+    Viewer,
+    best_camera,
+    focus,
+)
 from scenes.checks import FloatArray
 from scenes.mesh.blocks import morton_order
 from scenes.mesh.labelled_mesh import Appearance

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from nbv.plan.tour import Tour
-from nbv.report.pictures.picture import UNKNOWN
-from nbv.report.viewer.block import Lines, Marker
-from nbv.report.viewer.layers import Colour
+from nbv.report.figures.picture import UNKNOWN
+from nbv.report.viewer.layers import Colour, Lines, Marker
 from nbv.run.wording import letters
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import FloatArray

@@ -10,10 +10,8 @@ from scipy.spatial import cKDTree
 
 from completion.parts.division.result import thinned
 from completion.parts.part import Part
-from nbv.report.pictures.camera import Camera
-from nbv.report.pictures.picture import Picture
-from nbv.report.viewer.block import Viewer
-from nbv.report.viewer.layers import Category, Classes, Layer, Numbers
+from nbv.report.figures.picture import Camera, Picture
+from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Viewer
 from scenes.checks import FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.mesh_parts import thinned as thinned_mesh

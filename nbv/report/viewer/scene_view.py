@@ -14,18 +14,20 @@ from nbv.coverage.coverage import MET, NEVER, REACHABLE, UNREACHABLE, Coverage, 
 from nbv.coverage.surface_classes import INFERRED as CLASS_INFERRED
 from nbv.coverage.surface_classes import MET as CLASS_MET
 from nbv.coverage.surface_classes import MODELLED as CLASS_MODELLED
-from nbv.report.pictures import picture
-from nbv.report.pictures.picture import Picture
-from nbv.report.pictures.surface_values import FineCoverage, fine_coverage
-from nbv.report.viewer.block import Lines, Marker, Viewer
+from nbv.report.figures import picture
+from nbv.report.figures.picture import Picture
+from nbv.report.figures.surface_values import FineCoverage, fine_coverage
 from nbv.report.viewer.layers import (
     NOTHING,
     Category,
     Classes,
     Colour,
     Layer,
+    Lines,
+    Marker,
     Numbers,
     Sightings,
+    Viewer,
     count_channel,
     incidence_channel,
 )

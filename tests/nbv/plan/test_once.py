@@ -12,7 +12,7 @@ from nbv.coverage.measurement import measure_coverage
 from nbv.plan.baselines import compare_with_baselines
 from nbv.plan.planning import plan_views
 from nbv.report.coverage_report import coverage_page, plan_page
-from nbv.report.pictures.surface_values import below
+from nbv.report.figures.surface_values import below
 from nbv.scanning.sensor import PinholeSensor
 from nbv.visibility.samples import sample_surface
 from scenes.rays.raycast import RayCaster

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from nbv.report.pictures.surface_values import below
+from nbv.report.figures.surface_values import below
 from scenes.mesh.labelled_mesh import LabelledMesh
 from tests.helpers.buildings import Building
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from completion.export.decisions import DecisionSheet
-from nbv.report.blocks.decisions import decision_sections
-from nbv.report.completion_report import completion_page
+from nbv.report.completion_report import completion_page, decision_sections
 from tests.helpers.exchange_examples import panorama
 
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from nbv.report.figures.storey_plan import around, beside, boxes
+from nbv.report.figures.floor_plan import around, beside, boxes
 
 
 def covered(rectangles):

@@ -9,21 +9,23 @@ import pytest
 
 from nbv.coverage.coverage import MET, Coverage
 from nbv.coverage.measurement import measure_coverage, visibility_history
+from nbv.report.blocks.coverage_tables import outline_of
 from nbv.report.blocks.page import Bar, BarShare, Cell, Gallery, Headline, Page, Section, Table, Text
-from nbv.report.blocks.stations import outline_of
 from nbv.report.coverage_report import coverage_page
 from nbv.report.figures import plots
+from nbv.report.figures.drawing import MeshDrawing, passes_hidden
 from nbv.report.figures.floor_plan import FloorPlan
-from nbv.report.figures.plots import coverage_curve
-from nbv.report.pictures.camera import aim, aside_cameras, overview_cameras
-from nbv.report.pictures.drawing import MeshDrawing, passes_hidden
-from nbv.report.pictures.picture import (
+from nbv.report.figures.picture import (
+    aim,
+    aside_cameras,
     hatch,
+    overview_cameras,
     picture_of,
     range_colours,
     segment_pixels,
 )
-from nbv.report.pictures.surface_values import fine_coverage, nearest_samples
+from nbv.report.figures.plots import coverage_curve
+from nbv.report.figures.surface_values import fine_coverage, nearest_samples
 from nbv.run.wording import percent
 from nbv.scanning.scanner import scan_scene
 from nbv.visibility.samples import sample_surface

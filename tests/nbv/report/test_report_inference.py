@@ -16,12 +16,12 @@ from nbv.plan.baselines import Baseline
 from nbv.plan.planning import plan_views
 from nbv.report.blocks.inference import baselines_section, class_pictures, class_table, layers
 from nbv.report.coverage_report import plan_page
+from nbv.report.figures.drawing import mark_modelled
+from nbv.report.figures.picture import INFERRED as INFERRED_COLOUR
+from nbv.report.figures.picture import MEASURED, dots
+from nbv.report.figures.picture import MODELLED as MODELLED_COLOUR
+from nbv.report.figures.picture import UNKNOWN as UNKNOWN_COLOUR
 from nbv.report.figures.plots import class_curve
-from nbv.report.pictures.drawing import mark_modelled
-from nbv.report.pictures.picture import INFERRED as INFERRED_COLOUR
-from nbv.report.pictures.picture import MEASURED, dots
-from nbv.report.pictures.picture import MODELLED as MODELLED_COLOUR
-from nbv.report.pictures.picture import UNKNOWN as UNKNOWN_COLOUR
 from nbv.report.scans_report import stations_table
 from nbv.run.wording import percent_within
 from nbv.scanning.scanner import scan_scene

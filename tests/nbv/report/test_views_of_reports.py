@@ -12,18 +12,15 @@ from completion.pipeline import complete
 from nbv.coverage.coverage import MET, REACHABLE, UNREACHABLE
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.tour import Leg, Tour
-from nbv.report.blocks.coverage_tables import place_cells, scans_table
-from nbv.report.blocks.stations import fields_of, outline_of
+from nbv.report.blocks.coverage_tables import fields_of, outline_of, place_cells, scans_table
 from nbv.report.figures.floor_plan import FloorPlan
+from nbv.report.figures.picture import best_side, overview_cameras
 from nbv.report.figures.plots import coverage_curve
-from nbv.report.pictures.camera import best_side, overview_cameras
-from nbv.report.pictures.surface_values import cut_finely, fine_coverage
-from nbv.report.viewer.block import best_camera, focus
-from nbv.report.viewer.completion_view import completion_view, occluding
-from nbv.report.viewer.layers import Category, Layer
+from nbv.report.figures.surface_values import cut_finely, fine_coverage
+from nbv.report.viewer.layers import Category, Layer, best_camera, focus
 from nbv.report.viewer.markers import box_edges, given_markers, slope_of, tour_lines, view_markers, zone_lines
+from nbv.report.viewer.scan_views import completion_view, occluding, state_view
 from nbv.report.viewer.scene_view import near_hull, scene_view
-from nbv.report.viewer.state_view import state_view
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
 from nbv.scans.next_stations import plan_next_stations

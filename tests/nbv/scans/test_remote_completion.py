@@ -22,13 +22,12 @@ from nbv.run.workers import DaskWorkers, Share, cluster
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, View
 from nbv.scans import remote_completion
-from nbv.scans.remote_completion import CompletionTask
+from nbv.scans.remote_completion import Claims, CompletionTask
 from scenes.checks import InputError
 from scenes.io.scan_files import write_scan
 from scenes.io.scan_request import ScanRequest, read_request
 from scenes.pose import Pose
 from scenes.run.journal import NO_JOURNAL, FileJournal
-from scenes.run.shared_journal import Claims
 from scenes.world.builtin import builtin_scene
 
 LOOKS = (((5.0, 1.5, 1.4), (2.0, 2.0, 0.6)), ((1.0, 4.4, 1.5), (3.0, 2.0, 0.6)))

@@ -26,9 +26,7 @@ from nbv.run.manifest import versions
 from nbv.run.workers import ThisProcess, _check_versions, cluster
 from nbv.scanning.sensor import PinholeSensor
 from nbv.study.case import PlanArchive, cases_of, run_case
-from nbv.study.outcome import COLUMNS, SHARES, groups_of, outcome_of
-from nbv.study.pipeline import run_study
-from nbv.study.results import check_results, write_results
+from nbv.study.pipeline import COLUMNS, SHARES, check_results, groups_of, outcome_of, run_study, write_results
 from nbv.study.spec import read_study
 from nbv.visibility.candidates import scene_candidates
 from nbv.visibility.requirement import Requirement

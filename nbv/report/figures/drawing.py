@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.report.pictures.camera import Camera
-from nbv.report.pictures.picture import INFERRED, MEASURED, UNKNOWN, dots, hatch
+from nbv.report.figures.picture import INFERRED, MEASURED, UNKNOWN, Camera, dots, hatch
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster

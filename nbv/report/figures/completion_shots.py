@@ -11,9 +11,8 @@ import numpy as np
 
 from completion.result.completion import Completion
 from completion.result.meshes import display_mesh
-from nbv.report.pictures.camera import Camera
-from nbv.report.pictures.drawing import MeshDrawing, SeenFaces, mark_inferred, mark_unknown, passes_hidden
-from nbv.report.pictures.picture import Picture, picture_of
+from nbv.report.figures.drawing import MeshDrawing, SeenFaces, mark_inferred, mark_unknown, passes_hidden
+from nbv.report.figures.picture import Camera, Picture, picture_of
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.scan.projection import SphericalProjection

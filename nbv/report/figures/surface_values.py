@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.coverage.coverage import Coverage
-from nbv.report.pictures.camera import best_side, overview_cameras
-from nbv.report.pictures.drawing import MeshDrawing, mark_hatched, mark_modelled, paint_states
-from nbv.report.pictures.picture import Picture, picture_of
+from nbv.report.figures.drawing import MeshDrawing, mark_hatched, mark_modelled, paint_states
+from nbv.report.figures.picture import Picture, best_side, overview_cameras, picture_of
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray

@@ -6,10 +6,10 @@ from collections import Counter
 
 import pytest
 
+from nbv.scans import remote_completion
+from nbv.scans.remote_completion import Claims, SharedJournal, let_go, stage_of
 from scenes.checks import InputError
-from scenes.run import shared_journal
 from scenes.run.journal import NO_JOURNAL, FileJournal
-from scenes.run.shared_journal import Claims, SharedJournal, let_go, stage_of
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_a_claim_is_respected_let_go_and_taken_over_from_the_silent(folder, monk
         assert other.take("b")
     assert Claims(folder, 3).take("c")  # and never beats
     assert not other.take("c")
-    monkeypatch.setattr(shared_journal, "_SILENT_S", -1.0)
+    monkeypatch.setattr(remote_completion, "_SILENT_S", -1.0)
     assert other.take("c")
 
 

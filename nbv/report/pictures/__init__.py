@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Pictures of reports: cameras, drawing, and the one colour code."""
