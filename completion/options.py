@@ -76,8 +76,7 @@ class CompletionOptions(UserOptions):
     def rules(self) -> ExtensionRules:
         """Return what a continuation may use, and how sure it must be."""
         return ExtensionRules(
-            mode=self.mode,
-            max_sd_m=self.max_sd_m,
+            wishes=self,
             max_cells=self.evidence.max_cells,
             cues=self.cues,
             cell_m=self.evidence.cell_m,

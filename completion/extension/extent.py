@@ -16,7 +16,7 @@ from completion.boundary.edges import Line, find_edges
 from completion.extension.adjacency import Adjacency, is_upright
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
-from completion.observe.user_options import Mode
+from completion.observe.user_options import Mode, UserOptions
 from completion.segmentation.regions import observed_arc
 from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
@@ -38,8 +38,7 @@ _LEVEL = 0.98  # cosine between a level plane's normal and up
 class ExtensionRules:
     """What a continuation may use, and how sure it must be."""
 
-    mode: Mode  # how probable inferred area must be
-    max_sd_m: float  # predicted standard deviation up to which a surface is continued, metres
+    wishes: UserOptions  # of a person: how probable and how certain inferred area must be
     max_cells: int  # in how many cells at most its chart is weighed
     cues: Collection[Cue] = ALL_CUES  # what is made use of
     cell_m: float | None = None  # side of a cell, metres; None: that of the pixels

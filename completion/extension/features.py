@@ -224,8 +224,10 @@ def extend_face(face: KnownFace, scans: Scans, number: int, rules: ExtensionRule
     spread = fit.standard_deviation(grid.centres())
     evidence = weigh(grid, spread, scans, number)
     hidden = (evidence.labels == Label.OCCLUDED) & ~evidence.open & ~evidence.observed
-    hidden &= (spread.reshape(grid.shape) <= rules.max_sd_m) & (LEAST_CONFIDENCE[rules.mode] <= GOES_ON)
-    if rules.mode == "conservative":
+    hidden &= (spread.reshape(grid.shape) <= rules.wishes.max_sd_m) & (
+        LEAST_CONFIDENCE[rules.wishes.mode] <= GOES_ON
+    )
+    if rules.wishes.mode == "conservative":
         hidden = in_hull(evidence.observed, hidden)
     regions = divide_hidden(grid, hidden, evidence.observed, evidence.open, ())
     provenance = np.where(hidden, np.int8(Provenance.FEATURE), np.int8(-1))

@@ -69,7 +69,7 @@ def extend(
         What may be used, and how sure the result must be.
     """
     # 1. Weigh: what the scans say of each cell of the chart.
-    surface, edits, least = edited.surface, edited.edits, LEAST_CONFIDENCE[rules.mode]
+    surface, edits, least = edited.surface, edited.edits, LEAST_CONFIDENCE[rules.wishes.mode]
     is_said = edits.ends or edits.wishes
     if edits.joints:
         extent = with_joints(extent, [joint.plane for joint in edits.joints])
@@ -81,10 +81,10 @@ def extend(
 
     # 2. Hidden cells: where the surface may be, unseen; and those of them that a person accepts.
     within = _within(grid, extent, evidence)
-    possible = _possible(grid, evidence, edits) & within & (predicted_sd <= rules.max_sd_m)
+    possible = _possible(grid, evidence, edits) & within & (predicted_sd <= rules.wishes.max_sd_m)
     accepted = possible & edits.accepted(grid, grid.within(*extent.known_window()))
     hidden = possible & grid.within(*extent.window())
-    if rules.mode == "conservative":
+    if rules.wishes.mode == "conservative":
         hidden = in_hull(evidence.observed, hidden)
     if extent.is_inset:
         hidden = in_hulls(evidence.observed, hidden)

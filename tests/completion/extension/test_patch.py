@@ -21,6 +21,7 @@ from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import PixelSet, ScanPixels, observe
 from completion.observe.tolerance import EvidenceOptions
+from completion.observe.user_options import UserOptions
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -31,7 +32,7 @@ DEPTH = {".": 3.0, "#": 1.5, "o": 5.0, "?": np.inf}
 WALL = Plane((0, 0, 3), (0, 0, -1), (1, 0, 0))
 EXACT = SurfaceFit(WALL, 0.0, np.zeros((3, 3)), 1000)
 USUAL = EvidenceOptions().tolerance()
-RULES = ExtensionRules(mode="standard", max_sd_m=0.02, max_cells=10_000)
+RULES = ExtensionRules(wishes=UserOptions(), max_cells=10_000)
 SYMBOLS = "mibeafu"  # by the number of the provenance
 UPRIGHT, SLANTED = Plane((0.86, 0, 0), (-1, 0, 0)), Plane((0.86, 0, 0), (-1, -0.6, 0))
 NO_END = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
@@ -76,7 +77,7 @@ def extended(seen: str, *, edits=None, accepts=None, cut=None, mode="standard", 
         fit,
         scans=Scans((observation,), (mask.astype(np.int32),), USUAL),
         number=1,
-        rules=replace(RULES, mode=mode),
+        rules=replace(RULES, wishes=UserOptions(mode=mode)),
     )
 
 
