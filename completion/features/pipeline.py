@@ -21,6 +21,7 @@ from completion.features.engine.template import (
 from completion.features.holes.patterns import KINDS as HOLES
 from completion.features.holes.pipeline import find_holes
 from completion.features.junctions.pipeline import find_junctions
+from completion.features.limits import FEWEST_POINTS
 from completion.features.openings.pipeline import find_openings_of_scans
 from completion.features.solids import KINDS as SOLIDS
 from completion.features.solids import find_solids
@@ -32,7 +33,6 @@ from scenes.scan.range_image import RangeImage
 
 _AROUND = 12  # neighbours that a point's plane is fitted to
 _SAMPLE = 4000  # points that tell noise and spacing
-_FEWEST = 20
 _PARAMETERS_OF_A_PLANE = 3
 
 
@@ -57,8 +57,8 @@ def of_points(
         Fewer than 20 points, not finite, or all at one place.
     """
     held = check_points("points", points)
-    if len(held) < _FEWEST:
-        raise InputError(f"features need {_FEWEST} points at least, got {len(held)}")
+    if len(held) < FEWEST_POINTS:
+        raise InputError(f"features need {FEWEST_POINTS} points at least, got {len(held)}")
     _check_extent(held)
     spacing, rough = _spacing_and_noise(held)
     return Measurements(held, rough if noise is None else float(noise), spacing, faces=faces)
@@ -81,8 +81,8 @@ def of_scans(scans: Sequence[RangeImage], *, sigma_m: float | None = None) -> Me
         noise.append(float(estimate_noise(scan).sigma(np.array([away]))[0]) if known is None else known)
     beams = PixelBeams(np.concatenate(origins), np.concatenate(directions), np.concatenate(ranges))
     back = np.flatnonzero(np.isfinite(beams.ranges))
-    if len(back) < _FEWEST:
-        raise InputError(f"features need {_FEWEST} points at least, got {len(back)}")
+    if len(back) < FEWEST_POINTS:
+        raise InputError(f"features need {FEWEST_POINTS} points at least, got {len(back)}")
     held = np.concatenate(points)[back]
     _check_extent(held)
     spacing, _ = _spacing_and_noise(held)

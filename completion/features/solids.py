@@ -17,6 +17,14 @@ from completion.features.engine.template import (
     best_first,
 )
 from completion.features.engine.template_fit import NOTHING, fit_template
+from completion.features.limits import (
+    BASE_RADII,
+    BELOW_TREAD,
+    BEYOND_RADII,
+    LEAST_STEPS,
+    ON_SHAFT_SD,
+    SHAFT_POINTS,
+)
 from completion.features.upright_structure import (
     Flight,
     Shaft,
@@ -131,11 +139,7 @@ class Stairs:
 
 KINDS = ("stairs", "column")
 _UP = (0.0, 0.0, 1.0)
-_LEAST_TREADS = 3
 _MOST_POINTS = 20_000  # that a template is fitted to
-_ABOVE_FLOOR = 0.9  # of a rise, below the first tread
-_ABOUT, _BEYOND = 3.0, 5.0  # radii of a shaft, within which its base lies, and what goes on beyond
-_NOISES, _LEAST_LEVEL = 4.0, 20  # half the thickness of a level, and its points
 
 
 def find_solids(
@@ -214,7 +218,7 @@ def _stairs(
         "centres": frame.outside(np.column_stack([flat, height + steps * rise])),
     }
     treads = sum(side.is_seen for side in fit.sides[:count])
-    if fit.status is FeatureStatus.FOUND and treads < _LEAST_TREADS:
+    if fit.status is FeatureStatus.FOUND and treads < LEAST_STEPS:
         fit = replace(fit, status=FeatureStatus.AMBIGUOUS, reason=f"only {treads} treads were seen")
     return replace(fit, geometry=geometry)
 
@@ -226,7 +230,7 @@ def _about_flight(local: FloatArray, flight: Flight) -> BoolArray:
     across = local[:, :2] @ [-np.sin(heading), np.cos(heading)]
     up = local[:, 2] - height
     inside = (along > -going) & (along < (flight.n_steps + 1) * going)
-    inside &= (up > -_ABOVE_FLOOR * rise) & (up < (flight.n_steps + 0.5) * rise)
+    inside &= (up > -BELOW_TREAD * rise) & (up < (flight.n_steps + 0.5) * rise)
     return np.asarray(inside & (across > flight.sides[0]) & (across < flight.sides[1]))
 
 
@@ -255,10 +259,10 @@ def _column(
 def _about_shaft(local: FloatArray, shaft: Shaft, sample: UprightSample, measured: Measurements) -> BoolArray:
     """Which points (n, 3) lie about a shaft, without floors and ceilings, which go on beyond."""
     out = np.hypot(*(sample.flat[:, :2] - shaft[:2]).T) / shaft.radius
-    beyond = sample.flat[(out > _ABOUT) & (out < _BEYOND), 2]
-    width = max(_NOISES * measured.noise, measured.spacing)
-    near: BoolArray = np.hypot(*(local[:, :2] - shaft[:2]).T) < _ABOUT * shaft.radius
-    for height in levels(beyond, width, _LEAST_LEVEL):
+    beyond = sample.flat[(out > BASE_RADII) & (out < BEYOND_RADII), 2]
+    width = max(ON_SHAFT_SD * measured.noise, measured.spacing)
+    near: BoolArray = np.hypot(*(local[:, :2] - shaft[:2]).T) < BASE_RADII * shaft.radius
+    for height in levels(beyond, width, SHAFT_POINTS):
         near &= np.abs(local[:, 2] - height) > width
     return near
 

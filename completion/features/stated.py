@@ -22,6 +22,18 @@ from completion.features.engine.template import (
     TemplateFit,
     moved_geometry,
 )
+from completion.features.limits import (
+    ALONG,
+    FACE_POINTS,
+    LEAST_CORNER_M,
+    LEAST_REVEAL_M,
+    NEAR_WALL_M,
+    OFF_JOINT,
+    ON_PLATE,
+    ONE_SIDE,
+    TILT,
+)
+from completion.features.openings.limits import ON_FACE_SD
 from completion.features.openings.recess import SIDES
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
@@ -35,11 +47,7 @@ from scenes.surfaces.catalogue import Cylinder, Plane
 AROUND = ("bottom", "right", "top", "left")
 """Sides of an opening from each of its corners to the next."""
 
-_LEAST_DEPTH_M = 0.02  # a sheet has no reveals
-_ON_FACE = 3.0  # standard deviations
-_TILT = float(np.radians(5.0))
-_MOST_FACE_POINTS = 5000  # of a surface that may be the face already
-_FEWEST = 10  # of them on it
+_MOST_POINTS = 5000  # of a surface, that show where it was measured
 
 
 def reveals_of(
@@ -80,7 +88,7 @@ def reveals_of(
         free = np.flatnonzero(seen.valid.ravel() & (owner.ravel() == 0)).astype(np.int32)
         points, sigma = seen.points_at(free), seen.sigma_at(free)
         for held, outline in zip(pixels, outlines, strict=True):
-            on = outline.holds(points, _ON_FACE * np.hypot(sigma, outline.deviation))
+            on = outline.holds(points, ON_FACE_SD * np.hypot(sigma, outline.deviation))
             held.append(PixelSet(free[on], owner.shape))
             free, points, sigma = free[~on], points[~on], sigma[~on]
         trim()
@@ -121,7 +129,7 @@ def _outlines(fit: TemplateFit, number: int, surfaces: Sequence[MergedSurface]) 
     """The reveals of one opening whose sides were seen."""
     depth = float(str(fit.geometry.get("depth_m", np.nan)))
     off = float(str(fit.geometry.get("depth_sd_m", 0.0)))
-    if not (np.isfinite(depth) and np.isfinite(off)) or depth < max(_LEAST_DEPTH_M, _ON_FACE * off):
+    if not (np.isfinite(depth) and np.isfinite(off)) or depth < max(LEAST_REVEAL_M, ON_FACE_SD * off):
         return
     wall = surfaces[int(str(fit.geometry["surface"])) - 1].fit.surface
     if not isinstance(wall, Plane):
@@ -146,20 +154,19 @@ def _is_on(
     plane = surface.fit.surface
     if not isinstance(plane, Plane):
         return False
-    if float(plane.normal_direction @ outline.plane.normal_direction) < np.cos(_TILT):
+    if float(plane.normal_direction @ outline.plane.normal_direction) < np.cos(TILT):
         return False
     middle = outline.plane.from_uv(outline.size / 2)
-    allowed = _ON_FACE * float(np.hypot(np.hypot(surface.fit.rms, outline.deviation), flatness_m))
-    if abs(float(plane.distance(middle[None])[0])) > allowed + _TILT * float(outline.size.max()) / 2:
+    allowed = ON_FACE_SD * float(np.hypot(np.hypot(surface.fit.rms, outline.deviation), flatness_m))
+    if abs(float(plane.distance(middle[None])[0])) > allowed + TILT * float(outline.size.max()) / 2:
         return False
-    points = surface.points(observations, _MOST_FACE_POINTS)
-    return int(np.count_nonzero(outline.holds(points, allowed))) >= _FEWEST
+    points = surface.points(observations, _MOST_POINTS)
+    return int(np.count_nonzero(outline.holds(points, allowed))) >= FACE_POINTS
 
 
 PATTERNS = ("hole-row", "hole-grid", "bolt-circle")
 JOINTS = ("junction", "elbow")
 
-_LEAST_M = 1e-3  # between corners
 _N_RADII = 2  # of an elbow
 _CURE = "give a features.json that `unseen feature` wrote"
 
@@ -188,7 +195,7 @@ def _read_opening(source: str, entry: Mapping[str, Any]) -> TemplateFit:
     places = _places(source, "corners", corners)
     if places.shape != (4, 3):
         raise InputError(f"{source}: corners must be four points, got {len(places)}; {_CURE}")
-    if (np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1) < _LEAST_M).any():
+    if (np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1) < LEAST_CORNER_M).any():
         raise InputError(f"{source}: two corners lie at one place; {_CURE}")
     stated_sd = entry.get("standard_deviation")
     sd = stated_sd.get("depth") if isinstance(stated_sd, Mapping) else None
@@ -215,7 +222,7 @@ def _read_joint(source: str, entry: Mapping[str, Any]) -> TemplateFit:
     ends, axis = entry.get("joint"), _axis(source, entry)
     geometry = {"joint": _places(source, "joint", ends), "axis": axis}
     joint = geometry["joint"]
-    if joint.shape != (2, 3) or np.linalg.norm(joint[1] - joint[0]) < _LEAST_M:
+    if joint.shape != (2, 3) or np.linalg.norm(joint[1] - joint[0]) < LEAST_CORNER_M:
         raise InputError(f"{source}: joint must be two places; {_CURE}")
     if entry["kind"] == "elbow":
         radii = entry.get("radii")
@@ -224,7 +231,7 @@ def _read_joint(source: str, entry: Mapping[str, Any]) -> TemplateFit:
         geometry["radii"] = np.array([_number(source, "radii", radius) for radius in radii])
         geometry["centres"] = _places(source, "centres", entry.get("centres"))
         away = np.linalg.norm(np.cross(axis, joint - geometry["centres"][:1]), axis=1)
-        if len(geometry["centres"]) != 1 or (away < _LEAST_M).any():
+        if len(geometry["centres"]) != 1 or (away < LEAST_CORNER_M).any():
             raise InputError(f"{source}: centres must be the middle of the bend, off its joint; {_CURE}")
     return _fit(source, entry, {}, geometry)
 
@@ -291,12 +298,6 @@ def _number(source: str, name: str, value: object) -> float:
     return float(value)
 
 
-_ALONG = float(np.cos(np.radians(5.0)))  # between axes that are one
-_OFF = 0.1  # of a radius, or of a joint's length, by which a surface may miss its joint
-_ONE_SIDE = 0.8  # of a surface's measured points, that lie on its side of a joint
-_MOST_JOINT_POINTS = 5000
-
-
 def ends_of(
     fit: TemplateFit, surfaces: Sequence[MergedSurface], observations: Sequence[Observation]
 ) -> list[tuple[int, Plane]]:
@@ -322,11 +323,11 @@ def ends_of(
             index = _tube_at(plane, fit, surfaces)
         if index is None:
             continue
-        points = surfaces[index].points(observations, _MOST_JOINT_POINTS)
+        points = surfaces[index].points(observations, _MOST_POINTS)
         sides = plane.distance(points)
-        if np.mean(sides > 0) >= _ONE_SIDE:
+        if np.mean(sides > 0) >= ONE_SIDE:
             ends.append((index + 1, plane))
-        elif fit.kind != "elbow" and np.mean(sides < 0) >= _ONE_SIDE:
+        elif fit.kind != "elbow" and np.mean(sides < 0) >= ONE_SIDE:
             ends.append((index + 1, plane.flipped()))
     return ends
 
@@ -343,12 +344,12 @@ def _tubes(fit: TemplateFit) -> Iterator[tuple[int | None, Plane]]:
 def _tube_at(end: Plane, fit: TemplateFit, surfaces: Sequence[MergedSurface]) -> int | None:
     """The cylinder of a tube's radius whose axis passes an end's middle along its normal."""
     radius = float(np.asarray(fit.geometry["radii"])[1])
-    best, least = None, _OFF * radius
+    best, least = None, OFF_JOINT * radius
     for number, surface in enumerate(surfaces):
         tube = surface.fit.surface
-        if not isinstance(tube, Cylinder) or abs(tube.radius - radius) > _OFF * radius:
+        if not isinstance(tube, Cylinder) or abs(tube.radius - radius) > OFF_JOINT * radius:
             continue
-        if abs(float(tube.direction @ end.normal_direction)) < _ALONG:
+        if abs(float(tube.direction @ end.normal_direction)) < ALONG:
             continue
         across = end.point - tube.point
         off = float(np.linalg.norm(across - (across @ tube.direction) * tube.direction))
@@ -360,25 +361,20 @@ def _tube_at(end: Plane, fit: TemplateFit, surfaces: Sequence[MergedSurface]) ->
 def _seams(fit: TemplateFit, surfaces: Sequence[MergedSurface]) -> Iterator[tuple[int | None, Plane]]:
     """Surfaces on which the line of a tangent junction lies, and the planes across them there."""
     joint, axis = np.asarray(fit.geometry["joint"]), np.asarray(fit.geometry["axis"])
-    allowed = _OFF * float(np.linalg.norm(joint[1] - joint[0]))
+    allowed = OFF_JOINT * float(np.linalg.norm(joint[1] - joint[0]))
     for number, surface in enumerate(surfaces):
         shape = surface.fit.surface
         if isinstance(shape, Cylinder):
-            runs_along = abs(float(shape.direction @ axis)) >= _ALONG
-            allowed_here = min(allowed, _OFF * shape.radius)
+            runs_along = abs(float(shape.direction @ axis)) >= ALONG
+            allowed_here = min(allowed, OFF_JOINT * shape.radius)
         elif isinstance(shape, Plane):
-            runs_along = abs(float(shape.normal_direction @ axis)) <= np.sqrt(1 - _ALONG**2)
+            runs_along = abs(float(shape.normal_direction @ axis)) <= np.sqrt(1 - ALONG**2)
             allowed_here = allowed
         else:
             continue
         if runs_along and np.abs(shape.distance(joint)).max() <= allowed_here:
             normal: FloatArray = shape.normal(joint[:1])[0]
             yield number, Plane(joint.mean(axis=0), np.cross(axis, normal))
-
-
-_MOST_POINTS = 5000  # of a surface, that say where it was measured
-_NEAR_M = 0.10  # between the corners of an opening and its wall
-_ON_PLATE = 0.5  # of the radius of holes, by which their centres may lie off a plate
 
 
 def place_features(
@@ -403,7 +399,7 @@ def place_features(
             out.append(replace(fit, geometry={**geometry, "ends": ends}))
             continue
         places = np.asarray(geometry["centres" if fit.kind in PATTERNS else "corners"])
-        allowed = _ON_PLATE * float(str(geometry["radius"])) if fit.kind in PATTERNS else _NEAR_M
+        allowed = ON_PLATE * float(str(geometry["radius"])) if fit.kind in PATTERNS else NEAR_WALL_M
         away = [_away(surface, places, observations, allowed) for surface in surfaces]
         nearest = int(np.argmin(away)) if away else 0
         if not away or away[nearest] > allowed:

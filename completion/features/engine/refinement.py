@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from completion.fitting.limits import TUKEY
+from completion.fitting.limits import CUTS, TUKEY
 from completion.fitting.robust import scale_within, tukey_variance, tukey_weights
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 Distance = Callable[[FloatArray], FloatArray]
 """From a place (m,) in the unit box to the distances of all points (n,)."""
 
-_CUTS = (20.0, 14.0, 10.0, 7.0)  # sigma; the last is Tukey's
 _N_FINAL = 12  # rounds at most at the last cut
 _N_STEPS = 10  # evaluations of residuals a round
 _STEP = 1e-5  # of derivatives, in the unit box
@@ -77,7 +76,7 @@ def refine(
     """
     n_each = len(place) + 1
     spent, is_settled, kept = 0, False, np.zeros(0, dtype=np.bool_)
-    for cut in (*_CUTS, *[TUKEY] * _N_FINAL):
+    for cut in (*CUTS, *[TUKEY] * _N_FINAL):
         allowed = min(_N_STEPS, (most - spent) // n_each - 1)
         if allowed < 1 or len(place) == 0:
             is_settled = len(place) == 0
@@ -101,7 +100,7 @@ def refine(
 
 def _settled_scale(size: FloatArray, sigma: float, least: float) -> float:
     """The scale of residuals of sizes (n,) where nothing moves."""
-    for cut in (*_CUTS, *[TUKEY] * _N_FINAL):
+    for cut in (*CUTS, *[TUKEY] * _N_FINAL):
         sigma = max(scale_within(size[size < cut * sigma], sigma), least)
     return sigma
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
+from completion.features.engine.limits import LEAST_GAIN, REACH
 from completion.features.engine.template import Measurements, Template
 from scenes.checks import FloatArray, InputError
 
@@ -342,8 +343,7 @@ def _cross_over(
 
 
 _N_POINTS = 400  # that the search looks at
-REACH = 0.1  # of the diagonal, beyond which a point has no say
-_PATIENCE, _SETTLED = 6, 1e-3  # generations a sought parameter in which the best gets hardly better
+_PATIENCE = 6  # generations a sought parameter in which the best gets hardly better
 
 
 class SearchResult(NamedTuple):
@@ -402,7 +402,7 @@ def explore(
             find = SearchResult(stage.place, stage.violation, stage.evaluations, False)
             best.append((stage.violation, stage.value))
             before = best[max(0, len(best) - 1 - _PATIENCE * n)]
-            still = before[0] == stage.violation and before[1] - stage.value < _SETTLED * before[1]
+            still = before[0] == stage.violation and before[1] - stage.value < LEAST_GAIN * before[1]
             is_settled = len(best) > _PATIENCE * n and still
             if is_settled:
                 break

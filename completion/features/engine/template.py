@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.features.engine.limits import LEAST_TILES
 from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
 
 
@@ -83,9 +84,6 @@ class Measurements:
         )
 
 
-_LEAST_TILES = 2  # that confirm a side which counts as seen
-
-
 class FeatureStatus(StrEnum):
     """What became of a feature."""
 
@@ -127,7 +125,7 @@ class FeatureSide:
         """Return whether it was seen: two tiles at least confirm it, and fewer contradict it."""
         if self.contradicted > self.confirmed:
             return SideState.CONTRADICTED
-        return SideState.CONFIRMED if self.confirmed >= _LEAST_TILES else SideState.UNSEEN
+        return SideState.CONFIRMED if self.confirmed >= LEAST_TILES else SideState.UNSEEN
 
     @property
     def is_seen(self) -> bool:

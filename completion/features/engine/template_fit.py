@@ -9,6 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from completion.features.engine.limits import (
+    FEWEST_POINTS,
+    FORM_ERROR,
+    LEAST_EVIDENCE,
+    OPEN_VARIANCE,
+    REACH,
+    SCATTER_SD,
+    TILE_POINTS,
+    TILE_SPACINGS,
+)
 from completion.features.engine.refinement import (
     PRIOR_VARIANCE,
     Refinement,
@@ -17,7 +27,7 @@ from completion.features.engine.refinement import (
     neighbour_cells,
     refine,
 )
-from completion.features.engine.search import REACH, Gate, SoughtParameters, breach, equations, explore
+from completion.features.engine.search import Gate, SoughtParameters, breach, equations, explore
 from completion.features.engine.template import (
     FeatureSide,
     FeatureStatus,
@@ -80,8 +90,6 @@ def plain_likelihood(points: FloatArray, least_sigma: float, reach: float) -> tu
 Nearest = Callable[[FloatArray], tuple[FloatArray, IntArray]]
 """From points (n, 3) to distance and number (n,) of the nearest face, from 1."""
 
-_TILE = 6.0  # typical distances between points
-_LEAST_TILE_POINTS = 4  # on a tile that counts
 _N_BEAMS, _N_STEPS, _N_SAMPLE = 2_000, 80, 2_000
 
 
@@ -118,8 +126,8 @@ def face_sides(
     sides = []
     for number, name in enumerate(names, start=1):
         points = measured.points[faces == number]
-        side = max(_TILE * max(measured.spacing, _typical_spacing(points)), 4 * tolerance, 1e-12)
-        confirmed = _tiles(points, side, _LEAST_TILE_POINTS)
+        side = max(TILE_SPACINGS * max(measured.spacing, _typical_spacing(points)), 4 * tolerance, 1e-12)
+        confirmed = _tiles(points, side, TILE_POINTS)
         crossed = _tiles(through[through_faces == number], side, 1) - confirmed
         n = len(confirmed) + len(crossed)
         deviation = float(deviations[number - 1])
@@ -129,11 +137,11 @@ def face_sides(
 
 def _typical_spacing(points: FloatArray) -> float:
     """Typical distance between the points (n, 3) of a face: where beams graze it they lie farther apart."""
-    if len(points) < _LEAST_TILE_POINTS:
+    if len(points) < TILE_POINTS:
         return 0.0
     sample = points[:: max(1, len(points) // _N_SAMPLE)]
-    away, _ = cKDTree(points).query(sample, k=_LEAST_TILE_POINTS)
-    return float(np.median(away[:, -1]) / np.sqrt(_LEAST_TILE_POINTS - 1))
+    away, _ = cKDTree(points).query(sample, k=TILE_POINTS)
+    return float(np.median(away[:, -1]) / np.sqrt(TILE_POINTS - 1))
 
 
 def _tiles(points: FloatArray, side: float, least: int) -> set[tuple[int, ...]]:
@@ -176,11 +184,6 @@ def _passages(
     return origins[met] + gone[met, None] * directions[met], hit[met]
 
 
-LEAST_EVIDENCE = float(np.log(100.0))  # nats: one in a hundred
-_SCATTER, _FORM = 5.0, 0.01  # of the noise, and of the size of what is explained: points about true faces
-_UNKNOWN = 0.5  # of the variance between the bounds: who knows no more knows nothing
-
-
 class LocalFit(NamedTuple):
     """What least squares says of a place."""
 
@@ -219,7 +222,7 @@ def knowledge(
         tolerance=max(3 * refined.sigma, measured.noise),
     )
     covariance = sought.spread @ box @ sought.spread.T
-    open_ = np.flatnonzero(np.diag(box) > _UNKNOWN * PRIOR_VARIANCE)
+    open_ = np.flatnonzero(np.diag(box) > OPEN_VARIANCE * PRIOR_VARIANCE)
     lost = (sought.spread[:, open_] != 0).any(axis=1)
     covariance[lost], covariance[:, lost] = 0.0, 0.0
     covariance[lost, lost] = np.inf
@@ -253,7 +256,7 @@ def misfit(measured: Measurements, refined: Refinement) -> str:
     A template that follows the bulk of a scene beats any plain surface, and is still not there.
     """
     size = float(np.linalg.norm(np.ptp(measured.points[refined.inliers], axis=0)))
-    if refined.sigma <= max(_SCATTER * measured.noise, _FORM * size):
+    if refined.sigma <= max(SCATTER_SD * measured.noise, FORM_ERROR * size):
         return ""
     times = f", {refined.sigma / measured.noise:.0f} times their noise" if measured.noise > 0 else ""
     return f"points scatter by {refined.sigma:.3g} about its faces{times}"
@@ -289,7 +292,6 @@ def judge_fit(
 
 NOTHING: Given = {}
 _FOR_SQUARES = 0.3  # of the budget
-_LEAST_POINTS = 8
 
 
 def fit_template(
@@ -339,8 +341,8 @@ def fit_template(
         Fewer than eight points; a given or equal parameter that there is not; bounds that are not finite.
     """
     points = measured.points
-    if len(points) < _LEAST_POINTS:
-        raise InputError(f"a template needs {_LEAST_POINTS} points, got {len(points)}")
+    if len(points) < FEWEST_POINTS:
+        raise InputError(f"a template needs {FEWEST_POINTS} points, got {len(points)}")
     bounds = template.bounds(measured)
     sought = equations(template.names, bounds, given, equal)
 

@@ -9,15 +9,22 @@ import numpy as np
 from scipy import fft, ndimage
 from scipy.special import ndtr
 
+from completion.features.holes.limits import (
+    BEYOND_RIM,
+    CANDIDATE_NATS,
+    EMPTY_SHARE,
+    LARGE_RADIUS,
+    LEAST_RADIUS,
+    LOST_SHARE,
+    MET_SHARE,
+    MOST_RADIUS,
+    RIM_BAND,
+)
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 N_SECTORS = 16
 _INNER, _OUTER = 10, 6  # rings within the radius, and beyond it
-_BEYOND = 3.0  # spacings beyond the rim that are looked at
-_LOST = 0.3  # of sectors beyond a rim, before anything is measured
-_FAR = 0.3  # of sectors of a lost patch that reach farther than is looked at
-_PATCH = 0.3  # that a place is in a patch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +72,7 @@ def _scores(
     survey: PlateSurvey, centres: FloatArray, radii: FloatArray, soft: FloatArray, *, level: int
 ) -> RimScores:
     """The same of circles for which a fourth of the points, or of these, suffices."""
-    m, beyond = len(centres), _BEYOND * survey.spacing * 2**level
+    m, beyond = len(centres), BEYOND_RIM * survey.spacing * 2**level
     owner, offset = survey.near(centres, radii + beyond, level)
     far = np.hypot(*offset.T)
     sector = ((np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) % 1.0) * N_SECTORS).astype(np.int64)
@@ -80,9 +87,9 @@ def _scores(
     begun = np.bincount(wedge, rising, minlength=m * N_SECTORS).reshape(m, N_SECTORS)
     at_rim = begun + (rate * (radii**2 + soft**2))[:, None]
     patch, lost = _anywhere(log_l, grid)
-    begins, ends = np.log(1 - _LOST) + at_rim, np.log(_LOST) + lost
+    begins, ends = np.log(1 - LOST_SHARE) + at_rim, np.log(LOST_SHARE) + lost
     hole, patch = np.logaddexp(begins, ends).sum(axis=1), patch.sum(axis=1)
-    none = np.logaddexp(np.log(_PATCH) + patch, np.log(1 - _PATCH))
+    none = np.logaddexp(np.log(LOST_SHARE) + patch, np.log(1 - LOST_SHARE))
     inside = before[:, :, _INNER - 2].sum(axis=1) * np.log(eps) + expected[:, _INNER - 2] * N_SECTORS
     return RimScores(hole - none, hole - patch, np.asarray(begins > ends, dtype=np.bool_), -inside)
 
@@ -110,22 +117,17 @@ def _anywhere(log_l: FloatArray, grid: FloatArray) -> tuple[FloatArray, FloatArr
     middle = (likely[:, :, 1:] + likely[:, :, :-1]) / 2
     share = np.diff(grid, axis=1) / grid[:, -1:]
     last = likely[:, :, -1]
-    patch = (1 - _FAR) * np.einsum("mkr,mr->mk", middle, share) + _FAR * last
+    patch = (1 - LOST_SHARE) * np.einsum("mkr,mr->mk", middle, share) + LOST_SHARE * last
     lost = (middle[:, :, _INNER:].mean(axis=2) + last) / 2
     with np.errstate(divide="ignore"):
         return top + np.log(patch), top + np.log(lost)
 
 
-LEAST = 1.8  # spacings: radius of the smallest hole
 _STEP, _RATIO = 0.4, 1.12  # spacings, and ratio, between radii that are tried
-_LARGEST = 0.22  # of the plate's longest side
 _CELLS = 10  # of the image in a radius at least, where it is made coarser
-_RING = 1.5  # spacings: width of the ring
-_EMPTY, _MET = 0.12, 0.3  # of the points expected: most within the disc, least on the ring
 _MOST_PLACES, _MOST, _N_ROUNDS = 300, 60, 6
-_LEAST_EVIDENCE = 3.0  # nats
 _SHRINK = (0.5, 0.25, 0.12)  # spacings: steps of the local search
-LARGE, _WIDENED = 8.0, (1.0, 0.5, 0.25, 0.12)  # spacings from which circles are large, and their steps
+_WIDENED = (1.0, 0.5, 0.25, 0.12)  # the same of large circles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,8 +177,8 @@ def candidates(survey: PlateSurvey, opened: Openings, radius: float | None = Non
 def _radii(survey: PlateSurvey) -> FloatArray:
     """Radii to try, closer together than the spacing where they are small."""
     extent = np.array(survey.counts.shape) * survey.cell
-    radii, radius = list[float](), LEAST * survey.spacing
-    while radius < _LARGEST * extent.max():
+    radii, radius = list[float](), LEAST_RADIUS * survey.spacing
+    while radius < MOST_RADIUS * extent.max():
         radii.append(radius)
         radius = max(radius + _STEP * survey.spacing, min(radius * _RATIO, radius + 2 * survey.spacing))
     return np.array(radii)
@@ -185,7 +187,7 @@ def _radii(survey: PlateSurvey) -> FloatArray:
 def _places(survey: PlateSurvey, radius: float) -> tuple[FloatArray, FloatArray]:
     """Centres (m, 2) of circles of one radius, and how much of the ring less of the disc is filled (m,)."""
     cell, counts, densities = _coarser(survey, radius)
-    ring, disc = radius + max(_RING * survey.spacing, 1.5 * cell), radius - 0.5 * cell
+    ring, disc = radius + max(RIM_BAND * survey.spacing, 1.5 * cell), radius - 0.5 * cell
     half = int(np.ceil(ring / cell)) + 1
     padded = np.pad(counts, half)
     expected = np.pad(densities, half, mode="edge") * np.pi
@@ -202,7 +204,7 @@ def _places(survey: PlateSurvey, radius: float) -> tuple[FloatArray, FloatArray]
     around = count(((far > disc) & (far <= ring)).astype(np.float64)) / (expected * (ring**2 - disc**2))
     score = around - 3 * inside
     top = ndimage.maximum_filter(score, size=3) == score
-    cells = np.argwhere(top & (inside < _EMPTY) & (around > _MET))
+    cells = np.argwhere(top & (inside < EMPTY_SHARE) & (around > MET_SHARE))
     centres = survey.corner + (cells - half + 0.5) * cell
     return centres, score[tuple(cells.T)] * np.sqrt(radius / survey.spacing)
 
@@ -240,7 +242,7 @@ def _grown(survey: PlateSurvey, begun: HoleCandidates) -> HoleCandidates:
     A circle in a larger one, which it touches, can neither be moved nor widened by more than its rim is
     soft, which is little against a large one.
     """
-    large = np.flatnonzero(begun.radii > LARGE * survey.spacing)
+    large = np.flatnonzero(begun.radii > LARGE_RADIUS * survey.spacing)
     if not len(large):
         return begun
     circles = HoleCandidates(begun.centres[large], begun.radii[large], begun.evidence[large])
@@ -265,7 +267,7 @@ def _ascend(survey: PlateSurvey, begun: HoleCandidates, moves: FloatArray, step:
     for _ in range(_N_ROUNDS):
         tried = centres[active, None] + moves[None, :, :2] * length[active, None, None]
         sizes = np.maximum(
-            radii[active, None] + moves[None, :, 2] * length[active, None], LEAST * survey.spacing
+            radii[active, None] + moves[None, :, 2] * length[active, None], LEAST_RADIUS * survey.spacing
         )
         each = np.repeat(soft[active], len(moves))
         flat = rim_scores(survey, tried.reshape(-1, 2), sizes.ravel(), each)
@@ -285,7 +287,7 @@ def _distinct(circles: HoleCandidates, most: int = _MOST) -> HoleCandidates:
     order = np.argsort(-circles.evidence, kind="stable")
     kept = list[int]()
     for k in order:
-        if circles.evidence[k] < _LEAST_EVIDENCE or len(kept) == most:
+        if circles.evidence[k] < CANDIDATE_NATS or len(kept) == most:
             break
         gap = np.hypot(*(circles.centres[kept] - circles.centres[k]).T) if kept else np.zeros(0)
         nearly = (gap < 0.25 * circles.radii[k]) & (

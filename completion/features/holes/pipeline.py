@@ -22,7 +22,17 @@ from completion.features.engine.template import (
     TemplateFit,
     best_first,
 )
-from completion.features.holes.candidates import LARGE, N_SECTORS, candidates
+from completion.features.holes.candidates import N_SECTORS, candidates
+from completion.features.holes.limits import (
+    DOUBTFUL_FITS,
+    FALSE_FITS,
+    FURTHER_NATS,
+    HOPELESS_NATS,
+    LARGE_RADIUS,
+    PARALLEL,
+    SOFT_PLACE,
+    SOFT_REFINED,
+)
 from completion.features.holes.patterns import (
     CIRCLE,
     GRID,
@@ -79,9 +89,6 @@ def false_fit_probability(kind: str, evidence: float, *, n_seen: int) -> float:
     return float(max(2 * share * np.exp(-(evidence - start) / scale), 1 / _N_PLATES))
 
 
-_FALSE, _DOUBTFUL = 0.01, 0.5  # false fits of what is found, and of what is ambiguous
-_HELD = 0.3  # spacings: to which a true hole is known
-_PARALLEL = 0.99  # cosine between axes
 _KIND_NAMES = {"hole-row": "row", "hole-grid": "grid", "bolt-circle": "bolt circle"}
 
 
@@ -187,7 +194,7 @@ def _decision(
     least = LEAST_SEEN[weighed.pattern.kind]
     if seen < least:
         return FeatureStatus.NONE, f"only {seen} holes of the {what} were seen, {least} are needed"
-    if probability > _DOUBTFUL:
+    if probability > DOUBTFUL_FITS:
         return (
             FeatureStatus.NONE,
             f"lost patches make a {what} as regular on {probability:.0%} of blank plates",
@@ -199,7 +206,7 @@ def _decision(
             FeatureStatus.NONE,
             f"beams came back from behind the plate, but none through the {what}: lost data",
         )
-    if np.median(spread[weighed.seen]) > _HELD * spacing:
+    if np.median(spread[weighed.seen]) > SOFT_PLACE * spacing:
         return FeatureStatus.NONE, f"nothing holds the {what} in its place: its circles could slide"
     absent, unseen = weighed.filled, ~weighed.seen & ~weighed.filled
     if absent.sum() + unseen.sum() > seen:
@@ -211,7 +218,7 @@ def _decision(
             FeatureStatus.AMBIGUOUS,
             f"every hole of the {what} is open on a side: notches and slots look like it",
         )
-    if probability > _FALSE:
+    if probability > FALSE_FITS:
         return (
             FeatureStatus.AMBIGUOUS,
             f"lost patches make a {what} as regular on {probability:.0%} of blank plates",
@@ -245,17 +252,15 @@ def distinct(fits: Sequence[TemplateFit]) -> list[TemplateFit]:
 def _overlap(first: TemplateFit, second: TemplateFit) -> bool:
     """Whether holes of two patterns with one axis lie over one another."""
     axis, radius = np.asarray(second.geometry["axis"]), float(str(second.geometry["radius"]))
-    if abs(float(axis @ np.asarray(first.geometry["axis"]))) < _PARALLEL:
+    if abs(float(axis @ np.asarray(first.geometry["axis"]))) < PARALLEL:
         return False
     gap = np.asarray(first.geometry["centres"])[:, None] - np.asarray(second.geometry["centres"])
     gap = gap - (gap @ axis)[..., None] * axis
     return bool((np.linalg.norm(gap, axis=2) < radius).any())
 
 
-_EXACT = 0.05  # spacings: how exactly the holes of a refined pattern are placed
 _MOST_CLIMBED = 12  # lattices through pairs that are moved to where they are most evident
 _MOST = 3  # patterns of one kind in one plate that are refined
-_HOPELESS, _FURTHER = -7.0, 0.0  # nats, before refinement, of the best and of others: what is left out
 
 
 def find_holes(
@@ -326,7 +331,7 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[WeighedPattern]:
     # two circles tell others less exactly than three: patterns through them are moved first
     promising = sorted(weighed[1], key=lambda weight: -weight.evidence)[:_MOST_CLIMBED]
     # ... and so are large circles, which many points hold
-    wide_from = LARGE * ground.survey.spacing
+    wide_from = LARGE_RADIUS * ground.survey.spacing
     every = [
         climb_pattern(weight, ground, given) if weight.pattern.radius > wide_from else weight
         for weight in weighed[0]
@@ -335,7 +340,8 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[WeighedPattern]:
     best = list[WeighedPattern]()
     for weight in sorted(every, key=lambda weight: -weight.evidence):
         taken = {number for other in best for number in other.chosen.tolist()}
-        if weight.evidence > (_FURTHER if best else _HOPELESS) and not taken & set(weight.chosen.tolist()):
+        least = FURTHER_NATS if best else HOPELESS_NATS
+        if weight.evidence > least and not taken & set(weight.chosen.tolist()):
             best.append(weight)
     return best[:_MOST]
 
@@ -367,7 +373,7 @@ def _against_chance(
     coarse: WeighedPattern, refined: PatternRefinement, ground: Ground, measured: Measurements, given: Given
 ) -> TemplateFit:
     """Step 5: the pattern against as many as chance makes, what is known of each hole, and the decision."""
-    weighed = ground.weigh(refined.pattern, coarse, _EXACT)
+    weighed = ground.weigh(refined.pattern, coarse, SOFT_REFINED)
     plate = ground.survey.plate
     faces = assign_faces(refined.pattern, plate, ground.opened, measured.points)
     return fit_of(ground.survey, weighed, refined, faces, given)

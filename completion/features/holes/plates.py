@@ -11,17 +11,39 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from completion.features.engine.template import Measurements, PixelBeams
+from completion.features.holes.limits import (
+    ALIGNED,
+    BARE_NATS,
+    BORE_BAND,
+    BORE_DEPTH,
+    BOSS_FACTOR,
+    CHANCE_SECTORS,
+    COVERED,
+    DENSITY_WIDTH,
+    EDGE_BAND,
+    EXACT_PLATE,
+    EXACT_SPACING,
+    FEW_POINTS,
+    FULL_SHARE,
+    INNER_BORE,
+    INNER_SQUARE,
+    MOST_BARE,
+    MOST_PASSED,
+    NONE_PASSED_NATS,
+    PASSED_NATS,
+    PLATE_POINTS,
+    PLATE_SHARE,
+    RIM_BAND,
+    SECTOR_NATS,
+    SLAB_SD,
+    WALLED_SHARE,
+)
 from completion.fitting.robust import tukey_weights
 from completion.fitting.starts import orient_normals
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 _MOST = 8  # plates of one input
-_LEAST_POINTS, _LEAST_SHARE = 150, 0.02  # of a plate
 _N_SAMPLE, _N_DRAWN = 4_000, 300  # points that vote for planes, planes tried
-_SLAB = 4.0  # noises on either side of a plate
-_EXACT = 1e-5  # of the diagonal: noise of points without any
-_ROUGH = 0.03  # of the spacing: noise that makes no difference
-_ALIGNED = np.cos(np.radians(25.0))
 _N_ROUNDS = 8
 
 
@@ -55,7 +77,7 @@ class HolePlate:
     @property
     def slab(self) -> float:
         """Return the height within which a point is the plate's."""
-        return _SLAB * self.noise
+        return SLAB_SD * self.noise
 
     def space(self, uv: FloatArray) -> FloatArray:
         """Return places (n, 2) of the chart in space (n, 3)."""
@@ -74,16 +96,16 @@ def plates(measured: Measurements, *, rng: np.random.Generator) -> Iterator[Hole
     each are taken out before the next is sought.
     """
     points = measured.points
-    if len(points) < _LEAST_POINTS:
+    if len(points) < PLATE_POINTS:
         return
-    noise = max(measured.noise, _EXACT * measured.diagonal, _ROUGH * measured.spacing)
+    noise = max(measured.noise, EXACT_PLATE * measured.diagonal, EXACT_SPACING * measured.spacing)
     voters = rng.permutation(len(points))[:_N_SAMPLE]
     normals, _ = orient_normals(points[voters], points)
-    least = max(_LEAST_POINTS, _LEAST_SHARE * len(points))
+    least = max(PLATE_POINTS, PLATE_SHARE * len(points))
     free: BoolArray = np.ones(len(points), dtype=np.bool_)
     for _ in range(_MOST):
         left = free[voters]
-        consensus = _consensus(points[voters[left]], normals[left], _SLAB * noise, rng=rng)
+        consensus = _consensus(points[voters[left]], normals[left], SLAB_SD * noise, rng=rng)
         if consensus is None:
             return
         plate = _refine_plate(points, free, *consensus, noise)
@@ -101,7 +123,7 @@ def _consensus(
         return None
     drawn = rng.integers(len(points), size=_N_DRAWN)
     heights = points @ normals[drawn].T - np.einsum("ij,ij->i", points[drawn], normals[drawn])
-    agrees = (np.abs(heights) < slab) & (np.abs(normals @ normals[drawn].T) > _ALIGNED)
+    agrees = (np.abs(heights) < slab) & (np.abs(normals @ normals[drawn].T) > ALIGNED)
     best = drawn[int(agrees.sum(axis=0).argmax())]
     return points[best], normals[best]
 
@@ -112,15 +134,15 @@ def _refine_plate(
     """The plate about a plane: Tukey's weights, its scale annealed to the noise."""
     near = points[free]
     for cut in np.geomspace(4.0, 1.0, _N_ROUNDS):
-        weights = tukey_weights((near - place) @ normal, cut * 1.2 * _SLAB * noise)
-        if np.count_nonzero(weights) < _LEAST_POINTS:
+        weights = tukey_weights((near - place) @ normal, cut * 1.2 * SLAB_SD * noise)
+        if np.count_nonzero(weights) < PLATE_POINTS:
             return None
         place = weights @ near / weights.sum()
         offset = near - place
         normal = np.linalg.eigh((weights * offset.T) @ offset)[1][:, 0]
-    frame = _frame((np.abs((near - place) @ normal) < _SLAB * noise), near - place, normal)
+    frame = _frame((np.abs((near - place) @ normal) < SLAB_SD * noise), near - place, normal)
     local = (points - place) @ frame.T
-    is_on = np.abs(local[:, 2]) < _SLAB * noise
+    is_on = np.abs(local[:, 2]) < SLAB_SD * noise
     return HolePlate(origin=place, frame=frame, uv=local[:, :2], height=local[:, 2], is_on=is_on, noise=noise)
 
 
@@ -176,11 +198,8 @@ def rim_corners(measured: Measurements, plate: HolePlate) -> FloatArray | None:
 
 _CELL = 0.5  # spacings
 _MOST_CELLS = 2_000_000
-_WIDE = 6.0  # spacings over which the density is averaged
 _LARGE = 12.0  # spacings: radius of circles for which fewer points suffice
 _FEWEST = 1_000  # points
-_COVERED = 1.2  # spacings from a point within which surface was measured
-_INNER, _FULL, _FEW = 0.6, 0.25, 1.5  # half sides of squares, in radii; share of the points expected; points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,14 +252,14 @@ class PlateSurvey:
 
         Quick, by a square within the hole: a fourth of the plate's points in it are too many.
         """
-        half, shape = (_INNER * radii)[..., None], np.array(self.counts.shape)
+        half, shape = (INNER_SQUARE * radii)[..., None], np.array(self.counts.shape)
         low = np.clip(np.rint((centres - half - self.corner) / self.cell).astype(np.int64), 0, shape)
         high = np.clip(np.rint((centres + half - self.corner) / self.cell).astype(np.int64), 0, shape)
         (i, j), (k, m) = np.moveaxis(low, -1, 0), np.moveaxis(high, -1, 0)
         within = self.summed[k, m] - self.summed[i, m] - self.summed[k, j] + self.summed[i, j]
         expected = (high - low).prod(axis=-1) * (self.cell / self.spacing) ** 2
         beside = (centres < self.corner) | (centres > self.corner + shape * self.cell)
-        return np.asarray((within > np.maximum(_FEW, _FULL * expected)) | beside.any(axis=-1))
+        return np.asarray((within > np.maximum(FEW_POINTS, FULL_SHARE * expected)) | beside.any(axis=-1))
 
     def level(self, radii: FloatArray) -> IntArray:
         """Return how often a fourth of the points suffices for circles with radii (m,)."""
@@ -269,8 +288,8 @@ def survey(plate: HolePlate) -> PlateSurvey:
     shape = np.maximum(((high - low) / cell).astype(np.int64) + 1, 1)
     edges = [low[k] + cell * np.arange(shape[k] + 1) for k in range(2)]
     counts = np.histogram2d(uv[:, 0], uv[:, 1], bins=edges)[0]
-    covered = ndimage.distance_transform_edt(counts == 0) * cell < _COVERED * spacing
-    wide = _WIDE * spacing / cell
+    covered = ndimage.distance_transform_edt(counts == 0) * cell < COVERED * spacing
+    wide = DENSITY_WIDTH * spacing / cell
     mean = ndimage.gaussian_filter(counts, wide), ndimage.gaussian_filter(covered * cell**2, wide)
     local = np.divide(mean[0], mean[1], out=np.full(counts.shape, overall), where=mean[1] > 0.02 * cell**2)
     area, stray = float(np.prod(high - low)), _stray(plate, uv)
@@ -297,17 +316,7 @@ def _stray(plate: HolePlate, uv: FloatArray) -> float:
 
 
 N_SECTORS = 8
-_WALL = 0.35  # spacings on either side of a rim within which points are the bore's
-_DEEP = 2.0, 3.0  # radii and spacings below a plate, as far as a bore is looked at
-_A_SECTOR, _CHANCE = 1.5, 2  # nats for a sector with a wall, and sectors that chance may fill
-_A_BOSS = 3.0  # times as much against a hole, where the wall rises on the outer side
-_PASSED, _MOST_PASSED = 4.0, 3  # nats a beam that went through, and beams that count
-_NONE_PASSED = 6.0  # nats where every place behind the plate gives an echo, and none came through
-_EDGE, _NEAR = 0.8, 1.5  # spacings from a rim, and above or below it, within which an edge has a wall
-_A_BARE, _MOST_BARE = 4.0, 2  # nats against a hole for each sector without any, and how many may be
-_MOST_WALLED = 0.6  # of the edges of a plate of a whole part
-_INNER_BORE = 0.85  # of the radius
-_N_RAYS, _COLUMN = 200, 1.2  # places of the plate from which surfaces are counted; spacings
+_N_RAYS = 200  # places of the plate from which surfaces are counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -348,32 +357,32 @@ class Openings:
     def _of_beams(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         if self.crossed is None:
             return np.zeros(len(radii))
-        passed = self.crossed.query_ball_point(centres, _INNER_BORE * radii, return_length=True)
-        hoped = np.minimum(0.3 * np.pi * (_INNER_BORE * radii / spacing) ** 2, 1.0)
-        none = np.where(passed == 0, -_NONE_PASSED * self.behind * hoped, 0.0)
-        return np.asarray(_PASSED * np.minimum(passed, _MOST_PASSED) + none)
+        passed = self.crossed.query_ball_point(centres, INNER_BORE * radii, return_length=True)
+        hoped = np.minimum(0.3 * np.pi * (INNER_BORE * radii / spacing) ** 2, 1.0)
+        none = np.where(passed == 0, -NONE_PASSED_NATS * self.behind * hoped, 0.0)
+        return np.asarray(PASSED_NATS * np.minimum(passed, MOST_PASSED) + none)
 
     def none_passed(self, centres: FloatArray, radius: float) -> bool:
         """Whether no beam went through any of circles (m, 2), though most that miss the plate come back."""
         if self.crossed is None or self.behind < 0.5:
             return False
-        return not np.any(self.crossed.query_ball_point(centres, _INNER_BORE * radius, return_length=True))
+        return not np.any(self.crossed.query_ball_point(centres, INNER_BORE * radius, return_length=True))
 
     def _of_bores(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         up, down = self.walls(centres, radii, spacing)
-        gain = [_A_SECTOR * np.maximum(side.sum(axis=1) - _CHANCE, 0) for side in (up, down)]
+        gain = [SECTOR_NATS * np.maximum(side.sum(axis=1) - CHANCE_SECTORS, 0) for side in (up, down)]
         if self.outward == 0:
             return np.asarray(np.maximum(*gain) - np.minimum(*gain))
         outer, inner = gain if self.outward > 0 else gain[::-1]
-        return np.asarray(inner - _A_BOSS * outer)
+        return np.asarray(inner - BOSS_FACTOR * outer)
 
     def _without_edge(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         """What tells against holes (m,) of a whole part: sectors of their rims from which no wall goes."""
-        owner, gap, height, sector = self._around(centres, radii, _EDGE * spacing)
-        near = (np.abs(gap) < _EDGE * spacing) & (np.abs(height) < _NEAR * spacing)
+        owner, gap, height, sector = self._around(centres, radii, EDGE_BAND * spacing)
+        near = (np.abs(gap) < EDGE_BAND * spacing) & (np.abs(height) < RIM_BAND * spacing)
         counts = np.bincount((owner * N_SECTORS + sector)[near], minlength=len(radii) * N_SECTORS)
         bare = (counts.reshape(len(radii), N_SECTORS) == 0).sum(axis=1)
-        return np.asarray(_A_BARE * np.maximum(bare - _MOST_BARE, 0))
+        return np.asarray(BARE_NATS * np.maximum(bare - MOST_BARE, 0))
 
     def _around(
         self, centres: FloatArray, radii: FloatArray, beyond: float
@@ -394,7 +403,7 @@ class Openings:
         """Return in which of 8 sectors (m, 8) a wall stands on the rim above the plate, and below it."""
         shape = (len(radii), N_SECTORS)
         owner, gap, height, sector = self._around(centres, radii, 3 * self.reach)
-        near = np.abs(height) < _DEEP[0] * radii[owner] + _DEEP[1] * spacing
+        near = np.abs(height) < BORE_DEPTH[0] * radii[owner] + BORE_DEPTH[1] * spacing
         walls = []
         for side in (1, -1):
             chosen = near & (side * height > 0)
@@ -417,7 +426,7 @@ def openings(plate: HolePlate, measured: Measurements, spacing: float) -> Openin
     elif off.any():
         outward = _outer_side(plate, spacing)
     tree = cKDTree(plate.uv[off]) if off.any() else None
-    reach = max(_WALL * spacing, 3 * plate.noise)
+    reach = max(BORE_BAND * spacing, 3 * plate.noise)
     return Openings(
         outward=outward,
         off=tree,
@@ -431,7 +440,7 @@ def openings(plate: HolePlate, measured: Measurements, spacing: float) -> Openin
 
 def _has_walls(plate: HolePlate, spacing: float) -> bool:
     """Whether points near and off the plate stand along most of its edges."""
-    off = (np.abs(plate.height) > 1.5 * plate.slab) & (np.abs(plate.height) < _NEAR * spacing)
+    off = (np.abs(plate.height) > 1.5 * plate.slab) & (np.abs(plate.height) < RIM_BAND * spacing)
     on = plate.uv[plate.is_on]
     if not off.any() or len(on) < 9:
         return False
@@ -441,7 +450,7 @@ def _has_walls(plate: HolePlate, spacing: float) -> bool:
     if not lopsided.any():
         return False
     far = cKDTree(plate.uv[off]).query(on[lopsided])[0]
-    return bool((far < spacing).mean() > _MOST_WALLED)
+    return bool((far < spacing).mean() > WALLED_SHARE)
 
 
 def _through(plate: HolePlate, beams: PixelBeams) -> tuple[cKDTree | None, float]:
@@ -466,7 +475,7 @@ def _outer_side(plate: HolePlate, spacing: float) -> int:
     on = np.flatnonzero(plate.is_on)
     places = plate.uv[on[:: max(1, len(on) // _N_RAYS)]]
     off = np.abs(plate.height) > 1.5 * plate.slab
-    lists = cKDTree(plate.uv[off]).query_ball_point(places, _COLUMN * spacing)
+    lists = cKDTree(plate.uv[off]).query_ball_point(places, COVERED * spacing)
     votes = np.zeros((2, 2))
     for near_points in lists:
         heights = plate.height[off][near_points]

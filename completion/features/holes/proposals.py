@@ -16,15 +16,22 @@ from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
 from completion.features.holes.candidates import HoleCandidates, rim_scores
+from completion.features.holes.limits import (
+    ALIKE,
+    EXACT_CANDIDATE,
+    LEAST_HOLES,
+    MOST_IN_LINE,
+    N_COUNTS,
+    NEARBY,
+    SINGULAR,
+    SOFT_PLACE,
+    WEB,
+)
 from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, SYMMETRIES, Pattern, fit_pattern
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
 
-_N_COUNTS = 10.0  # counts that a pattern might have had
-_EXACT = 0.1  # spacings: to which a candidate's centre and radius are known at best
-_SINGULAR = -20.0  # log of a determinant against that of parameters that move holes apart from others
 _N_THROWN = 4_000  # places that tell how rare a hole's looks are
-_SOFT = 0.3  # spacings: how exactly they are placed
 
 
 def log_chance(
@@ -64,16 +71,16 @@ def log_chance(
     slopes = pattern.slopes[places].reshape(2 * n, p)
     sign, determinant = np.linalg.slogdet(slopes.T @ slopes)
     alone = np.einsum("ij,ij->j", slopes, slopes)
-    if sign <= 0 or determinant < _SINGULAR + np.log(np.maximum(alone, 1e-300)).sum():
+    if sign <= 0 or determinant < SINGULAR + np.log(np.maximum(alone, 1e-300)).sum():
         return np.inf  # these holes do not tell where the others are
     measure = 0.5 * determinant + _log_room(pattern, area)
     off = candidates.centres[chosen] - pattern.centres[places]
     freedom = 2 * n - p
-    square = float(np.einsum("ij,ij->", off, off)) + freedom * (_EXACT * spacing) ** 2
+    square = float(np.einsum("ij,ij->", off, off)) + freedom * (EXACT_CANDIDATE * spacing) ** 2
     tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1) if freedom else 0.0
     at_places = ways - np.log(symmetry) + measure + tube - n * np.log(area)
     skipped = gammaln(pattern.count + 1) - gammaln(n + 1) - gammaln(pattern.count - n + 1)
-    return float(at_places + _log_alike(candidates, chosen, spacing) + skipped + np.log(_N_COUNTS))
+    return float(at_places + _log_alike(candidates, chosen, spacing) + skipped + np.log(N_COUNTS))
 
 
 def _log_room(pattern: Pattern, area: float) -> float:
@@ -89,8 +96,8 @@ def _log_alike(candidates: HoleCandidates, chosen: IntArray, spacing: float) -> 
     """Log of the probability that radii are as equal as those chosen (n,), of candidates as they are."""
     radii: FloatArray = candidates.radii[chosen]
     freedom = len(radii) - 1
-    wide = 2 * np.sqrt(np.pi) * max(float(candidates.radii.std()), _EXACT * spacing)
-    square = float(((radii - radii.mean()) ** 2).sum()) + freedom * (_EXACT * spacing) ** 2
+    wide = 2 * np.sqrt(np.pi) * max(float(candidates.radii.std()), EXACT_CANDIDATE * spacing)
+    square = float(((radii - radii.mean()) ** 2).sum()) + freedom * (EXACT_CANDIDATE * spacing) ** 2
     tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1) + 0.5 * np.log(freedom + 1)
     return float(min(tube - freedom * np.log(wide), 0.0))
 
@@ -106,7 +113,7 @@ def looks(radius: float, survey: PlateSurvey, opened: Openings) -> FloatArray:
     places = corner + extent * rng.uniform(size=(_N_THROWN, 2))
     places = places[~survey.is_no_hole(places, np.full(_N_THROWN, radius))]
     radii = np.full(len(places), radius)
-    thrown = rim_scores(survey, places, radii, np.full(len(places), _SOFT * survey.spacing)).evidence
+    thrown = rim_scores(survey, places, radii, np.full(len(places), SOFT_PLACE * survey.spacing)).evidence
     return np.asarray(np.sort(thrown + opened.evidence(places, radii, survey.spacing)))
 
 
@@ -117,13 +124,7 @@ def log_rarity(evidence: FloatArray, thrown: FloatArray) -> FloatArray:
 
 
 _MULTIPLES = (1, 2, 3)  # pitches between two candidates
-_FARTHEST = 24  # pitches from a candidate
-_NEAR = 0.7  # spacings between a candidate, of a pair or a third, and its place
-ALIKE = 0.6, 0.05  # spacings and shares of the radius by which radii of candidates differ
-_WEB = 0.8  # spacings between neighbouring rims at least: holes that touch are slots
-_MOST_ON_CIRCLE = 24
 _MOST_TRIED, _MOST = 100, 6
-_LEAST_SEEN = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,7 +170,7 @@ def proposals(
     a turn (triples, on a circle); all candidates near the other places of the lattice are matched, and the
     pattern is fitted to them.
     """
-    if len(candidates) < _LEAST_SEEN:
+    if len(candidates) < LEAST_HOLES:
         return []
     search = Search.of(candidates, area, spacing, given)
     begun = {ROW: _rows, GRID: _grids, CIRCLE: _circles}[kind](search)
@@ -197,7 +198,7 @@ def _promise(search: Search, pattern: Pattern, places: IntArray) -> float:
     n = len(places)
     window = pattern.count if pattern.kind == CIRCLE else (np.ptp(i) + 1) * (np.ptp(j) + 1)
     ways = gammaln(window + 1) - gammaln(n + 1) - gammaln(window - n + 1)
-    by_chance = len(search.candidates) * np.pi * (_NEAR * search.spacing) ** 2 / search.area
+    by_chance = len(search.candidates) * np.pi * (NEARBY * search.spacing) ** 2 / search.area
     return float(-n * np.log(by_chance) - ways)
 
 
@@ -218,7 +219,7 @@ def _fit_proposal(search: Search, begun: Pattern, places: IntArray, chosen: IntA
         if best is not None and chance >= best.log_chance:
             break
         best = Proposal(pattern, places, chosen, chance)
-        if len(chosen) <= _LEAST_SEEN + (begun.kind == GRID):
+        if len(chosen) <= LEAST_HOLES + (begun.kind == GRID):
             break
         off = np.hypot(*(candidates.centres[chosen] - pattern.centres[places]).T)
         off = off + np.abs(candidates.radii[chosen] - pattern.radius)
@@ -233,8 +234,8 @@ def _fits(pattern: Pattern, spacing: float) -> bool:
         apart = 2 * pattern.x[3] * np.sin(np.pi / pattern.count)
     else:
         apart = pattern.x[3:].min()
-    least = (2, 2) if pattern.kind == GRID else (_LEAST_SEEN, 1)
-    return bool(apart > 2 * pattern.radius + _WEB * spacing and min(np.array(pattern.shape) - least) >= 0)
+    least = (2, 2) if pattern.kind == GRID else (LEAST_HOLES, 1)
+    return bool(apart > 2 * pattern.radius + WEB * spacing and min(np.array(pattern.shape) - least) >= 0)
 
 
 def _trim_pattern(pattern: Pattern, places: IntArray) -> tuple[Pattern, IntArray]:
@@ -255,7 +256,7 @@ def pairs(search: Search) -> tuple[IntArray, IntArray, FloatArray]:
     length = np.hypot(*pitch.T)
     fits = length > 2 * search.candidates.radii[first]
     if "pitch" in search.given:
-        fits &= np.abs(length - search.given["pitch"]) < _NEAR * search.spacing
+        fits &= np.abs(length - search.given["pitch"]) < NEARBY * search.spacing
     return first[fits], two[fits], pitch[fits]
 
 
@@ -281,17 +282,17 @@ def _rows(search: Search) -> _Begun:
     first, _, pitch = pairs(search)
     if not len(first):
         return
-    number = np.arange(-_FARTHEST, _FARTHEST + 1)
+    number = np.arange(-MOST_IN_LINE, MOST_IN_LINE + 1)
     places = search.candidates.centres[first][:, None] + number[None, :, None] * pitch[:, None]
-    reach = _NEAR * search.spacing * (1 + 0.25 * np.abs(number))
+    reach = NEARBY * search.spacing * (1 + 0.25 * np.abs(number))
     reach = np.minimum(reach[None, :], 0.3 * np.hypot(*pitch.T)[:, None])
     match = _match_candidates(search, places, first, reach)
-    for row in np.flatnonzero((match >= 0).sum(axis=1) >= _LEAST_SEEN):
+    for row in np.flatnonzero((match >= 0).sum(axis=1) >= LEAST_HOLES):
         at = np.flatnonzero(match[row] >= 0)
         angle, length = np.arctan2(pitch[row, 1], pitch[row, 0]), float(np.hypot(*pitch[row]))
         for run in _runs(number[at]):
             kept = at[run]
-            if len(kept) < _LEAST_SEEN:
+            if len(kept) < LEAST_HOLES:
                 continue
             x = np.array([*search.candidates.centres[first[row]], angle, search.given.get("pitch", length)])
             pattern = Pattern(ROW, (len(number), 1), x, 0.0)
@@ -316,14 +317,14 @@ def _grids(search: Search) -> _Begun:
         across = np.array([-along[1], along[0]])
         offset = (candidates.centres - candidates.centres[first[row]]) @ np.stack([along, across], axis=1)
         steps = np.round(offset[:, 0] / length)
-        near = np.abs(offset[:, 0] - steps * length) < _NEAR * search.spacing * (1 + 0.25 * np.abs(steps))
+        near = np.abs(offset[:, 0] - steps * length) < NEARBY * search.spacing * (1 + 0.25 * np.abs(steps))
         near &= (offset[:, 1] > 2 * candidates.radii[first[row]]) & search.alike(
             first[row], np.arange(len(candidates))
         )
         widths = np.unique(np.round([offset[k, 1] / m for k in np.flatnonzero(near) for m in (1, 2)], 9))
         widths = widths[widths > 2 * candidates.radii[first[row]]]
         if "pitch_2" in search.given:
-            widths = widths[np.abs(widths - search.given["pitch_2"]) < 2 * _NEAR * search.spacing]
+            widths = widths[np.abs(widths - search.given["pitch_2"]) < 2 * NEARBY * search.spacing]
         if not len(widths):
             continue
         places = (
@@ -331,7 +332,7 @@ def _grids(search: Search) -> _Begun:
             + i[:, None] * pitch[row]
             + widths[:, None, None] * j[:, None] * across
         )
-        reach = _NEAR * search.spacing * (1 + 0.25 * (np.abs(i) + np.abs(j)))
+        reach = NEARBY * search.spacing * (1 + 0.25 * (np.abs(i) + np.abs(j)))
         reach = np.minimum(reach[None], 0.3 * np.minimum(length, widths)[:, None])
         match = _match_candidates(search, places, np.full(len(widths), first[row]), reach)
         for number in np.flatnonzero((match >= 0).sum(axis=1) >= 4):
@@ -348,7 +349,7 @@ def _grids(search: Search) -> _Begun:
 def _circles(search: Search) -> _Begun:
     """Bolt circles through triples whose angles are shares of a turn."""
     candidates, longest = search.candidates, np.sqrt(search.area)
-    counts = np.arange(3, _MOST_ON_CIRCLE + 1)
+    counts = np.arange(3, MOST_IN_LINE + 1)
     if "count" in search.given:
         counts = counts[counts == round(search.given["count"])]
     number = np.arange(len(candidates))
@@ -359,7 +360,7 @@ def _circles(search: Search) -> _Begun:
         middle, radius = _through(candidates.centres[a], candidates.centres[b], candidates.centres[c])
         fits = (radius > 2 * candidates.radii[a] / np.sqrt(3)) & (radius < longest)
         if "circle_radius" in search.given:
-            fits &= np.abs(radius - search.given["circle_radius"]) < 2 * _NEAR * search.spacing
+            fits &= np.abs(radius - search.given["circle_radius"]) < 2 * NEARBY * search.spacing
         b, c, middle, radius = b[fits], c[fits], middle[fits], radius[fits]
         turn = [_turn(candidates.centres[k] - middle) for k in (np.full(len(b), a), b, c)]
         for n in counts:
@@ -367,7 +368,7 @@ def _circles(search: Search) -> _Begun:
                 np.abs((share := (angles - turn[0]) * n / (2 * np.pi)) - np.round(share))
                 for angles in turn[1:]
             ]
-            tolerance = 1.5 * _NEAR * search.spacing / radius * n / (2 * np.pi)
+            tolerance = 1.5 * NEARBY * search.spacing / radius * n / (2 * np.pi)
             good = (off[0] < tolerance) & (off[1] < tolerance) & (tolerance < 0.25)
             good &= 2 * radius * np.sin(np.pi / n) > 2 * candidates.radii[a]
             rows = np.flatnonzero(good)
@@ -377,9 +378,9 @@ def _circles(search: Search) -> _Begun:
             ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
             places = middle[rows, None] + radius[rows, None, None] * ring
             match = _match_candidates(
-                search, places, np.full(len(rows), a), np.array(1.5 * _NEAR * search.spacing)
+                search, places, np.full(len(rows), a), np.array(1.5 * NEARBY * search.spacing)
             )
-            enough = np.maximum(_LEAST_SEEN, np.ceil(0.5 * n))
+            enough = np.maximum(LEAST_HOLES, np.ceil(0.5 * n))
             for k in np.flatnonzero((match >= 0).sum(axis=1) >= enough):
                 at = np.flatnonzero(match[k] >= 0)
                 if match[k, at].min() < a:
@@ -431,7 +432,7 @@ def matches(pattern: Pattern, candidates: HoleCandidates, spacing: float) -> tup
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     off = np.linalg.norm(pattern.centres[:, None] - candidates.centres, axis=2)
     apart = np.abs(candidates.radii - pattern.radius)
-    unlike = (off > _NEAR * spacing) | (apart > ALIKE[0] * spacing + ALIKE[1] * pattern.radius)
+    unlike = (off > NEARBY * spacing) | (apart > ALIKE[0] * spacing + ALIKE[1] * pattern.radius)
     cost = np.where(unlike, np.inf, off + apart)
     places = np.flatnonzero(np.isfinite(cost.min(axis=1)))
     return places, cost[places].argmin(axis=1)
@@ -463,7 +464,7 @@ def _steps(search: Search, survey: PlateSurvey) -> tuple[IntArray, IntArray, Flo
     """Pairs (m,) of like candidates, the pitch (m, 2) and the radius (m,), with room for holes between."""
     first, two, pitch = pairs(search)
     radius = (search.candidates.radii[first] + search.candidates.radii[two]) / 2
-    room = np.hypot(*pitch.T) > 2 * radius + _WEB * search.spacing
+    room = np.hypot(*pitch.T) > 2 * radius + WEB * search.spacing
     for place in (search.candidates.centres[first] + pitch, search.candidates.centres[two] - pitch):
         room &= ~survey.is_no_hole(place, radius)
     return first[room], two[room], pitch[room], radius[room]
@@ -498,8 +499,8 @@ def _grid_lattices(search: Search, survey: PlateSurvey) -> Iterator[Pattern]:
         n_along = int(
             np.rint(np.hypot(*(candidates.centres[two[k]] - candidates.centres[first[k]])) / length[k])
         )
-        least = 2 * radius[k] + _WEB * search.spacing
-        near = np.abs(offset[:, 0] - steps * length[k]) < _NEAR * search.spacing * (1 + 0.25 * np.abs(steps))
+        least = 2 * radius[k] + WEB * search.spacing
+        near = np.abs(offset[:, 0] - steps * length[k]) < NEARBY * search.spacing * (1 + 0.25 * np.abs(steps))
         near &= (np.abs(offset[:, 1]) > least) & search.alike(first[k], np.arange(len(candidates)))
         near &= (steps >= -_MOST_WIDE) & (steps <= n_along + _MOST_WIDE)
         for third in np.flatnonzero(near):
@@ -531,9 +532,9 @@ def _circle_lattices(search: Search, survey: PlateSurvey) -> Iterator[Pattern]:
     for n in _CIRCLE_COUNTS if "count" not in search.given else [round(search.given["count"])]:
         for step in range(1, n // 2 + 1):
             size = half / np.sin(np.pi * step / n)
-            fits = (2 * size * np.sin(np.pi / n) > 2 * radius + _WEB * search.spacing) & (size < longest)
+            fits = (2 * size * np.sin(np.pi / n) > 2 * radius + WEB * search.spacing) & (size < longest)
             if "circle_radius" in search.given:
-                fits &= np.abs(size - search.given["circle_radius"]) < 2 * _NEAR * search.spacing
+                fits &= np.abs(size - search.given["circle_radius"]) < 2 * NEARBY * search.spacing
             high = np.sqrt(np.maximum(size**2 - half**2, 0.0))
             for side in (1, -1) if 2 * step != n else (1,):
                 k = np.flatnonzero(fits)

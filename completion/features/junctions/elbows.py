@@ -8,9 +8,20 @@ from typing import cast
 
 import numpy as np
 
+from completion.features.engine.limits import LEAST_EVIDENCE
 from completion.features.engine.template import FeatureSide, FeatureStatus, Measurements, TemplateFit
-from completion.features.junctions.models import (
+from completion.features.junctions.limits import (
+    JOINT_POINTS,
     LEAST_SIGMA,
+    LEAST_TURN,
+    MISS_START,
+    OTHER_RADIUS,
+    SIDE_POINTS,
+    TIGHTEST,
+    VAGUE_BEND,
+    WITHIN_SD,
+)
+from completion.features.junctions.models import (
     Descent,
     Mixture,
     Model,
@@ -20,14 +31,7 @@ from completion.features.junctions.models import (
     elbow,
     thickness,
 )
-from completion.features.junctions.weighing import (
-    LEAST_EVIDENCE,
-    Alternative,
-    WeighedFit,
-    sides_of,
-    told_covariance,
-    weigh,
-)
+from completion.features.junctions.weighing import Alternative, WeighedFit, sides_of, told_covariance, weigh
 from completion.fitting.held import given_of_shape
 from completion.fitting.result import FitError
 from completion.fitting.robust import consensus_surface, fit_robust
@@ -38,10 +42,6 @@ from scenes.surfaces.catalogue import Cylinder, Torus
 _N_SAMPLE = 1_500
 _BENDS = (1.0, 1.5, 2.2, 3.2, 4.8)  # radii of the tube, where nothing says more
 _HALVES = tuple(np.radians([15.0, 22.5, 30.0, 45.0]))
-_WITHIN = 4.0  # roughnesses, that a point may be from a tube
-_MISS = 1.0  # radii by which axes may miss each other
-_LEAST_ANGLE = np.radians(8.0)  # by which a pipe turns
-_LEAST_LEFT = 30
 
 
 def bend_starts(points: FloatArray, given: FloatArray) -> list[Model]:
@@ -56,15 +56,15 @@ def bend_starts(points: FloatArray, given: FloatArray) -> list[Model]:
     """
     sample = points[:: max(1, len(points) // _N_SAMPLE)]
     normals, roughness = orient_normals(sample, points)
-    tubes = _tubes(sample, normals, _WITHIN * roughness, given[2])
+    tubes = _tubes(sample, normals, WITHIN_SD * roughness, given[2])
     starts = [model for pair in _pairs(tubes) for model in _elbows_between(*pair, given)]
     if starts:
         return starts
     try:
-        bend = cast(Torus, consensus_surface(sample, normals, "torus", _WITHIN * roughness))
+        bend = cast(Torus, consensus_surface(sample, normals, "torus", WITHIN_SD * roughness))
     except FitError:
         return []
-    on = np.abs(bend.distance(sample)) < _WITHIN * roughness
+    on = np.abs(bend.distance(sample)) < WITHIN_SD * roughness
     return _about(bend, sample[on], given)
 
 
@@ -75,7 +75,7 @@ def _tubes(
     held = given_of_shape("cylinder", float(radius), None) if np.isfinite(radius) else None
     tubes, left = [], np.ones(len(sample), dtype=np.bool_)
     for _ in range(3):
-        if left.sum() < _LEAST_LEFT:
+        if left.sum() < SIDE_POINTS:
             break
         try:
             tube = cast(Cylinder, consensus_surface(sample[left], normals[left], "cylinder", tolerance, held))
@@ -83,7 +83,7 @@ def _tubes(
             break
         across = np.abs(np.einsum("ij,j->i", normals, tube.direction)) < 0.35
         on: BoolArray = left & (np.abs(tube.distance(sample)) < tolerance) & across
-        if on.sum() < _LEAST_LEFT // 2:
+        if on.sum() < SIDE_POINTS // 2:
             break
         tubes.append((tube, sample[on]))
         left &= ~on
@@ -101,10 +101,10 @@ def _pairs(tubes: list[_Tube]) -> list[tuple[_Tube, _Tube]]:
             second = tubes[j][0]
             normal = np.cross(first.direction, second.direction)
             sine = float(np.linalg.norm(normal))
-            if sine < np.sin(_LEAST_ANGLE):
+            if sine < LEAST_TURN:
                 continue
             miss = abs(float((first.point - second.point) @ normal)) / sine
-            if miss < _MISS * max(first.radius, second.radius):
+            if miss < MISS_START * max(first.radius, second.radius):
                 pairs.append((tubes[i], tubes[j]))
     return pairs
 
@@ -162,10 +162,6 @@ NAMES = (*SHAPE, "corner_x", "corner_y", "corner_z", "axis_x", "axis_y", "axis_z
 FACES = ("bend", "tube 1", "tube 2")
 _PLAIN = {"plane": 3, "sphere": 4, "cylinder": 5, "torus": 7}
 _ARTICLE = {"plane": "a plane", "sphere": "a sphere", "cylinder": "one cylinder"}
-_VAGUE = 0.3  # of a value, that its standard deviation may be
-_OTHER = 0.15  # of a radius, by which another solution differs
-_TIGHTEST = 0.8  # of the tube's radius, that a bend has
-_LEAST_POINTS = 60
 
 
 def fit_elbow(measured: Measurements, given: Mapping[str, float]) -> TemplateFit:
@@ -183,8 +179,8 @@ def fit_elbow(measured: Measurements, given: Mapping[str, float]) -> TemplateFit
         held exactly.
     """
     n = len(measured.points)
-    if n < _LEAST_POINTS:
-        return TemplateFit.absent("elbow", NAMES, n, f"{n} points are too few for an elbow ({_LEAST_POINTS})")
+    if n < JOINT_POINTS:
+        return TemplateFit.absent("elbow", NAMES, n, f"{n} points are too few for an elbow ({JOINT_POINTS})")
     unit = at_unit(measured)
     held = {name: value for name, value in given.items() if name in SHAPE}
     elbow = _fit_elbow(unit, held)
@@ -217,7 +213,7 @@ def _fit_elbow(unit: Unit, given: Mapping[str, float]) -> WeighedFit | str:
 def _is_bend(model: Model) -> bool:
     """Whether the shape is one: a bend that is no tighter than its tube, and less than half a turn."""
     half, bend, tube = model.shape
-    return bool(0.02 < half < 1.55 and tube > 0 and bend > _TIGHTEST * tube)
+    return bool(0.02 < half < 1.55 and tube > 0 and bend > TIGHTEST * tube)
 
 
 def _alternatives(points: FloatArray, best: Descent) -> list[Alternative]:
@@ -243,7 +239,7 @@ def _rival(pairs: Sequence[Descent], factor: float, excess: float) -> str:
     first = pairs[0].model.shape
     for descent in pairs[1:]:
         behind = (pairs[0].log_likelihood - descent.log_likelihood) / excess
-        if behind < LEAST_EVIDENCE and (np.abs(descent.model.shape - first) > _OTHER * first).any():
+        if behind < LEAST_EVIDENCE and (np.abs(descent.model.shape - first) > OTHER_RADIUS * first).any():
             bend, tube = descent.model.shape[1:] / factor
             return (
                 f"a bend of {bend:.4g} of a tube of {tube:.4g} is nearly as likely ({behind:.1f} nats less)"
@@ -311,7 +307,7 @@ def _judge_elbow(
     if elbow.rival:
         return FeatureStatus.AMBIGUOUS, elbow.rival
     deviations = np.sqrt(np.diag(covariance)[:3])
-    vague = [name for name, value, sd in zip(SHAPE, x, deviations, strict=False) if sd > _VAGUE * value]
+    vague = [name for name, value, sd in zip(SHAPE, x, deviations, strict=False) if sd > VAGUE_BEND * value]
     if vague:
         return FeatureStatus.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
     return FeatureStatus.FOUND, ""

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.features.engine.template import Measurements
+from completion.features.junctions.limits import LEAST_SIGMA, OUTLIERS, SAME_SURFACE, WITHIN_SD
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 POSE = ("turn_x", "turn_y", "turn_z", "x", "y", "z")
@@ -171,7 +172,7 @@ def elbow(local: FloatArray, shape: FloatArray) -> ProfileSection:
 
 N_DIRECTIONS = 12
 _SPLITS = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # of an arc, where a joint may be
-_NEAR, _N_REWEIGHTED = 4.0, 6  # sigmas from one arc within which points tell where two are; rounds
+_N_REWEIGHTED = 6  # rounds
 
 
 class Unit(NamedTuple):
@@ -233,7 +234,7 @@ def split_starts(single: Model, points: FloatArray, sigma: float, is_free: BoolA
     these is a better start than one of guessed bends: outliers hide which of several valleys is the deepest.
     """
     k, local, far = float(single.shape[0]), single.local(points), single.distance(points)
-    near = np.abs(far) < _NEAR * sigma
+    near = np.abs(far) < WITHIN_SD * sigma
     angles = np.arctan2(k * local[:, 1], 1 + k * local[:, 0]) if k else local[:, 1]
     starts = []
     for angle in np.quantile(angles[near] if near.any() else angles, _SPLITS):
@@ -263,7 +264,6 @@ def _bent(s: FloatArray, far: FloatArray, near: BoolArray, sigma: float) -> Floa
 
 
 _N_MIXTURE_ROUNDS = 60
-_SHARES = (0.002, 0.9)  # of outliers, least and most
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,7 +299,7 @@ class Mixture:
             if total < 1:
                 break
             new = max(float(np.sqrt(weight @ square / total)), least)
-            share = float(np.clip(1 - total / len(distances), *_SHARES))
+            share = float(np.clip(1 - total / len(distances), *OUTLIERS))
             done = abs(new - mixture.sigma) < 1e-5 * new
             mixture = cls(new, share, reach)
             if done:
@@ -331,8 +331,6 @@ _CAUCHY = (0.3, 0.1, 0.03)  # scales at unit RMS
 _N_STEPS, _N_ROUNDS = 12, 30
 _DAMPING = 1e-3
 _LEAST_STEP, _COARSE_STEP = 1e-6, 1e-2  # of all residuals, by which the last step changes them
-LEAST_SIGMA = 1e-6  # at unit RMS: what has no noise counts as this
-_SAME = 1e-2  # at unit RMS: how far apart two surfaces may be and count as one
 
 Weights = Callable[[FloatArray], FloatArray]
 """From distances (n,) to weights (n,)."""
@@ -437,7 +435,7 @@ def _distinct(pairs: Sequence[Descent], sample: FloatArray) -> list[Descent]:
     sizes: list[FloatArray] = []
     for descent in pairs:
         size = np.abs(descent.model.distance(sample))
-        if all(np.abs(size - other).mean() > _SAME for other in sizes):
+        if all(np.abs(size - other).mean() > SAME_SURFACE for other in sizes):
             kept.append(descent)
             sizes.append(size)
     return kept

@@ -18,6 +18,25 @@ from scipy.spatial import cKDTree
 from completion.features.engine.template import FeatureStatus, Given, Measurements, TemplateFit, best_first
 from completion.features.engine.template_fit import NOTHING
 from completion.features.junctions.elbows import fit_elbow
+from completion.features.junctions.limits import (
+    ACROSS,
+    ARM_RADII,
+    BEND_RADII,
+    CORNER_RADII,
+    FLAT_SHARE,
+    JOINT_POINTS,
+    LEAST_TURN,
+    MISS_RADII,
+    PARALLEL,
+    PATCH_SD,
+    PATCH_TURN,
+    SAME_JOINT,
+    SAME_TUBE,
+    SIDE_POINTS,
+    TANGENT,
+    TOUCHING_PAIRS,
+    WHOLE_SHARE,
+)
 from completion.features.junctions.models import Descent, Unit, at_unit, descend_to_rest, thickness
 from completion.features.junctions.tangent import fit_junction
 from completion.features.junctions.weighing import one_arc
@@ -26,13 +45,10 @@ from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 _MOST_CLOUD_POINTS = 16_000
 _N_NEIGHBOURS = 16
 _BALLS = (120, 48)  # points that a patch begins with, first and where that was too large
-_LEAST_PATCH_POINTS = 30  # of a patch
 _N_SEEDS = 90
 _N_GROWTHS = 6
 _N_FITTED, _N_ROUNDS = 800, 3
 _N_DIRECTIONS = 4  # that a patch begins in
-_WITHIN, _ANGLE = 3.5, np.cos(np.radians(20.0))  # sigma, and of the normal, that belong to a patch
-_FLAT = 0.02  # of its size, that a patch may bend and count as a plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +117,7 @@ def find_patches(cloud: OrientedCloud) -> list[CloudPatch]:
     patches: list[CloudPatch] = []
     for _ in range(_N_SEEDS):
         open_ = order[(untried & free)[order]]
-        if len(open_) == 0 or free.sum() < _LEAST_PATCH_POINTS:
+        if len(open_) == 0 or free.sum() < SIDE_POINTS:
             break
         seed = int(open_[0])
         patch = _grown(cloud, seed, free)
@@ -119,7 +135,7 @@ def _grown(cloud: OrientedCloud, seed: int, free: BoolArray) -> CloudPatch | Non
     """A patch about a seed, of free points."""
     for size in _BALLS:
         ball = _ball(cloud, seed, free, size)
-        if len(ball) < _LEAST_PATCH_POINTS:
+        if len(ball) < SIDE_POINTS:
             return None
         patch = _from_ball(cloud, ball, free)
         if patch is not None:
@@ -136,11 +152,11 @@ def _from_ball(cloud: OrientedCloud, ball: IntArray, free: BoolArray) -> CloudPa
     for _ in range(_N_GROWTHS):
         section = fit.model.section(cloud.points)
         normal = section.slope @ fit.model.turn
-        agrees = np.abs(np.einsum("ij,ij->i", normal, cloud.normals)) > _ANGLE
-        band = _WITHIN * max(fit.mixture.sigma, cloud.noise)
+        agrees = np.abs(np.einsum("ij,ij->i", normal, cloud.normals)) > PATCH_TURN
+        band = PATCH_SD * max(fit.mixture.sigma, cloud.noise)
         on = free & agrees & (np.abs(section.distance) < band)
         grown = _connected_part(cloud, on, ball)
-        if len(grown) < _LEAST_PATCH_POINTS:
+        if len(grown) < SIDE_POINTS:
             return None
         if len(grown) == len(members) and (grown == members).all():
             break
@@ -148,7 +164,7 @@ def _from_ball(cloud: OrientedCloud, ball: IntArray, free: BoolArray) -> CloudPa
         fit = _refit(fit, cloud.points[members])
     size = float(np.ptp(fit.model.local(cloud.points[members])[:, 1]))
     sagitta = abs(fit.model.shape[0]) * size**2 / 8
-    return CloudPatch(members, fit, is_flat=bool(sagitta < max(_FLAT * size, 2 * cloud.noise)))
+    return CloudPatch(members, fit, is_flat=bool(sagitta < max(FLAT_SHARE * size, 2 * cloud.noise)))
 
 
 def _fit_surface(cloud: OrientedCloud, members: IntArray) -> Descent:
@@ -197,14 +213,6 @@ def _connected_part(cloud: OrientedCloud, on: BoolArray, ball: IntArray) -> IntA
     return np.asarray(number[label == np.bincount(label[inside]).argmax()])
 
 
-_LEAST_TOUCHING = 6  # pairs of neighbours
-_PARALLEL, _ACROSS, _TANGENT = np.cos(np.radians(15.0)), np.sin(np.radians(15.0)), np.cos(np.radians(25.0))
-_ALIKE = 0.2  # of a radius, by which two tubes of a pipe may differ
-_LEAST_TURN = np.sin(np.radians(8.0))
-_MISS, _FAR, _OUT, _ARM = 0.8, 9.0, 2.2, 8.0  # radii: axes apart, corner away, bend off the axes, arms
-_LEAST_POINTS = 60
-
-
 class JunctionCandidate(NamedTuple):
     """Where a feature may be: its kind, and points (n, 3) about it, by truth (n,) of the cloud."""
 
@@ -221,12 +229,12 @@ def touching_patches(cloud: OrientedCloud, patches: list[CloudPatch]) -> list[Ju
     pairs = []
     for (i, j), border in _borders(cloud, label).items():
         first, second = patches[i], patches[j]
-        if len(border) < _LEAST_TOUCHING or (first.is_flat and second.is_flat):
+        if len(border) < TOUCHING_PAIRS or (first.is_flat and second.is_flat):
             continue
         if not _are_tangent(first, second, cloud.points[border]):
             continue
         members = _about(cloud, first, second, border)
-        if len(members) >= _LEAST_POINTS:
+        if len(members) >= JOINT_POINTS:
             pairs.append(
                 JunctionCandidate("junction", members, float(min(len(first.members), len(second.members))))
             )
@@ -259,10 +267,10 @@ def _are_tangent(first: CloudPatch, second: CloudPatch, border: FloatArray) -> b
     agree = np.abs(np.einsum("ij,ij->i", *normals))
     if first.is_flat or second.is_flat:
         flat, round_ = (0, 1) if first.is_flat else (1, 0)
-        is_along = abs(float(np.median(normals[flat] @ axes[round_]))) < _ACROSS
+        is_along = abs(float(np.median(normals[flat] @ axes[round_]))) < ACROSS
     else:
-        is_along = abs(float(axes[0] @ axes[1])) > _PARALLEL
-    return bool(is_along and np.median(agree) > _TANGENT)
+        is_along = abs(float(axes[0] @ axes[1])) > PARALLEL
+    return bool(is_along and np.median(agree) > TANGENT)
 
 
 def _about(cloud: OrientedCloud, first: CloudPatch, second: CloudPatch, border: IntArray) -> IntArray:
@@ -276,14 +284,14 @@ def _about(cloud: OrientedCloud, first: CloudPatch, second: CloudPatch, border: 
 
 def crossing_tubes(cloud: OrientedCloud, patches: list[CloudPatch]) -> list[JunctionCandidate]:
     """Return pairs of tubes of like radii whose axes cross not far from both."""
-    tubes = [patch for patch in patches if not patch.is_flat and len(patch.members) >= _LEAST_POINTS // 2]
+    tubes = [patch for patch in patches if not patch.is_flat and len(patch.members) >= JOINT_POINTS // 2]
     pairs = []
     for i, first in enumerate(tubes):
         for second in tubes[:i]:
-            if abs(first.radius - second.radius) > _ALIKE * max(first.radius, second.radius):
+            if abs(first.radius - second.radius) > SAME_TUBE * max(first.radius, second.radius):
                 continue
             members = _pipe(cloud, first, second)
-            if len(members) >= _LEAST_POINTS:
+            if len(members) >= JOINT_POINTS:
                 worth = float(min(len(first.members), len(second.members)))
                 pairs.append(JunctionCandidate("elbow", members, worth))
     return sorted(pairs, key=lambda candidate: -candidate.worth)
@@ -296,7 +304,7 @@ def _pipe(cloud: OrientedCloud, first: CloudPatch, second: CloudPatch) -> IntArr
     axes = [_axis(patch) for patch in (first, second)]
     (p, a), (q, b) = axes
     sine = float(np.linalg.norm(np.cross(a, b)))
-    if sine < _LEAST_TURN or abs(float((q - p) @ np.cross(a, b))) / sine > _MISS * radius:
+    if sine < LEAST_TURN or abs(float((q - p) @ np.cross(a, b))) / sine > MISS_RADII * radius:
         return none
     along = float(a @ b)
     s, t = np.linalg.solve([[1.0, -along], [along, -1.0]], [(q - p) @ a, (q - p) @ b])
@@ -305,11 +313,11 @@ def _pipe(cloud: OrientedCloud, first: CloudPatch, second: CloudPatch) -> IntArr
     for patch, axis in ((first, a), (second, b)):
         reach = (cloud.points[patch.members] - corner) @ axis
         way = np.sign(np.median(reach)) * axis
-        if np.quantile(np.abs(reach), 0.05) > _FAR * radius or np.median(reach) == 0:
+        if np.quantile(np.abs(reach), 0.05) > CORNER_RADII * radius or np.median(reach) == 0:
             return none
         local = cloud.points - corner
-        height = np.clip(local @ way, 0.0, max(_ARM * radius, float(np.quantile(np.abs(reach), 0.5))))
-        on |= np.linalg.norm(local - height[:, None] * way, axis=1) < _OUT * radius
+        height = np.clip(local @ way, 0.0, max(ARM_RADII * radius, float(np.quantile(np.abs(reach), 0.5))))
+        on |= np.linalg.norm(local - height[:, None] * way, axis=1) < BEND_RADII * radius
     return np.flatnonzero(on)
 
 
@@ -323,8 +331,6 @@ KINDS = ("junction", "elbow")
 _FITS = {"junction": fit_junction, "elbow": fit_elbow}
 _CANDIDATES = {"junction": touching_patches, "elbow": crossing_tubes}
 _MOST_POINTS = 6_000  # that one fit looks at
-_WHOLE = 0.5  # of all points, that are on a feature which is all of them
-_SAME = 0.5  # of the smaller radius, between the joints of two fits that are one
 
 
 def find_junctions(
@@ -365,7 +371,7 @@ def find_junctions(
     whole = [_fit(kind, measured, np.arange(len(measured.points)), given, rng=rng) for kind in kinds]
     # what all points leave open, some of them cannot decide: a patch hides what speaks against it
     template_fit = [fit for fit in whole if fit.status is not FeatureStatus.NONE]
-    at_once = [fit for fit in template_fit if (fit.assignment > 0).mean() > _WHOLE]
+    at_once = [fit for fit in template_fit if (fit.assignment > 0).mean() > WHOLE_SHARE]
     if at_once:
         return best_first(at_once)
 
@@ -445,9 +451,9 @@ def _are_same(first: TemplateFit, second: TemplateFit) -> bool:
     size = min(float(r[np.isfinite(r)].min()) for r in radii)
     if first.kind == "elbow":
         middles = [fit.x[3:6] for fit in (first, second)]
-        return bool(np.linalg.norm(middles[0] - middles[1]) < 2 * _SAME * size)
+        return bool(np.linalg.norm(middles[0] - middles[1]) < 2 * SAME_JOINT * size)
     axis = (ends[0][1] - ends[0][0]) / max(float(np.linalg.norm(ends[0][1] - ends[0][0])), 1e-300)
     gap = ends[1].mean(axis=0) - ends[0].mean(axis=0)
     across = float(np.linalg.norm(gap - (gap @ axis) * axis))
     length = float(np.linalg.norm(ends[0][1] - ends[0][0]) + np.linalg.norm(ends[1][1] - ends[1][0])) / 2
-    return bool(across < _SAME * size and abs(float(gap @ axis)) < length)
+    return bool(across < SAME_JOINT * size and abs(float(gap @ axis)) < length)

@@ -8,7 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from completion.features.engine.limits import LEAST_EVIDENCE
 from completion.features.engine.template import FeatureSide, FeatureStatus, Measurements, TemplateFit
+from completion.features.junctions.limits import (
+    AHEAD_NATS,
+    LOOSE_JOINT,
+    MANY_OUTLIERS,
+    OTHER_RADIUS,
+    OUTLIER_NATS,
+    SIDE_POINTS,
+    VAGUE,
+    WITHIN_SD,
+)
 from completion.features.junctions.models import (
     Descent,
     Model,
@@ -22,7 +33,6 @@ from completion.features.junctions.models import (
     thickness,
 )
 from completion.features.junctions.weighing import (
-    LEAST_EVIDENCE,
     Certainty,
     WeighedFit,
     alternatives,
@@ -37,11 +47,6 @@ NAMES = ("radius_1", "radius_2", "joint_x", "joint_y", "joint_z", "axis_x", "axi
 FACES = ("surface 1", "surface 2")
 _FREE = np.array([True, True, True, True, True, False, True, True])
 _SIGNS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
-_VAGUE, _LOOSE = 0.1, 0.3  # of a radius, and of the length of a side, that a standard deviation may be
-_AHEAD, _EACH = 10.0, 0.015  # nats before another solution, and more for each outlier: these lie less evenly
-_OTHER = 0.15  # of a radius, by which another solution differs
-_MANY, _APART = 0.2, 4.0  # share of outliers from which sides must be so many sigma apart at their ends
-_LEAST_POINTS = 30
 _BINS = 12  # along a joint
 
 
@@ -61,9 +66,9 @@ def fit_junction(measured: Measurements, given: Mapping[str, float]) -> Template
         "radius_1", "radius_2": held exactly; inf for a plane. Without them the smaller is the first.
     """
     n = len(measured.points)
-    if n < _LEAST_POINTS:
+    if n < SIDE_POINTS:
         return TemplateFit.absent(
-            "junction", NAMES, n, f"{n} points are too few for a junction ({_LEAST_POINTS})"
+            "junction", NAMES, n, f"{n} points are too few for a junction ({SIDE_POINTS})"
         )
     unit = at_unit(measured)
     held = {name: value for name, value in given.items() if name in NAMES[:2]}
@@ -119,11 +124,11 @@ def _try_plane(descent: Descent, points: FloatArray, is_held: BoolArray) -> Desc
 def _rival(pairs: Sequence[Descent], factor: float, n: int, excess: float) -> str:
     """Another solution for n points that is nearly as likely and has other radii."""
     first = np.sort(np.abs(pairs[0].model.shape))
-    ahead = _AHEAD + _EACH * pairs[0].mixture.share * n
+    ahead = AHEAD_NATS + OUTLIER_NATS * pairs[0].mixture.share * n
     for descent in pairs[1:]:
         second = np.sort(np.abs(descent.model.shape))
         behind = (pairs[0].log_likelihood - descent.log_likelihood) / excess
-        if behind < ahead and (np.abs(second - first) > _OTHER * first.max()).any():
+        if behind < ahead and (np.abs(second - first) > OTHER_RADIUS * first.max()).any():
             radii = " and ".join(f"{1 / max(k * factor, 1e-12):.4g}" for k in second[::-1])
             return f"radii {radii} are nearly as likely ({behind:.1f} nats less)"
     return ""
@@ -222,17 +227,17 @@ def _judge_junction(
         return FeatureStatus.AMBIGUOUS, junction.rival
     deviations = np.sqrt(np.diag(covariance)[:2])
     vague = [
-        name for name, r, sd in zip(NAMES, x, deviations, strict=False) if np.isfinite(r) and sd > _VAGUE * r
+        name for name, r, sd in zip(NAMES, x, deviations, strict=False) if np.isfinite(r) and sd > VAGUE * r
     ]
     if vague:
         return FeatureStatus.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
     shorter = min(float(np.quantile(local[:, 1], 0.99)), -float(np.quantile(local[:, 1], 0.01)))
-    if sides[2].deviation > _LOOSE * shorter:
+    if sides[2].deviation > LOOSE_JOINT * shorter:
         return FeatureStatus.AMBIGUOUS, "the points hardly tell where the joint lies"
     model, mixture = junction.descent.model, junction.descent.mixture
     factor = 1 / (float(x[0]) * float(np.abs(model.shape).max()))
     apart = abs(float(model.shape[0] - model.shape[1])) * (factor * shorter) ** 2 / 2
-    if mixture.share > _MANY and apart < _APART * mixture.sigma:
+    if mixture.share > MANY_OUTLIERS and apart < WITHIN_SD * mixture.sigma:
         return (
             FeatureStatus.AMBIGUOUS,
             f"{mixture.share:.0%} outliers, and both sides bend too much alike for that",

@@ -11,8 +11,8 @@ import numpy as np
 from completion.features.engine.refinement import inflation, neighbour_cells
 from completion.features.engine.template import FeatureSide
 from completion.features.engine.template_fit import face_sides
+from completion.features.junctions.limits import LEAST_SIGMA, NOISE_SHARE, ROUGHER, SHARPEST
 from completion.features.junctions.models import (
-    LEAST_SIGMA,
     N_DIRECTIONS,
     Descent,
     Mixture,
@@ -33,7 +33,6 @@ _TIED = np.column_stack([np.eye(8)[:, :4], np.array([0, 0, 0, 0, 0, 0, 1.0, 1.0]
 _STRAIGHT = np.array([False, True, True, True, False, False, False, False])  # of no curvature
 _EDGE = np.array([True, True, True, True, True, False, True])
 _LEANS = np.array([[0.35], [-0.35]])
-_SHARPEST = np.radians(65.0)  # from a plane: one that leans more is folded, and halves the room of outliers
 
 
 class Alternative(NamedTuple):
@@ -63,7 +62,7 @@ def alternatives(points: FloatArray, reach: float, single: Descent) -> list[Alte
         Alternative("a plane", flat.log_likelihood, 3),
         Alternative("one cylinder", single.log_likelihood, 5),
     ]
-    open_ones = [descent for descent in sharp if abs(descent.model.shape[0]) < _SHARPEST]
+    open_ones = [descent for descent in sharp if abs(descent.model.shape[0]) < SHARPEST]
     pairs += [Alternative("a sharp edge", descent.log_likelihood, 6) for descent in open_ones[:1]]
     for kind, name, n in (("sphere", "a sphere", 4), ("cone", "a cone", 6)):
         try:
@@ -76,8 +75,7 @@ def alternatives(points: FloatArray, reach: float, single: Descent) -> list[Alte
 
 
 _STEP = 1e-6
-_N_ROUGH, _ROUGHER = 800, 3.0
-_NOISE = 0.5  # how likely a point is noise, that counts as on the surface
+_N_ROUGH = 800
 
 
 class Certainty(NamedTuple):
@@ -104,7 +102,7 @@ def certainty(descent: Descent, points: FloatArray, spacing: float) -> Certainty
     spread = slopes.T @ ((weight**2 * size2)[:, None] * slopes)
     inverse = np.linalg.pinv(curving, rcond=1e-14, hermitian=True) * mixture.sigma
     section = model.section(points)
-    near = weight > _NOISE
+    near = weight > NOISE_SHARE
     faces = np.where(near, section.face, 0)
     normals, residuals = section.slope[near] @ model.turn, distances[near]
     cells = neighbour_cells(points[near], residuals, normals, faces[near], spacing)
@@ -123,7 +121,7 @@ def misfit(descent: Descent, unit: Unit) -> str:
     points = unit.points
     _, roughness = orient_normals(points[:: max(1, len(points) // _N_ROUGH)], points)
     sigma, rough = descent.mixture.sigma, max(roughness, unit.measured.noise, LEAST_SIGMA)
-    if sigma <= _ROUGHER * rough:
+    if sigma <= ROUGHER * rough:
         return ""
     return f"residuals of {sigma / unit.factor:.3g} are no noise: points are {rough / unit.factor:.3g} rough"
 
@@ -158,10 +156,6 @@ def sides_of(names: tuple[str, ...], sides: Descent, known: Certainty, unit: Uni
 
     tolerance = 3 * sides.mixture.sigma
     return face_sides(names, unit.measured, known.faces, deviations, nearest=nearest, tolerance=tolerance)
-
-
-LEAST_EVIDENCE = float(np.log(100.0))
-"""Nats from which on a fit counts as better than what is plainer."""
 
 
 class WeighedFit(NamedTuple):

@@ -16,7 +16,33 @@ import numpy as np
 from scipy.special import bdtrc
 
 from completion.features.engine.template import FeatureSide, FeatureStatus, Given, TemplateFit
-from completion.features.openings.proposals import CELL_M, WallChart
+from completion.features.openings.limits import (
+    ABOUT_M,
+    AROUND_SHARE,
+    BAND_M,
+    BEYOND_M,
+    CELL_M,
+    CLOSED_M,
+    DECIDED_NATS,
+    DOOR_M,
+    FAR_SHARE,
+    FEWEST_SIDES,
+    FLOOR_M,
+    IMAGE_SHARE,
+    INFLATION,
+    LEAST_NICHE_M,
+    LEAST_SIDE_M,
+    MISTAKE_LEVEL,
+    MISTAKEN_SHARE,
+    MOST_BEAM_NATS,
+    ON_FACE_SD,
+    REFUTED_SHARE,
+    REVEALED,
+    SIDE_GAPS,
+    TILE_M,
+    TILE_NATS,
+)
+from completion.features.openings.proposals import WallChart
 from completion.features.openings.recess import (
     FACES,
     SIDES,
@@ -62,21 +88,6 @@ def false_fit_probability(status: FeatureStatus, evidence: float) -> float:
     return max(WALLS_AS_GOOD[status][level], 1) / N_WALLS
 
 
-_BY_TILE = 4.0  # nats: of a tile that confirms or contradicts
-_LEAST_M = 0.3  # of width and height
-_REFUTED = 0.3  # share of a side's tiles
-_MISTAKEN, _LEVEL = (
-    0.03,
-    0.01,
-)  # of tiles of true sides (a hundredth, in a house), and of a test that they are
-_FEWEST_SEEN = 2  # sides
-_ON_FACE = 3.0  # standard deviations
-_REVEALED = 10  # points on reveals, from which on they are seen
-_LEAST_AROUND = 0.8  # of a niche's area, that must be wall around it: pictures' frames are less
-LEAST_NICHE_M = 0.03
-_IS_IMAGE = 0.5  # share of what lies behind that stands before, too
-DOOR_M = 1.6  # height from which on what stands on the floor is a doorway
-_CLOSED_M = 0.15  # depth up to which a door's leaf lies behind its wall
 NAMES = ("u", "sill", "width", "height", "depth")
 
 
@@ -115,7 +126,7 @@ def decide(
         covariance[NAMES.index(name)] = covariance[:, NAMES.index(name)] = 0.0
     confirmed = sum(side.confirmed for side in opened.sides)
     contradicted = sum(side.contradicted for side in opened.sides)
-    evidence = _BY_TILE * (confirmed - contradicted)
+    evidence = TILE_NATS * (confirmed - contradicted)
     return TemplateFit(
         kind=kind,
         status=status,
@@ -160,8 +171,8 @@ def _judge_opening(opened: FittedRecess, on_reveals: int) -> tuple[str, str, Fea
     kind, doubt = _kind(opened)
     width, height = opened.recess.size
     seen = [side.name for side in opened.sides if side.is_seen]
-    is_narrow = width < _LEAST_M and {"left", "right"} <= set(seen)
-    if is_narrow or (height < _LEAST_M and {"bottom", "top"} <= set(seen)):
+    is_narrow = width < LEAST_SIDE_M and {"left", "right"} <= set(seen)
+    if is_narrow or (height < LEAST_SIDE_M and {"bottom", "top"} <= set(seen)):
         return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", FeatureStatus.NONE
     has_floor = opened.floor is not None
     for side in [
@@ -172,18 +183,18 @@ def _judge_opening(opened: FittedRecess, on_reveals: int) -> tuple[str, str, Fea
         return kind, sentence, FeatureStatus.NONE
     if kind == "niche" and (sentence := _relief(opened)):
         return kind, sentence, FeatureStatus.NONE
-    if len(seen) < _FEWEST_SEEN or not {"left", "right"} & set(seen):
+    if len(seen) < FEWEST_SIDES or not {"left", "right"} & set(seen):
         sentence = f"only its {' and '.join(seen)} side was seen" if seen else "none of its sides was seen"
         return kind, sentence, FeatureStatus.NONE
     walled = {name for name in seen if name not in opened.bare}
     if opened.floor is not None:
         walled -= {"bottom"}
-    if opened.bare and (len(walled) < _FEWEST_SEEN or not {"left", "right"} & walled):
+    if opened.bare and (len(walled) < FEWEST_SIDES or not {"left", "right"} & walled):
         sentence = f"what bounds its {' and '.join(opened.bare)} side is a strip, no wall: beams go on beyond"
         return kind, sentence, FeatureStatus.NONE
-    may_be_image = on_reveals < _REVEALED and not opened.recess.is_closed
+    may_be_image = on_reveals < REVEALED and not opened.recess.is_closed
     share = opened.image_share() if may_be_image else 0.0
-    if share > _IS_IMAGE:
+    if share > IMAGE_SHARE:
         sentence = f"opening or mirror: {share:.0%} of what lies behind is the image of what stands"
         return kind, f"{sentence} before it, and no reveal was measured", FeatureStatus.AMBIGUOUS
     if np.isnan(share):
@@ -199,7 +210,7 @@ def refuted_sides(sides: Sequence[FeatureSide], *, has_floor: bool) -> list[Feat
         side
         for side in sides
         if side.contradicted > side.confirmed
-        and side.contradicted >= _REFUTED * side.total
+        and side.contradicted >= REFUTED_SHARE * side.total
         and not (side.name == "bottom" and has_floor)
     ]
 
@@ -213,7 +224,7 @@ def _ending_sides(sides: Sequence[FeatureSide], *, has_floor: bool) -> list[Feat
         side
         for side in sides
         if side.contradicted
-        and bdtrc(side.contradicted - 1, side.contradicted + side.confirmed, _MISTAKEN) < _LEVEL
+        and bdtrc(side.contradicted - 1, side.contradicted + side.confirmed, MISTAKEN_SHARE) < MISTAKE_LEVEL
         and not (side.name == "bottom" and has_floor)
         and side.is_seen
     ]
@@ -223,7 +234,7 @@ def _relief(opened: FittedRecess) -> str:
     """Why a niche is none: a picture's frame stands around it, or it is as shallow as relief."""
     recess, wall = opened.recess, 0.0 if opened.chart is None else opened.chart.wall_m2
     area = float(np.prod(recess.size))
-    if wall < _LEAST_AROUND * area:
+    if wall < AROUND_SHARE * area:
         return f"what stands around it is a frame: {wall:.2f} m2 around {area:.2f} m2"
     shallow = recess.depth < LEAST_NICHE_M
     return f"it is {1000 * recess.depth:.0f} mm deep: relief" if shallow else ""
@@ -233,7 +244,7 @@ def _kind(opened: FittedRecess) -> tuple[str, str]:
     """Doorway, window or niche, and what is doubtful of that."""
     recess, stands = opened.recess, opened.floor is not None
     if recess.is_closed:
-        if stands and recess.size[1] > DOOR_M and recess.depth <= _CLOSED_M:
+        if stands and recess.size[1] > DOOR_M and recess.depth <= CLOSED_M:
             return "doorway", f"closed {1000 * recess.depth:.0f} mm behind the wall"
         return "niche", ""
     bottom = next(side for side in opened.sides if side.name == "bottom")
@@ -268,18 +279,11 @@ def _assign_faces(
     depth = np.array([recess.depth])
     expected, _, face = expect(beams, left, right, **held, depth=depth, is_closed=recess.is_closed)
     with np.errstate(invalid="ignore"):
-        on = np.abs(beams.ranges - expected[:, 0]) <= _ON_FACE * beams.deviation
-    past = beams.ranges - beams.wall_range > _ON_FACE * beams.deviation  # else it may be the wall
+        on = np.abs(beams.ranges - expected[:, 0]) <= ON_FACE_SD * beams.deviation
+    past = beams.ranges - beams.wall_range > ON_FACE_SD * beams.deviation  # else it may be the wall
     on &= (face[:, 0] > 0) & np.isfinite(beams.ranges)
     out[start[beams.scan[on]] + beams.pixel[on]] = face[on, 0]
     return out, int((on & past & (face[:, 0] <= 4)).sum())
-
-
-_TILE_M = 0.10
-_DECIDED = 2.0  # nats by which a tile is wall or open
-_BAND_M = 0.06  # width of the strips beside a side
-_BEYOND_M = 0.24  # beside these strips, outside
-_MOST_OF_A_BEAM = 4.6  # nats that one beam may say: one in a hundred strays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -300,9 +304,9 @@ def side_support(
     reaches down to the `floor`.
     """
     tiles = _tiles(beams, recess, side, known)
-    wall_outside, open_inside = tiles.outside < -_DECIDED, tiles.inside > _DECIDED
-    open_outside, wall_inside = tiles.outside > _DECIDED, tiles.inside < -_DECIDED
-    if side == "bottom" and floor is not None and abs(recess.bottom - floor) < _BAND_M:
+    wall_outside, open_inside = tiles.outside < -DECIDED_NATS, tiles.inside > DECIDED_NATS
+    open_outside, wall_inside = tiles.outside > DECIDED_NATS, tiles.inside < -DECIDED_NATS
+    if side == "bottom" and floor is not None and abs(recess.bottom - floor) < BAND_M:
         confirmed, contradicted = open_inside, wall_inside
     else:
         confirmed, contradicted = wall_outside & open_inside, open_outside | wall_inside
@@ -322,29 +326,29 @@ def is_strip(
     for other in others:
         of_others |= other.holds(beams.uv) & (beams.nats > 0)
     beyond = _tiles(beams.select(~of_others), recess, side, known).beyond
-    return int((beyond > _DECIDED).sum()) > int((beyond < -_DECIDED).sum())
+    return int((beyond > DECIDED_NATS).sum()) > int((beyond < -DECIDED_NATS).sum())
 
 
 def _tiles(beams: WallBeams, recess: Recess, side: str, known: SideEstimate) -> _SideTiles:
     axis = 0 if side in ("left", "right") else 1
     low, high = ((recess.bottom, recess.top), (recess.left, recess.right))[axis]
-    n = max(round((high - low) / _TILE_M), 1)
+    n = max(round((high - low) / TILE_M), 1)
     at = beams.uv[:, axis] - getattr(recess, side)
     outwards = at if side in ("right", "top") else -at
     tile = np.floor((beams.uv[:, 1 - axis] - low) / (high - low) * n).astype(np.int64)
     near = (tile >= 0) & (tile < n)
-    margin = min(3 * known.deviation, _BAND_M / 2) if np.isfinite(known.deviation) else _BAND_M / 2
-    beside = beams.gap[near & (np.abs(outwards) < _BAND_M)]
-    gap = float(np.median(beside)) if len(beside) else _BAND_M
-    band = max(_BAND_M, 2.0 * (gap if np.isfinite(gap) else _BAND_M))
-    odds = np.clip(beams.nats, -_MOST_OF_A_BEAM, _MOST_OF_A_BEAM)
+    margin = min(3 * known.deviation, BAND_M / 2) if np.isfinite(known.deviation) else BAND_M / 2
+    beside = beams.gap[near & (np.abs(outwards) < BAND_M)]
+    gap = float(np.median(beside)) if len(beside) else BAND_M
+    band = max(BAND_M, 2.0 * (gap if np.isfinite(gap) else BAND_M))
+    odds = np.clip(beams.nats, -MOST_BEAM_NATS, MOST_BEAM_NATS)
 
     def sums(first: float, last: float) -> FloatArray:
         where = near & (outwards > first) & (outwards < last)
         return np.asarray(np.bincount(tile[where], odds[where], minlength=n), dtype=np.float64)
 
     end = margin + band
-    return _SideTiles(sums(margin, end), sums(end, end + _BEYOND_M), sums(-end, -margin))
+    return _SideTiles(sums(margin, end), sums(end, end + BEYOND_M), sums(-end, -margin))
 
 
 def all_sides(
@@ -355,10 +359,7 @@ def all_sides(
 
 
 _ROUNDS = 2
-_GAPS, _ABOUT_M = 2.5, 0.3  # distances between beams that a side is sought over, and about it that tell them
-_TRIES, _FAR = 3, 0.7  # to find a side, and the share of the reach within which it counts as found
-_INFLATION = 1.9  # by which deviations of sides were too small, in the median of simulated walls 104 to 109
-FLOOR_M = 0.15  # between an opening's foot and the floor that it stands on
+_TRIES = 3  # to find a side
 _OPPOSITE = {"left": "right", "right": "left", "bottom": "top", "top": "bottom"}
 _SIZE = {"left": "width", "right": "width", "bottom": "height", "top": "height"}
 _UNKNOWN = SideEstimate(0.0, np.inf)
@@ -381,7 +382,7 @@ def fit_recess(
             known[side] = fit_side(beams, recess, side, reach[side])
             shift = abs(known[side].value - getattr(recess, side))
             recess = recess.move_side(side, known[side].value)
-            if shift < _FAR * reach[side]:  # else it may lie farther on
+            if shift < FAR_SHARE * reach[side]:  # else it may lie farther on
                 break
     first = all_sides(beams, recess, known, None if floor is None else floor.value)
     if refuted_sides(first, has_floor=floor is not None):
@@ -400,8 +401,8 @@ def fit_recess(
 
 def _reach(beams: WallBeams, recess: Recess, side: str) -> float:
     """How far to both ways a side is sought, metres: farther where beams are wider apart than cells."""
-    gaps = beams.gap[near_side(beams, recess, side, _ABOUT_M)]
-    return max(2 * CELL_M, _GAPS * float(np.quantile(gaps, 0.9))) if len(gaps) else 2 * CELL_M
+    gaps = beams.gap[near_side(beams, recess, side, ABOUT_M)]
+    return max(2 * CELL_M, SIDE_GAPS * float(np.quantile(gaps, 0.9))) if len(gaps) else 2 * CELL_M
 
 
 def with_unseen(
@@ -444,7 +445,7 @@ def with_wall(
         off = wall.fit.standard_deviation(frame.points(place[None]))[0]
         by_wall = float(off * np.median(np.abs(beams.slope[near, axis])))
         by_turn = known["turn"].deviation * recess.size[1 - axis] / np.sqrt(12)
-        sd = _INFLATION * float(np.sqrt(known[side].deviation ** 2 + by_wall**2 + by_turn**2))
+        sd = INFLATION * float(np.sqrt(known[side].deviation ** 2 + by_wall**2 + by_turn**2))
         out[side] = SideEstimate(known[side].value, sd)
     return out
 

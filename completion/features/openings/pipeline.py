@@ -14,9 +14,6 @@ from scipy import ndimage
 from completion.features.engine.options import OPENINGS
 from completion.features.engine.template import FeatureStatus, Given, TemplateFit, best_first, moved_geometry
 from completion.features.openings.decision import (
-    DOOR_M,
-    FLOOR_M,
-    LEAST_NICHE_M,
     FittedRecess,
     all_sides,
     decide,
@@ -27,6 +24,25 @@ from completion.features.openings.decision import (
     silent_feature,
     with_unseen,
     with_wall,
+)
+from completion.features.openings.limits import (
+    BESIDE_M,
+    DOOR_M,
+    FEWEST_IMAGES,
+    FEWEST_SILENT,
+    FLOOR_CELL_M,
+    FLOOR_M,
+    IMAGE_TOLERANCE,
+    LEAST_LEVEL_POINTS,
+    LEAST_NICHE_M,
+    LEAST_WALL_M,
+    LEAST_WALL_POINTS,
+    LEVEL_COSINE,
+    ON_FACE_SD,
+    SAME_M,
+    SHARED_AREA,
+    SIDEWAYS,
+    SILENT_SHARE,
 )
 from completion.features.openings.proposals import WallChart, propose
 from completion.features.openings.recess import Recess, SideEstimate
@@ -39,9 +55,6 @@ from scenes.checks import FloatArray
 from scenes.run.steps import Steps
 from scenes.scan.range_image import RangeImage
 from scenes.surfaces.catalogue import Plane
-
-_FEW = 50  # images that a beam answered for, below which nothing is said
-_TOLERANCE = 0.02, 3.0  # metres, and deviations of the range
 
 
 def image_share(frame: WallFrame, beams: WallBeams, observations: Sequence[Observation]) -> float:
@@ -60,7 +73,7 @@ def image_share(frame: WallFrame, beams: WallBeams, observations: Sequence[Obser
         for other in observations:
             numbers = _count_images(images, other)
             agrees, refutes = agrees + numbers[0], refutes + numbers[1]
-    return agrees / (agrees + refutes) if agrees + refutes >= _FEW else np.nan
+    return agrees / (agrees + refutes) if agrees + refutes >= FEWEST_IMAGES else np.nan
 
 
 def _count_images(images: FloatArray, seen: Observation) -> tuple[int, int]:
@@ -73,16 +86,10 @@ def _count_images(images: FloatArray, seen: Observation) -> tuple[int, int]:
     flat = (row[inside] * columns + column[inside]).astype(np.int64)
     away = np.linalg.norm(images[inside] - seen.scan.origin, axis=1)
     measured = seen.scan.ranges.ravel()[flat]
-    slack = _TOLERANCE[0] * np.maximum(away, 1.0) + _TOLERANCE[1] * seen.noise.deviation(away)
+    slack = IMAGE_TOLERANCE[0] * np.maximum(away, 1.0) + IMAGE_TOLERANCE[1] * seen.noise.deviation(away)
     back = np.isfinite(measured)
     agrees = back & (np.abs(measured - away) <= slack)
     return int(agrees.sum()), int((back & (measured > away + slack)).sum())
-
-
-_FEWEST_SILENT, _MOSTLY = 60, 0.5  # beams from which nothing came back, and their share of a rectangle
-_BESIDE_M = 0.5  # round what was measured of a wall
-_LEAST_WALL_M = 0.4  # of its width and height
-SIDEWAYS = 0.26  # of a wall's normal along up: steeper planes have no doors
 
 
 def find_openings_in(
@@ -118,9 +125,9 @@ def find_openings_in(
     before = np.mean([seen.scan.origin for seen in observations], axis=0)
     frame = WallFrame.of(plane, before, up)
     local = frame.local(wall.points)[:, [0, 2]]
-    if np.ptp(local, axis=0).min() < _LEAST_WALL_M:
+    if np.ptp(local, axis=0).min() < LEAST_WALL_M:
         return
-    low, high = local.min(axis=0) - _BESIDE_M, local.max(axis=0) + _BESIDE_M
+    low, high = local.min(axis=0) - BESIDE_M, local.max(axis=0) + BESIDE_M
     levels = [height_of(frame, floor.fit) for floor in floors]
     reached = [_meets(frame, floor) for floor in floors]
 
@@ -129,7 +136,7 @@ def find_openings_in(
 
     def closely(rough: Recess) -> WallBeams:
         corners = rough.corners()
-        low, high = corners.min(axis=0) - _BESIDE_M, corners.max(axis=0) + _BESIDE_M
+        low, high = corners.min(axis=0) - BESIDE_M, corners.max(axis=0) + BESIDE_M
         return wall_beams(frame, observations, low, high, wall, among=beams)
 
     def fit_and_decide(
@@ -160,7 +167,7 @@ def find_openings_in(
 
     # 4. Silence: rectangles from which nothing came back may be panes; they are told, and never claimed.
     silent = beams.is_silent
-    if silent.sum() < _FEWEST_SILENT:
+    if silent.sum() < FEWEST_SILENT:
         return
     as_open = beams.silent_as_open()
     chart = WallChart.of(as_open)
@@ -168,7 +175,7 @@ def find_openings_in(
     for rough in proposed:
         inside = rough.holds(beams.uv)
         share = float(silent[inside].mean()) if inside.any() else 0.0
-        if share > _MOSTLY and not any(_overlaps(fit, frame, rough) for fit in fits):
+        if share > SILENT_SHARE and not any(_overlaps(fit, frame, rough) for fit in fits):
             yield silent_feature(fit_and_decide(rough, as_open, chart, _without(proposed, rough)), share)
 
 
@@ -179,7 +186,7 @@ def _without(proposed: Sequence[Recess], rough: Recess) -> list[Recess]:
 def _meets(frame: WallFrame, floor: Floor) -> FloatArray:
     """Where points of a floor that lie before a wall, close to it, meet its plane: u and v (n, 2)."""
     local = frame.local(floor.points)
-    return np.asarray(local[(local[:, 1] > -_BESIDE_M) & (local[:, 1] < 0)][:, [0, 2]])
+    return np.asarray(local[(local[:, 1] > -BESIDE_M) & (local[:, 1] < 0)][:, [0, 2]])
 
 
 def _fit_opening(
@@ -227,13 +234,8 @@ def _overlaps(fit: TemplateFit, frame: WallFrame, rough: Recess) -> bool:
     return bool(inside) and fit.status is not FeatureStatus.NONE
 
 
-_LEVEL = 0.98  # cosine between a floor's normal and up
-_LEAST_POINTS = 500  # of a plane in which openings are sought
 _MOST_POINTS = 20_000
-_LEVEL_POINTS, _FEW_POINTS = 4000, 200  # of a level plane, that say where it is
-_STEP_M = 0.25  # cells of a floor, of which people need three each way
-_SHARED = 0.2  # of the smaller of two holes that cannot both be there
-_SAME_M = 0.15  # between the middles of what is one opening, beside half its width
+_LEVEL_POINTS = 4000  # of a level plane, that say where it is
 
 Each = Callable[[Callable[[int], list[TemplateFit]], Iterable[int]], list[list[TemplateFit]]]
 
@@ -298,7 +300,7 @@ def walls_of(surfaces: Sequence[MergedSurface], up: FloatArray) -> list[tuple[in
     return [
         (number, surface)
         for number, surface in enumerate(surfaces)
-        if surface.n_pixels >= _LEAST_POINTS
+        if surface.n_pixels >= LEAST_WALL_POINTS
         and isinstance(surface.fit.surface, Plane)
         and abs(float(surface.fit.surface.normal_direction @ up)) <= SIDEWAYS
     ]
@@ -322,7 +324,7 @@ def floors_of(
     points = [floor_points for _, floor_points in wide]
     height = [float(np.median(point @ up)) for point in points]
     plans = [point @ frame.T for point in points]
-    few = [plan[:: max(1, len(plan) // _FEW_POINTS)] for plan in plans]
+    few = [plan[:: max(1, len(plan) // LEAST_LEVEL_POINTS)] for plan in plans]
 
     def stands(k: int) -> bool:
         return any(
@@ -337,7 +339,7 @@ def floors_of(
 
 def _is_wide(plan: FloatArray) -> bool:
     """Whether places (n, 2) fill a square of three cells somewhere."""
-    column, row = np.floor((plan - plan.min(axis=0)) / _STEP_M).astype(np.int64).T
+    column, row = np.floor((plan - plan.min(axis=0)) / FLOOR_CELL_M).astype(np.int64).T
     filled = np.zeros((row.max() + 1, column.max() + 1), dtype=np.bool_)
     filled[row, column] = True
     return bool(ndimage.binary_erosion(filled, np.ones((3, 3))).any())
@@ -354,7 +356,7 @@ def _share_within(plan: FloatArray, other: FloatArray) -> float:
 
 def _is_level(surface: MergedSurface, up: FloatArray) -> bool:
     plane = surface.fit.surface
-    return isinstance(plane, Plane) and float(plane.normal_direction @ up) > _LEVEL
+    return isinstance(plane, Plane) and float(plane.normal_direction @ up) > LEVEL_COSINE
 
 
 def _each_once(fits: Sequence[TemplateFit]) -> list[TemplateFit]:
@@ -377,10 +379,10 @@ def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
     if other.status is FeatureStatus.NONE and fit.status is not FeatureStatus.NONE:
         return False
     into, beyond = np.asarray(fit.geometry["into"]), np.asarray(other.geometry["into"])
-    if float(into @ beyond) < _LEVEL:
+    if float(into @ beyond) < LEVEL_COSINE:
         return False
     corners_here, corners = np.asarray(fit.geometry["corners"]), np.asarray(other.geometry["corners"])
-    if abs(float((corners_here.mean(axis=0) - corners.mean(axis=0)) @ beyond)) >= _SAME_M:
+    if abs(float((corners_here.mean(axis=0) - corners.mean(axis=0)) @ beyond)) >= SAME_M:
         return False
     u, v = corners[1] - corners[0], corners[3] - corners[0]
     at = (corners_here - corners[0]) @ np.column_stack(
@@ -390,10 +392,7 @@ def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
         return bool((np.abs(at.mean(axis=0) - 0.5) < 0.5).all())
     low, high = at.min(axis=0), at.max(axis=0)
     shared = np.prod(np.clip(np.minimum(high, 1.0) - np.maximum(low, 0.0), 0.0, None))
-    return bool(shared > _SHARED * min(1.0, float(np.prod(high - low))))
-
-
-_SHALLOW = 3.0  # deviations of the range by which a leaf must lie behind its wall to be told from it
+    return bool(shared > SHARED_AREA * min(1.0, float(np.prod(high - low))))
 
 
 def find_openings_of_scans(
@@ -467,7 +466,7 @@ def _why_none(surfaces: Sequence[MergedSurface], observations: Sequence[Observat
     )
     far = float(np.median(away[np.isfinite(away)]))
     sd = float(np.max([seen.noise.deviation(np.array([far]))[0] for seen in observations]))
-    shallow = 1000 * max(_SHALLOW * sd, LEAST_NICHE_M)
+    shallow = 1000 * max(ON_FACE_SD * sd, LEAST_NICHE_M)
     return (
         f"no opening was found in {len(walls)} upright planes, at {far:.1f} m in the median; a leaf less "
         f"than {shallow:.0f} mm behind its wall cannot be told from it there, nor a hole from which nothing "

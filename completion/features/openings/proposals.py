@@ -11,6 +11,20 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from completion.features.openings.limits import (
+    BESIDE_NATS,
+    CELL_GAPS,
+    CELL_M,
+    CELL_PRICE,
+    DEAR_NATS,
+    DENSE_SHARE,
+    LEAST_NATS,
+    LEAST_PROPOSED_M,
+    LEAST_SEEN,
+    MOST_CELL_NATS,
+    PLACE_M,
+    SPECK_M2,
+)
 from completion.features.openings.recess import Recess
 from completion.features.openings.walls import WallBeams
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -55,18 +69,9 @@ def _search(values: FloatArray) -> tuple[int, int, int, int, float]:
     return best
 
 
-CELL_M = 0.05
 _MOST_CELLS = 400  # along the longer side of the chart
-_GAPS, _PLACE_M, _SHARE = 1.5, 0.25, 0.75  # distances between beams in a cell, of those that lie closest
-_MOST_NATS = 6.0  # that one cell may say
-_AROUND, _BESIDE = 4, 2.0  # cells along a larger one, and the nats that it may say of those between beams
-_DEAR = 3.0  # nats, where most of a rectangle was not seen
-_LEAST_SEEN = 0.4  # of a rectangle: what boxes hide of the rectangle around all that is seen is less
-_PRICE = 0.1  # nats of each cell of a rectangle: what was not seen is not worth claiming
-_LEAST_NATS = 25.0  # of a rectangle that is worth a look
-_LEAST_M = 0.15  # of its sides: part of it may be hidden
+_AROUND = 4  # cells along a larger one
 _MOST = 16  # of one wall
-_SPECK_M2 = 0.02  # of wall: smaller pieces do not say how far it goes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,13 +96,13 @@ class WallChart:
     def of(cls, beams: WallBeams) -> WallChart:
         """Return the chart that holds all beams; cells are not smaller than the closest beams lie apart."""
         low, high = beams.uv.min(axis=0), beams.uv.max(axis=0)
-        cell = max(CELL_M, _GAPS * _closest(beams), float((high - low).max()) / _MOST_CELLS)
+        cell = max(CELL_M, CELL_GAPS * _closest(beams), float((high - low).max()) / _MOST_CELLS)
         shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)[::-1]
         place = np.minimum(((beams.uv - low) / cell).astype(np.int64), shape[::-1] - 1)
-        odds = np.clip(beams.nats, -_MOST_NATS, _MOST_NATS)
+        odds = np.clip(beams.nats, -MOST_CELL_NATS, MOST_CELL_NATS)
         nats, is_met = _sums(odds, place, shape)
         around, _ = _sums(odds, place // _AROUND, shape // _AROUND + 1)
-        whole = np.kron(np.clip(around, -_BESIDE, _BESIDE), np.ones((_AROUND, _AROUND)))
+        whole = np.kron(np.clip(around, -BESIDE_NATS, BESIDE_NATS), np.ones((_AROUND, _AROUND)))
         return cls(low, cell, np.where(is_met, nats, whole[: shape[0], : shape[1]]))
 
     @property
@@ -109,7 +114,7 @@ class WallChart:
         """Cells (rows, columns) within the convex hull of the wall's larger pieces."""
         part, n = ndimage.label(self.nats < -1.0, np.ones((3, 3)))
         sizes = np.bincount(part.ravel(), minlength=n + 1)
-        large = sizes * self.cell**2 >= _SPECK_M2
+        large = sizes * self.cell**2 >= SPECK_M2
         large[0] = False
         rows, columns = np.nonzero(large[part])
         inside = np.zeros(self.nats.shape, np.uint8)
@@ -124,16 +129,16 @@ def _sums(odds: FloatArray, place: IntArray, shape: IntArray) -> tuple[FloatArra
     flat = place[:, 1] * shape[1] + place[:, 0]
     nats = np.bincount(flat, odds, minlength=int(shape.prod())).reshape(shape)
     is_met = np.bincount(flat, minlength=int(shape.prod())).reshape(shape) > 0
-    return np.clip(nats, -_MOST_NATS, _MOST_NATS), is_met
+    return np.clip(nats, -MOST_CELL_NATS, MOST_CELL_NATS), is_met
 
 
 def _closest(beams: WallBeams) -> float:
     """The distance between beams, of the scan that sees each place best, that most places come up to."""
-    column, row = np.floor((beams.uv - beams.uv.min(axis=0)) / _PLACE_M).astype(np.int64).T
+    column, row = np.floor((beams.uv - beams.uv.min(axis=0)) / PLACE_M).astype(np.int64).T
     _, place = np.unique(row * (column.max() + 1) + column, return_inverse=True)
     least = np.full(int(place.max()) + 1, np.inf)
     np.minimum.at(least, place, beams.gap)
-    return float(np.quantile(least, _SHARE))
+    return float(np.quantile(least, DENSE_SHARE))
 
 
 def _undivided_part(nats: FloatArray, rectangle: CellRectangle) -> CellRectangle:
@@ -147,7 +152,7 @@ def _undivided_part(nats: FloatArray, rectangle: CellRectangle) -> CellRectangle
     for axis in (0, 1):
         sums = part.sum(axis=axis)  # of columns, then of rows
         wall = best_rectangle(-sums[None])
-        if wall.total < _LEAST_NATS:
+        if wall.total < LEAST_NATS:
             continue
         before, after = float(sums[: wall.left].sum()), float(sums[wall.right :].sum())
         first, last = (0, wall.left) if before >= after else (wall.right, len(sums))
@@ -172,25 +177,25 @@ def propose(chart: WallChart | None, floors: Sequence[FloatArray] = ()) -> Itera
     """
     if chart is None:
         return
-    values = np.where((chart.nats > 0) & ~chart.hull(), 0.0, chart.nats) - _PRICE
+    values = np.where((chart.nats > 0) & ~chart.hull(), 0.0, chart.nats) - CELL_PRICE
     is_open = chart.nats > 1.0
     for places in floors:
         column, row = np.floor((places - chart.corner) / chart.cell).astype(np.int64).T
         inside = (column >= 0) & (column < values.shape[1]) & (row >= 0) & (row < values.shape[0])
-        values[row[inside], column[inside]] = -_MOST_NATS
+        values[row[inside], column[inside]] = -MOST_CELL_NATS
     for _ in range(_MOST):
         rectangle = best_rectangle(values)
-        if _share(is_open, rectangle) < _LEAST_SEEN:  # two holes, and what nobody saw between them
-            rectangle = best_rectangle(np.where(values == -_PRICE, -_DEAR, values))
-        if rectangle.total < _LEAST_NATS:
+        if _share(is_open, rectangle) < LEAST_SEEN:  # two holes, and what nobody saw between them
+            rectangle = best_rectangle(np.where(values == -CELL_PRICE, -DEAR_NATS, values))
+        if rectangle.total < LEAST_NATS:
             return
-        rectangle = _undivided_part(values + _PRICE, rectangle)
-        values[rectangle.top : rectangle.bottom, rectangle.left : rectangle.right] = -_PRICE
+        rectangle = _undivided_part(values + CELL_PRICE, rectangle)
+        values[rectangle.top : rectangle.bottom, rectangle.left : rectangle.right] = -CELL_PRICE
         left, bottom = chart.corner + chart.cell * np.array([rectangle.left, rectangle.top])
         right, top = chart.corner + chart.cell * np.array([rectangle.right, rectangle.bottom])
         half = chart.cell / 2  # outwards: a side that nobody saw must not lie in what is open
         recess = Recess(
             float(left) - half, float(right) + half, bottom=float(bottom) - half, top=float(top) + half
         )
-        if min(recess.size) >= _LEAST_M:
+        if min(recess.size) >= LEAST_PROPOSED_M:
             yield recess, rectangle.total

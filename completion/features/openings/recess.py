@@ -7,7 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from completion.features.openings.walls import BLOCKED, MEETS, STRAY, WallBeams
+from completion.features.openings.limits import (
+    AROUND_BEST_SD,
+    BLOCKED,
+    END_M,
+    MEETS,
+    MOST_DEPTH_M,
+    ON_FACE_SD,
+    PLUMB,
+    STRAY,
+    TILE_M,
+    UNTOLD_SHARE,
+)
+from completion.features.openings.walls import WallBeams
 from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled
 
@@ -176,16 +188,9 @@ def _add(
             out[which[n], k] += np.log(density)
 
 
-_TILE_M = 0.10  # of a side: what is alike within one errs together
 _MOST_BEAMS = 6000  # near a side; every k-th of more
 _COARSE, _FINE = 41, 41  # places that are tried
-_FIVE_SD = 5.0
-_NOTHING = 0.4  # of the reach: as wide as that is what says nothing
 _LEAST_STEP_M = 1e-5
-_ON_FACE = 3.0  # deviations of the range
-_END_M = 0.05
-_WALLS_M = 0.5  # walls are thinner: what is deeper is a room
-_PLUMB = np.radians(1.0)
 _DEPTHS_M = np.array([0.0, *np.geomspace(0.01, 1.2, 60)])
 
 
@@ -225,9 +230,9 @@ def fit_side(beams: WallBeams, recess: Recess, side: str, reach: float) -> SideE
     places = here + np.linspace(-reach, reach, _COARSE)
     for count in (_FINE, _FINE):
         mean, sd, _ = _posterior(_by_tiles(wall_beams, recess, side, places, axis), places)
-        if sd > _NOTHING * reach:
+        if sd > UNTOLD_SHARE * reach:
             return SideEstimate(here, np.inf)
-        half = max(_FIVE_SD * sd, 2 * (places[1] - places[0]), _LEAST_STEP_M)
+        half = max(AROUND_BEST_SD * sd, 2 * (places[1] - places[0]), _LEAST_STEP_M)
         places = mean + np.linspace(-half, half, count)
     tiles = _by_tiles(wall_beams, recess, side, places, axis)
     mean, sd, _ = _posterior(tiles, places)
@@ -249,7 +254,7 @@ def fit_turn(beams: WallBeams, recess: Recess, reach: float) -> tuple[SideEstima
     for half, count in ((np.radians(3.0), 25), (np.radians(0.3), 13), (np.radians(0.05), 13)):
         angles = best + np.linspace(-half, half, count)
         logs = np.array([_turned_likelihood(wall_beams, recess, centre, angle) for angle in angles])
-        best, sd, _ = _posterior((logs - 0.5 * np.square(angles / _PLUMB))[None], angles)
+        best, sd, _ = _posterior((logs - 0.5 * np.square(angles / PLUMB))[None], angles)
     moved = _rotate(centre[None], best)[0] - centre
     u, v = (float(shift) for shift in moved)
     turned = replace(recess, left=recess.left + u, right=recess.right + u)
@@ -312,13 +317,13 @@ def fit_depth(
             tiles = _depth_tiles(wall_beams, recess, depths, is_closed)
             mean, sd, top = _posterior(tiles, depths)
             step = float(np.max(np.diff(depths)[max(np.argmin(np.abs(depths - mean)) - 1, 0) :][:2]))
-            half = max(_FIVE_SD * sd, 2 * step, 1e-4)
+            half = max(AROUND_BEST_SD * sd, 2 * step, 1e-4)
             tried, depths = depths, np.unique(np.clip(mean + np.linspace(-half, half, 41), 0.0, None))
         best[is_closed] = (top, SideEstimate(mean, max(sd, _jackknife(tiles, tried))))
     odds = factor * (best[True][0] - best[False][0])
     back = best[True][1]
     is_closed = odds > 0 and (given is not None or _has_back(beams, recess, back.value))
-    reveals_end = odds > 0 and back.value <= _WALLS_M  # there, though no back does
+    reveals_end = odds > 0 and back.value <= MOST_DEPTH_M  # there, though no back does
     depth = back if is_closed or reveals_end else best[False][1]
     return replace(recess, depth=depth.value, is_closed=is_closed), depth, odds
 
@@ -328,7 +333,7 @@ def _has_back(beams: WallBeams, recess: Recess, depth: float) -> bool:
 
     Where nothing comes back there is none, and the wall of a corridor behind a doorway is none either.
     """
-    if depth > _WALLS_M:
+    if depth > MOST_DEPTH_M:
         return False
     inside = beams.select(recess.holds(beams.uv) & (beams.ranges > beams.wall_range))
     held = {name: np.array([getattr(recess, name)]) for name in SIDES}
@@ -337,20 +342,20 @@ def _has_back(beams: WallBeams, recess: Recess, depth: float) -> bool:
     off, on_back = inside.ranges - expected[:, 0], face[:, 0] == len(FACES)
     at = inside.uv + depth * inside.slope  # close to a reveal it may be the reveal's end
     low, high = recess.corners()[[0, 2]]
-    on_back &= ((at > low + _END_M) & (at < high - _END_M)).all(axis=1)
-    ends = on_back & (np.abs(off) <= _ON_FACE * inside.deviation)
+    on_back &= ((at > low + END_M) & (at < high - END_M)).all(axis=1)
+    ends = on_back & (np.abs(off) <= ON_FACE_SD * inside.deviation)
     return int(ends.sum()) > int((on_back & (off > 0) & ~ends).sum())
 
 
 def _depth_tiles(beams: WallBeams, recess: Recess, depths: FloatArray, is_closed: bool) -> FloatArray:
-    cells = np.floor(beams.uv / _TILE_M).astype(np.int64)
+    cells = np.floor(beams.uv / TILE_M).astype(np.int64)
     tile = cells[:, 0] * 100_003 + cells[:, 1]
     return log_likelihoods(beams, recesses(recess, "depth", depths), is_closed=is_closed, tile=tile)
 
 
 def _by_tiles(beams: WallBeams, recess: Recess, side: str, places: FloatArray, axis: int) -> FloatArray:
     """Log likelihood (tiles, k) of k places of a side, of each stretch along it."""
-    tile = np.floor(beams.uv[:, 1 - axis] / _TILE_M).astype(np.int64)
+    tile = np.floor(beams.uv[:, 1 - axis] / TILE_M).astype(np.int64)
     return log_likelihoods(beams, recesses(recess, side, places), is_closed=recess.is_closed, tile=tile)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from completion.features.openings.limits import BLOCKED, LEAST_SLOPE, MEETS, NEAR_SD, OPEN_NEIGHBOURS, STRAY
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -55,13 +56,9 @@ class Floor:
     points: FloatArray
 
 
-_LEAST_SLOPE = 0.05  # sine between beam and wall: flatter beams do not say where they cross it
-BLOCKED, STRAY, MEETS = 0.20, 0.01, 0.79  # shares of beams that something stops before, of strays, others
-_NEAR = 6.0  # deviations of the range
 _MOST_PIXELS = 80_000  # of one scan, that are looked at for one wall, and again for one rectangle
 _COARSE = 4  # every so many rows and columns tell where to look
 _MARGIN = 8  # pixels about those of beams that are known
-_NEIGHBOURS = 2  # pixels beside one that goes on which go on too; a stray return has none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,7 +246,7 @@ def _reaching_pixels(
     scan = _of_scan(frame, seen, window, wall=wall, number=number, pixels=pixels)
     if scan is None:
         return np.zeros(0, np.int64)
-    return scan.pixel[scan.ranges > scan.wall_range - _NEAR * scan.deviation]
+    return scan.pixel[scan.ranges > scan.wall_range - NEAR_SD * scan.deviation]
 
 
 def _pixels(shape: tuple[int, int], known: IntArray) -> IntArray:
@@ -282,7 +279,7 @@ def _of_scan(
     with np.errstate(divide="ignore", invalid="ignore"):
         away = -origin[1] / directions[:, 1]
         uv = origin[[0, 2]] + away[:, None] * directions[:, [0, 2]]
-    reaches = (directions[:, 1] > _LEAST_SLOPE) & ((uv > window[0]) & (uv < window[1])).all(axis=1)
+    reaches = (directions[:, 1] > LEAST_SLOPE) & ((uv > window[0]) & (uv < window[1])).all(axis=1)
     place = np.flatnonzero(reaches)
     if not len(place):
         return None
@@ -295,12 +292,12 @@ def _of_scan(
     sd = np.maximum(sd, 1e-6)
     measured = ranges.ravel()[pixel].copy()
     is_silent = ~np.isfinite(measured)
-    near = np.abs(np.where(is_silent, 0.0, measured) - away) < _NEAR * sd
+    near = np.abs(np.where(is_silent, 0.0, measured) - away) < NEAR_SD * sd
     measured[near & _is_of_another(wall, number, pixel)] = np.inf
     on = np.zeros(shape, dtype=np.bool_)
     on.ravel()[place] = odds_of(measured, away, sd, farthest) > 0
     beside = ndimage.convolve(on.astype(np.int8), np.ones((3, 3), np.int8), mode="constant") - on
-    measured[(on & (beside < _NEIGHBOURS)).ravel()[place]] = np.inf
+    measured[(on & (beside < OPEN_NEIGHBOURS)).ravel()[place]] = np.inf
     return WallBeams(
         uv=uv[place],
         slope=directions[place][:, [0, 2]] / into[:, None],
