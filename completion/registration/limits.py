@@ -115,8 +115,8 @@ SAME_ANGLE = np.radians(4.0)
 """By which angles between directions may differ: 4 deg. By choice."""
 LEAST_SINE = 0.3
 """Of the angle between two directions that fix a rotation: 17 deg."""
-LEAST_VOLUME = 0.3
-"""Triple product of three directions that fix a place: `LEAST_SINE`."""
+LEAST_VOLUME = LEAST_SINE
+"""Triple product of three directions that fix a place."""
 N_DIRECTIONS = 9
 """Of a scan's planes that propose poses, those of the largest area. By choice: time grows with the fourth
 power."""
@@ -147,8 +147,8 @@ N_FEW_VOTES = 4
 """Of them, where all places along a third direction are tried."""
 SAME_OFFSET_M = 0.05
 """Offsets that are one vote. By choice."""
-STEP_M = 0.2
-"""Along a direction that no plane fixes: `COARSE_M`."""
+STEP_M = COARSE_M
+"""Along a direction that no plane fixes."""
 N_SHARED = 4
 """Directions of each scan that may be the shared plane."""
 N_HEIGHTS = 2

@@ -21,14 +21,12 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from scipy.linalg import qr
 
+from completion.fitting.limits import EXACT_JOIN, NEARLY_JOIN, SQUARE
 from completion.fitting.patches.patch import SIDES, Basis, SideName, SplinePatch, side_rows
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.io.documents import read_json
 from scenes.io.guard import reading
 from scenes.surfaces.catalogue import Cylinder, Plane
-
-_SQUARE = 1e-10
-"""Radians: planes that are off by more leave no corner at which both joins hold."""
 
 
 class JoinKind(StrEnum):
@@ -96,9 +94,9 @@ def _check_corner(name: str, next_name: str, first: Boundary, second: Boundary) 
     angle = float(np.arctan2(across, abs(normal @ next_normal)))
     joins = {first.join, second.join}
     if joins == {JoinKind.TANGENT}:
-        is_good, needs = angle <= _SQUARE, "in one plane"
+        is_good, needs = angle <= SQUARE, "in one plane"
     else:
-        is_good = JoinKind.ORTHOGONAL not in joins or abs(angle - np.pi / 2) <= _SQUARE
+        is_good = JoinKind.ORTHOGONAL not in joins or abs(angle - np.pi / 2) <= SQUARE
         needs = "square to the last digits (hold their directions: `unseen fit --axis`)"
     if not is_good:
         raise InputError(
@@ -197,7 +195,6 @@ def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("ij,ij->i", first, second))
 
 
-_EXACT, _NEARLY = 1e-10, 1e-5
 """Independent is what is left of an equation by others: of linear ones, and of linearised ones."""
 
 
@@ -213,7 +210,7 @@ class ControlEquations(NamedTuple):
     def independent(self) -> ControlEquations:
         """Return those that the others do not entail; linear ones go first."""
         kept, known = list[int](), np.zeros((self.rows.shape[1], 0))
-        for linear, least in ((True, _EXACT), (False, _NEARLY)):
+        for linear, least in ((True, EXACT_JOIN), (False, NEARLY_JOIN)):
             rows = np.flatnonzero(self.is_linear == linear)
             if not len(rows):
                 continue

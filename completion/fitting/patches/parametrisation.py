@@ -16,6 +16,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from completion.fitting.limits import CLOSE_RADII, END_SHARE, LEAST_TRACE, NEAREST_SHARE
 from completion.fitting.patches.joins import Boundaries
 from completion.fitting.patches.patch import SIDES, SideName
 from scenes.checks import FloatArray, IntArray
@@ -23,11 +24,7 @@ from scenes.surfaces.catalogue import Cylinder
 
 _STRIPS, _DEGREE = 24, 4  # strips across the frame, and the polynomial that their ends are smoothed by
 _FOLLOWED = 2  # the same for ends of a patch
-_END = 0.01  # share of a strip's points beyond its ends
-_NEAREST = 0.05  # share of the points by which a surface's trace is told
 _MIRRORS = ((False, False), (False, True), (True, False), (True, True))  # of u and of v
-_CLOSE = 0.3  # radii from an axis, within which points are not unrolled about it
-_TRACE = 0.2  # length of the mean trace, of those of one, from which on it decides
 
 
 class _PointChart(NamedTuple):
@@ -60,7 +57,7 @@ class _PointChart(NamedTuple):
 def span_about(points: FloatArray, tube: Cylinder) -> float:
     """Return the angle, radians, that points (k, 3) take up about an axis; 0 where some lie close to it."""
     angle, reach = _polar(points, tube)
-    if reach.min() < _CLOSE * tube.radius:
+    if reach.min() < CLOSE_RADII * tube.radius:
         return 0.0
     turns = np.sort(angle)
     return float(2 * np.pi - np.diff(np.append(turns, turns[0] + 2 * np.pi)).max())
@@ -132,8 +129,8 @@ def stretch(uv: FloatArray, ends: Collection[SideName]) -> FloatArray:
         low, high = (
             np.clip(column, *most) for column, most in zip(values.T, ((0.0, 0.3), (0.7, 1.0)), strict=True)
         )
-        low = low if f"{letter}0" in ends else np.full(len(uv), _END)
-        high = high if f"{letter}1" in ends else np.full(len(uv), 1 - _END)
+        low = low if f"{letter}0" in ends else np.full(len(uv), END_SHARE)
+        high = high if f"{letter}1" in ends else np.full(len(uv), 1 - END_SHARE)
         uv_stretched[:, column] = _share_between(seen, np.column_stack([low, high]))
     return uv_stretched
 
@@ -143,12 +140,12 @@ def _turn(points: FloatArray, chart: _PointChart, boundaries: Boundaries) -> flo
     total, weight = 0j, 0.0
     for boundary in boundaries.values():
         away = np.abs(boundary.surface.distance(points))
-        nearest = np.argsort(away, kind="stable")[: max(8, int(_NEAREST * len(points)))]
+        nearest = np.argsort(away, kind="stable")[: max(8, int(NEAREST_SHARE * len(points)))]
         across = chart.project(boundary.surface.normal(points[nearest]), nearest).mean(axis=0)
         size = float(np.linalg.norm(across))
         total += size * np.exp(4j * np.arctan2(across[1], across[0]))
         weight += 1.0
-    if boundaries and abs(total) > _TRACE * weight:
+    if boundaries and abs(total) > LEAST_TRACE * weight:
         return float(np.angle(total) / 4)
     hull = chart.flat[ConvexHull(chart.flat).vertices]
     sides = np.roll(hull, -1, axis=0) - hull
@@ -169,7 +166,7 @@ def _strip_ends(seen: FloatArray, degree: int) -> FloatArray:
         is_member = strip == number
         if np.count_nonzero(is_member) >= 3:
             middles.append(float(scaled[is_member].mean()))
-            ends.append(np.quantile(x[is_member], [_END, 1 - _END]))
+            ends.append(np.quantile(x[is_member], [END_SHARE, 1 - END_SHARE]))
             sizes.append(int(np.count_nonzero(is_member)))
     degree = min(degree, max(0, len(middles) - 2))
     weights = np.sqrt(np.array(sizes, dtype=np.float64))
@@ -180,7 +177,7 @@ def _strip_ends(seen: FloatArray, degree: int) -> FloatArray:
 def _share_between(seen: FloatArray, ends: FloatArray) -> FloatArray:
     """Where points (k, 2) lie along x between ends (k, 2), beyond which a small share of them is."""
     width = np.maximum(ends[:, 1] - ends[:, 0], 0.05 * np.median(ends[:, 1] - ends[:, 0]))
-    return np.clip(_END + (1 - 2 * _END) * (seen[:, 0] - ends[:, 0]) / width, 0.0, 1.0)
+    return np.clip(END_SHARE + (1 - 2 * END_SHARE) * (seen[:, 0] - ends[:, 0]) / width, 0.0, 1.0)
 
 
 def _near_side(xy: FloatArray, name: SideName) -> IntArray:

@@ -10,6 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csc_array
 
+from completion.fitting.limits import (
+    BEYOND,
+    CYLINDER_SPAN,
+    FAR_SIZES,
+    MANY_BEYOND,
+    OFF_CYLINDER,
+    OFF_PLANE,
+    SMOOTHING,
+    WORSE_RMS,
+)
 from completion.fitting.patches.joins import (
     Boundaries,
     Boundary,
@@ -130,18 +140,13 @@ def measured_join(patch: SplinePatch, side: SideName, boundary: Boundary) -> Mea
     return MeasuredJoin(float(off.max()), gap)
 
 
-BEYOND = 3.0
-"""Residuals (rms) from a boundary, from which on a point lies beyond it."""
-
-_MANY = 0.05  # share of the points that lie beyond
-_OFF_CYLINDER, _OFF_PLANE, _WORSE = 1e-6, 1e-9, 1.05  # radians, radians, ratio of rms
 _GRID, _EDGE = 81, 0.02  # places along each side at which folds are looked for, a strip apart
 
 
 def doubts_of(fit: PatchFit, beyond: float) -> tuple[str, ...]:
     """Return what is doubtful of a patch, of whose points a share lies `beyond` its boundaries."""
     doubts = list[str]()
-    if beyond > _MANY:
+    if beyond > MANY_BEYOND:
         doubts.append(
             f"{100 * beyond:.0f} % of the points lie beyond the boundaries: are the surfaces where they are "
             "said to be?"
@@ -150,13 +155,13 @@ def doubts_of(fit: PatchFit, beyond: float) -> tuple[str, ...]:
         doubts.append("the patch is folded: a surface cuts through the points, or they are no single sheet")
     for side, boundary in fit.boundaries.items():
         angle = fit.joins[side].angle
-        if isinstance(boundary.surface, Cylinder) and angle > _OFF_CYLINDER:
+        if isinstance(boundary.surface, Cylinder) and angle > OFF_CYLINDER:
             doubts.append(
                 f"{side} is {angle:.1e} rad off its cylinder: more controls along it follow it closer"
             )
-        elif isinstance(boundary.surface, Plane) and angle > _OFF_PLANE:
+        elif isinstance(boundary.surface, Plane) and angle > OFF_PLANE:
             doubts.append(f"{side} is {angle:.1e} rad off its plane: the patch has no width there")
-    if fit.ratio > _WORSE:
+    if fit.ratio > WORSE_RMS:
         doubts.append(
             f"the points' rms is {fit.ratio:.2f} times that of a patch joined to nothing: they contradict "
             "a join, or a surface is not where it is said to be"
@@ -176,13 +181,8 @@ def _is_folded(patch: SplinePatch) -> bool:
     return any(bool((determinant < 0).any()) for determinant in turned)
 
 
-_SMOOTHING = 1e-9
-"""Weight of the thin plate, a point: of a patch as large as its points scatter, far below their errors."""
-
 _MOST_SIDE = 64  # controls
 _USUAL, _POINTS_EACH = 10, 4.0  # controls along a side, and points for each, when not given
-_SPAN = 0.15  # radians about a cylinder, which a polynomial of degree five follows within 1e-7
-_FAR = 1.0  # sizes of the cloud, beyond which a surface bounds nothing
 
 
 def fit_patch(
@@ -191,7 +191,7 @@ def fit_patch(
     *,
     controls: tuple[int, int] | None = None,
     free: bool = False,
-    smoothing: float = _SMOOTHING,
+    smoothing: float = SMOOTHING,
 ) -> PatchFit:
     """Fit a free-form patch to points, joined along its boundaries to planes exactly, to cylinders nearly so.
 
@@ -325,7 +325,7 @@ def _shape(
         for side, boundary in around.items():
             if isinstance(boundary.surface, Cylinder):
                 along = "v" if side[0] == "u" else "u"
-                spans = int(np.ceil(span_about(places, boundary.surface) / _SPAN))
+                spans = int(np.ceil(span_about(places, boundary.surface) / CYLINDER_SPAN))
                 needed[along] = min(max(needed[along], 5 + spans), _MOST_SIDE)
         return max(needed["u"], degree[0] + 1), max(needed["v"], degree[1] + 1)
     for n, least, name in zip(controls, degree, "uv", strict=True):
@@ -338,7 +338,7 @@ def _shape(
 
 def _check_met(off: Mapping[SideName, float], boundaries: Boundaries, size: float) -> None:
     for side, far in off.items():
-        if far > _FAR:
+        if far > FAR_SIZES:
             kind = boundaries[side].surface.kind
             raise FitError(
                 f"{side}: where the points end next to its {kind} they are {far * size:.4g} from it, and "

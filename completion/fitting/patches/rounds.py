@@ -21,13 +21,12 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from completion.fitting.limits import BESIDE, EVEN_BY_NOISE, EVENNESS, MOST_STEP, STILL_RMS, STILL_SURFACES
 from completion.fitting.patches.joins import Boundaries, Boundary, ControlEquations, JoinKind, equations_of
 from completion.fitting.patches.parametrisation import stretch
 from completion.fitting.patches.patch import SIDES, Basis, SideName, SplinePatch, products
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.surfaces.catalogue import Cylinder, Plane
-
-_STEP = 0.1  # of u and v at most: farther the linear picture does not hold
 
 
 class Feet(NamedTuple):
@@ -53,7 +52,7 @@ def feet_of(patch: SplinePatch, points: FloatArray, uv: FloatArray, steps: int) 
         right_u, right_v = _dot(along_u, off), _dot(along_v, off)
         determinant = np.maximum(uu * vv - uv_**2, 1e-9 * uu * vv + 1e-300)
         step = np.column_stack([vv * right_u - uv_ * right_v, uu * right_v - uv_ * right_u])
-        uv = np.clip(uv + np.clip(step / determinant[:, None], -_STEP, _STEP), 0.0, 1.0)
+        uv = np.clip(uv + np.clip(step / determinant[:, None], -MOST_STEP, MOST_STEP), 0.0, 1.0)
     across = np.cross(along_u, along_v)
     normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
     return Feet(uv, normals, _dot(off, normals), np.asarray(((uv > 0.0) & (uv < 1.0)).all(axis=1)))
@@ -73,9 +72,6 @@ def nearest_uv(patch: SplinePatch, uv: FloatArray, points: FloatArray, stride: i
 def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("ij,ij->i", first, second))
 
-
-BESIDE = 0.05**2
-"""Weight of a point's offset along the surface beside that across it; it keeps controls from sliding."""
 
 _SAMPLED = 2  # places a span, along u and along v, at which evenness is measured
 
@@ -289,11 +285,9 @@ ON_ALL, STEPS = 2, 2
 _ANNEALED = (1e-3, 1e-5, 1e-5, 1e-6, 1e-7)
 """Smoothing of the first rounds."""
 
-_MOST_ROUNDS, _STILL = 12, 2e-3  # further ones, until the rms falls by a smaller share
-_EVEN = 1e-7  # weight of parameters that run evenly, a point, at most
-_EVEN_BY_NOISE = 4e-3  # and of the squared rms at unit size: what is measured better is smoothed less
+_MOST_ROUNDS = 12  # further ones, until the rms falls by a smaller share
 _SOME = 20_000  # points
-_FREE_ROUNDS, _RESTS = 15, 0.01  # at most, and shares of a point's error by which surfaces still move
+_FREE_ROUNDS = 15  # at most, and shares of a point's error by which surfaces still move
 
 
 class State(NamedTuple):
@@ -315,7 +309,7 @@ def fit_by_rounds(state: State, places: FloatArray, smoothing: float) -> State:
             coarse, places_used, max(weight, smoothing), rms=last, is_first=number == 0, is_stretched=True
         )
         rms, _ = rms_of(coarse.patch, feet_of(coarse.patch, places_used, coarse.uv, 0))
-        if number > len(_ANNEALED) and rms > (1 - _STILL) * last:
+        if number > len(_ANNEALED) and rms > (1 - STILL_RMS) * last:
             break
         last = rms
     state = coarse._replace(uv=nearest_uv(coarse.patch, coarse.uv, places, stride))
@@ -357,7 +351,7 @@ def next_round(
 
 def even_weight(rms: float) -> float:
     """Return the weight of parameters that run evenly, for points that are so far off."""
-    return min(_EVEN, _EVEN_BY_NOISE * rms**2)
+    return min(EVENNESS, EVEN_BY_NOISE * rms**2)
 
 
 def release_surfaces(
@@ -376,7 +370,7 @@ def release_surfaces(
         solved, last = BorderedSystem(csc_array(form), equations).solve(right, equations.value), moved
         moved = solved[-freedom.n :]
         state = State(_with(state.patch, solved[: -freedom.n]), feet.uv, freedom.move(moved))
-        if np.abs(moved - last).max() < _RESTS * np.sqrt(variance):
+        if np.abs(moved - last).max() < STILL_SURFACES * np.sqrt(variance):
             break
     return state
 
