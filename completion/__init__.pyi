@@ -16,9 +16,9 @@ from .fitting.euclidean import fit_cylinder as fit_cylinder
 from .fitting.euclidean import fit_plane as fit_plane
 from .fitting.patches.joins import Boundary as Boundary
 from .fitting.patches.joins import read_boundaries as read_boundaries
-from .fitting.patches.patch import SplinePatch as SplinePatch
 from .fitting.patches.pipeline import PatchFit as PatchFit
 from .fitting.patches.pipeline import fit_patch as fit_patch
+from .fitting.patches.spline import SplinePatch as SplinePatch
 from .fitting.pipeline import fit as fit
 from .fitting.result import FitError as FitError
 from .fitting.result import SurfaceFit as SurfaceFit

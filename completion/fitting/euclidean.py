@@ -16,7 +16,7 @@ from completion.fitting.degeneracy import (
     principal,
     undetermined_by,
 )
-from completion.fitting.held import GivenGeometry, HeldChart
+from completion.fitting.given_geometry import GivenGeometry, HeldChart
 from completion.fitting.kinds import KINDS, chart_of
 from completion.fitting.limits import MOST_CONDITION
 from completion.fitting.moments import centroid

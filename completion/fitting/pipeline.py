@@ -7,10 +7,9 @@ import numpy as np
 
 from completion.fitting.degeneracy import check_bend, check_enough, check_sample
 from completion.fitting.euclidean import fit_euclidean
-from completion.fitting.held import given_of_shape
+from completion.fitting.given_geometry import given_of_shape
 from completion.fitting.kinds import KINDS
-from completion.fitting.quadrics import fit_by_quadric
-from completion.fitting.rays import fit_along_rays
+from completion.fitting.metrics import fit_along_rays, fit_by_quadric
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.robust import fit_robust
 from completion.fitting.selection import select

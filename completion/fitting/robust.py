@@ -10,7 +10,7 @@ import numpy as np
 from completion.fitting.chart import Chart
 from completion.fitting.degeneracy import check_layer
 from completion.fitting.euclidean import ScaledCloud, normal_equations, polish_chart
-from completion.fitting.held import GivenGeometry, HeldChart
+from completion.fitting.given_geometry import GivenGeometry, HeldChart
 from completion.fitting.kinds import KINDS, chart_of
 from completion.fitting.limits import CUTS, LEAST_AGREEING, TUKEY
 from completion.fitting.result import FitError, SurfaceFit
@@ -43,7 +43,7 @@ def consensus_surface(
     best: Surface | None = None
     least, n_spanned = np.inf, 0
     for drawn in rng.integers(0, len(points), (n_sets, n_drawn)):
-        surface = KINDS[shape].geometry.spanned(points[drawn], normals[drawn])
+        surface = KINDS[shape].geometry.through(points[drawn], normals[drawn])
         if surface is None:
             continue
         n_spanned += 1

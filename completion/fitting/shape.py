@@ -29,7 +29,7 @@ class KindGeometry:
         The chart at a surface, relative to a centre (3,) in units of a scale.
     starts : callable
         Charts to polish from, of points (n, 3) near the unit ball and of so many axes.
-    spanned : callable
+    through : callable
         The surface through oriented points (k, 3), (k, 3); None where they are degenerate.
     parameters : callable
         The parameters of a surface by name, in the order that files use.
@@ -41,7 +41,7 @@ class KindGeometry:
 
     chart: Callable[[Any, FloatArray, float], Chart]
     starts: Callable[[FloatArray, int], list[Chart]]
-    spanned: Callable[[FloatArray, FloatArray], Surface | None]
+    through: Callable[[FloatArray, FloatArray], Surface | None]
     parameters: Callable[[Any], dict[str, object]]
     jacobians: Callable[[Any], dict[str, FloatArray]]
     radii: Callable[[Any], tuple[float, ...]]

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from completion.registration.candidates import form_candidates, plane_candidates, turn_candidates
 from completion.registration.facets import AGREES, ask_facets, count_agreement
 from completion.registration.limits import (
     ALONG,
@@ -42,6 +41,7 @@ from completion.registration.limits import (
     VIOLATION,
 )
 from completion.registration.motions import STILL, angle_between, compose, inverse, inverses, perturb
+from completion.registration.pose_candidates import form_candidates, plane_candidates, turn_candidates
 from completion.registration.refinement import PlacedScan, equations_of, refine, stiffness
 from completion.registration.station_view import StationView
 from scenes.checks import FloatArray, IntArray

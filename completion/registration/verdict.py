@@ -9,7 +9,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from completion.registration.candidates import places_of
 from completion.registration.hypotheses import Hypothesis, distinct, judge_motion, scores_of
 from completion.registration.limits import (
     ALONG,
@@ -38,6 +37,7 @@ from completion.registration.limits import (
     VIOLATION,
 )
 from completion.registration.motions import STILL, angle_between, compose, inverses
+from completion.registration.pose_candidates import places_of
 from completion.registration.refinement import PlacedScan, refine
 from completion.registration.station_view import StationView
 from scenes.checks import FloatArray

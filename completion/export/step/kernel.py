@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from completion.fitting.patches.patch import SplinePatch
+from completion.fitting.patches.spline import SplinePatch
 from scenes.checks import FloatArray, InputError
 from scenes.io.guard import import_extra
 from scenes.scan.colour import surface_bytes

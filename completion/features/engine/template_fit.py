@@ -9,6 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from completion.features.engine.least_squares import (
+    PRIOR_VARIANCE,
+    Refinement,
+    box_covariance,
+    inflation,
+    neighbour_cells,
+    refine,
+)
 from completion.features.engine.limits import (
     FEWEST_POINTS,
     FORM_ERROR,
@@ -18,14 +26,6 @@ from completion.features.engine.limits import (
     SCATTER_SD,
     TILE_POINTS,
     TILE_SPACINGS,
-)
-from completion.features.engine.refinement import (
-    PRIOR_VARIANCE,
-    Refinement,
-    box_covariance,
-    inflation,
-    neighbour_cells,
-    refine,
 )
 from completion.features.engine.search import Gate, SoughtParameters, breach, equations, explore
 from completion.features.engine.template import (

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr
 
-from completion.features.holes.candidates import N_SECTORS, rim_scores
+from completion.features.holes.circles import N_SECTORS, rim_scores
 from completion.features.holes.limits import (
     LEAST_RADIUS,
     MOST_MOVE,

@@ -22,7 +22,8 @@ from completion.features.engine.template import (
     TemplateFit,
     best_first,
 )
-from completion.features.holes.candidates import N_SECTORS, candidates
+from completion.features.holes.circles import N_SECTORS, candidates
+from completion.features.holes.lattices import count_range, lattices, proposals
 from completion.features.holes.limits import (
     DOUBTFUL_FITS,
     FALSE_FITS,
@@ -32,6 +33,14 @@ from completion.features.holes.limits import (
     PARALLEL,
     SOFT_PLACE,
     SOFT_REFINED,
+)
+from completion.features.holes.pattern_evidence import (
+    Ground,
+    WeighedPattern,
+    are_notches,
+    best_window,
+    climb_pattern,
+    open_sides,
 )
 from completion.features.holes.patterns import (
     CIRCLE,
@@ -54,15 +63,6 @@ from completion.features.holes.plates import (
     rim_corners,
     scatter_points,
     survey,
-)
-from completion.features.holes.proposals import count_range, lattices, proposals
-from completion.features.holes.weighing import (
-    Ground,
-    WeighedPattern,
-    are_notches,
-    best_window,
-    climb_pattern,
-    open_sides,
 )
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 

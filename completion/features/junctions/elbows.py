@@ -10,6 +10,13 @@ import numpy as np
 
 from completion.features.engine.limits import LEAST_EVIDENCE
 from completion.features.engine.template import FeatureSide, FeatureStatus, Measurements, TemplateFit
+from completion.features.junctions.alternatives import (
+    Alternative,
+    WeighedFit,
+    sides_of,
+    told_covariance,
+    weigh,
+)
 from completion.features.junctions.limits import (
     JOINT_POINTS,
     LEAST_SIGMA,
@@ -31,8 +38,7 @@ from completion.features.junctions.models import (
     elbow,
     thickness,
 )
-from completion.features.junctions.weighing import Alternative, WeighedFit, sides_of, told_covariance, weigh
-from completion.fitting.held import given_of_shape
+from completion.fitting.given_geometry import given_of_shape
 from completion.fitting.result import FitError
 from completion.fitting.robust import consensus_surface, fit_robust
 from completion.fitting.starts import orient_normals

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from completion.features.engine.template import FeatureStatus, Given, Measurements, TemplateFit, best_first
 from completion.features.engine.template_fit import NOTHING
+from completion.features.junctions.alternatives import one_arc
 from completion.features.junctions.elbows import fit_elbow
 from completion.features.junctions.limits import (
     ACROSS,
@@ -39,7 +40,6 @@ from completion.features.junctions.limits import (
 )
 from completion.features.junctions.models import Descent, Unit, at_unit, descend_to_rest, thickness
 from completion.features.junctions.tangent import fit_junction
-from completion.features.junctions.weighing import one_arc
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 
 _MOST_CLOUD_POINTS = 16_000

@@ -10,6 +10,15 @@ import numpy as np
 
 from completion.features.engine.limits import LEAST_EVIDENCE
 from completion.features.engine.template import FeatureSide, FeatureStatus, Measurements, TemplateFit
+from completion.features.junctions.alternatives import (
+    Certainty,
+    WeighedFit,
+    alternatives,
+    one_arc,
+    sides_of,
+    told_covariance,
+    weigh,
+)
 from completion.features.junctions.limits import (
     AHEAD_NATS,
     LOOSE_JOINT,
@@ -31,15 +40,6 @@ from completion.features.junctions.models import (
     split_starts,
     tangent_arcs,
     thickness,
-)
-from completion.features.junctions.weighing import (
-    Certainty,
-    WeighedFit,
-    alternatives,
-    one_arc,
-    sides_of,
-    told_covariance,
-    weigh,
 )
 from scenes.checks import BoolArray, FloatArray
 

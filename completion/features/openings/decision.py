@@ -42,7 +42,6 @@ from completion.features.openings.limits import (
     TILE_M,
     TILE_NATS,
 )
-from completion.features.openings.proposals import WallChart
 from completion.features.openings.recess import (
     FACES,
     SIDES,
@@ -55,6 +54,7 @@ from completion.features.openings.recess import (
     near_side,
     open_limits,
 )
+from completion.features.openings.rectangles import WallChart
 from completion.features.openings.walls import Wall, WallBeams, WallFrame
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation

@@ -44,8 +44,8 @@ from completion.features.openings.limits import (
     SIDEWAYS,
     SILENT_SHARE,
 )
-from completion.features.openings.proposals import WallChart, propose
 from completion.features.openings.recess import Recess, SideEstimate
+from completion.features.openings.rectangles import WallChart, propose
 from completion.features.openings.walls import Floor, Wall, WallBeams, WallFrame, wall_beams
 from completion.merging.merged_surface import MergedSurface
 from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces

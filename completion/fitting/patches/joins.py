@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from completion.fitting.limits import EXACT_JOIN, NEARLY_JOIN, SQUARE
-from completion.fitting.patches.patch import SIDES, Basis, SideName, SplinePatch, side_rows
+from completion.fitting.patches.spline import SIDES, Basis, SideName, SplinePatch, side_rows
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.io.documents import read_json
 from scenes.io.guard import reading

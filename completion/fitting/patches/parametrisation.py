@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull
 
 from completion.fitting.limits import CLOSE_RADII, END_SHARE, LEAST_TRACE, NEAREST_SHARE
 from completion.fitting.patches.joins import Boundaries
-from completion.fitting.patches.patch import SIDES, SideName
+from completion.fitting.patches.spline import SIDES, SideName
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder
 

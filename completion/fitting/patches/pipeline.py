@@ -29,7 +29,6 @@ from completion.fitting.patches.joins import (
     equations_of,
 )
 from completion.fitting.patches.parametrisation import parametrise, span_about
-from completion.fitting.patches.patch import SideName, SplinePatch, products, side_places
 from completion.fitting.patches.rounds import (
     ON_ALL,
     STEPS,
@@ -44,6 +43,7 @@ from completion.fitting.patches.rounds import (
     release_surfaces,
     rms_of,
 )
+from completion.fitting.patches.spline import SideName, SplinePatch, products, side_places
 from completion.fitting.result import FitError
 from scenes.checks import FloatArray, InputError, check_points
 from scenes.surfaces.catalogue import Cylinder, Plane

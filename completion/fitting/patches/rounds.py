@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from completion.fitting.limits import BESIDE, EVEN_BY_NOISE, EVENNESS, MOST_STEP, STILL_RMS, STILL_SURFACES
 from completion.fitting.patches.joins import Boundaries, Boundary, ControlEquations, JoinKind, equations_of
 from completion.fitting.patches.parametrisation import stretch
-from completion.fitting.patches.patch import SIDES, Basis, SideName, SplinePatch, products
+from completion.fitting.patches.spline import SIDES, Basis, SideName, SplinePatch, products
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.surfaces.catalogue import Cylinder, Plane
 

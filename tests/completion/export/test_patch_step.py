@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from completion.fitting.patches.patch import SplinePatch
+from completion.fitting.patches.spline import SplinePatch
 from tests.helpers.step_examples import needs_kernel, read_back
 
 needs_kernel()

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.features.holes.candidates import HoleCandidates
+from completion.features.holes.circles import HoleCandidates
+from completion.features.holes.lattices import log_chance
 from completion.features.holes.patterns import CIRCLE, GRID, KINDS, LEAST_SEEN, ROW, Pattern, fit_pattern
 from completion.features.holes.pipeline import false_fit_probability
-from completion.features.holes.proposals import log_chance
 
 PATTERNS = (
     Pattern(ROW, (5, 1), np.array([3.0, -2.0, 0.7, 11.0]), 2.0),

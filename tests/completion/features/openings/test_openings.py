@@ -11,8 +11,8 @@ from benchmarks.cases.walls import null_case, opening_case
 from completion.features.engine.template import FeatureStatus, SideState
 from completion.features.openings.decision import false_fit_probability
 from completion.features.openings.pipeline import find_openings_of_scans
-from completion.features.openings.proposals import best_rectangle
 from completion.features.openings.recess import Recess, expect, fit_depth, fit_side, log_likelihoods, recesses
+from completion.features.openings.rectangles import best_rectangle
 from completion.features.openings.walls import WallBeams, odds_of
 from scenes.pose import Pose
 from scenes.run.journal import NO_JOURNAL

@@ -17,8 +17,8 @@ from completion.features.openings.decision import (
     is_strip,
 )
 from completion.features.openings.pipeline import floors_of
-from completion.features.openings.proposals import WallChart, propose
 from completion.features.openings.recess import Recess, SideEstimate, fit_depth
+from completion.features.openings.rectangles import WallChart, propose
 from scenes.surfaces.plane import Plane
 from tests.completion.features.openings.test_openings import NICHE, beams_at, expected_of
 

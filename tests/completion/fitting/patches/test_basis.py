@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from completion.fitting.patches.patch import SplinePatch, basis, side_places, side_rows
+from completion.fitting.patches.spline import SplinePatch, basis, side_places, side_rows
 from scenes.checks import InputError
 
 

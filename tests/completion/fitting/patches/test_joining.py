@@ -12,8 +12,8 @@ from completion.fitting.patches.joins import (
     equations_of,
     join_equations,
 )
-from completion.fitting.patches.patch import SplinePatch, basis
 from completion.fitting.patches.rounds import BorderedSystem, normal_equations, thin_plate
+from completion.fitting.patches.spline import SplinePatch, basis
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.patch_examples import BLEND, END, FLOOR, WALL

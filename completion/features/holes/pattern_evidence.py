@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from completion.features.holes.candidates import HoleCandidates, rim_scores
+from completion.features.holes.circles import HoleCandidates, rim_scores
+from completion.features.holes.lattices import Proposal, log_chance, log_rarity, looks, matches
 from completion.features.holes.limits import (
     FILLED_NATS,
     LARGE_LOSS_NATS,
@@ -25,7 +26,6 @@ from completion.features.holes.limits import (
 )
 from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, Pattern, centres_of
 from completion.features.holes.plates import Openings, PlateSurvey
-from completion.features.holes.proposals import Proposal, log_chance, log_rarity, looks, matches
 from scenes.checks import BoolArray, FloatArray, IntArray
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
-from completion.features.holes.candidates import HoleCandidates, rim_scores
+from completion.features.holes.circles import HoleCandidates, rim_scores
 from completion.features.holes.limits import (
     ALIKE,
     EXACT_CANDIDATE,

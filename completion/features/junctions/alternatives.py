@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.features.engine.refinement import inflation, neighbour_cells
+from completion.features.engine.least_squares import inflation, neighbour_cells
 from completion.features.engine.template import FeatureSide
 from completion.features.engine.template_fit import face_sides
 from completion.features.junctions.limits import LEAST_SIGMA, NOISE_SHARE, ROUGHER, SHARPEST
