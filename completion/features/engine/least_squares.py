@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Refinement: robust least squares of distances with numeric derivatives, and how well it knows its place."""
+"""Robust least squares of distances with numeric derivatives, and how well it knows its place."""
 
 from __future__ import annotations
 

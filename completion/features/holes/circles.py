@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Candidates: single circles that may be holes, by the rims where the plate ends."""
+"""Circles: single circles that may be holes, by the rims where the plate ends."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Proposals: patterns and lattices through several candidates, and how many as regular arise by chance.
+"""Lattices: patterns and lattices through several candidates, and how many as regular arise by chance.
 
 A hole of which a third is seen is no circle by itself: its centre and radius are too uncertain to be met by
 a lattice through others. Two well-seen holes determine its place. Of the lattices through all pairs of like

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Weighing: a fit against plainer surfaces and other solutions of its kind, and how well it is determined."""
+"""Alternatives: plainer surfaces and other solutions that a fit is weighed against, and how certain it is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.features.engine.least_squares import inflation, neighbour_cells
-from completion.features.engine.template import FeatureSide
+from completion.features.engine.limits import LEAST_EVIDENCE
+from completion.features.engine.template import FeatureSide, FeatureStatus
 from completion.features.engine.template_fit import face_sides
 from completion.features.junctions.limits import LEAST_SIGMA, NOISE_SHARE, ROUGHER, SHARPEST
 from completion.features.junctions.models import (
@@ -196,3 +197,21 @@ def weigh(
         rival=rival(known.excess),
         evaluations=evaluations,
     )
+
+
+def judge(fit: WeighedFit, unseen: Sequence[str], is_open: str = "") -> tuple[FeatureStatus, str] | None:
+    """Return the status of a fit that its evidence refuses or leaves open, and why; None where it is for it.
+
+    Sides that are `unseen` refuse it; `is_open` tells what a side that may be so leaves open, "" for nothing.
+    """
+    if fit.evidence <= 0:
+        return (
+            FeatureStatus.NONE,
+            f"{fit.plain} explains the points as well ({-fit.evidence:.1f} nats better)",
+        )
+    if fit.misfit or unseen:
+        return FeatureStatus.NONE, fit.misfit or f"not seen: {', '.join(unseen)}"
+    if fit.evidence < LEAST_EVIDENCE:
+        reason = f"{fit.plain} explains the points nearly as well ({fit.evidence:.1f} nats)"
+        return FeatureStatus.AMBIGUOUS, reason
+    return (FeatureStatus.AMBIGUOUS, is_open or fit.rival) if is_open or fit.rival else None

@@ -13,6 +13,7 @@ from completion.features.engine.template import FeatureSide, FeatureStatus, Meas
 from completion.features.junctions.alternatives import (
     Alternative,
     WeighedFit,
+    judge,
     sides_of,
     told_covariance,
     weigh,
@@ -293,25 +294,13 @@ def _judge_elbow(
     elbow: WeighedFit, x: FloatArray, covariance: FloatArray, sides: tuple[FeatureSide, ...]
 ) -> tuple[FeatureStatus, str]:
     """The status and why."""
-    if elbow.evidence <= 0:
-        return (
-            FeatureStatus.NONE,
-            f"{elbow.plain} explains the points as well ({-elbow.evidence:.1f} nats better)",
-        )
-    if elbow.misfit:
-        return FeatureStatus.NONE, elbow.misfit
     unseen = [side.name for side in sides if not side.is_seen]
-    if "bend" in unseen or len(unseen) > 1:
-        return FeatureStatus.NONE, f"not seen: {', '.join(unseen)}"
-    if elbow.evidence < LEAST_EVIDENCE:
-        return (
-            FeatureStatus.AMBIGUOUS,
-            f"{elbow.plain} explains the points nearly as well ({elbow.evidence:.1f} nats)",
-        )
-    if unseen:
-        return FeatureStatus.AMBIGUOUS, f"{unseen[0]} was not seen: where the bend ends is open"
-    if elbow.rival:
-        return FeatureStatus.AMBIGUOUS, elbow.rival
+    refused = unseen if "bend" in unseen or len(unseen) > 1 else []
+    refusal = judge(
+        elbow, refused, f"{unseen[0]} was not seen: where the bend ends is open" if unseen else ""
+    )
+    if refusal:
+        return refusal
     deviations = np.sqrt(np.diag(covariance)[:3])
     vague = [name for name, value, sd in zip(SHAPE, x, deviations, strict=False) if sd > VAGUE_BEND * value]
     if vague:

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from completion.features.engine.limits import LEAST_EVIDENCE
 from completion.features.engine.template import FeatureSide, FeatureStatus, Measurements, TemplateFit
 from completion.features.junctions.alternatives import (
     Certainty,
     WeighedFit,
     alternatives,
+    judge,
     one_arc,
     sides_of,
     told_covariance,
@@ -208,23 +208,9 @@ def _judge_junction(
     local: FloatArray,
 ) -> tuple[FeatureStatus, str]:
     """The status and why."""
-    if junction.evidence <= 0:
-        return (
-            FeatureStatus.NONE,
-            f"{junction.plain} explains the points as well ({-junction.evidence:.1f} nats better)",
-        )
-    if junction.misfit:
-        return FeatureStatus.NONE, junction.misfit
-    unseen = [side.name for side in sides if not side.is_seen]
-    if unseen:
-        return FeatureStatus.NONE, f"not seen: {', '.join(unseen)}"
-    if junction.evidence < LEAST_EVIDENCE:
-        return (
-            FeatureStatus.AMBIGUOUS,
-            f"{junction.plain} explains the points nearly as well ({junction.evidence:.1f} nats)",
-        )
-    if junction.rival:
-        return FeatureStatus.AMBIGUOUS, junction.rival
+    refusal = judge(junction, [side.name for side in sides if not side.is_seen])
+    if refusal:
+        return refusal
     deviations = np.sqrt(np.diag(covariance)[:2])
     vague = [
         name for name, r, sd in zip(NAMES, x, deviations, strict=False) if np.isfinite(r) and sd > VAGUE * r

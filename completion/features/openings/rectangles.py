@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Proposals: rectangles of a wall that beams go through, best first, to whole cells."""
+"""Rectangles of a wall that beams go through, best first, to whole cells."""
 
 from __future__ import annotations
 
