@@ -155,7 +155,7 @@ def _joint(
             for b, pose_b in two.poses.items()
             for motion in _motions(_alike(pairs), a, b)
         ]
-        best = _with_images_told(best, images, move)
+        best = _mark_images(best, images, move)
     return _Joint(best, judge(best, level))
 
 
@@ -168,7 +168,7 @@ def _alike(pairs: Hypotheses) -> Hypotheses:
     }
 
 
-def _with_images_told(
+def _mark_images(
     hypothesis: Sequence[Hypothesis], images: Sequence[FloatArray], move: Sequence[PlacedScan]
 ) -> list[Hypothesis]:
     """The hypotheses of two groups; those that are images of the first one, for some pair across, say so."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Evidence of patterns: a whole pattern by all its holes and the webs between them, and its most evident part."""
+"""Evidence of a whole pattern by all its holes and the webs between them, and its most evident part."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ Told = Callable[[Model], FloatArray]
 """From a model to the parameters (k,) that are told of it."""
 
 
-def told_covariance(sentence: Told, model: Model, known: Certainty) -> FloatArray:
+def parameter_covariance(sentence: Told, model: Model, known: Certainty) -> FloatArray:
     """Return the covariance (k, k) of what is told of a model, by differences; zero where it is infinite."""
     columns = []
     for step in np.eye(len(known.covariance)) * _STEP:

@@ -14,8 +14,8 @@ from completion.features.junctions.alternatives import (
     Alternative,
     WeighedFit,
     judge,
+    parameter_covariance,
     sides_of,
-    told_covariance,
     weigh,
 )
 from completion.features.junctions.limits import (
@@ -263,7 +263,7 @@ def _describe_elbow(elbow: WeighedFit, unit: Unit, held: tuple[str, ...]) -> Tem
         corner = unit.outside(model.origin + bend / np.cos(half) * model.turn[0])
         return np.concatenate([[2 * half, bend / unit.factor, tube / unit.factor], corner, model.turn[2]])
 
-    x, covariance = parameters(descent.model), told_covariance(parameters, descent.model, known)
+    x, covariance = parameters(descent.model), parameter_covariance(parameters, descent.model, known)
     sides = sides_of(FACES, descent, known, unit)
     status, reason = _judge_elbow(elbow, x, covariance, sides)
     half, bend, _ = descent.model.shape

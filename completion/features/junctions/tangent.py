@@ -15,8 +15,8 @@ from completion.features.junctions.alternatives import (
     alternatives,
     judge,
     one_arc,
+    parameter_covariance,
     sides_of,
-    told_covariance,
     weigh,
 )
 from completion.features.junctions.limits import (
@@ -149,7 +149,7 @@ def _describe_junction(junction: WeighedFit, unit: Unit, held: tuple[str, ...]) 
         return np.concatenate([radii, unit.outside(tube.origin + ends.mean() * tube.turn[2]), tube.turn[2]])
 
     x = parameters(model)
-    covariance = told_covariance(parameters, model, known)
+    covariance = parameter_covariance(parameters, model, known)
     faces = np.where(known.faces > 0, np.where(known.faces == first + 1, 1, 2), 0)
     known = known._replace(faces=faces)
     if first:
