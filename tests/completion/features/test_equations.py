@@ -18,11 +18,11 @@ def test_what_is_free_runs_between_its_bounds():
 
 
 def test_what_is_given_is_held_though_it_lies_outside_the_bounds():
-    some = equations(NAMES, BOUNDS, {"b": 7.125})
-    assert some.n_sought == 2
-    assert some.held == ("b",)
+    sought = equations(NAMES, BOUNDS, {"b": 7.125})
+    assert sought.n_sought == 2
+    assert sought.held == ("b",)
     for z in np.random.default_rng(0).uniform(size=(20, 2)):
-        assert some.full(z)[1] == 7.125
+        assert sought.full(z)[1] == 7.125
 
 
 def test_what_is_equal_is_so_exactly_within_common_bounds():

@@ -28,39 +28,39 @@ def run(objective, budget=6000, **options):
 
 def test_the_best_is_found_and_never_gets_worse():
     for objective, value in ((valley, 1e-3), (steps, 0.5)):
-        found = run(objective)
-        values = [one.value for one in found]
+        stages = run(objective)
+        values = [stage.value for stage in stages]
         assert values == sorted(values, reverse=True)
         assert values[-1] < value
-        assert [one.evaluations for one in found] == sorted({one.evaluations for one in found})
-        assert found[-1].evaluations == 6000
+        assert [stage.evaluations for stage in stages] == sorted({stage.evaluations for stage in stages})
+        assert stages[-1].evaluations == 6000
 
 
 def test_the_same_seed_gives_the_same_places_and_it_may_be_stopped():
     first = list(islice(search(valley, LOW, HIGH, rng=np.random.default_rng(3), budget=6000), 5))
     again = run(valley)[:5]
-    for one, two in zip(first, again, strict=True):
-        np.testing.assert_array_equal(one.place, two.place)
+    for before, after in zip(first, again, strict=True):
+        np.testing.assert_array_equal(before.place, after.place)
 
 
 def test_a_start_is_kept_unless_something_is_better():
-    found = run(valley, budget=24, starts=np.ones((1, 3)))
-    np.testing.assert_array_equal(found[-1].place, np.ones(3))
+    stages = run(valley, budget=24, starts=np.ones((1, 3)))
+    np.testing.assert_array_equal(stages[-1].place, np.ones(3))
 
 
 def test_what_obeys_the_constraint_beats_what_does_not():
     """The least value within a ball about the origin lies on its surface."""
-    found = run(valley, budget=12000, violation=lambda x: np.linalg.norm(x, axis=1) - 1.0)
-    assert found[-1].violation == 0
-    assert np.linalg.norm(found[-1].place) == pytest.approx(1.0, abs=0.01)
-    breaches = [one.violation for one in found]
+    stages = run(valley, budget=12000, violation=lambda x: np.linalg.norm(x, axis=1) - 1.0)
+    assert stages[-1].violation == 0
+    assert np.linalg.norm(stages[-1].place) == pytest.approx(1.0, abs=0.01)
+    breaches = [stage.violation for stage in stages]
     assert breaches == sorted(breaches, reverse=True)
 
 
 def test_values_that_are_no_numbers_lose():
-    found = run(lambda x: np.where(x[:, 0] > 0, np.nan, np.square(x).sum(axis=1)))
-    assert found[-1].place[0] <= 0
-    assert found[-1].value < 0.01
+    stages = run(lambda x: np.where(x[:, 0] > 0, np.nan, np.square(x).sum(axis=1)))
+    assert stages[-1].place[0] <= 0
+    assert stages[-1].value < 0.01
 
 
 @pytest.mark.parametrize("upper", [np.full(3, np.inf), np.full(3, -3.0)])
@@ -70,17 +70,17 @@ def test_a_box_without_sides_is_refused(upper):
 
 
 def test_least_squares_polishes_what_was_found_and_never_makes_it_worse():
-    found = run(valley, budget=500)[-1]
+    stage = run(valley, budget=500)[-1]
 
     def residuals(x):
         return np.concatenate([10 * (x[1:] - x[:-1] ** 2), 1 - x[:-1]])
 
-    done = polish(residuals, found, LOW, HIGH)
+    done = polish(residuals, stage, LOW, HIGH)
     assert done.place == pytest.approx(np.ones(3), abs=1e-6)
-    assert done.value < found.value
-    assert found.evaluations < done.evaluations <= found.evaluations + 1000
-    same = polish(lambda x: np.floor(20 * np.abs(x - 0.3)), found, LOW, HIGH)
-    np.testing.assert_array_equal(same.place, found.place)
+    assert done.value < stage.value
+    assert stage.evaluations < done.evaluations <= stage.evaluations + 1000
+    same = polish(lambda x: np.floor(20 * np.abs(x - 0.3)), stage, LOW, HIGH)
+    np.testing.assert_array_equal(same.place, stage.place)
 
 
 def test_gates_do_not_hold_the_search_where_it_met_them_first():

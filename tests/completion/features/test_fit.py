@@ -73,8 +73,8 @@ def test_what_is_given_is_held_and_what_is_equal_is_one():
     assert held.value("left") == 0.5
     assert held.deviation("left") == 0
     assert held.held == ("left",)
-    one = fitted(wedge_points(0), equal=[("left", "right")])
-    assert one.value("left") == one.value("right")
+    fit = fitted(wedge_points(0), equal=[("left", "right")])
+    assert fit.value("left") == fit.value("right")
 
 
 def test_all_given_is_judged_without_a_search():

@@ -86,9 +86,9 @@ def test_closed_forms_refuse_a_plane_too(shape, metric) -> None:
 
 def test_a_cone_that_does_not_open_has_its_apex_far_away() -> None:
     post = POST.from_uv(RNG.uniform(-0.1, 0.1, (200, 2)))
-    found = fit(post, "cone")
-    assert found.surface.half_angle < 1e-6  # type: ignore[attr-defined]
-    assert found.parameter_deviations()["radius"] < 1e-12
+    estimate = fit(post, "cone")
+    assert estimate.surface.half_angle < 1e-6  # type: ignore[attr-defined]
+    assert estimate.parameter_deviations()["radius"] < 1e-12
 
 
 def test_two_points_are_no_selection() -> None:

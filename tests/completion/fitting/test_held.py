@@ -59,15 +59,17 @@ def reference(shape, points, given):
         ahead = perpendicular(AXIS) + x[7] * np.cross(AXIS, perpendicular(AXIS))
         return EllipticCylinder(place, turned, (0.7 + x[5], 0.4 + x[6]), ahead)
 
-    found = least_squares(lambda x: made(x).distance(points), np.zeros(8), xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    return made(found.x), 2 * found.cost
+    estimate = least_squares(
+        lambda x: made(x).distance(points), np.zeros(8), xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
+    return made(estimate.x), 2 * estimate.cost
 
 
 @EACH
 def test_given_values_hold_and_the_rest_is_the_constrained_optimum(shape, given):
     points = sampled(shape, np.random.default_rng(0), 500)
-    found = fit(points, shape, **given)
-    surface, parameters = found.surface, found.parameters()
+    estimate = fit(points, shape, **given)
+    surface, parameters = estimate.surface, estimate.parameters()
     if "radius" in given:
         assert surface.radius == given["radius"]
     if "axis" in given:
@@ -79,22 +81,22 @@ def test_given_values_hold_and_the_rest_is_the_constrained_optimum(shape, given)
     residual = surface.distance(points)
     assert residual @ residual <= cost * (1 + 1e-9)
     n_held = 2 * ("axis" in given) + ("radius" in given)
-    assert found.degrees_of_freedom == 500 - len(found.covariance) + n_held
-    assert found.rms == pytest.approx(np.sqrt(cost / found.degrees_of_freedom), rel=1e-9)
+    assert estimate.degrees_of_freedom == 500 - len(estimate.covariance) + n_held
+    assert estimate.rms == pytest.approx(np.sqrt(cost / estimate.degrees_of_freedom), rel=1e-9)
 
 
 @EACH
 def test_what_is_held_has_no_variance_and_the_rest_less_than_before(shape, given):
     points = sampled(shape, np.random.default_rng(1), 500)
-    found, free = fit(points, shape, **given), fit(points, shape)
-    deviations = found.parameter_deviations()
-    for name in found.held:
+    estimate, free = fit(points, shape, **given), fit(points, shape)
+    deviations = estimate.parameter_deviations()
+    for name in estimate.held:
         assert deviations[name] == 0.0
-    assert set(found.held) == {
+    assert set(estimate.held) == {
         {"axis": "normal" if shape == "plane" else "direction"}.get(name, name) for name in given
     }
-    scale = (found.rms / free.rms) ** 2
-    assert (np.diag(found.covariance) <= np.diag(free.covariance) * scale * 1.3 + 1e-18).all()
+    scale = (estimate.rms / free.rms) ** 2
+    assert (np.diag(estimate.covariance) <= np.diag(free.covariance) * scale * 1.3 + 1e-18).all()
 
 
 @pytest.mark.long
@@ -115,8 +117,8 @@ def test_predicted_deviations_are_those_of_repeated_fits(shape, given):
     rng = np.random.default_rng(3)
     probes = SURFACES[shape].from_uv(np.array([[0.6, 0.4], [-0.5, 0.2], [0.1, -0.4]]))
     fits = [fit(sampled(shape, rng), shape, **given) for _ in range(60)]
-    off = [found.surface.distance(probes) for found in fits]
-    predicted = [found.standard_deviation(probes) for found in fits]
+    off = [estimate.surface.distance(probes) for estimate in fits]
+    predicted = [estimate.standard_deviation(probes) for estimate in fits]
     ratio = np.sqrt(np.mean(np.square(off), axis=0)) / np.mean(predicted, axis=0)
     np.testing.assert_allclose(ratio, 1, atol=4 / np.sqrt(2 * 60))
 
@@ -128,20 +130,20 @@ def test_robust_fits_hold_them_among_outliers(shape, given):
     bad = rng.uniform(good.min(axis=0) - 0.1, good.max(axis=0) + 0.1, (300, 3))
     exact = {"radius": 0.7, "axis": (1, 2, 3) if shape == "plane" else AXIS}
     given = {name: exact[name] for name in given}
-    found = fit(np.concatenate([good, bad]), shape, robust=True, **given)
-    assert surfaces_close(SURFACES[shape], found.surface, angle=0.01, length=0.01)
-    assert found.rms == pytest.approx(SIGMA, rel=0.15)
-    assert all(found.parameter_deviations()[name] == 0.0 for name in found.held)
-    assert "radius" not in given or found.surface.radius == 0.7
+    estimate = fit(np.concatenate([good, bad]), shape, robust=True, **given)
+    assert surfaces_close(SURFACES[shape], estimate.surface, angle=0.01, length=0.01)
+    assert estimate.rms == pytest.approx(SIGMA, rel=0.15)
+    assert all(estimate.parameter_deviations()[name] == 0.0 for name in estimate.held)
+    assert "radius" not in given or estimate.surface.radius == 0.7
 
 
 def test_along_rays_they_hold_too():
     points = sampled("cylinder", np.random.default_rng(6), 400)
     rays = points - np.array([5.0, 3.0, 4.0])
-    found = fit(points, "cylinder", rays=rays, radius=0.7, axis=AXIS)
-    assert found.surface.radius == 0.7
-    assert found.held == ("direction", "radius")
-    assert np.linalg.matrix_rank(found.covariance) == 2
+    estimate = fit(points, "cylinder", rays=rays, radius=0.7, axis=AXIS)
+    assert estimate.surface.radius == 0.7
+    assert estimate.held == ("direction", "radius")
+    assert np.linalg.matrix_rank(estimate.covariance) == 2
 
 
 def test_a_short_noisy_arc_is_placed_by_its_radius():
@@ -150,9 +152,9 @@ def test_a_short_noisy_arc_is_placed_by_its_radius():
     angle, height = np.radians(rng.uniform(-5, 5, 400)), rng.uniform(-0.02, 0.02, 400)
     reach = 0.06 + rng.normal(0, 2e-5, 400)
     points = np.column_stack([reach * np.cos(angle), reach * np.sin(angle), height])
-    found = fit(points, "cylinder", radius=0.06, axis=(0, 0, 1))
-    assert np.hypot(*found.surface.point[:2]) < 5 * found.parameter_deviations()["point"] < 1e-3
-    assert found.surface.point[0] < 0.01  # on the side to which it bends
+    estimate = fit(points, "cylinder", radius=0.06, axis=(0, 0, 1))
+    assert np.hypot(*estimate.surface.point[:2]) < 5 * estimate.parameter_deviations()["point"] < 1e-3
+    assert estimate.surface.point[0] < 0.01  # on the side to which it bends
 
 
 @pytest.mark.parametrize("start", [None, Cylinder((1.1, 2, 3), (0.25, 0.2, 1), 0.75)])

@@ -107,12 +107,12 @@ def test_predicted_deviations_are_those_of_repeated_fits(shape: str, n_trials: i
     """The ratio of standard deviations within 4 / sqrt(2 n) of one, the mean unbiased."""
     rng = np.random.default_rng(3)
     probes = SURFACES[shape].from_uv(np.array([[0.6, 0.4], [-0.5, 0.2], [0.1, -0.4]]))
-    found, predicted = [], []
+    errors, predicted = [], []
     for _ in range(n_trials):
         result = fit(sampled(shape, rng), shape)  # type: ignore[arg-type]
-        found.append(result.surface.distance(probes))
+        errors.append(result.surface.distance(probes))
         predicted.append(result.standard_deviation(probes))
-    ratio = np.sqrt(np.mean(np.square(found), axis=0)) / np.mean(predicted, axis=0)
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(predicted, axis=0)
     np.testing.assert_allclose(ratio, 1, atol=4 / np.sqrt(2 * n_trials))
 
 
@@ -124,9 +124,9 @@ def test_shallow_arcs_are_fitted_with_their_uncertainty(shape, ratio) -> None:
     true = Sphere((1, 2, 3), ratio) if shape == "sphere" else Cylinder((1, 2, 3), (0.3, 0.5, 0.8), ratio)
     exact = true.from_uv(rng.uniform(-1, 1, (3000, 2)))
     assert fit(exact, shape).surface.radius == pytest.approx(ratio, rel=1e-9)  # type: ignore[attr-defined]
-    found = fit(exact + 0.01 / ratio * rng.normal(size=(3000, 1)) * true.normal(exact), shape)
-    error = found.surface.radius - ratio  # type: ignore[attr-defined]
-    assert abs(error) < 4 * found.parameter_deviations()["radius"] < 0.01 * ratio
+    estimate = fit(exact + 0.01 / ratio * rng.normal(size=(3000, 1)) * true.normal(exact), shape)
+    error = estimate.surface.radius - ratio  # type: ignore[attr-defined]
+    assert abs(error) < 4 * estimate.parameter_deviations()["radius"] < 0.01 * ratio
 
 
 @pytest.mark.parametrize("seed", range(6))

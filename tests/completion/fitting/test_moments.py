@@ -18,13 +18,13 @@ DUCT = EllipticCylinder((0.3, -0.2, 1.0), (0.2, 0.1, 1.0), (0.09, 0.06))
 
 def test_moments_are_the_sums_they_say() -> None:
     points = np.random.default_rng(0).normal(size=(50, 3)) + 3
-    found = moments(points, (1, 2, 3))
+    sums = moments(points, (1, 2, 3))
     offset = points - [1, 2, 3]
     slow = [float(np.prod(offset ** np.array(e), axis=1).sum()) for e in EXPONENTS]
     assert len(slow) == 35
-    np.testing.assert_allclose(found.sums, slow, rtol=1e-12, atol=1e-11)
-    assert found.n == 50
-    np.testing.assert_allclose(found.mean(), points.mean(axis=0), rtol=1e-14)
+    np.testing.assert_allclose(sums.sums, slow, rtol=1e-12, atol=1e-11)
+    assert sums.n == 50
+    np.testing.assert_allclose(sums.mean(), points.mean(axis=0), rtol=1e-14)
 
 
 @law
@@ -63,11 +63,11 @@ def test_a_quadric_from_tiles_is_that_of_the_union(seed: int, cut: int) -> None:
 def test_exact_points_give_the_exact_surface_by_every_metric(metric, shape, surface) -> None:
     rng = np.random.default_rng(1)
     points = surface.from_uv(np.column_stack([rng.uniform(-0.8, 0.8, 300), rng.uniform(-0.5, 0.5, 300)]))
-    found = fit(points, shape, metric=metric)
-    assert surfaces_close(surface, found.surface, angle=1e-6, length=1e-6)
-    assert found.metric == metric
-    assert np.isnan(found.covariance).all()
-    assert found.rms < 1e-7
+    estimate = fit(points, shape, metric=metric)
+    assert surfaces_close(surface, estimate.surface, angle=1e-6, length=1e-6)
+    assert estimate.metric == metric
+    assert np.isnan(estimate.covariance).all()
+    assert estimate.rms < 1e-7
 
 
 def test_signs_that_are_wrong_are_named() -> None:

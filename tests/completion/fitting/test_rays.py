@@ -35,9 +35,9 @@ def test_exact_points_are_fitted_exactly(surface):
     uv = np.random.default_rng(0).uniform(-0.2, 0.2, (300, 2))
     points = surface.from_uv(uv)
     ray = surface.normal(points).mean(axis=0) + [0.1, 0.1, 0.2]
-    found = fit(points, surface.kind, rays=np.broadcast_to(ray, points.shape))
-    assert found.rms < 1e-10
-    assert np.abs(found.surface.distance(points)).max() < 1e-9
+    estimate = fit(points, surface.kind, rays=np.broadcast_to(ray, points.shape))
+    assert estimate.rms < 1e-10
+    assert np.abs(estimate.surface.distance(points)).max() < 1e-9
 
 
 @pytest.mark.long
@@ -52,8 +52,8 @@ def test_range_noise_leaves_no_bias_and_the_predicted_spread(arc_deg, sigma):
     for _ in range(n_trials):
         points, rays = scanned(arc_deg, sigma, 3000, rng)
         fits.append(fit(points, "cylinder", rays=rays))
-    radii = np.array([found.surface.radius for found in fits])
-    u = np.mean([found.parameter_deviations()["radius"] for found in fits])
+    radii = np.array([estimate.surface.radius for estimate in fits])
+    u = np.mean([estimate.parameter_deviations()["radius"] for estimate in fits])
     assert abs(radii.mean() - TRUE.radius) < 4 * u / np.sqrt(n_trials)
     assert radii.std(ddof=1) / u == pytest.approx(1, abs=4 / np.sqrt(2 * n_trials))
 
@@ -68,18 +68,18 @@ def test_robust_fits_along_rays_leave_outliers_out_and_predict_their_spread():
             rng.random((2000, 1)) < 0.2, points + rng.uniform(-20, 20, (2000, 1)) * rays, points
         )
         fits.append(fit(points, "cylinder", rays=rays, robust=True))
-    radii = np.array([found.surface.radius for found in fits])
-    u = np.mean([found.parameter_deviations()["radius"] for found in fits])
+    radii = np.array([estimate.surface.radius for estimate in fits])
+    u = np.mean([estimate.parameter_deviations()["radius"] for estimate in fits])
     assert abs(radii.mean() - TRUE.radius) < 4 * u / np.sqrt(n_trials)
     assert radii.std(ddof=1) / u == pytest.approx(1, abs=4 / np.sqrt(2 * n_trials))
-    assert all(found.inliers.sum() == found.n for found in fits)
-    assert 0.75 < np.mean([found.n for found in fits]) / 2000 < 0.85
+    assert all(estimate.inliers.sum() == estimate.n for estimate in fits)
+    assert 0.75 < np.mean([estimate.n for estimate in fits]) / 2000 < 0.85
 
 
 def test_the_direction_of_the_rays_does_not_matter_and_their_length_neither():
     points, rays = scanned(90, 0.3, 1000, np.random.default_rng(2))
-    one, other = fit(points, "cylinder", rays=rays), fit(points, "cylinder", rays=-3.0 * rays)
-    assert surfaces_close(one.surface, other.surface, angle=1e-9, length=1e-7)
+    along, against = fit(points, "cylinder", rays=rays), fit(points, "cylinder", rays=-3.0 * rays)
+    assert surfaces_close(along.surface, against.surface, angle=1e-9, length=1e-7)
 
 
 def test_grazing_rays_are_left_out():

@@ -42,7 +42,7 @@ BETWEEN = [(180, 0.5), (60, 0.1), (60, 0.5)]
         (90, 0.5),
         (30, 0.1),
         (30, 0.5),
-        *(pytest.param(*one, marks=pytest.mark.long) for one in BETWEEN),
+        *(pytest.param(*case, marks=pytest.mark.long) for case in BETWEEN),
     ],
 )
 def test_euclidean_radii_are_unbiased_and_their_spread_is_predicted(degrees, sigma, along_ray) -> None:
@@ -62,12 +62,12 @@ def test_thirty_per_cent_of_outliers_do_not_move_a_cylinder() -> None:
         rng = np.random.default_rng(seed)
         good = arc(7_000, 90, 0.1, rng)
         bad = rng.uniform(good.min(axis=0) - 10, good.max(axis=0) + 10, (3_000, 3))
-        found = fit(np.concatenate([good, bad]), "cylinder", robust=True)
-        errors.append(abs(found.surface.radius - 60))  # type: ignore[attr-defined]
-        assert found.inliers is not None
-        assert found.inliers[:7_000].mean() > 0.99
-        assert found.inliers[7_000:].mean() < 0.1
-        assert found.n == found.inliers.sum()
+        estimate = fit(np.concatenate([good, bad]), "cylinder", robust=True)
+        errors.append(abs(estimate.surface.radius - 60))  # type: ignore[attr-defined]
+        assert estimate.inliers is not None
+        assert estimate.inliers[:7_000].mean() > 0.99
+        assert estimate.inliers[7_000:].mean() < 0.1
+        assert estimate.n == estimate.inliers.sum()
     assert np.median(errors) < 0.03
 
 
@@ -76,11 +76,11 @@ def test_robust_fits_find_every_shape(shape) -> None:
     rng = np.random.default_rng(5)
     good = sampled(shape, rng, 2_000)
     bad = rng.uniform(good.min(axis=0) - 0.1, good.max(axis=0) + 0.1, (800, 3))
-    found = fit(np.concatenate([good, bad]), shape, robust=True)
-    deviation = found.standard_deviation(good[:50])
-    assert (np.abs(found.surface.distance(good[:50])) < 5 * np.hypot(deviation, 1e-3)).all()
-    assert surfaces_close(SURFACES[shape], found.surface, angle=0.02, length=0.02)
-    assert found.rms == pytest.approx(1e-3, rel=0.15)
+    estimate = fit(np.concatenate([good, bad]), shape, robust=True)
+    deviation = estimate.standard_deviation(good[:50])
+    assert (np.abs(estimate.surface.distance(good[:50])) < 5 * np.hypot(deviation, 1e-3)).all()
+    assert surfaces_close(SURFACES[shape], estimate.surface, angle=0.02, length=0.02)
+    assert estimate.rms == pytest.approx(1e-3, rel=0.15)
 
 
 def test_without_outliers_a_robust_fit_is_nearly_the_least_squares_one() -> None:
@@ -127,14 +127,14 @@ def test_too_little_evidence_is_undecidable() -> None:
 
 def test_covariances_of_natural_parameters_have_their_shapes() -> None:
     for shape in SURFACES:
-        found = fit(sampled(shape, np.random.default_rng(1)), shape)  # type: ignore[arg-type]
-        for name, covariance in found.parameter_covariances().items():
+        estimate = fit(sampled(shape, np.random.default_rng(1)), shape)  # type: ignore[arg-type]
+        for name, covariance in estimate.parameter_covariances().items():
             size = 3 if name in ("point", "centre", "direction", "normal", "apex") else 1
             assert covariance.shape == (size, size)
             assert np.linalg.eigvalsh(covariance).min() > -1e-12
-        assert found.degrees_of_freedom == 200 - len(found.covariance)
-        assert found.converged
-        assert set(found.parameter_deviations()) - {"offset"} <= set(found.parameters())
+        assert estimate.degrees_of_freedom == 200 - len(estimate.covariance)
+        assert estimate.converged
+        assert set(estimate.parameter_deviations()) - {"offset"} <= set(estimate.parameters())
 
 
 def test_a_robust_plane_has_its_point_amid_the_points() -> None:
@@ -160,7 +160,7 @@ def test_the_pipe_of_a_real_scan_has_its_known_radius() -> None:
     """pumpA.e57: 87.7 mm within 0.8 mm, the axis free, clutter around; plain least squares is 7 mm off."""
     pytest.importorskip("pye57")
     window = read_scan(data_path("range/e57/pumpA.e57")).points()[721:1000, 227:240].reshape(-1, 3)
-    found = fit(window[np.isfinite(window).all(axis=1)], "cylinder", robust=True)
-    assert found.surface.radius == pytest.approx(0.0877, abs=0.0008)  # type: ignore[attr-defined]
-    assert 1e-4 < found.parameter_deviations()["radius"] < 5e-4
-    assert abs(found.surface.direction[2]) > 0.999  # type: ignore[attr-defined]
+    estimate = fit(window[np.isfinite(window).all(axis=1)], "cylinder", robust=True)
+    assert estimate.surface.radius == pytest.approx(0.0877, abs=0.0008)  # type: ignore[attr-defined]
+    assert 1e-4 < estimate.parameter_deviations()["radius"] < 5e-4
+    assert abs(estimate.surface.direction[2]) > 0.999  # type: ignore[attr-defined]

@@ -43,8 +43,8 @@ def test_points_of_a_surface_start_at_it(name, axis):
     scale = float(np.sqrt(np.square(points - centre).sum(axis=1).mean()))
     charts = starts(shape, (points - centre) / scale, 4)
     charts = [chart.turn_to_growth() if isinstance(chart, ConeChart) else chart for chart in charts]
-    found = [chart.surface(centre, scale, concave=False) for chart in charts]
-    assert min(np.abs(surface.distance(points)).max() for surface in found) <= off
+    surfaces = [chart.surface(centre, scale, concave=False) for chart in charts]
+    assert min(np.abs(surface.distance(points)).max() for surface in surfaces) <= off
 
 
 def test_cones_touch_a_cylinder_along_a_line_and_curve_as_it_does():
@@ -53,9 +53,9 @@ def test_cones_touch_a_cylinder_along_a_line_and_curve_as_it_does():
     turn = np.array([-step, 0.0, step])  # the points lie at the origin, where the cylinder passes
     circle = np.column_stack([radius - radius * np.cos(turn), radius * np.sin(turn), np.zeros(3)])
     line = np.array([[0, 0, -0.01], [0, 0, 0.01]])
-    found = cones_along(cylinder)
-    assert len(found) == 16
-    for chart in found:
+    cones = cones_along(cylinder)
+    assert len(cones) == 16
+    for chart in cones:
         assert isinstance(chart, ConeChart)
         cone = chart.surface(np.zeros(3), 1.0, concave=False)
         np.testing.assert_allclose(cone.distance(line), 0, atol=1e-9)

@@ -37,7 +37,7 @@ def office():
 
 
 def errors_of(poses, true):
-    return np.array([np.linalg.norm(one[:, 3] - two[:, 3]) for one, two in zip(poses, true, strict=True)])
+    return np.array([np.linalg.norm(pose[:, 3] - two[:, 3]) for pose, two in zip(poses, true, strict=True)])
 
 
 def test_sums_tell_the_misfit_of_their_pixels(office):
@@ -57,7 +57,7 @@ def test_planes_bring_poses_nearer_to_the_truth(office):
     )
     safe = settle_group(start, views)
     better = settle_group(start, views, by_planes=True)
-    off, less = (errors_of([one.group.poses[k] for k in range(4)], true) for one in (safe, better))
+    off, less = (errors_of([network.group.poses[k] for k in range(4)], true) for network in (safe, better))
     assert np.square(less).sum() < np.square(off).sum()
     np.testing.assert_array_equal(better.covariance, safe.covariance)
     np.testing.assert_allclose(better.group.poses[0], np.eye(4)[:3], atol=1e-14)
@@ -69,10 +69,10 @@ def test_the_frame_of_the_group_changes_nothing(office):
     turned = np.array([[0.0, 0.6, 0.8, 7.0], [1.0, 0.0, 0.0, -3.0], [0.0, 0.8, -0.6, 2.0]])
     links = links_of(range(4), true, views, GATE_M)
     poses = adjust_poses(true, views, links)
-    away = [compose(turned, one) for one in true]
+    away = [compose(turned, pose) for pose in true]
     again = adjust_poses(away, views, links_of(range(4), away, views, GATE_M))
-    for one, two in zip(poses, again, strict=True):
-        np.testing.assert_allclose(compose(inverse(turned), two), one, atol=1e-6)
+    for pose, two in zip(poses, again, strict=True):
+        np.testing.assert_allclose(compose(inverse(turned), two), pose, atol=1e-6)
 
 
 def test_poses_that_suppose_more_are_kept_only_where_chance_explains_the_difference():

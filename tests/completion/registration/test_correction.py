@@ -26,7 +26,7 @@ SIZES = ((0.1, 0.005), (0.2, 0.02), (0.5, 0.02), (1.0, 0.05))  # degrees, metres
 
 
 def registered(scans, **options) -> Registration:
-    observations = [observe(one, WORLD) for one in scans]
+    observations = [observe(view, WORLD) for view in scans]
     return correct_poses(observations, range(len(scans)), stated_m=0.005, **options)
 
 
@@ -35,30 +35,30 @@ def with_one_off(turn_deg: float, shift_m: float, seed: int) -> Registration:
     return registered([scan(0), scan(1), misplaced(scan(2), turn_deg, shift_m, seed)])
 
 
-def apart(one, motion) -> float:
+def apart(view, motion) -> float:
     """Root mean square by which a motion shifts what a scan measured, along the normals, metres."""
-    facets = facets_of(observe(one, WORLD))
+    facets = facets_of(observe(view, WORLD))
     shift = motion.apply(facets.centre) - facets.centre
     return float(np.sqrt(np.mean(np.square(np.einsum("ij,ij->i", shift, facets.normal)))))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_exact_poses_stay_as_they_are_to_the_bit(seed):
-    found = registered([scan(k, seed=seed) for k in range(4)])
-    assert not found.is_moved
-    assert np.array_equal(found.motions, np.tile(np.eye(4), (4, 1, 1)))
-    assert len(found.pairs) >= 3
-    assert (found.left_m < 0.005).all()  # the usual tolerance is not raised
-    assert max(one.offset_m for one in found.pairs) < 0.001
-    assert max(one.contradicted_m2 / one.overlap_m2 for one in found.pairs) < 0.01
+    registration = registered([scan(k, seed=seed) for k in range(4)])
+    assert not registration.is_moved
+    assert np.array_equal(registration.motions, np.tile(np.eye(4), (4, 1, 1)))
+    assert len(registration.pairs) >= 3
+    assert (registration.left_m < 0.005).all()  # the usual tolerance is not raised
+    assert max(pair.offset_m for pair in registration.pairs) < 0.001
+    assert max(pair.contradicted_m2 / pair.overlap_m2 for pair in registration.pairs) < 0.01
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("turn", "shift"), SIZES)
 def test_what_one_pose_is_off_is_told_by_its_pairs_and_no_other(turn, shift, seed):
-    bad, found = misplaced(scan(2), turn, shift, seed), with_one_off(turn, shift, seed)
+    bad, registration = misplaced(scan(2), turn, shift, seed), with_one_off(turn, shift, seed)
     true = apart(bad, bad.world_from_sensor @ scan(2).world_from_sensor.inverse())
-    offsets = {(one.first, one.second): one.offset_m for one in found.pairs}
+    offsets = {(pair.first, pair.second): pair.offset_m for pair in registration.pairs}
     for pair in ((0, 2), (1, 2)):
         assert offsets[pair] == pytest.approx(true, rel=0.5)  # on that part of the scan which both measured
     assert offsets[0, 1] < 0.2 * true + 0.001
@@ -67,17 +67,17 @@ def test_what_one_pose_is_off_is_told_by_its_pairs_and_no_other(turn, shift, see
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("turn", "shift"), SIZES)
 def test_motions_bring_scans_together_as_well_as_is_told(turn, shift, seed):
-    bad, found = misplaced(scan(2), turn, shift, seed), with_one_off(turn, shift, seed)
-    now = Pose(np.linalg.inv(found.motions[0]) @ found.motions[2]) @ bad.world_from_sensor
+    bad, registration = misplaced(scan(2), turn, shift, seed), with_one_off(turn, shift, seed)
+    now = Pose(np.linalg.inv(registration.motions[0]) @ registration.motions[2]) @ bad.world_from_sensor
     error = apart(scan(2), now @ scan(2).world_from_sensor.inverse())
     assert error < 0.003
-    assert error < 2.0 * found.left_m[2]
-    assert (found.left_m < 0.005).all()
+    assert error < 2.0 * registration.left_m[2]
+    assert (registration.left_m < 0.005).all()
 
 
 def test_the_scan_that_is_off_moves_and_not_the_others():
-    found = with_one_off(1.0, 0.05, 0)
-    assert found.moved_m[2] > 4 * max(found.moved_m[0], found.moved_m[1])
+    registration = with_one_off(1.0, 0.05, 0)
+    assert registration.moved_m[2] > 4 * max(registration.moved_m[0], registration.moved_m[1])
 
 
 def test_poses_that_are_kept_are_known_no_better_than_they_are():
@@ -85,10 +85,10 @@ def test_poses_that_are_kept_are_known_no_better_than_they_are():
     kept = registered(scans, moves=False)
     moved = registered(scans)
     assert not kept.is_moved
-    assert kept.left_m[2] > 2 * 0.8 * min(one.offset_m for one in moved.pairs if one.second == 2)
+    assert kept.left_m[2] > 2 * 0.8 * min(pair.offset_m for pair in moved.pairs if pair.second == 2)
     assert (kept.left_m[:2] < 0.01).all()
-    assert [one.offset_m for one in kept.pairs] == [one.offset_m for one in moved.pairs]
-    assert all(one.still_contradicted_m2 == one.contradicted_m2 for one in kept.pairs)
+    assert [pair.offset_m for pair in kept.pairs] == [pair.offset_m for pair in moved.pairs]
+    assert all(pair.still_contradicted_m2 == pair.contradicted_m2 for pair in kept.pairs)
 
 
 def test_a_crate_that_moved_is_a_contradiction_and_no_error_of_the_poses():
@@ -103,9 +103,9 @@ def test_a_crate_that_moved_is_a_contradiction_and_no_error_of_the_poses():
 
 def test_scans_that_share_nothing_say_nothing():
     away = scan(1).restated(world_from_sensor=Pose.looking_at((50, 0, 1), (60, 0, 1)))
-    found = registered([scan(0), away])
-    assert found.pairs == ()
-    assert np.isnan(found.left_m).all()
+    registration = registered([scan(0), away])
+    assert registration.pairs == ()
+    assert np.isnan(registration.left_m).all()
     assert registered([scan(0)]).pairs == ()
 
 
@@ -113,11 +113,11 @@ def test_scans_beyond_those_that_settle_together_settle_among_them(monkeypatch):
     monkeypatch.setattr(correction, "N_TOGETHER", 3)
     bad = misplaced(scan(3), 0.5, 0.03, 2)
     scans = [scan(0), scan(1), scan(2), bad]
-    found = correct_poses([observe(one, WORLD) for one in scans], (0, 1, 2), stated_m=0.005)
-    now = Pose(np.linalg.inv(found.motions[0]) @ found.motions[3]) @ bad.world_from_sensor
+    registration = correct_poses([observe(view, WORLD) for view in scans], (0, 1, 2), stated_m=0.005)
+    now = Pose(np.linalg.inv(registration.motions[0]) @ registration.motions[3]) @ bad.world_from_sensor
     assert apart(scan(3), now @ scan(3).world_from_sensor.inverse()) < 0.003
-    assert {one.second for one in found.pairs} == {1, 2, 3}
-    assert found.moved_m[3] > 0.01
+    assert {pair.second for pair in registration.pairs} == {1, 2, 3}
+    assert registration.moved_m[3] > 0.01
 
 
 @requires_data
@@ -129,28 +129,28 @@ def test_dining_room_poses_are_told_to_be_centimetres_off_by_pair():
         )
         for k in range(1, 6)
     ]
-    found = correct_poses(
-        [observe(one, scans[0].world_from_sensor) for one in scans], range(5), stated_m=0.005
+    registration = correct_poses(
+        [observe(view, scans[0].world_from_sensor) for view in scans], range(5), stated_m=0.005
     )
-    assert len(found.pairs) == 10
-    offset = {(one.first, one.second): one.offset_m for one in found.pairs}
+    assert len(registration.pairs) == 10
+    offset = {(pair.first, pair.second): pair.offset_m for pair in registration.pairs}
     assert 0.04 < offset[0, 4] < 0.09
     assert offset[3, 4] < 0.015
-    assert all(one.left_m < 0.01 for one in found.pairs)
-    assert sum(one.still_contradicted_m2 for one in found.pairs) < sum(
-        one.contradicted_m2 for one in found.pairs
+    assert all(pair.left_m < 0.01 for pair in registration.pairs)
+    assert sum(pair.still_contradicted_m2 for pair in registration.pairs) < sum(
+        pair.contradicted_m2 for pair in registration.pairs
     )
 
 
 def test_of_scans_that_share_nothing_no_pose_is_taken_to_be_off_without_end():
     observations, tolerance = [observe(scan(k), WORLD) for k in range(2)], EvidenceOptions().tolerance()
     facets, sights = (
-        [facets_of(one) for one in observations],
-        [sight_of(one, tolerance) for one in observations],
+        [facets_of(view) for view in observations],
+        [sight_of(view, tolerance) for view in observations],
     )
-    found = settle(facets, sights, [])
-    assert np.array_equal(found.motions, np.tile(np.eye(4), (2, 1, 1)))
-    assert np.abs(found.covariance).max() < 10.0  # metres and radians, squared
+    corrections = settle(facets, sights, [])
+    assert np.array_equal(corrections.motions, np.tile(np.eye(4), (2, 1, 1)))
+    assert np.abs(corrections.covariance).max() < 10.0  # metres and radians, squared
 
 
 def check_agreement(scans, corrected, free):
@@ -171,7 +171,7 @@ def check_agreement(scans, corrected, free):
 def test_scans_with_poses_and_without_come_to_the_same_groups_and_poses():
     scans = [scan(0), scan(1), misplaced(scan(2), 1.0, 0.05, 0)]
     corrected, free = registered(scans), register_scans(scans)
-    assert corrected.groups == tuple(tuple(one.group.poses) for one in free.groups) == ((0, 1, 2),)
+    assert corrected.groups == tuple(tuple(network.group.poses) for network in free.groups) == ((0, 1, 2),)
     assert not corrected.refused
     check_agreement(scans, corrected, free)
 
@@ -184,7 +184,7 @@ def photographs():
 
 @pytest.fixture(scope="module")
 def corrected_photographs(photographs):
-    observations = [observe(one, photographs[0].world_from_sensor) for one in photographs]
+    observations = [observe(view, photographs[0].world_from_sensor) for view in photographs]
     return correct_poses(observations, range(5), stated_m=0.005)
 
 
@@ -198,8 +198,8 @@ def test_frames_that_no_motion_brings_together_are_two_groups_that_stay(photogra
     assert doubt.startswith("poses contradict what was measured: scans 3 and 5 lie 180 mm apart")
     assert doubt.endswith("stay to each other as they came: scans 1, 2 and 3 | scans 4 and 5")
     checked = check_poses(photographs)
-    assert tuple(tuple(one.group.poses) for one in checked.groups) == corrected_photographs.groups
-    across = {one.scans for one in checked.pairs if one.verdict is Verdict.AMBIGUOUS}
+    assert tuple(tuple(network.group.poses) for network in checked.groups) == corrected_photographs.groups
+    across = {pair.scans for pair in checked.pairs if pair.verdict is Verdict.AMBIGUOUS}
     assert across == corrected_photographs.refused
     assert pose_doubts(checked.checked) == [doubt]
     for pose, scan_given in zip(checked.world_poses(photographs), photographs, strict=True):
@@ -210,7 +210,7 @@ def test_frames_that_no_motion_brings_together_are_two_groups_that_stay(photogra
 @requires_data
 def test_frames_are_the_same_two_groups_from_any_start(photographs, corrected_photographs):
     free = register_scans(photographs)
-    assert tuple(tuple(one.group.poses) for one in free.groups) == corrected_photographs.groups
-    across = {one.scans for one in free.pairs if one.verdict is not Verdict.REGISTERED}
+    assert tuple(tuple(network.group.poses) for network in free.groups) == corrected_photographs.groups
+    across = {pair.scans for pair in free.pairs if pair.verdict is not Verdict.REGISTERED}
     assert across == corrected_photographs.refused
     check_agreement(photographs, corrected_photographs, free)

@@ -14,16 +14,16 @@ def test_each_two_groups_are_judged_by_themselves(monkeypatch):
     """What was said of two groups is never taken for what is said of others, whatever memory they lie in."""
     judged = set()
 
-    def joint(one, two, views, pairs, level):
-        judged.add((one.scans, two.scans))
-        verdict = Verdict.NO_OVERLAP if 0 in one.scans else Verdict.REGISTERED
-        lead = 1.0 / (one.scans[0] + two.scans[0])
+    def joint(first, second, views, pairs, level):
+        judged.add((first.scans, second.scans))
+        verdict = Verdict.NO_OVERLAP if 0 in first.scans else Verdict.REGISTERED
+        lead = 1.0 / (first.scans[0] + second.scans[0])
         best = SimpleNamespace(motion=STILL, score=lead)
         return network._Joint([best], Judgement(verdict, ""))
 
     monkeypatch.setattr(network, "_joint", joint)
-    found = group_scans([None] * 9, {}, 0.01, lambda group: ScanGroup(dict(group.poses)))
-    assert [one.scans for one in found] == [(0,), tuple(range(1, 9))]
+    groups = group_scans([None] * 9, {}, 0.01, lambda group: ScanGroup(dict(group.poses)))
+    assert [group.scans for group in groups] == [(0,), tuple(range(1, 9))]
     asked = set(combinations([(k,) for k in range(9)], 2))
     asked |= {((0,), tuple(range(1, last))) for last in range(3, 10)}
     assert asked <= judged

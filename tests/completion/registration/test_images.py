@@ -51,8 +51,8 @@ def test_a_row_of_like_doors_fits_itself_shifted_by_a_door(corridor):
     steps = shifts[:, :, 3] @ corridor[0].world_from_sensor.rotation.T
     assert np.abs(steps[:, 1:]).max() < 0.02
     assert np.abs(np.abs(steps[:, 0]) - PERIOD_M).min() < 0.1
-    for one in shifts:  # with each its inverse
-        assert np.abs(shifts - inverse(one)).max(axis=(1, 2)).min() < 1e-9
+    for shift in shifts:  # with each its inverse
+        assert np.abs(shifts - inverse(shift)).max(axis=(1, 2)).min() < 1e-9
 
 
 def test_a_room_with_furniture_fits_itself_nowhere():
@@ -63,13 +63,13 @@ def test_a_room_with_furniture_fits_itself_nowhere():
 
 @pytest.mark.long
 def test_a_pose_along_like_doors_is_not_claimed(corridor):
-    a, b = (StationView.of(one) for one in corridor)
-    found = find_hypotheses(a, b)
-    told = with_images(found, a, b)
-    assert told[: len(found)] == found
-    assert any(one.is_image for one in told)
-    assert trust_of(found) > 0.5
-    assert trust_of(told) <= 0.5
+    a, b = (StationView.of(scan) for scan in corridor)
+    hypotheses = find_hypotheses(a, b)
+    flagged = with_images(hypotheses, a, b)
+    assert flagged[: len(hypotheses)] == hypotheses
+    assert any(hypothesis.is_image for hypothesis in flagged)
+    assert trust_of(hypotheses) > 0.5
+    assert trust_of(flagged) <= 0.5
     assert register_scans(corridor).pairs[0].verdict is not Verdict.REGISTERED
 
 
@@ -78,7 +78,7 @@ def test_the_truth_is_among_the_alternatives(corridor):
     (pair,) = register_scans(corridor).pairs
     true = (corridor[0].world_from_sensor.inverse() @ corridor[1].world_from_sensor).matrix[:3]
     assert pair.verdict is Verdict.AMBIGUOUS
-    assert min(np.linalg.norm(one[:, 3] - true[:, 3]) for one in pair.alternatives) < 0.05
+    assert min(np.linalg.norm(motion[:, 3] - true[:, 3]) for motion in pair.alternatives) < 0.05
 
 
 @pytest.mark.long
@@ -86,8 +86,8 @@ def test_a_third_scan_of_the_corridor_makes_no_claim_of_images(corridor):
     """What a pair cannot know, groups that are placed by that pair do not know either."""
     third = corridor_scan((-2.2, 0.2, 1.4), (1.0, -0.1, 0.0), 3)
     scans = [*corridor, third]
-    found = register_scans(scans)
-    for network in found.groups:
+    registered = register_scans(scans)
+    for network in registered.groups:
         first, *others = network.group.poses
         for k in others:
             true = (scans[first].world_from_sensor.inverse() @ scans[k].world_from_sensor).matrix[:3]

@@ -55,7 +55,7 @@ def lost(office):
 
 
 @pytest.fixture(scope="module")
-def found(lost):
+def registered(lost):
     return register_scans(lost, n_threads=1)
 
 
@@ -71,33 +71,33 @@ def errors_of(poses, scans):
 
 
 @pytest.mark.long
-def test_scans_from_any_start_come_together(office, lost, found):
-    assert len(found.groups) == 1
-    errors = errors_of(found.world_poses(lost), office)
+def test_scans_from_any_start_come_together(office, lost, registered):
+    assert len(registered.groups) == 1
+    errors = errors_of(registered.world_poses(lost), office)
     assert errors[:, 0].max() < 0.1
     assert errors[:, 1].max() < 0.005
-    assert {one.verdict for one in found.pairs} == {Verdict.REGISTERED}
-    assert max(one.violations for one in found.pairs) < 0.05
+    assert {pair.verdict for pair in registered.pairs} == {Verdict.REGISTERED}
+    assert max(pair.violations for pair in registered.pairs) < 0.05
 
 
-def test_the_truth_lies_within_the_covariance(office, lost, found):
-    poses = found.world_poses(lost)
+def test_the_truth_lies_within_the_covariance(office, lost, registered):
+    poses = registered.world_poses(lost)
     for number in (1, 2):
         true = office[0].world_from_sensor.inverse() @ office[number].world_from_sensor
         held = poses[0].inverse() @ poses[number]
         apart = held.translation - true.translation
-        covariance = found.covariance_of(number)[3:, 3:]
+        covariance = registered.covariance_of(number)[3:, 3:]
         assert apart @ np.linalg.solve(covariance, apart) < 16.3  # chi-square of three at .001
-    np.testing.assert_array_equal(found.covariance_of(0), np.zeros((6, 6)))
+    np.testing.assert_array_equal(registered.covariance_of(0), np.zeros((6, 6)))
 
 
 @pytest.mark.long
-def test_what_scans_say_of_their_poses_counts_for_nothing(office, found):
+def test_what_scans_say_of_their_poses_counts_for_nothing(office, registered):
     again = register_scans(office, n_threads=2)
-    for one, two in zip(
-        found.groups[0].group.poses.values(), again.groups[0].group.poses.values(), strict=True
+    for pose, two in zip(
+        registered.groups[0].group.poses.values(), again.groups[0].group.poses.values(), strict=True
     ):
-        np.testing.assert_array_equal(one, two)
+        np.testing.assert_array_equal(pose, two)
 
 
 @pytest.mark.long
@@ -109,33 +109,33 @@ def test_the_pose_of_a_to_b_is_the_inverse_of_b_to_a(level):
 
 
 @pytest.mark.long
-def test_the_order_of_scans_changes_no_pose(lost, found):
+def test_the_order_of_scans_changes_no_pose(lost, registered):
     turned = register_scans([lost[2], lost[0], lost[1]])
     poses = [np.vstack([turned.pose_of(k), [0, 0, 0, 1]]) for k in (1, 2, 0)]
     for number in (1, 2):
         relative = np.linalg.inv(poses[0]) @ poses[number]
-        np.testing.assert_allclose(relative[:3], found.pose_of(number), atol=2e-3)
+        np.testing.assert_allclose(relative[:3], registered.pose_of(number), atol=2e-3)
 
 
 @pytest.mark.long
-def test_a_scan_of_another_room_is_left_by_itself_and_changes_nothing(lost, found):
+def test_a_scan_of_another_room_is_left_by_itself_and_changes_nothing(lost, registered):
     stranger = scans_of("two_occluders", ((0.8, 0.9, 1.5),), ((3.0, 2.5, 0.5),))
     several = register_scans([*lost, *stranger])
     assert list(several.groups[0].group.poses) == [0, 1, 2]
     assert several.group_of(3) is None
     assert several.pose_of(3) is None
-    for one, two in zip(
-        several.groups[0].group.poses.values(), found.groups[0].group.poses.values(), strict=True
+    for pose, two in zip(
+        several.groups[0].group.poses.values(), registered.groups[0].group.poses.values(), strict=True
     ):
-        np.testing.assert_array_equal(one, two)
+        np.testing.assert_array_equal(pose, two)
 
 
 def test_right_poses_are_upheld_and_wrong_ones_contradicted(office):
-    assert {one.verdict for one in check_poses(office).pairs} == {Verdict.REGISTERED}
+    assert {pair.verdict for pair in check_poses(office).pairs} == {Verdict.REGISTERED}
     shift = np.eye(4)
     shift[:3, 3] = 0.15, 0.1, 0.0
     moved = office[1].restated(world_from_sensor=Pose(shift) @ office[1].world_from_sensor)
-    pairs = {one.scans: one for one in check_poses([office[0], moved, office[2]]).pairs}
+    pairs = {pair.scans: pair for pair in check_poses([office[0], moved, office[2]]).pairs}
     assert pairs[0, 2].verdict is Verdict.REGISTERED
     assert pairs[0, 1].verdict is Verdict.AMBIGUOUS
     assert pairs[0, 1].violations > 0.05
@@ -175,12 +175,12 @@ def test_a_right_start_is_not_made_worse(level):
     assert errors[1, 1] < 0.003
 
 
-def test_the_record_says_all(lost, found):
-    record = registration_record(found, lost, ["a", "b", "c"])
-    assert [one["group"] for one in record["scans"]] == [0, 0, 0]
+def test_the_record_says_all(lost, registered):
+    record = registration_record(registered, lost, ["a", "b", "c"])
+    assert [entry["group"] for entry in record["scans"]] == [0, 0, 0]
     assert np.shape(record["scans"][1]["covariance"]) == (6, 6)
     np.testing.assert_allclose(record["scans"][0]["world_from_sensor"], TURNED.matrix)
-    assert [one["verdict"] for one in record["pairs"]] == ["registered"] * 3
+    assert [entry["verdict"] for entry in record["pairs"]] == ["registered"] * 3
 
 
 def test_one_scan_and_no_probability_are_refused(lost):

@@ -38,7 +38,7 @@ def together(*meshes):
     return np.concatenate([corners for corners, _ in meshes]), np.concatenate(faces)
 
 
-def found(kind, geometry, sides=()):
+def found_fit(kind, geometry, sides=()):
     return TemplateFit(
         kind=kind, status=FeatureStatus.FOUND, names=(), x=np.zeros(0), covariance=np.zeros((0, 0)),
         sides=sides, evidence=50.0, faces=(), assignment=np.zeros(0, np.int64), geometry=geometry,
@@ -64,7 +64,7 @@ def plate():
     scan = scan_scene(scene, eye, CAMERA, noise="gaussian-0.1mm", rng=0)
     centres = np.column_stack([flat, np.zeros(3)]) * MM
     sides = tuple(FeatureSide(f"hole {k}", 20, 0, 36, 1e-4) for k in (1, 2, 3))
-    return scan, found("hole-row", {"centres": centres, "radius": RADIUS * MM, "axis": (0, 0, 1)}, sides)
+    return scan, found_fit("hole-row", {"centres": centres, "radius": RADIUS * MM, "axis": (0, 0, 1)}, sides)
 
 
 def inferred_near(done, centre, reach):
@@ -87,8 +87,10 @@ def test_a_half_hidden_hole_is_as_round_as_the_others_of_its_row(plate, tmp_path
     away = np.linalg.norm(whole.world_from_reference.apply(outlines) - centre, axis=1)
     assert away.min() == pytest.approx(RADIUS * MM, rel=0.01)
     assert len(inferred_near(whole, centre, 1.4 * RADIUS * MM)) > 50
-    told = [opening for surface in whole.surfaces for opening in surface.openings if opening.feature]
-    assert [opening.area_m2 for opening in told] == pytest.approx([np.pi * (RADIUS * MM) ** 2] * 3, rel=0.01)
+    openings = [opening for surface in whole.surfaces for opening in surface.openings if opening.feature]
+    assert [opening.area_m2 for opening in openings] == pytest.approx(
+        [np.pi * (RADIUS * MM) ** 2] * 3, rel=0.01
+    )
 
 
 def test_holes_that_nobody_saw_change_nothing(plate, tmp_path):
@@ -112,7 +114,7 @@ def pipe():
     scan = scan_scene(scene, eye, replace(CAMERA, fov_deg=60.0), noise="gaussian-1mm", rng=0)
     ends = np.array([[0.0, 0, 0], [bend, 0, bend]])
     geometry = {"joint": ends, "axis": (0, -1, 0), "centres": [[0, 0, bend]], "radii": [bend, radius]}
-    return scan, found("elbow", geometry)
+    return scan, found_fit("elbow", geometry)
 
 
 def test_pipes_go_on_to_their_elbow_and_end_there(pipe, tmp_path):
@@ -144,7 +146,7 @@ def test_features_of_other_scans_are_refused(plate, pipe, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "value", "said"),
+    ("kind", "name", "value", "message"),
     [
         ("hole-row", "centres", [[0, 0]], "centres"),
         ("hole-row", "radius", 0.0, "radius above 0"),
@@ -162,10 +164,10 @@ def test_features_of_other_scans_are_refused(plate, pipe, tmp_path):
         ("elbow", "centres", [[0, 0, 0]], "off its joint"),
     ],
 )
-def test_files_that_lack_something_are_refused(plate, pipe, tmp_path, kind, name, value, said):
+def test_files_that_lack_something_are_refused(plate, pipe, tmp_path, kind, name, value, message):
     record = Features((plate[1] if kind == "hole-row" else pipe[1],), 0).record()
     record["features"][0][name] = value
     path = tmp_path / "features.json"
     path.write_text(json.dumps(record))
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_features(path)

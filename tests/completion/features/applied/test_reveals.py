@@ -65,32 +65,32 @@ def test_no_reveal_of_a_side_that_nobody_saw(done):
 
 def test_the_record_says_which_feature_a_face_is_of(done):
     text = json.loads(json.dumps(completion_record(done), default=np.ndarray.tolist))
-    told = [one["feature"] for one in text["surfaces"]]
-    assert told == [patch.feature for patch in done.patches]
-    for one, patch in zip(text["surfaces"], done.patches, strict=True):
+    features = [surface["feature"] for surface in text["surfaces"]]
+    assert features == [patch.feature for patch in done.patches]
+    for surface, patch in zip(text["surfaces"], done.patches, strict=True):
         if patch.feature:
-            away = patch.grid.surface.distance(done.world_from_reference.inverse().apply([one["anchor"]]))
+            away = patch.grid.surface.distance(done.world_from_reference.inverse().apply([surface["anchor"]]))
             assert abs(away[0]) < 0.05
 
 
 def test_a_shallow_or_unknown_depth_gives_no_reveals(case, done):
     seen = observe(case.scan, case.scan.world_from_sensor)
     surfaces = [patch.source for patch in done.patches if not patch.feature]
-    found = next(fit for fit in done.features if fit.status is FeatureStatus.FOUND)
+    fit = next(fit for fit in done.features if fit.status is FeatureStatus.FOUND)
     owners = [np.zeros(case.scan.shape, np.int32)]
 
     def n_faces(fit: TemplateFit) -> int:
         return len(reveals_of([fit], surfaces[:1], [seen], owners, 0.002))
 
-    wall = replace(found, geometry={**found.geometry, "surface": 1})
-    n_seen = len(found.sides) - len(found.unseen)
+    wall = replace(fit, geometry={**fit.geometry, "surface": 1})
+    n_seen = len(fit.sides) - len(fit.unseen)
     assert n_faces(wall) == n_seen
     for more in ({"depth_m": 0.01}, {"depth_m": np.nan}, {"depth_sd_m": np.inf}, {"depth_sd_m": 0.2}):
         assert n_faces(replace(wall, geometry={**wall.geometry, **more})) == 0
     assert n_faces(replace(wall, status=FeatureStatus.AMBIGUOUS)) == 0
-    unseen = tuple(FeatureSide(side.name, 0, 0, side.total, np.inf) for side in found.sides)
+    unseen = tuple(FeatureSide(side.name, 0, 0, side.total, np.inf) for side in fit.sides)
     assert n_faces(replace(wall, sides=unseen)) == 0
     doorway = replace(
-        wall, kind="doorway", sides=tuple(FeatureSide(s.name, 5, 0, 5, 0.01) for s in found.sides)
+        wall, kind="doorway", sides=tuple(FeatureSide(s.name, 5, 0, 5, 0.01) for s in fit.sides)
     )
     assert n_faces(doorway) == 3

@@ -32,8 +32,8 @@ def test_slopes_are_those_of_finite_differences(pattern: Pattern) -> None:
 def test_some_of_its_holes_determine_a_pattern(pattern: Pattern) -> None:
     places = np.array([0, 1, 3, 4])
     begun = replace(pattern, x=pattern.x + 0.02)
-    found = fit_pattern(begun, places, pattern.centres[places], np.zeros(len(pattern.x), dtype=np.bool_))
-    np.testing.assert_allclose(found.centres, pattern.centres, atol=1e-6)
+    fit = fit_pattern(begun, places, pattern.centres[places], np.zeros(len(pattern.x), dtype=np.bool_))
+    np.testing.assert_allclose(fit.centres, pattern.centres, atol=1e-6)
 
 
 def test_a_part_of_a_lattice_has_its_holes() -> None:
@@ -53,8 +53,8 @@ def test_chance_makes_few_regular_patterns_and_more_of_more_circles() -> None:
     def chance(evidence: float, off: float) -> float:
         moved = centres.copy()
         moved[:5] += off * rng.normal(size=(5, 2))
-        found = HoleCandidates(moved, radii, np.concatenate([np.full(5, evidence), np.full(30, 10.0)]))
-        return log_chance(row, at, at, found, area=1e4, spacing=1.0)
+        candidates = HoleCandidates(moved, radii, np.concatenate([np.full(5, evidence), np.full(30, 10.0)]))
+        return log_chance(row, at, at, candidates, area=1e4, spacing=1.0)
 
     assert chance(20.0, 0.0) < -20
     assert chance(20.0, 0.0) < chance(5.0, 0.0) < chance(5.0, 0.5)

@@ -30,7 +30,7 @@ _LONG = (110.0, 36.0)  # of a plate
 _BUDGET = 10**7
 
 
-def found(measured: Measurements, kind: str, **given: float) -> TemplateFit:
+def best_fit(measured: Measurements, kind: str, **given: float) -> TemplateFit:
     """The best fit of a kind."""
     return find_holes(measured, [kind], given, rng=np.random.default_rng(0), budget=_BUDGET)[0]
 
@@ -39,7 +39,7 @@ def found(measured: Measurements, kind: str, **given: float) -> TemplateFit:
 def four() -> tuple[Measurements, TemplateFit]:
     """A row of four, and its fit."""
     measured = plate(np.random.default_rng(8), row(4, PITCH), RADIUS)
-    return measured, found(measured, "hole-row")
+    return measured, best_fit(measured, "hole-row")
 
 
 def off(fit: TemplateFit, centres: FloatArray) -> float:
@@ -64,13 +64,13 @@ def test_a_row_is_found_and_counted() -> None:
 def test_a_grid_and_a_bolt_circle_are_found_and_counted() -> None:
     i, j = np.indices((3, 2)).reshape(2, -1)
     grid = np.column_stack([(i - 1) * 16.0, (j - 0.5) * 20.0])
-    fit = found(plate(np.random.default_rng(2), grid, RADIUS), "hole-grid")
+    fit = best_fit(plate(np.random.default_rng(2), grid, RADIUS), "hole-grid")
     assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count"] == 6
     assert sorted([fit.value("pitch"), fit.value("pitch_2")]) == pytest.approx([16.0, 20.0], abs=0.2)
     turn = 2 * np.pi * np.arange(6) / 6
     circle = 16 * np.column_stack([np.cos(turn), np.sin(turn)])
-    fit = found(plate(np.random.default_rng(3), circle, RADIUS, (50.0, 50.0)), "bolt-circle")
+    fit = best_fit(plate(np.random.default_rng(3), circle, RADIUS, (50.0, 50.0)), "bolt-circle")
     assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count"] == 6
     assert abs(fit.value("circle_radius") - 16) < 4 * fit.deviation("circle_radius")
@@ -82,18 +82,18 @@ def test_a_blank_plate_and_lost_patches_are_refused() -> None:
     for fit in find_holes(without(blank, lost, 3.5), KINDS, {}, rng=np.random.default_rng(0), budget=_BUDGET):
         assert fit.status is not FeatureStatus.FOUND
         assert fit.reason
-    assert found(Measurements(blank.points[:50], 0.1, 0.5), "hole-row").status is FeatureStatus.NONE
+    assert best_fit(Measurements(blank.points[:50], 0.1, 0.5), "hole-row").status is FeatureStatus.NONE
 
 
 @pytest.mark.long
 def test_a_hole_that_was_lost_is_unseen_and_one_that_is_filled_is_contradicted() -> None:
     centres = row(6, PITCH)
     whole = plate(np.random.default_rng(6), centres, RADIUS, _LONG)
-    fit = found(without(whole, centres[2:3], 7.5), "hole-row")
+    fit = best_fit(without(whole, centres[2:3], 7.5), "hole-row")
     assert (fit.status, fit.geometry["count"], fit.unseen) == (FeatureStatus.FOUND, 6, ("hole 3",))
     assert "hole 3 is unseen" in fit.reason
     gap = plate(np.random.default_rng(7), np.delete(centres, 2, axis=0), RADIUS, _LONG)
-    fit = found(gap, "hole-row")
+    fit = best_fit(gap, "hole-row")
     assert fit.status is FeatureStatus.FOUND
     absent = [k for k, side in enumerate(fit.sides) if side.state is SideState.CONTRADICTED]
     assert len(absent) == 1
@@ -107,7 +107,7 @@ def test_what_an_end_that_was_lost_leaves_open_is_told() -> None:
     assert fit.geometry["count_range"] == (4, 4)
     centres = row(5, PITCH)
     whole = plate(np.random.default_rng(6), centres, RADIUS)
-    fit = found(without(whole, centres[:1], 7.5), "hole-row")
+    fit = best_fit(without(whole, centres[:1], 7.5), "hole-row")
     assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count_range"] == (4, 5)
     assert "4 to 5 holes" in fit.reason
@@ -116,7 +116,7 @@ def test_what_an_end_that_was_lost_leaves_open_is_told() -> None:
 def test_two_whole_holes_find_those_of_which_a_part_is_left() -> None:
     centres = row(4, PITCH)
     whole = plate(np.random.default_rng(9), centres, RADIUS)
-    fit = found(without(whole, centres[[0, 2]] + (0.0, 4.0), 5.0), "hole-row")
+    fit = best_fit(without(whole, centres[[0, 2]] + (0.0, 4.0), 5.0), "hole-row")
     assert fit.status is not FeatureStatus.NONE
     assert fit.geometry["count"] == 4
     assert off(fit, centres) < 0.4
@@ -125,7 +125,7 @@ def test_two_whole_holes_find_those_of_which_a_part_is_left() -> None:
 @pytest.mark.long
 def test_large_holes_with_many_points_on_their_rims_are_found_as_they_are() -> None:
     centres = row(4, 45.0)
-    fit = found(plate(np.random.default_rng(10), centres, 14.0, (220.0, 60.0)), "hole-row")
+    fit = best_fit(plate(np.random.default_rng(10), centres, 14.0, (220.0, 60.0)), "hole-row")
     assert (fit.status, fit.geometry["count"]) == (FeatureStatus.FOUND, 4)
     assert abs(fit.value("radius") - 14) < 0.2
     assert off(fit, centres) < 0.2
@@ -136,12 +136,12 @@ def test_moved_or_in_another_unit_the_same_is_found() -> None:
     measured, before = four()
     turn, shift = Rotation.from_rotvec([0.3, -1.1, 0.7]), np.array([400.0, -900.0, 120.0])
     moved = replace(measured, points=turn.apply(measured.points) + shift)
-    after = found(moved, "hole-row")
+    after = best_fit(moved, "hole-row")
     assert after.geometry["count"] == before.geometry["count"] == 4
     places = turn.apply(np.asarray(before.geometry["centres"])) + shift
     gap = np.linalg.norm(np.asarray(after.geometry["centres"])[:, None] - places, axis=2).min(axis=0)
     assert gap.max() < 0.15
-    small = found(measured.scale(1e-3), "hole-row")
+    small = best_fit(measured.scale(1e-3), "hole-row")
     assert small.value("pitch") == pytest.approx(before.value("pitch") * 1e-3, rel=1e-3)
     assert small.evidence == pytest.approx(before.evidence, abs=1.0)
 
@@ -149,7 +149,7 @@ def test_moved_or_in_another_unit_the_same_is_found() -> None:
 @pytest.mark.long
 def test_a_mesh_tells_circles_exactly() -> None:
     corners, faces = mesh(row(4, PITCH) + (60.0, 40.0), RADIUS)
-    fit = found(Measurements(corners, noise=0.0, spacing=1.0, faces=faces), "hole-row")
+    fit = best_fit(Measurements(corners, noise=0.0, spacing=1.0, faces=faces), "hole-row")
     assert (fit.status, fit.geometry["count"]) == (FeatureStatus.FOUND, 4)
     assert fit.value("pitch") == pytest.approx(PITCH, abs=1e-9)
     assert fit.value("radius") == pytest.approx(RADIUS, abs=1e-9)
@@ -168,7 +168,7 @@ def test_where_beams_go_on_beside_a_row_but_not_through_it_it_was_lost() -> None
         ray = targets - eye
         length = np.linalg.norm(ray, axis=1)
         beams = PixelBeams(np.tile(eye, (len(ray), 1)), ray / length[:, None], length)
-        return found(replace(holes, points=targets, beams=beams), "hole-row")
+        return best_fit(replace(holes, points=targets, beams=beams), "hole-row")
 
     beside = np.random.default_rng(14).uniform(-1.5, 1.5, (20, 2)) + (-36.0, 12.0)
     lost = status(beside)
@@ -179,18 +179,18 @@ def test_where_beams_go_on_beside_a_row_but_not_through_it_it_was_lost() -> None
 
 @pytest.mark.long
 def test_the_order_of_points_matters_little_and_the_seed_decides() -> None:
-    measured, one = four()
-    two = found(measured, "hole-row")
-    assert one.x.tobytes() == two.x.tobytes()
+    measured, first = four()
+    second = best_fit(measured, "hole-row")
+    assert first.x.tobytes() == second.x.tobytes()
     mixed = np.random.default_rng(10).permutation(len(measured.points))
-    other = found(replace(measured, points=measured.points[mixed]), "hole-row")
-    assert other.value("pitch") == pytest.approx(one.value("pitch"), abs=3 * one.deviation("pitch"))
-    np.testing.assert_array_equal(other.assignment, one.assignment[mixed])
+    other = best_fit(replace(measured, points=measured.points[mixed]), "hole-row")
+    assert other.value("pitch") == pytest.approx(first.value("pitch"), abs=3 * first.deviation("pitch"))
+    np.testing.assert_array_equal(other.assignment, first.assignment[mixed])
 
 
 def test_given_values_are_held() -> None:
     measured = plate(np.random.default_rng(11), row(5, PITCH), RADIUS)
-    fit = found(measured, "hole-row", pitch=15.05, radius=4.02, count=4)
+    fit = best_fit(measured, "hole-row", pitch=15.05, radius=4.02, count=4)
     assert (fit.value("pitch"), fit.value("radius"), fit.geometry["count"]) == (15.05, 4.02, 4)
     assert fit.deviation("pitch") == fit.deviation("radius") == 0.0
     assert set(fit.held) == {"pitch", "radius"}
@@ -199,9 +199,9 @@ def test_given_values_are_held() -> None:
 def test_unknown_kinds_and_impossible_values_are_refused() -> None:
     blank = plate(np.random.default_rng(12), np.zeros((0, 2)), RADIUS)
     with pytest.raises(InputError, match="no pattern of holes called door"):
-        found(blank, "door")
+        best_fit(blank, "door")
     with pytest.raises(InputError, match=r"pitch is given as -1"):
-        found(blank, "hole-row", pitch=-1)
+        best_fit(blank, "hole-row", pitch=-1)
 
 
 def test_patterns_of_three_kinds_share_one_survey_of_the_plates(monkeypatch) -> None:

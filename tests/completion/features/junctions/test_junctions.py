@@ -149,12 +149,12 @@ def test_every_fillet_of_a_part_is_found():
         profile.append(np.array(middle) + radius * np.column_stack([np.cos(t), np.sin(t)]))
     flat = np.concatenate(profile)
     points = np.column_stack([flat, rng.uniform(0, 30, len(flat))]) + rng.normal(0, 0.03, (len(flat), 3))
-    found = find_junctions(Measurements(points, 0.03, 1.6), ["junction"], rng=rng)
+    fits = find_junctions(Measurements(points, 0.03, 1.6), ["junction"], rng=rng)
     radii = sorted(
-        round(float(one.value("radius_1")), 1) for one in found if one.status is FeatureStatus.FOUND
+        round(float(fit.value("radius_1")), 1) for fit in fits if fit.status is FeatureStatus.FOUND
     )
     assert set(np.round(radii)) == {6.0, 9.0}
-    assert all(np.isinf(one.value("radius_2")) for one in found)
+    assert all(np.isinf(fit.value("radius_2")) for fit in fits)
 
 
 @pytest.mark.long
@@ -163,10 +163,10 @@ def test_candidates_that_the_budget_leaves_are_said(monkeypatch):
     left = JunctionCandidate("junction", np.arange(50), 1.0)
     monkeypatch.setitem(pipeline._CANDIDATES, "junction", lambda _cloud, _patches: [left])
     for budget, is_complete in ((1, False), (100_000, True)):
-        found = find_junctions(
+        fits = find_junctions(
             Measurements(points, 0.3, 8.0), ["junction"], rng=np.random.default_rng(0), budget=budget
         )
-        assert [one.is_complete for one in found] == [is_complete]
+        assert [fit.is_complete for fit in fits] == [is_complete]
 
 
 def test_what_cannot_be_is_refused():
@@ -178,4 +178,4 @@ def test_what_cannot_be_is_refused():
     few = find_junctions(
         Measurements(np.eye(3), 0.1, 1.0), ["elbow", "junction"], rng=np.random.default_rng(0)
     )
-    assert all(one.status is FeatureStatus.NONE and "too few" in one.reason for one in few)
+    assert all(fit.status is FeatureStatus.NONE and "too few" in fit.reason for fit in few)

@@ -56,9 +56,9 @@ def test_an_elbow_is_a_torus_between_two_cylinders():
 def test_both_sides_touch_with_one_normal(profile, shape):
     along = np.linspace(-1, 1, 5)
     beside = [np.column_stack([np.zeros(5), np.full(5, y), along]) for y in (1e-9, -1e-9)]
-    one, other = (profile(points, np.array(shape)) for points in beside)
-    np.testing.assert_allclose(one.distance, other.distance, atol=1e-12)
-    np.testing.assert_allclose(one.slope, other.slope, atol=1e-8)
+    first, second = (profile(points, np.array(shape)) for points in beside)
+    np.testing.assert_allclose(first.distance, second.distance, atol=1e-12)
+    np.testing.assert_allclose(first.slope, second.slope, atol=1e-8)
 
 
 def test_noise_and_outliers_are_told_apart():
@@ -66,9 +66,9 @@ def test_noise_and_outliers_are_told_apart():
     distances = np.where(
         rng.uniform(size=20_000) < 0.3, rng.uniform(-5, 5, 20_000), rng.normal(0, 0.2, 20_000)
     )
-    found = Mixture.of(distances, 10.0, 0.5, 1e-6)
-    assert found.sigma == pytest.approx(0.2, rel=0.03)
-    assert found.share == pytest.approx(0.3, abs=0.02)
+    mixture = Mixture.of(distances, 10.0, 0.5, 1e-6)
+    assert mixture.sigma == pytest.approx(0.2, rel=0.03)
+    assert mixture.share == pytest.approx(0.3, abs=0.02)
     grid = np.linspace(-5, 5, 20_001)
-    density = np.exp(found.log_densities(grid))
+    density = np.exp(mixture.log_densities(grid))
     assert np.trapezoid(density, grid) == pytest.approx(1, abs=1e-3)

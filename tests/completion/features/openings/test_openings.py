@@ -33,13 +33,15 @@ def test_the_best_rectangle_is_that_of_trying_all():
     rng = np.random.default_rng(0)
     for _ in range(20):
         values = rng.normal(-0.3, 1.0, (6, 7))
-        found = best_rectangle(values)
+        rectangle = best_rectangle(values)
         every = [
             values[a:b, c:d].sum() for a, b, c, d in product(range(6), range(1, 7), range(7), range(1, 8))
             if a < b and c < d
         ]  # fmt: skip
-        assert found.total == pytest.approx(max(every))
-        assert values[found.top : found.bottom, found.left : found.right].sum() == pytest.approx(found.total)
+        assert rectangle.total == pytest.approx(max(every))
+        assert values[
+            rectangle.top : rectangle.bottom, rectangle.left : rectangle.right
+        ].sum() == pytest.approx(rectangle.total)
 
 
 def beams_at(recess, rng, *, noise=0.005, eye=(-0.4, -3.0, 0.1), n=90):
@@ -88,13 +90,13 @@ def test_the_likelihood_is_that_of_the_ranges_that_are_expected():
     beams = beams_at(NICHE, rng)
     values = np.array([-0.47, -0.45, -0.40])
     tile = rng.integers(0, 5, len(beams))
-    found = log_likelihoods(beams, recesses(NICHE, "left", values), is_closed=True, tile=tile)
+    densities = log_likelihoods(beams, recesses(NICHE, "left", values), is_closed=True, tile=tile)
     for k, left in enumerate(values):
         expected = expected_of(beams, replace(NICHE, left=left))
         z = (beams.ranges - expected) / beams.deviation
         density = 0.79 * np.exp(-0.5 * z**2) / (beams.deviation * np.sqrt(2 * np.pi)) + 0.01 / 12.0
         density += 0.2 * (z < 0) / expected
-        assert found[:, k] == pytest.approx(np.bincount(tile, np.log(density)), rel=1e-9)
+        assert densities[:, k] == pytest.approx(np.bincount(tile, np.log(density)), rel=1e-9)
 
 
 def test_sides_and_depth_are_right_as_often_as_their_deviations_say():
@@ -130,9 +132,13 @@ def test_a_doorway_is_found_and_what_nobody_saw_of_it_is_said(door):
     case, fits = door
     fit = fits[0]
     assert fit.status is FeatureStatus.FOUND
-    found = np.asarray(fit.geometry["corners"])[:, 1:]
+    corners = np.asarray(fit.geometry["corners"])[:, 1:]
     y0, _z0, y1, z1 = case.hole
-    at = {"left": found[:, 0].max() - y1, "right": found[:, 0].min() - y0, "top": found[:, 1].max() - z1}
+    at = {
+        "left": corners[:, 0].max() - y1,
+        "right": corners[:, 0].min() - y0,
+        "top": corners[:, 1].max() - z1,
+    }
     for side in fit.sides:
         if side.state is SideState.CONFIRMED and side.name in at:
             assert abs(at[side.name]) < 0.005
@@ -161,10 +167,10 @@ def test_what_is_given_is_held_and_places_the_side_that_nobody_saw(door):
     case, _ = door
     width = case.hole[2] - case.hole[0]
     fit = find(case.scan, given={kind: {"width": width} for kind in KINDS})[0][0]
-    found = np.asarray(fit.geometry["corners"])[:, 1]
+    corners = np.asarray(fit.geometry["corners"])[:, 1]
     assert "width" in fit.held
     assert fit.deviation("width") == 0
-    assert [found.min(), found.max()] == pytest.approx([case.hole[0], case.hole[2]], abs=0.005)
+    assert [corners.min(), corners.max()] == pytest.approx([case.hole[0], case.hole[2]], abs=0.005)
 
 
 @pytest.mark.parametrize("kind", first_in_gate(2, ["table", "wardrobes", "wall end", "cupboards"]))

@@ -31,10 +31,10 @@ def chart_of(nats):
 
 def boxes(chart, floors=()):
     """Rows and columns of the proposals, to the half cell that they are wider."""
-    found = [rough for rough, _ in propose(chart, floors)]
+    holes = [rough for rough, _ in propose(chart, floors)]
     return sorted(
-        (round(one.left / CELL + 0.5), round(one.right / CELL - 0.5),
-         round(one.bottom / CELL + 0.5), round(one.top / CELL - 0.5)) for one in found
+        (round(hole.left / CELL + 0.5), round(hole.right / CELL - 0.5),
+         round(hole.bottom / CELL + 0.5), round(hole.top / CELL - 0.5)) for hole in holes
     )  # fmt: skip
 
 
@@ -82,8 +82,8 @@ def test_reveals_without_a_back_are_an_opening() -> None:
     window = replace(NICHE, is_closed=False)
     reveals = np.isfinite(expected_of(beams, window))
     silent = replace(beams, ranges=np.where(reveals, beams.ranges, np.inf), is_silent=~reveals)
-    found, depth, _ = fit_depth(silent, replace(window, depth=0.0))
-    assert not found.is_closed
+    recess, depth, _ = fit_depth(silent, replace(window, depth=0.0))
+    assert not recess.is_closed
     assert depth.value > NICHE.depth - 0.01
     corridor = beams_at(replace(NICHE, depth=1.0), np.random.default_rng(7))
     assert not fit_depth(corridor, replace(window, depth=0.0))[0].is_closed
@@ -102,7 +102,7 @@ def test_seats_and_sills_are_no_floors() -> None:
     seat, sill = level((1, 1), (2, 2), 0.45), level((0.5, 4.0), (2.0, 4.2), 0.5)
     platform = level((5, 0), (8, 4), 0.4)
     kept = floors_of([seat, floor, sill, above, platform], [], np.array([0.0, 0.0, 1.0]))
-    assert [one.fit for one in kept] == [floor.fit, above.fit, platform.fit]
+    assert [level.fit for level in kept] == [floor.fit, above.fit, platform.fit]
 
 
 def test_the_chance_of_a_false_fit_falls_with_what_a_fit_has_come_to() -> None:

@@ -15,13 +15,13 @@ from tests.completion.features.solids.solid_points import column_points, stairs_
 SIGMA = 0.004
 
 
-def found(points, kind, given=None, **options):
+def best_fit(points, kind, given=None, **options):
     measured = Measurements(points, SIGMA, 0.03)
     return find_solids(measured, [kind], given or {}, rng=np.random.default_rng(0), **options)[0]
 
 
 def test_a_flight_is_measured_among_outliers():
-    fit = found(stairs_points(np.random.default_rng(1)), "stairs")
+    fit = best_fit(stairs_points(np.random.default_rng(1)), "stairs")
     assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count"] == 6
     for name, true in (("going", 0.28), ("rise", 0.17), ("heading", 0.6)):
@@ -40,21 +40,21 @@ def test_a_tread_that_is_hidden_is_unseen_and_counted():
     points = stairs_points(np.random.default_rng(2), outliers=0.0)
     along = points @ [np.cos(0.6), np.sin(0.6), 0]
     hidden = (along > 0.55) & (along < 0.85)  # the third tread and the risers at both of its ends
-    fit = found(points[~hidden], "stairs")
+    fit = best_fit(points[~hidden], "stairs")
     assert fit.status is FeatureStatus.FOUND
     assert fit.geometry["count"] == 6
     assert "tread 3" in fit.unseen
 
 
 def test_what_is_known_of_stairs_is_held():
-    fit = found(stairs_points(np.random.default_rng(3)), "stairs", {"rise": 0.17, "count": 6})
+    fit = best_fit(stairs_points(np.random.default_rng(3)), "stairs", {"rise": 0.17, "count": 6})
     assert fit.value("rise") == 0.17
     assert fit.held == ("rise",)
     assert len([name for name in fit.faces if name.startswith("tread")]) == 6
 
 
 def test_a_column_is_measured_from_one_side():
-    fit = found(column_points(np.random.default_rng(4)), "column")
+    fit = best_fit(column_points(np.random.default_rng(4)), "column")
     assert fit.status is FeatureStatus.FOUND
     assert len(fit.unseen) == 1  # the side at the back
     for name, true in (("width", 0.6), ("radius", 0.2)):
@@ -67,7 +67,7 @@ def test_a_column_is_measured_from_one_side():
 def test_up_may_be_any_direction():
     points = column_points(np.random.default_rng(5), outliers=0.0)
     lying = points[:, [2, 0, 1]]  # z becomes x
-    fit = found(lying, "column", up=(1.0, 0.0, 0.0))
+    fit = best_fit(lying, "column", up=(1.0, 0.0, 0.0))
     assert fit.status is FeatureStatus.FOUND
     np.testing.assert_allclose(fit.geometry["centres"][0], [0.3, 1.0, 2.0], atol=0.01)
 
@@ -81,7 +81,7 @@ def test_plain_surfaces_are_neither(kind):
     shaft = np.column_stack([0.3 * np.cos(pole), 0.3 * np.sin(pole), rng.uniform(0, 2, 800)])
     for surfaces in ([floor], [floor, wall], [shaft]):
         points = np.concatenate(surfaces)
-        fit = found(points + rng.normal(0, SIGMA, points.shape), kind)
+        fit = best_fit(points + rng.normal(0, SIGMA, points.shape), kind)
         assert fit.status is not FeatureStatus.FOUND
         assert fit.reason
 
@@ -95,9 +95,9 @@ def test_levels_are_where_heights_gather():
 
 def test_other_kinds_and_directions_are_refused():
     with pytest.raises(InputError, match="no solid sphere"):
-        found(np.zeros((20, 3)), "sphere")
+        best_fit(np.zeros((20, 3)), "sphere")
     with pytest.raises(InputError, match="up is a direction"):
-        found(np.zeros((20, 3)), "stairs", up=(0, 0, 0))
+        best_fit(np.zeros((20, 3)), "stairs", up=(0, 0, 0))
 
 
 @pytest.mark.long
@@ -114,8 +114,8 @@ def test_it_is_found_in_a_scanned_room(kind):
 @pytest.mark.long
 def test_boxes_in_a_scanned_room_are_no_column_and_no_stairs():
     scan, _ = solid_room(0, "boxes")
-    found = find_features([scan.thinned(150_000)], ["stairs", "column"], rng=0).found
-    assert not found
+    fits = find_features([scan.thinned(150_000)], ["stairs", "column"], rng=0).found
+    assert not fits
 
 
 def test_points_with_another_up_axis_are_searched_along_it():

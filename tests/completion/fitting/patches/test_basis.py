@@ -12,21 +12,21 @@ from scenes.checks import InputError
 @pytest.mark.parametrize(("n", "degree"), [(4, 3), (9, 3), (6, 5), (12, 5)])
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_values_are_those_of_scipy(n, degree, order) -> None:
-    own, at = basis(n, degree), np.linspace(0, 1, 43)
-    oracle = np.array([BSpline(own.knots, row, degree)(at, nu=order) for row in np.eye(n)]).T
-    assert own.values(at, order) == pytest.approx(oracle, abs=1e-11 * n**order)
+    splines, at = basis(n, degree), np.linspace(0, 1, 43)
+    oracle = np.array([BSpline(splines.knots, row, degree)(at, nu=order) for row in np.eye(n)]).T
+    assert splines.values(at, order) == pytest.approx(oracle, abs=1e-11 * n**order)
 
 
 def test_gram_is_the_integral() -> None:
-    own, at = basis(7, 3), (np.arange(20_000) + 0.5) / 20_000
-    bent = own.values(at, 2)
-    assert own.gram(2) == pytest.approx(bent.T @ bent / len(at), rel=1e-4, abs=1e-2)
+    splines, at = basis(7, 3), (np.arange(20_000) + 0.5) / 20_000
+    bent = splines.values(at, 2)
+    assert splines.gram(2) == pytest.approx(bent.T @ bent / len(at), rel=1e-4, abs=1e-2)
 
 
 def test_a_patch_has_points_derivatives_and_sides() -> None:
     controls = np.random.default_rng(0).normal(size=(6, 7, 3))
     patch = SplinePatch(controls, (3, 5))
-    along_u, along_v = (one.values(np.array([0.3]))[0] for one in patch.bases)
+    along_u, along_v = (basis_of.values(np.array([0.3]))[0] for basis_of in patch.bases)
     uv, step = np.array([[0.3, 0.3]]), np.array([[1e-6, 0.0]])
     assert patch.at(uv)[0] == pytest.approx(np.einsum("i,j,ijk->k", along_u, along_v, controls))
     slope = (patch.at(uv + step) - patch.at(uv - step)) / 2e-6

@@ -34,7 +34,11 @@ def test_surfaces_are_pasted_named_or_short(tmp_path) -> None:
     assert asked.boundaries["u0"].deviations == {"offset": 1e-5, "normal": 2e-4}
     assert asked.boundaries["u1"].surface.normal_direction == pytest.approx(np.array([0, 0, 1.0]))
     assert asked.boundaries["v1"].surface.radius == 0.05
-    assert (asked.free, asked.controls, [one.name for one in asked.files]) == (True, (9, 12), ["floor.json"])
+    assert (asked.free, asked.controls, [file.name for file in asked.files]) == (
+        True,
+        (9, 12),
+        ["floor.json"],
+    )
 
 
 def side(**changed):
@@ -69,6 +73,6 @@ FAULTS = [
 @pytest.mark.parametrize(("held", "text"), FAULTS)
 def test_faults_name_the_file_and_the_cure(tmp_path, held, text) -> None:
     file = written(tmp_path, held)
-    with pytest.raises(InputError, match=text) as found:
+    with pytest.raises(InputError, match=text) as refusal:
         read_boundaries(file)
-    assert str(found.value).startswith(str(file))
+    assert str(refusal.value).startswith(str(file))

@@ -31,26 +31,29 @@ AXIS = (0, 0.1, 1)
 )
 @pytest.mark.parametrize("join", list(JoinKind))
 def test_derivatives_are_those_of_differences(surface, join) -> None:
-    rng, about, own = np.random.default_rng(0), np.linspace(0, 1, 9), basis(9, 5)
+    rng, about, splines = np.random.default_rng(0), np.linspace(0, 1, 9), basis(9, 5)
     outer = np.column_stack([2 * np.cos(about), 2 * np.sin(about), about]) + 0.1 * rng.normal(size=(9, 3))
     inner = outer + 0.2 * rng.normal(size=(9, 3))
     boundary = Boundary(surface, join)
-    found = join_equations(boundary, outer, inner, own)
+    equations = join_equations(boundary, outer, inner, splines)
     for _ in range(3):
         by = rng.normal(size=(2, 9, 3))
         after, before = (
-            join_equations(boundary, outer + s * by[0], inner + s * by[1], own).misfit for s in (1e-6, -1e-6)
+            join_equations(boundary, outer + s * by[0], inner + s * by[1], splines).misfit
+            for s in (1e-6, -1e-6)
         )
-        slope = np.einsum("qjc,jc->q", found.by_outer, by[0]) + np.einsum("qjc,jc->q", found.by_inner, by[1])
+        slope = np.einsum("qjc,jc->q", equations.by_outer, by[0]) + np.einsum(
+            "qjc,jc->q", equations.by_inner, by[1]
+        )
         assert slope == pytest.approx((after - before) / 2e-6, abs=1e-7)
 
 
 def test_redundant_equations_are_dropped_and_entailed_by_the_rest() -> None:
     patch = SplinePatch(np.random.default_rng(1).normal(size=(7, 8, 3)))
     every = equations_of(patch, BLEND)
-    some = every.independent()
-    assert len(some.rows) == np.linalg.matrix_rank(every.rows) < len(every.rows)
-    moved = some.impose(patch.controls.ravel())
+    independent = every.independent()
+    assert len(independent.rows) == np.linalg.matrix_rank(every.rows) < len(every.rows)
+    moved = independent.impose(patch.controls.ravel())
     assert every.rows @ moved[every.columns] == pytest.approx(every.value, abs=1e-12)
 
 
@@ -61,20 +64,20 @@ def test_the_sparse_solution_is_the_dense_one() -> None:
     normals = rng.normal(size=(300, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     held = normal_equations(patch.bases, uv, points, normals)
-    along_u, along_v = (one.values(uv[:, k]) for k, one in enumerate(patch.bases))
+    along_u, along_v = (splines.values(uv[:, k]) for k, splines in enumerate(patch.bases))
     value = np.einsum("ni,nj->nij", along_u, along_v).reshape(300, -1)
     wide = np.einsum("nk,nc->nkc", value, normals).reshape(300, -1)
     form = wide.T @ wide + 0.05**2 * np.kron(value.T @ value, np.eye(3))
     assert held.matrix.toarray() == pytest.approx(form, abs=1e-10)
     equations = equations_of(patch, BLEND).independent()
     matrix = held.matrix + 1e-3 * thin_plate(patch.bases)
-    found = BorderedSystem(matrix, equations).solve(held.right, equations.value)
+    solution = BorderedSystem(matrix, equations).solve(held.right, equations.value)
     rows = np.zeros((len(equations.rows), 90))
     rows[:, equations.columns] = equations.rows
     free, start = null_space(rows), np.linalg.lstsq(rows, equations.value, rcond=None)[0]
     dense = matrix.toarray()
     best = start + free @ np.linalg.solve(free.T @ dense @ free, free.T @ (held.right - dense @ start))
-    assert found == pytest.approx(best, abs=1e-8)
+    assert solution == pytest.approx(best, abs=1e-8)
 
 
 def test_joins_that_exclude_each_other_are_refused() -> None:
