@@ -68,9 +68,9 @@ BY_RIVAL = -3.96
 """For the second score as a share of the first; the same regression."""
 BY_VIOLATION = -210.0
 """For the share of violated facets; the same regression."""
-BY_SURPLUS = 1.43
+BY_BEYOND_PLANES = 1.43
 """For the logarithm of what agrees beyond three planes; the same regression."""
-LEAST_SURPLUS = 0.005
+LEAST_BEYOND_PLANES = 0.005
 """Added to that, so that it has a logarithm: six facets of 1200."""
 CLAIMED_FROM = ((0.001, 0.97), (0.01, 0.8), (0.05, 0.6), (0.2, 0.4))
 """Accepted share of false claims, and the probability from which on a pose is claimed. Measured on pairs of

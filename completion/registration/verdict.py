@@ -12,8 +12,8 @@ import numpy as np
 from completion.registration.hypotheses import Hypothesis, distinct, judge_motion, scores_of
 from completion.registration.limits import (
     ALONG,
+    BY_BEYOND_PLANES,
     BY_RIVAL,
-    BY_SURPLUS,
     BY_VIOLATION,
     CLAIMABLE,
     CLAIMED_FROM,
@@ -21,10 +21,10 @@ from completion.registration.limits import (
     COARSE_VIOLATION,
     FINE_M,
     FULL,
+    LEAST_BEYOND_PLANES,
     LEAST_SCORE,
     LEAST_SHIFT_M,
     LEAST_STIFFNESS,
-    LEAST_SURPLUS,
     LEAST_TURN,
     MIDDLE_M,
     MOST_VIOLATED,
@@ -125,7 +125,7 @@ def _odds_alone(hypothesis: Hypothesis) -> float:
     return float(
         TRUST
         + BY_VIOLATION * hypothesis.violate
-        + BY_SURPLUS * np.log(hypothesis.beyond_planes + LEAST_SURPLUS)
+        + BY_BEYOND_PLANES * np.log(hypothesis.beyond_planes + LEAST_BEYOND_PLANES)
     )
 
 

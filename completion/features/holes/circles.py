@@ -11,7 +11,6 @@ from scipy.special import ndtr
 
 from completion.features.holes.limits import (
     BEYOND_RIM,
-    CANDIDATE_NATS,
     EMPTY_SHARE,
     LARGE_RADIUS,
     LEAST_RADIUS,
@@ -19,6 +18,7 @@ from completion.features.holes.limits import (
     MET_SHARE,
     MOST_RADIUS,
     RIM_BAND,
+    SURE_NATS,
 )
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -287,7 +287,7 @@ def _distinct(circles: HoleCandidates, most: int = _MOST) -> HoleCandidates:
     order = np.argsort(-circles.evidence, kind="stable")
     kept = list[int]()
     for k in order:
-        if circles.evidence[k] < CANDIDATE_NATS or len(kept) == most:
+        if circles.evidence[k] < SURE_NATS or len(kept) == most:
             break
         gap = np.hypot(*(circles.centres[kept] - circles.centres[k]).T) if kept else np.zeros(0)
         nearly = (gap < 0.25 * circles.radii[k]) & (

@@ -23,9 +23,9 @@ from completion.features.holes.limits import (
     MOST_IN_LINE,
     N_COUNTS,
     NEARBY,
+    RIM_GAP,
     SINGULAR,
     SOFT_PLACE,
-    WEB,
 )
 from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, SYMMETRIES, Pattern, fit_pattern
 from completion.features.holes.plates import Openings, PlateSurvey
@@ -235,7 +235,7 @@ def _fits(pattern: Pattern, spacing: float) -> bool:
     else:
         apart = pattern.x[3:].min()
     least = (2, 2) if pattern.kind == GRID else (LEAST_HOLES, 1)
-    return bool(apart > 2 * pattern.radius + WEB * spacing and min(np.array(pattern.shape) - least) >= 0)
+    return bool(apart > 2 * pattern.radius + RIM_GAP * spacing and min(np.array(pattern.shape) - least) >= 0)
 
 
 def _trim_pattern(pattern: Pattern, places: IntArray) -> tuple[Pattern, IntArray]:
@@ -464,7 +464,7 @@ def _steps(search: Search, survey: PlateSurvey) -> tuple[IntArray, IntArray, Flo
     """Pairs (m,) of like candidates, the pitch (m, 2) and the radius (m,), with room for holes between."""
     first, two, pitch = pairs(search)
     radius = (search.candidates.radii[first] + search.candidates.radii[two]) / 2
-    room = np.hypot(*pitch.T) > 2 * radius + WEB * search.spacing
+    room = np.hypot(*pitch.T) > 2 * radius + RIM_GAP * search.spacing
     for place in (search.candidates.centres[first] + pitch, search.candidates.centres[two] - pitch):
         room &= ~survey.is_no_hole(place, radius)
     return first[room], two[room], pitch[room], radius[room]
@@ -499,7 +499,7 @@ def _grid_lattices(search: Search, survey: PlateSurvey) -> Iterator[Pattern]:
         n_along = int(
             np.rint(np.hypot(*(candidates.centres[two[k]] - candidates.centres[first[k]])) / length[k])
         )
-        least = 2 * radius[k] + WEB * search.spacing
+        least = 2 * radius[k] + RIM_GAP * search.spacing
         near = np.abs(offset[:, 0] - steps * length[k]) < NEARBY * search.spacing * (1 + 0.25 * np.abs(steps))
         near &= (np.abs(offset[:, 1]) > least) & search.alike(first[k], np.arange(len(candidates)))
         near &= (steps >= -_MOST_WIDE) & (steps <= n_along + _MOST_WIDE)
@@ -532,7 +532,7 @@ def _circle_lattices(search: Search, survey: PlateSurvey) -> Iterator[Pattern]:
     for n in _CIRCLE_COUNTS if "count" not in search.given else [round(search.given["count"])]:
         for step in range(1, n // 2 + 1):
             size = half / np.sin(np.pi * step / n)
-            fits = (2 * size * np.sin(np.pi / n) > 2 * radius + WEB * search.spacing) & (size < longest)
+            fits = (2 * size * np.sin(np.pi / n) > 2 * radius + RIM_GAP * search.spacing) & (size < longest)
             if "circle_radius" in search.given:
                 fits &= np.abs(size - search.given["circle_radius"]) < 2 * NEARBY * search.spacing
             high = np.sqrt(np.maximum(size**2 - half**2, 0.0))

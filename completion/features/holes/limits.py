@@ -49,8 +49,9 @@ EMPTY_SHARE = 0.12
 """Of the points expected in a disc, at most. By eye: strays are a tenth."""
 MET_SHARE = 0.3
 """Of the points expected on a ring, at least. By eye."""
-CANDIDATE_NATS = 3.0
-"""Nats of a candidate. By eye: odds of twenty."""
+SURE_NATS = 3.0
+"""Of a candidate, from which surface fills a hole, and that a large hole loses at most where its pattern
+places it: odds of twenty. By choice."""
 LARGE_RADIUS = 8.0
 """Spacings, of circles that are moved and widened at once: their rims are soft by little beside them. By
 eye."""
@@ -60,26 +61,25 @@ BORE_BAND = 0.35
 """Spacings on either side of a rim, within which points are on the bore. By eye."""
 BORE_DEPTH = 2.0, 3.0
 """Radii, and spacings, below a plate, in which a bore is looked for. By eye."""
-SECTOR_NATS = 1.5
-"""Of a sector with a wall. By eye."""
+SEEN_NATS = 1.5
+"""Of a sector with a wall, and from which a hole is seen. By eye."""
 CHANCE_SECTORS = 2
-"""Sectors that have a wall by chance. By eye."""
+"""Sectors that have a wall by chance, and that lack one. By eye."""
 BOSS_FACTOR = 3.0
 """Times a sector's nats, against a hole, where the wall is on the outer side. By eye."""
-PASSED_NATS = 4.0
-"""Of a beam that went through: fewer than one in fifty strays so."""
+SIGN_NATS = 4.0
+"""Of a beam that went through, for a hole, and of a sector of a whole part without a wall, against it: odds
+of fifty. By eye."""
 MOST_PASSED = 3
 """Beams that count, since neighbours stray together. By eye."""
-NONE_PASSED_NATS = 6.0
+NONE_PASSED_NATS = 2 * SURE_NATS
 """Against a hole, where all behind the plate echoes and no beam came through. By eye."""
-EDGE_BAND = 0.8
-"""Spacings from a rim, within which an edge has a wall. By eye."""
-BARE_NATS = 4.0
-"""Against a hole, of a sector of a whole part without a wall. By eye."""
-MOST_BARE = 2
-"""Such sectors. By eye."""
+RIM_GAP = 0.8
+"""Spacings from a rim, within which an edge has a wall, and between neighbouring rims: holes that touch are
+slots. By eye."""
 WALLED_SHARE = 0.6
-"""Of the edges of a plate, from which on the part is whole. By eye."""
+"""Of the edges of a plate, from which on the part is whole; and of the holes of a pattern with a measured
+wall. By eye."""
 INNER_BORE = 0.85
 """Of the radius, in which beams that pass are a hole's. By eye."""
 
@@ -100,8 +100,6 @@ NEARBY = 0.7
 """Spacings between a candidate and its place in a pattern. By eye."""
 ALIKE = 0.6, 0.05
 """Spacings, and shares of the radius, by which radii of equal holes differ. By eye."""
-WEB = 0.8
-"""Spacings between neighbouring rims: holes that touch are slots."""
 LEAST_HOLES = 3
 """Holes of a row or a circle that are seen: two are a row wherever they are."""
 
@@ -114,20 +112,14 @@ OPEN_ALIKE = 4
 """The same where all holes lack the same ones. By eye."""
 WEB_POINTS = 4.0
 """Expected on a web that can tell: none are there by chance one time in 55."""
-MOST_HOLE_NATS = 9.0
+MOST_HOLE_NATS = 3 * SURE_NATS
 """By which one hole counts for or against a pattern. By eye: strays are no holes once in 8,000."""
-LARGE_LOSS_NATS = 3.0
-"""That a large hole loses at most where its pattern places it. By eye."""
 RADIUS_STEP = 0.15
 """Of the logarithms of radii for which that is measured. By eye."""
 UNSEEN_NATS = -0.5
 """Of a hole that nobody saw: less than of none, so that windows end. By eye."""
 SOFT_WINDOW = 0.2
 """Spacings, to which a proposal's holes are placed while its window is chosen. By eye."""
-SEEN_NATS = 1.5
-"""From which a hole is seen. By eye."""
-FILLED_NATS = 3.0
-"""From which measured surface fills a hole. By eye: odds of twenty."""
 SOFT_REFINED = 0.05
 """Spacings, to which holes of a refined pattern are placed. By eye."""
 HOPELESS_NATS = -7.0
@@ -146,8 +138,6 @@ SOFT_RIM = 0.15
 """Spacings, to which a rim is known at first. By eye."""
 WALL_POINTS = 6
 """Points on a measured wall. By eye."""
-WALLED_HOLES = 0.6
-"""Share of the holes that have one. By eye."""
 WALL_DEPTH = BORE_DEPTH[0]
 """Radii below the plate, in which a wall is looked for."""
 NO_WALL = 0.1

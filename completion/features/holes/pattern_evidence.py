@@ -11,8 +11,6 @@ import numpy as np
 from completion.features.holes.circles import HoleCandidates, rim_scores
 from completion.features.holes.lattices import Proposal, log_chance, log_rarity, looks, matches
 from completion.features.holes.limits import (
-    FILLED_NATS,
-    LARGE_LOSS_NATS,
     LARGE_RADIUS,
     MOST_HOLE_NATS,
     OPEN_ALIKE,
@@ -20,6 +18,7 @@ from completion.features.holes.limits import (
     RADIUS_STEP,
     SEEN_NATS,
     SOFT_WINDOW,
+    SURE_NATS,
     UNSEEN_NATS,
     WEB_POINTS,
     WEB_WIDTH,
@@ -199,7 +198,7 @@ class Ground:
         alone = candidates.evidence[chosen]
         if pattern.radius > LARGE_RADIUS * self.survey.spacing:
             # many points on a rim: by how much depends on how exactly it is placed, so like with like
-            alone = np.minimum(alone, holes[places] + freedom / max(len(places), 1) + LARGE_LOSS_NATS)
+            alone = np.minimum(alone, holes[places] + freedom / max(len(places), 1) + SURE_NATS)
         loss = float(np.maximum(alone - holes[places], 0.0).sum()) - freedom
         return float(more - chance - max(loss, 0.0))
 
@@ -223,7 +222,7 @@ class Ground:
         inner = np.maximum(radii - width, 0.5 * radii)
         scores = rim_scores(survey, centres, inner, np.full(pattern.count, width))
         more = self.opened.evidence(centres, radii, survey.spacing)
-        return scores.evidence + more, scores.seen, scores.filled > FILLED_NATS
+        return scores.evidence + more, scores.seen, scores.filled > SURE_NATS
 
 
 def best_window(

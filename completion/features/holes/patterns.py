@@ -17,7 +17,7 @@ from completion.features.holes.limits import (
     SOFT_RIM,
     WALL_DEPTH,
     WALL_POINTS,
-    WALLED_HOLES,
+    WALLED_SHARE,
 )
 from completion.features.holes.plates import HolePlate, Openings, PlateSurvey
 from completion.fitting.limits import TUKEY
@@ -332,7 +332,7 @@ def sharpen_pattern(
     """
     pattern, spacing = coarse.pattern, survey.spacing
     per_hole = np.bincount(bore_walls.owner, minlength=pattern.count)
-    if (per_hole[seen] >= WALL_POINTS).mean() < WALLED_HOLES if seen.any() else True:
+    if (per_hole[seen] >= WALL_POINTS).mean() < WALLED_SHARE if seen.any() else True:
         return None
     free, x = ~held, np.array([*pattern.x, pattern.radius])
     sigma, radii = 0.5 * spacing, pattern.radius

@@ -13,28 +13,26 @@ from scipy.spatial import cKDTree
 from completion.features.engine.template import Measurements, PixelBeams
 from completion.features.holes.limits import (
     ALIGNED,
-    BARE_NATS,
     BORE_BAND,
     BORE_DEPTH,
     BOSS_FACTOR,
     CHANCE_SECTORS,
     COVERED,
     DENSITY_WIDTH,
-    EDGE_BAND,
     EXACT_PLATE,
     EXACT_SPACING,
     FEW_POINTS,
     FULL_SHARE,
     INNER_BORE,
     INNER_SQUARE,
-    MOST_BARE,
     MOST_PASSED,
     NONE_PASSED_NATS,
-    PASSED_NATS,
     PLATE_POINTS,
     PLATE_SHARE,
     RIM_BAND,
-    SECTOR_NATS,
+    RIM_GAP,
+    SEEN_NATS,
+    SIGN_NATS,
     SLAB_SD,
     WALLED_SHARE,
 )
@@ -360,7 +358,7 @@ class Openings:
         passed = self.crossed.query_ball_point(centres, INNER_BORE * radii, return_length=True)
         hoped = np.minimum(0.3 * np.pi * (INNER_BORE * radii / spacing) ** 2, 1.0)
         none = np.where(passed == 0, -NONE_PASSED_NATS * self.behind * hoped, 0.0)
-        return np.asarray(PASSED_NATS * np.minimum(passed, MOST_PASSED) + none)
+        return np.asarray(SIGN_NATS * np.minimum(passed, MOST_PASSED) + none)
 
     def none_passed(self, centres: FloatArray, radius: float) -> bool:
         """Whether no beam went through any of circles (m, 2), though most that miss the plate come back."""
@@ -370,7 +368,7 @@ class Openings:
 
     def _of_bores(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         up, down = self.walls(centres, radii, spacing)
-        gain = [SECTOR_NATS * np.maximum(side.sum(axis=1) - CHANCE_SECTORS, 0) for side in (up, down)]
+        gain = [SEEN_NATS * np.maximum(side.sum(axis=1) - CHANCE_SECTORS, 0) for side in (up, down)]
         if self.outward == 0:
             return np.asarray(np.maximum(*gain) - np.minimum(*gain))
         outer, inner = gain if self.outward > 0 else gain[::-1]
@@ -378,11 +376,11 @@ class Openings:
 
     def _without_edge(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         """What tells against holes (m,) of a whole part: sectors of their rims from which no wall goes."""
-        owner, gap, height, sector = self._around(centres, radii, EDGE_BAND * spacing)
-        near = (np.abs(gap) < EDGE_BAND * spacing) & (np.abs(height) < RIM_BAND * spacing)
+        owner, gap, height, sector = self._around(centres, radii, RIM_GAP * spacing)
+        near = (np.abs(gap) < RIM_GAP * spacing) & (np.abs(height) < RIM_BAND * spacing)
         counts = np.bincount((owner * N_SECTORS + sector)[near], minlength=len(radii) * N_SECTORS)
         bare = (counts.reshape(len(radii), N_SECTORS) == 0).sum(axis=1)
-        return np.asarray(BARE_NATS * np.maximum(bare - MOST_BARE, 0))
+        return np.asarray(SIGN_NATS * np.maximum(bare - CHANCE_SECTORS, 0))
 
     def _around(
         self, centres: FloatArray, radii: FloatArray, beyond: float

@@ -12,7 +12,7 @@ from completion.features.engine.least_squares import inflation, neighbour_cells
 from completion.features.engine.limits import LEAST_EVIDENCE
 from completion.features.engine.template import FeatureSide, FeatureStatus
 from completion.features.engine.template_fit import face_sides
-from completion.features.junctions.limits import LEAST_SIGMA, NOISE_SHARE, ROUGHER, SHARPEST
+from completion.features.junctions.limits import HALF, LEAST_SIGMA, ROUGHER, SHARPEST
 from completion.features.junctions.models import (
     N_DIRECTIONS,
     Descent,
@@ -103,7 +103,7 @@ def certainty(descent: Descent, points: FloatArray, spacing: float) -> Certainty
     spread = slopes.T @ ((weight**2 * size2)[:, None] * slopes)
     inverse = np.linalg.pinv(curving, rcond=1e-14, hermitian=True) * mixture.sigma
     section = model.section(points)
-    near = weight > NOISE_SHARE
+    near = weight > HALF
     faces = np.where(near, section.face, 0)
     normals, residuals = section.slope[near] @ model.turn, distances[near]
     cells = neighbour_cells(points[near], residuals, normals, faces[near], spacing)

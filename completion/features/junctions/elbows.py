@@ -22,11 +22,11 @@ from completion.features.junctions.limits import (
     JOINT_POINTS,
     LEAST_SIGMA,
     LEAST_TURN,
+    LOOSE,
     MISS_START,
     OTHER_RADIUS,
     SIDE_POINTS,
     TIGHTEST,
-    VAGUE_BEND,
     WITHIN_SD,
 )
 from completion.features.junctions.models import (
@@ -302,7 +302,7 @@ def _judge_elbow(
     if refusal:
         return refusal
     deviations = np.sqrt(np.diag(covariance)[:3])
-    vague = [name for name, value, sd in zip(SHAPE, x, deviations, strict=False) if sd > VAGUE_BEND * value]
+    vague = [name for name, value, sd in zip(SHAPE, x, deviations, strict=False) if sd > LOOSE * value]
     if vague:
         return FeatureStatus.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
     return FeatureStatus.FOUND, ""

@@ -40,8 +40,9 @@ BEND_RADII = 2.2
 """Radii from the axes to points on a bend. By eye."""
 ARM_RADII = 8.0
 """Radii along a tube, of what takes part in the fit of a bend. By eye."""
-WHOLE_SHARE = 0.5
-"""Of all points, on a feature that is all of them. By choice: most."""
+HALF = 0.5
+"""Of all points, on a feature that is all of them; and likelihood of being noise, below which a point is on
+the surface: even odds. By choice."""
 SAME_JOINT = 0.5
 """Of the smaller radius, between the joints of two fits that are one. By eye."""
 
@@ -60,20 +61,17 @@ SHARPEST = np.radians(65.0)
 deg."""
 ROUGHER = 3.0
 """Times the roughness of small neighbourhoods, beyond which residuals are no noise. By eye."""
-NOISE_SHARE = 0.5
-"""Likelihood of being noise, below which a point is on the surface. By choice: even odds."""
 
 # Decision
-VAGUE_BEND = 0.3
-"""Of a value of an elbow, that its standard deviation is: more is not known. By eye."""
+LOOSE = 0.3
+"""Of a value of an elbow, or of the shorter side for the place of a joint, that its standard deviation is:
+more is not known. By eye."""
 OTHER_RADIUS = 0.15
 """Of a radius, by which another solution differs. By eye."""
 TIGHTEST = 0.8
 """Radii of the tube, of a bend: sharper ones are mitres. By eye."""
 VAGUE = 0.1
 """Of a junction's radius, that its standard deviation is. By eye."""
-LOOSE_JOINT = 0.3
-"""The same of the joint's place, of the length of its shorter side. By eye."""
 AHEAD_NATS = 10.0
 """Before another solution. By eye."""
 OUTLIER_NATS = 0.015

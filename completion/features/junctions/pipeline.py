@@ -25,6 +25,7 @@ from completion.features.junctions.limits import (
     BEND_RADII,
     CORNER_RADII,
     FLAT_SHARE,
+    HALF,
     JOINT_POINTS,
     LEAST_TURN,
     MISS_RADII,
@@ -36,7 +37,6 @@ from completion.features.junctions.limits import (
     SIDE_POINTS,
     TANGENT,
     TOUCHING_PAIRS,
-    WHOLE_SHARE,
 )
 from completion.features.junctions.models import Descent, Unit, at_unit, descend_to_rest, thickness
 from completion.features.junctions.tangent import fit_junction
@@ -371,7 +371,7 @@ def find_junctions(
     whole = [_fit(kind, measured, np.arange(len(measured.points)), given, rng=rng) for kind in kinds]
     # what all points leave open, some of them cannot decide: a patch hides what speaks against it
     template_fit = [fit for fit in whole if fit.status is not FeatureStatus.NONE]
-    at_once = [fit for fit in template_fit if (fit.assignment > 0).mean() > WHOLE_SHARE]
+    at_once = [fit for fit in template_fit if (fit.assignment > 0).mean() > HALF]
     if at_once:
         return best_first(at_once)
 

@@ -21,7 +21,7 @@ from completion.features.junctions.alternatives import (
 )
 from completion.features.junctions.limits import (
     AHEAD_NATS,
-    LOOSE_JOINT,
+    LOOSE,
     MANY_OUTLIERS,
     OTHER_RADIUS,
     OUTLIER_NATS,
@@ -218,7 +218,7 @@ def _judge_junction(
     if vague:
         return FeatureStatus.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
     shorter = min(float(np.quantile(local[:, 1], 0.99)), -float(np.quantile(local[:, 1], 0.01)))
-    if sides[2].deviation > LOOSE_JOINT * shorter:
+    if sides[2].deviation > LOOSE * shorter:
         return FeatureStatus.AMBIGUOUS, "the points hardly tell where the joint lies"
     model, mixture = junction.descent.model, junction.descent.mixture
     factor = 1 / (float(x[0]) * float(np.abs(model.shape).max()))

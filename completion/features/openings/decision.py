@@ -28,13 +28,13 @@ from completion.features.openings.limits import (
     FAR_SHARE,
     FEWEST_SIDES,
     FLOOR_M,
-    IMAGE_SHARE,
     INFLATION,
     LEAST_NICHE_M,
     LEAST_SIDE_M,
     MISTAKE_LEVEL,
     MISTAKEN_SHARE,
     MOST_BEAM_NATS,
+    MOSTLY,
     ON_FACE_SD,
     REFUTED_SHARE,
     REVEALED,
@@ -194,7 +194,7 @@ def _judge_opening(opened: FittedRecess, on_reveals: int) -> tuple[str, str, Fea
         return kind, sentence, FeatureStatus.NONE
     may_be_image = on_reveals < REVEALED and not opened.recess.is_closed
     share = opened.image_share() if may_be_image else 0.0
-    if share > IMAGE_SHARE:
+    if share > MOSTLY:
         sentence = f"opening or mirror: {share:.0%} of what lies behind is the image of what stands"
         return kind, f"{sentence} before it, and no reveal was measured", FeatureStatus.AMBIGUOUS
     if np.isnan(share):

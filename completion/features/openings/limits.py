@@ -81,7 +81,7 @@ FLOOR_M = 0.15
 # Decision
 TILE_NATS = 4.0
 """Nats of a tile that confirms or contradicts: of one beam that goes on where wall is claimed, about 4.5."""
-DECIDED_NATS = 2.0
+DECIDED_NATS = TILE_NATS / 2
 """By which a tile is wall or open. By eye: odds of seven."""
 MOST_BEAM_NATS = 4.6
 """Nats that one beam may tell: ln(1 / STRAY), rounded."""
@@ -105,8 +105,6 @@ AROUND_SHARE = 0.8
 """Of a niche's area that must be wall around it. By eye: frames of pictures have less."""
 LEAST_NICHE_M = 0.03
 """Depth of a niche. By eye."""
-IMAGE_SHARE = 0.5
-"""Of what lies behind a wall that stands before it too: then the wall is a mirror. By eye."""
 FEWEST_IMAGES = 50
 """Images that a beam answered for: fewer tell nothing of a mirror. By eye."""
 IMAGE_TOLERANCE = 0.02, 3.0
@@ -120,8 +118,9 @@ CLOSED_M = 0.15
 # Walls, floors, and what is told once
 FEWEST_SILENT = 60
 """Beams without a return that may be a pane. By eye."""
-SILENT_SHARE = 0.5
-"""Their share of a rectangle. By choice: most."""
+MOSTLY = 0.5
+"""Of the beams of a rectangle without a return, and of what lies behind a wall and stands before it too, as a
+mirror has it: most. By choice."""
 BESIDE_M = 0.5
 """Round what was measured of a wall, where openings are sought. By eye."""
 LEAST_WALL_M = 0.4

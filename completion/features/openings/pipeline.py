@@ -38,11 +38,11 @@ from completion.features.openings.limits import (
     LEAST_WALL_M,
     LEAST_WALL_POINTS,
     LEVEL_COSINE,
+    MOSTLY,
     ON_FACE_SD,
     SAME_M,
     SHARED_AREA,
     SIDEWAYS,
-    SILENT_SHARE,
 )
 from completion.features.openings.recess import Recess, SideEstimate
 from completion.features.openings.rectangles import WallChart, propose
@@ -175,7 +175,7 @@ def find_openings_in(
     for rough in proposed:
         inside = rough.holds(beams.uv)
         share = float(silent[inside].mean()) if inside.any() else 0.0
-        if share > SILENT_SHARE and not any(_overlaps(fit, frame, rough) for fit in fits):
+        if share > MOSTLY and not any(_overlaps(fit, frame, rough) for fit in fits):
             yield silent_feature(fit_and_decide(rough, as_open, chart, _without(proposed, rough)), share)
 
 
