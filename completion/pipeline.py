@@ -31,7 +31,7 @@ from completion.result.audit import AuditResult, Bundles, audit, bundle
 from completion.result.completed_model import CompletedSurfaces
 from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
-from completion.result.verification import Verification, compare_patches, prepared
+from completion.result.verification import Verification, compare_patches, unowned_scans
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import settled, texture_patch
 from completion.uncertainty.pipeline import state_fits
@@ -110,7 +110,7 @@ def complete(
             else []
         )
     return Completion(
-        found=surfaces,
+        measured_surfaces=surfaces,
         completed=completed,
         textures=tuple(textures),
         inferred=tuple(mesh for mesh, _ in audits),
@@ -272,7 +272,7 @@ def verify_first(
     The scans are used as `completion` prepared them, with their corrected poses.
     """
     surfaces, alone = (
-        completion.found,
+        completion.measured_surfaces,
         complete_first(completion, options, n_threads=n_threads, journal=journal),
     )
     others = surfaces.registration.seen_from_first(surfaces.observations)[1:]
@@ -282,7 +282,7 @@ def verify_first(
     return compare_patches(
         alone.patches,
         alone.scans.observations,
-        prepared(others, tolerance, surfaces.reach[1:] if is_same else ()),
+        unowned_scans(others, tolerance, surfaces.reach[1:] if is_same else ()),
         completion.world_from_reference,
     )
 
@@ -296,9 +296,9 @@ def complete_first(
 ) -> CompletedSurfaces:
     """Continue the surfaces that the first scan shows by itself, without what a person says."""
     plain = replace(options, edits=(), stated_relations=())
-    size = completion.found.observations[0].scan.ranges.size
+    size = completion.measured_surfaces.observations[0].scan.ranges.size
     with Steps.over([size], n_threads, None, journal) as steps:
-        alone = completion.found.first(plain.of_surfaces, steps)
+        alone = completion.measured_surfaces.first(plain.of_surfaces, steps)
         return continue_surfaces(alone, completion.world_from_reference, plain, steps)
 
 

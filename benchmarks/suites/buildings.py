@@ -22,7 +22,7 @@ from completion import CompletionOptions, complete
 from completion.export.building.bodies import Body
 from completion.export.building.faces import PlaneFace
 from completion.export.building.parts import BuildingParts
-from completion.export.building.rooms import Room
+from completion.export.building.rooms import BuildingRoom
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor
 from nbv.visibility.site import find_site
@@ -250,7 +250,7 @@ def _connected(truth: TrueBuilding, places: FloatArray) -> NDArray[np.int32]:
     return np.asarray(connected_components(graph, directed=False)[1])
 
 
-def _said_of(parts: BuildingParts, storey: int, places: FloatArray) -> Room | None:
+def _said_of(parts: BuildingParts, storey: int, places: FloatArray) -> BuildingRoom | None:
     """The model's closed room that most of some places lie in; None of none."""
     best, said = len(places) // 2, None
     for room in parts.rooms:

@@ -125,7 +125,7 @@ def _completed(scans: list[RangeImage]) -> tuple[Completion, float]:
 def _with_rest(done: Completion) -> tuple[FloatArray, NDArray[np.int64]]:
     """The light model with what belongs to no surface, world coordinates."""
     own = done.panels()
-    faces = np.concatenate([own.faces, own.rest.faces])
+    faces = np.concatenate([own.faces, own.remainder.faces])
     return done.world_from_reference.apply(own.vertices), faces
 
 

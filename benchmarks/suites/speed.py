@@ -189,7 +189,7 @@ def _completed(scans: Callable[[], list[RangeImage]], warm: list[RangeImage]) ->
     seconds, held = time.process_time() - begun, (peak_bytes() or 0) - idle
     listen("", 0, 0)
     return {
-        "seconds": seconds, "MB": held / 1e6, "regions": sum(map(len, done.found.regions)),
+        "seconds": seconds, "MB": held / 1e6, "regions": sum(map(len, done.measured_surfaces.regions)),
         "surfaces": len(done.patches), "digest": digest(done),
         "stages": ", ".join(f"{name} {spent:.1f}" for name, spent in stages.items()),
     }  # fmt: skip

@@ -82,13 +82,13 @@ def apply_edits(
         ]
         numbers = list(dict.fromkeys(results))
         chosen = [edited[number] for number in numbers]
-        rest = [surface for number, surface in enumerate(edited) if number not in numbers]
+        others = [surface for number, surface in enumerate(edited) if number not in numbers]
         if edit.action == "merge":
-            edited = [*rest, _merged(chosen, edit, place)]
+            edited = [*others, _merge(chosen, edit, place)]
         elif edit.action == "split":
-            edited = [*rest, *_split(chosen[0], edit, place)]
+            edited = [*others, *_split(chosen[0], edit, place)]
         else:
-            edited[numbers[0]] = _noted(chosen[0], edit, place)
+            edited[numbers[0]] = _with_edit(chosen[0], edit, place)
     return sorted(edited, key=lambda surface: -surface.surface.n_pixels)
 
 
@@ -130,7 +130,7 @@ def anchor_point(surface: MergedSurface, observations: Sequence[Observation]) ->
     return np.asarray(observations[largest].points_at(np.array([row * depth.shape[1] + column]))[0])
 
 
-def _merged(parts: Sequence[EditedSurface], edit: Edit, place: _Place) -> EditedSurface:
+def _merge(parts: Sequence[EditedSurface], edit: Edit, place: _Place) -> EditedSurface:
     """All parts as one surface, fitted anew to all their pixels from the largest one."""
     if len(parts) < 2:
         raise InputError(f"{edit.source}: all that it names is one surface already")
@@ -142,7 +142,7 @@ def _merged(parts: Sequence[EditedSurface], edit: Edit, place: _Place) -> Edited
         ]
     )
     n_parts = sum(part.surface.n_parts for part in parts)
-    surface = _refitted(MergedSurface(largest.fit, pixels, n_parts), edit, place)
+    surface = _refit(MergedSurface(largest.fit, pixels, n_parts), edit, place)
     several_edits = [part.edits for part in parts]
     actions = tuple(action for edits in several_edits for action in edits.actions)
     points = surface.points(place.observations)
@@ -175,14 +175,14 @@ def _split(whole: EditedSurface, edit: Edit, place: _Place) -> list[EditedSurfac
                 f"{edit.source}: only {n_pixels} of {whole.surface.n_pixels} measured pixels lie on one side "
                 f"of it; a part takes {_FEWEST}"
             )
-        part = _refitted(MergedSurface(whole.surface.fit, pixels, 1), edit, place)
+        part = _refit(MergedSurface(whole.surface.fit, pixels, 1), edit, place)
         edits = whole.edits
         noted = replace(edits, actions=(*edits.actions, "split"), ends=(*edits.ends, side))
         parts.append(EditedSurface(part, noted))
     return parts
 
 
-def _refitted(surface: MergedSurface, edit: Edit, place: _Place) -> MergedSurface:
+def _refit(surface: MergedSurface, edit: Edit, place: _Place) -> MergedSurface:
     labels = [pixels.mask.astype(np.int32) for pixels in surface.pixels]
     (fit,) = refit([surface.fit.surface], place.observations, labels, place.flatness_m, n_rounds=2)
     if fit is None:
@@ -191,7 +191,7 @@ def _refitted(surface: MergedSurface, edit: Edit, place: _Place) -> MergedSurfac
     return replace(surface, fit=fit)
 
 
-def _noted(surface: EditedSurface, edit: Edit, place: _Place) -> EditedSurface:
+def _with_edit(surface: EditedSurface, edit: Edit, place: _Place) -> EditedSurface:
     """The surface with an edit that says how it is to be continued."""
     edits = replace(surface.edits, actions=(*surface.edits.actions, edit.action))
     if edit.action == "end":

@@ -280,15 +280,15 @@ class SurfaceEdits:
             labels[_area(grid, wish.outline)] = 1 if wish.accepts else -1
         return labels
 
-    def accepted(self, grid: ChartGrid, known: BoolArray) -> BoolArray:
+    def accepted_cells(self, grid: ChartGrid, known: BoolArray) -> BoolArray:
         """Cells (rows, columns) to be filled: inside a drawn outline, without one those `known` to fit."""
-        return np.asarray((self.labels(grid) > 0) & (known | self.drawn(grid)), dtype=np.bool_)
+        return np.asarray((self.labels(grid) > 0) & (known | self.outlined_cells(grid)), dtype=np.bool_)
 
-    def rejected(self, grid: ChartGrid) -> BoolArray:
+    def rejected_cells(self, grid: ChartGrid) -> BoolArray:
         """Cells (rows, columns) that are to stay as measured."""
         return np.asarray(self.labels(grid) < 0, dtype=np.bool_)
 
-    def drawn(self, grid: ChartGrid) -> BoolArray:
+    def outlined_cells(self, grid: ChartGrid) -> BoolArray:
         """Cells (rows, columns) inside an outline that was drawn around what is accepted."""
         inside = np.zeros(grid.shape, dtype=np.bool_)
         for wish in self.wishes:

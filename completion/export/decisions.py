@@ -67,7 +67,7 @@ def cylinder_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
         apart = np.linalg.norm(ends[1] - ends[0])
         between = [n for n in range(len(columns)) if n not in (k, m)]
         if all(np.linalg.norm(middles[n][:2] - ends.mean(axis=0)[:2]) >= apart / 2 for n in between):
-            sizes.append(_spacing((columns[k], columns[m]), ends, model.errors))
+            sizes.append(_column_spacing((columns[k], columns[m]), ends, model.errors))
     return tuple(sizes)
 
 
@@ -211,7 +211,7 @@ def _is_free(cylinder: CylinderElement, which: int) -> bool:
     return float(np.mean(passed[observed[last]])) > _SHARE_FREE
 
 
-def _spacing(
+def _column_spacing(
     columns: tuple[CylinderElement, CylinderElement], ends: FloatArray, errors: JointErrors
 ) -> Dimension:
     """How far two axes are apart at two places (2, 3) on them."""

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from completion.export.building.model import Element, PlaneElement
+from completion.export.building.model import BuildingElement, PlaneElement
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
 
@@ -38,7 +38,7 @@ class Support:
         a width between walls whose normals point into the room, -1 where they point out of what is measured.
     """
 
-    element: Element
+    element: BuildingElement
     place: FloatArray
     weight: float = 1.0
 
@@ -123,7 +123,7 @@ def half_interval(supports: Sequence[Support], errors: JointErrors, *, more_sd: 
     return errors.half_interval(contrast, shifts, more_sd=more_sd, level=LEVEL)
 
 
-def between(
+def length_between(
     kind: Kind, ends: FloatArray, elements: tuple[PlaneElement, PlaneElement], errors: JointErrors
 ) -> Dimension:
     """Return the length from a place on a plane to a place on another, `ends` (2, 3), world, metres."""

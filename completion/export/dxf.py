@@ -13,7 +13,7 @@ from ezdxf.document import Drawing
 from ezdxf.layouts import Modelspace
 from numpy.typing import NDArray
 
-from completion.export.building.cut import CutLine, Section, plan_of, sections_of
+from completion.export.building.cut import CutLine, UprightCut, plan_of, sections_of
 from completion.export.building.model import BuildingModel
 from scenes.checks import FloatArray
 
@@ -48,7 +48,7 @@ def dxf_of(model: BuildingModel) -> bytes:
         _add_openings(space, model)
         plan, sections = plan_of(model), sections_of(model)
         _add_lines(space, plan.lines, "PLAN")
-        _add_sections(space, model, sections, plan.told)
+        _add_sections(space, model, sections, plan.caption)
         _finish(document, model)
         for kind in sorted(document.entitydb.dxf_types_in_use()):  # the library would go by a set's order
             document.classes.add_class(kind)
@@ -100,7 +100,7 @@ def _add_lines(space: Modelspace, lines: Sequence[CutLine], name: str) -> None:
 
 
 def _add_sections(
-    space: Modelspace, model: BuildingModel, sections: Sequence[Section], plan_told: str
+    space: Modelspace, model: BuildingModel, sections: Sequence[UprightCut], plan_told: str
 ) -> None:
     """Sections flat below the plan, one under the other, and where they cut as lines in it."""
     drawn = model.drawn
@@ -123,7 +123,7 @@ def _add_sections(
     return None
 
 
-def _flat(line: CutLine, section: Section, move: FloatArray) -> CutLine:
+def _flat(line: CutLine, section: UprightCut, move: FloatArray) -> CutLine:
     """A line of a section laid into the plane z = 0, moved: to the right along it, upwards as height."""
     right = (line.points - section.point) @ section.along
     points = np.column_stack([right + move[0], line.points[:, 2] + move[1], np.zeros(len(right))])

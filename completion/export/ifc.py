@@ -15,32 +15,32 @@ import shapely
 
 from completion.export.building.bodies import Body
 from completion.export.building.faces import (
-    Frame,
+    FaceFrame,
     PlaneFace,
     common,
     inside,
-    joined,
     less,
-    moved,
     polygons,
-    smoothed,
+    project_area,
+    smooth,
+    union,
     wide,
 )
 from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline
-from completion.export.building.parts import BuildingParts, Column
-from completion.export.building.rooms import Room, bands, storey_at
+from completion.export.building.parts import BuildingColumn, BuildingParts
+from completion.export.building.rooms import BuildingRoom, bands, storey_at
 from completion.export.ifc_entities import Ref, Shapes, StepText, Word, outlines
 from completion.export.ifc_products import (
     Contexts,
-    Evidence,
     Hole,
-    Piece,
     Product,
+    ProductEvidence,
+    ProductPiece,
     Quantity,
     define,
     deviation_at,
     mean_confidence,
-    represented,
+    shape_representation,
     state_of,
     write_product,
 )
@@ -62,18 +62,18 @@ def body_product(shapes: Shapes, parts: BuildingParts, body: Body, part: Any, ke
     """Return part of a wall or a slab with its thickness; openings of either face go through it."""
     face, other = (next(face for face in parts.faces if face.number == number) for number in body.surfaces)
     holes = [(outline, area) for outline, area in _through(body, face, other) if _is_beside(area, part)]
-    open_area = joined(area for _, area in holes)
-    whole = smoothed(joined((common(body.area, part), open_area)), _SLIT_M)
-    inferred = common(smoothed(less(common(body.inferred, part), [open_area]), _SLIT_M), whole)
-    measured, inferred = smoothed(less(whole, [inferred]), _FINE_M), smoothed(inferred, _FINE_M)
-    net = less(joined((measured, inferred)), [open_area])
+    open_area = union(area for _, area in holes)
+    whole = smooth(union((common(body.area, part), open_area)), _SLIT_M)
+    inferred = common(smooth(less(common(body.inferred, part), [open_area]), _SLIT_M), whole)
+    measured, inferred = smooth(less(whole, [inferred]), _FINE_M), smooth(inferred, _FINE_M)
+    net = less(union((measured, inferred)), [open_area])
     depth = body.thickness_m
     entity = "IfcWall" if body.kind == "wall" else "IfcSlab"
     pieces = (
-        Piece(shapes.extruded(measured, body.frame, depth), "measured"),
-        Piece(shapes.extruded(inferred, body.frame, depth), "inferred"),
+        ProductPiece(shapes.extrude(measured, body.frame, depth), "measured"),
+        ProductPiece(shapes.extrude(inferred, body.frame, depth), "inferred"),
     )
-    evidence = Evidence(
+    evidence = ProductEvidence(
         surfaces=body.surfaces,
         measured_share=float(common(body.measured, part).area / part.area),
         sd_m=body.thickness_sd_m if np.isfinite(body.thickness_sd_m) else None,
@@ -97,7 +97,7 @@ def body_product(shapes: Shapes, parts: BuildingParts, body: Body, part: Any, ke
     voids = [
         Hole(outline, solids, "SweptSolid", depth)
         for outline, area in holes
-        if (solids := shapes.extruded(area, body.frame, depth + _REACH_M, -_REACH_M))
+        if (solids := shapes.extrude(area, body.frame, depth + _REACH_M, -_REACH_M))
     ]
     return Product(
         key=key,
@@ -114,15 +114,15 @@ def body_product(shapes: Shapes, parts: BuildingParts, body: Body, part: Any, ke
 
 
 def sheet_product(
-    shapes: Shapes, parts: BuildingParts, face: PlaneFace, rest: Any, named: tuple[str, str]
+    shapes: Shapes, parts: BuildingParts, face: PlaneFace, remainder: Any, named: tuple[str, str]
 ) -> Product:
     """Return part of a face that is in no body, as a surface without thickness; `named` is class and key."""
     entity, key = named
-    measured = smoothed(common(rest, face.measured), _FINE_M)
-    inferred = smoothed(less(rest, [measured]), _FINE_M)
+    measured = smooth(common(remainder, face.measured), _FINE_M)
+    inferred = smooth(less(remainder, [measured]), _FINE_M)
     area = float(measured.area + inferred.area)
-    place = face.frame.place(inside(rest))
-    evidence = Evidence(
+    place = face.frame.place(inside(remainder))
+    evidence = ProductEvidence(
         surfaces=(face.number,),
         measured_share=float(measured.area) / area,
         sd_m=deviation_at(face.element, place),
@@ -130,12 +130,12 @@ def sheet_product(
         more={"Thickness": "unknown: seen from one side"},
     )
     pieces = (
-        Piece(shapes.sheet(measured, face.frame), "measured"),
-        Piece(shapes.sheet(inferred, face.frame), "inferred"),
+        ProductPiece(shapes.sheet(measured, face.frame), "measured"),
+        ProductPiece(shapes.sheet(inferred, face.frame), "inferred"),
     )
     name, net_name, _ = _SETS[entity]
     words = {"IfcSlab": "FLOOR", "IfcCovering": "CEILING"}
-    taken = joined(_laid_on(parts, face))
+    taken = union(_laid_on(parts, face))
     holes = [
         Hole(opening, [shapes.world_loop(opening.points)], "Curve3D", None)
         for opening in face.openings
@@ -151,7 +151,7 @@ def sheet_product(
         pieces=pieces,
         evidence=evidence,
         quantities_of=name,
-        quantities=(*_lengths(entity, rest), Quantity(net_name, "Area", area)),
+        quantities=(*_lengths(entity, remainder), Quantity(net_name, "Area", area)),
         holes=tuple(holes),
     )
 
@@ -167,8 +167,8 @@ def _laid_on(parts: BuildingParts, face: PlaneFace) -> Iterator[Any]:
     for body in parts.bodies:
         if face.number in body.surfaces:
             first, second = (next(f for f in parts.faces if f.number == number) for number in body.surfaces)
-            through = joined((body.area, *(area for _, area in _through(body, first, second))))
-            yield moved(through, body.frame, face.frame)
+            through = union((body.area, *(area for _, area in _through(body, first, second))))
+            yield project_area(through, body.frame, face.frame)
 
 
 def _through(body: Body, face: PlaneFace, other: PlaneFace) -> Iterator[tuple[OpeningOutline, Any]]:
@@ -177,13 +177,13 @@ def _through(body: Body, face: PlaneFace, other: PlaneFace) -> Iterator[tuple[Op
     known: list[Any] = []
     for outline in (*face.openings, *other.openings):
         area = _outline(outline, body.frame)
-        if area.area and not _is_within(area, joined(known)) and _is_within(area, around):
+        if area.area and not _is_within(area, union(known)) and _is_within(area, around):
             known.append(area)
             yield outline, less(common(area, around), known[:-1])
 
 
-def _outline(opening: OpeningOutline, frame: Frame) -> Any:
-    return joined([shapely.Polygon(frame.flat(opening.points))])
+def _outline(opening: OpeningOutline, frame: FaceFrame) -> Any:
+    return union([shapely.Polygon(frame.flat(opening.points))])
 
 
 def _is_beside(opening: Any, part: Any) -> bool:
@@ -204,26 +204,26 @@ def _lengths(entity: str, area: Any) -> Sequence[Quantity]:
     return Quantity("Length", "Length", right - left), Quantity("Height", "Length", high - low)
 
 
-_UP = Frame(np.zeros(3), *np.eye(3))
+_UP = FaceFrame(np.zeros(3), *np.eye(3))
 
 
-def column_product(shapes: Shapes, column: Column, confidence: float) -> Product:
+def column_product(shapes: Shapes, column: BuildingColumn, confidence: float) -> Product:
     """Return a column: round of its radius, or with four sides."""
     high = column.top_m - column.bottom_m
     if column.cylinder is not None:
         items = shapes.rod(column.cylinder.ends, column.cylinder.radius_m)
         high, section = column.cylinder.length_m, np.pi * column.cylinder.radius_m**2
     else:
-        frame = Frame(np.array([0.0, 0.0, column.top_m]), _UP.right, _UP.up, _UP.normal)
-        items, section = shapes.extruded(column.footprint, frame, high), float(column.footprint.area)
-    evidence = Evidence(column.surfaces, column.measured_share, column.sd_m, confidence)
+        frame = FaceFrame(np.array([0.0, 0.0, column.top_m]), _UP.right, _UP.up, _UP.normal)
+        items, section = shapes.extrude(column.footprint, frame, high), float(column.footprint.area)
+    evidence = ProductEvidence(column.surfaces, column.measured_share, column.sd_m, confidence)
     return Product(
         key=f"Column {'-'.join(map(str, column.surfaces))}",
         entity="IfcColumn",
         predefined="COLUMN",
         described="stands on a floor",
         representation="SweptSolid",
-        pieces=(Piece(items, state_of(column.measured_share)),),
+        pieces=(ProductPiece(items, state_of(column.measured_share)),),
         evidence=evidence,
         quantities_of="Qto_ColumnBaseQuantities",
         quantities=(
@@ -246,7 +246,7 @@ def pipe_product(shapes: Shapes, pipe: CylinderElement) -> Product:
         predefined="RIGIDSEGMENT",
         described="a straight segment, drawn filled",
         representation="SweptSolid",
-        pieces=(Piece(shapes.rod(pipe.ends, pipe.radius_m), state_of(pipe.measured_share)),),
+        pieces=(ProductPiece(shapes.rod(pipe.ends, pipe.radius_m), state_of(pipe.measured_share)),),
         evidence=_of_cylinder(pipe, more),
         quantities_of="Qto_PipeSegmentBaseQuantities",
         quantities=(
@@ -261,8 +261,8 @@ def cylinder_product(shapes: Shapes, model: BuildingModel, cylinder: CylinderEle
     """Return another cylinder as its facets; None where it has none."""
     is_member, seen = model.surface == cylinder.number, model.is_measured
     pieces = (
-        Piece(shapes.triangles(model.vertices, model.faces[is_member & seen]), "measured"),
-        Piece(shapes.triangles(model.vertices, model.faces[is_member & ~seen]), "inferred"),
+        ProductPiece(shapes.triangles(model.vertices, model.faces[is_member & seen]), "measured"),
+        ProductPiece(shapes.triangles(model.vertices, model.faces[is_member & ~seen]), "inferred"),
     )
     if not is_member.any():
         return None
@@ -279,8 +279,8 @@ def cylinder_product(shapes: Shapes, model: BuildingModel, cylinder: CylinderEle
     )
 
 
-def _of_cylinder(cylinder: CylinderElement, more: dict[str, str | float]) -> Evidence:
-    return Evidence(
+def _of_cylinder(cylinder: CylinderElement, more: dict[str, str | float]) -> ProductEvidence:
+    return ProductEvidence(
         surfaces=(cylinder.number,),
         measured_share=cylinder.measured_share,
         sd_m=cylinder.radius_sd_m,
@@ -290,23 +290,23 @@ def _of_cylinder(cylinder: CylinderElement, more: dict[str, str | float]) -> Evi
 
 
 def write_space(
-    shapes: Shapes, contexts: Contexts, above: Ref, named: tuple[str, Room, BuildingModel]
+    shapes: Shapes, contexts: Contexts, above: Ref, named: tuple[str, BuildingRoom, BuildingModel]
 ) -> Ref:
     """Return a room as a space: with its volume where it is closed, else the outline of its floor."""
     key, room, model = named
     file = shapes.file
-    base = Frame(np.array([0.0, 0.0, room.floor_m]), _UP.right, _UP.up, _UP.normal)
+    base = FaceFrame(np.array([0.0, 0.0, room.floor_m]), _UP.right, _UP.up, _UP.normal)
     if room.volume_m3 is None or room.height_m is None:
         rings = [shapes.world_loop(base.place(ring)) for ring in outlines(room.outline)]
-        shape = represented(file, contexts.foot_print, "FootPrint", "Curve3D", rings)
+        shape = shape_representation(file, contexts.foot_print, "FootPrint", "Curve3D", rings)
     else:
         if room.by_facets:
             faces = model.faces[np.isin(model.surface, room.surfaces)][:, ::-1]  # they face inwards
             items, kind = shapes.solid(model.vertices, faces), "Brep"
         else:
-            top = Frame(base.place(np.zeros(2), room.height_m), _UP.right, _UP.up, _UP.normal)
-            items, kind = shapes.extruded(room.outline, top, room.height_m), "SweptSolid"
-        shape = represented(file, contexts.body, "Body", kind, items)
+            top = FaceFrame(base.place(np.zeros(2), room.height_m), _UP.right, _UP.up, _UP.normal)
+            items, kind = shapes.extrude(room.outline, top, room.height_m), "SweptSolid"
+        shape = shape_representation(file, contexts.body, "Body", kind, items)
     sentence = "closed" if room.closed else "open: walls were not found all around it"
     values = [
         file.guid(key),
@@ -321,12 +321,12 @@ def write_space(
     ]
     space = file.add("IfcSpace", [*values, Word("INTERNAL" if room.closed else "NOTDEFINED"), None])
     around = [plane for plane in model.planes if plane.number in room.surfaces]
-    evidence = Evidence(
+    evidence = ProductEvidence(
         surfaces=room.surfaces,
         measured_share=room.measured_share,
         sd_m=None,
         confidence=min((mean_confidence(element) for element in around), default=None),
-        more={"Boundary": sentence, "Volume": room.told},
+        more={"Boundary": sentence, "Volume": room.volume_origin},
     )
     quantities = [Quantity("NetFloorArea", "Area", room.area_m2)]
     if room.height_m is not None:
@@ -380,9 +380,9 @@ def ifc_of(parts: BuildingParts, name: str = "completed.ifc") -> str:
     project = file.add("IfcProject", values)
     ground = Shapes(file, origin)
     site_at = ground.placement(None)
-    site = file.add("IfcSite", [*_named(file, "Site", site_at), *[None] * 5])
+    site = file.add("IfcSite", [*_spatial_attributes(file, "Site", site_at), *[None] * 5])
     house_at = ground.placement(site_at)
-    house = file.add("IfcBuilding", [*_named(file, "Building", house_at), None, None, None])
+    house = file.add("IfcBuilding", [*_spatial_attributes(file, "Building", house_at), None, None, None])
     levels = list(_levels(file, parts, origin, house_at))
     _aggregate(file, project, [site])
     _aggregate(file, site, [house])
@@ -415,17 +415,19 @@ def _products(parts: BuildingParts, levels: Sequence[_Level]) -> Iterator[tuple[
         split: Sequence[tuple[int, Any]] = [(storey_at(storeys, begin), body.area)]
         if body.kind == "wall":
             split = bands(storeys, body.area, body.frame, begin)
-        for k, part, key in _keyed(split, f"{kind} {body.surfaces[0]}-{body.surfaces[1]}"):
+        for k, part, key in _with_keys(split, f"{kind} {body.surfaces[0]}-{body.surfaces[1]}"):
             yield k, body_product(levels[k].shapes, parts, body, part=part, key=key)
     posts = {number for column in parts.columns for number in column.surfaces}
     for face in parts.faces:
-        rest = rest_of(parts, face)
-        if face.number in posts or not polygons(rest, _LEAST_M2):
+        remainder = rest_of(parts, face)
+        if face.number in posts or not polygons(remainder, _LEAST_M2):
             continue
         k, entity = _place_and_class(parts, face)
-        split = bands(storeys, rest, face.frame, _begin(face)) if entity == "IfcWall" else [(k, rest)]
-        for k, part, key in _keyed(split, f"{_NAMES[entity]} {face.number}"):
-            yield k, sheet_product(levels[k].shapes, parts, face, rest=part, named=(entity, key))
+        split = (
+            bands(storeys, remainder, face.frame, _begin(face)) if entity == "IfcWall" else [(k, remainder)]
+        )
+        for k, part, key in _with_keys(split, f"{_NAMES[entity]} {face.number}"):
+            yield k, sheet_product(levels[k].shapes, parts, face, remainder=part, named=(entity, key))
     cylinders = {cylinder.number: cylinder for cylinder in model.cylinders}
     for column in parts.columns:
         known = [cylinders.get(number) or face_of[number].element for number in column.surfaces]
@@ -441,7 +443,7 @@ def _products(parts: BuildingParts, levels: Sequence[_Level]) -> Iterator[tuple[
             yield k, other
 
 
-def _keyed(split: Sequence[tuple[int, Any]], key: str) -> Iterator[tuple[int, Any, str]]:
+def _with_keys(split: Sequence[tuple[int, Any]], key: str) -> Iterator[tuple[int, Any, str]]:
     """Parts by storey, each with a key of its own; what is too small to be written is left out."""
     for k, part in split:
         if polygons(part, _LEAST_M2):
@@ -474,11 +476,11 @@ def _levels(file: StepText, parts: BuildingParts, origin: FloatArray, above: Ref
         rise = height - float(origin[2])
         shapes = Shapes(file, np.array([origin[0], origin[1], height]))
         placement = shapes.placement(above, rise)
-        values = [*_named(file, f"Storey {k}", placement), rise]
+        values = [*_spatial_attributes(file, f"Storey {k}", placement), rise]
         yield _Level(shapes, placement, file.add("IfcBuildingStorey", values))
 
 
-def _named(file: StepText, name: str, placement: Ref) -> list[Ref | str | Word | None]:
+def _spatial_attributes(file: StepText, name: str, placement: Ref) -> list[Ref | str | Word | None]:
     """The attributes that all spatial elements begin with."""
     return [file.guid(name), None, name, None, None, placement, None, None, Word("ELEMENT")]
 

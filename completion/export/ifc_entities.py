@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from completion.export.building.faces import Frame, polygons, rings
+from completion.export.building.faces import FaceFrame, polygons, rings
 from scenes.checks import FloatArray
 
 _DIGITS = 9  # behind the point of lengths in metres
@@ -34,14 +34,14 @@ class Word:
 
 
 @dataclass(frozen=True, slots=True)
-class Typed:
+class TypedValue:
     """A value with its type, where several are allowed."""
 
     name: str
     value: Value
 
 
-Value = Ref | Word | Typed | str | float | int | bool | None | Sequence["Value"]
+Value = Ref | Word | TypedValue | str | float | int | bool | None | Sequence["Value"]
 
 
 class StepText:
@@ -64,7 +64,7 @@ class StepText:
 
         One that is `alone` is shared with no other of the same values.
         """
-        line = f"{name.upper()}({','.join(map(_encoded, values))})"
+        line = f"{name.upper()}({','.join(map(_encode, values))})"
         if alone or line not in self._known:
             self._lines.append(line)
             self._known[line] = Ref(len(self._lines))
@@ -90,8 +90,8 @@ class StepText:
             "ISO-10303-21;",
             "HEADER;",
             "FILE_DESCRIPTION(('ViewDefinition [NotYetAssigned]'),'2;1');",
-            f"FILE_NAME({_encoded(name)},'',(''),(''),'unseen','unseen','');",
-            f"FILE_SCHEMA(({_encoded(schema)}));",
+            f"FILE_NAME({_encode(name)},'',(''),(''),'unseen','unseen','');",
+            f"FILE_SCHEMA(({_encode(schema)}));",
             "ENDSEC;",
             "DATA;",
         ]
@@ -99,7 +99,7 @@ class StepText:
         return "\n".join([*head, *body, "ENDSEC;", "END-ISO-10303-21;", ""])
 
 
-def _encoded(value: Value) -> str:
+def _encode(value: Value) -> str:
     """A value as text."""
     match value:
         case None:
@@ -108,8 +108,8 @@ def _encoded(value: Value) -> str:
             return f"#{value.number}"
         case Word():
             return value.name if value.name == "*" else f".{value.name}."
-        case Typed():
-            return f"{value.name.upper()}({_encoded(value.value)})"
+        case TypedValue():
+            return f"{value.name.upper()}({_encode(value.value)})"
         case bool():
             return ".T." if value else ".F."
         case int() | np.integer():
@@ -119,7 +119,7 @@ def _encoded(value: Value) -> str:
         case str():
             return f"'{_characters(value)}'"
         case _:
-            return f"({','.join(map(_encoded, value))})"
+            return f"({','.join(map(_encode, value))})"
 
 
 def _real(value: float) -> str:
@@ -179,7 +179,7 @@ class Shapes:
         place = self.file.add("IfcAxis2Placement3D", [self.point(np.array([0, 0, height_m])), None, None])
         return self.file.add("IfcLocalPlacement", [above, place], alone=True)
 
-    def extruded(self, area: Any, frame: Frame, depth_m: float, low_m: float = 0.0) -> list[Ref]:
+    def extrude(self, area: Any, frame: FaceFrame, depth_m: float, low_m: float = 0.0) -> list[Ref]:
         """Solids that reach from `depth_m` behind the plane of a frame to `low_m` behind it, by polygon."""
         corner = np.array(area.bounds[:2] if not area.is_empty else (0.0, 0.0))  # where profiles begin
         axes = self.axes(frame.place(corner, -depth_m) - self.origin, frame.normal, frame.right)
@@ -206,7 +206,7 @@ class Shapes:
         """A closed polyline through points (n, 3) of the world."""
         return self.loop_line(np.asarray(points) - self.origin)
 
-    def sheet(self, area: Any, frame: Frame) -> list[Ref]:
+    def sheet(self, area: Any, frame: FaceFrame) -> list[Ref]:
         """Flat faces with their holes, without thickness; none of an area that is empty."""
         faces = []
         for polygon in polygons(area):

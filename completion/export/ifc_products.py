@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from completion.export.building.model import Element, OpeningOutline
-from completion.export.ifc_entities import Ref, Shapes, StepText, Typed, Word
+from completion.export.building.model import BuildingElement, OpeningOutline
+from completion.export.ifc_entities import Ref, Shapes, StepText, TypedValue, Word
 from scenes.checks import FloatArray
 
 State = Literal["measured", "inferred", "partly"]
@@ -20,7 +20,7 @@ MEASURES = {"Length": "IfcQuantityLength", "Area": "IfcQuantityArea", "Volume": 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class ProductEvidence:
     """What is known of an element.
 
     Attributes
@@ -59,31 +59,33 @@ def state_of(share: float) -> State:
     return "measured" if share >= _ALL else "inferred" if share <= 1 - _ALL else "partly"
 
 
-def mean_confidence(element: Element) -> float:
+def mean_confidence(element: BuildingElement) -> float:
     """Return the mean confidence of a surface's cells."""
     patch = element.patch
     known = patch.observed | patch.hypothesised
     return float(patch.confidence[known].mean()) if known.any() else 0.0
 
 
-def deviation_at(element: Element, place: FloatArray) -> float | None:
+def deviation_at(element: BuildingElement, place: FloatArray) -> float | None:
     """Return a surface's standard deviation along its normal at a place (3,); None where it is not known."""
     sd = element.sd_m(place)
     return sd if np.isfinite(sd) else None
 
 
-def property_set(file: StepText, key: str, known: Evidence) -> Ref:
+def property_set(file: StepText, key: str, known: ProductEvidence) -> Ref:
     """Return the property set of what is known of an element."""
-    values = [("Surfaces", Typed("IfcText", ", ".join(map(str, known.surfaces))))]
+    values = [("Surfaces", TypedValue("IfcText", ", ".join(map(str, known.surfaces))))]
     if known.measured_share is not None:
-        values.append(("State", Typed("IfcLabel", state_of(known.measured_share))))
-        values.append(("MeasuredShare", Typed(_RATIO, _ratio(known.measured_share))))
+        values.append(("State", TypedValue("IfcLabel", state_of(known.measured_share))))
+        values.append(("MeasuredShare", TypedValue(_RATIO, _ratio(known.measured_share))))
     if known.confidence is not None:
-        values.append(("Confidence", Typed(_RATIO, _ratio(known.confidence))))
+        values.append(("Confidence", TypedValue(_RATIO, _ratio(known.confidence))))
     if known.sd_m is not None and np.isfinite(known.sd_m):
-        values.append(("StandardDeviation_mm", Typed("IfcReal", 1e3 * known.sd_m)))
+        values.append(("StandardDeviation_mm", TypedValue("IfcReal", 1e3 * known.sd_m)))
     for name, value in known.more.items():
-        typed = Typed("IfcText", value) if isinstance(value, str) else Typed("IfcReal", float(value))
+        typed = (
+            TypedValue("IfcText", value) if isinstance(value, str) else TypedValue("IfcReal", float(value))
+        )
         values.append((name, typed))
     single = [file.add("IfcPropertySingleValue", [name, None, value, None]) for name, value in values]
     identifier = file.guid(f"{key} evidence")
@@ -116,7 +118,7 @@ Representation = Literal["SweptSolid", "SurfaceModel", "Tessellation", "Brep", "
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Piece:
+class ProductPiece:
     """Geometry of one colour."""
 
     items: Sequence[Ref]
@@ -176,8 +178,8 @@ class Product:
     predefined: str
     described: str
     representation: Representation
-    pieces: tuple[Piece, ...]
-    evidence: Evidence
+    pieces: tuple[ProductPiece, ...]
+    evidence: ProductEvidence
     quantities_of: str
     quantities: tuple[Quantity, ...]
     holes: tuple[Hole, ...] = field(default=())
@@ -199,9 +201,14 @@ def write_product(shapes: Shapes, contexts: Contexts, above: Ref, product: Produ
     for piece in product.pieces:
         for item in piece.items:
             file.add("IfcStyledItem", [item, [_style(file, piece.state)], None])
-    shape = represented(file, contexts.body, "Body", product.representation, items)
+    shape = shape_representation(file, contexts.body, "Body", product.representation, items)
     tag = "-".join(map(str, product.evidence.surfaces))
-    values = [*_named(shapes, above, product.key, product.described), shape, tag, Word(product.predefined)]
+    values = [
+        *_product_attributes(shapes, above, product.key, product.described),
+        shape,
+        tag,
+        Word(product.predefined),
+    ]
     element = file.add(product.entity, values)
     define(file, product.key, element, product.evidence, (product.quantities_of, product.quantities))
     for k, hole in enumerate(product.holes, start=1):
@@ -209,7 +216,9 @@ def write_product(shapes: Shapes, contexts: Contexts, above: Ref, product: Produ
     return element
 
 
-def represented(file: StepText, context: Ref, identifier: str, kind: str, items: Sequence[Ref]) -> Ref | None:
+def shape_representation(
+    file: StepText, context: Ref, identifier: str, kind: str, items: Sequence[Ref]
+) -> Ref | None:
     """Return a product's shape; None of nothing."""
     if not items:
         return None
@@ -218,7 +227,7 @@ def represented(file: StepText, context: Ref, identifier: str, kind: str, items:
 
 
 def define(
-    file: StepText, key: str, element: Ref, known: Evidence, quantities: tuple[str, Sequence[Quantity]]
+    file: StepText, key: str, element: Ref, known: ProductEvidence, quantities: tuple[str, Sequence[Quantity]]
 ) -> None:
     """Attach what is known of an element, and its quantities where there are any."""
     definitions = [property_set(file, key, known)]
@@ -233,7 +242,7 @@ def _write_hole(shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Ref, H
     element, hole = of
     file, outline = shapes.file, hole.outline
     is_body = hole.representation == "SweptSolid"
-    shape = represented(
+    shape = shape_representation(
         file,
         contexts.body if is_body else contexts.reference,
         "Body" if is_body else "Reference",
@@ -241,11 +250,11 @@ def _write_hole(shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Ref, H
         hole.items,
     )
     sentence = f"{outline.kind} by its place and size; nothing else says so"
-    values = [*_named(shapes, above, key, sentence), shape, None, Word("OPENING")]
+    values = [*_product_attributes(shapes, above, key, sentence), shape, None, Word("OPENING")]
     opening = file.add("IfcOpeningElement", values)
     identifier = file.guid(f"{key} voids")
     file.add("IfcRelVoidsElement", [identifier, None, None, None, element, opening])
-    evidence = Evidence(
+    evidence = ProductEvidence(
         surfaces=(outline.surface,),
         measured_share=None,
         sd_m=None,
@@ -259,7 +268,7 @@ def _write_hole(shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Ref, H
     define(file, key, opening, evidence, ("Qto_OpeningElementBaseQuantities", quantities))
 
 
-def _named(shapes: Shapes, above: Ref, key: str, sentence: str) -> list[Ref | str | None]:
+def _product_attributes(shapes: Shapes, above: Ref, key: str, sentence: str) -> list[Ref | str | None]:
     """The attributes that all products begin with."""
     return [shapes.file.guid(key), None, key, sentence, None, shapes.placement(above)]
 

@@ -10,11 +10,11 @@ from itertools import combinations, pairwise, product
 import numpy as np
 import shapely
 
-from completion.export.building.cut import CutLine, Plan, plan_of
+from completion.export.building.cut import CutLine, LevelCut, plan_of
 from completion.export.building.model import REST, BuildingModel, OpeningOutline, PlaneElement
 from completion.export.building.parts import BuildingParts
-from completion.export.building.rooms import Room, Storey
-from completion.export.dimension import Dimension, Kind, Support, between, half_interval
+from completion.export.building.rooms import BuildingRoom, Storey
+from completion.export.dimension import Dimension, Kind, Support, half_interval, length_between
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
 
@@ -53,11 +53,11 @@ def thicknesses(building: BuildingParts) -> tuple[Dimension, ...]:
         reach = float((faces[1].point - body.place) @ faces[1].normal / (through @ faces[1].normal))
         ends = np.stack([body.place, body.place + reach * through])
         if reach > 0:
-            dimensions.append(between(_KINDS[body.kind], ends, faces, building.model.errors))
+            dimensions.append(length_between(_KINDS[body.kind], ends, faces, building.model.errors))
     return tuple(sorted(dimensions, key=lambda dimension: -dimension.value))
 
 
-def _sides(room: Room, planes: dict[int, PlaneElement]) -> list[Support | None]:
+def _sides(room: BuildingRoom, planes: dict[int, PlaneElement]) -> list[Support | None]:
     """For each side of a room's outline the wall that it is of, which changes the area by its length."""
     corners = shapely.get_coordinates(shapely.normalize(room.outline).exterior)
     walls = [planes[k] for k in room.surfaces if k in planes and planes[k].kind not in ("floor", "ceiling")]
@@ -90,7 +90,7 @@ def _there(wall: PlaneElement, start: FloatArray, end: FloatArray, height: float
     return max(places, key=lambda place: (wall.provenance(place) == 0, wall.confidence(place)))
 
 
-def _size(room: Room, sides: list[Support], errors: JointErrors) -> Dimension:
+def _size(room: BuildingRoom, sides: list[Support], errors: JointErrors) -> Dimension:
     half, middle = half_interval(sides, errors), _middle(room)
     return Dimension(
         kind="room area",
@@ -106,7 +106,9 @@ def _size(room: Room, sides: list[Support], errors: JointErrors) -> Dimension:
     )
 
 
-def _volume(room: Room, sides: list[Support], level: list[PlaneElement], errors: JointErrors) -> Dimension:
+def _volume(
+    room: BuildingRoom, sides: list[Support], level: list[PlaneElement], errors: JointErrors
+) -> Dimension:
     height, volume = float(room.height_m or 0.0), float(room.volume_m3 or 0.0)
     middle = _middle(room)
     share = {kind: sum(plane.kind == kind for plane in level) for kind in ("floor", "ceiling")}
@@ -139,7 +141,7 @@ def _existence(sides: list[Support]) -> float:
     return min((side.element.confidence(side.place) or 1.0 for side in sides), default=1.0)
 
 
-def _middle(room: Room) -> FloatArray:
+def _middle(room: BuildingRoom) -> FloatArray:
     point = room.outline.representative_point()
     return np.array([point.x, point.y, room.floor_m + (room.height_m or 2.0) / 2])
 
@@ -165,7 +167,7 @@ def widths_of(building: BuildingParts) -> tuple[Dimension, ...]:
 
 def room_widths(
     walls: Sequence[PlaneElement],
-    plan: Plan,
+    plan: LevelCut,
     errors: JointErrors,
     rooms: Sequence[shapely.Geometry] = (),
     *,
@@ -185,13 +187,13 @@ def room_widths(
         for line in plan.lines
         if line.surface in closed or line.kind == "wall"
     ]
-    rest = [
+    inferred_areas = [
         shapely.LineString(line.points[:, :2])
         for line in plan.lines
         if line.surface not in closed and line.kind not in ("wall", REST)
     ]
     borders = shapely.union_all([room.exterior for room in rooms])
-    obstacles = shapely.union_all([*solid, borders]), shapely.union_all(rest)
+    obstacles = shapely.union_all([*solid, borders]), shapely.union_all(inferred_areas)
     widths = []
     for first, second in combinations([wall for wall in walls if entries[wall.number]], 2):
         facing = (
@@ -203,7 +205,7 @@ def room_widths(
             ends = _ends(
                 (first, second), (entries[first.number], entries[second.number]), plan.height_m, obstacles
             )
-            widths += [] if ends is None else [between("room width", ends, (first, second), errors)]
+            widths += [] if ends is None else [length_between("room width", ends, (first, second), errors)]
     return tuple(sorted(widths, key=lambda dimension: -dimension.value))
 
 
@@ -230,7 +232,7 @@ def _ends(
     best, least = None, (3, 3)
     for share in _PLACES:
         start = low + share * (high - low)
-        ends = np.array([_meeting(wall, start * along, square, height_m) for wall in walls])
+        ends = np.array([_wall_crossing(wall, start * along, square, height_m) for wall in walls])
         value = float((ends[1] - ends[0]) @ square)
         states = tuple(_state(line, start, along) for line in lines)
         inner = ends[:, :2] + np.array([[_AT_WALL_M], [-_AT_WALL_M]]) * square[:2]
@@ -243,7 +245,9 @@ def _ends(
     return best
 
 
-def _meeting(wall: PlaneElement, through: FloatArray, square: FloatArray, height_m: float) -> FloatArray:
+def _wall_crossing(
+    wall: PlaneElement, through: FloatArray, square: FloatArray, height_m: float
+) -> FloatArray:
     """Where the level line along `square` (3,) through a place (3,) at a height meets a wall."""
     place = np.array([through[0], through[1], height_m])
     return np.asarray(place + (wall.point - place) @ wall.normal / (square @ wall.normal) * square)
@@ -281,7 +285,7 @@ def room_heights(storey: Storey, errors: JointErrors) -> tuple[Dimension, ...]:
         ends = _ends_of_height(
             floor, ceiling, shared, [(element, level[element.number]) for element in others]
         )
-        heights += [] if ends is None else [between("room height", ends, (floor, ceiling), errors)]
+        heights += [] if ends is None else [length_between("room height", ends, (floor, ceiling), errors)]
     return tuple(sorted(heights, key=lambda dimension: -dimension.value))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from completion.export.building.cut import CutLine, Plan, opening_at, plan_of, seen_below
+from completion.export.building.cut import CutLine, LevelCut, opening_at, plan_of, seen_below
 from completion.export.building.model import BuildingModel
 from completion.export.building.parts import BuildingParts
 from completion.export.dimension import Dimension
@@ -157,7 +157,7 @@ def svg_of(building: BuildingParts) -> str:
         *areas,
         "</g>",
         f'<path class="frame" d="M{_n(left)} {_n(top)}h{_n(wide)}v{_n(high)}h{_n(-wide)}z"/>',
-        *_block(paper, [plan.told, *_told_widths(widths)], drawn),
+        *_block(paper, [plan.caption, *_told_widths(widths)], drawn),
     ]
     size = f'width="{_n(paper.width_mm)}mm" height="{_n(paper.height_mm)}mm"'
     return "\n".join(
@@ -166,7 +166,7 @@ def svg_of(building: BuildingParts) -> str:
             f'<svg xmlns="http://www.w3.org/2000/svg" {size} '
             f'viewBox="0 0 {_n(paper.width_mm)} {_n(paper.height_mm)}" data-scale="{paper.scale}">',
             f"<title>Floor plan, 1 : {paper.scale}</title>",
-            f"<desc>{escape(plan.told)}</desc>",
+            f"<desc>{escape(plan.caption)}</desc>",
             f"<style>{_STYLE}</style>",
             *body,
             "</svg>\n",
@@ -186,7 +186,7 @@ def _path(paper: Paper, lines: Sequence[FloatArray], state: str) -> str:
     return f'<path class="{state}" d="{"".join(drawn)}"/>'
 
 
-def _openings(model: BuildingModel, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
+def _openings(model: BuildingModel, plan: LevelCut, paper: Paper, lettering: Lettering) -> list[str]:
     """Openings that the plan cuts, as thin lines with what they are outside of the wall."""
     outward = {wall.number: -wall.normal[:2] / np.hypot(*wall.normal[:2]) for wall in model.walls}
     openings = []
@@ -232,7 +232,7 @@ def _dimensions(dimensions: Sequence[Dimension], paper: Paper, lettering: Letter
     return drawn
 
 
-def _areas(building: BuildingParts, plan: Plan, paper: Paper, lettering: Lettering) -> list[str]:
+def _areas(building: BuildingParts, plan: LevelCut, paper: Paper, lettering: Lettering) -> list[str]:
     """The area of each closed room that the plan cuts, in its middle or as near to it as is free."""
     areas = []
     for size in room_sizes(building):

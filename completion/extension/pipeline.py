@@ -82,7 +82,7 @@ def extend(
     # 2. Hidden cells: where the surface may be, unseen; and those of them that a person accepts.
     within = _within(grid, extent, evidence)
     possible = _possible(grid, evidence, edits) & within & (predicted_sd <= rules.wishes.max_sd_m)
-    accepted = possible & edits.accepted(grid, grid.within(*extent.known_window()))
+    accepted = possible & edits.accepted_cells(grid, grid.within(*extent.known_window()))
     hidden = possible & grid.within(*extent.window())
     if rules.wishes.mode == "conservative":
         hidden = in_hull(evidence.observed, hidden)
@@ -100,8 +100,8 @@ def extend(
     confidence = estimate(grid, regions, labelling, extent, evidence)
 
     # 5. Fill: what is probable or accepted, and hangs together with what was measured.
-    probable = hidden & (confidence >= least) & ~edits.rejected(grid)
-    filled = _connected_cells(probable | accepted, measured, grid) | (accepted & edits.drawn(grid))
+    probable = hidden & (confidence >= least) & ~edits.rejected_cells(grid)
+    filled = _connected_cells(probable | accepted, measured, grid) | (accepted & edits.outlined_cells(grid))
 
     # 6. Openings: lay those that were fitted whole into what is filled, to their exact sides.
     filled, confidence, edits = lay_openings(
@@ -116,7 +116,7 @@ def extend(
 
     # 8. Trim: cut cells along the continued edges, declared openings and the edges of the view.
     filled, trims = _trimmed(grid, evidence, filled, regions, continued)
-    filled, trims = _without_openings(grid, evidence, filled & ~edits.rejected(grid), edits, trims)
+    filled, trims = _without_openings(grid, evidence, filled & ~edits.rejected_cells(grid), edits, trims)
     looking = np.flatnonzero(scans.views.may_see(ball_around(grid.bounds(), grid.cell)))
     frames = [scans.observations[scan] for scan in looking.tolist()]
     filled, confidence, cut = trimmed_to_frames(grid, evidence, filled, confidence, frames)

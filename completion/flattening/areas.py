@@ -85,7 +85,7 @@ def flat_zones(field: FloatArray, most: float) -> Labels:
     down, right = np.abs(np.diff(field, axis=0)) <= most, np.abs(np.diff(field, axis=1)) <= most
     first = np.concatenate([index[:-1][down], index[:, :-1][right]])
     other = np.concatenate([index[1:][down], index[:, 1:][right]])
-    return joined(first, other, field.size)[1].reshape(field.shape)
+    return label_components(first, other, field.size)[1].reshape(field.shape)
 
 
 def borders_of(labels: Labels) -> tuple[Labels, Labels, FloatArray]:
@@ -103,7 +103,7 @@ def _together(first: Labels, second: Labels, length: FloatArray, n: int) -> tupl
     return key // n, key % n, np.bincount(place, length, minlength=len(key)).astype(np.float64)
 
 
-def joined(first: Labels, second: Labels, n: int) -> tuple[int, Labels]:
+def label_components(first: Labels, second: Labels, n: int) -> tuple[int, Labels]:
     """How many remain of n when pairs are joined, and which each becomes."""
     graph = coo_matrix((np.ones(len(first)), (first, second)), shape=(n, n))
     count, onto = connected_components(graph, directed=False)
@@ -126,14 +126,14 @@ class Levels:
     covariance: FloatArray
 
     @classmethod
-    def fitted(cls, heights: FloatArray, labels: Labels, ripple: Ripple, known: BoolArray) -> Levels:
+    def fit(cls, heights: FloatArray, labels: Labels, ripple: Ripple, known: BoolArray) -> Levels:
         """Of heights (rows, columns) on a canvas that are levels by label plus ripple: least squares.
 
         Where heights are not `known` they follow the levels in turn, as the ripple is most probable there.
         """
         n = int(labels.max()) + 1
         columns = ripple.whitened_areas(labels, known)
-        white = ripple.whitened(heights)[known].astype(np.float32)
+        white = ripple.whiten(heights)[known].astype(np.float32)
         weight = np.ones_like(white)
         for turn in range(_PASSES):
             normal, right = _normal_equations(columns, weight, white)
@@ -142,10 +142,10 @@ class Levels:
             level = covariance @ right
             if turn + 1 == _PASSES:
                 break
-            rest = white - level.astype(np.float32) @ columns
-            weight = np.minimum(1, (_USUAL / np.maximum(np.abs(rest), 1e-6)) ** 2).astype(np.float32)
-            heights = level[labels] + ripple.continued(heights - level[labels], known)
-            white = ripple.whitened(heights)[known].astype(np.float32)
+            residual = white - level.astype(np.float32) @ columns
+            weight = np.minimum(1, (_USUAL / np.maximum(np.abs(residual), 1e-6)) ** 2).astype(np.float32)
+            heights = level[labels] + ripple.extrapolate(heights - level[labels], known)
+            white = ripple.whiten(heights)[known].astype(np.float32)
         return cls(np.asarray(level, dtype=np.float64), np.asarray(covariance, dtype=np.float64))
 
     def variance_between(self, first: Labels, second: Labels) -> FloatArray:
@@ -204,7 +204,7 @@ _LEAST_RIM = 8  # cells of border
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Join:
+class PieceJoin:
     """An area that was joined to a larger one: it may be relief, but was not shown to be."""
 
     pieces: tuple[int, ...]
@@ -232,7 +232,7 @@ class Areas:
     owner: Labels
     levels: Levels
     plane: int
-    joins: tuple[Join, ...]
+    joins: tuple[PieceJoin, ...]
 
 
 def join_pieces(heights: FloatArray, pieces: Labels, ripple: Ripple, known: BoolArray) -> Areas:
@@ -243,9 +243,9 @@ def join_pieces(heights: FloatArray, pieces: Labels, ripple: Ripple, known: Bool
     slope, and areas apart from the plane join it that are more probably level with it than as high as the
     ripple. The plane is what is largest and near zero where heights are `known`.
     """
-    owner, joins = _join_neighbours(Levels.fitted(heights, pieces, ripple, known), pieces, known)
+    owner, joins = _join_neighbours(Levels.fit(heights, pieces, ripple, known), pieces, known)
     areas = owner[pieces]
-    levels = Levels.fitted(heights, _with_rims(areas), ripple, known)
+    levels = Levels.fit(heights, _with_rims(areas), ripple, known)
     ripple_m = max(float(np.std((heights - levels.height_m[areas])[known])), 1e-30)
     plane = _plane_of(levels, areas, heights, ripple_m, known)
     join = _join_plane(levels, areas, plane, ripple_m)
@@ -253,17 +253,17 @@ def join_pieces(heights: FloatArray, pieces: Labels, ripple: Ripple, known: Bool
     owner = np.where(np.isin(owner, [join.pieces[0] for join in join]), plane, owner)
     plane = int(np.searchsorted(np.unique(owner), plane))
     owner = np.unique(owner, return_inverse=True)[1]
-    return Areas(owner, Levels.fitted(heights, owner[pieces], ripple, known).over(plane), plane, tuple(joins))
+    return Areas(owner, Levels.fit(heights, owner[pieces], ripple, known).over(plane), plane, tuple(joins))
 
 
-def _join_plane(levels: Levels, areas: Labels, plane: int, ripple_m: float) -> list[Join]:
+def _join_plane(levels: Levels, areas: Labels, plane: int, ripple_m: float) -> list[PieceJoin]:
     """Areas apart from the plane that are level with it, the most probable first.
 
     Those that border on it are not asked, since the step there is evident, nor those of which little is left
     without rims. What rims leave of misplaced borders is a systematic error of a tenth of the ripple.
     """
     border = _borders(areas)
-    around, joins = border.sum(axis=1), list[Join]()
+    around, joins = border.sum(axis=1), list[PieceJoin]()
     left = np.ones(len(border), np.bool_)
     left[plane] = False
     while len(others := np.flatnonzero(left & (border[plane] <= _APART * around))):
@@ -277,7 +277,7 @@ def _join_plane(levels: Levels, areas: Labels, plane: int, ripple_m: float) -> l
             levels.variance_between(np.array([plane]), others[[least]])[0] + (_MISPLACED * ripple_m) ** 2
         )
         worth = step**2 / variance / 2 - PRICE * around[other] - PIECE
-        joins.append(Join((other,), step, float(np.sqrt(variance)), float(worth)))
+        joins.append(PieceJoin((other,), step, float(np.sqrt(variance)), float(worth)))
         levels = levels.with_equal(plane, other)
         border[plane] += border[other]
         left[other] = False
@@ -293,7 +293,7 @@ def _borders(labels: Labels) -> FloatArray:
     return border
 
 
-def _join_neighbours(levels: Levels, pieces: Labels, known: BoolArray) -> tuple[Labels, list[Join]]:
+def _join_neighbours(levels: Levels, pieces: Labels, known: BoolArray) -> tuple[Labels, list[PieceJoin]]:
     """For each piece the number of its area, from 0, and what was joined."""
     n, border = len(levels.height_m), _borders(pieces)
     area = np.bincount(pieces[known], minlength=n)
@@ -312,7 +312,7 @@ def _join_neighbours(levels: Levels, pieces: Labels, known: BoolArray) -> tuple[
         step = levels.height_m[small] - levels.height_m[big]
         sd = float(np.sqrt(levels.variance_between(np.array([big]), np.array([small]))[0]))
         members = tuple(np.flatnonzero(owner == small).tolist())
-        joins.append(Join(members, float(step), sd, float(evidence[least])))
+        joins.append(PieceJoin(members, float(step), sd, float(evidence[least])))
         levels = levels.with_equal(big, small)
         owner[owner == small] = big
         border[big] += border[small]

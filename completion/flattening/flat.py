@@ -21,7 +21,7 @@ class RegionKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class FlatRegion:
     """A part of a plane that may be relief.
 
     Attributes
@@ -74,7 +74,7 @@ class FlatHeights:
     heights: FloatArray
     label: NDArray[np.int32]
     ripple: FloatArray
-    regions: tuple[Region, ...]
+    regions: tuple[FlatRegion, ...]
     ripple_sd_m: float
     noise_sd_m: float
     plane_m: float
@@ -101,7 +101,7 @@ class FlatSurface:
     """
 
     label: int
-    regions: tuple[Region, ...]
+    regions: tuple[FlatRegion, ...]
     ripple_sd_m: float
     noise_sd_m: float
     plane_m: float
@@ -127,11 +127,11 @@ class FlatSurface:
         share = f"{100 * self.n_relief / self.n:.0f} %"
         return f"{share} of its points stayed as relief, so that it may be the rest that is relief"
 
-    def named(self, label: int) -> FlatSurface:
+    def with_label(self, label: int) -> FlatSurface:
         """The same by another label."""
         return replace(self, label=label)
 
-    def measured(self, before: FloatArray, after: FloatArray, is_relief: BoolArray) -> FlatSurface:
+    def with_distances(self, before: FloatArray, after: FloatArray, is_relief: BoolArray) -> FlatSurface:
         """The same with what its vertices' distances (n,) from the plane were and are."""
         plain = ~is_relief
         return replace(
@@ -200,7 +200,7 @@ def flat_record(surface: FlatSurface) -> dict[str, Any]:
     }
 
 
-def _region_record(region: Region) -> dict[str, Any]:
+def _region_record(region: FlatRegion) -> dict[str, Any]:
     return {
         "p": region.p,
         "height_m": region.height_m,

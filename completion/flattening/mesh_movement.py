@@ -210,7 +210,7 @@ def hold_back(
     while True:
         flipped = np.zeros(len(faces), np.bool_)
         near = changed[faces].any(axis=1)
-        flipped[near] = _flipped(before, after, faces[near])
+        flipped[near] = _flipped_faces(before, after, faces[near])
         wrong = flipped if flipped.any() else new_crossings(before, after, faces, tested[faces].any(axis=1))
         if not wrong.any():
             return after, held
@@ -233,14 +233,14 @@ def wrong_faces(
     moved = np.any(after != before, axis=1)[faces].any(axis=1)
     sample = faces[moved]
     if origin is None:
-        turned = _flipped(before, after, sample)
+        turned = _flipped_faces(before, after, sample)
     else:
         old, new = (np.linalg.det((at - origin)[sample]) for at in (before, after))
         turned = (old * new <= 0) & (old != 0)
     return int(turned.sum()), int(new_crossings(before, after, faces, moved).sum())
 
 
-def _flipped(before: FloatArray, after: FloatArray, faces: NDArray[np.int32]) -> BoolArray:
+def _flipped_faces(before: FloatArray, after: FloatArray, faces: NDArray[np.int32]) -> BoolArray:
     """Faces whose normals turn by more than a right angle, or that collapse."""
     old, new = (
         np.cross(at[faces[:, 1]] - at[faces[:, 0]], at[faces[:, 2]] - at[faces[:, 0]])
@@ -255,7 +255,7 @@ _N_NEIGHBOURS = 8  # neighbours within which the density of points is told
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ChartGrid:
+class HeightGrid:
     """Heights on cells in a plane.
 
     Attributes
@@ -275,7 +275,7 @@ class ChartGrid:
 
 def grid_of(
     vertices: FloatArray, faces: NDArray[np.int32], plane: Plane, cell_m: float | None, most_cells: int
-) -> ChartGrid:
+) -> HeightGrid:
     """Heights of a mesh (n, 3), (m, 3) over a plane, along the principal axes of its vertices in it.
 
     A cell has the mean height of the vertices in it, or that of the face over its middle. Without faces its
@@ -303,7 +303,7 @@ def grid_of(
     from_faces = np.bincount(where, value, minlength=len(count))
     with np.errstate(invalid="ignore"):
         heights = np.where(count > 0, total / count, from_faces / n_faces)
-    return ChartGrid(heights.reshape(shape), cell_m, places - 0.5)
+    return HeightGrid(heights.reshape(shape), cell_m, places - 0.5)
 
 
 def _side_of_two(places: FloatArray) -> float:

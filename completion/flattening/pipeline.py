@@ -13,14 +13,14 @@ from scipy import fft, ndimage
 from completion.fitting.result import SurfaceFit
 from completion.flattening.flat import (
     FlatHeights,
+    FlatRegion,
     FlatSurface,
     FlattenedMesh,
     FlatteningOptions,
-    Region,
     RegionKind,
 )
 from completion.flattening.mesh_movement import (
-    ChartGrid,
+    HeightGrid,
     grid_of,
     hold_back,
     move_creases,
@@ -28,7 +28,7 @@ from completion.flattening.mesh_movement import (
     wrong_faces,
 )
 from completion.flattening.ripple import MARGIN
-from completion.flattening.separation import Candidate, Separation, separate
+from completion.flattening.separation import ReliefCandidate, Separation, separate
 from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_points, check_rng
 from scenes.surfaces.catalogue import Plane
 
@@ -43,7 +43,7 @@ _FARTHEST = 5.0  # sd: what is farther is no noise
 
 
 @dataclass(frozen=True, slots=True)
-class Null:
+class NullModel:
     """Regions on walls without relief.
 
     Beyond `start` nats of evidence there are `rate` of them a cell, fewer by e for each further `scale` nats,
@@ -67,11 +67,11 @@ class Null:
         return float(-np.expm1(-n_cells * self.rate * share))
 
 
-NOTHING = Null(np.inf, np.inf, 1.0, np.inf)
+NOTHING = NullModel(np.inf, np.inf, 1.0, np.inf)
 """Of walls on which nothing could stay: no evidence says anything."""
 
 
-def learn_null(parts: Separation, rng: np.random.Generator) -> Null:
+def learn_null(parts: Separation, rng: np.random.Generator) -> NullModel:
     """Make walls without relief with the ripple of a wall, and find regions on them.
 
     Their white noise is drawn from the whitened error itself, with its tails, and takes the ripple's
@@ -92,10 +92,10 @@ def learn_null(parts: Separation, rng: np.random.Generator) -> Null:
     n_cells = n_walls * shape[0] * shape[1]
     largest = np.sort(evidence)[::-1][: _TAIL * n_walls + 1]
     if len(largest) < 3:
-        return Null(0.0, 1 / n_cells, _LEAST_SCALE, np.inf)
+        return NullModel(0.0, 1 / n_cells, _LEAST_SCALE, np.inf)
     start = float(largest[-1])
     n = len(largest) - 1
-    return Null(start, n / n_cells, max(float(np.mean(largest[:-1] - start)), _LEAST_SCALE), n)
+    return NullModel(start, n / n_cells, max(float(np.mean(largest[:-1] - start)), _LEAST_SCALE), n)
 
 
 def _white_noise(parts: Separation) -> FloatArray:
@@ -109,8 +109,8 @@ def _white_noise(parts: Separation) -> FloatArray:
     used = ndimage.binary_erosion(used, np.ones((3, 3)), iterations=_RIM, border_value=1) if evident else used
     if used.sum() < 0.1 * parts.known.sum():
         used = parts.known
-    error = parts.ripple.continued(parts.heights - parts.levels(evident), parts.known)
-    white = parts.ripple.whitened(error)[used]
+    error = parts.ripple.extrapolate(parts.heights - parts.levels(evident), parts.known)
+    white = parts.ripple.whiten(error)[used]
     white = white - np.median(white)
     sd = 1.4826 * float(np.median(np.abs(white)))
     if sd <= _EXACT * float(white.std()):  # most cells are exactly flat
@@ -167,7 +167,7 @@ def flatten_heights(
     known = np.isfinite(heights)
     if min(heights.shape) < _LEAST_SIDE or known.sum() < _LEAST_CELLS:
         rows, columns = heights.shape
-        return _untouched(
+        return _unchanged_heights(
             heights,
             f"{known.sum()} cells of {1000 * cell_m:.3g} mm on {rows} x {columns} are too few to tell ripple "
             f"from relief; {_LEAST_CELLS} on {_LEAST_SIDE} x {_LEAST_SIDE} are needed",
@@ -190,15 +190,15 @@ def flatten_heights(
         if could and q <= options.level
     )
     level = parts.levels(kept)[: heights.shape[0], : heights.shape[1]]
-    error = parts.ripple.continued(parts.heights - parts.levels(kept), parts.known)
-    ripple = parts.ripple.smoothed(error)[: heights.shape[0], : heights.shape[1]]
+    error = parts.ripple.extrapolate(parts.heights - parts.levels(kept), parts.known)
+    ripple = parts.ripple.smooth(error)[: heights.shape[0], : heights.shape[1]]
     plane = known & (level == 0)
     ripple_sd = float(np.std(ripple[plane])) if plane.any() else 0.0
 
     # 3. The plane is flat; relief loses its ripple where that is told from its shape.
     flat = np.where(plane, 0.0, np.where(known, heights, np.nan))
     label = np.where(known, 0, -1).astype(np.int32)
-    regions = list[Region]()
+    regions = list[FlatRegion]()
     for candidate, q in sorted(zip(parts.candidates, p, strict=True), key=lambda pair: pair[1]):
         if candidate in kept:
             cells = parts.cells(candidate)[: heights.shape[0], : heights.shape[1]] & known
@@ -316,7 +316,7 @@ def flatten_mesh(
     for place, surface in enumerate(surfaces):
         members, plane = np.flatnonzero(labels == surface.label), fits[surface.label - 1].surface
         before, after = plane.distance(vertices[members]), plane.distance(moved[members])
-        surfaces[place] = surface.measured(before, after, is_relief[members])
+        surfaces[place] = surface.with_distances(before, after, is_relief[members])
     return FlattenedMesh(
         vertices=moved,
         moved_m=np.linalg.norm(moved - vertices, axis=1),
@@ -329,7 +329,7 @@ def flatten_mesh(
 
 
 def _heights_of(
-    grid: ChartGrid, heights: FlatHeights, height: FloatArray
+    grid: HeightGrid, heights: FlatHeights, height: FloatArray
 ) -> tuple[FloatArray, NDArray[np.int32]]:
     """New heights (n,) of vertices that were at some over the plane, and their regions, 0 for the plane."""
     place = np.clip(np.rint(grid.places).astype(np.int64), 0, np.array(grid.heights.shape) - 1)
@@ -339,9 +339,9 @@ def _heights_of(
     return np.where(region == 0, 0.0, np.where(clear, height - ripple, height)), region
 
 
-def _region(candidate: Candidate, kind: RegionKind, p: float, cell_m: float, clear: bool) -> Region:
+def _region(candidate: ReliefCandidate, kind: RegionKind, p: float, cell_m: float, clear: bool) -> FlatRegion:
     """A candidate as a region."""
-    return Region(
+    return FlatRegion(
         kind,
         p,
         candidate.evidence,
@@ -352,7 +352,7 @@ def _region(candidate: Candidate, kind: RegionKind, p: float, cell_m: float, cle
     )
 
 
-def _untouched(heights: FloatArray, reason: str) -> FlatHeights:
+def _unchanged_heights(heights: FloatArray, reason: str) -> FlatHeights:
     """Nothing done."""
     label = np.where(np.isfinite(heights), 0, -1).astype(np.int32)
     return FlatHeights(

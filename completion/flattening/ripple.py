@@ -73,10 +73,10 @@ def estimate_spectrum(heights: FloatArray, known: BoolArray, quantile: float, wi
         power[:] = np.abs(fft.rfft2(part.reshape(size, size) * weight)) ** 2
     spectrum_values = np.quantile(powers, quantile, axis=0) / -np.log1p(-quantile)
     spectrum_values = np.maximum(spectrum_values, 1e-9 * spectrum_values.max() + 1e-30)
-    return Spectrum(spectrum_values * _turning(powers / spectrum_values, quantile))
+    return Spectrum(spectrum_values * _directional_gain(powers / spectrum_values, quantile))
 
 
-def _turning(ratios: FloatArray, quantile: float) -> FloatArray:
+def _directional_gain(ratios: FloatArray, quantile: float) -> FloatArray:
     """By how much waves of each length are stronger in a usual window than those of a fixed direction.
 
     In rings, or in stripes that turn, each direction is strong in few windows and the quantile of each wave
@@ -126,14 +126,14 @@ class Ripple:
         """Alike everywhere."""
         return cls(spectrum, spectrum.on(shape), np.ones(shape))
 
-    def filtered(self, field: FloatArray, gain: FloatArray) -> FloatArray:
+    def apply_gain(self, field: FloatArray, gain: FloatArray) -> FloatArray:
         """A field (rows, columns) with each wave multiplied by a gain."""
         out: FloatArray = fft.irfft2(fft.rfft2(field) * gain, s=field.shape)
         return out
 
-    def whitened(self, field: FloatArray) -> FloatArray:
+    def whiten(self, field: FloatArray) -> FloatArray:
         """A field (rows, columns) in which ripple is white noise of unit sd."""
-        return self.filtered(field, 1 / np.sqrt(self.power)) / self.strength
+        return self.apply_gain(field, 1 / np.sqrt(self.power)) / self.strength
 
     def whitened_areas(self, labels: NDArray[np.int64], known: BoolArray) -> NDArray[np.float32]:
         """Fields (n, m) that are 1 in the area of a label (rows, columns) from 0, whitened, at `known` cells.
@@ -149,7 +149,7 @@ class Ripple:
             inside = labels[box] == number
             shape = _window(inside.shape)
             if np.prod(shape) > _MOST_WINDOW * labels.size:
-                field = self.filtered((labels == number).astype(np.float64), 1 / np.sqrt(self.power))
+                field = self.apply_gain((labels == number).astype(np.float64), 1 / np.sqrt(self.power))
                 column[:] = (field * weak)[known]
                 continue
             if shape not in windows:
@@ -162,16 +162,16 @@ class Ripple:
             ]
             cells = at[0][:, None] * labels.shape[1] + at[1]
             seen = known.ravel()[cells]
-            column[place[cells[seen]]] = (self.filtered(area, windows[shape]) * weak.ravel()[cells])[seen]
+            column[place[cells[seen]]] = (self.apply_gain(area, windows[shape]) * weak.ravel()[cells])[seen]
         return columns
 
     def noise_power(self) -> float:
         """Variance of the noise of single cells, m^2: the floor of the spectrum."""
         return float(np.quantile(self.spectrum.power, 0.5))
 
-    def smoothed(self, field: FloatArray) -> FloatArray:
+    def smooth(self, field: FloatArray) -> FloatArray:
         """What of a field (rows, columns) is ripple, by its share in each wave (Wiener's filter)."""
-        return self.filtered(field, np.maximum(1 - self.noise_power() / self.power, 0))
+        return self.apply_gain(field, np.maximum(1 - self.noise_power() / self.power, 0))
 
     def step_energy(self) -> float:
         """Whitened energy of a step of one metre for each cell of its border, 1 / m^2."""
@@ -180,26 +180,26 @@ class Ripple:
         )
         return 0.5 * (_step_energy(along_columns) + _step_energy(self.power[:, 0]))
 
-    def continued(self, error: FloatArray, known: BoolArray) -> FloatArray:
+    def extrapolate(self, error: FloatArray, known: BoolArray) -> FloatArray:
         """An error (rows, columns), most probable where it is not known (conjugate gradients)."""
         filled = error.copy()
         inverse = 1 / self.power
-        rest = np.where(known, 0.0, -self.filtered(filled, inverse))
-        along, square = rest.copy(), float(np.sum(rest**2))
+        residual = np.where(known, 0.0, -self.apply_gain(filled, inverse))
+        along, square = residual.copy(), float(np.sum(residual**2))
         for _ in range(_FILL_STEPS):
             if square == 0:
                 break
-            ahead = np.where(known, 0.0, self.filtered(along, inverse))
+            ahead = np.where(known, 0.0, self.apply_gain(along, inverse))
             length = square / float(np.sum(along * ahead))
             filled += length * along
-            rest -= length * ahead
-            square, before = float(np.sum(rest**2)), square
-            along = rest + square / before * along
+            residual -= length * ahead
+            square, before = float(np.sum(residual**2)), square
+            along = residual + square / before * along
         return filled
 
-    def uneven(self, error: FloatArray, known: BoolArray) -> Ripple:
+    def with_local_strength(self, error: FloatArray, known: BoolArray) -> Ripple:
         """The ripple, with its strength from place to place in a field of error (rows, columns)."""
-        size = np.abs(self.filtered(error, 1 / np.sqrt(self.power)))
+        size = np.abs(self.apply_gain(error, 1 / np.sqrt(self.power)))
         size = np.where(known, np.sqrt(np.minimum(size, _OUTLIER * np.median(size[known]))), 0.0)
         share = ndimage.uniform_filter(known.astype(np.float64), _NEIGHBOURHOOD, mode="wrap")
         mean = ndimage.uniform_filter(size, _NEIGHBOURHOOD, mode="wrap") / np.maximum(share, 1e-3)
@@ -242,11 +242,11 @@ def _extend_axis(field: FloatArray, axis: int, fades: bool) -> FloatArray:
     away = np.arange(fft.next_fast_len(n + MARGIN, real=True) - n)
     share = ((away + 1) / (len(away) + 1))[:, None]
     share = share**2 * (3 - 2 * share) if fades else np.where(share > 0.5, 1.0, 0.0)
-    behind = (1 - share) * ahead[_mirrored(n + away, n)] + share * ahead[_mirrored(away - len(away), n)]
+    behind = (1 - share) * ahead[_mirror(n + away, n)] + share * ahead[_mirror(away - len(away), n)]
     return np.moveaxis(np.concatenate([ahead, behind]), 0, axis)
 
 
-def _mirrored(index: FloatArray, n: int) -> FloatArray:
+def _mirror(index: FloatArray, n: int) -> FloatArray:
     """Indices beyond 0 .. n - 1 by mirroring."""
     turned = index % (2 * n)
     return np.where(turned < n, turned, 2 * n - 1 - turned)

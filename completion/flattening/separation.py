@@ -16,7 +16,7 @@ from completion.flattening.areas import (
     borders_of,
     cut_pieces,
     join_pieces,
-    joined,
+    label_components,
 )
 from completion.flattening.ripple import (
     Ripple,
@@ -102,7 +102,7 @@ def _shrink(field: FloatArray, limit: FloatArray, steps: FloatArray, off: FloatA
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class ReliefCandidate:
     """Pieces that are connected and may be relief.
 
     `evidence` in nats, mean height and its sd in metres, `n_cells` of the surface; `stands_out` is False
@@ -117,7 +117,7 @@ class Candidate:
     stands_out: bool
 
 
-def find_candidates(pieces: Labels, areas: Areas, known: BoolArray) -> list[Candidate]:
+def find_candidates(pieces: Labels, areas: Areas, known: BoolArray) -> list[ReliefCandidate]:
     """What stands out of the plane on a canvas of pieces (rows, columns), and what was joined to something.
 
     The evidence for a connected part is half the chi-square of all its levels being that of the plane, less
@@ -127,7 +127,7 @@ def find_candidates(pieces: Labels, areas: Areas, known: BoolArray) -> list[Cand
     first, second, length = borders_of(pieces)
     indices, other = owner[first], owner[second]
     out = (indices != areas.plane) & (other != areas.plane)
-    part = joined(first[out], second[out], n)[1]
+    part = label_components(first[out], second[out], n)[1]
     size = np.bincount(pieces.ravel(), minlength=n).astype(np.float64)
     seen = np.bincount(pieces[known], minlength=n)
     candidates = []
@@ -143,14 +143,16 @@ def find_candidates(pieces: Labels, areas: Areas, known: BoolArray) -> list[Cand
         sd = float(np.sqrt(weight @ covariance @ weight))
         count = int(seen[members].sum())
         candidates.append(
-            Candidate(
+            ReliefCandidate(
                 tuple(members.tolist()), evidence, float(weight @ step), sd, n_cells=count, stands_out=True
             )
         )
     for join in areas.joins:
         count = int(seen[list(join.pieces)].sum())
         candidates.append(
-            Candidate(join.pieces, join.evidence, join.height_m, join.sd_m, n_cells=count, stands_out=False)
+            ReliefCandidate(
+                join.pieces, join.evidence, join.height_m, join.sd_m, n_cells=count, stands_out=False
+            )
         )
     return [candidate for candidate in candidates if candidate.n_cells]
 
@@ -185,9 +187,9 @@ class Separation:
     pieces: Labels
     areas: Areas
     ripple: Ripple
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[ReliefCandidate, ...]
 
-    def levels(self, kept: tuple[Candidate, ...]) -> FloatArray:
+    def levels(self, kept: tuple[ReliefCandidate, ...]) -> FloatArray:
         """Levels (rows, columns) over the plane: of the regions kept, and 0 of all else."""
         height = np.zeros(len(self.areas.owner))
         for candidate in kept:
@@ -195,7 +197,7 @@ class Separation:
             height[members] = self.areas.levels.height_m[self.areas.owner[members]]
         return height[self.pieces]
 
-    def cells(self, candidate: Candidate) -> BoolArray:
+    def cells(self, candidate: ReliefCandidate) -> BoolArray:
         """Which cells (rows, columns) belong to a region."""
         chosen = np.zeros(len(self.areas.owner), np.bool_)
         chosen[list(candidate.pieces)] = True
@@ -218,18 +220,18 @@ def separate(heights: FloatArray, known: BoolArray) -> Separation:
     #    from all windows, without the steps.
     ripple = Ripple.of(estimate_spectrum(even, known, *_WINDOWS[0]), wide.shape)
     steps = extend(smooth - even, fades=False)
-    filled, is_first = steps + ripple.continued(extend(even, fades=True), seen), True
+    filled, is_first = steps + ripple.extrapolate(extend(even, fades=True), seen), True
     for quantile, window in _WINDOWS[1:]:
         for _ in range(_ROUNDS):
             steps = find_steps(filled, ripple, None if is_first else steps)
             is_first = False
-            error = ripple.continued(wide - steps, seen)
+            error = ripple.extrapolate(wide - steps, seen)
             filled = steps + error
         spectrum = estimate_spectrum(error[:rows, :columns], known, quantile, window)
         ripple = Ripple.of(spectrum, wide.shape)
-        error = ripple.continued(wide - steps, seen)
+        error = ripple.extrapolate(wide - steps, seen)
         filled = steps + error
-        ripple = ripple.uneven(error, seen)
+        ripple = ripple.with_local_strength(error, seen)
 
     # 3. Cut the steps into pieces, and join those between which there is no evidence of a step.
     pieces = cut_pieces(steps, ripple)

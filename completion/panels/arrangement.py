@@ -69,14 +69,14 @@ def arrange(sheet: Sheet, folds: Sequence[Fold]) -> Arrangement:
     The area is filled up to the folds at which it ends, and cut off beyond. `folds` are those of the sheet.
     """
     traces = [trace(sheet, fold, fold.start, fold.end) for fold in folds]
-    area = _fitted(sheet, folds, traces)
+    area = _fit_area(sheet, folds, traces)
     lines = [fold_trace.line for fold_trace in traces]
     labels = _labelled_area(sheet, area, lines)
     if not len(labels):
         return Arrangement(sheet, np.zeros(0, object), np.zeros(0, np.int8), ())
     whole = shapely.union_all(labels)
     facets = shapely.intersection(_facet_lines(sheet, whole), whole)
-    faces = _polygonised([*shapely.boundary(labels), *lines, facets])
+    faces = _polygonize([*shapely.boundary(labels), *lines, facets])
     inner = shapely.point_on_surface(faces)
     held = np.full(len(faces), -1, np.int64)
     place, label = shapely.STRtree(labels).query(inner, predicate="intersects")
@@ -144,7 +144,7 @@ def _seams(sheet: Sheet) -> tuple[Trace, ...]:
     )
 
 
-def _fitted(sheet: Sheet, folds: Sequence[Fold], traces: Sequence[Trace]) -> Any:
+def _fit_area(sheet: Sheet, folds: Sequence[Fold], traces: Sequence[Trace]) -> Any:
     """The area, filled up to the folds at which the sheet ends and cut off beyond."""
     width, inside, outside = _STRIP * sheet.cell_m, [], []
     for fold, fold_trace in zip(folds, traces, strict=True):
@@ -178,7 +178,7 @@ def _strip(uv: FloatArray, width: float) -> Any:
 def _labelled_area(sheet: Sheet, area: Any, lines: Sequence[Any]) -> NDArray[Any]:
     """The area divided by provenance into polygons that share their borders; slivers join a neighbour."""
     zones = _zones(sheet)
-    faces = _polygonised([shapely.boundary(area), *shapely.boundary(zones), *lines])
+    faces = _polygonize([shapely.boundary(area), *shapely.boundary(zones), *lines])
     inner = shapely.point_on_surface(faces)
     shapely.prepare(area)
     kept = shapely.intersects(area, inner)
@@ -223,7 +223,7 @@ def _zones(sheet: Sheet) -> NDArray[Any]:
     return np.asarray(shapely.coverage_simplify(parts, _ROUGH * sheet.cell_m, simplify_boundary=False))
 
 
-def _polygonised(lines: Sequence[Any]) -> NDArray[Any]:
+def _polygonize(lines: Sequence[Any]) -> NDArray[Any]:
     """The faces between lines, noded to the precision of a chart; (n,) shapely polygons."""
     noded = shapely.union_all([shapely.GeometryCollection(list(lines))], grid_size=PRECISION_M)
     faces = shapely.get_parts(shapely.polygonize([noded]))

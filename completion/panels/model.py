@@ -28,19 +28,19 @@ _FLATTEST = float(np.sin(np.radians(12.0)))  # volume of three unit normals that
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Corner:
+class FoldCorner:
     """A point in which three surfaces meet, and folds end or cross."""
 
     surfaces: tuple[int, int, int]  # numbers, from 1, ascending
     point: FloatArray  # (3,) metres, working frame
 
 
-def close_corners(folds: Sequence[Fold], sheets: Sequence[Sheet]) -> tuple[list[Fold], list[Corner]]:
+def close_corners(folds: Sequence[Fold], sheets: Sequence[Sheet]) -> tuple[list[Fold], list[FoldCorner]]:
     """Move the ends of folds to where a third surface crosses them, within four cells; say which corners.
 
     An end at which another piece of the same fold goes on stays. A fold is not moved out of being.
     """
-    moved, corners = [], list[Corner]()
+    moved, corners = [], list[FoldCorner]()
     fixed = {
         (fold.first, fold.second, end) for fold in folds for end in (fold.start, fold.end)
         if sum(end in (other.start, other.end) for other in folds if _same_pair(fold, other)) > 1
@@ -54,7 +54,7 @@ def close_corners(folds: Sequence[Fold], sheets: Sequence[Sheet]) -> tuple[list[
             if pair is not None:
                 first, second, third = sorted((fold.first, fold.second, pair[1]))
                 point = fold.curve.at(np.array([pair[0]]))[0]
-                corners.append(Corner((first, second, third), point))
+                corners.append(FoldCorner((first, second, third), point))
         start, end = ends
         moved.append(replace(fold, start=start, end=end) if start < end else fold)
     return moved, _distinct(corners)
@@ -105,9 +105,9 @@ def _root(fold: Fold, surface: Surface, low: float, high: float) -> float:
     return (low + high) / 2
 
 
-def _distinct(corners: Sequence[Corner]) -> list[Corner]:
+def _distinct(corners: Sequence[FoldCorner]) -> list[FoldCorner]:
     """Each corner once, by its surfaces and place."""
-    kept: list[Corner] = []
+    kept: list[FoldCorner] = []
     for new_corner in sorted(corners, key=lambda corner: corner.surfaces):
         same = (other for other in kept if other.surfaces == new_corner.surfaces)
         if not any(float(np.linalg.norm(new_corner.point - other.point)) < _SAME_M for other in same):
@@ -202,7 +202,7 @@ def fold_edge(fold: Fold, sheets: Sequence[Sheet]) -> FoldEdge:
     )
 
 
-def corner_point(corner: Corner, sheets: Sequence[Sheet]) -> CornerPoint:
+def corner_point(corner: FoldCorner, sheets: Sequence[Sheet]) -> CornerPoint:
     """Return what is told of a corner."""
     sheet = [sheets[number - 1] for number in corner.surfaces]
     return CornerPoint(corner.surfaces, corner.point, meeting_covariance(sheet, corner.point))
@@ -224,7 +224,7 @@ def meeting_covariance(sheets: Sequence[Sheet], place: FloatArray) -> FloatArray
     return total
 
 
-def turned(covariance: FloatArray, rotation: FloatArray) -> FloatArray:
+def rotate_covariances(covariance: FloatArray, rotation: FloatArray) -> FloatArray:
     """Return covariances (..., 3, 3) in the axes that a rotation (3, 3) leads to."""
     turn, given = np.ascontiguousarray(rotation), np.ascontiguousarray(covariance)
     half = (turn[:, None, :] * given[..., None, :, :]).sum(axis=-1)
@@ -267,7 +267,7 @@ class PanelPart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RestFacets:
+class RemainderFacets:
     """What no surface explains, as few triangles, and the pixels that tell of its vertices.
 
     Attributes
@@ -307,7 +307,7 @@ class PanelModel:
         Where three meet.
     open_m : dict of str to float
         Length of the edges of a single facet by what lies beyond them (`BoundarySegment.kind`), metres.
-    rest : RestFacets
+    remainder : RestFacets
         What no surface explains.
     """
 
@@ -319,7 +319,7 @@ class PanelModel:
     folds: tuple[FoldEdge, ...] = ()
     corners: tuple[CornerPoint, ...] = ()
     open_m: Mapping[str, float] = field(default_factory=dict)
-    rest: RestFacets = field(default_factory=RestFacets)
+    remainder: RemainderFacets = field(default_factory=RemainderFacets)
 
     @property
     def is_measured(self) -> BoolArray:

@@ -237,7 +237,7 @@ _PARALLEL = float(np.sin(np.radians(10.0)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Guide:
+class GuideLine:
     """A line of the chart that an outline is laid on."""
 
     line: Line  # where it is
@@ -246,7 +246,7 @@ class Guide:
 
 
 def surface_polygon(patch: Patch, mesh: ChartMesh) -> Any:
-    """Measured and inferred area of a plane as polygons of its chart (shapely geometry), `straightened`.
+    """Measured and inferred area of a plane as polygons (shapely) of its chart, `straighten_polygon`.
 
     `mesh` has its inferred cells, each by itself. Parts and holes of fewer than nine cells are left out.
     """
@@ -271,7 +271,7 @@ def surface_polygon(patch: Patch, mesh: ChartMesh) -> Any:
         return result
 
     for part in _without_small(area, least):
-        straight += _without_small(straightened(part, guides, size, is_declined), least)
+        straight += _without_small(straighten_polygon(part, guides, size, is_declined), least)
     return shapely.union_all(straight)
 
 
@@ -289,7 +289,7 @@ def polygon_parts(area: Any) -> list[Any]:
     return sorted(proper, key=lambda part: -part.area)
 
 
-def guides_of(patch: Patch) -> list[Guide]:
+def guides_of(patch: Patch) -> list[GuideLine]:
     """Return a surface's own straight edges, and where it meets what encloses the room.
 
     Cells that are seen obliquely make a saw of an edge. An edge that was fitted to the pixels holds within
@@ -299,17 +299,17 @@ def guides_of(patch: Patch) -> list[Guide]:
     cell = float(patch.grid.cell.max())
     always = np.array([[-np.inf, np.inf]])
     meetings = [meeting_line(patch.grid.surface, cut) for cut in patch.limits.cuts]
-    guides = [Guide(line, always, _MEETING * cell) for line in meetings if line is not None]
+    guides = [GuideLine(line, always, _MEETING * cell) for line in meetings if line is not None]
     for edge in patch.edges:
         if isinstance(edge.curve, Line):
             slack = _BEYOND * cell * np.array([-1.0, 1.0])
-            guides.append(Guide(edge.curve, edge.runs + slack, _REACH * cell))
+            guides.append(GuideLine(edge.curve, edge.runs + slack, _REACH * cell))
     return guides
 
 
-def straightened(
+def straighten_polygon(
     polygon: Any,
-    guides: Sequence[Guide],
+    guides: Sequence[GuideLine],
     cell_m: float,
     is_declined: Callable[[FloatArray], BoolArray] | None = None,
 ) -> Any:
@@ -372,7 +372,7 @@ def _from_corners(area: Any, straight_m: float = 0.0) -> Any:
     )
 
 
-def _on_guides(uv: FloatArray, guides: Sequence[Guide]) -> FloatArray:
+def _on_guides(uv: FloatArray, guides: Sequence[GuideLine]) -> FloatArray:
     """Places moved to the nearest guide that they follow, or to where the two nearest meet."""
     across = np.stack([np.where(_follows(uv, guide), guide.line.across(uv), np.inf) for guide in guides])
     order = np.argsort(np.abs(across), axis=0, kind="stable")[:2]
@@ -383,21 +383,21 @@ def _on_guides(uv: FloatArray, guides: Sequence[Guide]) -> FloatArray:
     if len(guides) > 1:
         for place in np.flatnonzero(np.isfinite(np.take_along_axis(across, order[1:2], axis=0)[0])):
             first, second = (guides[k] for k in order[:, place])
-            corner = crossing(first.line, second.line)
+            corner = intersect_lines(first.line, second.line)
             reach = 1.5 * max(first.reach_m, second.reach_m)
             if corner is not None and np.linalg.norm(corner - uv[place]) <= reach:
                 moved[place] = corner
     return moved
 
 
-def _follows(uv: FloatArray, guide: Guide) -> Any:
+def _follows(uv: FloatArray, guide: GuideLine) -> Any:
     """Which places lie beside a stretch of a guide."""
     along = guide.line.along(uv)[:, None]
     beside = ((along >= guide.runs[:, 0]) & (along <= guide.runs[:, 1])).any(axis=1)
     return beside & (np.abs(guide.line.across(uv)) <= guide.reach_m)
 
 
-def crossing(first: Line, second: Line) -> FloatArray | None:
+def intersect_lines(first: Line, second: Line) -> FloatArray | None:
     """Return where two lines of a chart cross (2,); None where the angle between them is below 10 degrees."""
     across = float(second.normal @ first.direction)
     if abs(across) < _PARALLEL:

@@ -45,7 +45,7 @@ _STEP_M = 0.005  # between places of folds that are known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Section:
+class _EdgeSection:
     """Points near a run of an edge: how far along it, out of its surface and along the normal, metres."""
 
     origin: FloatArray  # (3,) on the edge
@@ -53,7 +53,7 @@ class _Section:
     local: FloatArray  # (n, 3) along, outward, above
 
     @classmethod
-    def of(cls, surface: Plane, line: Line, sign: float, points: FloatArray) -> _Section:
+    def of(cls, surface: Plane, line: Line, sign: float, points: FloatArray) -> _EdgeSection:
         """Return that of points (n, 3) at a line of a chart, on whose side `sign` the surface lies."""
         places = np.stack([line.point, line.point + line.direction, line.point - sign * line.normal])
         origin, further, beyond = surface.from_uv(places)
@@ -91,20 +91,20 @@ class SlimFace:
     points: FloatArray
 
 
-def slim_folds(sheets: Sequence[Sheet], rest: FloatArray, known: Sequence[FoldEdge]) -> list[FoldEdge]:
+def slim_folds(sheets: Sequence[Sheet], unexplained: FloatArray, known: Sequence[FoldEdge]) -> list[FoldEdge]:
     """Return the folds at which planes meet faces that are no surface, whose number is then 0.
 
-    `rest` (n, 3) are the points that no surface explains, working frame, metres; folds that are `known` are
-    not found again. A face holds where seven tenths of the points beside the edge lie on one plane through
-    it, at least 20 degrees from the surface's own, and its angle is known to 5 degrees.
+    `unexplained` (n, 3) are the points that no surface explains, working frame, metres; folds that are
+    `known` are not found again. A face holds where seven tenths of the points beside the edge lie on one
+    plane through it, at least 20 degrees from the surface's own, and its angle is known to 5 degrees.
     """
-    if not len(rest):
+    if not len(unexplained):
         return []
-    tree = cKDTree(rest)
+    tree = cKDTree(unexplained)
     places = [_along(fold.points, _STEP_M) for fold in known]
     taken = cKDTree(np.concatenate(places)) if places else None
     folds = []
-    for face in (face for sheet in sheets for face in _faces(sheet, rest, tree)):
+    for face in (face for sheet in sheets for face in _faces(sheet, unexplained, tree)):
         edges = [_at_its_edge(face), *_at_its_far_side(face, sheets)]
         for fold in edges:
             middles = _along(fold.points, face.sheet.cell_m)
@@ -113,7 +113,7 @@ def slim_folds(sheets: Sequence[Sheet], rest: FloatArray, known: Sequence[FoldEd
     return folds
 
 
-def _faces(sheet: Sheet, rest: FloatArray, tree: cKDTree) -> Iterator[SlimFace]:
+def _faces(sheet: Sheet, unexplained: FloatArray, tree: cKDTree) -> Iterator[SlimFace]:
     """The slim faces beside the straight edges of a plane."""
     surface, cell = sheet.surface, sheet.cell_m
     if not isinstance(surface, Plane):
@@ -129,11 +129,13 @@ def _faces(sheet: Sheet, rest: FloatArray, tree: cKDTree) -> Iterator[SlimFace]:
             near = tree.query_ball_point(places, (_REACH + 1) * cell)
             index = sorted({k for group in near for k in group})
             if len(index) >= _LEAST_POINTS:
-                section = _Section.of(surface, line, sign, rest[index])
+                section = _EdgeSection.of(surface, line, sign, unexplained[index])
                 yield from _along_run(sheet, edge, section, (low, high))
 
 
-def _along_run(sheet: Sheet, edge: Edge, section: _Section, run: tuple[float, float]) -> Iterator[SlimFace]:
+def _along_run(
+    sheet: Sheet, edge: Edge, section: _EdgeSection, run: tuple[float, float]
+) -> Iterator[SlimFace]:
     """The slim faces along one run of an edge: where there are points beside it, and they lie on a plane."""
     cell, (along, outward, above) = sheet.cell_m, section.local.T
     reach = np.hypot(outward, above)
@@ -279,7 +281,7 @@ def _along(points: FloatArray, step_m: float) -> FloatArray:
 
 
 def build_panels(
-    sheets: Sequence[Sheet], outline: Callable[[int], OutlineCells], rest: FloatArray
+    sheets: Sequence[Sheet], outline: Callable[[int], OutlineCells], unexplained: FloatArray
 ) -> PanelModel:
     """Build the light model of completed surfaces (fold-seeded triangulation, McCormick & Fisher 2002).
 
@@ -292,7 +294,7 @@ def build_panels(
         The surfaces as areas of their charts, in the order of their numbers.
     outline : callable
         What is known of the outline of the surface of a number, from 0.
-    rest : (n, 3) float
+    unexplained : (n, 3) float
         Measured points that belong to no surface, metres.
     """
     # 1. Fold: find the stretches of curves that two surfaces reach, and on which sides of them they go on.
@@ -313,7 +315,7 @@ def build_panels(
 
     # 5. Find the folds at which faces begin that are too slim to be surfaces, as the sides of a board.
     edges = [fold_edge(fold, sheets) for fold in folds]
-    edges += slim_folds(sheets, rest, edges)
+    edges += slim_folds(sheets, unexplained, edges)
 
     # 6. Tell: how well folds and corners are known, and what lies beyond the edges that are left open.
     return replace(

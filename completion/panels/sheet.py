@@ -209,7 +209,7 @@ def polygons_of_cells(whole: BoolArray, triangles: FloatArray) -> shapely.MultiP
     first = np.searchsorted(begin, np.arange(len(places) + 1))
     chain, size = _rings(begin, end, first, places)
     rings = np.split(places[chain][:, ::-1] / _PARTS, np.cumsum(size)[:-1])
-    return _nested([ring for ring in rings if len(ring) > 2])
+    return _nest_rings([ring for ring in rings if len(ring) > 2])
 
 
 def _on_lines(step: NDArray[np.int8], ends: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -303,7 +303,7 @@ def _leftmost(
     return best
 
 
-def _nested(rings: list[FloatArray]) -> shapely.MultiPolygon:
+def _nest_rings(rings: list[FloatArray]) -> shapely.MultiPolygon:
     """Anticlockwise rings as polygons, clockwise ones as holes of the smallest that they lie in."""
     faces = shapely.polygons([shapely.linearrings(ring) for ring in rings])
     size, is_shell = shapely.area(faces), shapely.is_ccw(shapely.get_exterior_ring(faces))

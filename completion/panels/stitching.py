@@ -19,7 +19,7 @@ _TRIED = 6  # samples of the border around a point whose edges are tried
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OnBorder:
+class BorderPlaces:
     """The places on a border that are nearest to n points.
 
     Attributes
@@ -63,12 +63,12 @@ class Border:
             surface.append(np.full(np.count_nonzero(count == 1), number))
         return cls(panels.vertices, np.concatenate(edges), np.concatenate(surface))
 
-    def nearest(self, points: FloatArray, owner: NDArray[np.int64], reach_m: FloatArray) -> OnBorder:
+    def nearest(self, points: FloatArray, owner: NDArray[np.int64], reach_m: FloatArray) -> BorderPlaces:
         """Return the places on the borders of the points' owners that are nearest to points (n, 3).
 
         `owner` (n,) are numbers of surfaces, 0 for none; `reach_m` (surfaces,) how far away it may be.
         """
-        result = OnBorder(np.full(len(points), -1, np.int64), np.zeros(len(points)))
+        result = BorderPlaces(np.full(len(points), -1, np.int64), np.zeros(len(points)))
         for number in np.unique(owner[owner > 0]).tolist():
             asked, surface_faces = np.flatnonzero(owner == number), np.flatnonzero(self.surface == number)
             if not len(surface_faces):
@@ -99,7 +99,7 @@ class Border:
         row, best = np.arange(len(points)), off.argmin(axis=1)
         return members[tried[row, best]], share[row, best], off[row, best]
 
-    def at(self, place: OnBorder) -> FloatArray:
+    def at(self, place: BorderPlaces) -> FloatArray:
         """Return the points (k, 3) of those places that are within reach."""
         on = place.edge >= 0
         begin, end = (self.vertices[self.edges[place.edge[on], k]] for k in (0, 1))
@@ -111,7 +111,7 @@ Chain = tuple[int, ...]
 _Corners = tuple[int, int, int]
 
 
-def divided(
+def divide_triangles(
     faces: NDArray[np.int64], chains: Mapping[tuple[int, int], Chain]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Divide triangles (m, 3) whose edges are given with the chains that replace them, as fans.
@@ -212,7 +212,7 @@ def _divided_panels(
 ) -> PanelModel:
     """Panels with places (k, 3) as further vertices, divided by chains of them."""
     vertices = np.concatenate([panels.vertices, places])
-    faces, source = divided(panels.faces, chains)
+    faces, source = divide_triangles(panels.faces, chains)
     corners = panels.vertices[panels.faces[source]]
     sides = corners[:, 1:] - corners[:, :1]
     gram = np.einsum("nid,njd->nij", sides, sides)
@@ -230,23 +230,23 @@ def _divided_panels(
 
 
 def along_border(
-    panels: PanelModel, rest: NDArray[np.int64], vertices: FloatArray, slack_m: float
+    panels: PanelModel, faces: NDArray[np.int64], vertices: FloatArray, slack_m: float
 ) -> NDArray[np.int64]:
     """Let the triangles (m, 3) of the rest follow the panels' borders where two of their corners are on them.
 
     An open edge of the rest between two nodes becomes the way along the border between them, if that is
     longer by a slack at most and turns no triangle over. `vertices` (n, 3), metres, are those of both.
     """
-    edges, count, owner = edges_of(rest)
+    edges, count, owner = edges_of(faces)
     near = _neighbours(vertices, Border.of(panels).edges)
     chains: dict[tuple[int, int], Chain] = {}
     for (a, b), face in zip(edges[count == 1].tolist(), owner[count == 1].tolist(), strict=True):
         if a not in near or b not in near or any(b == other for other, _ in near[a]):
             continue
         chain = _way(near, a, b, float(np.linalg.norm(vertices[b] - vertices[a])) + slack_m)
-        if len(chain) > 2 and not _turns_over(vertices, rest[face], chain):
+        if len(chain) > 2 and not _turns_over(vertices, faces[face], chain):
             chains[a, b] = chain
-    pieces_along, _ = divided(rest, chains)
+    pieces_along, _ = divide_triangles(faces, chains)
     return pieces_along
 
 

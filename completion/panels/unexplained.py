@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from completion.panels.arrangement import PRECISION_M
-from completion.panels.model import PanelModel, RestFacets
+from completion.panels.model import PanelModel, RemainderFacets
 from completion.panels.stitching import Border, along_border, with_nodes
 from completion.panels.welding import edges_of, heal
 from scenes.checks import BoolArray, FloatArray
@@ -34,7 +34,7 @@ Mesh = tuple[FloatArray, NDArray[np.int64]]
 """Vertices (n, 3), metres, and triangles (m, 3)."""
 
 
-def decimated(vertices: FloatArray, faces: NDArray[np.int64], bound_m: float) -> Mesh:
+def decimate(vertices: FloatArray, faces: NDArray[np.int64], bound_m: float) -> Mesh:
     """Thin a mesh (n, 3), metres, (m, 3) by quadrics (Garland & Heckbert 1997) as far as a bound allows.
 
     A share of the triangles says nothing of the error, so their number is searched for: 95 % of the vertices
@@ -192,13 +192,13 @@ def light_rest(
         How far from a panel's border its outermost pixels may lie, metres.
     """
     # 1. Clip: what lies on panels, as far as the scans can tell, is in the model already.
-    left = _unexplained(panels, _welded(pixels))
+    left = _drop_explained(panels, _weld_pixels(pixels))
 
     # 2. Snap: pixels of a surface go to it, and to the border of its panels where that is near.
-    snapped = _snapped(panels, left, surfaces, reach_m)
+    snapped = _snap_to_panels(panels, left, surfaces, reach_m)
 
     # 3. Decimate to the bound. Rims on borders are straight by now, and cost nothing.
-    places, faces = decimated(snapped.vertices, snapped.faces, pixels.bound_m)
+    places, faces = decimate(snapped.vertices, snapped.faces, pixels.bound_m)
     if not len(faces):
         return panels
 
@@ -211,17 +211,17 @@ def light_rest(
     vertices = np.concatenate([held.panels.vertices, places])
     faces = along_border(held.panels, _proper(index[faces]), vertices, float(reach_m.max(initial=0)))
     faces = _proper(faces)
-    kept = faces[~_doubled(held.panels, vertices, faces, pixels.bound_m)]
-    return _joined(held.panels, vertices, kept, pixels)
+    kept = faces[~_covered_triangles(held.panels, vertices, faces, pixels.bound_m)]
+    return _join_rest(held.panels, vertices, kept, pixels)
 
 
-def _welded(pixels: PixelMesh) -> PixelMesh:
+def _weld_pixels(pixels: PixelMesh) -> PixelMesh:
     """The mesh with vertices at the very same place as one: a scan's rows are meshed some at a time."""
     _, first, index = np.unique(as_one(pixels.vertices), return_index=True, return_inverse=True)
     return replace(pixels, faces=first[index][pixels.faces])
 
 
-def _unexplained(panels: PanelModel, pixels: PixelMesh) -> PixelMesh:
+def _drop_explained(panels: PanelModel, pixels: PixelMesh) -> PixelMesh:
     """The mesh without triangles whose corners are of surfaces, or as near to panels as the scans tell."""
     free = np.flatnonzero(pixels.owner == 0)
     off = distances(pixels.vertices[free], panels.vertices[panels.faces[panels.is_measured]])
@@ -230,7 +230,7 @@ def _unexplained(panels: PanelModel, pixels: PixelMesh) -> PixelMesh:
     return _part(pixels, ~np.all(is_member[pixels.faces], axis=1))
 
 
-def _snapped(
+def _snap_to_panels(
     panels: PanelModel, pixels: PixelMesh, surfaces: Sequence[Surface], reach_m: FloatArray
 ) -> PixelMesh:
     """The mesh with the vertices of surfaces moved to these and to their borders; others own none.
@@ -269,7 +269,9 @@ def _normals(vertices: FloatArray, faces: NDArray[np.int64]) -> FloatArray:
     return np.asarray(np.cross(second - first, third - first), dtype=np.float64)
 
 
-def _doubled(panels: PanelModel, vertices: FloatArray, faces: NDArray[np.int64], bound_m: float) -> BoolArray:
+def _covered_triangles(
+    panels: PanelModel, vertices: FloatArray, faces: NDArray[np.int64], bound_m: float
+) -> BoolArray:
     """Which triangles (m, 3) have corners on panels alone, and a panel within a bound of their middle."""
     within = np.zeros(len(faces), np.bool_)
     asked = np.flatnonzero((faces < len(panels.vertices)).all(axis=1))
@@ -283,7 +285,7 @@ def _doubled(panels: PanelModel, vertices: FloatArray, faces: NDArray[np.int64],
     return within
 
 
-def _joined(
+def _join_rest(
     panels: PanelModel, vertices: FloatArray, faces: NDArray[np.int64], pixels: PixelMesh
 ) -> PanelModel:
     """Panels with the triangles of the rest, whose own vertices follow those of the panels."""
@@ -306,5 +308,5 @@ def _joined(
         face_surface=panels.face_surface[of],
         face_provenance=panels.face_provenance[of],
         corner_uv=uv[~is_rest],
-        rest=RestFacets(every[is_rest], used, nearest.astype(np.int64)),
+        remainder=RemainderFacets(every[is_rest], used, nearest.astype(np.int64)),
     )

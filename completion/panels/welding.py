@@ -116,15 +116,15 @@ def weld(charts: Sequence[Arrangement]) -> PanelModel:
     for ring in rings:
         for line, on in zip(ring.chart.tracks, ring.on, strict=True):
             shared.setdefault(line.key, []).append(on[np.isfinite(on)])
-    nodes = {key: _merged(np.concatenate(nodes_met)) for key, nodes_met in shared.items()}
-    placed = [_triangulated(ring, nodes) for ring in rings]
+    nodes = {key: _merge_parameters(np.concatenate(nodes_met)) for key, nodes_met in shared.items()}
+    placed = [_triangulate(ring, nodes) for ring in rings]
     starts = np.cumsum([0, *(len(ring.vertices) for ring in placed)])
     if not len(starts) > 1:
         return PanelModel()
     vertices = np.concatenate([ring.vertices for ring in placed])
     on_fold = np.concatenate([ring.on_fold for ring in placed])
     faces = np.concatenate([ring.faces + start for ring, start in zip(placed, starts, strict=False)])
-    vertices, index = _welded(vertices, on_fold)
+    vertices, index = _weld_vertices(vertices, on_fold)
     faces = index[faces]
     proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     uv = np.concatenate([ring.uv[ring.faces] for ring in placed])[proper]
@@ -166,7 +166,7 @@ def _parameters(trace: Trace, uv: FloatArray) -> FloatArray:
     return result
 
 
-def _merged(t: FloatArray) -> FloatArray:
+def _merge_parameters(t: FloatArray) -> FloatArray:
     """Parameters in ascending order, those within .4 mm of one another as their first."""
     ordered = np.unique(t)
     kept: list[float] = []
@@ -177,7 +177,7 @@ def _merged(t: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Placed:
+class _SurfaceTriangles:
     """The triangles of one surface."""
 
     number: int
@@ -188,7 +188,7 @@ class _Placed:
     provenance: NDArray[np.int8]  # (m,)
 
 
-def _triangulated(rings: _Rings, nodes: dict[int, FloatArray]) -> _Placed:
+def _triangulate(rings: _Rings, nodes: dict[int, FloatArray]) -> _SurfaceTriangles:
     """The faces of a chart as triangles, with all nodes of its folds."""
     chart, surface = rings.chart, rings.chart.sheet.surface
     uv, ring, where, t = _with_nodes(rings, nodes)
@@ -206,7 +206,7 @@ def _triangulated(rings: _Rings, nodes: dict[int, FloatArray]) -> _Placed:
     for number, line in enumerate(chart.tracks):
         on = np.flatnonzero(where[first] == number)
         vertices[on] = line.curve.at(t[first][on])
-    return _Placed(
+    return _SurfaceTriangles(
         number=chart.sheet.number,
         vertices=vertices,
         uv=places,
@@ -297,7 +297,7 @@ def _find(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int
     return np.asarray(np.searchsorted(flat, asked), dtype=np.int64)
 
 
-def _welded(vertices: FloatArray, on_fold: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.int64]]:
+def _weld_vertices(vertices: FloatArray, on_fold: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.int64]]:
     """Vertices with those on folds that are within .6 mm of one another as one, and which each became."""
     fold = np.flatnonzero(on_fold)
     pairs = (

@@ -97,7 +97,7 @@ def close_holes(part: Part) -> ClosedPart | None:
     n_points, tree = len(part.points), cKDTree(part.points)
     for loop, beside in loops:
         labels, corners_beside = part.triangle_surface[beside], part.points[part.faces[beside]]
-        closed_hole = _closed(part, loop, labels, corners_beside, tree=tree)
+        closed_hole = _close_hole(part, loop, labels, corners_beside, tree=tree)
         if isinstance(closed_hole, str):
             left[closed_hole] += 1
             continue
@@ -146,7 +146,7 @@ def _borders(faces: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
             yield np.array(loop), np.array(beside)
 
 
-def _closed(
+def _close_hole(
     part: Part, loop: IntArray, beside: IntArray, corners: FloatArray, *, tree: cKDTree
 ) -> tuple[int, FloatArray, IntArray] | str:
     """The label, further points (k, 3) and triangles (m, 3) of a closed hole; or why it stays.
@@ -181,8 +181,8 @@ def _closed(
     members = near[part.surface[near] == label]
     if _within(polygon, surface, part.points[members]):
         return "filled"
-    inner = _between(polygon, part.spacing_m) if isinstance(surface, Cylinder) else np.zeros((0, 2))
-    triangles = _triangulated(uv, inner, polygon)
+    inner = _inner_places(polygon, part.spacing_m) if isinstance(surface, Cylinder) else np.zeros((0, 2))
+    triangles = _triangulate(uv, inner, polygon)
     added = surface.from_uv(inner) if len(inner) else np.zeros((0, 3))
     corner_of = np.append(loop, -1 - np.arange(len(inner)))
     labels_beside = corner_of[triangles]
@@ -195,7 +195,7 @@ def _runs_clockwise(surface: Plane | Cylinder, corners: FloatArray) -> bool:
     if isinstance(surface, Cylinder):
         away = uv[:, :, 0] - uv[:, :1, 0]
         uv[:, :, 0] -= surface.period * np.rint(away / surface.period)
-    return bool(_doubled(uv.reshape(-1, 2), np.arange(3 * len(uv)).reshape(-1, 3)).sum() < 0)
+    return bool(_double_areas(uv.reshape(-1, 2), np.arange(3 * len(uv)).reshape(-1, 3)).sum() < 0)
 
 
 def _within(polygon: shapely.Polygon, surface: Plane | Cylinder, points: FloatArray) -> bool:
@@ -208,7 +208,7 @@ def _within(polygon: shapely.Polygon, surface: Plane | Cylinder, points: FloatAr
     return bool(inside.any())
 
 
-def _between(polygon: shapely.Polygon, spacing_m: float) -> FloatArray:
+def _inner_places(polygon: shapely.Polygon, spacing_m: float) -> FloatArray:
     """Places (k, 2) inside, as far apart as the part's points are, and as far from the border."""
     low_x, low_y, high_x, high_y = polygon.bounds
     x, y = np.meshgrid(np.arange(low_x, high_x, spacing_m), np.arange(low_y, high_y, spacing_m))
@@ -217,7 +217,7 @@ def _between(polygon: shapely.Polygon, spacing_m: float) -> FloatArray:
     return np.asarray(places[inside])
 
 
-def _triangulated(uv: FloatArray, inner: FloatArray, polygon: shapely.Polygon) -> IntArray:
+def _triangulate(uv: FloatArray, inner: FloatArray, polygon: shapely.Polygon) -> IntArray:
     """Triangles (m, 3) over a border (n, 2) and places within (k, 2), anticlockwise, by their numbers.
 
     By Delaunay's where that keeps the border, else without the places within.
@@ -226,7 +226,7 @@ def _triangulated(uv: FloatArray, inner: FloatArray, polygon: shapely.Polygon) -
     if len(inner):
         triangles = np.array(Delaunay(every).simplices, dtype=np.int64)
         triangles = triangles[shapely.contains_xy(polygon, every[triangles].mean(axis=1))]
-        area = _doubled(every, triangles)
+        area = _double_areas(every, triangles)
         triangles = np.where((area < 0)[:, None], triangles[:, ::-1], triangles)
         if abs(np.abs(area).sum() / 2 - polygon.area) < 1e-9 * polygon.area:
             return np.asarray(triangles)
@@ -234,10 +234,10 @@ def _triangulated(uv: FloatArray, inner: FloatArray, polygon: shapely.Polygon) -
     number = {tuple(place): k for k, place in enumerate(uv.tolist())}
     triangles = np.array([[number[tuple(corner)] for corner in shapely.get_coordinates(piece)[:3].tolist()]
                       for piece in pieces])  # fmt: skip
-    return np.asarray(np.where((_doubled(uv, triangles) < 0)[:, None], triangles[:, ::-1], triangles))
+    return np.asarray(np.where((_double_areas(uv, triangles) < 0)[:, None], triangles[:, ::-1], triangles))
 
 
-def _doubled(places: FloatArray, triangles: IntArray) -> FloatArray:
+def _double_areas(places: FloatArray, triangles: IntArray) -> FloatArray:
     """Twice the signed area (m,) of triangles."""
     first, two = (places[triangles[:, k]] - places[triangles[:, 0]] for k in (1, 2))
     return np.asarray(first[:, 0] * two[:, 1] - first[:, 1] * two[:, 0])

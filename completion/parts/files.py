@@ -212,4 +212,4 @@ def relations_record(part: Part) -> dict[str, Any]:
 
 def status_counts(part: Part) -> dict[str, int]:
     """How many relations came to each status."""
-    return {status.value: part.numbered(status) for status in Status}
+    return {status.value: part.count_relations(status) for status in Status}

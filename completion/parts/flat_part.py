@@ -123,7 +123,7 @@ def flatten_part(
         moved_m=flat.moved_m[where],
         is_relief=flat.is_relief[where],
         surface=np.array([0, *part.labels])[place][where],
-        surfaces=tuple(surface.named(part.labels[surface.label - 1]) for surface in flat.surfaces),
+        surfaces=tuple(surface.with_label(part.labels[surface.label - 1]) for surface in flat.surfaces),
         n_held=int(flat.is_held[where].sum()),
         n_turned=flat.n_turned,
         n_crossing=flat.n_crossing,
@@ -190,7 +190,7 @@ def _faces_alike(
     of each piece its plane (k,).
     """
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    alike = np.full(len(plane_of), len(corners) > 0)
+    is_uniform = np.full(len(plane_of), len(corners) > 0)
     for number in np.unique(plane_of):
         surface = fits[number - 1].surface if number else None
         if not isinstance(surface, Plane):
@@ -199,5 +199,5 @@ def _faces_alike(
         side = np.sign(along[(place == number).all(axis=1)].sum())
         turned: BoolArray = np.asarray(along * side < 0)
         against = np.unique(piece[turned])
-        alike[against[(against >= 0) & (plane_of[against] == number)]] = False
-    return alike
+        is_uniform[against[(against >= 0) & (plane_of[against] == number)]] = False
+    return is_uniform

@@ -74,7 +74,7 @@ class Part:
         """Places (m,) of the points of the surface with a label."""
         return np.flatnonzero(self.surface == label)
 
-    def numbered(self, status: Status) -> int:
+    def count_relations(self, status: Status) -> int:
         """How many relations came to a status."""
         return 0 if self.relations is None else self.relations.numbered(status)
 

@@ -102,7 +102,7 @@ def divide_part(
     are flattened: they are then sought beneath it (`segment_rippled`).
     """
 
-    def divided() -> PartSegmentation:
+    def divide() -> PartSegmentation:
         if has_ripple:
             return segment_rippled(shape, labels, normals, noise_m=noise_m, progress=progress)
         if labels is not None:
@@ -112,7 +112,7 @@ def divide_part(
             return segment_mesh(shape, noise_m=noise_m, progress=progress)
         return segment_part(shape, normals, noise_m=noise_m, progress=progress)
 
-    return journal.step("divided", divided)
+    return journal.step("divided", divide)
 
 
 def relate_part(

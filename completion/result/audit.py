@@ -108,7 +108,7 @@ def audit(
         return AuditResult(0.0, np.zeros(0, np.int64))
     caster, spheres = RayCaster(vertices, faces, n_threads=1), _spheres(vertices, faces)
     beams, noisy = np.zeros(len(faces), np.int64), any(seen.is_noisy for seen in observations)
-    for number in _facing(observations, bundles, vertices[np.unique(faces)]):
+    for number in _facing_scans(observations, bundles, vertices[np.unique(faces)]):
         seen, of_scan = observations[number], bundles[number]
         within = tolerance.of_pose(seen.pose_error_m)
         chosen = _towards(of_scan, seen.rays.origin, *spheres)
@@ -135,13 +135,15 @@ def _beam_ends(
     """Flat pixels (n,) of some squares and where their beams ended (n,), metres; mixed ones last."""
     ranges = seen.scan.ranges
     for tile in np.array_split(squares, -(-len(squares) // _TILES)) if len(squares) else ():
-        pixels = _returned(tile, ranges)
+        pixels = _returning_pixels(tile, ranges)
         yield pixels, ranges.ravel()[pixels]
     if len(seen.mixed.pixels):
         yield seen.mixed.pixels, seen.mixed.passed
 
 
-def _facing(observations: Sequence[Observation], bundles: Sequence[Bundles], points: FloatArray) -> list[int]:
+def _facing_scans(
+    observations: Sequence[Observation], bundles: Sequence[Bundles], points: FloatArray
+) -> list[int]:
     """Which scans have beams that may get into a sphere around points (n, 3)."""
     low, high = points.min(axis=0), points.max(axis=0)
     radius = float(np.linalg.norm(high - low)) / 2 + _SLACK
@@ -242,7 +244,7 @@ def _towards(
 
 
 @compiled
-def _returned(squares: NDArray[np.int64], ranges: FloatArray) -> NDArray[np.int32]:
+def _returning_pixels(squares: NDArray[np.int64], ranges: FloatArray) -> NDArray[np.int32]:
     """Flat pixels (n,) of some squares that brought something back."""
     pixels, count = np.empty(squares.size * _TILE * _TILE, np.int32), 0
     columns = (ranges.shape[1] + _TILE - 1) // _TILE

@@ -44,14 +44,14 @@ from completion.result.labelled_points import (
     Remainder,
     Shifts,
     hypothesised_parts,
-    joined,
+    join_points,
     mesh_area,
     observed_mesh,
     observed_parts,
     observed_step,
     remainder,
 )
-from completion.result.openings import Opening, find_openings
+from completion.result.openings import SurfaceOpening, find_openings
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray, InputError
@@ -143,7 +143,7 @@ class DerivedSurface:
         return self.spill.keep(tuple(trace_boundary(self.patch.grid, self.outline)))
 
     @cached_property
-    def openings(self) -> tuple[Opening, ...]:
+    def openings(self) -> tuple[SurfaceOpening, ...]:
         """Holes that the surface encloses, declared ones first."""
         return tuple(find_openings(self.patch))
 
@@ -160,7 +160,7 @@ class DerivedSurface:
         on to its known ends.
         """
         patch, grid, verdict = self.patch, self.patch.grid, self.patch.verdict
-        accepted = verdict.accepted(grid, grid.within(*patch.limits.known_window()))
+        accepted = verdict.accepted_cells(grid, grid.within(*patch.limits.known_window()))
         against = verdict.open_cells(grid)
         for end in verdict.ends:
             against |= (end.distance(grid.centres()) < -float(np.hypot(*grid.cell)) / 2).reshape(grid.shape)
@@ -188,7 +188,7 @@ class CompletedModel:
     moment may compute it twice, with the same result.
     """
 
-    found: ScanSurfaces
+    measured_surfaces: ScanSurfaces
     completed: CompletedSurfaces
     textures: tuple[ChartTexture | None, ...]
     inferred: tuple[ChartMesh, ...]
@@ -220,7 +220,7 @@ class CompletedModel:
     @property
     def observations(self) -> tuple[Observation, ...]:
         """The scans as they were used; their frame is the first scan's sensor frame, the working frame."""
-        return self.found.observations
+        return self.measured_surfaces.observations
 
     @property
     def patches(self) -> tuple[Patch, ...]:
@@ -235,22 +235,22 @@ class CompletedModel:
     @property
     def key_frames(self) -> tuple[int, ...]:
         """Numbers, from 0, of the scans that show something new; all of up to 64."""
-        return self.found.key_frames
+        return self.measured_surfaces.key_frames
 
     @property
     def unconfirmed(self) -> Unconfirmed:
         """Regions of single frames of a sequence that other frames did not confirm, left out."""
-        return self.found.unconfirmed
+        return self.measured_surfaces.unconfirmed
 
     @property
     def registration(self) -> Registration:
         """What the scans say of each other's poses, and the corrections."""
-        return self.found.registration
+        return self.measured_surfaces.registration
 
     @property
     def flatness_m(self) -> float:
         """How far real surfaces were taken to stray from their ideal form, metres."""
-        return self.found.tolerance.flatness_m
+        return self.measured_surfaces.tolerance.flatness_m
 
     @property
     def choice(self) -> Choice:
@@ -344,7 +344,7 @@ class CompletedModel:
     @cached_property
     def hypothesised(self) -> LabelledPoints:
         """All inferred area as one mesh, working frame: provenance, confidence, deviation at every vertex."""
-        return joined(list(self.hypothesised_parts()))
+        return join_points(list(self.hypothesised_parts()))
 
     @cached_property
     def observed_step(self) -> int:
@@ -368,10 +368,10 @@ class CompletedModel:
     @cached_property
     def light_remainder(self) -> LabelledPoints:
         """The same as few triangles, those of the light model, with what is known of the nearest points."""
-        rest, points = self._panels.rest, self.remainder.points
-        columns = {name: getattr(points, name)[rest.source] for name in points.of_vertices}
-        columns["vertices"] = self._panels.vertices[rest.vertex]
-        faces = np.searchsorted(rest.vertex, rest.faces).astype(np.int32)
+        facets, points = self._panels.remainder, self.remainder.points
+        columns = {name: getattr(points, name)[facets.source] for name in points.of_vertices}
+        columns["vertices"] = self._panels.vertices[facets.vertex]
+        faces = np.searchsorted(facets.vertex, facets.faces).astype(np.int32)
         return self._spill.keep(LabelledPoints(faces=faces, **columns))
 
     @property
@@ -431,7 +431,7 @@ class CompletedModel:
                 for number, patch in enumerate(self.patches[:_MOST_SURFACES], start=1)
             ),
         ]
-        rest, first = len(self.patches) - _MOST_SURFACES, self.observations[0].scan
+        n_more, first = len(self.patches) - _MOST_SURFACES, self.observations[0].scan
         return Card(
             "Completion",
             first.name if len(self.observations) == 1 else f"{len(self.observations)} scans",
@@ -441,7 +441,7 @@ class CompletedModel:
                 Share("inferred", inferred / whole, INFERRED),
             ),
             pictures=thumbnails(first.ranges, first.colour, first.projection)[:1],
-            note=" · ".join([*([f"and {rest} more"] if rest > 0 else []), *self.warnings]),
+            note=" · ".join([*([f"and {n_more} more"] if n_more > 0 else []), *self.warnings]),
         ).to_html()
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.export.building.bodies import Beams
+from completion.export.building.bodies import ScanBeams
 from completion.export.building.model import building_model
 from completion.export.building.parts import BuildingParts, building_parts
 from completion.export.decisions import DecisionSheet, decision_sheet
@@ -21,7 +21,7 @@ from completion.export.ifc import ifc_of
 from completion.export.svg import svg_of
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions
 from completion.result.completed_model import CompletedModel
-from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, joined
+from completion.result.labelled_points import PROVENANCE_NAMES, LabelledPoints, join_points
 from completion.result.meshes import inferred_points, model_parts, write_panels_ply
 from completion.result.record import ObservedDetail, completion_record, polygons_record
 from completion.result.verification import Verification
@@ -48,7 +48,12 @@ def building_of(completion: CompletedModel) -> BuildingParts:
     )
     return building_parts(
         model,
-        Beams.of(completion.observations, completion.found.reach, completion.world_from_reference, tolerance),
+        ScanBeams.of(
+            completion.observations,
+            completion.measured_surfaces.reach,
+            completion.world_from_reference,
+            tolerance,
+        ),
     )
 
 
@@ -61,7 +66,7 @@ class Completion(CompletedModel):
 
     Attributes
     ----------
-    found : ScanSurfaces
+    measured_surfaces : ScanSurfaces
         The scans as they were used, and the surfaces that they show.
     completed : CompletedSurfaces
         The surfaces, continued behind their occluders, with relations, errors and features.
@@ -188,16 +193,16 @@ def write_model(
             ("observed.ply", completion.observed_parts(int(record["observed_step"]))),
             ("hypothesised.ply", completion.hypothesised_parts()),
         ):
-            write_meshes_ply(stage.path(name), placed(completion, parts), legend)
+            write_meshes_ply(stage.path(name), world_meshes(completion, parts), legend)
         write_panels_ply(stage.path("model.ply"), completion, legend)
         write_text(stage.path("decisions.csv"), decisions.to_csv())
         write_json(stage.path("completion.json"), record)
         stage.commit()
 
 
-def placed(completion: CompletedModel, parts: Iterable[LabelledPoints]) -> Iterator[PlyMesh]:
+def world_meshes(completion: CompletedModel, parts: Iterable[LabelledPoints]) -> Iterator[PlyMesh]:
     """Yield parts of a model in world coordinates, with what a PLY file tells of each vertex."""
-    for points in chain([joined([])], parts):  # without any the file has its properties all the same
+    for points in chain([join_points([])], parts):  # without any the file has its properties all the same
         known: dict[str, NDArray[Any]] = {
             "red": points.colour[:, 0],
             "green": points.colour[:, 1],

@@ -58,21 +58,21 @@ def _of_relations(relations: FoundRelations | None) -> list[str]:
         return []
     doubts = [
         f"it was stated that {kind_text(relation.kind)} holds of "
-        f"{_numbered(relation.surfaces, relations.numbers)}, but it was rejected: {relation.reason}"
+        f"{_surface_list(relation.surfaces, relations.numbers)}, but it was rejected: {relation.reason}"
         for relation in relations.graph.relations
         if relation.is_given and relation.status is Status.REJECTED
     ]
     worst = int(np.argmax(relations.graph.moved_sd)) if relations.graph.moved_sd else 0
     if relations.graph.moved_sd and relations.graph.moved_sd[worst] > _SURE:
         doubts.append(
-            f"relations move {_numbered([worst], relations.numbers)} by "
+            f"relations move {_surface_list([worst], relations.numbers)} by "
             f"{relations.graph.moved_sd[worst]:.1f} of its standard deviations: it is less well known than "
             "is stated, or a relation is wrong (--relations off)"
         )
     return doubts
 
 
-def _numbered(places: Sequence[int], numbers: Sequence[int]) -> str:
+def _surface_list(places: Sequence[int], numbers: Sequence[int]) -> str:
     """Surfaces in words."""
     names = [
         f"surface {numbers[place]}" if numbers[place] else "a surface without number" for place in places

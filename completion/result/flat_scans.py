@@ -66,18 +66,18 @@ def flatten_scan(
     for number in np.unique(owner[owner > 0]).tolist():
         if not isinstance(patches[number - 1].source.fit.surface, Plane):
             continue
-        pixel, flat = _flattened(seen, owner == number, patches[number - 1], options, seed)
+        pixel, flat = _flatten_plane(seen, owner == number, patches[number - 1], options, seed)
         trim()
         if flat is None:
             continue
         moved = flat.vertices - seen.points_at(pixel)
         shift.ravel()[pixel] = np.einsum("ij,ij->i", moved, seen.rays_at(pixel))
-        surfaces.append(flat.surfaces[0].named(number))
+        surfaces.append(flat.surfaces[0].with_label(number))
         n_turned, n_crossing = n_turned + flat.n_turned, n_crossing + flat.n_crossing
     return FlatScan(shift, tuple(surfaces), n_turned, n_crossing)
 
 
-def _flattened(
+def _flatten_plane(
     seen: Observation, is_plane: NDArray[np.bool_], patch: Patch, options: FlatteningOptions, seed: int
 ) -> tuple[NDArray[np.int64], FlattenedMesh | None]:
     """Flat pixels (n,) of a plane, and their mesh flattened; None where they are too few for a triangle."""
@@ -146,10 +146,10 @@ def surface_flattening(scans: Sequence[FlatScan], number: int) -> dict[str, Any]
     relief = [region for surface in done for region in surface.regions if region.kind is RegionKind.RELIEF]
     return {
         "is_flattened": bool(done),
-        "rms_before_m": _pooled([surface.rms_before_m for surface in done], size),
-        "rms_after_m": _pooled([surface.rms_after_m for surface in done], size),
-        "ripple_before_m": _pooled([surface.ripple_before_m for surface in done], plain),
-        "ripple_after_m": _pooled([surface.ripple_after_m for surface in done], plain),
+        "rms_before_m": _pooled_rms([surface.rms_before_m for surface in done], size),
+        "rms_after_m": _pooled_rms([surface.rms_after_m for surface in done], size),
+        "ripple_before_m": _pooled_rms([surface.ripple_before_m for surface in done], plain),
+        "ripple_after_m": _pooled_rms([surface.ripple_after_m for surface in done], plain),
         "relief_areas": len(relief),
         "scans": [{"scan": scan, **flat_record(surface)} for scan, surface in every],
     }
@@ -163,8 +163,8 @@ def whole_flattening(scans: Sequence[FlatScan]) -> dict[str, Any]:
     return {
         "planes": len({plane.label for plane in done}),
         "planes_left": len({plane.label for plane in every} - {plane.label for plane in done}),
-        "ripple_before_m": _pooled([plane.ripple_before_m for plane in done], plain),
-        "ripple_after_m": _pooled([plane.ripple_after_m for plane in done], plain),
+        "ripple_before_m": _pooled_rms([plane.ripple_before_m for plane in done], plain),
+        "ripple_after_m": _pooled_rms([plane.ripple_after_m for plane in done], plain),
         "relief_areas": sum(region.kind is RegionKind.RELIEF for plane in done for region in plane.regions),
         "moved_max_m": max((scan.moved_max_m for scan in scans), default=0.0),
         "turned_over": sum(scan.n_turned for scan in scans),
@@ -172,6 +172,6 @@ def whole_flattening(scans: Sequence[FlatScan]) -> dict[str, Any]:
     }
 
 
-def _pooled(rms: Sequence[float], size: NDArray[np.int64]) -> float:
+def _pooled_rms(rms: Sequence[float], size: NDArray[np.int64]) -> float:
     """Root mean square of parts of so many points each; 0 of none."""
     return float(np.sqrt(np.sum(np.square(rms) * size) / max(int(np.sum(size)), 1))) if len(rms) else 0.0

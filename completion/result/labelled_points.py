@@ -95,11 +95,13 @@ def hypothesised_parts(
     for index, (patch, mesh) in enumerate(zip(patches, meshes, strict=True)):
         if len(mesh.faces):
             texture = textures[index] if index < len(textures) else None
-            yield _labelled(patch, index + 1, mesh, texture)
+            yield _inferred_points(patch, index + 1, mesh, texture)
             trim()
 
 
-def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture | None) -> LabelledPoints:
+def _inferred_points(
+    patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture | None
+) -> LabelledPoints:
     """Inferred cells of one surface; where faces meet in a vertex, the largest value counts."""
     n = len(mesh.vertices)
     provenance, confidence = np.zeros(n, np.int32), np.zeros(n)
@@ -120,7 +122,7 @@ def _labelled(patch: Patch, number: int, mesh: ChartMesh, texture: ChartTexture 
     )
 
 
-def joined(parts: Sequence[LabelledPoints]) -> LabelledPoints:
+def join_points(parts: Sequence[LabelledPoints]) -> LabelledPoints:
     """Return all parts as one mesh, in their order."""
     if len(parts) == 1:
         return parts[0]
@@ -212,7 +214,7 @@ def observed_mesh(
 
     `owners` and `shifts`, (rows, columns) for each scan, as for `observed_parts`.
     """
-    return joined(list(observed_parts(observations, owners, shifts=shifts)))
+    return join_points(list(observed_parts(observations, owners, shifts=shifts)))
 
 
 def remainder(
@@ -234,7 +236,7 @@ def remainder(
             half = distance * (seen.scan.projection.pixel_angle * stride / 2)
             errors.append(np.maximum(2 * parts[-1].sd, half))
             trim()
-    return Remainder(joined(parts), np.concatenate(errors), stride)
+    return Remainder(join_points(parts), np.concatenate(errors), stride)
 
 
 def _n_free(seen: Observation, owner: NDArray[np.int32]) -> int:
@@ -257,10 +259,12 @@ def _bands(
     for first in range(0, len(rows), at_a_time):
         pixel = rows[first : first + at_a_time + 1, None] * owner.shape[1] + columns
         band = _band(seen, owner, pixel, min(at_a_time, len(rows) - first), stride)
-        yield band if shift is None else _shifted(band, seen, shift.ravel()[pixel].ravel(), pixel.ravel())
+        yield band if shift is None else _shift_band(band, seen, shift.ravel()[pixel].ravel(), pixel.ravel())
 
 
-def _shifted(band: _Band, seen: Observation, shift: NDArray[np.float32], pixel: NDArray[np.int64]) -> _Band:
+def _shift_band(
+    band: _Band, seen: Observation, shift: NDArray[np.float32], pixel: NDArray[np.int64]
+) -> _Band:
     """A band whose flat pixels (n,) move by so many metres (n,) along their rays; triangles stay."""
     valid = np.isfinite(seen.scan.ranges.ravel()[pixel])
     moved = band.points.vertices + shift[valid, None] * seen.rays_at(pixel[valid])

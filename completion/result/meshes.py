@@ -44,11 +44,11 @@ def model_parts(completion: CompletedModel) -> list[MeshPart]:
             if kept.any():
                 name = f"{state} {index + 1} {surface.patch.grid.surface.kind}"
                 parts.append(_surface_part(completion, index, panels.part(kept), name))
-    rest = completion.light_remainder
-    if len(rest.faces):
-        vertices = completion.world_from_reference.apply(rest.vertices)
-        faces = rest.faces.astype(np.int64)
-        parts.append(MeshPart("observed remainder", vertices, faces, 0, rest.colour))
+    remainder = completion.light_remainder
+    if len(remainder.faces):
+        vertices = completion.world_from_reference.apply(remainder.vertices)
+        faces = remainder.faces.astype(np.int64)
+        parts.append(MeshPart("observed remainder", vertices, faces, 0, remainder.colour))
     return in_blocks(parts)
 
 
@@ -93,13 +93,13 @@ def display_mesh(
         labels.append(np.full(len(faces), state, np.int32))
         face_image.append(np.full(len(faces), page, np.int32))
         corner_uv.append(piece.uv[faces])
-    rest = completion.light_remainder
-    places.append(rest.vertices)
-    corners.append(rest.faces.astype(np.int32) + np.int32(n_places))
-    colours.append(rest.colour[rest.faces].astype(np.float32) / np.float32(255))
-    labels.append(np.zeros(len(rest.faces), np.int32))
-    face_image.append(np.full(len(rest.faces), -1, np.int32))
-    corner_uv.append(np.zeros((len(rest.faces), 3, 2)))
+    remainder = completion.light_remainder
+    places.append(remainder.vertices)
+    corners.append(remainder.faces.astype(np.int32) + np.int32(n_places))
+    colours.append(remainder.colour[remainder.faces].astype(np.float32) / np.float32(255))
+    labels.append(np.zeros(len(remainder.faces), np.int32))
+    face_image.append(np.full(len(remainder.faces), -1, np.int32))
+    corner_uv.append(np.zeros((len(remainder.faces), 3, 2)))
     has_pages = bool(len(atlas.pages))
     look = Appearance(
         np.concatenate(colours),
@@ -135,20 +135,20 @@ def write_panels_ply(path: str | PathLike[str], completion: CompletedModel, lege
     Raises InputError: the file cannot be written.
     """
     panels = completion.panels()
-    n_rest = len(panels.rest.faces)
+    n_rest = len(panels.remainder.faces)
     write_mesh_ply(
         path,
         completion.world_from_reference.apply(panels.vertices),
-        np.concatenate([panels.faces, panels.rest.faces]).astype(np.int32),
+        np.concatenate([panels.faces, panels.remainder.faces]).astype(np.int32),
         comments=("state 0 measured 1 inferred", *legend),
         face_properties={
-            "surface": _padded(panels.face_surface, n_rest),
-            "state": _padded((~panels.is_measured).astype(np.uint8), n_rest),
-            "provenance": _padded(panels.face_provenance.astype(np.uint8), n_rest),
+            "surface": _pad(panels.face_surface, n_rest),
+            "state": _pad((~panels.is_measured).astype(np.uint8), n_rest),
+            "provenance": _pad(panels.face_provenance.astype(np.uint8), n_rest),
         },
     )
 
 
-def _padded(values: NDArray[Any], n: int) -> NDArray[Any]:
+def _pad(values: NDArray[Any], n: int) -> NDArray[Any]:
     """Values of facets, with 0 for n more."""
     return np.pad(values, (0, n))

@@ -14,7 +14,7 @@ from completion.boundary.edges import Edge, Line
 from completion.edits.edit import FittedHole, FittedOpening, SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
-from completion.panels.outline import crossing, straight_corners, trace_cells
+from completion.panels.outline import intersect_lines, straight_corners, trace_cells
 from scenes.checks import BoolArray, FloatArray
 
 _MIN_CELLS = 25  # that beams went through
@@ -25,7 +25,7 @@ _FOLLOWS = 0.6  # share of a side that must lie near one edge
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sides:
+class OpeningSides:
     """How well the n sides of an opening are known within their surface.
 
     Attributes
@@ -46,7 +46,7 @@ class Sides:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Opening:
+class SurfaceOpening:
     """A hole in a surface.
 
     Attributes
@@ -68,12 +68,12 @@ class Opening:
     area_m2: float
     seen_share: float
     points: FloatArray
-    sides: Sides
+    sides: OpeningSides
     declared: bool = False
     feature: int = 0
 
 
-def find_openings(patch: Patch) -> list[Opening]:
+def find_openings(patch: Patch) -> list[SurfaceOpening]:
     """Find the holes of a surface that it encloses, together with where it ends at what encloses the room.
 
     To what beams went through belongs the hidden area beside it that is inferred to be no surface. A hole
@@ -85,11 +85,11 @@ def find_openings(patch: Patch) -> list[Opening]:
     through = ndimage.binary_closing(patch.evidence.open, np.ones((3, 3))) & ~solid
     unfilled = (patch.shadows.region >= 0) & ~solid
     within = patch.is_within | solid
-    openings = [_declared(patch, outline, through) for outline in patch.verdict.openings]
-    openings += [_fitted(patch, feature, through) for feature in patch.verdict.fitted]
+    openings = [_declared_opening(patch, outline, through) for outline in patch.verdict.openings]
+    openings += [_fitted_opening(patch, feature, through) for feature in patch.verdict.fitted]
     openings += [_round(patch, feature, through) for feature in patch.verdict.holes]
-    rest = within & ~solid & ~patch.verdict.open_cells(patch.grid)
-    part, _ = ndimage.label((through | unfilled) & rest)
+    undecided = within & ~solid & ~patch.verdict.open_cells(patch.grid)
+    part, _ = ndimage.label((through | unfilled) & undecided)
     seen = np.bincount(part[through])
     for number in 1 + np.flatnonzero(seen[1:] >= _MIN_CELLS):
         hole = part == number
@@ -101,37 +101,39 @@ def find_openings(patch: Patch) -> list[Opening]:
             sides = _sides(patch, corners, side_sd)
             area = float(shapely.Polygon(corners).area)
             share = min(float(seen[number] / hole.sum()), 1.0)
-            openings.append(Opening(area, share, patch.grid.surface.from_uv(corners), sides))
+            openings.append(SurfaceOpening(area, share, patch.grid.surface.from_uv(corners), sides))
     return openings
 
 
-def _declared(patch: Patch, outline: FloatArray, through: BoolArray) -> Opening:
+def _declared_opening(patch: Patch, outline: FloatArray, through: BoolArray) -> SurfaceOpening:
     """An opening that a person drew."""
     corners = outline_uv(patch.grid.surface, outline)
     area = float(shapely.Polygon(corners).area)
     inside = SurfaceEdits(openings=(outline,)).open_cells(patch.grid)
     seen = float((through & inside).sum()) * patch.grid.cell_area
     known = np.zeros(len(corners))
-    sides = Sides(known, known, known, measured=known)
-    return Opening(area, min(seen / area, 1.0), patch.grid.surface.from_uv(corners), sides, declared=True)
+    sides = OpeningSides(known, known, known, measured=known)
+    return SurfaceOpening(
+        area, min(seen / area, 1.0), patch.grid.surface.from_uv(corners), sides, declared=True
+    )
 
 
-def _fitted(patch: Patch, fitted: FittedOpening, through: BoolArray) -> Opening:
+def _fitted_opening(patch: Patch, fitted: FittedOpening, through: BoolArray) -> SurfaceOpening:
     """An opening that was fitted as a whole: its sides are as well known as the fit says."""
     corners = outline_uv(patch.grid.surface, fitted.outline)
     area = float(shapely.Polygon(corners).area)
     inside = SurfaceEdits(openings=(fitted.outline,)).open_cells(patch.grid)
     seen = float((through & inside).sum()) * patch.grid.cell_area
     inwards, outwards = fitted.slack.T
-    sides = Sides(fitted.deviation, inwards, outwards, measured=fitted.seen)
-    return Opening(area, min(seen / area, 1.0), fitted.outline, sides, feature=fitted.number)
+    sides = OpeningSides(fitted.deviation, inwards, outwards, measured=fitted.seen)
+    return SurfaceOpening(area, min(seen / area, 1.0), fitted.outline, sides, feature=fitted.number)
 
 
-def _round(patch: Patch, hole: FittedHole, through: BoolArray) -> Opening:
+def _round(patch: Patch, hole: FittedHole, through: BoolArray) -> SurfaceOpening:
     """A hole of a fitted pattern."""
-    outline = _declared(patch, hole.outline, through)
+    outline = _declared_opening(patch, hole.outline, through)
     ones = np.ones(len(hole.outline))
-    sides = Sides(hole.deviation * ones, 0 * ones, 0 * ones, measured=hole.seen * ones)
+    sides = OpeningSides(hole.deviation * ones, 0 * ones, 0 * ones, measured=hole.seen * ones)
     return replace(outline, sides=sides, declared=False, feature=hole.number)
 
 
@@ -161,12 +163,12 @@ def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> tuple[F
     merged = [side for k, side in enumerate(sides) if side.line is not sides[k - 1].line]
     if len(merged) < 3:
         return uv[start], np.array([side.sd for side in sides])
-    corner = [crossing(merged[k - 1].line, side.line) for k, side in enumerate(merged)]
+    corner = [intersect_lines(merged[k - 1].line, side.line) for k, side in enumerate(merged)]
     places = [side.start if at is None else at for side, at in zip(merged, corner, strict=True)]
     return np.array(places), np.array([side.sd for side in merged])
 
 
-def _sides(patch: Patch, corners: FloatArray, sd: FloatArray) -> Sides:
+def _sides(patch: Patch, corners: FloatArray, sd: FloatArray) -> OpeningSides:
     """How far each side of an outline (n, 2) of the chart may lie inwards and outwards."""
     cell = float(patch.grid.cell.max())
     sign = 1.0 if shapely.is_ccw(shapely.LinearRing(corners)) else -1.0
@@ -186,7 +188,7 @@ def _sides(patch: Patch, corners: FloatArray, sd: FloatArray) -> Sides:
             ]
         )
     inwards, out, measured = np.array(reaches).T
-    return Sides(sd, inwards, out, measured=measured)
+    return OpeningSides(sd, inwards, out, measured=measured)
 
 
 def _until(grid: ChartGrid, cells: BoolArray, places: FloatArray, along: FloatArray) -> FloatArray:
@@ -206,13 +208,13 @@ def _until(grid: ChartGrid, cells: BoolArray, places: FloatArray, along: FloatAr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Side:
+class _OpeningSide:
     line: Line
     start: FloatArray
     sd: float  # of the line across itself, metres
 
 
-def _side(uv: FloatArray, first: int, last: int, grid: ChartGrid, edges: Sequence[Edge]) -> _Side:
+def _side(uv: FloatArray, first: int, last: int, grid: ChartGrid, edges: Sequence[Edge]) -> _OpeningSide:
     """The line of an edge that the stretch of outline follows, else the line through its points."""
     stretch = uv[first : last + 1] if last > first else np.concatenate([uv[first:], uv[: last + 1]])
     near = _NEAR * float(grid.cell.max())
@@ -226,4 +228,4 @@ def _side(uv: FloatArray, first: int, last: int, grid: ChartGrid, edges: Sequenc
         middle = stretch.mean(axis=0)
         vectors = np.linalg.svd(stretch - middle)[2]
         line = Line(middle, vectors[0])
-    return _Side(line, stretch[0], sd)
+    return _OpeningSide(line, stretch[0], sd)

@@ -18,14 +18,14 @@ from completion.extension.claims import role_of
 from completion.extension.patch import Patch
 from completion.features.engine.template import feature_record, moved_geometry
 from completion.fitting.result import surface_parameters
-from completion.panels.model import FoldEdge, turned
+from completion.panels.model import FoldEdge, rotate_covariances
 from completion.panels.outline import NearOutline, polygon_parts, runs_of
 from completion.relations.graph import frame_records, freedom_record, relation_records
 from completion.relations.pipeline import FoundRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.flat_scans import surface_flattening, whole_flattening
 from completion.result.labelled_points import PROVENANCE_NAMES
-from completion.result.openings import Opening
+from completion.result.openings import SurfaceOpening
 from completion.result.verification import Finding, Verification, counterpart
 from scenes.checks import FloatArray, InputError
 from scenes.run.mapping import trim
@@ -42,13 +42,13 @@ def panels_record(completion: CompletedModel) -> dict[str, Any]:
             {
                 "surfaces": list(corner.surfaces),
                 "point": world.apply(corner.point[None])[0].tolist(),
-                "covariance_m2": turned(corner.covariance, turn).tolist(),
+                "covariance_m2": rotate_covariances(corner.covariance, turn).tolist(),
             }
             for corner in panels.corners
         ],
         "panels": {
             "triangles": len(panels.faces),
-            "rest_triangles": len(panels.rest.faces),
+            "rest_triangles": len(panels.remainder.faces),
             "vertices": len(panels.vertices),
             "open_edges_m": dict(panels.open_m),
         },
@@ -65,7 +65,7 @@ def _fold(fold: FoldEdge, points: FloatArray, turn: FloatArray) -> dict[str, Any
         "dihedral_deg": fold.dihedral_deg,
         "dihedral_sd_deg": fold.dihedral_sd_deg,
         "sd_m": fold.sd_m,
-        "covariance_m2": turned(fold.covariance, turn).tolist(),
+        "covariance_m2": rotate_covariances(fold.covariance, turn).tolist(),
         "measured_share": fold.measured_share,
     }
 
@@ -315,19 +315,19 @@ def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -
         "area_m2": float(area.area),
         "polygons": [
             {
-                "outer": _ring(completion, patch, boundary, polygon.exterior, anticlockwise=True),
+                "outer": _ring_record(completion, patch, boundary, polygon.exterior, anticlockwise=True),
                 "holes": [
-                    _ring(completion, patch, boundary, hole, anticlockwise=False)
+                    _ring_record(completion, patch, boundary, hole, anticlockwise=False)
                     for hole in polygon.interiors
                 ],
             }
             for polygon in polygon_parts(area)
         ],
-        "openings": [_opening(completion, patch, normal, opening) for opening in surface.openings],
+        "openings": [_opening_record(completion, patch, normal, opening) for opening in surface.openings],
     }
 
 
-def _ring(
+def _ring_record(
     completion: CompletedModel, patch: Patch, boundary: NearOutline, ring: Any, *, anticlockwise: bool
 ) -> dict[str, Any]:
     """Points of a ring, more where its state changes, and what is said of each edge."""
@@ -372,8 +372,8 @@ def _stretches(
             yield corners[k] + first / n * along[k], edge
 
 
-def _opening(
-    completion: CompletedModel, patch: Patch, normal: FloatArray, opening: Opening
+def _opening_record(
+    completion: CompletedModel, patch: Patch, normal: FloatArray, opening: SurfaceOpening
 ) -> dict[str, Any]:
     """An opening with its kind and its size along the level and upwards, metres."""
     points = completion.world_from_reference.apply(opening.points)

@@ -118,13 +118,13 @@ def verify(
         replace(observe(scan, completion.world_from_reference, sigma_m), pose_error_m=error)
         for scan, error in zip(others, errors, strict=True)
     )
-    others_ready = prepared(observations, tolerance)
+    others_ready = unowned_scans(observations, tolerance)
     return compare_patches(
         completion.patches, completion.observations, others_ready, completion.world_from_reference
     )
 
 
-def prepared(
+def unowned_scans(
     observations: Sequence[Observation], tolerance: Tolerance, reach: tuple[Reach, ...] = ()
 ) -> Scans:
     """Return scans as evidence whose pixels are of no surface; `reach` is that of each, where it is known."""

@@ -13,7 +13,7 @@ from completion.export.step.kernel import kernel
 from completion.export.step.pipeline import StepModel
 from completion.flattening.flat import RegionKind
 from completion.parts.closing import close_holes
-from completion.parts.division.growing import reached
+from completion.parts.division.growing import reachable
 from completion.parts.files import closing_record, status_counts, whole_record, write_part
 from completion.parts.flat_part import FlatPart, flatten_part
 from completion.parts.part import Part, kinds_text
@@ -36,7 +36,7 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         held = read_part_file(request.shape, request.units)
         if "step" in request.exports:
             kernel()  # what is missing is said before the work
-        run.will_call(reached, 10)
+        run.will_call(reachable, 10)
         part = _modelled(held, request, stated, run)
         flat = _flattened(part, request, run) if request.flatten else None
         closed = close_holes(part)
@@ -132,7 +132,8 @@ def lines_of(part: Part, flat: FlatPart | None = None) -> list[str]:
     if graph is None:
         return lines
     holding = sum(relation.holds for relation in graph.relations)
-    others = f"{part.numbered(Status.REJECTED)} rejected, {part.numbered(Status.UNDECIDED)} undecided"
+    counts = {status: part.count_relations(status) for status in (Status.REJECTED, Status.UNDECIDED)}
+    others = f"{counts[Status.REJECTED]} rejected, {counts[Status.UNDECIDED]} undecided"
     lines.append(f"relations  {count(holding, 'holds', 'hold')}; {others}")
     lines.append(f"free       {graph.free} of {graph.unknowns} parameters")
     return lines

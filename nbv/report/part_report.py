@@ -244,7 +244,7 @@ def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
     ]
     if graph is not None:
         headlines.append(Headline(str(holding), "", "relations hold"))
-        headlines.append(Headline(str(part.numbered(Status.REJECTED)), "", "relations rejected"))
+        headlines.append(Headline(str(part.count_relations(Status.REJECTED)), "", "relations rejected"))
         headlines.append(Headline(str(graph.free), "", f"of {graph.unknowns} parameters free"))
     related = [part.measured[place] for place in part.related]
     names = [part.labels[place] for place in part.related]

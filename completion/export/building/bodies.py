@@ -21,15 +21,15 @@ from completion.evidence.free_space import free_cells
 from completion.evidence.reach import Reach
 from completion.evidence.sight import Sight, sight_of
 from completion.export.building.faces import (
-    Frame,
+    FaceFrame,
     PlaneFace,
-    buffered,
     common,
-    filled,
+    fill_holes,
+    grow,
     inside,
-    joined,
     less,
-    moved,
+    project_area,
+    union,
     wide,
 )
 from completion.observe.observation import Observation
@@ -43,7 +43,7 @@ _LEAST_PASSAGE_M = 0.1  # of what counts as gone through: outlines of openings a
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beams:
+class ScanBeams:
     """The beams of scans.
 
     Attributes
@@ -61,12 +61,12 @@ class Beams:
     @classmethod
     def of(
         cls, observations: Sequence[Observation], reach: Sequence[Reach], world: Pose, tolerance: Tolerance
-    ) -> Beams:
+    ) -> ScanBeams:
         """Return the beams of scans that brought something back; `reach` is that of each scan."""
         pairs = [pair for pair in zip(observations, reach, strict=True) if pair[0].scan.valid.any()]
         return cls([sight_of(seen, tolerance) for seen, _ in pairs], [far for _, far in pairs], world)
 
-    def free(self, area: Any, frame: Frame, depth_m: float) -> Any:
+    def free(self, area: Any, frame: FaceFrame, depth_m: float) -> Any:
         """Return where beams went through an area of a frame, at a depth behind its plane, metres.
 
         By the same rule as the veto of a surface (`free_cells`), in cells of 3 cm that are joined over gaps
@@ -82,11 +82,11 @@ class Beams:
         cell = max(_CELL_M, float(np.sqrt(np.prod(high - low) / _MOST_CELLS)))
         grid = ChartGrid.over(plane, low, high, cell, full_turn=False)
         is_free = free_cells(grid, np.zeros(grid.shape[0] * grid.shape[1]), self.sights, self.reaches)
-        free_area = joined(self._cells(grid, np.flatnonzero(is_free), frame))
-        free_area = buffered(buffered(free_area, cell), -cell)
+        free_area = union(self._cells(grid, np.flatnonzero(is_free), frame))
+        free_area = grow(grow(free_area, cell), -cell)
         return wide(common(area, free_area), max(_LEAST_PASSAGE_M, 3 * cell))
 
-    def _cells(self, grid: ChartGrid, chosen: NDArray[np.int64], frame: Frame) -> list[Any]:
+    def _cells(self, grid: ChartGrid, chosen: NDArray[np.int64], frame: FaceFrame) -> list[Any]:
         """Squares of some cells in the coordinates of a frame."""
         row, column = np.divmod(chosen, grid.shape[1])
         around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
@@ -136,7 +136,7 @@ class Body:
 
     kind: Literal["wall", "slab"]
     surfaces: tuple[int, int]
-    frame: Frame
+    frame: FaceFrame
     measured: Any
     inferred: Any
     thickness_m: float
@@ -148,7 +148,7 @@ class Body:
     @property
     def area(self) -> Any:
         """Where both faces are."""
-        return joined((self.measured, self.inferred))
+        return union((self.measured, self.inferred))
 
     @property
     def measured_share(self) -> float:
@@ -156,7 +156,7 @@ class Body:
         return float(self.measured.area / self.area.area)
 
 
-def find_bodies(faces: Sequence[PlaneFace], beams: Beams) -> tuple[Body, ...]:
+def find_bodies(faces: Sequence[PlaneFace], beams: ScanBeams) -> tuple[Body, ...]:
     """Return the walls and slabs that were seen from both sides, thinnest first where they compete.
 
     A place of a face belongs to one body alone: to that with the nearest other face.
@@ -169,7 +169,7 @@ def find_bodies(faces: Sequence[PlaneFace], beams: Beams) -> tuple[Body, ...]:
         if body is not None:
             bodies.append(body)
             taken[first.number].append(body.area)
-            taken[second.number].append(moved(body.area, first.frame, second.frame))
+            taken[second.number].append(project_area(body.area, first.frame, second.frame))
     return tuple(sorted(bodies, key=lambda body: body.surfaces))
 
 
@@ -192,12 +192,12 @@ def _body(
     second: PlaneFace,
     faces: Sequence[PlaneFace],
     taken: dict[int, list[Any]],
-    beams: Beams,
+    beams: ScanBeams,
 ) -> Body | None:
     """The body of two faces, unless something speaks against it."""
     frame = first.frame
     sides = second.laid_on(frame)
-    both = _known(first, sides)
+    both = _known_area(first, sides)
     both = less(both, (*taken[first.number], *_laid(taken, second, frame)))
     both = wide(both, _LEAST_WIDE_M)
     if both.area < _LEAST_M2 or not _is_seen(first, second, both, frame):
@@ -230,17 +230,17 @@ def _body(
     )
 
 
-def _known(face: PlaneFace, sides: tuple[Any, Any]) -> Any:
+def _known_area(face: PlaneFace, sides: tuple[Any, Any]) -> Any:
     """Where both faces are and one was measured, and what that goes all around."""
-    both = common(face.area, joined(sides))
-    return common(both, filled(common(both, joined((face.measured, sides[0])))))
+    both = common(face.area, union(sides))
+    return common(both, fill_holes(common(both, union((face.measured, sides[0])))))
 
 
-def _laid(taken: dict[int, list[Any]], other: PlaneFace, frame: Frame) -> list[Any]:
-    return [moved(area, other.frame, frame) for area in taken[other.number]]
+def _laid(taken: dict[int, list[Any]], other: PlaneFace, frame: FaceFrame) -> list[Any]:
+    return [project_area(area, other.frame, frame) for area in taken[other.number]]
 
 
-def _is_seen(first: PlaneFace, second: PlaneFace, both: Any, frame: Frame) -> bool:
+def _is_seen(first: PlaneFace, second: PlaneFace, both: Any, frame: FaceFrame) -> bool:
     """Whether both faces were measured somewhere in the area that they share."""
     sides = first.measured, second.laid_on(frame)[0]
     return all(common(side, both).area >= _LEAST_M2 for side in sides)
@@ -263,7 +263,7 @@ def _others_between(
     for face in faces:
         if face in pair or abs(face.frame.normal @ frame.normal) < np.cos(np.radians(_MOST_DEG)):
             continue
-        area = common(moved(face.area, face.frame, frame), both)
+        area = common(project_area(face.area, face.frame, frame), both)
         if area.area < _LEAST_M2:
             continue
         if _SLACK_M < _depth_at(frame.place(inside(area)), pair[0], face) < depth - _SLACK_M:

@@ -36,16 +36,16 @@ class CutLine:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plan:
+class LevelCut:
     """A level cut: its height, the sentence that says where it is, and its lines."""
 
     height_m: float
-    told: str
+    caption: str
     lines: tuple[CutLine, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Section:
+class UprightCut:
     """An upright cut.
 
     Attributes
@@ -95,10 +95,10 @@ def cut(model: BuildingModel, point: FloatArray, normal: FloatArray) -> tuple[Cu
     return tuple(lines)
 
 
-def plan_of(model: BuildingModel) -> Plan:
+def plan_of(model: BuildingModel) -> LevelCut:
     """Return the plan: the cut 1.1 m above the lowest floor, or halfway up where no floor is known."""
     if not len(model.faces):
-        return Plan(0.0, "Nothing was found that could be drawn.", ())
+        return LevelCut(0.0, "Nothing was found that could be drawn.", ())
     low, high = model.drawn[:, 2].min(), model.drawn[:, 2].max()
     height, sentence = float(low + high) / 2, ""
     if model.floor_m is not None:
@@ -111,10 +111,10 @@ def plan_of(model: BuildingModel) -> Plan:
             "Neither floor nor walls were found, so that what is up is only what the poses say: plan, "
             f"cut halfway up, at z = {height:.2f} m."
         )
-    return Plan(height, sentence, cut(model, np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 1.0])))
+    return LevelCut(height, sentence, cut(model, np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 1.0])))
 
 
-def sections_of(model: BuildingModel) -> tuple[Section, ...]:
+def sections_of(model: BuildingModel) -> tuple[UprightCut, ...]:
     """Return upright cuts through the middle of what surfaces cover: A along most walls, B across them."""
     members = model.faces[model.surface > 0]
     if not len(members):
@@ -127,7 +127,7 @@ def sections_of(model: BuildingModel) -> tuple[Section, ...]:
         reach = places @ direction
         middle += (reach.min() + reach.max()) / 2 * direction
     return tuple(
-        Section(name, middle, right, cut(model, middle, np.cross(right, [0.0, 0.0, 1.0])))
+        UprightCut(name, middle, right, cut(model, middle, np.cross(right, [0.0, 0.0, 1.0])))
         for name, right in (("A", along), ("B", across))
     )
 

@@ -28,7 +28,7 @@ def polygons(area: Any, least_m2: float = _LEAST_M2) -> list[Any]:
     )
 
 
-def joined(areas: Iterable[Any]) -> Any:
+def union(areas: Iterable[Any]) -> Any:
     """The union of areas."""
     return _clean(shapely.union_all([shapely.make_valid(area) for area in areas]))
 
@@ -40,10 +40,10 @@ def common(first: Any, second: Any) -> Any:
 
 def less(area: Any, others: Iterable[Any]) -> Any:
     """An area without others."""
-    return _clean(shapely.difference(area, joined(others)))
+    return _clean(shapely.difference(area, union(others)))
 
 
-def buffered(area: Any, reach_m: float) -> Any:
+def grow(area: Any, reach_m: float) -> Any:
     """An area grown by a reach, or shrunk, with its corners as corners."""
     with np.errstate(divide="ignore", invalid="ignore"):  # flags that GEOS leaves behind are no faults
         return shapely.buffer(area, reach_m, join_style="mitre")
@@ -51,25 +51,25 @@ def buffered(area: Any, reach_m: float) -> Any:
 
 def wide(area: Any, least_m: float) -> Any:
     """What is at least so wide of an area, with its corners as they are."""
-    core = buffered(area, -least_m / 2)
-    return common(area, buffered(core, _MITRE * least_m / 2))
+    core = grow(area, -least_m / 2)
+    return common(area, grow(core, _MITRE * least_m / 2))
 
 
-def filled(area: Any) -> Any:
+def fill_holes(area: Any) -> Any:
     """An area without its holes."""
-    return joined(shapely.Polygon(polygon.exterior) for polygon in polygons(area))
+    return union(shapely.Polygon(polygon.exterior) for polygon in polygons(area))
 
 
-def straightened(area: Any) -> Any:
+def straighten_sides(area: Any) -> Any:
     """An area without the corners that are within half a millimetre of a straight side."""
     return _clean(shapely.simplify(area, _STRAIGHT_M))
 
 
-def smoothed(area: Any, slit_m: float) -> Any:
+def smooth(area: Any, slit_m: float) -> Any:
     """An area without slits and splinters narrower than `slit_m`, and holes that touch its outline."""
-    area = straightened(area)
+    area = straighten_sides(area)
     for step in (slit_m / 2, -slit_m, slit_m / 2 - _APART_M):  # so that sides come near, but never touch
-        area = buffered(area, step)
+        area = grow(area, step)
     return shapely.MultiPolygon(polygons(shapely.simplify(area, _ROUNDING_M), _LEAST_SMOOTH_M2))
 
 
@@ -95,7 +95,7 @@ UPRIGHT = float(np.sin(np.radians(10.0)))
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class FaceFrame:
     """Coordinates on a plane: u to the right seen from the normal's side, v upwards, w along the normal.
 
     Of upright planes u is level; of level ones u and v are +x and +y of the world, or -x seen from below.
@@ -107,7 +107,7 @@ class Frame:
     normal: FloatArray
 
     @classmethod
-    def on(cls, point: FloatArray, normal: FloatArray) -> Frame:
+    def on(cls, point: FloatArray, normal: FloatArray) -> FaceFrame:
         """Return the frame of the plane through a point (3,) with a unit normal (3,), world coordinates."""
         upwards = np.array([0.0, 0.0, 1.0] if abs(normal[2]) < LEVEL else [0.0, 1.0, 0.0])
         right = np.cross(upwards, normal)
@@ -146,7 +146,7 @@ class PlaneFace:
     """
 
     element: PlaneElement
-    frame: Frame
+    frame: FaceFrame
     measured: Any
     inferred: Any
     area: Any
@@ -177,13 +177,13 @@ class PlaneFace:
         """Whether it is within 10 degrees of level."""
         return bool(abs(self.frame.normal[2]) >= LEVEL)
 
-    def laid_on(self, frame: Frame) -> tuple[Any, Any]:
+    def laid_on(self, frame: FaceFrame) -> tuple[Any, Any]:
         """Measured and inferred area seen along another frame's normal, in its coordinates."""
-        return moved(self.measured, self.frame, frame), moved(self.inferred, self.frame, frame)
+        return project_area(self.measured, self.frame, frame), project_area(self.inferred, self.frame, frame)
 
     def plan(self) -> Any:
         """Its area seen from above, world x and y."""
-        return joined([shapely.transform(self.area, lambda uv: self.frame.place(uv)[:, :2])])
+        return union([shapely.transform(self.area, lambda uv: self.frame.place(uv)[:, :2])])
 
 
 def faces_of(model: BuildingModel) -> tuple[PlaneFace, ...]:
@@ -192,21 +192,22 @@ def faces_of(model: BuildingModel) -> tuple[PlaneFace, ...]:
     for element in model.planes:
         is_member = model.surface == element.number
         if is_member.any():
-            frame = Frame.on(element.point, element.normal)
+            frame = FaceFrame.on(element.point, element.normal)
             openings = tuple(opening for opening in model.openings if opening.surface == element.number)
             seen = model.is_measured
             measured, inferred, area = (
-                _covered(model, frame, is_member & chosen) for chosen in (seen, ~seen, np.ones_like(seen))
+                _covered_area(model, frame, is_member & chosen)
+                for chosen in (seen, ~seen, np.ones_like(seen))
             )
             faces.append(PlaneFace(element, frame, measured, inferred, area=area, openings=openings))
     return tuple(faces)
 
 
-def moved(area: Any, frame: Frame, other: Frame) -> Any:
+def project_area(area: Any, frame: FaceFrame, other: FaceFrame) -> Any:
     """Area of one frame seen along the normal of another, in its coordinates."""
-    return joined([shapely.transform(area, lambda uv: other.flat(frame.place(uv)))])
+    return union([shapely.transform(area, lambda uv: other.flat(frame.place(uv)))])
 
 
-def _covered(model: BuildingModel, frame: Frame, chosen: BoolArray) -> Any:
+def _covered_area(model: BuildingModel, frame: FaceFrame, chosen: BoolArray) -> Any:
     corners = frame.flat(model.vertices[model.faces[chosen]])
-    return joined(shapely.polygons(corners).tolist())
+    return union(shapely.polygons(corners).tolist())

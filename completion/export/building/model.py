@@ -20,7 +20,7 @@ from scenes.surfaces.catalogue import Cylinder
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Element:
+class BuildingElement:
     """A completed surface.
 
     Attributes
@@ -79,7 +79,7 @@ class Element:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaneElement(Element):
+class PlaneElement(BuildingElement):
     """A completed plane.
 
     Attributes
@@ -109,7 +109,7 @@ class PlaneElement(Element):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CylinderElement(Element):
+class CylinderElement(BuildingElement):
     """A completed cylinder.
 
     Attributes
@@ -314,12 +314,12 @@ def building_model(
     kinds = [REST] + [patch.grid.surface.kind for patch in patches]
     for plane in planes:
         kinds[plane.number] = plane.kind
-    n_rest = len(panels.rest.faces)
+    n_rest = len(panels.remainder.faces)
     corners = np.array([corner.point for corner in panels.corners]).reshape(-1, 3)
     spread = [float(np.sqrt(np.linalg.eigvalsh(corner.covariance)[-1])) for corner in panels.corners]
     return BuildingModel(
         vertices=world.apply(panels.vertices),
-        faces=np.concatenate([panels.faces, panels.rest.faces]),
+        faces=np.concatenate([panels.faces, panels.remainder.faces]),
         surface=np.pad(panels.face_surface.astype(np.int64), (0, n_rest)),
         provenance=np.pad(panels.face_provenance.astype(np.int64), (0, n_rest)),
         kinds=tuple(kinds),

@@ -17,20 +17,20 @@ from typing import Any
 import numpy as np
 import shapely
 
-from completion.export.building.bodies import Beams, Body, find_bodies
+from completion.export.building.bodies import Body, ScanBeams, find_bodies
 from completion.export.building.faces import (
     LEVEL,
-    Frame,
+    FaceFrame,
     PlaneFace,
     common,
     faces_of,
-    joined,
     less,
     polygons,
+    union,
     wide,
 )
 from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline
-from completion.export.building.rooms import Room, RoomSide, Storey, find_rooms, find_storeys
+from completion.export.building.rooms import BuildingRoom, RoomSide, Storey, find_rooms, find_storeys
 from scenes.checks import FloatArray
 
 _LEAST_WIDE_M, _LEAST_M2 = 0.2, 0.2  # of an opening
@@ -44,19 +44,21 @@ _BEFORE_M = 0.02  # a wall, where a room must be
 _MARGIN_M = 0.002  # by which surfaces may go on beyond a room: its outline is that of fitted planes
 
 
-def with_gaps(faces: Sequence[PlaneFace], rooms: Sequence[Room], beams: Beams) -> tuple[PlaneFace, ...]:
+def with_gaps(
+    faces: Sequence[PlaneFace], rooms: Sequence[BuildingRoom], beams: ScanBeams
+) -> tuple[PlaneFace, ...]:
     """Return the faces with the doorways and windows that rooms' walls have beside those found before."""
     gaps: dict[int, list[OpeningOutline]] = {face.number: list(face.openings) for face in faces}
     for room in rooms:
         for side in room.sides:
-            known = joined(
+            known = union(
                 shapely.Polygon(side.face.frame.flat(outline.points)) for outline in gaps[side.face.number]
             )
             gaps[side.face.number] += _gaps(side, room, known, beams)
     return tuple(replace(face, openings=tuple(gaps[face.number])) for face in faces)
 
 
-def _gaps(side: RoomSide, room: Room, known: Any, beams: Beams) -> Iterator[OpeningOutline]:
+def _gaps(side: RoomSide, room: BuildingRoom, known: Any, beams: ScanBeams) -> Iterator[OpeningOutline]:
     """Openings along a side of a room."""
     if room.height_m is None or not side.faces_in:
         return
@@ -106,7 +108,7 @@ def _rectangle(part: Any) -> Any:
 
 
 def within_rooms(
-    faces: Sequence[PlaneFace], storeys: Sequence[Storey], rooms: Sequence[Room]
+    faces: Sequence[PlaneFace], storeys: Sequence[Storey], rooms: Sequence[BuildingRoom]
 ) -> tuple[PlaneFace, ...]:
     """Return faces without what was inferred of them where no room is before it, if they bound one.
 
@@ -115,24 +117,26 @@ def within_rooms(
     """
     plane_face = []
     for face in faces:
-        shown = list(_shown(face, storeys, rooms))
+        shown = list(_areas_in_rooms(face, storeys, rooms))
         if shown:
-            inferred = common(face.inferred, joined(shown))
-            area = joined((face.measured, inferred))
+            inferred = common(face.inferred, union(shown))
+            area = union((face.measured, inferred))
             plane_face.append(replace(face, inferred=inferred, area=area))
         else:
             plane_face.append(face)
     return tuple(plane_face)
 
 
-def _shown(face: PlaneFace, storeys: Sequence[Storey], rooms: Sequence[Room]) -> Iterator[Any]:
+def _areas_in_rooms(
+    face: PlaneFace, storeys: Sequence[Storey], rooms: Sequence[BuildingRoom]
+) -> Iterator[Any]:
     """Where rooms lie before a face; none of faces that are no wall, floor or ceiling."""
     for k, storey in enumerate(storeys):
         level = face in storey.floors or face in storey.ceilings
         for room in (room for room in rooms if room.storey == k):
             if level and face.number in room.surfaces:
                 outline = shapely.buffer(room.outline, _MARGIN_M, join_style="mitre")
-                yield joined([shapely.transform(outline, lambda xy: face.frame.flat(_on(face.frame, xy)))])
+                yield union([shapely.transform(outline, lambda xy: face.frame.flat(_on(face.frame, xy)))])
             elif face in storey.walls and room.closed:
                 top = face.highest_m if room.height_m is None else room.floor_m + room.height_m
                 for ends in _before(face, room):
@@ -140,7 +144,7 @@ def _shown(face: PlaneFace, storeys: Sequence[Storey], rooms: Sequence[Room]) ->
                     yield shapely.buffer(band, _MARGIN_M, join_style="mitre")
 
 
-def _before(face: PlaneFace, room: Room) -> Iterator[FloatArray]:
+def _before(face: PlaneFace, room: BuildingRoom) -> Iterator[FloatArray]:
     """The stretches (2, 2) of a wall in the plan before which a room lies."""
     left, _, right, _ = face.area.bounds
     v = (room.floor_m + (room.height_m or 0.0) / 2 - face.frame.origin[2]) / face.frame.up[2]
@@ -151,7 +155,7 @@ def _before(face: PlaneFace, room: Room) -> Iterator[FloatArray]:
             yield shapely.get_coordinates(part) - _BEFORE_M * face.frame.normal[:2]
 
 
-def _on(frame: Frame, xy: Any) -> Any:
+def _on(frame: FaceFrame, xy: Any) -> Any:
     """Points (n, 3) of a level plane above places (n, 2) of the plan."""
     rise = -((xy - frame.origin[:2]) @ frame.normal[:2]) / frame.normal[2]
     return np.column_stack([xy, frame.origin[2] + rise])
@@ -164,7 +168,7 @@ def trimmed_bodies(bodies: Sequence[Body], faces: Sequence[PlaneFace]) -> tuple[
     for body in bodies:
         if body.kind == "wall":
             first, second = (by_number[number] for number in body.surfaces)
-            left = common(first.area, joined(second.laid_on(first.frame)))
+            left = common(first.area, union(second.laid_on(first.frame)))
             body = replace(body, inferred=common(body.inferred, left))
         trimmed.append(body)
     return tuple(trimmed)
@@ -177,7 +181,7 @@ _SAME = 0.7  # of the footprint of two walls across each other, which are the si
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Column:
+class BuildingColumn:
     """A column.
 
     Attributes
@@ -207,7 +211,7 @@ class Column:
 
 def find_columns(
     cylinders: Sequence[CylinderElement], bodies: Sequence[Body], storeys: Sequence[Storey]
-) -> tuple[Column, ...]:
+) -> tuple[BuildingColumn, ...]:
     """Return what stands on a floor: upright solid cylinders, and posts of four planes."""
     floors = [face for storey in storeys for face in storey.floors]
     levels = [storey.elevation_m for storey in storeys]
@@ -227,7 +231,7 @@ def find_columns(
 
 
 def find_pipes(
-    cylinders: Sequence[CylinderElement], columns: Sequence[Column]
+    cylinders: Sequence[CylinderElement], columns: Sequence[BuildingColumn]
 ) -> tuple[CylinderElement, ...]:
     """Return the straight segments of pipes: slender solid cylinders that are no columns."""
     taken = {number for column in columns for number in column.surfaces}
@@ -247,9 +251,9 @@ def _is_upright(element: CylinderElement) -> bool:
     return abs(float(element.ends[1, 2] - element.ends[0, 2])) >= LEVEL * element.length_m
 
 
-def _round(element: CylinderElement) -> Column:
+def _round(element: CylinderElement) -> BuildingColumn:
     middle = element.ends.mean(axis=0)[:2]
-    return Column(
+    return BuildingColumn(
         surfaces=(element.number,),
         cylinder=element,
         footprint=shapely.Point(middle).buffer(element.radius_m),
@@ -260,7 +264,7 @@ def _round(element: CylinderElement) -> Column:
     )
 
 
-def _post(first: Body, second: Body) -> Column | None:
+def _post(first: Body, second: Body) -> BuildingColumn | None:
     """The post whose four sides two bodies are, across each other; None where they are not."""
     prints = [_footprint(body) for body in (first, second)]
     shared = common(*prints)
@@ -269,7 +273,7 @@ def _post(first: Body, second: Body) -> Column | None:
     if abs(float(first.frame.normal @ second.frame.normal)) > np.sin(np.radians(10.0)):
         return None
     heights = [body.frame.place(shapely.get_coordinates(body.area))[:, 2] for body in (first, second)]
-    return Column(
+    return BuildingColumn(
         surfaces=(*first.surfaces, *second.surfaces),
         cylinder=None,
         footprint=shared.convex_hull,
@@ -285,7 +289,7 @@ def _footprint(body: Body) -> Any:
     uv = shapely.get_coordinates(body.area)
     ends = body.frame.place(np.array([[uv[:, 0].min(), 0.0], [uv[:, 0].max(), 0.0]]))[:, :2]
     depth = body.thickness_m * body.frame.normal[:2]
-    return joined([shapely.Polygon([*ends, *(ends[::-1] - depth)])])
+    return union([shapely.Polygon([*ends, *(ends[::-1] - depth)])])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -314,12 +318,12 @@ class BuildingParts:
     faces: tuple[PlaneFace, ...]
     bodies: tuple[Body, ...]
     storeys: tuple[Storey, ...]
-    rooms: tuple[Room, ...]
-    columns: tuple[Column, ...]
+    rooms: tuple[BuildingRoom, ...]
+    columns: tuple[BuildingColumn, ...]
     pipes: tuple[CylinderElement, ...]
 
 
-def building_parts(model: BuildingModel, beams: Beams) -> BuildingParts:
+def building_parts(model: BuildingModel, beams: ScanBeams) -> BuildingParts:
     """Return the parts of a building; `beams` say where there can be no wall.
 
     Planes that are back to back are bodies where nothing speaks against it; level planes give storeys; the

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from completion.export.building.bodies import Body
-from completion.export.building.faces import Frame, PlaneFace, common, joined, less, polygons, wide
+from completion.export.building.faces import FaceFrame, PlaneFace, common, less, polygons, union, wide
 from completion.export.building.model import BuildingModel
 from scenes.checks import FloatArray
 
@@ -98,7 +98,9 @@ def storey_at(storeys: Sequence[Storey], height_m: float) -> int:
     return max(0, *(k for k, storey in enumerate(storeys) if storey.elevation_m <= height_m), 0)
 
 
-def bands(storeys: Sequence[Storey], area: Any, frame: Frame, begin_m: float) -> Sequence[tuple[int, Any]]:
+def bands(
+    storeys: Sequence[Storey], area: Any, frame: FaceFrame, begin_m: float
+) -> Sequence[tuple[int, Any]]:
     """Return an upright area by storeys: the number of each, and its part, coordinates of the frame.
 
     It is cut at the floors of storeys in which it is at least half a metre high. What is so in none of them
@@ -203,7 +205,7 @@ class RoomSide:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Room:
+class BuildingRoom:
     """A room.
 
     Attributes
@@ -228,7 +230,7 @@ class Room:
         Whether walls stand all around it.
     by_facets : bool
         Whether its volume is that within its facets, which close.
-    told : str
+    volume_origin : str
         How the volume was found, or why there is none.
     """
 
@@ -242,7 +244,7 @@ class Room:
     measured_share: float
     closed: bool
     by_facets: bool
-    told: str
+    volume_origin: str
 
     @property
     def area_m2(self) -> float:
@@ -251,7 +253,7 @@ class Room:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Line:
+class _WallLine:
     """A wall in the plan: the ends of what it covers, (2, 2) world x and y."""
 
     face: PlaneFace
@@ -265,13 +267,13 @@ class _Line:
         return shapely.LineString([self.ends[0] - along, self.ends[1] + along])
 
 
-def find_rooms(model: BuildingModel, storeys: Sequence[Storey]) -> tuple[Room, ...]:
+def find_rooms(model: BuildingModel, storeys: Sequence[Storey]) -> tuple[BuildingRoom, ...]:
     """Return the rooms of all storeys, in each first those that are closed, largest first.
 
     The lines of walls in the plan, each continued by 0.2 m, divide it into cells. Those are rooms whose walls
     face inwards and below which is floor; floor beside them is an open room.
     """
-    rooms: list[Room] = []
+    rooms: list[BuildingRoom] = []
     for number, storey in enumerate(storeys):
         room = [_room(model, storey, number, *cell) for cell in _cells(storey)]
         rooms += [*room, *_open_rooms(storey, number, room)]
@@ -283,7 +285,7 @@ def _cells(storey: Storey) -> Iterator[tuple[Any, list[RoomSide]]]:
     lines = [line for face in storey.walls for line in _lines(face, storey)]
     if not lines or not storey.floors:
         return
-    floor = joined(face.plan() for face in storey.floors)
+    floor = union(face.plan() for face in storey.floors)
     noded = shapely.union_all([line.extended for line in lines])
     for cell in polygons(shapely.polygonize([noded]), _LEAST_M2):
         sides = list(_sides(cell, lines))
@@ -293,7 +295,7 @@ def _cells(storey: Storey) -> Iterator[tuple[Any, list[RoomSide]]]:
             yield cell, sides
 
 
-def _lines(face: PlaneFace, storey: Storey) -> Iterator[_Line]:
+def _lines(face: PlaneFace, storey: Storey) -> Iterator[_WallLine]:
     """What a wall covers of the plan of a storey, at any height of it."""
     low, high = storey.elevation_m, storey.ceiling_m
     for polygon in polygons(face.area):
@@ -304,10 +306,10 @@ def _lines(face: PlaneFace, storey: Storey) -> Iterator[_Line]:
             continue
         middle = ((low + top) / 2 - face.frame.origin[2]) / face.frame.up[2]
         ends = np.array([[uv[:, 0].min(), middle], [uv[:, 0].max(), middle]])
-        yield _Line(face, face.frame.place(ends)[:, :2])
+        yield _WallLine(face, face.frame.place(ends)[:, :2])
 
 
-def _sides(cell: Any, lines: Sequence[_Line]) -> Iterator[RoomSide]:
+def _sides(cell: Any, lines: Sequence[_WallLine]) -> Iterator[RoomSide]:
     corners = shapely.get_coordinates(cell.exterior)
     drawn = np.array([line.extended for line in lines])
     for begin, end in pairwise(corners):
@@ -324,9 +326,11 @@ def _is_inward(face: PlaneFace, place: FloatArray, cell: Any) -> bool:
     return bool(shapely.contains_xy(cell, *(place + 1e-3 * normal)))
 
 
-def _room(model: BuildingModel, storey: Storey, number: int, cell: Any, sides: Sequence[RoomSide]) -> Room:
+def _room(
+    model: BuildingModel, storey: Storey, number: int, cell: Any, sides: Sequence[RoomSide]
+) -> BuildingRoom:
     floors, ceilings = (_over(faces, cell) for faces in (storey.floors, storey.ceilings))
-    roof = joined(part for _, part in ceilings)
+    roof = union(part for _, part in ceilings)
     has_roof = roof.area >= _MOST * cell.area
     floor_m = _mean_height(floors)
     height = _mean_height(ceilings) - floor_m if has_roof else None
@@ -341,7 +345,7 @@ def _room(model: BuildingModel, storey: Storey, number: int, cell: Any, sides: S
         sentence += ", since its facets do not close"
     else:
         sentence = "no volume: a ceiling was not found over most of it"
-    return Room(
+    return BuildingRoom(
         storey=number,
         outline=cell,
         sides=tuple(sides),
@@ -352,7 +356,7 @@ def _room(model: BuildingModel, storey: Storey, number: int, cell: Any, sides: S
         measured_share=_measured_share(storey, sides, (*floors, *ceilings)),
         closed=True,
         by_facets=shut is not None,
-        told=sentence,
+        volume_origin=sentence,
     )
 
 
@@ -382,27 +386,27 @@ def _measured_share(
     measured = whole = 0.0
     for face, part in level:
         seen = shapely.transform(face.measured, lambda uv, face=face: face.frame.place(uv)[:, :2])
-        measured += common(joined([seen]), part).area
+        measured += common(union([seen]), part).area
         whole += part.area
     for side in sides:
         face, top = side.face, storey.ceiling_m
         band = side.band(storey.elevation_m, side.face.highest_m if top is None else top)
-        open_area = joined(shapely.Polygon(face.frame.flat(opening.points)) for opening in face.openings)
+        open_area = union(shapely.Polygon(face.frame.flat(opening.points)) for opening in face.openings)
         measured += common(face.measured, band).area
         whole += less(band, [open_area]).area
     return float(measured / whole) if whole else 0.0
 
 
-def _open_rooms(storey: Storey, number: int, closed: Sequence[Room]) -> Iterator[Room]:
+def _open_rooms(storey: Storey, number: int, closed: Sequence[BuildingRoom]) -> Iterator[BuildingRoom]:
     """Floor that walls do not stand all around."""
-    floor = joined(face.plan() for face in storey.floors)
+    floor = union(face.plan() for face in storey.floors)
     outlines = [shapely.buffer(room.outline, _EXTENDED_M, join_style="mitre") for room in closed]
     for part in polygons(wide(less(floor, outlines), _LEAST_WIDE_M), _LEAST_M2):
         floors, ceilings = (_over(faces, part) for faces in (storey.floors, storey.ceilings))
-        roof = joined(ceiling_area for _, ceiling_area in ceilings)
+        roof = union(ceiling_area for _, ceiling_area in ceilings)
         floor_m = _mean_height(floors)
         height = _mean_height(ceilings) - floor_m if roof.area >= _MOST * part.area else None
-        yield Room(
+        yield BuildingRoom(
             storey=number,
             outline=part,
             sides=(),
@@ -413,7 +417,7 @@ def _open_rooms(storey: Storey, number: int, closed: Sequence[Room]) -> Iterator
             measured_share=_measured_share(storey, (), (*floors, *ceilings)),
             closed=False,
             by_facets=False,
-            told="no volume: walls were not found all around it",
+            volume_origin="no volume: walls were not found all around it",
         )
 
 

@@ -19,19 +19,19 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
-from completion.export.step.folds import FoldCurve, tabled
+from completion.export.step.folds import ContactCurve, tabulate
 from completion.export.step.kernel import (
     axis_of,
-    interpolated,
+    interpolate,
     kernel,
     kernel_point,
     kernel_surface,
     plain_zero,
     tube_angles,
     turns_of,
-    winding,
+    winding_number,
 )
-from completion.export.step.pieces import Corner, Piece, RegionLoops, Side, loop_points
+from completion.export.step.pieces import CurveCorner, CurvePiece, LoopSide, RegionLoops, loop_points
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import cross
@@ -48,46 +48,46 @@ class OpenEnds:
 
     def __init__(
         self,
-        pieces: list[Piece],
-        curves: list[FoldCurve],
-        corners: Sequence[Corner],
+        pieces: list[CurvePiece],
+        curves: list[ContactCurve],
+        corners: Sequence[CurveCorner],
         surfaces: Sequence[Surface],
         spacing: float,
     ) -> None:
         self.pieces, self.curves, self.corners = pieces, curves, corners
         self.surfaces, self.spacing = surfaces, spacing
 
-    def closed(self, place: int, loops: RegionLoops, points: FloatArray) -> tuple[RegionLoops, bool]:
+    def close_loops(self, place: int, loops: RegionLoops, points: FloatArray) -> tuple[RegionLoops, bool]:
         """The loops of a region of points (n, 3) with its open ends closed, and whether it had any."""
-        if loops.rest:
-            joined = self._joined(place, loops.rest, points)
+        if loops.open_chains:
+            joined = self._join_chains(place, loops.open_chains, points)
             return (loops, False) if joined is None else (RegionLoops([*loops.closed, *joined], []), True)
         rims = self._rims(place, loops.closed, points)
         return RegionLoops([*loops.closed, *rims], []), bool(rims)
 
-    def _ends(self, chain: Sequence[Side]) -> tuple[int, int]:
+    def _ends(self, chain: Sequence[LoopSide]) -> tuple[int, int]:
         first, last = chain[0], chain[-1]
         begin = self.pieces[first.piece].ends[0 if first.is_forward else 1]
         return begin, self.pieces[last.piece].ends[1 if last.is_forward else 0]
 
-    def _joined(
-        self, place: int, chains: Sequence[list[Side]], points: FloatArray
-    ) -> list[list[Side]] | None:
+    def _join_chains(
+        self, place: int, chains: Sequence[list[LoopSide]], points: FloatArray
+    ) -> list[list[LoopSide]] | None:
         """Chains joined to loops by edges along the ends; None where an end was not measured."""
         ends = [self._ends(chain) for chain in chains]
         begins = np.array([self.corners[begin].point for begin, _ in ends])
         lasts = np.array([self.corners[end].point for _, end in ends])
         follows = linear_sum_assignment(np.linalg.norm(lasts[:, None] - begins[None], axis=2))[1]
-        tree, links = cKDTree(points), dict[int, Side]()
+        tree, links = cKDTree(points), dict[int, LoopSide]()
         for n, to in enumerate(follows.tolist()):
             geometry = self._along(place, lasts[n], begins[to], tree)
             if geometry is None:
                 return None
-            links[n] = self._added(place, geometry, (ends[n][1], ends[to][0]))
-        loops, unused = list[list[Side]](), set(range(len(chains)))
+            links[n] = self._add_edge(place, geometry, (ends[n][1], ends[to][0]))
+        loops, unused = list[list[LoopSide]](), set(range(len(chains)))
         while unused:
             n = min(unused)
-            loop = list[Side]()
+            loop = list[LoopSide]()
             while n in unused:
                 unused.discard(n)
                 loop += [*chains[n], links[n]]
@@ -95,15 +95,15 @@ class OpenEnds:
             loops.append(loop)
         return loops
 
-    def _added(self, place: int, geometry: Any, ends: tuple[int, int]) -> Side:
+    def _add_edge(self, place: int, geometry: Any, ends: tuple[int, int]) -> LoopSide:
         span = (float(geometry.FirstParameter()), float(geometry.LastParameter()))
         is_closed = ends == (-2, -2)
         self.curves.append(
-            tabled((place, place), geometry, span, self.spacing, is_closed=is_closed, is_tangent=False)
+            tabulate((place, place), geometry, span, self.spacing, is_closed=is_closed, is_tangent=False)
         )
         length = float(np.linalg.norm(np.diff(self.curves[-1].points, axis=0), axis=1).sum())
-        self.pieces.append(Piece(len(self.curves) - 1, *span, ends, 0.0, length))
-        return Side(len(self.pieces) - 1, True)
+        self.pieces.append(CurvePiece(len(self.curves) - 1, *span, ends, 0.0, length))
+        return LoopSide(len(self.pieces) - 1, True)
 
     def _along(self, place: int, start: FloatArray, end: FloatArray, tree: cKDTree) -> Any | None:
         """The curve of a surface between two points (3,) along which its points end."""
@@ -115,15 +115,17 @@ class OpenEnds:
                 best, least = path, float(apart.mean())
         if best is None or np.linalg.norm(best[-1] - best[0]) < 1e-6:
             return None
-        return interpolated(best, is_closed=False)
+        return interpolate(best, is_closed=False)
 
-    def _rims(self, place: int, loops: Sequence[Sequence[Side]], points: FloatArray) -> list[list[Side]]:
+    def _rims(
+        self, place: int, loops: Sequence[Sequence[LoopSide]], points: FloatArray
+    ) -> list[list[LoopSide]]:
         """Circles at the ends of a tube or cone that goes all the way round and has no neighbour there."""
         surface = self.surfaces[place]
         if not isinstance(surface, Cylinder | Cone):
             return []
         middle, axis = axis_of(surface)
-        turns = [winding(middle, axis, loop_points(loop, self.pieces, self.curves)) for loop in loops]
+        turns = [winding_number(middle, axis, loop_points(loop, self.pieces, self.curves)) for loop in loops]
         if not loops and not _goes_round(surface, points):
             return []
         sense = 1 if surface.normal(points[:1])[0] @ _outward(surface, points[0]) > 0 else -1
@@ -131,7 +133,7 @@ class OpenEnds:
         if sum(turns) == 0 and loops:
             return []
         height = (points - middle) @ axis
-        rims = list[list[Side]]()
+        rims = list[list[LoopSide]]()
         for level in wanted if not loops else [1 if sense * sum(turns) > 0 else -1]:
             at = float(np.quantile(height, 1 - _END if level > 0 else _END))
             if isinstance(surface, Cone) and level < 0 and self._has_tip(surface, points):
@@ -139,8 +141,8 @@ class OpenEnds:
             radius = surface.radius if isinstance(surface, Cylinder) else _radius(surface, at)
             if radius <= 0:
                 continue
-            side = self._added(place, _circle(middle + at * axis, axis, radius), (-2, -2))
-            rims.append([Side(side.piece, sense * level < 0)])
+            side = self._add_edge(place, _circle(middle + at * axis, axis, radius), (-2, -2))
+            rims.append([LoopSide(side.piece, sense * level < 0)])
         return rims
 
     def _has_tip(self, cone: Cone, points: FloatArray) -> bool:
@@ -214,23 +216,23 @@ class Seams:
     """
 
     def __init__(
-        self, pieces: Sequence[Piece], curves: Sequence[FoldCurve], surfaces: Sequence[Surface]
+        self, pieces: Sequence[CurvePiece], curves: Sequence[ContactCurve], surfaces: Sequence[Surface]
     ) -> None:
         self.pieces, self.curves, self.surfaces = list(pieces), curves, surfaces
         self._begun = set[int]()
 
-    def begin_on_tubes(self, surface: Surface, loops: Sequence[Sequence[Side]]) -> None:
+    def begin_on_tubes(self, surface: Surface, loops: Sequence[Sequence[LoopSide]]) -> None:
         """Let closed edges round a torus's tube begin on its outer circle, where the kernel's seam is."""
         if isinstance(surface, Torus):
             for loop in loops:
                 points = loop_points(loop, self.pieces, self.curves)
                 level = tube_angles(surface, points)
-                if turns_of(level) and not winding(surface.centre, surface.direction, points):
+                if turns_of(level) and not winding_number(surface.centre, surface.direction, points):
                     self._begin(
                         loop, lambda x: float((x - surface.centre) @ surface.direction), np.abs(level)
                     )
 
-    def shape(self, surface: Surface, points: FloatArray, loops: Sequence[Sequence[Side]]) -> Any:
+    def shape(self, surface: Surface, points: FloatArray, loops: Sequence[Sequence[LoopSide]]) -> Any:
         """The kernel's surface of a region of points (n, 3) within loops, with a fitting seam."""
         if isinstance(surface, Sphere):
             shapes = [self.curves[self.pieces[loop[0].piece].curve].geometry for loop in loops]
@@ -252,18 +254,18 @@ class Seams:
         return kernel_surface(surface, zero)
 
     def _begin_on(
-        self, place: FloatArray, axis: FloatArray, zero: FloatArray, loops: Sequence[Sequence[Side]]
+        self, place: FloatArray, axis: FloatArray, zero: FloatArray, loops: Sequence[Sequence[LoopSide]]
     ) -> None:
         """Let closed edges round an axis begin where it has its zero direction."""
         across = cross(axis, zero)
         for loop in loops:
             points = loop_points(loop, self.pieces, self.curves)
-            if winding(place, axis, points):
+            if winding_number(place, axis, points):
                 offset = points - place
                 angle = np.abs(np.arctan2(offset @ across, offset @ zero))
                 self._begin(loop, lambda x: float((x - place) @ across), angle)
 
-    def _begin(self, loop: Sequence[Side], off: Callable[[FloatArray], float], level: FloatArray) -> None:
+    def _begin(self, loop: Sequence[LoopSide], off: Callable[[FloatArray], float], level: FloatArray) -> None:
         number = loop[0].piece
         piece = self.pieces[number]
         if not piece.is_loop or number in self._begun:
@@ -278,24 +280,24 @@ class Seams:
             half = (low + high) / 2
             same = off(curve.at(np.array([low]))[0]) * off(curve.at(np.array([half]))[0]) > 0
             low, high = (half, high) if same else (low, half)
-        start = curve.wrapped((low + high) / 2)
+        start = curve.wrap((low + high) / 2)
         self.pieces[number] = replace(piece, low=start, high=start + period)
         self._begun.add(number)
 
-    def _parameters(self, side: Side) -> FloatArray:
+    def _parameters(self, side: LoopSide) -> FloatArray:
         piece = self.pieces[side.piece]
         t = np.linspace(piece.low, piece.high, _N_SAMPLES, endpoint=False)
         return t if side.is_forward else piece.high + piece.low - t
 
     def _corner_side(
-        self, place: FloatArray, axis: FloatArray, loops: Sequence[Sequence[Side]]
+        self, place: FloatArray, axis: FloatArray, loops: Sequence[Sequence[LoopSide]]
     ) -> FloatArray:
         """The direction (3,) across the axis of where a loop that goes round it begins; else a plain one."""
         for loop in loops:
             first = self.pieces[loop[0].piece]
             if first.is_loop and loop[0].piece not in self._begun:
                 continue
-            if winding(place, axis, loop_points(loop, self.pieces, self.curves)):
+            if winding_number(place, axis, loop_points(loop, self.pieces, self.curves)):
                 t = first.low if loop[0].is_forward else first.high
                 corner = self.curves[first.curve].at(np.array([t]))[0] - place
                 radial = corner - (corner @ axis) * axis

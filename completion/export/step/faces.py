@@ -9,9 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.export.step.folds import FoldCurve
-from completion.export.step.kernel import kernel, kernel_errors, kernel_point, winding
-from completion.export.step.pieces import Corner, Piece, RegionLoops, Side, loop_points, nested
+from completion.export.step.folds import ContactCurve
+from completion.export.step.kernel import kernel, kernel_errors, kernel_point, winding_number
+from completion.export.step.pieces import (
+    CurveCorner,
+    CurvePiece,
+    LoopSide,
+    RegionLoops,
+    loop_points,
+    nest_loops,
+)
 from completion.export.step.regions import PartRegions
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Cone, Sphere, Surface, Torus
@@ -21,22 +28,22 @@ _MOST_SAMPLES = 20_000
 _TURN = 0.3  # radians between triangles
 
 
-class Shares(NamedTuple):
+class FaceShares(NamedTuple):
     """Share of a face's area near its region's points, and share of the points near the face."""
 
     measured: float
     held: float
 
 
-def shares_of(face: Any, points: FloatArray, spacing: float) -> Shares:
+def shares_of(face: Any, points: FloatArray, spacing: float) -> FaceShares:
     """Return what of a face was measured by the points (n, 3) of its region, mm."""
     corners, triangles = triangles_of(face, 0.2 * spacing)
     if not len(triangles):
-        return Shares(0.0, 0.0)
-    samples = _sampled(corners[triangles], spacing)
+        return FaceShares(0.0, 0.0)
+    samples = _sample_triangles(corners[triangles], spacing)
     near = cKDTree(points).query(samples)[0] <= _NEAR * spacing
     held = cKDTree(samples).query(points)[0] <= _NEAR * spacing
-    return Shares(float(near.mean()), float(held.mean()))
+    return FaceShares(float(near.mean()), float(held.mean()))
 
 
 def triangles_of(shape: Any, sag: float) -> tuple[FloatArray, IntArray]:
@@ -60,7 +67,7 @@ def triangles_of(shape: Any, sag: float) -> tuple[FloatArray, IntArray]:
     return np.array(corners).reshape(-1, 3), np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
 
-def _sampled(corners: FloatArray, spacing: float) -> FloatArray:
+def _sample_triangles(corners: FloatArray, spacing: float) -> FloatArray:
     """Points (k, 3) spread over triangles (m, 3, 3), about a sampling distance apart."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.cumsum(np.linalg.norm(across, axis=1) / 2)
@@ -105,10 +112,10 @@ def plain_seams(face: Any) -> None:
             continue
         done.append(edge)
         if not tool.Degenerated_s(edge) and tool.IsClosed_s(edge, face):
-            _straighten(edge, face)
+            _straighten_edge(edge, face)
 
 
-def _straighten(edge: Any, face: Any) -> None:
+def _straighten_edge(edge: Any, face: Any) -> None:
     modules = kernel()
     tool, flags = modules.BRep.BRep_Tool, modules.TopAbs.TopAbs_Orientation
     surface = tool.Surface_s(face)
@@ -164,9 +171,9 @@ class EdgeMaker:
 
     def __init__(
         self,
-        pieces: Sequence[Piece],
-        curves: Sequence[FoldCurve],
-        corners: Sequence[Corner],
+        pieces: Sequence[CurvePiece],
+        curves: Sequence[ContactCurve],
+        corners: Sequence[CurveCorner],
         surfaces: Sequence[Surface],
     ) -> None:
         self.pieces, self.curves, self.corners, self.surfaces = pieces, curves, corners, surfaces
@@ -182,7 +189,7 @@ class EdgeMaker:
                 self._vertices[corner] = known
         return known
 
-    def off(self, piece: Piece) -> float:
+    def off(self, piece: CurvePiece) -> float:
         """How far a piece is off its surfaces, mm."""
         curve = self.curves[piece.curve]
         points = curve.at(np.linspace(piece.low, piece.high, _N_CHECKED))
@@ -191,10 +198,10 @@ class EdgeMaker:
     def edge(self, place: int) -> Any:
         """The edge of a piece, running as its curve does."""
         if place not in self._edges:
-            self._edges[place] = self._made(self.pieces[place])
+            self._edges[place] = self._make_edge(self.pieces[place])
         return self._edges[place]
 
-    def _made(self, piece: Piece) -> Any:
+    def _make_edge(self, piece: CurvePiece) -> Any:
         curve, build = self.curves[piece.curve], kernel().BRep.BRep_Builder()
         tolerance = max(1.5 * self.off(piece), _LEAST_TOLERANCE)
         edge = kernel().TopoDS.TopoDS_Edge()
@@ -223,7 +230,7 @@ class TrimmedFace(NamedTuple):
     reason: str = ""
 
 
-def trimmed_face(shape: Any, loops: Sequence[Sequence[Side]], make: EdgeMaker) -> TrimmedFace:
+def trimmed_face(shape: Any, loops: Sequence[Sequence[LoopSide]], make: EdgeMaker) -> TrimmedFace:
     """Return the face of a kernel's surface within loops; all of a closed surface without any."""
     modules = kernel()
     build = modules.BRep.BRep_Builder()
@@ -314,15 +321,15 @@ class FaceMaker:
 
     def faces(self, surface: Surface, shape: Any, loops: RegionLoops, points: FloatArray) -> RegionFaces:
         """The faces of a region of points (n, 3), or why there are none."""
-        if loops.rest:
-            return RegionFaces([], reason=self._open(loops.rest))
+        if loops.open_chains:
+            return RegionFaces([], reason=self._open_between(loops.open_chains))
         try:
-            made = self._made(surface, shape, loops, points)
-            return made if made.reason else self._checked(made, points, is_bounded=bool(loops.closed))
+            made = self._make_faces(surface, shape, loops, points)
+            return made if made.reason else self._check_faces(made, points, is_bounded=bool(loops.closed))
         except kernel_errors():
             return RegionFaces([], reason="the kernel could not trim it")
 
-    def _open(self, chains: Sequence[Sequence[Side]]) -> str:
+    def _open_between(self, chains: Sequence[Sequence[LoopSide]]) -> str:
         """Between which surfaces a boundary is open."""
         ends = [side for chain in chains for side in (chain[0], chain[-1])]
         curves, pieces = self.make.curves, self.make.pieces
@@ -332,7 +339,9 @@ class FaceMaker:
         )
         return f"its boundary is open where surfaces {numbers} should meet"
 
-    def _made(self, surface: Surface, shape: Any, loops: RegionLoops, points: FloatArray) -> RegionFaces:
+    def _make_faces(
+        self, surface: Surface, shape: Any, loops: RegionLoops, points: FloatArray
+    ) -> RegionFaces:
         make = self.make
         if not loops.closed:
             size = getattr(surface, "tube_radius", getattr(surface, "radius", 0.0))
@@ -343,23 +352,23 @@ class FaceMaker:
             rim = self._rim(surface, loops.closed[0])
             if rim is not None:
                 return RegionFaces([tipped_face(surface, shape, rim)])
-        groups = nested(surface, loops.closed, make.pieces, make.curves, points)
+        groups = nest_loops(surface, loops.closed, make.pieces, make.curves, points)
         faces = [trimmed_face(shape, group, make) for group in groups]
         failed = [face.reason for face in faces if face.face is None]
         if failed or not faces:
             return RegionFaces([], reason=failed[0] if failed else "its loops enclose none of its points")
         return RegionFaces([face.face for face in faces])
 
-    def _rim(self, cone: Cone, loop: Sequence[Side]) -> FloatArray | None:
+    def _rim(self, cone: Cone, loop: Sequence[LoopSide]) -> FloatArray | None:
         """A point (3,) of a loop round a cone's axis that all lies at one height; None of others."""
         points = loop_points(loop, self.make.pieces, self.make.curves)
         height = (points - cone.point) @ cone.direction
-        if np.ptp(height) > 1e-6 or not winding(cone.point, cone.direction, points):
+        if np.ptp(height) > 1e-6 or not winding_number(cone.point, cone.direction, points):
             return None
         first: FloatArray = points[0]
         return first
 
-    def _checked(self, made: RegionFaces, points: FloatArray, *, is_bounded: bool) -> RegionFaces:
+    def _check_faces(self, made: RegionFaces, points: FloatArray, *, is_bounded: bool) -> RegionFaces:
         """The faces, if they hold their points, and were measured."""
         if not all(is_valid(face) for face in made.faces):
             return RegionFaces([], reason="the kernel finds its trimmed face invalid")

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from completion.export.step.kernel import (
     chord_lengths,
     circle_through,
-    interpolated,
+    interpolate,
     kernel,
     kernel_errors,
     kernel_point,
@@ -33,7 +33,7 @@ _N_STEPS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoldCurve:
+class ContactCurve:
     """A curve on which two surfaces meet, millimetres.
 
     Attributes
@@ -90,10 +90,10 @@ class FoldCurve:
                 t += float((point - foot) @ along) / max(float(along @ along), 1e-300)
                 if not self.is_closed:
                     t = min(max(t, self.low), self.high)
-            feet_t[place] = self.wrapped(t)
+            feet_t[place] = self.wrap(t)
         return feet_t, np.linalg.norm(self.at(feet_t) - points, axis=1)
 
-    def wrapped(self, t: float) -> float:
+    def wrap(self, t: float) -> float:
         """The parameter within its period."""
         return self.low + (t - self.low) % (self.high - self.low) if self.is_closed else t
 
@@ -103,17 +103,17 @@ def curve_points(geometry: Any, t: FloatArray) -> FloatArray:
     return np.array([geometry.Value(float(parameter)).Coord() for parameter in t]).reshape(-1, 3)
 
 
-def tabled(
+def tabulate(
     pair: tuple[int, int], geometry: Any, span: tuple[float, float], step: float, *, is_closed: bool,
     is_tangent: bool,
-) -> FoldCurve:  # fmt: skip
+) -> ContactCurve:  # fmt: skip
     """The curve with a table of points about a quarter of `step` apart."""
     low, high = span
     coarse = curve_points(geometry, np.linspace(low, high, _LEAST_POINTS))
     length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
     n = int(np.clip(_FINE * length / step, _LEAST_POINTS, _MOST_POINTS))
     t = np.linspace(low, high, n, endpoint=not is_closed)
-    return FoldCurve(
+    return ContactCurve(
         pair=pair, geometry=geometry, low=low, high=high, is_closed=is_closed, is_tangent=is_tangent,
         t=t, points=curve_points(geometry, t),
     )  # fmt: skip
@@ -125,7 +125,7 @@ _MOST_STEPS = 4000
 _MOST_TURN = np.radians(12.0)  # between steps
 
 
-class Settled(NamedTuple):
+class CurvePoints(NamedTuple):
     """Points (n, 3) moved onto the curve, its directions (n, 3), their gaps (n,), and which hold (n,)."""
 
     points: FloatArray
@@ -134,12 +134,14 @@ class Settled(NamedTuple):
     holds: BoolArray
 
 
-def settled(surface: Surface, two: Surface, points: FloatArray, *, touching: bool) -> Settled:
+def project_on_curve(surface: Surface, two: Surface, points: FloatArray, *, touching: bool) -> CurvePoints:
     """Move points (n, 3) near the curve of two surfaces onto it."""
-    return _touching(surface, two, points) if touching else _crossing(surface, two, points)
+    return (
+        _project_on_contact(surface, two, points) if touching else _project_on_crossing(surface, two, points)
+    )
 
 
-def _crossing(surface: Surface, two: Surface, points: FloatArray) -> Settled:
+def _project_on_crossing(surface: Surface, two: Surface, points: FloatArray) -> CurvePoints:
     x = points.copy()
     for _ in range(_N_TRACING_STEPS):
         a, b = surface.normal(x), two.normal(x)
@@ -155,10 +157,10 @@ def _crossing(surface: Surface, two: Surface, points: FloatArray) -> Settled:
     along = along / np.maximum(size, 1e-300)[:, None]
     gap = np.maximum(np.abs(surface.distance(x)), np.abs(two.distance(x)))
     holds = np.isfinite(x).all(axis=1) & (gap < 1e-6) & (size > 1e-3)
-    return Settled(x, along, gap, holds)
+    return CurvePoints(x, along, gap, holds)
 
 
-def _touching(surface: Surface, two: Surface, points: FloatArray) -> Settled:
+def _project_on_contact(surface: Surface, two: Surface, points: FloatArray) -> CurvePoints:
     x, small = points.copy(), 1e-4
     side = np.sign(np.einsum("ij,ij->i", surface.normal(x), two.normal(x)))
     side = np.where(side == 0, 1.0, side)
@@ -178,8 +180,8 @@ def _touching(surface: Surface, two: Surface, points: FloatArray) -> Settled:
         flat = np.eye(3) - up[:, :, None] * up[:, None, :]
         u, s, vt = np.linalg.svd(flat @ bend @ flat)
         across = vt[:, 0]
-        rest = np.einsum("ij,ij->i", u[:, :, 0], a - b)
-        away = np.where(s[:, 0] > 1e-9, rest / np.maximum(s[:, 0], 1e-9), 0.0)
+        turn = np.einsum("ij,ij->i", u[:, :, 0], a - b)
+        away = np.where(s[:, 0] > 1e-9, turn / np.maximum(s[:, 0], 1e-9), 0.0)
         step = away[:, None] * across + middle[:, None] * up
         x = x - step
         if np.abs(step).max(initial=0.0) < _TRACING_EXACT:
@@ -189,10 +191,10 @@ def _touching(surface: Surface, two: Surface, points: FloatArray) -> Settled:
     along = along / np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
     gap = np.abs(surface.distance(x) - side * two.distance(x)) / 2
     holds = np.isfinite(x).all(axis=1) & (np.einsum("ij,ij->i", a, b) > np.cos(np.radians(10.0)))
-    return Settled(x, along, gap, holds)
+    return CurvePoints(x, along, gap, holds)
 
 
-class Traced(NamedTuple):
+class CurvePath(NamedTuple):
     """Points (n, 3) in order along a curve, and whether it returns to the first."""
 
     points: FloatArray
@@ -200,15 +202,15 @@ class Traced(NamedTuple):
     gap: float
 
 
-def traced(
+def trace_curve(
     surface: Surface, two: Surface, contacts: FloatArray, spacing: float, *, touching: bool
-) -> Traced | None:
+) -> CurvePath | None:
     """Follow the curve of two surfaces as far as there are contacts (n, 3), and some way beyond.
 
     None where no contact leads to such a curve within two sampling distances.
     """
     sample = contacts[:: max(1, len(contacts) // 200)]
-    start = settled(surface, two, sample, touching=touching)
+    start = project_on_curve(surface, two, sample, touching=touching)
     good = start.holds & (np.linalg.norm(start.points - sample, axis=1) < 2 * spacing)
     if good.sum() < 2:
         return None
@@ -219,13 +221,13 @@ def traced(
     ahead, is_closed = follow.from_point(first[centre], start.along[good][centre])
     gap = float(np.median(start.gap[good]))
     if is_closed:
-        return Traced(ahead, True, gap)
+        return CurvePath(ahead, True, gap)
     behind, _ = follow.from_point(first[centre], -start.along[good][centre])
-    return Traced(np.concatenate([behind[:0:-1], ahead]), False, gap)
+    return CurvePath(np.concatenate([behind[:0:-1], ahead]), False, gap)
 
 
 class _Follower(NamedTuple):
-    one: Surface
+    surface: Surface
     two: Surface
     tree: cKDTree
     spacing: float
@@ -236,7 +238,9 @@ class _Follower(NamedTuple):
         path, step, lost, gone = [start], self.spacing / 1.5, 0.0, 0.0
         here, way = start, along
         for _ in range(_MOST_STEPS):
-            next_ = settled(self.one, self.two, (here + step * way)[None], touching=self.touching)
+            next_ = project_on_curve(
+                self.surface, self.two, (here + step * way)[None], touching=self.touching
+            )
             ahead = next_.along[0] * np.sign(next_.along[0] @ way)
             moved = float(np.linalg.norm(next_.points[0] - here))
             fine = bool(next_.holds[0]) and 0.3 * step < moved < 1.7 * step
@@ -280,13 +284,13 @@ class FoldFinder:
         self.surfaces, self.shapes = surfaces, shapes
         self.spacing, self.tolerance = spacing, max(4 * noise, 0.01 * spacing, 1e-4)
 
-    def between(self, pair: tuple[int, int], contacts: FloatArray) -> list[FoldCurve]:
+    def curves_between(self, pair: tuple[int, int], contacts: FloatArray) -> list[ContactCurve]:
         """The curves of a pair that contacts (n, 3) are near."""
-        folds, left = list[FoldCurve](), contacts
+        folds, left = list[ContactCurve](), contacts
         for geometry in self._conics(pair):
             if len(left) < 2:
                 break
-            curve = self._bounded(pair, geometry, left, is_tangent=False)
+            curve = self._trim_curve(pair, geometry, left, is_tangent=False)
             if curve is None:
                 continue
             near = curve.tree.query(left)[0] < _NEAR * self.spacing
@@ -297,13 +301,13 @@ class FoldFinder:
         for _ in range(_MOST_CURVES):
             if len(left) < 3:
                 break
-            curve = self._followed(pair, left)
+            curve = self._follow_curve(pair, left)
             if curve is None:
                 break
             left = self._add(folds, curve, left)
         return folds
 
-    def _add(self, folds: list[FoldCurve], curve: FoldCurve, left: FloatArray) -> FloatArray:
+    def _add(self, folds: list[ContactCurve], curve: ContactCurve, left: FloatArray) -> FloatArray:
         """Add a curve, unless it is there already; return the contacts (n, 3) that are not near it."""
         same = [fold for fold in folds if np.median(fold.tree.query(curve.points)[0]) < _SAME * self.spacing]
         if not same:
@@ -345,13 +349,13 @@ class FoldFinder:
             turned = float(np.linalg.norm(np.cross(axes[0], axes[1])))
         return apart < 1e-7 and turned < 1e-10
 
-    def _bounded(
+    def _trim_curve(
         self, pair: tuple[int, int], geometry: Any, contacts: FloatArray, *, is_tangent: bool
-    ) -> FoldCurve | None:
+    ) -> ContactCurve | None:
         """The part of a curve that contacts (n, 3) are near, and some way beyond; all of a closed one."""
         if type(geometry).__name__ in _CLOSED:
             span = (0.0, 2 * np.pi)
-            return tabled(pair, geometry, span, self.spacing, is_closed=True, is_tangent=is_tangent)
+            return tabulate(pair, geometry, span, self.spacing, is_closed=True, is_tangent=is_tangent)
         sample = contacts[:: max(1, len(contacts) // 300)]
         project = kernel().GeomAPI.GeomAPI_ProjectPointOnCurve
         feet = list[float]()
@@ -365,9 +369,9 @@ class FoldFinder:
         speed = np.linalg.norm(np.diff(curve_points(geometry, np.array([low, low + 1e-4])), axis=0)) / 1e-4
         margin = (6 * self.spacing) / max(float(speed), 1e-9) + 0.25 * (high - low)
         span = (low - margin, high + margin)
-        return tabled(pair, geometry, span, self.spacing, is_closed=False, is_tangent=is_tangent)
+        return tabulate(pair, geometry, span, self.spacing, is_closed=False, is_tangent=is_tangent)
 
-    def _instead(self, curve: FoldCurve, contacts: FloatArray) -> FoldCurve | None:
+    def _instead(self, curve: ContactCurve, contacts: FloatArray) -> ContactCurve | None:
         """The curve in which the surfaces touch, where they cross so flatly that they are meant to."""
         surface, two = (self.surfaces[place] for place in curve.pair)
         near = curve.points[np.unique(curve.tree.query(contacts)[1])]
@@ -375,50 +379,50 @@ class FoldFinder:
         flat = float(np.median(turn))
         if flat > _SMOOTH:
             return None
-        return self._touched(curve.pair, contacts, flat)
+        return self._tangent_curve(curve.pair, contacts, flat)
 
-    def _touched(self, pair: tuple[int, int], contacts: FloatArray, flat: float) -> FoldCurve | None:
+    def _tangent_curve(self, pair: tuple[int, int], contacts: FloatArray, flat: float) -> ContactCurve | None:
         surface, two = (self.surfaces[place] for place in pair)
-        path = traced(surface, two, contacts, self.spacing, touching=True)
+        path = trace_curve(surface, two, contacts, self.spacing, touching=True)
         most = self.tolerance if flat > np.radians(4.0) else max(self.tolerance, 0.2 * self.spacing)
         if path is None or path.gap > most or len(path.points) < 4:
             return None
         return self._curve(pair, path, contacts, touching=True)
 
-    def _followed(self, pair: tuple[int, int], contacts: FloatArray) -> FoldCurve | None:
+    def _follow_curve(self, pair: tuple[int, int], contacts: FloatArray) -> ContactCurve | None:
         """A curve that the kernel gave no conic for."""
         surface, two = (self.surfaces[place] for place in pair)
-        path = traced(surface, two, contacts, self.spacing, touching=False)
+        path = trace_curve(surface, two, contacts, self.spacing, touching=False)
         if path is None or len(path.points) < 4:
-            return self._touched(pair, contacts, 0.0)
+            return self._tangent_curve(pair, contacts, 0.0)
         curve = self._curve(pair, path, contacts, touching=False)
         if curve is None:
-            return self._touched(pair, contacts, 0.0)
+            return self._tangent_curve(pair, contacts, 0.0)
         return self._instead(curve, contacts) or curve
 
     def _curve(
-        self, pair: tuple[int, int], path: Traced, contacts: FloatArray, *, touching: bool
-    ) -> FoldCurve | None:
+        self, pair: tuple[int, int], path: CurvePath, contacts: FloatArray, *, touching: bool
+    ) -> ContactCurve | None:
         """A path as a line, a circle or a spline."""
         exact = max(1e-6, 0.02 * self.spacing, path.gap) if touching else 1e-6
         plain = line_through(path.points, exact) or circle_through(path.points, exact)
         if plain is not None:
-            return self._bounded(pair, plain, contacts, is_tangent=touching)
+            return self._trim_curve(pair, plain, contacts, is_tangent=touching)
         geometry = self._spline(pair, path, touching=touching)
         if geometry is None:
             return None
         span = (geometry.FirstParameter(), geometry.LastParameter())
-        return tabled(pair, geometry, span, self.spacing, is_closed=path.is_closed, is_tangent=touching)
+        return tabulate(pair, geometry, span, self.spacing, is_closed=path.is_closed, is_tangent=touching)
 
-    def _spline(self, pair: tuple[int, int], path: Traced, *, touching: bool) -> Any | None:
+    def _spline(self, pair: tuple[int, int], path: CurvePath, *, touching: bool) -> Any | None:
         """The spline through a path, made finer until it lies on both surfaces."""
         surface, two = (self.surfaces[place] for place in pair)
         points = path.points
-        geometry = interpolated(points, is_closed=path.is_closed)
+        geometry = interpolate(points, is_closed=path.is_closed)
         while geometry is not None and len(points) < _MOST_KNOTS:
             knots = chord_lengths(points, path.is_closed)
             between = curve_points(geometry, (knots[1:] + knots[:-1]) / 2)
-            there = settled(surface, two, between, touching=touching)
+            there = project_on_curve(surface, two, between, touching=touching)
             off = np.linalg.norm(there.points - between, axis=1)
             if not there.holds.all() or off.max() <= (_EXACT if not touching else 1e-4):
                 break
@@ -427,5 +431,5 @@ class FoldFinder:
             finer[0::2][:n] = points
             finer[1::2][: len(between)] = there.points
             points = finer
-            geometry = interpolated(points, is_closed=path.is_closed)
+            geometry = interpolate(points, is_closed=path.is_closed)
         return geometry

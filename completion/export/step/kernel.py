@@ -102,7 +102,7 @@ def chord_lengths(points: FloatArray, is_closed: bool) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(whole, axis=0), axis=1))])
 
 
-def interpolated(points: FloatArray, *, is_closed: bool) -> Any | None:
+def interpolate(points: FloatArray, *, is_closed: bool) -> Any | None:
     """The spline through points (n, 3); None where the kernel finds none."""
     array = kernel().collections.HArray1_gp_Pnt(1, len(points))
     for place, point in enumerate(points, start=1):
@@ -155,7 +155,7 @@ def axis_of(surface: Cylinder | Cone | Torus) -> tuple[FloatArray, FloatArray]:
     return (surface.centre if isinstance(surface, Torus) else surface.point), surface.direction
 
 
-def winding(place: FloatArray, axis: FloatArray, points: FloatArray) -> int:
+def winding_number(place: FloatArray, axis: FloatArray, points: FloatArray) -> int:
     """How often closed points (n, 3) go round an axis."""
     first = plain_zero(axis)
     return turns_of(np.arctan2((points - place) @ cross(axis, first), (points - place) @ first))
@@ -205,7 +205,7 @@ def step_bytes(shape: Any, faces: Sequence[NamedFace], name: str) -> bytes:
         kernel().TDataStd.TDataStd_Name.Set_s(label, text(face.name))
         colours.SetColor(label, _colour(face.colour), xcaf.XCAFDoc_ColorType.XCAFDoc_ColorSurf)
         layers.SetLayer(label, text(face.layer))
-    return _written(document, name)
+    return _write_document(document, name)
 
 
 def _document(shape: Any, name: str) -> tuple[Any, Any]:
@@ -223,7 +223,7 @@ def _colour(colour: tuple[int, int, int]) -> Any:
     return kind.Quantity_Color(red, green, blue, kind.Quantity_TypeOfColor.Quantity_TOC_sRGB)
 
 
-def _written(document: Any, name: str) -> bytes:
+def _write_document(document: Any, name: str) -> bytes:
     static = kernel().Interface.Interface_Static
     writer = kernel().STEPCAFControl.STEPCAFControl_Writer()
     for key, value in (
@@ -276,12 +276,12 @@ def spline_surface(patch: SplinePatch) -> Any:
     for row in range(n):
         for column in range(m):
             held.SetValue(row + 1, column + 1, kernel_point(patch.controls[row, column]))
-    knots, counts = zip(*(_counted(knot) for knot in patch.knots), strict=True)
+    knots, counts = zip(*(_knot_multiplicities(knot) for knot in patch.knots), strict=True)
     arguments = (*knots, *counts, *patch.degree, False, False)
     return kernel().Geom.Geom_BSplineSurface(held, *arguments)
 
 
-def _counted(knots: FloatArray) -> tuple[Any, Any]:
+def _knot_multiplicities(knots: FloatArray) -> tuple[Any, Any]:
     """The knots without repetition, and how often each stands there, as arrays of the kernel."""
     values, counts = np.unique(knots, return_counts=True)
     held = kernel().collections.Array1_double(1, len(values))

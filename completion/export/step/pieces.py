@@ -24,7 +24,7 @@ from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 from shapely import Point, Polygon
 
-from completion.export.step.folds import FoldCurve
+from completion.export.step.folds import ContactCurve
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Plane, Surface
 
@@ -36,7 +36,7 @@ _MEET = 0.5  # sampling distances that curves may be apart where they meet
 
 
 @dataclass(slots=True, eq=False)
-class Corner:
+class CurveCorner:
     """A point (3,), millimetres, where curves meet: their parameters by place, how far they are off it.
 
     Or where one ends that meets none (`is_free`).
@@ -61,7 +61,7 @@ class _Crossing:
         return not self.is_steep, round(self.gap, 9)
 
 
-def corners_of(curves: Sequence[FoldCurve], spacing: float) -> list[Corner]:
+def corners_of(curves: Sequence[ContactCurve], spacing: float) -> list[CurveCorner]:
     """Return the corners of curves, millimetres."""
     crossings = [
         crossing
@@ -70,13 +70,13 @@ def corners_of(curves: Sequence[FoldCurve], spacing: float) -> list[Corner]:
         if set(curves[a].pair) & set(curves[b].pair) and _may_meet(curves[a], curves[b], spacing)
         for crossing in _crossings(a, b, curves, spacing)
     ]
-    corners = list[Corner]()
+    corners = list[CurveCorner]()
     for group in _groups(crossings, _MERGED * spacing):
         best = min(group, key=lambda crossing: crossing.rank)
-        alike = [crossing for crossing in group if crossing.is_steep == best.is_steep]
-        exact = [crossing.point for crossing in alike if crossing.gap <= max(1e-7, 1.5 * best.gap)]
+        candidates = [crossing for crossing in group if crossing.is_steep == best.is_steep]
+        exact = [crossing.point for crossing in candidates if crossing.gap <= max(1e-7, 1.5 * best.gap)]
         near = [point for point in exact if np.linalg.norm(point - best.point) < 1e-3 * spacing]
-        corner = Corner(np.mean(near, axis=0))
+        corner = CurveCorner(np.mean(near, axis=0))
         for place in sorted({curve for crossing in group for curve in crossing.curves}):
             t, off = curves[place].feet(corner.point[None])
             corner.at[place] = [float(t[0])]
@@ -85,13 +85,13 @@ def corners_of(curves: Sequence[FoldCurve], spacing: float) -> list[Corner]:
     return corners
 
 
-def _may_meet(fold: FoldCurve, two: FoldCurve, spacing: float) -> bool:
+def _may_meet(fold: ContactCurve, two: ContactCurve, spacing: float) -> bool:
     low = np.maximum(fold.points.min(axis=0), two.points.min(axis=0))
     high = np.minimum(fold.points.max(axis=0), two.points.max(axis=0))
     return bool((low <= high + spacing).all())
 
 
-def _crossings(a: int, b: int, curves: Sequence[FoldCurve], spacing: float) -> Iterator[_Crossing]:
+def _crossings(a: int, b: int, curves: Sequence[ContactCurve], spacing: float) -> Iterator[_Crossing]:
     """Where two curves are nearest to each other, and near enough."""
     fold, two = curves[a], curves[b]
     apart, nearest = two.tree.query(fold.points)
@@ -112,27 +112,27 @@ def _crossings(a: int, b: int, curves: Sequence[FoldCurve], spacing: float) -> I
                 yield _Crossing((a, b), point, gap, _sine(fold, t, two, s) > _STEEP)
 
 
-def _nearest(fold: FoldCurve, two: FoldCurve, t: float, s: float) -> tuple[float, float, float]:
+def _nearest(fold: ContactCurve, two: ContactCurve, t: float, s: float) -> tuple[float, float, float]:
     """Parameters at which two curves are nearest, from near ones on, and the distance there."""
     for _ in range(_N_STEPS):
         p, u = fold.slope(t)
         q, v = two.slope(s)
         matrix = np.column_stack([u, -v])
         change = np.linalg.lstsq(matrix, q - p, rcond=1e-6)[0]
-        t, s = _kept(fold, t + float(change[0])), _kept(two, s + float(change[1]))
+        t, s = _clamp_parameter(fold, t + float(change[0])), _clamp_parameter(two, s + float(change[1]))
         if np.abs(matrix @ change).max() < 1e-12 and np.linalg.norm(u) * abs(change[0]) < 1e-10:
             break
     return t, s, float(np.linalg.norm(fold.slope(t)[0] - two.slope(s)[0]))
 
 
-def _sine(fold: FoldCurve, t: float, two: FoldCurve, s: float) -> float:
+def _sine(fold: ContactCurve, t: float, two: ContactCurve, s: float) -> float:
     """Sine of the angle between two curves at parameters."""
     u, v = fold.slope(t)[1], two.slope(s)[1]
     return float(np.linalg.norm(np.cross(u, v)) / max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-300))
 
 
-def _kept(curve: FoldCurve, t: float) -> float:
-    return curve.wrapped(t) if curve.is_closed else min(max(t, curve.low), curve.high)
+def _clamp_parameter(curve: ContactCurve, t: float) -> float:
+    return curve.wrap(t) if curve.is_closed else min(max(t, curve.low), curve.high)
 
 
 def _groups(crossings: Sequence[_Crossing], near: float) -> list[list[_Crossing]]:
@@ -159,7 +159,7 @@ _STUB = 1.5  # sampling distances: no end without a corner is shorter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Piece:
+class CurvePiece:
     """A piece of a fold curve: range, corners (-2: a whole closed curve), support, and length (mm)."""
 
     curve: int
@@ -176,43 +176,47 @@ class Piece:
 
 
 def pieces_of(
-    curves: Sequence[FoldCurve],
-    corners: list[Corner],
+    curves: Sequence[ContactCurve],
+    corners: list[CurveCorner],
     contacts: FloatArray,
     between: IntArray,
     step: float,
-) -> list[Piece]:
+) -> list[CurvePiece]:
     """Return all pieces of the curves between their corners, and beyond the last ones as far as measured.
 
     `contacts` (m, 3) are where regions `between` (m, 2) touch, `step` their sampling distance; mm. Free ends
     are added to `corners`.
     """
     fixed = tuple(corners)
-    pieces = list[Piece]()
+    pieces = list[CurvePiece]()
     for place, curve in enumerate(curves):
         members = contacts[(between == curve.pair).all(axis=1)]
-        asked = _Asked(curve, place, cKDTree(members), step, corners)
+        asked = _CurveSplitter(curve, place, cKDTree(members), step, corners)
         at = sorted((t, k) for k, corner in enumerate(fixed) for t in corner.at.get(place, ()))
         if not at:
-            pieces += [asked.whole()] if curve.is_closed else asked.measured(curve.low, curve.high, (-1, -1))
+            pieces += (
+                [asked.whole()]
+                if curve.is_closed
+                else asked.trim_to_contacts(curve.low, curve.high, (-1, -1))
+            )
             continue
         pieces += [asked.piece(t, s, (k, m)) for (t, k), (s, m) in pairwise(at)]
         if curve.is_closed:
             (t, k), (s, m) = at[-1], at[0]
             pieces.append(asked.piece(t, s + curve.high - curve.low, (k, m)))
         else:
-            pieces += asked.measured(curve.low, at[0][0], (-1, at[0][1]))
-            pieces += asked.measured(at[-1][0], curve.high, (at[-1][1], -1))
+            pieces += asked.trim_to_contacts(curve.low, at[0][0], (-1, at[0][1]))
+            pieces += asked.trim_to_contacts(at[-1][0], curve.high, (at[-1][1], -1))
     return [piece for piece in pieces if piece.length > 1e-6]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Asked:
-    curve: FoldCurve
+class _CurveSplitter:
+    curve: ContactCurve
     place: int
     contacts: cKDTree
     step: float
-    corners: list[Corner]
+    corners: list[CurveCorner]
 
     def _samples(self, low: float, high: float) -> tuple[FloatArray, FloatArray, float]:
         """Parameters (n,) between, whether they touch (n,), and the length."""
@@ -222,16 +226,16 @@ class _Asked:
         t = low + (np.arange(n) + 0.5) / n * (high - low)
         return t, self.contacts.query(self.curve.at(t))[0] <= _TOUCH * self.step, length
 
-    def piece(self, low: float, high: float, ends: tuple[int, int]) -> Piece:
+    def piece(self, low: float, high: float, ends: tuple[int, int]) -> CurvePiece:
         """The piece of a range."""
         _, touches, length = self._samples(low, high)
-        return Piece(self.place, low, high, ends, support=float(touches.mean()), length=length)
+        return CurvePiece(self.place, low, high, ends, support=float(touches.mean()), length=length)
 
-    def whole(self) -> Piece:
+    def whole(self) -> CurvePiece:
         """All of a closed curve."""
         return self.piece(self.curve.low, self.curve.high, (-2, -2))
 
-    def measured(self, low: float, high: float, ends: tuple[int, int]) -> list[Piece]:
+    def trim_to_contacts(self, low: float, high: float, ends: tuple[int, int]) -> list[CurvePiece]:
         """The piece of a range, its free ends where contacts end; none where it is a stub."""
         if high - low <= 0:
             return []
@@ -254,13 +258,13 @@ class _Asked:
 
     def _free(self, t: float) -> int:
         """A new corner at a free end."""
-        self.corners.append(Corner(self.curve.at(np.array([t]))[0], {self.place: [t]}, is_free=True))
+        self.corners.append(CurveCorner(self.curve.at(np.array([t]))[0], {self.place: [t]}, is_free=True))
         return len(self.corners) - 1
 
 
-def chosen(
-    pieces: Sequence[Piece], curves: Sequence[FoldCurve], corners: Sequence[Corner], step: float
-) -> list[Piece]:
+def choose_pieces(
+    pieces: Sequence[CurvePiece], curves: Sequence[ContactCurve], corners: Sequence[CurveCorner], step: float
+) -> list[CurvePiece]:
     """Return the pieces that bound regions."""
     if not pieces:
         return []
@@ -291,10 +295,10 @@ def chosen(
     return _through(kept, curves)
 
 
-def _through(pieces: list[Piece], curves: Sequence[FoldCurve]) -> list[Piece]:
+def _through(pieces: list[CurvePiece], curves: Sequence[ContactCurve]) -> list[CurvePiece]:
     """Pieces with those made one that follow each other at a corner where nothing else meets."""
     at = dict[int, list[int]]()
-    alive: dict[int, Piece] = dict(enumerate(pieces))
+    alive: dict[int, CurvePiece] = dict(enumerate(pieces))
     for place, piece in alive.items():
         for corner in piece.ends:
             if corner >= 0:
@@ -318,7 +322,7 @@ def _through(pieces: list[Piece], curves: Sequence[FoldCurve]) -> list[Piece]:
         length = piece.length + two.length
         support = (piece.support * piece.length + two.support * two.length) / length
         ends = (piece.ends[0], two.ends[1])
-        alive[a] = Piece(
+        alive[a] = CurvePiece(
             piece.curve, piece.low, two.high + turns * period, ends, support=support, length=length
         )
         del alive[b]
@@ -331,7 +335,7 @@ _N_SAMPLES = 24  # of a piece, for telling the side
 _ASIDE = 3.0  # sampling distances within which points tell it
 
 
-class Side(NamedTuple):
+class LoopSide(NamedTuple):
     """A piece in a loop: its place, and whether it runs as its curve does."""
 
     piece: int
@@ -341,18 +345,22 @@ class Side(NamedTuple):
 class RegionLoops(NamedTuple):
     """The closed loops of a region, and the pieces of its boundary that do not close."""
 
-    closed: list[list[Side]]
-    rest: list[list[Side]]
+    closed: list[list[LoopSide]]
+    open_chains: list[list[LoopSide]]
 
 
 def loops_of(
-    region: int, pieces: Sequence[Piece], curves: Sequence[FoldCurve], surface: Surface, near: Nearby
+    region: int,
+    pieces: Sequence[CurvePiece],
+    curves: Sequence[ContactCurve],
+    surface: Surface,
+    near: RegionPoints,
 ) -> RegionLoops:
     """Return the loops of a region, each with the region's points on its left, seen against the normal."""
     numbers = [k for k, piece in enumerate(pieces) if region in curves[piece.curve].pair]
     left = {k: near.leftness(pieces[k], curves[pieces[k].curve], surface) for k in numbers}
-    closed = [[Side(k, left[k] >= 0)] for k in numbers if pieces[k].is_loop]
-    rest = list[list[Side]]()
+    closed = [[LoopSide(k, left[k] >= 0)] for k in numbers if pieces[k].is_loop]
+    open_chains = list[list[LoopSide]]()
     unused = {k for k in numbers if not pieces[k].is_loop}
     ends = {k: pieces[k].ends for k in unused}
     at = dict[int, list[int]]()
@@ -368,16 +376,16 @@ def loops_of(
         is_closed = _begin(chain[0], ends) == _end(chain[-1], ends) >= 0
         weight = sum(left[side.piece] * (1 if side.is_forward else -1) for side in chain)
         if weight < 0:
-            chain = [Side(side.piece, not side.is_forward) for side in reversed(chain)]
-        (closed if is_closed else rest).append(chain)
-    return RegionLoops(closed, rest)
+            chain = [LoopSide(side.piece, not side.is_forward) for side in reversed(chain)]
+        (closed if is_closed else open_chains).append(chain)
+    return RegionLoops(closed, open_chains)
 
 
-def _begin(side: Side, ends: dict[int, tuple[int, int]]) -> int:
+def _begin(side: LoopSide, ends: dict[int, tuple[int, int]]) -> int:
     return ends[side.piece][0 if side.is_forward else 1]
 
 
-def _end(side: Side, ends: dict[int, tuple[int, int]]) -> int:
+def _end(side: LoopSide, ends: dict[int, tuple[int, int]]) -> int:
     return ends[side.piece][1 if side.is_forward else 0]
 
 
@@ -387,14 +395,14 @@ def _chain(
     at: dict[int, list[int]],
     unused: set[int],
     left: dict[int, float],
-) -> list[Side]:
+) -> list[LoopSide]:
     """Pieces that follow each other from one on, until they come back or end."""
     forward = left[start] >= 0
     if len(at[ends[start][0]]) % 2:
         forward = True
     elif len(at[ends[start][1]]) % 2:
         forward = False
-    chain = [Side(start, forward)]
+    chain = [LoopSide(start, forward)]
     unused.discard(start)
     origin = _begin(chain[0], ends)
     while True:
@@ -406,12 +414,12 @@ def _chain(
             return chain
         sense = 1 if (left[chain[-1].piece] >= 0) == chain[-1].is_forward else -1
         best = max(options, key=lambda k: sense * left[k] * (1 if ends[k][0] == here else -1))
-        chain.append(Side(best, ends[best][0] == here))
+        chain.append(LoopSide(best, ends[best][0] == here))
         unused.discard(best)
 
 
 def loop_points(
-    loop: Sequence[Side], pieces: Sequence[Piece], curves: Sequence[FoldCurve], n: int = 48
+    loop: Sequence[LoopSide], pieces: Sequence[CurvePiece], curves: Sequence[ContactCurve], n: int = 48
 ) -> FloatArray:
     """Points (k, 3) along a loop, in order, n of each piece."""
     parts = list[FloatArray]()
@@ -422,14 +430,14 @@ def loop_points(
     return np.concatenate(parts)
 
 
-class Nearby:
+class RegionPoints:
     """The points of a region, by which it is told on which side of a piece it lies."""
 
     def __init__(self, points: FloatArray, spacing: float) -> None:
         self.points, self.spacing = points, spacing
         self.tree = cKDTree(points)
 
-    def leftness(self, piece: Piece, curve: FoldCurve, surface: Surface) -> float:
+    def leftness(self, piece: CurvePiece, curve: ContactCurve, surface: Surface) -> float:
         """Positive where the points are on the left of a piece, seen against the surface's normal; in mm."""
         t = piece.low + (np.arange(_N_SAMPLES) + 0.5) / _N_SAMPLES * (piece.high - piece.low)
         value, weight = 0.0, piece.length / _N_SAMPLES
@@ -446,13 +454,13 @@ class Nearby:
 _N_RING_SAMPLES = 24  # of a piece
 
 
-def nested(
+def nest_loops(
     surface: Surface,
-    loops: Sequence[list[Side]],
-    pieces: Sequence[Piece],
-    curves: Sequence[FoldCurve],
+    loops: Sequence[list[LoopSide]],
+    pieces: Sequence[CurvePiece],
+    curves: Sequence[ContactCurve],
     points: FloatArray,
-) -> list[list[list[Side]]]:
+) -> list[list[list[LoopSide]]]:
     """Return the loops (outer first) of each face of a region; on surfaces that are no planes it is one.
 
     On a plane a loop bounds from outside or from inside by how many others it lies in, whatever the region's
@@ -468,7 +476,7 @@ def nested(
         for n in range(len(loops))
     ]
     uv = surface.to_uv(points)
-    faces = list[list[list[Side]]]()
+    faces = list[list[list[LoopSide]]]()
     for n, around in enumerate(inside):
         if len(around) % 2:
             continue
@@ -478,12 +486,14 @@ def nested(
             face = face.difference(shapes[k])
         if not any(face.contains(Point(uv_at)) for uv_at in uv[:: max(1, len(uv) // 2000)]):
             continue
-        faces.append([_turned(loops[n], areas[n] < 0), *(_turned(loops[k], areas[k] > 0) for k in holes)])
+        faces.append(
+            [_orient_loop(loops[n], areas[n] < 0), *(_orient_loop(loops[k], areas[k] > 0) for k in holes)]
+        )
     return faces
 
 
-def _turned(loop: list[Side], is_wrong: bool) -> list[Side]:
-    return [Side(side.piece, not side.is_forward) for side in reversed(loop)] if is_wrong else loop
+def _orient_loop(loop: list[LoopSide], is_wrong: bool) -> list[LoopSide]:
+    return [LoopSide(side.piece, not side.is_forward) for side in reversed(loop)] if is_wrong else loop
 
 
 def _area(ring: FloatArray) -> float:

@@ -13,8 +13,8 @@ from completion.export.step.boundaries import OpenEnds, Seams
 from completion.export.step.faces import MEASURED, EdgeMaker, FaceMaker, is_valid, volume_of
 from completion.export.step.folds import FoldFinder
 from completion.export.step.kernel import NamedFace, kernel, kernel_errors, kernel_surface, step_bytes
-from completion.export.step.pieces import Nearby, chosen, corners_of, loops_of, pieces_of
-from completion.export.step.regions import MM, PartRegions, in_millimetres, joined, without
+from completion.export.step.pieces import RegionPoints, choose_pieces, corners_of, loops_of, pieces_of
+from completion.export.step.regions import MM, PartRegions, drop_regions, in_millimetres, join_regions
 from scenes.checks import InputError
 from scenes.scan.colour import surface_bytes
 
@@ -109,7 +109,7 @@ _SEWN = 0.02  # sampling distances within which edges are one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sewn:
+class SewnShape:
     """A part's shape: solids where it closes, else open shells, mm.
 
     Attributes
@@ -134,7 +134,7 @@ class Sewn:
     is_valid: bool
 
 
-def sewn(faces: Sequence[Any], spacing: float, gap: float) -> Sewn:
+def sewn(faces: Sequence[Any], spacing: float, gap: float) -> SewnShape:
     """Sew faces along the edges that they share, and make solids of the shells that close.
 
     Edges may be `gap` off their surfaces, mm. A shell within another one is a cavity of that.
@@ -146,7 +146,10 @@ def sewn(faces: Sequence[Any], spacing: float, gap: float) -> Sewn:
     sewing.Perform()
     whole = sewing.SewedShape()
     moved = [sewing.ModifiedSubShape(face) if sewing.IsModifiedSubShape(face) else face for face in faces]
-    shells = [*_found(whole, "TopAbs_SHELL"), *map(_shell, _found(whole, "TopAbs_FACE", "TopAbs_SHELL"))]
+    shells = [
+        *_sub_shapes(whole, "TopAbs_SHELL"),
+        *map(_shell, _sub_shapes(whole, "TopAbs_FACE", "TopAbs_SHELL")),
+    ]
     closed = [shell for shell in shells if modules.BRep.BRep_Tool.IsClosed_s(shell)]
     still_open = [shell for shell in shells if not modules.BRep.BRep_Tool.IsClosed_s(shell)]
     solids = _solids([modules.TopoDS.TopoDS.Shell(closed_shell) for closed_shell in closed])
@@ -154,10 +157,10 @@ def sewn(faces: Sequence[Any], spacing: float, gap: float) -> Sewn:
     shape = parts[0] if len(parts) == 1 else _compound(parts)
     volume = sum(volume_of(solid) for solid in solids)
     is_sound = bool(parts) and is_valid(shape)
-    return Sewn(shape, moved, len(solids), len(still_open), volume_mm3=volume, is_valid=is_sound)
+    return SewnShape(shape, moved, len(solids), len(still_open), volume_mm3=volume, is_valid=is_sound)
 
 
-def _found(shape: Any, kind: str, without: str | None = None) -> list[Any]:
+def _sub_shapes(shape: Any, kind: str, without: str | None = None) -> list[Any]:
     """The sub-shapes of a kind, those within others of a second kind left out."""
     modules, kinds = kernel(), kernel().TopAbs.TopAbs_ShapeEnum
     walk = (
@@ -215,14 +218,14 @@ def _solid(shells: Sequence[Any]) -> Any:
     build.MakeSolid(solid)
     for place, shell in enumerate(shells):
         alone = _solid([shell])
-        turned = _found(alone, "TopAbs_SHELL")[0]
+        turned = _sub_shapes(alone, "TopAbs_SHELL")[0]
         build.Add(solid, turned if place == 0 else turned.Reversed())
     return solid
 
 
 def _is_within(shell: Any, solid: Any) -> bool:
     modules = kernel()
-    vertex = modules.TopoDS.TopoDS.Vertex(_found(shell, "TopAbs_VERTEX")[0])
+    vertex = modules.TopoDS.TopoDS.Vertex(_sub_shapes(shell, "TopAbs_VERTEX")[0])
     point = modules.BRep.BRep_Tool.Pnt_s(vertex)
     asked = modules.BRepClass3d.BRepClass3d_SolidClassifier(solid, point, 1e-6)
     return bool(asked.State() == modules.TopAbs.TopAbs_State.TopAbs_IN)
@@ -259,13 +262,13 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
         OCP is not installed (the message names the cure), or no region can be trimmed.
     """
     kernel()
-    whole, left_out = joined(parts), list[FaceOutcome]()
+    whole, left_out = join_regions(parts), list[FaceOutcome]()
     best = _attempt(whole)
     for most in _SMALL:
         small = _small_failures(whole, best.outcomes, most)
         if not small:
             continue
-        fewer = without(whole, small)
+        fewer = drop_regions(whole, small)
         again = _attempt(fewer)
         if again.n_held < best.n_held or again.n_failed + len(small) > best.n_failed:
             continue
@@ -307,7 +310,7 @@ def _attempt(parts: PartRegions) -> _Attempt:
     curves = [
         curve
         for pair in np.unique(parts.between, axis=0).tolist()
-        for curve in finder.between((pair[0], pair[1]), contacts[(parts.between == pair).all(axis=1)])
+        for curve in finder.curves_between((pair[0], pair[1]), contacts[(parts.between == pair).all(axis=1)])
     ]
 
     # 3. Corners: where the folds of one surface meet.
@@ -315,16 +318,16 @@ def _attempt(parts: PartRegions) -> _Attempt:
 
     # 4. Pieces between corners, and the choice of those that close around regions along their contacts.
     pieces = pieces_of(curves, corners, contacts, parts.between, spacing)
-    kept = chosen(pieces, curves, corners, spacing)
+    kept = choose_pieces(pieces, curves, corners, spacing)
 
     # 5. Loops: pieces in order around each region, which lies on their left; open ends close as measured.
-    near = [Nearby(point, spacing) for point in points]
+    near = [RegionPoints(point, spacing) for point in points]
     loops = [loops_of(k, kept, curves, surface, near[k]) for k, surface in enumerate(surfaces)]
 
     ends = OpenEnds(kept, curves, corners, surfaces, spacing)
     is_open = [False] * len(surfaces)
     for k, point in enumerate(points):
-        loops[k], is_open[k] = ends.closed(k, loops[k], point)
+        loops[k], is_open[k] = ends.close_loops(k, loops[k], point)
 
     # 6. Seams: where surfaces that return to themselves are cut open.
     seams = Seams(kept, curves, surfaces)
@@ -372,7 +375,7 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> Step
     """Sew the faces, and write the file."""
     # 8. Shells and solids, and the file.
     n = len(best.outcomes)
-    reason = _told(best.outcomes, n)
+    reason = _failure_text(best.outcomes, n)
     if not best.faces:
         raise InputError(f"no surface could be trimmed for STEP: {reason}")
     try:
@@ -400,7 +403,7 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> Step
     )
 
 
-def _told(outcomes: Sequence[FaceOutcome], n: int) -> str:
+def _failure_text(outcomes: Sequence[FaceOutcome], n: int) -> str:
     """Which surfaces have no face, and why, in one sentence."""
     failed = [outcome for outcome in outcomes if outcome.reason]
     free = [str(outcome.number) for outcome in outcomes if outcome.is_open and not outcome.reason]

@@ -142,7 +142,7 @@ def _contacts(points: FloatArray, members: IntArray, spacing_m: float) -> tuple[
     return middle, np.take_along_axis(between, order, axis=1)
 
 
-def joined(parts: PartRegions) -> PartRegions:
+def join_regions(parts: PartRegions) -> PartRegions:
     """Return regions with those made one that touch and lie on one surface.
 
     A region without an edge of its own to a neighbour is a piece of that: no curve parts them.
@@ -184,7 +184,7 @@ def joined(parts: PartRegions) -> PartRegions:
     )
 
 
-def without(parts: PartRegions, numbers: Sequence[int]) -> PartRegions:
+def drop_regions(parts: PartRegions, numbers: Sequence[int]) -> PartRegions:
     """Return regions without some, given by their places: their neighbours touch across them."""
     kept = [k for k in range(len(parts.regions)) if k not in numbers]
     place = np.full(len(parts.regions), -1)

@@ -95,7 +95,7 @@ def settle(points: FloatArray, faces: Sequence[Surface], labels: IntArray) -> In
     return labels
 
 
-def fitted(
+def fit_labels(
     points: FloatArray, faces: Sequence[Surface], labels: IntArray, least_m: float
 ) -> tuple[tuple[SurfaceFit, ...], IntArray]:
     """Fits to the points (n, 3) of each label, from the face's surface on, and the labels (n,) of these.

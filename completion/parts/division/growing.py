@@ -53,7 +53,7 @@ def hypotheses(kind: str, points: FloatArray, normals: FloatArray) -> list[Surfa
         return []
 
 
-def adjusted(
+def refine_surface(
     surface: Surface, points: FloatArray, tolerance: float, most: int = _MOST_POINTS
 ) -> tuple[Surface, FloatArray] | None:
     """Return the least-squares surface near another, and its covariance (k, k) at this tolerance.
@@ -94,8 +94,8 @@ def _spheres(points: FloatArray, normals: FloatArray) -> list[Surface]:
     """By the squared distances, and where the normals meet."""
     surfaces: list[Surface] = []
     basis = np.column_stack([2 * points, np.ones(len(points))])
-    *centre, rest = np.linalg.lstsq(basis, np.einsum("ij,ij->i", points, points), rcond=None)[0]
-    radius2 = float(rest + np.dot(centre, centre))
+    *centre, constant = np.linalg.lstsq(basis, np.einsum("ij,ij->i", points, points), rcond=None)[0]
+    radius2 = float(constant + np.dot(centre, centre))
     if radius2 > 0:
         surfaces.append(Sphere(centre, np.sqrt(radius2)))
     across = np.eye(3) - np.einsum("ni,nj->nij", normals, normals)
@@ -112,8 +112,8 @@ def _cylinders(points: FloatArray, normals: FloatArray) -> list[Surface]:
     flat, across = points @ frame, normals @ frame
     surfaces: list[Surface] = []
     basis = np.column_stack([2 * flat, np.ones(len(flat))])
-    *middle, rest = np.linalg.lstsq(basis, np.einsum("ij,ij->i", flat, flat), rcond=None)[0]
-    radius2 = float(rest + np.dot(middle, middle))
+    *middle, constant = np.linalg.lstsq(basis, np.einsum("ij,ij->i", flat, flat), rcond=None)[0]
+    radius2 = float(constant + np.dot(middle, middle))
     if radius2 > 0:
         surfaces.append(Cylinder(frame @ np.asarray(middle), axis, np.sqrt(radius2)))
     turned = np.column_stack([-across[:, 1], across[:, 0]])
@@ -170,7 +170,7 @@ def _tori(points: FloatArray, normals: FloatArray) -> list[Surface]:
 
 
 @compiled
-def reached(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray) -> BoolArray:
+def reachable(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray) -> BoolArray:
     """Which points (n,) can be walked to from those in `begin`; `first`, `beside` are a sparse graph's."""
     mask = np.zeros(len(allowed), dtype=np.bool_)
     stack = np.empty(len(allowed), dtype=np.int64)
@@ -202,7 +202,7 @@ _NEARLY_ALL = 0.85
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Grown:
+class GrownRegion:
     """A surface, the points (n,) that it explains, and how much likelier it makes those that were free.
 
     The likelihood is given by its logarithm, less what the surface's parameters cost.
@@ -221,7 +221,7 @@ def score_of(surface: Surface, points: FloatArray, tolerance: float) -> float:
     return float(explained.sum() - cost)
 
 
-def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolArray) -> Grown | None:
+def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolArray) -> GrownRegion | None:
     """Grow a surface from points `begin` (m,) over all that it explains; None where too few are `free` (n,).
 
     Points on the rim of two surfaces are on both: what is explained already still says where a surface is,
@@ -231,12 +231,12 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
     seen: set[int] = set()
     n_least = N_PARAMETERS[surface.kind] + 2
     for _ in range(_N_ROUNDS):
-        pair = adjusted(surface, about.points[members], tolerance)
+        pair = refine_surface(surface, about.points[members], tolerance)
         if pair is None:
             return None
         surface, covariance = pair
-        explained = _explained(about, surface, covariance)
-        new = np.flatnonzero(reached(about.links.indptr, about.links.indices, explained, members))
+        explained = _explained_points(about, surface, covariance)
+        new = np.flatnonzero(reachable(about.links.indptr, about.links.indices, explained, members))
         if np.count_nonzero(free[new]) < n_least:
             return None
         changed = len(np.setxor1d(new, members, assume_unique=True))
@@ -246,10 +246,10 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
             break
         seen.add(mark)
     indices = members[free[members]]
-    return Grown(surface, members, score_of(surface, about.points[indices], tolerance))
+    return GrownRegion(surface, members, score_of(surface, about.points[indices], tolerance))
 
 
-def _explained(about: Neighbourhoods, surface: Surface, covariance: FloatArray) -> BoolArray:
+def _explained_points(about: Neighbourhoods, surface: Surface, covariance: FloatArray) -> BoolArray:
     """Which points (n,) are near enough to the surface where it is known, and turned as it is."""
     tolerance = about.tolerance_m
     distance = np.abs(surface.distance(about.points))
@@ -268,17 +268,17 @@ def _explained(about: Neighbourhoods, surface: Surface, covariance: FloatArray) 
     return explained
 
 
-def best_grown(about: Neighbourhoods, patch: IntArray, free: BoolArray) -> Grown | None:
+def best_grown(about: Neighbourhoods, patch: IntArray, free: BoolArray) -> GrownRegion | None:
     """The surface that explains most from a patch (m,) on, simple kinds first.
 
     Each kind begins from the patch, and from what the kinds before it explained with a margin of two points
     about it: a strip of a torus that a cylinder grew over begins the torus.
     """
-    best: Grown | None = None
+    best: GrownRegion | None = None
     for kind in KINDS:
         begins = [patch]
         if best is not None and len(best.members) > 1.5 * len(patch):
-            begins.append(_widened(about.links, best.members))
+            begins.append(_with_neighbours(about.links, best.members))
         for begin in begins:
             for surface in likely(about, kind, begin):
                 region = grown(about, surface, begin, free)
@@ -287,9 +287,9 @@ def best_grown(about: Neighbourhoods, patch: IntArray, free: BoolArray) -> Grown
     return best
 
 
-def joint(about: Neighbourhoods, both: IntArray) -> Grown | None:
+def joint(about: Neighbourhoods, both: IntArray) -> GrownRegion | None:
     """The surface of most score that explains nearly all of some points (m,), grown from them."""
-    best: Grown | None = None
+    best: GrownRegion | None = None
     everything = np.ones(len(about.points), dtype=np.bool_)
     for kind in KINDS:
         for surface in likely(about, kind, both, _NEARLY_ALL):
@@ -308,7 +308,7 @@ def likely(about: Neighbourhoods, kind: str, begin: IntArray, share: float = 0.5
     for surface in hypotheses(kind, points, normals):
         moved: Surface | None = surface
         for factor in (30.0, 8.0, 2.0, 1.0):
-            likelihoods = None if moved is None else adjusted(moved, points, factor * about.tolerance_m)
+            likelihoods = None if moved is None else refine_surface(moved, points, factor * about.tolerance_m)
             moved = None if likelihoods is None else likelihoods[0]
         if moved is None:
             continue
@@ -319,7 +319,7 @@ def likely(about: Neighbourhoods, kind: str, begin: IntArray, share: float = 0.5
         yield best
 
 
-def _widened(links: csr_array, members: IntArray) -> IntArray:
+def _with_neighbours(links: csr_array, members: IntArray) -> IntArray:
     """The points (n,) and those within two steps of them."""
     mark = np.zeros(links.shape[0])
     mark[members] = 1.0

@@ -18,11 +18,11 @@ from completion.parts.division.growing import (
     GAIN,
     KINDS,
     LEAST_ANGLE,
-    Grown,
-    adjusted,
+    GrownRegion,
     best_grown,
     joint,
     likely,
+    refine_surface,
     score_of,
 )
 from completion.parts.division.neighbourhoods import Neighbourhoods
@@ -39,7 +39,7 @@ _N_ROUNDS = 6
 _ISLAND = 5
 
 
-def first_labels(about: Neighbourhoods, regions: Sequence[Grown]) -> IntArray:
+def first_labels(about: Neighbourhoods, regions: Sequence[GrownRegion]) -> IntArray:
     """Labels (n,) by which of the surfaces that grew over a point is nearest to it; 0 for none."""
     labels = np.zeros(len(about.points), dtype=np.int64)
     least = np.full(len(labels), np.inf)
@@ -52,7 +52,7 @@ def first_labels(about: Neighbourhoods, regions: Sequence[Grown]) -> IntArray:
     return labels
 
 
-def relabelled(
+def relabel(
     about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray
 ) -> tuple[list[Surface], IntArray]:
     """Improve labels (n,), 0 for none, k + 1 for surface k, and the surfaces, in turn; both are returned."""
@@ -60,7 +60,7 @@ def relabelled(
     for _ in range(_N_ROUNDS):
         before = labels.copy()
         labels = _swept(about, misfits(about, surface), labels)
-        surface, labels = _refitted(about, surface, labels)
+        surface, labels = _refit(about, surface, labels)
         if len(before) == len(labels) and (before == labels).all():
             break
     return surface, with_rims(about, misfits(about, surface), labels)
@@ -85,16 +85,16 @@ def _give_rims(
     labels: IntArray,
     size: IntArray,
     new: IntArray,
-    alike: float,
+    most_cost: float,
 ) -> None:
     """Give each point the smallest surface among its own and its neighbours' that explains it."""
     for here in range(len(labels)):
         best = labels[here]
-        if best == 0 or cost[here, best] > alike:
+        if best == 0 or cost[here, best] > most_cost:
             continue
         for place in range(first[here], first[here + 1]):
             label = labels[beside[place]]
-            if label != 0 and cost[here, label] <= alike and size[label] < size[best]:
+            if label != 0 and cost[here, label] <= most_cost and size[label] < size[best]:
                 best = label
         new[here] = best
 
@@ -112,7 +112,7 @@ def best_of_kinds(about: Neighbourhoods, members: IntArray, known: Surface | Non
     points, best, most = about.points[members], None, -np.inf
     tried = [surface for kind in KINDS for surface in likely(about, kind, members)]
     for other in ([] if known is None else [known]) + tried:
-        adapted = adjusted(other, points, about.tolerance_m, len(points))
+        adapted = refine_surface(other, points, about.tolerance_m, len(points))
         score = -np.inf if adapted is None else score_of(adapted[0], points, about.tolerance_m)
         if adapted is not None and score > most:
             best, most = adapted[0], score
@@ -161,7 +161,7 @@ def _sweep(first: IntArray, beside: IntArray, cost: FloatArray, labels: IntArray
     return changed
 
 
-def _refitted(
+def _refit(
     about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray
 ) -> tuple[list[Surface], IntArray]:
     """The surfaces through their points again; those that explain too little go."""
@@ -171,7 +171,7 @@ def _refitted(
         if not len(members):
             continue
         points = about.points[members]
-        pair = adjusted(surface, points, about.tolerance_m)
+        pair = refine_surface(surface, points, about.tolerance_m)
         moved = surface if pair is None else pair[0]
         if score_of(moved, points, about.tolerance_m) <= 0:
             continue
@@ -201,20 +201,20 @@ _PATCHES = (12, 24, 48)  # points about a seed, where what is left is several su
 _MOST_SEEDS = 6  # of them in a rest
 
 
-def proposals(about: Neighbourhoods, tell: Progress) -> list[Grown]:
+def proposals(about: Neighbourhoods, tell: Progress) -> list[GrownRegion]:
     """Return surfaces that explain the points, each with points of its own, as they were found.
 
     `tell` hears how many of the points are explained.
     """
     free = np.ones(len(about.points), dtype=np.bool_)
     tree = cKDTree(about.points)
-    regions = _joined(about, _from_smooth(about, free, tree, tell), free)
-    return _joined(about, regions + _from_rests(about, free, tell), free)
+    regions = _join_neighbours(about, _from_smooth(about, free, tree, tell), free)
+    return _join_neighbours(about, regions + _from_rests(about, free, tell), free)
 
 
-def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Progress) -> list[Grown]:
+def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Progress) -> list[GrownRegion]:
     """From seeds whose neighbourhoods are largest on."""
-    regions: list[Grown] = []
+    regions: list[GrownRegion] = []
     untried = about.is_smooth.copy()
     for seed in np.lexsort((np.arange(len(free)), -about.reach)):
         if not (untried[seed] and free[seed]):
@@ -233,20 +233,20 @@ def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Pr
     return regions
 
 
-def _from_rests(about: Neighbourhoods, free: BoolArray, tell: Progress) -> list[Grown]:
+def _from_rests(about: Neighbourhoods, free: BoolArray, tell: Progress) -> list[GrownRegion]:
     """From what is left, piece by piece: as a whole, or about seeds in it."""
-    rests: list[Grown] = []
+    rests: list[GrownRegion] = []
     failed: set[bytes] = set()
     while True:
-        new: list[Grown] = []
-        for rest in _pieces(about, free):
-            if rest.tobytes() in failed:
+        new: list[GrownRegion] = []
+        for piece in _pieces(about, free):
+            if piece.tobytes() in failed:
                 continue
-            best = best_grown(about, rest, free)
-            if best is None or len(best.members) < 0.8 * len(rest):
-                best = _better(best, _about_seeds(about, rest, free))
+            best = best_grown(about, piece, free)
+            if best is None or len(best.members) < 0.8 * len(piece):
+                best = _better(best, _about_seeds(about, piece, free))
             if best is None:
-                failed.add(rest.tobytes())
+                failed.add(piece.tobytes())
             else:
                 new.append(best)
                 free[best.members] = False
@@ -256,7 +256,7 @@ def _from_rests(about: Neighbourhoods, free: BoolArray, tell: Progress) -> list[
         rests += new
 
 
-def _joined(about: Neighbourhoods, regions: list[Grown], free: BoolArray) -> list[Grown]:
+def _join_neighbours(about: Neighbourhoods, regions: list[GrownRegion], free: BoolArray) -> list[GrownRegion]:
     """The surfaces with neighbours replaced by one surface where that makes all points likelier.
 
     What grew from a patch across a border is of a wrong kind and small; two of them together tell the kind.
@@ -279,9 +279,9 @@ def _joined(about: Neighbourhoods, regions: list[Grown], free: BoolArray) -> lis
         before, after = 0.0, 0.0
         for number in touched:
             points = about.points[owner == number]
-            rest = about.points[(owner == number) & ~taken]
+            remaining = about.points[(owner == number) & ~taken]
             before += score_of(names[number].surface, points, tolerance)
-            after += max(score_of(names[number].surface, rest, tolerance), 0.0)
+            after += max(score_of(names[number].surface, remaining, tolerance), 0.0)
         mine = new.members[np.isin(owner[new.members], [*touched, -1])]
         after += score_of(new.surface, about.points[mine], tolerance)
         gone = [
@@ -300,14 +300,14 @@ def _joined(about: Neighbourhoods, regions: list[Grown], free: BoolArray) -> lis
     return list(names.values())
 
 
-def _owners(about: Neighbourhoods, names: dict[int, Grown]) -> IntArray:
+def _owners(about: Neighbourhoods, names: dict[int, GrownRegion]) -> IntArray:
     """Which surface each point (n,) is on, by its number; -1 for none."""
     numbers = np.array([*names, -1])
     labels = first_labels(about, list(names.values()))
     return numbers[labels - 1]
 
 
-def _beside(about: Neighbourhoods, names: dict[int, Grown], owner: IntArray) -> list[tuple[int, int]]:
+def _beside(about: Neighbourhoods, names: dict[int, GrownRegion], owner: IntArray) -> list[tuple[int, int]]:
     """Pairs of surfaces that go over into each other without an edge, the smallest first."""
     rows = np.repeat(np.arange(len(owner)), np.diff(about.links.indptr))
     first, two = owner[rows], owner[about.links.indices]
@@ -337,21 +337,21 @@ def _pieces(about: Neighbourhoods, free: BoolArray) -> list[IntArray]:
     )
 
 
-def _about_seeds(about: Neighbourhoods, rest: IntArray, free: BoolArray) -> Grown | None:
+def _about_seeds(about: Neighbourhoods, piece: IntArray, free: BoolArray) -> GrownRegion | None:
     """The best surface from patches about points of a piece."""
-    tree, best = cKDTree(about.points[rest]), None
-    for seed in rest[np.linspace(0, len(rest) - 1, min(_MOST_SEEDS, len(rest))).astype(np.int64)]:
+    tree, best = cKDTree(about.points[piece]), None
+    for seed in piece[np.linspace(0, len(piece) - 1, min(_MOST_SEEDS, len(piece))).astype(np.int64)]:
         for size in _PATCHES:
-            if size > len(rest):
+            if size > len(piece):
                 break
-            near = rest[tree.query(about.points[seed], k=size)[1]]
+            near = piece[tree.query(about.points[seed], k=size)[1]]
             best = _better(best, best_grown(about, near, free))
-            if best is not None and np.count_nonzero(free[best.members]) >= 0.8 * len(rest):
+            if best is not None and np.count_nonzero(free[best.members]) >= 0.8 * len(piece):
                 return best
     return best
 
 
-def _better(region: Grown | None, two: Grown | None) -> Grown | None:
+def _better(region: GrownRegion | None, two: GrownRegion | None) -> GrownRegion | None:
     if region is None or two is None:
         return region or two
     return two if two.score > region.score else region

@@ -106,10 +106,10 @@ def _residuals(
     for i in range(n):
         square = 0.0
         for j in range(k):
-            rest = _terms(points, nearest[i, j], i, axes, scale, terms)
+            residual = _terms(points, nearest[i, j], i, axes, scale, terms)
             for a in range(N_TERMS):
-                rest -= terms[a] * solution[i, a]
-            square += rest * rest
+                residual -= terms[a] * solution[i, a]
+            square += residual * residual
         rms[i] = scale[i] * np.sqrt(square / max(k - N_TERMS, 1))
     return rms
 
@@ -182,7 +182,7 @@ def look_around(
     sizes = [size for size in SIZES if size <= len(points)] or [len(points)]
     distances, nearest = cKDTree(points).query(points, k=sizes[-1])
     nearest = nearest.astype(np.int64)
-    spacing = _spacing(distances)
+    spacing = _point_spacing(distances)
     shapes = [paraboloids(points, nearest[:, :size]) for size in sizes]
     plain = sizes.index(_NOISE_SIZE) if _NOISE_SIZE in sizes else 0
     noise = _noise(shapes[plain].rms, max(sizes[plain] - N_TERMS, 1)) if noise_m is None else noise_m
@@ -213,7 +213,7 @@ def look_around(
     )
 
 
-def _spacing(distances: FloatArray) -> float:
+def _point_spacing(distances: FloatArray) -> float:
     apart = distances[:, 1] if distances.shape[1] > 1 else distances[:, 0]
     return float(np.median(apart[apart > 0])) if (apart > 0).any() else 0.0
 

@@ -17,14 +17,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.parts.division.faces import fitted, groups_of, numbered_faces, settle, spread
+from completion.parts.division.faces import fit_labels, groups_of, numbered_faces, settle, spread
 from completion.parts.division.growing import CUT, GAIN, LEAST_ANGLE
 from completion.parts.division.labelling import (
     best_of_kinds,
     first_labels,
     of_best_kind,
     proposals,
-    relabelled,
+    relabel,
     without_islands,
 )
 from completion.parts.division.neighbourhoods import look_around
@@ -33,7 +33,7 @@ from completion.parts.division.result import (
     PartSegmentation,
     checked_cloud,
     no_faces,
-    thinned,
+    thin_points,
     too_little,
 )
 from scenes.checks import FloatArray, InputError, IntArray
@@ -89,7 +89,7 @@ def segment_part(
     # 1. Thin: distinct places, at most so many; what was left out comes back at the end.
     tell = progress or (lambda _stage, _done, _total: None)
     cloud, turned = checked_cloud(points, normals, noise_m)
-    kept = thinned(cloud, MOST_POINTS)
+    kept = thin_points(cloud, MOST_POINTS)
     if reason := too_little(cloud[kept]):
         return no_faces(len(cloud), reason)
 
@@ -103,16 +103,16 @@ def segment_part(
     # 4. Label: which surface each point is on, the surfaces given that, in turn.
     tell("label", 0, 1)
     labels = first_labels(about, regions)
-    surfaces, labels = relabelled(about, [region.surface for region in regions], labels)
+    surfaces, labels = relabel(about, [region.surface for region in regions], labels)
     labels = without_islands(about, labels)
-    surfaces, labels = relabelled(about, of_best_kind(about, surfaces, labels), labels)
+    surfaces, labels = relabel(about, of_best_kind(about, surfaces, labels), labels)
 
     # 5. Faces: connected pieces; all points find theirs; a fit for each, with its covariance.
     tell("fit", 0, 1)
     faces, labels = numbered_faces(about, surfaces, labels)
     if len(kept) < len(cloud):
         labels = spread(cloud, about.points, faces, labels, about.tolerance_m)
-    fits, labels = fitted(cloud, faces, labels, about.noise_m)
+    fits, labels = fit_labels(cloud, faces, labels, about.noise_m)
     return PartSegmentation(
         labels=labels,
         fits=fits,
@@ -159,7 +159,7 @@ def fit_labelled(
     names, number = np.unique(np.maximum(given.astype(np.int64), 0), return_inverse=True)
     number = number.astype(np.int64) + (0 if len(names) and names[0] == 0 else 1)
     names = names[names > 0]
-    kept = thinned(cloud, MOST_POINTS)
+    kept = thin_points(cloud, MOST_POINTS)
     if reason := too_little(cloud[kept]) or ("" if len(names) else "no label is above 0"):
         return no_faces(len(cloud), reason)
     about = look_around(cloud[kept], None if turned is None else turned[kept], noise_m)
@@ -170,7 +170,7 @@ def fit_labelled(
     place = np.array([0, *np.cumsum([surface is not None for surface in surfaces])])
     is_some = np.array([False, *(surface is not None for surface in surfaces)])
     label_here = np.where(is_some[number], place[number], 0)
-    fits, own_fits = fitted(cloud, sample, label_here, about.noise_m)
+    fits, own_fits = fit_labels(cloud, sample, label_here, about.noise_m)
     taken = {int(names[number[own_fits == k][0] - 1]): fit for k, fit in enumerate(fits, start=1)}
     without = [int(name) for name in names if int(name) not in taken]
     return PartSegmentation(
@@ -235,14 +235,14 @@ def segment_mesh(
         labels: IntArray = np.zeros(len(mesh.vertices), dtype=np.int64)
         labels[used] = part.labels
         return replace(part, labels=labels, triangle_labels=_by_corners(mesh, part, labels))
-    points, members = _sampled(mesh, areas)
+    points, members = _sample_mesh(mesh, areas)
     sag = _sag(mesh)
     turned, noise = mesh.face_normals()[members], max(sag, noise_m or 0.0)
     part = segment_part(points, turned, noise_m=noise, progress=progress)
     triangles = _of_triangles(mesh, points, members, part.labels.astype(np.int64), len(part.fits))
     corners, number = _corners(mesh, triangles)
     surfaces = [fit.surface for fit in part.fits]
-    fits, _ = fitted(mesh.vertices[corners], surfaces, number, noise_m or 0.0)
+    fits, _ = fit_labels(mesh.vertices[corners], surfaces, number, noise_m or 0.0)
     if len(fits) < len(surfaces):  # too few vertices somewhere
         fits = part.fits
     labels = _of_vertices(mesh, triangles, areas, len(surfaces))
@@ -259,8 +259,8 @@ def _by_corners(mesh: LabelledMesh, segmentation: PartSegmentation, labels: IntA
     n, tolerance = len(mesh.faces), max(segmentation.noise_m, 1e-2 * segmentation.spacing_m)
     normals, middle = mesh.face_normals(), mesh.corners.mean(axis=1)
     corners = labels[mesh.faces]
-    alike = (corners == corners[:, [1]]).sum(axis=1) >= 2
-    best = np.where(alike, corners[:, 1], corners[:, 0]).astype(np.int64)
+    is_majority = (corners == corners[:, [1]]).sum(axis=1) >= 2
+    best = np.where(is_majority, corners[:, 1], corners[:, 0]).astype(np.int64)
     least = np.full(n, np.inf)
     for number, fit in enumerate(segmentation.fits, start=1):
         touched = np.zeros(len(mesh.vertices), dtype=np.bool_)
@@ -282,7 +282,7 @@ def _is_dense(mesh: LabelledMesh, area: float, n_used: int) -> bool:
     return n_used >= _LEAST_VERTICES and n_used * usual**2 * np.sqrt(3) / 2 >= _COVERED * area
 
 
-def _sampled(mesh: LabelledMesh, areas: FloatArray) -> tuple[FloatArray, IntArray]:
+def _sample_mesh(mesh: LabelledMesh, areas: FloatArray) -> tuple[FloatArray, IntArray]:
     """Points (k, 3) spread evenly over the area, and the triangle (k,) of each."""
     total = np.cumsum(areas)
     n = _n_samples(mesh, areas)
@@ -411,7 +411,7 @@ def segment_rippled(
     for sparser in _SPARSER:
         if every // sparser < _LEAST_KEPT:
             break
-        sample = points[kept := thinned(points, every // sparser)]
+        sample = points[kept := thin_points(points, every // sparser)]
         rough = max(_roughness(sample), noise_m or 0.0)
         try:
             if given is None:
@@ -463,7 +463,7 @@ def _of_all(
         known = np.array(coarse.names)
         place = np.minimum(np.searchsorted(known, given), len(known) - 1)
         labels = np.where(known[place] == given, place + 1, 0)
-    fits, members = fitted(points, surfaces, labels, coarse.noise_m)
+    fits, members = fit_labels(points, surfaces, labels, coarse.noise_m)
     names = tuple(coarse.names[labels[members == k][0] - 1] for k in range(1, len(fits) + 1))
     return PartSegmentation(
         labels=members,

@@ -119,7 +119,7 @@ def too_little(points: FloatArray) -> str:
     return ""
 
 
-def thinned(points: FloatArray, most: int) -> IntArray:
+def thin_points(points: FloatArray, most: int) -> IntArray:
     """Return places (m,), in order, of at most so many distinct points (n, 3): one in each cell of a grid."""
     _, first = np.unique(points, axis=0, return_index=True)
     first = np.sort(first)

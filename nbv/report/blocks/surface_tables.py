@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.flattening.flat import FlatSurface, Region, RegionKind
+from completion.flattening.flat import FlatRegion, FlatSurface, RegionKind
 from completion.relations.graph import Misfit, RelationGraph, misfit_of
 from completion.relations.relation import Relation, Status
 from nbv.report.blocks.page import Block, Cell, Section, Table, Text
@@ -213,7 +213,7 @@ def _flat_row(row: FlatRow) -> tuple[Cell, ...]:
     )
 
 
-def _area_row(row: FlatRow, region: Region) -> tuple[Cell, ...]:
+def _area_row(row: FlatRow, region: FlatRegion) -> tuple[Cell, ...]:
     return (
         Cell(row.name, swatch=surface_colour(row.place)),
         Cell(f"{1000 * region.height_m:+.1f}"),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.parts.division.result import thinned
+from completion.parts.division.result import thin_points
 from completion.parts.part import Part
 from nbv.report.figures.picture import Camera, Picture
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Viewer
@@ -58,7 +58,7 @@ def shown_part(part: Part) -> ShownPart:
         return ShownPart(
             mesh, number, _distances(part, mesh.corners.mean(axis=1), number), np.asarray(subset)
         )
-    kept = thinned(part.points, _MOST_POINTS)
+    kept = thin_points(part.points, _MOST_POINTS)
     points = part.points[kept]
     number = _places(part, part.surface[kept])
     mesh = _squares(points, _normals(part, points, number))

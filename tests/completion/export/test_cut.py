@@ -51,7 +51,7 @@ def test_what_lies_in_the_plane_or_beyond_is_not_cut():
 def test_the_plan_of_a_room_lies_on_its_walls(room):
     plan = plan_of(room)
     assert plan.height_m == pytest.approx(UTM.translation[2] + 1.1, abs=0.005)
-    assert plan.told.startswith("Plan, cut 1.1 m above the lowest floor, at z = 101.10 m")
+    assert plan.caption.startswith("Plan, cut 1.1 m above the lowest floor, at z = 101.10 m")
     walls = [line for line in plan.lines if line.kind == "wall"]
     assert sum(line.length_m for line in walls) == pytest.approx(2 * (SIZE[0] + SIZE[1]), abs=0.05)
     for line in walls:
@@ -76,16 +76,16 @@ def test_sections_run_along_walls_through_the_middle(room):
 
 
 def test_sentences_without_floor_without_walls_without_anything(room):
-    told = plan_of(replace(room, floor_m=None)).told
+    told = plan_of(replace(room, floor_m=None)).caption
     assert told.startswith("No floor was found: plan, cut halfway up what was scanned, at z = 101.35 m")
-    assert plan_of(replace(room, floor_m=None, planes=())).told.startswith(
+    assert plan_of(replace(room, floor_m=None, planes=())).caption.startswith(
         "Neither floor nor walls were found"
     )
     nothing = replace(
         room, faces=np.zeros((0, 3), int), surface=np.zeros(0, int), provenance=np.zeros(0, int)
     )
     plan = plan_of(nothing)
-    assert (plan.told, plan.lines) == ("Nothing was found that could be drawn.", ())
+    assert (plan.caption, plan.lines) == ("Nothing was found that could be drawn.", ())
 
 
 def test_level_tops_are_seen_below_without_holes(room):

@@ -53,7 +53,7 @@ def test_the_drawing_is_clean_and_in_metres(document):
 def test_it_has_the_facets_folds_and_corners_of_the_light_model(room, document):
     panels = room.panels()
     faces = document.modelspace().query("3DFACE")
-    assert len(faces) == len(panels.faces) + len(panels.rest.faces)
+    assert len(faces) == len(panels.faces) + len(panels.remainder.faces)
     assert len(on(document, "3DFACE", "INFERRED-")) == (~panels.is_measured).sum()
     assert len(on(document, "POLYLINE", "FOLD-")) == len(panels.folds)
     assert len(on(document, "POINT", "CORNER")) == len(panels.corners)

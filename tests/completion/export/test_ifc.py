@@ -10,7 +10,7 @@ import pytest
 
 from completion.export.ifc import ifc_of
 from completion.export.ifc_entities import StepText
-from completion.export.ifc_products import Evidence, property_set, state_of
+from completion.export.ifc_products import ProductEvidence, property_set, state_of
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from scenes.checks import InputError
@@ -112,7 +112,7 @@ def test_a_folder_that_is_not_there_is_told(tmp_path):
 
 def test_what_is_not_known_is_not_written():
     file = StepText(b"")
-    property_set(file, "a", Evidence((1, 2), None, np.nan, None))
+    property_set(file, "a", ProductEvidence((1, 2), None, np.nan, None))
     text = file.text("a", "IFC4")
     assert "'Surfaces'" in text
     for name in ("State", "MeasuredShare", "Confidence", "StandardDeviation_mm"):

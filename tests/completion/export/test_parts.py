@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 import shapely
 
-from completion.export.building.bodies import MOST_M, Beams, find_bodies
+from completion.export.building.bodies import MOST_M, ScanBeams, find_bodies
 from completion.export.building.faces import (
-    Frame,
+    FaceFrame,
     common,
     faces_of,
-    filled,
+    fill_holes,
     inside,
-    joined,
     less,
     polygons,
     rings,
-    smoothed,
-    straightened,
+    smooth,
+    straighten_sides,
+    union,
     wide,
 )
 from completion.export.building.parts import building_parts, find_columns, find_pipes, with_gaps, within_rooms
@@ -37,7 +37,7 @@ from tests.helpers.exchange_houses import (
     house_parts,
 )
 
-NO_BEAMS = Beams((), (), Pose.identity())
+NO_BEAMS = ScanBeams((), (), Pose.identity())
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +74,11 @@ def test_walls_seen_from_one_side_have_no_thickness():
 def test_what_beams_went_through_is_no_body():
     done = completed_house()
     parts = house_parts()
-    beams = Beams.of(
-        done.observations, done.found.reach, done.world_from_reference, EvidenceOptions().tolerance()
+    beams = ScanBeams.of(
+        done.observations,
+        done.measured_surfaces.reach,
+        done.world_from_reference,
+        EvidenceOptions().tolerance(),
     )
     face = next(face for face in parts.faces if face.element.kind == "ceiling" or face.is_level)
     below = beams.free(face.area, face.frame, -1.0)  # a metre before the face is air
@@ -87,7 +90,7 @@ def test_what_beams_went_through_is_no_body():
 def test_another_surface_between_two_faces_takes_that_place(parts):
     wall = next(body for body in parts.bodies if body.kind == "wall")
     one, other = (next(face for face in parts.faces if face.number == k) for k in wall.surfaces)
-    middle = Frame(one.frame.place(np.zeros(2), -PARTITION_M / 2), *_axes(one.frame))
+    middle = FaceFrame(one.frame.place(np.zeros(2), -PARTITION_M / 2), *_axes(one.frame))
     between = replace(one, frame=middle, element=replace(one.element, number=99))
     found = find_bodies((one, other, between), NO_BEAMS)
     assert all(body.thickness_m < 0.6 * PARTITION_M for body in found)
@@ -103,7 +106,7 @@ def _axes(frame):
 def test_faces_too_far_apart_or_face_to_face_are_no_wall(parts, apart):
     wall = next(body for body in parts.bodies if body.kind == "wall")
     one, other = (next(face for face in parts.faces if face.number == k) for k in wall.surfaces)
-    moved = Frame(one.frame.place(np.zeros(2), -apart), *_axes(other.frame))
+    moved = FaceFrame(one.frame.place(np.zeros(2), -apart), *_axes(other.frame))
     assert find_bodies((one, replace(other, frame=moved)), NO_BEAMS) == ()
 
 
@@ -173,7 +176,7 @@ def test_rooms_have_their_area_height_and_volume(parts):
 def test_a_room_without_all_walls_is_open_and_has_no_volume():
     room = next(one for one in panorama("office").building().rooms)
     assert (room.closed, room.volume_m3) == (False, None)
-    assert room.told == "no volume: walls were not found all around it"
+    assert room.volume_origin == "no volume: walls were not found all around it"
 
 
 def test_a_room_without_a_ceiling_has_no_volume():
@@ -185,7 +188,7 @@ def test_a_room_without_a_ceiling_has_no_volume():
     )
     (room,) = building_parts(open_above, NO_BEAMS).rooms
     assert (room.height_m, room.volume_m3) == (None, None)
-    assert "a ceiling was not found" in room.told
+    assert "a ceiling was not found" in room.volume_origin
     assert room.area_m2 == pytest.approx(SIZE[0] * SIZE[1], rel=0.001)
 
 
@@ -220,17 +223,17 @@ def test_columns_stand_on_floors_and_pipes_do_not():
 def test_areas_are_polygons_alone():
     square, beside = shapely.box(0, 0, 2, 2), shapely.box(2, 0, 3, 1)
     assert common(square, beside).is_empty
-    assert joined([square, beside]).area == pytest.approx(5)
+    assert union([square, beside]).area == pytest.approx(5)
     assert less(square, [shapely.box(0, 0, 1, 2)]).area == pytest.approx(2)
-    assert wide(joined([square, beside]), 1.5).area == pytest.approx(4, abs=0.4)
+    assert wide(union([square, beside]), 1.5).area == pytest.approx(4, abs=0.4)
     assert wide(shapely.box(0, 0, 5, 0.1), 0.2).is_empty
     holed = less(square, [shapely.box(0.5, 0.5, 1, 1)])
-    assert filled(holed).area == pytest.approx(4)
+    assert fill_holes(holed).area == pytest.approx(4)
     slit = less(square, [shapely.box(0.5, 0.5, 0.505, 1.5)])
-    assert smoothed(slit, 0.02).area == pytest.approx(4, abs=1e-3)
+    assert smooth(slit, 0.02).area == pytest.approx(4, abs=1e-3)
     bent = shapely.Polygon([(0, 0), (1, 1e-4), (2, 0), (2, 2), (0, 2)])
-    assert len(rings(polygons(straightened(bent))[0])[0]) == 4
-    assert inside(joined([square, shapely.box(5, 5, 5.5, 5.5)])) == pytest.approx([1, 1], abs=0.05)
+    assert len(rings(polygons(straighten_sides(bent))[0])[0]) == 4
+    assert inside(union([square, shapely.box(5, 5, 5.5, 5.5)])) == pytest.approx([1, 1], abs=0.05)
     ring, hole = rings(shapely.Polygon(square.exterior, [shapely.box(0.5, 0.5, 1, 1).exterior.coords]))
     assert (len(ring), len(hole)) == (4, 4)
     assert [len(one) for one in map(rings, polygons(square))] == [1]

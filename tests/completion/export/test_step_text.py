@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from completion.export.ifc_entities import Ref, StepText, Typed, Word
+from completion.export.ifc_entities import Ref, StepText, TypedValue, Word
 
 
 def written(values):
@@ -34,7 +34,7 @@ def written(values):
         (Ref(7), "#7"),
         (Word("AREA"), ".AREA."),
         (Word("*"), "*"),
-        (Typed("IfcLabel", "a"), "IFCLABEL('a')"),
+        (TypedValue("IfcLabel", "a"), "IFCLABEL('a')"),
         ("it's", "'it''s'"),
         ("back\\slash", "'back\\\\slash'"),
         ("Höhe\n", "'H\\X2\\00F6\\X0\\he\\X2\\000A\\X0\\'"),

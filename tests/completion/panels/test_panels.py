@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
-from completion.panels.model import meeting_covariance, turned
+from completion.panels.model import meeting_covariance, rotate_covariances
 from completion.panels.sheet import Sheet, spread_provenance
 from completion.panels.welding import edges_of, vertices_within_edges
 from completion.pipeline import complete
@@ -134,7 +134,7 @@ def test_the_files_hold_facets_with_their_state_and_folds(done, tmp_path):
     scan.save(tmp_path)
     mesh, panels = read_mesh_ply(tmp_path / "model.ply"), scan.panels()
     assert mesh.vertices == pytest.approx(scan.world_from_reference.apply(panels.vertices))
-    assert mesh.faces.tolist() == [*panels.faces.tolist(), *panels.rest.faces.tolist()]
+    assert mesh.faces.tolist() == [*panels.faces.tolist(), *panels.remainder.faces.tolist()]
     is_rest = np.arange(len(mesh.faces)) >= len(panels.faces)
     assert ((mesh.face_properties["surface"] == 0) == is_rest).all()
     assert not mesh.face_properties["state"][is_rest].any()
@@ -174,6 +174,6 @@ def test_covariances_do_not_depend_on_how_arrays_lie_in_memory(done):
         told = [meeting_covariance(sheets, place) for place in fold.points[[0, -1]]]
         np.testing.assert_array_equal(np.stack(told), fold.covariance)
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    told = turned(folds[0].covariance, turn)
-    np.testing.assert_array_equal(told, turned(folds[0].covariance, np.asfortranarray(turn)))
+    told = rotate_covariances(folds[0].covariance, turn)
+    np.testing.assert_array_equal(told, rotate_covariances(folds[0].covariance, np.asfortranarray(turn)))
     assert told == pytest.approx(turn @ folds[0].covariance @ turn.T, abs=1e-15)

@@ -63,8 +63,8 @@ def test_beams_left_out_change_nothing(camera, sigma_m, off_grid, seed):
 def test_most_beams_are_left_out_where_a_mesh_is_small(monkeypatch):
     camera, cast = CAMERAS["panorama"], []
     scan = RangeImage(np.full(camera.shape, 5.0), camera, Pose.identity(), sigma_m=0.0)
-    returned = module._returned
-    monkeypatch.setattr(module, "_returned", lambda *given: cast.append(returned(*given)) or cast[-1])
+    returned = module._returning_pixels
+    monkeypatch.setattr(module, "_returning_pixels", lambda *given: cast.append(returned(*given)) or cast[-1])
     seen = observe(scan, Pose.identity())
     square = np.array([[-0.2, -0.2, 2.0], [0.2, -0.2, 2.0], [0.2, 0.2, 2.0], [-0.2, 0.2, 2.0]])
     faces = np.array([[0, 2, 1], [0, 3, 2]], np.int32)

@@ -47,10 +47,10 @@ def test_what_single_frames_took_for_surfaces_is_counted():
     seen = complete(wall(0.002, 0.002), CompletionOptions(texture=False), rng=0)
     assert seen.unconfirmed == Unconfirmed(0, 0)
     assert "unconfirmed" not in completion_record(seen)
-    (plane,) = seen.found.regions[0]
+    (plane,) = seen.measured_surfaces.regions[0]
     noise = replace(plane, pixels=PixelSet(np.arange(300, dtype=np.int32), plane.pixels.shape))
     regions = ([plane, noise, noise, noise],)
-    left_out = replace(seen, found=replace(seen.found, regions=regions))
+    left_out = replace(seen, measured_surfaces=replace(seen.measured_surfaces, regions=regions))
     (text,) = set(left_out.warnings) - set(seen.warnings)
     assert text.startswith("3 regions of single frames (900 pixels) are of no surface")
     assert completion_record(left_out)["unconfirmed"] == {"n_regions": 3, "n_pixels": 900}

@@ -13,7 +13,7 @@ from shapely import Polygon
 from completion.boundary.edges import Line
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
-from completion.panels.outline import Guide, straightened
+from completion.panels.outline import GuideLine, straighten_polygon
 from completion.panels.sheet import polygons_of_cells
 from completion.pipeline import complete
 from completion.result.meshes import inferred_points, model_parts
@@ -93,15 +93,15 @@ def test_an_outline_that_guides_fold_keeps_its_parts(seed):
     for run in ([2, 5], [8, 11]):
         height, slope = rng.uniform(-0.3, 0.3), rng.uniform(-0.1, 0.1)
         line = Line(np.array([0, height]), np.array([1.0, slope]) / np.hypot(1, slope))
-        guides.append(Guide(line, np.array([run], float), 1.0))
-    assert straightened(area, guides, 0.1).area > 0.5 * area.area
+        guides.append(GuideLine(line, np.array([run], float), 1.0))
+    assert straighten_polygon(area, guides, 0.1).area > 0.5 * area.area
 
 
 def test_a_hole_that_is_laid_on_the_outline_stays_open():
     """A door whose sill is a row of cells: both edges of the row follow the floor."""
     wall = Polygon([(0, 0.02), (4, 0.02), (4, 3), (0, 3)], [[(1, 0.05), (2, 0.05), (2, 2), (1, 2)]])
-    floor = Guide(Line(np.zeros(2), np.array([1.0, 0.0])), np.array([[-np.inf, np.inf]]), 0.1)
-    assert straightened(wall, [floor], 0.03).area == pytest.approx(12 - 2, rel=0.02)
+    floor = GuideLine(Line(np.zeros(2), np.array([1.0, 0.0])), np.array([[-np.inf, np.inf]]), 0.1)
+    assert straighten_polygon(wall, [floor], 0.03).area == pytest.approx(12 - 2, rel=0.02)
 
 
 def mesh_area(part):
@@ -243,16 +243,16 @@ def test_a_saw_along_a_guide_becomes_its_line():
     saw = np.column_stack([x, 1 + 0.03 * (np.arange(len(x)) % 3 == 0)])
     polygon = Polygon([(0, 0), (2, 0), *saw[::-1]])
     everywhere = np.array([[-np.inf, np.inf]])
-    top = Guide(Line(np.array([0.0, 1.05]), np.array([1.0, 0.0])), everywhere, 0.1)
-    side = Guide(Line(np.array([2.05, 0.0]), np.array([0.0, 1.0])), everywhere, 0.1)
-    found = straightened(polygon, [top, side], 0.02)
+    top = GuideLine(Line(np.array([0.0, 1.05]), np.array([1.0, 0.0])), everywhere, 0.1)
+    side = GuideLine(Line(np.array([2.05, 0.0]), np.array([0.0, 1.0])), everywhere, 0.1)
+    found = straighten_polygon(polygon, [top, side], 0.02)
     assert shapely.get_coordinates(found).max(axis=0) == pytest.approx([2.05, 1.05])
     assert len(shapely.get_coordinates(found)) <= 8
-    part = Guide(top.line, np.array([[0.0, 1.0]]), 0.1)  # beyond its run it says nothing
-    assert straightened(polygon, [part], 0.02).area < found.area
-    assert straightened(polygon, [], 0.02).area == pytest.approx(polygon.area, rel=0.02)
-    parallel = Guide(Line(np.array([0.0, 1.06]), np.array([1.0, 0.001])), everywhere, 0.1)
-    assert straightened(polygon, [top, parallel], 0.02).is_valid
+    part = GuideLine(top.line, np.array([[0.0, 1.0]]), 0.1)  # beyond its run it says nothing
+    assert straighten_polygon(polygon, [part], 0.02).area < found.area
+    assert straighten_polygon(polygon, [], 0.02).area == pytest.approx(polygon.area, rel=0.02)
+    parallel = GuideLine(Line(np.array([0.0, 1.06]), np.array([1.0, 0.001])), everywhere, 0.1)
+    assert straighten_polygon(polygon, [top, parallel], 0.02).is_valid
 
 
 def test_a_side_that_folds_on_its_guide_leaves_no_slivers():
@@ -263,8 +263,8 @@ def test_a_side_that_folds_on_its_guide_leaves_no_slivers():
     end = np.array([line.at(np.array(0.02 * k / np.cos(0.3)))[1] for k in range(columns)]) / 0.02
     cells = np.arange(rows)[:, None] < np.rint(end + rng.uniform(-2, 2, columns))
     polygon = shapely.transform(polygons_of_cells(cells, np.zeros((0, 3, 2))).geoms[0], lambda xy: 0.02 * xy)
-    guide = Guide(line, np.array([[-np.inf, np.inf]]), 0.1)
-    found = straightened(polygon, [guide], 0.02)
+    guide = GuideLine(line, np.array([[-np.inf, np.inf]]), 0.1)
+    found = straighten_polygon(polygon, [guide], 0.02)
     assert found.is_valid
     assert found.area == pytest.approx(polygon.area, rel=0.01)
     assert len(shapely.get_coordinates(found)) <= 12
@@ -274,7 +274,9 @@ def test_an_outline_does_not_depend_on_where_its_ring_begins():
     rng = np.random.default_rng(1)
     angle = np.sort(rng.uniform(0, 2 * np.pi, 60))
     places = np.column_stack([2.0 * np.cos(angle), np.sin(angle)]) * rng.uniform(0.97, 1.03, (60, 1))
-    first, *others = (straightened(Polygon(np.roll(places, k, axis=0)), [], 0.05) for k in range(0, 60, 7))
+    first, *others = (
+        straighten_polygon(Polygon(np.roll(places, k, axis=0)), [], 0.05) for k in range(0, 60, 7)
+    )
     assert len(first.geoms[0].exterior.coords if hasattr(first, "geoms") else first.exterior.coords) < 40
     for other in others:
         assert other.equals(first)
