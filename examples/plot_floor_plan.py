@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks.cases.houses.house import random_house
 from nbv import load_sensor, plan_views, sample_surface
 from nbv.plan.rules import compare_with_rules
-from nbv.report.blocks.rooms import rule_sentences, storey_plans
+from nbv.report.blocks.room_tables import rule_sentences, storey_plans
 from nbv.visibility.site_options import SiteOptions
 
 ROOT = Path(__file__).resolve().parents[1]

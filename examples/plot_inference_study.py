@@ -22,7 +22,7 @@ from matplotlib.ticker import MaxNLocator
 
 from nbv.coverage.coverage import UNREACHABLE
 from nbv.coverage.measurement import CoverageTally
-from nbv.coverage.surface_classes import CompletedSurfaces, Shares, classify, shares_of
+from nbv.coverage.surface_classes import ClassShares, KnownSurfaces, classify, shares_of
 from nbv.online.planner import RENEWED
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
@@ -51,15 +51,15 @@ class Run:
 
     reachable: float
     plain: tuple[float, ...]
-    after: tuple[Shares, ...]
-    aware: tuple[Shares, ...]
+    after: tuple[ClassShares, ...]
+    aware: tuple[ClassShares, ...]
 
     def plain_views(self, target: float) -> float:
         """Views that (a) takes to meet `target` of the reachable area; inf for never."""
         wanted = target * self.reachable - 1e-9
         return next((k for k, met in enumerate(self.plain, start=1) if met >= wanted), np.inf)
 
-    def reached(self, shares: Sequence[Shares], target: float) -> Shares | None:
+    def reached(self, shares: Sequence[ClassShares], target: float) -> ClassShares | None:
         """What (b) or (c) was when met, modelled and inferred together first held the same share."""
         return next((one for one in shares if one.reached >= target - 1e-9), None)
 
@@ -70,7 +70,7 @@ def study(scene: Scene, sensor: Sensor, seed: int) -> Run:
     aware = plan_views(scene, sensor, rng=seed, views=MOST_VIEWS, target=max(TARGETS), infer=True)
     samples, caster = plain.coverage.samples, scene.ray_caster()
     tally = CoverageTally.start(caster, samples, plain.requirement)
-    scans, after = list[RangeImage](), list[Shares]()
+    scans, after = list[RangeImage](), list[ClassShares]()
     possible = plain.coverage.state != UNREACHABLE
     reachable, met = plain.coverage.reachable, tuple(view.met_fraction or 0.0 for view in plain.views)
     run = Run(reachable, met, (), aware.shares)
@@ -79,7 +79,7 @@ def study(scene: Scene, sensor: Sensor, seed: int) -> Run:
         scans.append(scan_scene(scene, view, rng=0, caster=caster))
         if after and len(scans) < RENEWED * after[-1].views:
             continue
-        completed = CompletedSurfaces.of(scans)
+        completed = KnownSurfaces.of(scans)
         classes = classify(samples, tally.met, tally.n_views > 0, completed)
         after.append(shares_of(classes, samples, possible, completed, scene.mesh, len(scans)))
         if run.reached(after, max(TARGETS)):
@@ -151,7 +151,7 @@ def draw_run(axes: Axes, run: Run, name: str) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _views(shares: Sequence[Shares]) -> list[int]:
+def _views(shares: Sequence[ClassShares]) -> list[int]:
     return [one.views for one in shares]
 
 

@@ -35,7 +35,7 @@ def lost_scans() -> list[RangeImage]:
     return [
         scan_scene(
             scene, Pose.looking_at(eye, target), CAMERA, noise="gaussian-2mm", rng=k, truth=False
-        ).restated(world_from_sensor=Pose.identity(), name=f"scan {k + 1}")
+        ).with_facts(world_from_sensor=Pose.identity(), name=f"scan {k + 1}")
         for k, (eye, target) in enumerate(LOOKS)
     ]
 

@@ -32,8 +32,8 @@ def command_of(name: str, kind: type, work: str, without: tuple[str, ...] = ()) 
 
     def run(**typed: Any) -> None:
         try:
-            common = _made(Shared, typed, without)
-            options = _made(kind, typed)
+            common = _build_options(Shared, typed, without)
+            options = _build_options(kind, typed)
         except ValueError as error:  # an InputError: options that no work can take
             raise typer.BadParameter(str(error)) from None
         check = getattr(options, "check", None)
@@ -90,12 +90,12 @@ def _parameter(entry: Field[Any], hint: Any) -> Parameter:
     )
 
 
-def _made(kind: type, typed: Mapping[str, Any], without: tuple[str, ...] = ()) -> Any:
+def _build_options(kind: type, typed: Mapping[str, Any], without: tuple[str, ...] = ()) -> Any:
     """Return a dataclass of options from what was typed; a text without meaning is a usage error."""
     values: dict[str, Any] = {}
     for entry in fields(kind):
         if "group" in entry.metadata:
-            values[entry.name] = _made(entry.metadata["group"], typed, entry.metadata["without"])
+            values[entry.name] = _build_options(entry.metadata["group"], typed, entry.metadata["without"])
         elif "option" in entry.metadata and entry.name not in without and typed[entry.name] is not None:
             values[entry.name] = _value(entry.metadata["option"], typed[entry.name])
     return kind(**values)

@@ -33,7 +33,7 @@ class CardPicture:
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class CardShare:
     """A part of the bar: what it is, how large a part of the whole (0..1), and its CSS colour."""
 
     label: str
@@ -67,7 +67,7 @@ class Card:
     kind: str
     title: str
     figures: Sequence[tuple[str, str]]
-    bar: Sequence[Share] = ()
+    bar: Sequence[CardShare] = ()
     pictures: Sequence[CardPicture] = ()
     note: str = ""
 

@@ -338,7 +338,7 @@ def _list_choices(correlation: FloatArray, reach: tuple[int, int]) -> list[tuple
     """List what the periods may be, the best guess first: two, or one of them."""
     peaks = _list_peaks(correlation, reach)
     for other in peaks[1:]:
-        shortest = _shorten(other, peaks[0])
+        shortest = _shortest_repetition(other, peaks[0])
         if _is_aside(peaks[0], other) and _is_beyond_valley(correlation, reach, shortest):
             return [(peaks[0], shortest), (peaks[0],), (shortest,)]
     return [(peak,) for peak in peaks[:1]]
@@ -374,7 +374,7 @@ def _is_aside(first: IntArray, other: IntArray) -> bool:
     return bool(turn > np.sin(np.deg2rad(ASIDE_DEG)) * np.hypot(*first) * np.hypot(*other))
 
 
-def _shorten(place: IntArray, period: IntArray) -> IntArray:
+def _shortest_repetition(place: IntArray, period: IntArray) -> IntArray:
     """Return the shortest of a displacement's repetitions by a period."""
     return np.asarray(place - round(float(place @ period) / float(period @ period)) * period)
 

@@ -55,7 +55,7 @@ class Tile(NamedTuple):
     inner: BoolArray
 
 
-class Piece(NamedTuple):
+class TilePiece(NamedTuple):
     """What one tile is filled from: the tile with its surroundings, a gap, and the sampled block beside it.
 
     Attributes
@@ -75,11 +75,11 @@ class Piece(NamedTuple):
     number: int
 
 
-FillPiece: TypeAlias = Callable[[Piece, int | None, float | None, Progress | None], Synthesis]
+FillPiece: TypeAlias = Callable[[TilePiece, int | None, float | None, Progress | None], Synthesis]
 
 
 def fill_tiles(
-    whole: Piece,
+    whole: TilePiece,
     fill_piece: FillPiece,
     *,
     wrap: tuple[bool, bool],
@@ -94,7 +94,7 @@ def fill_tiles(
     whole : Piece
         The image, shape (h, w, c), and what of it to fill, is known, and may be copied.
     fill_piece : callable
-        Fills a `Piece` with a window and a time budget, in seconds, and tells its progress.
+        Fills a `TilePiece` with a window and a time budget, in seconds, and tells its progress.
     wrap : (bool, bool)
         Whether rows and columns close on themselves.
     window : int, optional
@@ -196,7 +196,7 @@ def _piece(
     tile: Tile,
     sampled: Block,
     number: int,
-) -> Piece:
+) -> TilePiece:
     """Return what a tile is filled from."""
     here, there = np.ix_(*tile.block), np.ix_(*sampled)
     (height, width), (sample_height, sample_width) = tile.inner.shape, (len(sampled[0]), len(sampled[1]))
@@ -208,7 +208,7 @@ def _piece(
     to_fill[left] = hole[here] & ~done[here] & tile.inner
     known[left], known[right] = done[here], usable[there]
     may_copy[right] = usable[there]
-    return Piece(pixels, to_fill, known, may_copy, number)
+    return TilePiece(pixels, to_fill, known, may_copy, number)
 
 
 def _onward(progress: Progress, n_before: int, n_to_fill: int) -> Progress:
@@ -305,7 +305,9 @@ def fill_surface(
     plain = bool(usable.any()) and is_plain(quantise(values[block], context[block]), usable[block])
     key = draw_key(np.random.default_rng(rng))
 
-    def fill_piece(piece: Piece, side: int | None, seconds: float | None, tell: Progress | None) -> Synthesis:
+    def fill_piece(
+        piece: TilePiece, side: int | None, seconds: float | None, tell: Progress | None
+    ) -> Synthesis:
         return fill(
             piece.image,
             piece.hole,
@@ -323,7 +325,7 @@ def fill_surface(
             search=search,
         )
 
-    whole = Piece(values, hole, context, usable, -1)
+    whole = TilePiece(values, hole, context, usable, -1)
     if hole.size <= MOST_PIXELS:
         made = fill_piece(whole, window, budget, progress)
     else:

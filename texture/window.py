@@ -117,7 +117,7 @@ class WindowCheck(NamedTuple):
     distances: dict[int, float]
 
 
-class Piece(NamedTuple):
+class SampleCut(NamedTuple):
     """A part of the sample (h, w, c) with a hole cut into it; known and hole have the shape (h, w)."""
 
     image: NDArray[np.uint8]
@@ -190,7 +190,7 @@ def find_fullest_part(usable: BoolArray) -> tuple[slice, slice]:
     return best
 
 
-def cut_pieces(levels: IntArray, usable: BoolArray) -> list[Piece]:
+def cut_pieces(levels: IntArray, usable: BoolArray) -> list[SampleCut]:
     """Cut holes of 24 x 24 pixels into pieces of the sample; none where it is too small."""
     pieces = []
     for row, column in list_holes(usable):
@@ -198,7 +198,7 @@ def cut_pieces(levels: IntArray, usable: BoolArray) -> list[Piece]:
         here = np.s_[top : top + SURROUNDINGS, left : left + SURROUNDINGS]
         hole = np.zeros(usable[here].shape, dtype=np.bool_)
         hole[row - top : row - top + HOLE, column - left : column - left + HOLE] = True
-        pieces.append(Piece(levels[here].astype(np.uint8), usable[here] & ~hole, hole))
+        pieces.append(SampleCut(levels[here].astype(np.uint8), usable[here] & ~hole, hole))
     return pieces
 
 
@@ -222,7 +222,7 @@ def list_holes(usable: BoolArray) -> list[tuple[int, int]]:
     return [(int(row) + RIM, int(column) + RIM) for row, column in chosen]
 
 
-def _penalise(filled: NDArray[np.uint8], piece: Piece, lattice: Lattice) -> float:
+def _penalise(filled: NDArray[np.uint8], piece: SampleCut, lattice: Lattice) -> float:
     """Return how far a fill is from what was cut out, more if it is out of step."""
     distance = measure_distance(filled, piece.image, piece.hole, piece.hole, n_levels=2)
     phase_error = measure_phase_error(filled, piece.hole, piece.known, lattice)

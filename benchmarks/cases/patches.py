@@ -129,7 +129,7 @@ def case_of(kind: str, seed: int, sigma: float, n: int) -> PatchCase:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.random(random_state=rng).as_matrix(), rng.uniform(-200, 200, 3)
     world = Pose(pose)
-    moved = {side: replace(one, surface=one.surface.transformed(world)) for side, one in boundaries.items()}
+    moved = {side: replace(one, surface=one.surface.transform(world)) for side, one in boundaries.items()}
     exact = at(u, v)
     return PatchCase(
         world.apply(exact + sigma * rng.normal(size=(n, 1)) * normals), world.apply(exact), moved

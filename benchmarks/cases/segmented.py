@@ -106,7 +106,7 @@ def judged(name: str, frame: Frame, found: list[MergedSurface]) -> Judgement:
     angles, radii, wrong = [], [], 0
     for face, region in score.correct:
         true = surfaces(name)[face]
-        fitted = found[region].fit.surface.transformed(frame.scan.world_from_sensor)
+        fitted = found[region].fit.surface.transform(frame.scan.world_from_sensor)
         if fitted.kind != true["kind"]:
             wrong += 1
         elif isinstance(fitted, Plane):

@@ -216,7 +216,7 @@ def starts(first: int = 60, pairs: int = 4) -> Iterator[str]:
         for a, b in given_pairs:
             start = _start(a, b, float(turn), rng)
             counts[0] += is_right_of_objects(_icp(a, b, start, best), a, b)
-            given = [a.restated(world_from_sensor=Pose.identity()), b.restated(world_from_sensor=start)]
+            given = [a.with_facts(world_from_sensor=Pose.identity()), b.with_facts(world_from_sensor=start)]
             found = register_scans(given, level=LEVEL, started=True, n_threads=1)
             pose, (told,) = found.pose_of(1), found.pairs
             motions = told.alternatives if pose is None else pose[None]

@@ -247,7 +247,7 @@ def _put_off(scan: RangeImage, rng: np.random.Generator) -> RangeImage:
     matrix[:3, :3] = Rotation.random(rng=rng).as_matrix()
     direction = rng.normal(size=3)
     matrix[:3, 3] = rng.uniform(0, _MOST_M) * direction / np.linalg.norm(direction)
-    return scan.restated(world_from_sensor=Pose(matrix))
+    return scan.with_facts(world_from_sensor=Pose(matrix))
 
 
 @suite("objects", smallest="--pairs 1")

@@ -73,7 +73,7 @@ def true_fits(case: Case, observations: Sequence[Observation], flatness_m: float
         if sum(map(len, sets)) < LEAST_PIXELS:
             continue
         pixels = ScanPixels.of(sets)
-        local = surface.transformed(case.views[0].world_from_sensor.inverse())
+        local = surface.transform(case.views[0].world_from_sensor.inverse())
         (fit,) = refit_each([local], observations, [pixels], flatness_m, n_rounds=2)
         if fit is not None:
             found.append(TrueFit(local, MergedSurface(fit, pixels, 1)))
@@ -191,7 +191,7 @@ def seen_room(
     scan = RangeImage(ranges.reshape(PINHOLE.shape), PINHOLE, pose)
     seen = observe(sensor.applied(scan, seed), pose)
     pixels = [ScanPixels.of([PixelSet.of((which == k).reshape(PINHOLE.shape))]) for k in range(len(true))]
-    local = [one.transformed(pose.inverse()) for one in true]
+    local = [one.transform(pose.inverse()) for one in true]
     fits = refit_each(local, [seen], pixels, 0.0, n_rounds=2)
     surfaces = [MergedSurface(fit, own, 1) for fit, own in zip(fits, pixels, strict=True) if fit is not None]
     return surfaces, seen, local

@@ -133,5 +133,5 @@ def _plane(rng: np.random.Generator, normal: np.ndarray, centre: np.ndarray, sig
 
 def _hole(rng: np.random.Generator, place: tuple[float, ...], radius: float, sigma: float) -> SurfaceFit:
     fit = axial_fit(rng, radius, 2 * np.pi, (0, 15), sigma=sigma, n=400)
-    moved: Surface = fit.surface.transformed(Pose.from_parts(np.eye(3), np.array([*place, 0.0])))
+    moved: Surface = fit.surface.transform(Pose.from_parts(np.eye(3), np.array([*place, 0.0])))
     return replace(fit, surface=moved)

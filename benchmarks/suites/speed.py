@@ -138,7 +138,7 @@ def _ours(work: Workload, n_threads: int) -> Iterator[tuple[str, str, Job]]:
         caster = RayCaster(work.vertices, work.faces, n_threads, backend=backend)
         yield "primary", f"unseen {backend}", partial(caster.first_hit, work.viewpoint, work.image)
         for order, points in work.targets.items():
-            yield order, f"unseen {backend}", partial(caster.blocked, work.viewpoint, points)
+            yield order, f"unseen {backend}", partial(caster.are_blocked, work.viewpoint, points)
 
 
 @suite("rays", smallest="--rounds 1")

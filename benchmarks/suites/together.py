@@ -214,7 +214,7 @@ def settled(source: Source) -> Sequence[RangeImage]:
     seen = [observe(one, home) for one in source.frames]
     found = correct_poses(seen, range(len(seen)), stated_m=source.registration_m)
     return [
-        one.restated(world_from_sensor=found.moved_world(k, home) @ one.world_from_sensor)
+        one.with_facts(world_from_sensor=found.moved_world(k, home) @ one.world_from_sensor)
         for k, one in enumerate(source.frames)
     ]
 
@@ -225,7 +225,7 @@ def _put_off(one: RangeImage, turn_deg: float, shift_m: float, rng: np.random.Ge
     turn, shift = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
     rotation = Rotation.from_rotvec(np.radians(turn_deg) * turn).as_matrix()
     motion = Pose.from_parts(rotation, one.origin - rotation @ one.origin + shift_m * shift)
-    return one.restated(world_from_sensor=motion @ one.world_from_sensor)
+    return one.with_facts(world_from_sensor=motion @ one.world_from_sensor)
 
 
 class _Score(NamedTuple):
@@ -251,7 +251,8 @@ def _score(
     found = replace(found, points=home.apply(found.points), normals=home.rotate(found.normals))
     world = home @ model.world_from_reference
     used = [
-        one.scan.restated(world_from_sensor=world @ one.scan.world_from_sensor) for one in model.observations
+        one.scan.with_facts(world_from_sensor=world @ one.scan.world_from_sensor)
+        for one in model.observations
     ]
     scored = score_by_others(used, others, found, tolerance_m=max(0.03, 2 * source.registration_m))
     state = scored.state

@@ -19,7 +19,7 @@ from nbv.coverage.measurement import CoverageTally
 from nbv.plan.baselines import farthest_poses
 from nbv.scanning.sensor import View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.visibility.candidates import Standing, counted, find_standing, samples_that_count
+from nbv.visibility.candidates import Standing, find_standing, restrict_to_rooms, samples_that_count
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.site import find_site
@@ -95,7 +95,7 @@ def shares_on(
 ) -> dict[str, tuple[float, float]]:
     """Return the shares on some samples, and their error bars."""
     caster = scene.ray_caster()
-    samples, _ = counted(samples, standing, caster)
+    samples, _ = restrict_to_rooms(samples, standing, caster)
     tally = CoverageTally.start(caster, samples, Requirement())
     tally.add_all(views)
     kinds = {"met": tally.met, "seen": tally.n_views > 0}

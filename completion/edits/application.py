@@ -162,7 +162,7 @@ def _split(whole: EditedSurface, edit: Edit, place: _Place) -> list[EditedSurfac
     """The surface as two, each fitted to its own pixels, that end where it is cut."""
     cut = _cut(whole.surface, edit, place)
     parts = []
-    for side in (cut, cut.flipped()):
+    for side in (cut, cut.flip()):
         pixels = ScanPixels.of(
             [
                 replace(held, flat=held.flat[side.distance(seen.points_at(held.flat)) > 0])
@@ -206,7 +206,7 @@ def _with_edit(surface: EditedSurface, edit: Edit, place: _Place) -> EditedSurfa
 def _cut(surface: MergedSurface, edit: Edit, place: _Place) -> Plane:
     """The plane of a cut, working frame, most of the measured surface on its normal's side."""
     if isinstance(edit.cut, Plane):
-        plane = edit.cut.transformed(place.reference_from_world)
+        plane = edit.cut.transform(place.reference_from_world)
     else:
         start, end = _on_surface(surface, edit.cut, edit, place)
         along = end - start
@@ -215,7 +215,7 @@ def _cut(surface: MergedSurface, edit: Edit, place: _Place) -> Plane:
             raise InputError(f"{edit.source}: its line stands on the surface; draw it along the surface")
         plane = Plane(start, across)
     side = np.median(plane.distance(surface.points(place.observations)))
-    return plane if side >= 0 else plane.flipped()
+    return plane if side >= 0 else plane.flip()
 
 
 def _on_surface(surface: MergedSurface, points: FloatArray | None, edit: Edit, place: _Place) -> FloatArray:

@@ -11,7 +11,7 @@ from typing import Any
 from completion.edits.edit import ACTIONS, Anchor, Edit
 from scenes.checks import InputError, check_coordinates
 from scenes.io.documents import read_json
-from scenes.io.guard import reading
+from scenes.io.guard import guard_reading
 from scenes.surfaces.plane import Plane
 
 _FIELDS = {
@@ -51,7 +51,7 @@ def read_edits(path: str | PathLike[str]) -> tuple[Edit, ...]:
         Not such a file; the message names the file, the edit, counted from 1, and the cure.
     """
     file = Path(path)
-    with reading(file, "a file of edits (JSON)"):
+    with guard_reading(file, "a file of edits (JSON)"):
         held = read_json(file, dict)
         if not isinstance(held.get("edits"), list):
             raise InputError('holds no list "edits"; write {"edits": [{"do": "reject", "surface": 3}]}')

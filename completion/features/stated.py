@@ -328,7 +328,7 @@ def ends_of(
         if np.mean(sides > 0) >= ONE_SIDE:
             ends.append((index + 1, plane))
         elif fit.kind != "elbow" and np.mean(sides < 0) >= ONE_SIDE:
-            ends.append((index + 1, plane.flipped()))
+            ends.append((index + 1, plane.flip()))
     return ends
 
 

@@ -99,7 +99,7 @@ def observe(
     pose, members = Pose.identity(), scan.world_from_sensor
     if not np.array_equal(members.matrix, world_from_reference.matrix):
         pose = world_from_reference.inverse() @ members
-    moved = scan.restated(world_from_sensor=pose)
+    moved = scan.with_facts(world_from_sensor=pose)
     known = scan.sigma_m if sigma_m is None else sigma_m
     noise = estimate_noise(moved) if known is None else RangeNoise(float(known), 0.0)
     shadow = find_shadow(moved) if projector_m is None else shadow_of(projector_m)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from scenes.run.option import NOT_NEGATIVE, Limits, check_limits, choices, option
+from scenes.run.option import NOT_NEGATIVE, NumberRange, check_limits, choices, option
 
 Mode = Literal["conservative", "standard", "bold"]
 KINDS = ("walls", "floors", "ceilings", "pipes", "planes", "cylinders")
@@ -65,7 +65,7 @@ class UserOptions:
         None,
         metavar="M",
         shown="from the scans",
-        limits=Limits(least=-1.0, most=1.0),
+        limits=NumberRange(least=-1.0, most=1.0),
     )
     max_sd_m: float = option(
         "--max-sd",

@@ -19,7 +19,7 @@ from completion.relations.graph import frame_records, freedom_record, relation_r
 from completion.relations.relation import Status
 from scenes.checks import IntArray
 from scenes.io.ply import write_mesh_ply
-from scenes.run.atomic import Stage, locked, make_folder, write_bytes, write_json
+from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json
 from scenes.scan.colour import surface_bytes
 
 FORMAT = "unseen-part/1"
@@ -63,7 +63,7 @@ def write_part(
         The folder cannot be made or written, or another run writes there.
     """
     target = make_folder(folder)
-    with locked(target), Stage(target) as stage:
+    with hold_lock(target), Stage(target) as stage:
         record = part_record(part, flat)
         if closed is not None:
             record["closing"] = closing_record(closed)

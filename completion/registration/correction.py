@@ -116,7 +116,7 @@ def _moved_scan(seen: Observation, motion: FloatArray) -> Observation:
     """A scan moved, to the bit where it is not."""
     if np.array_equal(motion, np.eye(4)):
         return seen
-    scan = seen.scan.restated(world_from_sensor=Pose(motion) @ seen.scan.world_from_sensor)
+    scan = seen.scan.with_facts(world_from_sensor=Pose(motion) @ seen.scan.world_from_sensor)
     return replace(seen, scan=scan, rays=rays_of(scan))
 
 

@@ -141,7 +141,7 @@ class StationView:
 
         Lengths are then in units of `unit_m`.
         """
-        alone = scan.restated(world_from_sensor=Pose.identity())
+        alone = scan.with_facts(world_from_sensor=Pose.identity())
         if unit_m != 1.0:
             sigma = None if scan.sigma_m is None else scan.sigma_m / unit_m
             alone = replace(alone, ranges=scan.ranges / unit_m, sigma_m=sigma)

@@ -16,7 +16,7 @@ from completion.edits.edit import Anchor
 from completion.edits.file import anchors_of, named_anchor
 from scenes.checks import InputError
 from scenes.io.documents import parse_json, read_text
-from scenes.io.guard import reading
+from scenes.io.guard import guard_reading
 
 RelationKind = Literal[
     "parallel",
@@ -227,7 +227,7 @@ def _read(
     path: str | PathLike[str], naming: Callable[[Mapping[str, Any]], Callable[[object, str], _Named]]
 ) -> tuple[StatedRelation[_Named], ...]:
     file = Path(path)
-    with reading(file, "a file of relations (JSON)"):
+    with guard_reading(file, "a file of relations (JSON)"):
         text = read_text(file)
         is_list = text.lstrip().startswith("[")
         document = {"relations": parse_json(text, list)} if is_list else parse_json(text, dict)

@@ -285,7 +285,7 @@ class CompletedModel:
     @cached_property
     def scans(self) -> tuple[RangeImage, ...]:
         """The scans in world coordinates."""
-        return tuple(seen.scan.transformed(self.world_from_reference) for seen in self.observations)
+        return tuple(seen.scan.transform(self.world_from_reference) for seen in self.observations)
 
     @cached_property
     def atlas(self) -> Atlas:
@@ -416,7 +416,7 @@ class CompletedModel:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: measured and inferred area, the largest surfaces, a small picture."""
-        from scenes.card import INFERRED, MEASURED, Card, Share  # only notebooks need it and the picture
+        from scenes.card import INFERRED, MEASURED, Card, CardShare  # only notebooks need it and the picture
         from scenes.scan.thumbnail import thumbnails
 
         observed, inferred = self.observed_m2, self.hypothesised_m2
@@ -437,8 +437,8 @@ class CompletedModel:
             first.name if len(self.observations) == 1 else f"{len(self.observations)} scans",
             figures,
             bar=(
-                Share("measured", observed / whole, MEASURED),
-                Share("inferred", inferred / whole, INFERRED),
+                CardShare("measured", observed / whole, MEASURED),
+                CardShare("inferred", inferred / whole, INFERRED),
             ),
             pictures=thumbnails(first.ranges, first.colour, first.projection)[:1],
             note=" · ".join([*([f"and {n_more} more"] if n_more > 0 else []), *self.warnings]),

@@ -30,7 +30,7 @@ from scenes.io.e57_writer import write_e57
 from scenes.io.gltf import glb_of
 from scenes.io.obj import write_obj
 from scenes.io.ply import PlyMesh, write_meshes_ply
-from scenes.run.atomic import Stage, locked, make_folder, write_bytes, write_json, write_text
+from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json, write_text
 
 
 def building_of(completion: CompletedModel) -> BuildingParts:
@@ -185,7 +185,7 @@ def write_model(
     """
     legend = [f"provenance {number} {name}" for number, name in PROVENANCE_NAMES.items()]
     target = make_folder(folder)
-    with locked(target), Stage(target) as stage:
+    with hold_lock(target), Stage(target) as stage:
         for name in ("completed.glb", "polygons.json", *(f"completed.{name}" for name in exports)):
             path = stage.path(name)
             _export(completion, path, building)

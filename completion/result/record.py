@@ -220,7 +220,7 @@ def _surface_record(completion: CompletedModel, number: int, surface: DerivedSur
         "id": number,
         "kind": fit.surface.kind,
         "anchor": completion.anchor(number).tolist(),
-        "parameters": surface_parameters(fit.surface.transformed(world)),
+        "parameters": surface_parameters(fit.surface.transform(world)),
         "standard_deviation": patch.stated.parameter_deviations(),
         "rms": fit.rms,
         "n": fit.n,

@@ -28,7 +28,7 @@ from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.pipeline import TexturingOptions
 from nbv.commands.options import CompleteOptions, Shared
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from nbv.run.wording import count, square_metres
 from nbv.scans.registering import placed_of, register_request
 from nbv.scans.remote_completion import complete_by_workers
@@ -58,7 +58,7 @@ def completion_options(asked: CompleteOptions) -> CompletionOptions:
 def run_complete(shared: Shared, how: CompleteOptions) -> None:
     """Complete scans and write model, record and report."""
     request = how.request()
-    with running("complete", shared, default="out/complete", is_folder=True) as run:
+    with start_run("complete", shared, default="out/complete", is_folder=True) as run:
         run.watch.enter("load")
         run.read([*request.inputs, *how.files])
         journal = run.journal({**request.options(), **how.record()})
@@ -73,7 +73,7 @@ def run_complete(shared: Shared, how: CompleteOptions) -> None:
                 journal=journal.part("register"),
             )
             given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
-            placement = [placed.told]
+            placement = [placed.summary]
         else:
             given = read_request(request)
         scans = given.scans

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv.commands.options import CoverageOptions, Shared
-from nbv.commands.process import Run, running
+from nbv.commands.process import Run, start_run
 from nbv.coverage.coverage import STATES, Coverage, VisibilityHistory
 from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
-from nbv.coverage.surface_classes import CompletedSurfaces
+from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.coverage.unreachable import coverage_record
 from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
@@ -35,7 +35,7 @@ from nbv.scans.state_mesh import StateMesh
 from nbv.visibility.candidates import Standing, find_standing, samples_that_count
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
-from nbv.visibility.visibility import REASONS, facing
+from nbv.visibility.visibility import REASONS, select_facing
 from scenes.io.ply import write_mesh_ply
 from scenes.io.scan_request import read_request
 from scenes.io.scene_files import open_scene
@@ -65,7 +65,7 @@ def options_record(asked: CoverageOptions) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Measured:
+class _MeasuredCoverage:
     """Coverage, the stations, and what they see one after the other."""
 
     coverage: Coverage
@@ -85,7 +85,7 @@ def run_coverage(shared: Shared, asked: CoverageOptions) -> None:
 
 def _run_scene_coverage(shared: Shared, scene: str, request: CoverageOptions) -> None:
     """Measure the coverage of `scene` by a plan's views or by scans, and write it."""
-    with running("coverage", shared, default="out/coverage", is_folder=True) as run:
+    with start_run("coverage", shared, default="out/coverage", is_folder=True) as run:
         run.watch.enter("load")
         files = [request.plan] if request.plan else request.request().inputs
         run.read([scene, request.sensor, *files])
@@ -127,37 +127,37 @@ def _run_scene_coverage(shared: Shared, scene: str, request: CoverageOptions) ->
         run.finish(resolved, summary, [line])
 
 
-def _measure(run: Run, world: Scene, request: CoverageOptions) -> _Measured:
+def _measure(run: Run, world: Scene, request: CoverageOptions) -> _MeasuredCoverage:
     """Measure by views or by scans."""
     threads = run.shared.threads
     requirement = Requirement.of(request.requirement)
     if request.plan is not None:
         views = _views(request.plan, request.sensor)
         sensor = views[0].sensor if views else load_sensor(request.sensor)
-        run.will_call(facing, 10)
+        run.will_call(select_facing, 10)
         caster = world.ray_caster(threads)
-        standing, samples, apart = _standing(run, world, sensor, request)
+        standing, samples, apart = _resolve_candidates(run, world, sensor, request)
         coverage = measure_coverage(
             world, views, requirement, samples=samples, candidates=standing.candidates, sensor=sensor,
             caster=caster, n_threads=threads, progress=run.progress,
         )  # fmt: skip
         coverage = replace(coverage, apart_m2=apart)
-        return _Measured(coverage, views, _history(coverage), sensor, [])
+        return _MeasuredCoverage(coverage, views, _history(coverage), sensor, [])
     given = read_request(request.request())
     run.warn(given.doubts)
     sensor = load_sensor(request.sensor)
-    run.will_call(facing, 10)
+    run.will_call(select_facing, 10)
     caster = world.ray_caster(threads)
-    standing, samples, apart = _standing(run, world, sensor, request)
+    standing, samples, apart = _resolve_candidates(run, world, sensor, request)
     coverage = measure_scan_coverage(
         world, given.scans, requirement, samples=samples, candidates=standing.candidates, sensor=sensor,
         caster=caster, n_threads=threads, progress=run.progress,
     )  # fmt: skip
     coverage = replace(coverage, apart_m2=apart)
-    return _Measured(coverage, given.scans, _history(coverage), sensor, list(given.instruments))
+    return _MeasuredCoverage(coverage, given.scans, _history(coverage), sensor, list(given.instruments))
 
 
-def _standing(
+def _resolve_candidates(
     run: Run, world: Scene, sensor: Sensor, request: CoverageOptions
 ) -> tuple[Standing, SurfaceSamples, Mapping[str, float]]:
     """What "reachable" refers to, and what surface counts; says what was assumed of rooms."""
@@ -233,7 +233,7 @@ _STATE_COLOURS = np.array(
 
 def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
     """Report what scans have measured, and what completion makes of it."""
-    with running("coverage", shared, default="out/coverage", is_folder=True) as run:
+    with start_run("coverage", shared, default="out/coverage", is_folder=True) as run:
         run.watch.enter("load")
         run.read([request.sensor, *request.request().inputs])
         requirement, scan_request = Requirement.of(request.requirement), request.request()
@@ -244,14 +244,14 @@ def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
                 scan_request, request.up, n_threads=shared.threads, progress=run.progress
             )
             given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
-            placement = [placed.told]
+            placement = [placed.summary]
         else:
             given = read_request(scan_request, request.up)
         run.warn(given.doubts)
         run.watch.enter("voxels")
         scans = [with_known_noise(scan) for scan in given.scans]
         model = complete(scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress)
-        completed = CompletedSurfaces(model, options.max_sd_m)
+        completed = KnownSurfaces(model, options.max_sd_m)
         scan_map = ScanMap.of(
             scans, sensor, mode=request.mode or "room", requirement=requirement, completed=completed
         )

@@ -12,7 +12,7 @@ from completion.pipeline import complete
 from completion.texturing.pipeline import TexturingOptions
 from nbv.commands.options import DemoOptions, Shared
 from nbv.commands.plan import coverage_of
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from nbv.plan.plan import CSV_NAME, TRAJECTORY_NAME, write_plan_files
 from nbv.plan.planning import plan_views
 from nbv.report.demo_report import (
@@ -43,7 +43,7 @@ TEXTURING = TexturingOptions(max_samples=12_000)  # less to search than by defau
 
 def run_demo(shared: Shared, _asked: DemoOptions | None = None) -> None:
     """Plan views, complete the scans of a few of them, compare with the truth, and write everything."""
-    with running("demo", shared, default="out/demo", is_folder=True) as run:
+    with start_run("demo", shared, default="out/demo", is_folder=True) as run:
         run.read([f"builtin:{SCENE}"])
         scene, sensor, threads = builtin_scene(SCENE), load_sensor(SENSOR), shared.threads
         caster = scene.ray_caster(threads)

@@ -16,7 +16,7 @@ from completion.features.engine.template import Features, FeatureStatus, Measure
 from completion.features.openings.recess import log_likelihoods
 from completion.features.pipeline import find_features, of_points
 from nbv.commands.options import FeatureCommandOptions, Shared
-from nbv.commands.process import Run, running
+from nbv.commands.process import Run, start_run
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.io.mesh_file import is_mesh
 from scenes.io.ply import write_mesh_ply
@@ -55,7 +55,7 @@ class _Input:
 def run_feature(shared: Shared, how: FeatureCommandOptions) -> None:
     """Find features and write features.json, features.ply and the report."""
     request = how.request()
-    with running("feature", shared, default="out/feature", is_folder=True) as run:
+    with start_run("feature", shared, default="out/feature", is_folder=True) as run:
         run.watch.enter("load")
         run.read([*request.inputs, *([how.given] if how.given else [])])
         given = {} if how.given is None else read_given(how.given, how.kinds)
@@ -129,16 +129,18 @@ def _write(run: Run, features: Features, held: _Input, how: FeatureCommandOption
     feature, face = features.of_points()
     colour = surface_bytes(feature)
     record: dict[str, NDArray[Any]] = {
-        "feature": _placed(feature, held, 0),
-        "face": _placed(face, held, 0),
-        "red": _placed(colour[:, 0], held, 0),
-        "green": _placed(colour[:, 1], held, 0),
-        "blue": _placed(colour[:, 2], held, 0),
+        "feature": _in_file_order(feature, held, 0),
+        "face": _in_file_order(face, held, 0),
+        "red": _in_file_order(colour[:, 0], held, 0),
+        "green": _in_file_order(colour[:, 1], held, 0),
+        "blue": _in_file_order(colour[:, 2], held, 0),
     }
-    write_mesh_ply(run.path("features.ply"), _placed(held.points, held, np.nan), held.faces, record, _LEGEND)
+    write_mesh_ply(
+        run.path("features.ply"), _in_file_order(held.points, held, np.nan), held.faces, record, _LEGEND
+    )
 
 
-def _placed(values: NDArray[Any], held: _Input, without: float) -> NDArray[Any]:
+def _in_file_order(values: NDArray[Any], held: _Input, without: float) -> NDArray[Any]:
     """Values (n, ...) in the places of their points in the file, where some were left out."""
     if held.rows is None:
         return values

@@ -17,7 +17,7 @@ from completion.fitting.result import FitError, SurfaceFit, inflated, surface_pa
 from completion.fitting.selection import Selection, select
 from completion.fitting.shape import Shape
 from nbv.commands.options import FitOptions, Shared
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from scenes.checks import InputError
 from scenes.io.point_files import PointCloud, read_points
 from scenes.run.atomic import json_text, write_bytes, write_json
@@ -37,7 +37,9 @@ def _run_surface(shared: Shared, asked: FitOptions, shape: Shape) -> None:
     points, metric, robust, origin = asked.points, asked.metric, asked.robust, asked.origin
     given: dict[str, Any] = {"radius": asked.radius, "axis": asked.axis}
     default = Path(f"{Path(points.partition('#')[0]).name or 'points'}.fit.json")
-    with running("fit", shared, default=str(default), is_folder=False, writes=shared.out is not None) as run:
+    with start_run(
+        "fit", shared, default=str(default), is_folder=False, writes=shared.out is not None
+    ) as run:
         run.watch.enter("load")
         if shared.out is not None:
             run.read([points])
@@ -98,7 +100,9 @@ def _run_patch(shared: Shared, asked: FitOptions) -> None:
     points, exports = asked.points, asked.export
     between = asked.between or Path()
     default = Path(f"{Path(points.partition('#')[0]).name or 'points'}.fit.json")
-    with running("fit", shared, default=str(default), is_folder=False, writes=shared.out is not None) as run:
+    with start_run(
+        "fit", shared, default=str(default), is_folder=False, writes=shared.out is not None
+    ) as run:
         run.watch.enter("load")
         if "step" in exports:
             if shared.out is None:

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from nbv.commands.options import InfoOptions, Shared
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from nbv.run.manifest import manifest_path
 from scenes.checks import InputError
 from scenes.io.describe import describe
 from scenes.io.documents import parse_json, read_text, within_folder
-from scenes.io.guard import check_file, reading
+from scenes.io.guard import check_file, guard_reading
 from scenes.io.npz import open_arrays
 from scenes.io.ply import read_mesh_ply
 from scenes.io.scan_files import split_index
@@ -36,7 +36,9 @@ def run_info(shared: Shared, asked: InfoOptions) -> None:
     """Describe a file on stdout; with an output file also there, with a manifest."""
     file, camera = asked.file, asked.read.intrinsics
     default = Path(f"{Path(file.partition('#')[0]).name or 'input'}.info.json")
-    with running("info", shared, default=str(default), is_folder=False, writes=shared.out is not None) as run:
+    with start_run(
+        "info", shared, default=str(default), is_folder=False, writes=shared.out is not None
+    ) as run:
         held = describe_output(split_index(file)[0])
         if held is None:
             intrinsics = None if camera is None else (camera[0], camera[1], camera[2], camera[3])
@@ -99,16 +101,16 @@ def describe_output(path: Path) -> dict[str, Any] | None:
     if path.is_dir():
         if not (path / "manifest.json").is_file() or (path / "depth").is_dir():
             return None
-        with reading(path, "an output folder"):
+        with guard_reading(path, "an output folder"):
             return _folder(path)
     describer = {
         ".json": _json, ".toml": _sensor, ".npz": _arrays, ".ply": _ply, ".csv": _csv, ".html": _html,
     }.get(path.suffix.lower())  # fmt: skip
     if describer is None or not path.is_file():
         return None
-    with reading(check_file(path), f"a {path.suffix[1:].upper()} file"):
+    with guard_reading(check_file(path), f"a {path.suffix[1:].upper()} file"):
         record = describer(path)
-        return None if record is None else _ordered(path, record)
+        return None if record is None else _order_record(path, record)
 
 
 def with_states(held: dict[str, Any]) -> dict[str, Any]:
@@ -122,11 +124,11 @@ def with_states(held: dict[str, Any]) -> dict[str, Any]:
     return {**held, "parts": counts, "warnings": [sentence, *held["warnings"]]}
 
 
-def _ordered(path: Path, record: dict[str, Any]) -> dict[str, Any]:
+def _order_record(path: Path, record: dict[str, Any]) -> dict[str, Any]:
     """Kind and path first, warnings last, all of it plain."""
-    rest = {key: value for key, value in record.items() if key not in ("kind", "warnings")}
+    entries = {key: value for key, value in record.items() if key not in ("kind", "warnings")}
     ends = {"warnings": record.get("warnings", [])}
-    plain = to_plain({"kind": record["kind"], "path": str(path), **rest, **ends})
+    plain = to_plain({"kind": record["kind"], "path": str(path), **entries, **ends})
     return dict(plain)
 
 
@@ -163,7 +165,7 @@ def _folder(path: Path) -> dict[str, Any]:
     sizes = {entry["name"]: entry["bytes"] for entry in content["outputs"]}
     changed = [name for name in files if (path / name).stat().st_size != sizes[name]]
     warnings += [f"{name} was changed since it was written" for name in changed]
-    return _ordered(path, {**description, "warnings": warnings})
+    return _order_record(path, {**description, "warnings": warnings})
 
 
 def _sensor(path: Path) -> dict[str, Any]:
@@ -264,7 +266,7 @@ def read_record(path: Path) -> dict[str, Any] | None:
     InputError
         No such file, too large, or neither a JSON object nor a list.
     """
-    with reading(path, "JSON"):
+    with guard_reading(path, "JSON"):
         text = read_text(path)
         if text.lstrip().startswith("["):
             parse_json(text, list)

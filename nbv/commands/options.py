@@ -19,7 +19,7 @@ from completion.fitting.shape import Metric, Shape
 from completion.observe.user_options import Mode, UserOptions
 from nbv.run.plan_options import RequirementOptions, SearchOptions
 from nbv.visibility.site_options import SiteOptions
-from scenes.run.option import NOT_NEGATIVE, Limits, argument, choices, each, group, numbers, option
+from scenes.run.option import NOT_NEGATIVE, NumberRange, argument, choices, each, group, numbers, option
 
 if TYPE_CHECKING:
     from scenes.io.scan_request import ScanRequest
@@ -122,7 +122,7 @@ class Shared:
     quiet: bool = option("--quiet -q", "Print nothing.", False)
     threads: int | None = option(
         "--threads", "Number of threads; results do not depend on it.", None, shown="all cores",
-        limits=Limits(least=1),
+        limits=NumberRange(least=1),
     )  # fmt: skip
     max_memory: int | None = option(
         "--max-memory", "Memory limit, like 2GB; results do not depend on it.", None, metavar="SIZE",
@@ -396,7 +396,7 @@ class CompleteOptions(UserOptions):
     register: bool = _register()
     cell_m: float | None = option(
         "--resolution", "Side of a cell of inferred surface.", None, metavar="M", shown="the pixels'",
-        limits=Limits(least=1e-4, most=1.0),
+        limits=NumberRange(least=1e-4, most=1.0),
     )  # fmt: skip
     edits: str | None = option(
         "--edits", "completion.json with your edits.", None, metavar="FILE", shown=False
@@ -416,7 +416,7 @@ class CompleteOptions(UserOptions):
     )  # fmt: skip
     tolerance_m: float = option(
         "--tolerance", 'Largest half-width of the 95 % interval for "rely".', 0.01, metavar="M",
-        limits=Limits(least=1e-6, most=100.0),
+        limits=NumberRange(least=1e-6, most=100.0),
     )  # fmt: skip
     observed: Literal["auto", "full"] = option(
         "--observed", "Points of observed.ply: at most ten million (auto), or all.", "auto"
@@ -577,7 +577,7 @@ class FeatureCommandOptions:
     )  # fmt: skip
     evaluations: int = option(
         "--evaluations", "Largest number of evaluations per search.", 200_000, metavar="N",
-        limits=Limits(least=1),
+        limits=NumberRange(least=1),
     )  # fmt: skip
     read: ReadOptions = group(ReadOptions)
     units: Units = _units()

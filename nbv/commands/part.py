@@ -21,7 +21,7 @@ from completion.parts.pipeline import MACHINED, divide_part, relate_part
 from completion.parts.step_export import outcome_lines, step_model
 from completion.relations.relation import StatedRelation, Status, read_part_relations
 from nbv.commands.options import PartOptions, Shared
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from nbv.run.wording import count
 from scenes.checks import InputError
 from scenes.io.point_files import PartFile, read_part_file
@@ -29,7 +29,7 @@ from scenes.io.point_files import PartFile, read_part_file
 
 def run_part(shared: Shared, request: PartOptions) -> None:
     """Divide a part into surfaces, relate them, flatten its planes on request, and write files and report."""
-    with running("part", shared, default="out/part", is_folder=True) as run:
+    with start_run("part", shared, default="out/part", is_folder=True) as run:
         run.watch.enter("load")
         run.read(request.files)
         stated = tuple(relation for file in request.files[1:] for relation in read_part_relations(file))
@@ -37,8 +37,8 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         if "step" in request.exports:
             kernel()  # what is missing is said before the work
         run.will_call(reachable, 10)
-        part = _modelled(held, request, stated, run)
-        flat = _flattened(part, request, run) if request.flatten else None
+        part = _model_file(held, request, stated, run)
+        flat = _flatten_part(part, request, run) if request.flatten else None
         closed = close_holes(part)
         doubts = [] if closed is None or not closed.n_closed else [closed.told]
         run.warn([*part.warnings, *(() if flat is None else flat.doubts), *doubts])
@@ -63,7 +63,7 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         run.finish({**request.record(), **record}, {**summary_of(part, flat), **record}, lines)
 
 
-def _modelled(
+def _model_file(
     held: PartFile, request: PartOptions, stated: tuple[StatedRelation[int], ...], run: Any
 ) -> Part:
     """The part, with what is doubtful of the file among its warnings."""
@@ -82,7 +82,7 @@ def _modelled(
     return replace(part, warnings=(*held.warnings, *part.warnings))
 
 
-def _flattened(part: Part, request: PartOptions, run: Any) -> FlatPart:
+def _flatten_part(part: Part, request: PartOptions, run: Any) -> FlatPart:
     """The part with its planes flattened."""
     run.watch.enter("flatten")
     try:

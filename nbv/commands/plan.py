@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from nbv.commands.options import PlanOptions, ReadOptions, Shared, record_of
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.coverage import Coverage
-from nbv.coverage.surface_classes import CompletedSurfaces, Shares
+from nbv.coverage.surface_classes import ClassShares, KnownSurfaces
 from nbv.coverage.unreachable import coverage_record
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import Baseline, compare_with_baselines
@@ -23,7 +23,7 @@ from nbv.plan.plan import CSV_NAME, TRAJECTORY_NAME, Plan, write_plan_files
 from nbv.plan.planning import plan_views
 from nbv.plan.problem import remote_visibility
 from nbv.plan.rules import compare_with_rules
-from nbv.report.blocks.rooms import rule_sentences, write_building_files
+from nbv.report.blocks.room_tables import rule_sentences, write_building_files
 from nbv.report.coverage_report import plan_page
 from nbv.report.scans_report import next_stations_page
 from nbv.run.wording import count, percent, percent_within, square_metres
@@ -33,11 +33,17 @@ from nbv.scans.next_stations import check_aperture, plan_next_stations, room_ent
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap, with_known_noise
 from nbv.scans.scan_mesh import MOST_PIXELS
-from nbv.scans.scan_record import Said, ScanRecord, last_scan_in_words, record_scans, said_before
+from nbv.scans.scan_record import (
+    ScanRecord,
+    StationPrediction,
+    last_scan_in_words,
+    read_predictions,
+    record_scans,
+)
 from nbv.visibility.candidates import with_aperture
 from nbv.visibility.requirement import Requirement
-from nbv.visibility.viewpoints import allowed, load_candidates
-from nbv.visibility.visibility import facing
+from nbv.visibility.viewpoints import allowed_candidates, load_candidates
+from nbv.visibility.visibility import select_facing
 from nbv.visibility.zones import Box, Zones
 from scenes.checks import InputError
 from scenes.io.scan_request import GivenScans, read_request
@@ -75,7 +81,7 @@ def run_plan(shared: Shared, asked: PlanOptions) -> None:
 
 def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
     """Plan views of `scene` and write plan, coverage and report."""
-    with running("plan", shared, default="out/plan", is_folder=True) as run:
+    with start_run("plan", shared, default="out/plan", is_folder=True) as run:
         run.watch.enter("load")
         run.read([scene, *request.inputs])
         zones = zones_of(request)
@@ -89,7 +95,7 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
         scans = given.scans
         run.warn(given.doubts)
         journal = run.journal(options_record(request))
-        run.will_call(facing, 20)
+        run.will_call(select_facing, 20)
         with remote_visibility(request.scheduler, shared.threads, run.out) as remote:
             plan = plan_views(
                 world,
@@ -208,7 +214,7 @@ def _rooms_line(plan: Plan) -> str:
     return f"stations in {len(inside) - len(empty)} of {count(len(inside), 'room')}{none}"
 
 
-def _classes_line(shares: Shares, errors: Mapping[str, float]) -> str:
+def _classes_line(shares: ClassShares, errors: Mapping[str, float]) -> str:
     """What completion adds to what was measured as required, and how much of what it infers is right."""
     text = (
         f"; modelled {percent_within(shares.modelled, errors['modelled'])} %, "
@@ -224,7 +230,7 @@ def _classes_line(shares: Shares, errors: Mapping[str, float]) -> str:
 
 def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
     """Plan the next stations after scans, and write plan, coverage so far and report."""
-    with running("plan", shared, default="out/plan", is_folder=True) as run:
+    with start_run("plan", shared, default="out/plan", is_folder=True) as run:
         run.watch.enter("load")
         before = _earlier_plan(request, run.out)
         run.read([*request.inputs, *([] if before is None else [str(before)])])
@@ -234,19 +240,19 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
         given = read_request(scan_request, request.up)
         run.warn(given.doubts)
-        standings = _said(before, given.scans, is_asked_for=request.plan is not None)
+        predictions = _earlier_predictions(before, given.scans, is_asked_for=request.plan is not None)
         run.watch.enter("complete")
         scans = [with_known_noise(scan) for scan in given.scans]
-        few = [scan.thinned(MOST_PIXELS) for scan in scans]
-        completed = CompletedSurfaces.of(few, requirement.max_sd_m, relates=False, n_threads=shared.threads)
+        few = [scan.thin(MOST_PIXELS) for scan in scans]
+        completed = KnownSurfaces.of(few, requirement.max_sd_m, relates=False, n_threads=shared.threads)
         run.watch.enter("voxels")
         options = PlannerOptions(zones=zones, clearance_m=site.clearance_m)
         scan_map = ScanMap.of(
             scans, sensor, mode=request.mode or "room", options=options, requirement=requirement,
             completed=completed, zones=zones,
         )  # fmt: skip
-        candidates = allowed(candidates or scan_map.candidates(sensor, site), zones)
-        chosen, warnings = ((), []) if scan_map.rooms is None else scan_map.rooms.chosen(site)
+        candidates = allowed_candidates(candidates or scan_map.candidates(sensor, site), zones)
+        chosen, warnings = ((), []) if scan_map.rooms is None else scan_map.rooms.choose_rooms(site)
         run.warn(warnings)
         run.watch.enter("plan")
         plan = plan_next_stations(
@@ -262,7 +268,7 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         run.watch.enter("coverage")
         coverage = cover_by_scans(scan_map, requirement, completion=completed.completion, zones=zones)
         plan = replace(plan, rooms=room_entries(coverage, plan, chosen))
-        record = record_scans(coverage, standings)
+        record = record_scans(coverage, predictions)
         run.watch.enter("report")
         entries = {"seed": shared.seed, "record": [scan.to_json() for scan in record]}
         write_json(run.path("plan.json"), {**plan.to_json(), **entries})
@@ -285,12 +291,14 @@ def _earlier_plan(request: PlanOptions, out: Path) -> Path | None:
     return left if left.is_file() else None
 
 
-def _said(before: Path | None, scans: Sequence[RangeImage], *, is_asked_for: bool) -> tuple[Said | None, ...]:
+def _earlier_predictions(
+    before: Path | None, scans: Sequence[RangeImage], *, is_asked_for: bool
+) -> tuple[StationPrediction | None, ...]:
     """Return what an earlier plan said of the scans; one left in the folder may be of other scans."""
     if before is None:
         return ()
     try:
-        return said_before(before, [scan.world_from_sensor for scan in scans])
+        return read_predictions(before, [scan.world_from_sensor for scan in scans])
     except InputError:
         if is_asked_for:
             raise

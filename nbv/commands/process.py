@@ -122,22 +122,22 @@ class Run:
 
 
 @contextmanager
-def running(
+def start_run(
     command: str, shared: Shared, *, default: str, is_folder: bool, writes: bool = True
 ) -> Iterator[Run]:
     """Run a command: make its folder, show progress, turn unusable input into one line and exit code 1.
 
-    One that only prints says so by `writes`, and nothing is locked or staged.
+    One that only prints says so by `writes`, and nothing is hold_lock or staged.
     """
     from nbv.run.manifest import Inputs, Stopwatch
     from scenes.checks import InputError
     from scenes.io.limits import limits
-    from scenes.run.atomic import Stage, locked
+    from scenes.run.atomic import Stage, hold_lock
     from scenes.run.memory import memory_limit
 
     watch = Stopwatch()
     try:
-        out = _prepared(shared.out or Path(default), is_folder=is_folder)
+        out = _make_folder(shared.out or Path(default), is_folder=is_folder)
         folder, name = (out, "") if is_folder else (out.parent, out.name)
         stage = Stage(folder, name)
         with ExitStack() as held:
@@ -147,7 +147,7 @@ def running(
                 _take_linear_algebra_buffers()
                 held.enter_context(memory_limit(shared.max_memory, enforced=True))
             if writes:
-                held.enter_context(locked(folder, name))
+                held.enter_context(hold_lock(folder, name))
                 held.enter_context(stage)
             progress = held.enter_context(progress_bars(watch, hidden=shared.quiet or shared.as_json))
             yield Run(
@@ -195,7 +195,7 @@ def _fail(command: str, message: str) -> None:
     raise typer.Exit(1)
 
 
-def _prepared(out: Path, *, is_folder: bool) -> Path:
+def _make_folder(out: Path, *, is_folder: bool) -> Path:
     """Return `out`, made where it is a folder that does not exist yet."""
     from scenes.checks import InputError
     from scenes.run.atomic import make_folder

@@ -13,7 +13,7 @@ from completion.registration.pipeline import check_poses, register_scans
 from completion.registration.registered import Registered, registration_record
 from completion.registration.verdict import Verdict
 from nbv.commands.options import RegisterOptions, Shared
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from nbv.run.wording import count
 from nbv.scans.registering import copies_of, copies_told, doubts_of_poses
 from scenes.io.format import written_suffixes
@@ -27,7 +27,7 @@ from scenes.scan.range_image import RangeImage
 def run_register(shared: Shared, how: RegisterOptions) -> None:
     """Register scans, or check their poses; write registration.json, scans and report."""
     request = how.request()
-    with running("register", shared, default="out/register", is_folder=True) as run:
+    with start_run("register", shared, default="out/register", is_folder=True) as run:
         run.watch.enter("load")
         run.read(request.inputs)
         given = read_request(request, posed=how.checks)
@@ -101,7 +101,7 @@ def _write_posed(folder: Path, given: GivenScans, poses: Sequence[Pose | None]) 
     taken: set[str] = set()
     for path in dict.fromkeys(given.paths):
         images = [
-            scan.restated(world_from_sensor=pose)
+            scan.with_facts(world_from_sensor=pose)
             for scan, of, pose in zip(given.scans, given.paths, poses, strict=True)
             if of == path and pose is not None
         ]

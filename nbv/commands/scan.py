@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nbv.commands.options import ScanOptions, Shared
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from nbv.run.wording import count
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor_profile import load_profile
@@ -52,7 +52,7 @@ def run_scan(shared: Shared, asked: ScanOptions) -> None:
     """Scan a scene from where the sensor stands and write the scans."""
     default, file, noise = Path("scan.npz"), asked.poses, asked.noise
     is_folder = file is not None and not (shared.out or default).suffix
-    with running("scan", shared, default=str(default), is_folder=is_folder) as run:
+    with start_run("scan", shared, default=str(default), is_folder=is_folder) as run:
         run.watch.enter("load")
         run.read([asked.scene, asked.sensor, *([file] if file else [])])
         poses = poses_of(asked)

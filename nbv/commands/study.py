@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from nbv.commands.options import Shared, StudyOptions
-from nbv.commands.process import Run, running
+from nbv.commands.process import Run, start_run
 from nbv.report.figures.plots import on_white
 from nbv.report.study_report import spread, study_page
 from nbv.run.wording import count
@@ -20,7 +20,7 @@ from scenes.run.atomic import write_bytes
 def run_study_file(shared: Shared, asked: StudyOptions) -> None:
     """Run a study file and write its plans, tables, plots and report."""
     file = asked.file
-    with running("study", shared, default=f"out/{Path(file).stem}", is_folder=True) as run:
+    with start_run("study", shared, default=f"out/{Path(file).stem}", is_folder=True) as run:
         run.watch.enter("load")
         spec = read_study(file)
         run.read([file, *(scene.scene for scene in spec.scenes), *(sensor.sensor for sensor in spec.sensors)])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from nbv.commands.options import Shared, TextureOptions
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from scenes.checks import InputError
 from scenes.io.image import open_image
 from scenes.run.atomic import write_bytes
@@ -49,7 +49,7 @@ _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP", ".t
 def run_texture(shared: Shared, asked: TextureOptions) -> None:
     """Fill the masked pixels of an image, on request shading apart, or grow a texture."""
     image, mask, shape, is_surface = asked.image, asked.mask, asked.grow, asked.surface
-    with running("texture", shared, default="texture.png", is_folder=False) as run:
+    with start_run("texture", shared, default="texture.png", is_folder=False) as run:
         _format_of(run.out)
         run.read([image] if mask is None else [image, mask])
         pixels = read_image(image)
@@ -134,7 +134,7 @@ def read_image(path: str) -> NDArray[np.uint8]:
     InputError
         Missing, damaged, of unreasonable size, or of more than 8 bits.
     """
-    with _opened(path) as opened:
+    with _open_image(path) as opened:
         if opened.mode.startswith(("I", "F")):
             raise InputError(f"has pixels of mode {opened.mode}; convert it to 8 bits first")
         if opened.mode == "1":
@@ -146,7 +146,7 @@ def read_image(path: str) -> NDArray[np.uint8]:
 
 def read_mask(path: str) -> NDArray[np.bool_]:
     """Return where an image (h, w) is not zero in any of its colours; alpha does not count."""
-    with _opened(path) as opened:
+    with _open_image(path) as opened:
         if opened.mode not in ("1", "L", "LA", "RGB", "RGBA") and not opened.mode.startswith(("I", "F")):
             opened = opened.convert("RGBA" if opened.has_transparency_data else "RGB")
         values = np.array(opened)
@@ -157,7 +157,7 @@ def read_mask(path: str) -> NDArray[np.bool_]:
 
 
 @contextmanager
-def _opened(path: str) -> Iterator[Image.Image]:
+def _open_image(path: str) -> Iterator[Image.Image]:
     with open_image(Path(path)) as opened:
         opened.load()
         yield ImageOps.exif_transpose(opened)

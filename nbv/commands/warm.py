@@ -28,7 +28,7 @@ from nbv.commands.options import (
     WarmOptions,
 )
 from nbv.commands.plan import run_plan
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from nbv.commands.scan import run_scan
 from nbv.commands.texture import run_texture
 from nbv.run.plan_options import SearchOptions
@@ -50,7 +50,7 @@ divergence_rad = 0.004
 
 def run_warm(shared: Shared, _: WarmOptions) -> None:
     """Compile what completion needs and what planning needs, side by side with two threads or more."""
-    with running("warm", shared, default=os.devnull, is_folder=False, writes=False) as run:
+    with start_run("warm", shared, default=os.devnull, is_folder=False, writes=False) as run:
         loop: Any = solve_plane
         store = loop.stats.cache_path
         if store is None:
@@ -79,10 +79,12 @@ def warm_completion(folder: Path) -> None:
     scan = ScanOptions(
         scene=_ROOM, at=(1.0, 1.0, 1.5), look=(3.0, 3.0, 1.0), sensor=sensor, noise="profile", truth=False
     )
-    run_scan(_shared(folder / "scan.npz"), scan)
+    run_scan(_shared_options(folder / "scan.npz"), scan)
     scans = (str(folder / "scan.npz"),) * 2
-    run_complete(_shared(folder / "completed"), CompleteOptions(scans=scans, up="z"))
-    run_texture(_shared(folder / "grown.png"), TextureOptions(image=str(image), grow=(16, 16), window=5))
+    run_complete(_shared_options(folder / "completed"), CompleteOptions(scans=scans, up="z"))
+    run_texture(
+        _shared_options(folder / "grown.png"), TextureOptions(image=str(image), grow=(16, 16), window=5)
+    )
 
 
 def warm_planning(folder: Path) -> None:
@@ -96,7 +98,7 @@ def warm_planning(folder: Path) -> None:
     for method in methods:
         search = SearchOptions(method=method, views=2, polish_steps=20)
         asked = PlanOptions(scene=_ROOM, search=search, sensor=sensor, candidates=str(candidates))
-        run_plan(_shared(folder / method), asked)
+        run_plan(_shared_options(folder / method), asked)
 
 
 def _sensor(path: Path) -> str:
@@ -105,5 +107,5 @@ def _sensor(path: Path) -> str:
     return str(path)
 
 
-def _shared(out: Path) -> Shared:
+def _shared_options(out: Path) -> Shared:
     return Shared(out=out, quiet=True)

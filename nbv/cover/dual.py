@@ -52,12 +52,12 @@ def reduce_instance(instance: CoverInstance) -> Reduction:
         kept, group = _merge_samples(matrix)
         weights = np.bincount(group, weights, len(kept)).astype(np.float64)
         matrix = _pattern(matrix[:, kept])
-        sample_of = _renumbered(sample_of, group)
+        sample_of = _renumber(sample_of, group)
         if instance.is_full:
-            needed = ~_implied(matrix)
+            needed = ~_find_implied(matrix)
             matrix, weights = _pattern(matrix[:, needed]), weights[needed]
-            sample_of = _renumbered(sample_of, np.where(needed, np.cumsum(needed) - 1, -1))
-        useful = ~_dominated(matrix) if instance.fold == 1 else np.diff(matrix.indptr) > 0
+            sample_of = _renumber(sample_of, np.where(needed, np.cumsum(needed) - 1, -1))
+        useful = ~_find_dominated(matrix) if instance.fold == 1 else np.diff(matrix.indptr) > 0
         matrix, candidates = _pattern(matrix[useful]), candidates[useful]
         if useful.all():
             return Reduction(replace(instance, matrix=matrix, weights=weights), candidates, sample_of)
@@ -71,7 +71,7 @@ def _pattern(matrix: csr_array) -> csr_array:
     return pattern
 
 
-def _renumbered(sample_of: NDArray[np.int64], numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+def _renumber(sample_of: NDArray[np.int64], numbers: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return `sample_of` with its entries replaced by their new `numbers`; -1 stays."""
     renumbered = sample_of.copy()
     renumbered[sample_of >= 0] = numbers[sample_of[sample_of >= 0]]
@@ -87,7 +87,7 @@ def _merge_samples(matrix: csr_array) -> tuple[NDArray[np.int64], NDArray[np.int
     return first[order].astype(np.int64), np.argsort(order).astype(np.int64)[group]
 
 
-def _implied(matrix: csr_array) -> BoolArray:
+def _find_implied(matrix: csr_array) -> BoolArray:
     """Tell which samples (n,) are seen by all candidates that see some other sample."""
     by_sample = _pattern(csr_array(matrix.T))
     implied: BoolArray = _supersets(
@@ -96,7 +96,7 @@ def _implied(matrix: csr_array) -> BoolArray:
     return implied
 
 
-def _dominated(matrix: csr_array) -> BoolArray:
+def _find_dominated(matrix: csr_array) -> BoolArray:
     """Tell which candidates (m,) see nothing, or nothing that some other one does not see as well."""
     by_sample = _pattern(csr_array(matrix.T))
     dominated: BoolArray = _subsets(
@@ -211,10 +211,10 @@ def ascend(instance: CoverInstance, n_chosen: int, n_steps: int) -> Multipliers:
     where no candidate sees more than 1 together.
     """
     multipliers = _even_shares(instance)
-    best = _valued(instance, multipliers)
+    best = _price_multipliers(instance, multipliers)
     share, waited, direction = 1.0, 0, np.zeros(instance.n_samples)
     for _ in range(n_steps):
-        now = _valued(instance, multipliers)
+        now = _price_multipliers(instance, multipliers)
         waited = 0 if now.value > best.value + _GAIN * abs(best.value) else waited + 1
         best = max(best, now, key=lambda multipliers: multipliers.value)
         if waited > _PATIENCE:
@@ -238,7 +238,7 @@ def _even_shares(instance: CoverInstance) -> FloatArray:
     return 1.0 / largest
 
 
-def _valued(instance: CoverInstance, multipliers: FloatArray) -> Multipliers:
+def _price_multipliers(instance: CoverInstance, multipliers: FloatArray) -> Multipliers:
     """Return the multipliers with their best price, and about what they prove."""
     sums = instance.sums_seen(multipliers)
     excess = float(np.maximum(sums - 1.0, 0.0).sum())
@@ -306,7 +306,7 @@ def find_certificate(
         whole = reduction.sample_of[part]
         multipliers[part] = (_feasible(instance, multipliers_none) / instance.weights)[whole] * weights[part]
         price = multipliers_none.price
-    return Certificate.rounded(multipliers, price)
+    return Certificate.round_down(multipliers, price)
 
 
 def _solve_within(instance: CoverInstance) -> Multipliers | None:
@@ -330,7 +330,7 @@ def _solve(instance: CoverInstance) -> Multipliers | None:
     if solved.x is None:
         return None
     multipliers = np.clip(-solved.ineqlin.marginals[: instance.n_samples], 0.0, 1.0)
-    solution = _valued(instance, multipliers)
+    solution = _price_multipliers(instance, multipliers)
     if instance.is_full:
         return solution
     return replace(solution, price=max(-float(solved.ineqlin.marginals[-1]), 0.0) / _scale(instance))
@@ -341,7 +341,9 @@ def _feasible(instance: CoverInstance, multipliers: Multipliers) -> FloatArray:
     if instance.fold > 1 or not instance.is_full:
         return multipliers.samples
     scaled = multipliers.samples / max(1.0, float(multipliers.sums.max()) * (1 + _HAIR))
-    return max(multipliers, _valued(instance, scaled), key=lambda multipliers: multipliers.value).samples
+    return max(
+        multipliers, _price_multipliers(instance, scaled), key=lambda multipliers: multipliers.value
+    ).samples
 
 
 def relaxation(instance: CoverInstance) -> dict[str, Any]:

@@ -188,7 +188,7 @@ class Certificate:
             )
 
     @classmethod
-    def rounded(cls, multipliers: FloatArray, price: float = 0.0) -> Certificate:
+    def round_down(cls, multipliers: FloatArray, price: float = 0.0) -> Certificate:
         """Return a certificate of multipliers (n,), cut off at 0 and 1 and rounded down."""
         return cls(np.floor(np.clip(multipliers, 0.0, 1.0) * _ONE).astype(np.int64), price)
 

@@ -49,7 +49,7 @@ class OverlapOptions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Links:
+class ViewLinks:
     """Overlap of one view with each of m others, (m,): shared fraction, stiffness, whether linked."""
 
     overlap: FloatArray
@@ -96,7 +96,7 @@ class OverlapGraph:
         stiff[sums[:, 0] > 0] = stiffness(sums[sums[:, 0] > 0])
         return np.asarray(stiff >= self.options.min_stiffness)
 
-    def links(self, candidate: int) -> Links:
+    def links(self, candidate: int) -> ViewLinks:
         """Return the overlap (m,) of a candidate with every candidate; it is not linked to itself."""
         members = self.seen.indices[self.seen.indptr[candidate] : self.seen.indptr[candidate + 1]]
         sums = self.by_sample[:, members] @ self.terms[members]
@@ -108,7 +108,7 @@ class OverlapGraph:
         linked = np.zeros(len(least), dtype=np.bool_)
         linked[enough] = stiff[enough] >= self.options.min_stiffness
         linked[candidate] = False
-        return Links(overlap, stiff, linked)
+        return ViewLinks(overlap, stiff, linked)
 
     def linked_to_any(self, views: Sequence[int]) -> NDArray[np.bool_]:
         """Tell for each of the `views` (v) which candidates are linked to it, (v, m)."""
@@ -225,12 +225,12 @@ def _without_superfluous(instance: CoverInstance, linked: NDArray[np.bool_], vie
     was_met = instance.is_met_by(times)
     n_groups = len(set(components(linked, views)))
     for number in sorted(kept, key=lambda k: len(instance.seen_by(views[k]))):
-        rest = [k for k in kept if k != number]
+        others = [k for k in kept if k != number]
         fewer = times.copy()
         fewer[instance.seen_by(views[number])] -= 1
         if was_met and not instance.is_met_by(fewer):
             continue
-        if not was_met or len(set(components(linked[rest], [views[k] for k in rest]))) > n_groups:
+        if not was_met or len(set(components(linked[others], [views[k] for k in others]))) > n_groups:
             continue
-        kept, times = rest, fewer
+        kept, times = others, fewer
     return kept

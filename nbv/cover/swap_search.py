@@ -181,7 +181,7 @@ def search(state: SwapState, draws: FloatArray, enough: int) -> None:
     one more and puts in the best of those that see a gap, drawn at random; then all gaps' penalties rise.
     """
     for draw in draws:
-        while _missing(state) <= state.spare:
+        while _count_missing(state) <= state.spare:
             state.sizes[BEST] = state.sizes[CHOSEN]
             state.best[: state.sizes[BEST]] = state.chosen[: state.sizes[BEST]]
             if state.sizes[BEST] <= enough or state.sizes[CHOSEN] == 0:
@@ -198,7 +198,7 @@ def search(state: SwapState, draws: FloatArray, enough: int) -> None:
 
 
 @inlined
-def _missing(state: SwapState) -> float:
+def _count_missing(state: SwapState) -> float:
     missing = 0.0
     for at in range(state.sizes[GAPS]):
         missing += state.weights[state.gaps[at]]

@@ -6,19 +6,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from nbv.run.wording import count
-from scenes.card import INFERRED, MEASURED, UNKNOWN, UNREACHABLE, CardPicture, Share
+from scenes.card import INFERRED, MEASURED, UNKNOWN, UNREACHABLE, CardPicture, CardShare
 
 _WIDTH, _HEIGHT = 240, 120  # of the curve, CSS pixels
 
 
-def area_bar(*, met: float, inferred: float, reachable: float) -> tuple[Share, ...]:
+def area_bar(*, met: float, inferred: float, reachable: float) -> tuple[CardShare, ...]:
     """Return the whole area by state, as fractions of it: measured, modelled or inferred, reachable."""
     known = met + inferred
     return (
-        Share("measured", met, MEASURED),
-        Share("modelled or inferred", inferred, INFERRED),
-        Share("reachable, not measured", max(reachable - known, 0.0), UNKNOWN),
-        Share("out of reach", max(min(1.0 - reachable, 1 - known), 0.0), UNREACHABLE),
+        CardShare("measured", met, MEASURED),
+        CardShare("modelled or inferred", inferred, INFERRED),
+        CardShare("reachable, not measured", max(reachable - known, 0.0), UNKNOWN),
+        CardShare("out of reach", max(min(1.0 - reachable, 1 - known), 0.0), UNREACHABLE),
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from nbv.coverage.coverage import MET, NEVER, REACHABLE, UNREACHABLE, Coverage, VisibilityHistory
 from nbv.scanning.sensor import Sensor, View
 from nbv.scanning.sensor_profile import load_sensor
-from nbv.visibility.candidates import counted, find_standing, samples_that_count
+from nbv.visibility.candidates import find_standing, restrict_to_rooms, samples_that_count
 from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.viewpoints import Candidates
@@ -120,7 +120,7 @@ class CoverageTally:
 
     def coverage(self, scene: Scene, reachability: Reachability) -> Coverage:
         """Return the coverage so far."""
-        possible = reachability.including(self.met)
+        possible = reachability.include(self.met)
         state = np.where(self.met, MET, np.where(possible.reachable, REACHABLE, UNREACHABLE)).astype(np.int8)
         names, n_faces = scene.surface_names, len(scene.mesh.faces)
         parts = (self.best_cosine, self.n_views, state, possible.reason)
@@ -178,7 +178,7 @@ def measure_coverage(
     if standing is None:
         raise InputError("without views, coverage needs a sensor to say what is reachable")
     caster = caster or scene.ray_caster(n_threads)
-    samples, candidates, apart = _settled(scene, samples, candidates, standing, caster)
+    samples, candidates, apart = _resolve_samples(scene, samples, candidates, standing, caster)
     tally = CoverageTally.start(caster, samples, requirement)
     tally.add_all(views, progress)
     coverage = tally.coverage(scene, tally.reachable(candidates, standing, n_threads, progress))
@@ -222,14 +222,14 @@ def measure_scan_coverage(
     requirement = _one_requirement(requirement, max_incidence_deg)
     standing = sensor or load_sensor("generic60")
     caster = caster or scene.ray_caster(n_threads)
-    samples, candidates, apart = _settled(scene, samples, candidates, standing, caster)
+    samples, candidates, apart = _resolve_samples(scene, samples, candidates, standing, caster)
     tally = CoverageTally.start(caster, samples, requirement)
     tally.add_all(scans, progress)
     coverage = tally.coverage(scene, tally.reachable(candidates, standing, n_threads, progress))
     return replace(coverage, apart_m2=apart)
 
 
-def _settled(
+def _resolve_samples(
     scene: Scene,
     samples: SurfaceSamples | None,
     candidates: Candidates | None,
@@ -243,7 +243,7 @@ def _settled(
     if samples is None:
         samples, apart = samples_that_count(scene, standing, caster)
     else:
-        samples, apart = counted(samples, standing, caster)
+        samples, apart = restrict_to_rooms(samples, standing, caster)
     return samples, standing.candidates, apart
 
 

@@ -30,7 +30,7 @@ _SAME_WAY = float(np.cos(np.radians(30.0)))  # normals closer than this may belo
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CompletedSurfaces:
+class KnownSurfaces:
     """Surfaces that completion finds in some scans, measured and inferred.
 
     A surface is known where its fit has a standard deviation of no more than `max_sd_m`, metres.
@@ -47,7 +47,7 @@ class CompletedSurfaces:
         *,
         relates: bool = True,
         n_threads: int | None = None,
-    ) -> CompletedSurfaces:
+    ) -> KnownSurfaces:
         """Complete `scans`, without texture; `max_sd_m` is completion's own when not given.
 
         What surfaces are to each other is left out where nothing is to be related: it takes longer than all
@@ -58,7 +58,7 @@ class CompletedSurfaces:
         options = replace(options, max_sd_m=max_sd_m or options.max_sd_m)
         return cls(complete(scans, options, rng=0, n_threads=n_threads), options.max_sd_m)
 
-    def modelled(self, points: FloatArray, normals: FloatArray, close_m: float) -> BoolArray:
+    def on_modelled(self, points: FloatArray, normals: FloatArray, close_m: float) -> BoolArray:
         """Tell which points (n, 3) lie on measured surface whose fit is exact enough.
 
         Parameters
@@ -70,17 +70,17 @@ class CompletedSurfaces:
         """
         return self._lie_on(points, normals, close_m, self._exact)
 
-    def inferred(self, points: FloatArray, normals: FloatArray, close_m: float) -> BoolArray:
-        """Tell which points (n, 3) lie on inferred surface; parameters as for `modelled`."""
+    def on_inferred(self, points: FloatArray, normals: FloatArray, close_m: float) -> BoolArray:
+        """Tell which points (n, 3) lie on inferred surface; parameters as for `on_modelled`."""
         return self._lie_on(points, normals, close_m, lambda patch: patch.hypothesised)
 
-    def hypothesised(self) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
+    def inferred_mesh(self) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
         """Inferred surface: vertices (n, 3) in world coordinates, faces (m, 3), confidence (m,) of each."""
         mesh = self.completion.hypothesised
         vertices = self.completion.world_from_reference.apply(mesh.vertices)
         return vertices, mesh.faces, mesh.confidence[mesh.faces].min(axis=1)
 
-    def measured(self) -> tuple[FloatArray, NDArray[np.int32]]:
+    def measured_mesh(self) -> tuple[FloatArray, NDArray[np.int32]]:
         """Measured surface without the gaps between pixels: vertices (n, 3), world, and faces (m, 3)."""
         meshes = [surface.observed for surface in self.completion.surfaces]
         start = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
@@ -115,7 +115,7 @@ CLOSE_M = 0.02  # inferred surface this near to the true one counts as right
 
 
 @dataclass(frozen=True, slots=True)
-class Shares:
+class ClassShares:
     """Shares of a scene's area by class after some views, and how much of the inferred area is right.
 
     Attributes
@@ -149,15 +149,15 @@ class Shares:
 
 
 def classify(
-    samples: SurfaceSamples, met: BoolArray, seen: BoolArray, completed: CompletedSurfaces
+    samples: SurfaceSamples, met: BoolArray, seen: BoolArray, completed: KnownSurfaces
 ) -> NDArray[np.int8]:
     """Return the class (n,) of each sample of the true surface.
 
     Views have measured `met` (n,) of them as required, and `seen` (n,); `completed` is made of their scans.
     """
     classes = np.full(len(samples), UNKNOWN, np.int8)
-    classes[completed.inferred(samples.points, samples.normals, CLOSE_M)] = INFERRED
-    classes[seen & completed.modelled(samples.points, samples.normals, CLOSE_M)] = MODELLED
+    classes[completed.on_inferred(samples.points, samples.normals, CLOSE_M)] = INFERRED
+    classes[seen & completed.on_modelled(samples.points, samples.normals, CLOSE_M)] = MODELLED
     classes[met] = MET
     return classes
 
@@ -166,10 +166,10 @@ def shares_of(
     classes: NDArray[np.int8],
     samples: SurfaceSamples,
     reachable: BoolArray,
-    completed: CompletedSurfaces,
+    completed: KnownSurfaces,
     truth: LabelledMesh,
     views: int,
-) -> Shares:
+) -> ClassShares:
     """Return the shares of `classes` (n,) of the samples, and how much inferred area is true.
 
     `reachable` (n,) tells which samples some candidate could measure as required.
@@ -179,12 +179,12 @@ def shares_of(
     )
     areas = samples.areas[reachable]
     reached = float(areas[classes[reachable] != UNKNOWN].sum() / areas.sum()) if len(areas) else 1.0
-    vertices, faces, _ = completed.hypothesised()
+    vertices, faces, _ = completed.inferred_mesh()
     corners = vertices[faces]
     area = triangle_areas(corners)
     right = distances(corners.mean(axis=1), truth.corners) <= CLOSE_M
     claimed, true = float(area.sum()), float(area[right].sum())
-    return Shares(
+    return ClassShares(
         views=views,
         met=met,
         modelled=modelled,

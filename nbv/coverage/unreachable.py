@@ -57,7 +57,7 @@ def unreachable_patches(coverage: Coverage) -> tuple[UnreachablePatch, ...]:
     patches = []
     for surface, reason in sorted(set(zip(samples.surface[away], coverage.reason[away], strict=True))):
         here = away[(samples.surface[away] == surface) & (coverage.reason[away] == reason)]
-        for part in _connected(samples.points[here], float(np.sqrt(samples.areas[here].max()))):
+        for part in _connected_groups(samples.points[here], float(np.sqrt(samples.areas[here].max()))):
             members = here[part]
             area = float(samples.areas[members].sum())
             centre = samples.points[members].mean(axis=0)
@@ -66,7 +66,7 @@ def unreachable_patches(coverage: Coverage) -> tuple[UnreachablePatch, ...]:
     return tuple(sorted(patches, key=lambda patch: -patch.area_m2))
 
 
-def _connected(points: FloatArray, spacing: float) -> list[NDArray[np.int64]]:
+def _connected_groups(points: FloatArray, spacing: float) -> list[NDArray[np.int64]]:
     """Return the groups of points (n, 3) that are connected by steps of two spacings or less."""
     pairs = cKDTree(points).query_pairs(_NEAR * spacing, output_type="ndarray")
     linked = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)

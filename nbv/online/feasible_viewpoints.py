@@ -54,7 +54,7 @@ class SeenFloor:
             (np.ones(int(steps.sum()), np.int8), (first[steps], second[steps])), shape=(len(level),) * 2
         )
         walk = connected_components(links, directed=False)[1]
-        footings = [_footing(place, points, surfels.areas[level], walk) for place in voxels.stood]
+        footings = [_find_footing(place, points, surfels.areas[level], walk) for place in voxels.stood]
         held = np.isin(walk, [number for number, _ in footings])
         for _, height in footings:
             held |= np.abs(points[:, 2] - height) <= SILL_M
@@ -79,7 +79,7 @@ def _pairs(points: FloatArray, reach_m: float) -> tuple[NDArray[np.int64], NDArr
     return pairs[:, 0], pairs[:, 1]
 
 
-def _footing(
+def _find_footing(
     place: FloatArray, points: FloatArray, areas: FloatArray, walk: NDArray[np.int64]
 ) -> tuple[int, float]:
     """Return the walk that fills most of what is level in sight below a scanner, and its height; -1 for none.

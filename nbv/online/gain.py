@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from nbv.coverage.surface_classes import CompletedSurfaces
+from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.targets import Targets
 from nbv.online.voxels import VoxelGrid
@@ -97,7 +97,7 @@ class ViewEvaluation:
         """Return those that are chosen (n,)."""
         return ViewEvaluation(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
-    def joined(self, other: ViewEvaluation) -> ViewEvaluation:
+    def join(self, other: ViewEvaluation) -> ViewEvaluation:
         """Return both together."""
         parts = [
             np.concatenate([getattr(self, field.name), getattr(other, field.name)]) for field in fields(self)
@@ -142,14 +142,14 @@ class Accumulator:
         `worth` holds for each position (k,) what each that it sees is worth from there.
         """
         best, most = None, 0.0
-        for number in self._promising(worth):
+        for number in self._select_promising(worth):
             i, pose = number // self.candidates.n_directions, self.candidates.pose(number)
             gain = float(worth[i][self.sensor.sees(self.offsets[i] @ pose.rotation)].sum())
             if gain > most:
                 best, most = number, gain
         return best
 
-    def _promising(self, worth: Sequence[FloatArray]) -> list[int]:
+    def _select_promising(self, worth: Sequence[FloatArray]) -> list[int]:
         """Numbers of the few poses that see most by whole cells; of all where directions differ."""
         if self.apertures is None:
             return list(range(self.candidates.n_poses))
@@ -247,7 +247,7 @@ class ExpectedGain:
         entered: NDArray[np.int64],
         *,
         worth_entering: BoolArray,
-        completed: CompletedSurfaces,
+        completed: KnownSurfaces,
         trust: FloatArray,
     ) -> ExpectedGain:
         """Return what views into the unknown space of a map may bring, after completion of its scans.
@@ -256,8 +256,8 @@ class ExpectedGain:
         """
         faces = voxels.faces_between(_loose(voxels, completed), ~np.isin(voxels.labels, (SEEN, EMPTY)))
         corners, squares = faces.triangles(voxels.grid.voxel_m)
-        measured, measured_faces = completed.measured()
-        inferred, inferred_faces, confidence = completed.hypothesised()
+        measured, measured_faces = completed.measured_mesh()
+        inferred, inferred_faces, confidence = completed.inferred_mesh()
         vertices = np.concatenate([corners, measured, inferred])
         n_squares, n_measured = len(squares), len(measured_faces)
         triangles = np.concatenate(
@@ -331,10 +331,10 @@ class ExpectedGain:
         return front
 
 
-def _loose(voxels: VoxelMap, completed: CompletedSurfaces) -> BoolArray:
+def _loose(voxels: VoxelMap, completed: KnownSurfaces) -> BoolArray:
     """Seen voxels (n_voxels,) with surface off the completed surfaces; those tell the place of the rest."""
     surfels = voxels.surfels
-    known = completed.modelled(surfels.points, surfels.normals, voxels.grid.voxel_m / 2)
+    known = completed.on_modelled(surfels.points, surfels.normals, voxels.grid.voxel_m / 2)
     loose: BoolArray = np.asarray(voxels.labels == SEEN)
     loose[surfels.voxels[known]] = False
     loose[surfels.voxels[~known]] = True
@@ -403,7 +403,7 @@ def best_view(
     """
     if not candidates.n_poses or not (len(targets) or expected):
         return None
-    few = targets.thinned(n_most)
+    few = targets.thin(n_most)
     if expected is not None:
         few, targets = (surfels.some(~surfels.is_unknown) for surfels in (few, targets))
     # what each position sees in any direction, and the pose whose aperture holds most of it
@@ -442,8 +442,8 @@ def seen_from(
     index = np.flatnonzero(near & (slope >= floor * distance))
     if len(index):
         origins = np.broadcast_to(position, (len(index), 3))
-        index = index[~boundary.blocked(targets.points[index], origins)]
+        index = index[~boundary.are_blocked(targets.points[index], origins)]
     unknown = targets.is_unknown[index]
     worth = targets.worth_m2[index] * np.where(unknown, slope[index] / distance[index], 1.0)
     seen = ViewEvaluation(-towards[index], worth, targets.voxel[index], unknown, np.full(len(index), -1))
-    return seen if expected is None else expected.look(position, sensor.max_range_m).joined(seen)
+    return seen if expected is None else expected.look(position, sensor.max_range_m).join(seen)

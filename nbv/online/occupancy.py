@@ -94,7 +94,7 @@ class VoxelMap:
         labels, votes = np.full(grid.n_voxels, UNSEEN, np.int8), np.zeros(grid.n_voxels, np.int16)
         return cls(grid, labels, Surfels.none(), votes, outside_is_empty)
 
-    def integrated(self, scan: RangeImage, sensor: Sensor | None) -> VoxelMap:
+    def integrate(self, scan: RangeImage, sensor: Sensor | None) -> VoxelMap:
         """Return the map after one more scan.
 
         Every voxel centre is looked up in the pixel that sees it: nearer than the measured range by more
@@ -111,11 +111,11 @@ class VoxelMap:
             What took it: its aperture tells pixels without return from pixels that never looked. None where
             that is not known: then a pixel without return says nothing.
         """
-        surfels = self.surfels.merged(Surfels.of_scan(scan, self.grid))
+        surfels = self.surfels.merge(Surfels.of_scan(scan, self.grid))
         behind, before = self._sides_of(scan, sensor)
         hit = np.unique(self.grid.index_of(scan.points()[scan.valid]))
         hit = hit[hit >= 0]
-        votes = self._voted(hit, before)
+        votes = self._count_votes(hit, before)
         labels = np.where(self.labels == OCCPLANE, OCCLUDED, self.labels)
         labels[behind[labels[behind] == UNSEEN]] = OCCLUDED
         labels[before[labels[before] != SEEN]] = EMPTY
@@ -129,10 +129,10 @@ class VoxelMap:
 
         A standing sensor proves free space of the radius `clearance_m` metres, beside a voxel.
         """
-        voxels = self.integrated(scan, sensor)
+        voxels = self.integrate(scan, sensor)
         if self.outside_is_empty:
             return voxels
-        return voxels.cleared(scan.origin, clearance_m + self.grid.voxel_m)
+        return voxels.clear_around(scan.origin, clearance_m + self.grid.voxel_m)
 
     def with_given(self, scans: Sequence[RangeImage], sensor: Sensor, clearance_m: float) -> VoxelMap:
         """Return the map after scans that were taken before, by `sensor` or by other instruments.
@@ -145,14 +145,14 @@ class VoxelMap:
             voxels = voxels.with_scan(scan, sensor if scan.sensor == sensor.name else None, clearance_m)
         return voxels
 
-    def _voted(self, hit: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int16]:
+    def _count_votes(self, hit: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int16]:
         """Return the votes after a scan that ended in the voxels `hit` and went through those `before`."""
         votes = self.votes.copy()
         votes[before] = np.maximum(self.votes[before] - 1, _FEWEST_VOTES)
         votes[hit] = self.votes[hit] + 1
         return votes
 
-    def cleared(self, position: FloatArray, radius_m: float) -> VoxelMap:
+    def clear_around(self, position: FloatArray, radius_m: float) -> VoxelMap:
         """Return the map with unknown voxels around `position` (3,) empty: the sensor stands there."""
         here = self.grid.index_of(position[None])
         near = self.grid.around_cells(here[here >= 0], radius_m)

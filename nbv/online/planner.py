@@ -22,7 +22,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.coverage.surface_classes import CompletedSurfaces
+from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.feasible_viewpoints import feasible_viewpoints, has_floor_support
 from nbv.online.gain import BestView, ExpectedGain, SurfacePrior, best_view
 from nbv.online.occupancy import VoxelMap
@@ -117,10 +117,10 @@ class PlannerState:
     voxels: VoxelMap
     attempts: NDArray[np.int32]
     prior: SurfacePrior
-    completed: CompletedSurfaces | None = None
+    completed: KnownSurfaces | None = None
 
     @classmethod
-    def of(cls, voxels: VoxelMap, completed: CompletedSurfaces | None = None) -> PlannerState:
+    def of(cls, voxels: VoxelMap, completed: KnownSurfaces | None = None) -> PlannerState:
         """Return the state before any view was chosen."""
         attempts = np.zeros((2, voxels.grid.n_voxels), np.int32)
         return cls(voxels, attempts, SurfacePrior.none(), completed)
@@ -162,7 +162,7 @@ def explore(
     from_outside: bool = False,
     spot_of: Callable[[FloatArray], FloatArray] | None = None,
     further_starts: Sequence[Pose] = (),
-    infer: Callable[[Sequence[RangeImage]], CompletedSurfaces] | None = None,
+    infer: Callable[[Sequence[RangeImage]], KnownSurfaces] | None = None,
     finished: Callable[[], str | None] | None = None,
     journal: Journal = NO_JOURNAL,
     n_threads: int | None = None,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.coverage.surface_classes import CompletedSurfaces
+from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.occupancy import EMPTY, OCCPLANE, SEEN, UNSEEN, BoundaryFaces, VoxelMap
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError
@@ -81,7 +81,7 @@ class Targets:
             self.points[chosen], self.normals[chosen], worth, self.voxel[chosen], self.is_unknown[chosen]
         )
 
-    def thinned(self, n_most: int) -> Targets:
+    def thin(self, n_most: int) -> Targets:
         """Return at most about `n_most` targets: every k-th, worth k times as much."""
         k = -(-len(self) // n_most)
         return self if k <= 1 else self.some(slice(k // 2, None, k), k)
@@ -94,7 +94,7 @@ def find_targets(
     required_cosine: float,
     attempts: NDArray[np.int32],
     options: GainOptions,
-    completed: CompletedSurfaces | None = None,
+    completed: KnownSurfaces | None = None,
 ) -> Targets:
     """List unknown faces of the map's boundary and surface that was seen worse than required.
 
@@ -109,10 +109,10 @@ def find_targets(
     poor = (surfels.quality < required_cosine) & (attempts[0, surfels.voxels] < options.max_attempts)
     worse = np.full(len(surfels.keys), options.quality_weight)
     if completed is not None:
-        known = completed.modelled(surfels.points, surfels.normals, side / 2)
+        known = completed.on_modelled(surfels.points, surfels.normals, side / 2)
         worse[known] *= options.modelled_weight
     before_faces = faces.centres[unknown] + faces.outward[unknown] * (side / 2)
-    before_surface = _lifted(voxels, surfels.points[poor], surfels.normals[poor])
+    before_surface = _lift_to_empty(voxels, surfels.points[poor], surfels.normals[poor])
     slope = voxels.towards_empty(faces.voxel[unknown])
     flatter = np.maximum(np.einsum("ij,ij->i", slope, faces.outward[unknown]), 0.0)
     worth = [options.occplane_weight * side**2 * flatter, worse[poor] * surfels.areas[poor]]
@@ -137,7 +137,7 @@ def voxels_of_interest(voxels: VoxelMap, zones: Zones) -> BoolArray:
     return zones.of_interest(voxels.grid.centres(), voxels.grid.voxel_m)
 
 
-def _lifted(voxels: VoxelMap, points: FloatArray, normals: FloatArray) -> FloatArray:
+def _lift_to_empty(voxels: VoxelMap, points: FloatArray, normals: FloatArray) -> FloatArray:
     """Move surface points along their normals until they lie in an empty voxel, by one to two voxels."""
     lifted = points + normals * voxels.grid.voxel_m * 2
     for sides in (1.75, 1.5, 1.25, 1.0):

@@ -363,7 +363,7 @@ class Surfels:
         """Axis direction (n,) that each normal leans to: 0..5 for +x, +y, +z, -x, -y, -z."""
         return self.keys % _SIDES
 
-    def merged(self, other: Surfels) -> Surfels:
+    def merge(self, other: Surfels) -> Surfels:
         """Return the union, each surfel from the side that saw it better."""
         keys = np.union1d(self.keys, other.keys)
         mine, theirs = np.searchsorted(keys, self.keys), np.searchsorted(keys, other.keys)

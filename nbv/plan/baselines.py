@@ -68,7 +68,7 @@ class BaselineChoice:
     before: CoverageTally
     visible: csr_array
 
-    def seen(self, number: int) -> tuple[NDArray[np.int64], FloatArray]:
+    def seen_by(self, number: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Return the samples (m,) that pose `number` sees, and their cosines (m,)."""
         pose = self.candidates.pose(number)
         index, cosine = self.row(number // self.candidates.n_directions)
@@ -85,7 +85,7 @@ class BaselineChoice:
         times, curve = self.before.n_met.copy(), []
         limits = self.requirement.limits(self.sensor)
         for number in numbers:
-            index, cosine = self.seen(number)
+            index, cosine = self.seen_by(number)
             origin = self.candidates.positions[number // self.candidates.n_directions]
             distance = np.linalg.norm(self.samples.points[index] - origin, axis=1)
             times[index[limits.hold(distance, cosine)]] += 1
@@ -171,7 +171,7 @@ def greedy_poses(choice: BaselineChoice, min_cosine: float, times: NDArray[np.in
         if number is None:
             left = wanted.copy()
             continue
-        index, cosine = choice.seen(number)
+        index, cosine = choice.seen_by(number)
         left[index[cosine >= min_cosine - 1e-12]] -= 1
         chosen.append(number)
     return chosen

@@ -16,7 +16,7 @@ import numpy as np
 
 from nbv.cover.instance import LowerBound
 from nbv.coverage.coverage import Coverage, CoverageSummary
-from nbv.coverage.surface_classes import Shares
+from nbv.coverage.surface_classes import ClassShares
 from nbv.coverage.unreachable import coverage_record
 from nbv.plan.tour import Stations
 from nbv.run.csv_table import csv_text
@@ -77,14 +77,14 @@ def aim_of(pose: Pose) -> Aim:
     pitch = float(np.degrees(np.arcsin(np.clip(forward[2], -1, 1))))
     if np.hypot(forward[0], forward[1]) < _STEEP:
         edge = np.sign(forward[2]) * down
-        return Aim(_heading(edge), pitch, 0.0)
+        return Aim(_heading_of(edge), pitch, 0.0)
     level = np.cross(forward, [0.0, 0, 1])
     level /= np.linalg.norm(level)
     roll = float(np.degrees(np.arctan2(right @ np.cross(forward, level), right @ level)))
-    return Aim(_heading(forward), pitch, roll + 0.0)
+    return Aim(_heading_of(forward), pitch, roll + 0.0)
 
 
-def _heading(direction: Any) -> float:
+def _heading_of(direction: Any) -> float:
     return float(np.degrees(np.arctan2(direction[0], direction[1])) % 360.0)
 
 
@@ -202,7 +202,7 @@ class Plan:
     stopped_because: str
     stations: Stations | None = None
     candidates: Candidates | None = None
-    shares: tuple[Shares, ...] = ()
+    shares: tuple[ClassShares, ...] = ()
     resumed_from: Resumption | None = None
     zones: Zones = EVERYWHERE
     site: Site | None = None
@@ -272,7 +272,7 @@ class Plan:
     def _repr_html_(self) -> str:
         """What a notebook shows: views, coverage and its curve."""
         from nbv.coverage.card_parts import area_bar, coverage_curve  # only notebooks need cards
-        from scenes.card import Card, CardPicture, Share
+        from scenes.card import Card, CardPicture, CardShare
 
         figures = [
             ("views", f"{len(self.views)} of {self.n_candidates} candidates"),
@@ -280,7 +280,7 @@ class Plan:
             ("counts as measured", self.requirement.describe()),
         ]
         pictures, summary = list[CardPicture](), self.coverage
-        bar: Sequence[Share] = ()
+        bar: Sequence[CardShare] = ()
         if summary is not None:
             figures += [("measured", f"{100 * summary.met:.1f} % of {summary.total_m2:.1f} m\u00b2")]
             bar = area_bar(
@@ -344,7 +344,7 @@ def _plan_of(content: dict[str, Any]) -> Plan:
         coverage=None if coverage is None else _summary_of(coverage),
         lower_bound=LowerBound(int(bound["views"]), str(bound["kind"])) if bound else None,
         stopped_because=str(content["stopped_because"]),
-        shares=tuple(Shares(**_numbers(shares)) for shares in content.get("inference", ())),
+        shares=tuple(ClassShares(**_numbers(shares)) for shares in content.get("inference", ())),
         resumed_from=_resumption_of(resumed) if resumed else None,
         zones=zones_from_json(content.get("region"), content.get("keep_out") or ()),
         rooms=tuple(dict(room) for room in content.get("rooms") or ()),

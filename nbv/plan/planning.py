@@ -33,9 +33,9 @@ from nbv.scanning.sensor import Sensor, chosen_effects, with_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.candidates import (
     Standing,
-    counted,
     find_standing,
     patch_samples,
+    restrict_to_rooms,
     samples_that_count,
     with_aperture,
     within,
@@ -43,7 +43,7 @@ from nbv.visibility.candidates import (
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.site_options import SiteOptions
-from nbv.visibility.viewpoints import Candidates, allowed
+from nbv.visibility.viewpoints import Candidates, allowed_candidates
 from nbv.visibility.visibility import Progress
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray, InputError, check_kind, check_rng
@@ -322,8 +322,8 @@ def plan_views(
         sensor=sensor,
         requirement=requirement,
         target=target,
-        candidates=allowed(standing.candidates, zones),
-        proposals=allowed(standing.proposals, zones),
+        candidates=allowed_candidates(standing.candidates, zones),
+        proposals=allowed_candidates(standing.proposals, zones),
         site=standing.site,
         samples=samples,
         apart_m2=apart,
@@ -403,7 +403,7 @@ def _samples_of(
     samples = samples or patch_samples(scene, caster, standing.candidates)
     if samples is None:
         return samples_that_count(scene, standing, caster, zones)
-    return counted(within(samples, zones, scene), standing, caster)
+    return restrict_to_rooms(within(samples, zones, scene), standing, caster)
 
 
 def _as_scene(scene: object, mode: str | None) -> Scene:

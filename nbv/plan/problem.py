@@ -26,7 +26,7 @@ from nbv.cover.instance import LowerBound
 from nbv.cover.overlap import OverlapOptions
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
-from nbv.coverage.surface_classes import UNKNOWN, CompletedSurfaces, Shares, classify, shares_of
+from nbv.coverage.surface_classes import UNKNOWN, ClassShares, KnownSurfaces, classify, shares_of
 from nbv.coverage.unreachable import room_shares
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.tour import Stations, Tour, plan_tour
@@ -79,7 +79,7 @@ class SharedArrays:
             names.append((name, digest))
         return cls(str(folder.resolve()), tuple(names))
 
-    def mapped(self) -> dict[str, NDArray[np.generic]]:
+    def map_arrays(self) -> dict[str, NDArray[np.generic]]:
         """Return the arrays in the shape they had, mapped into memory.
 
         Raises
@@ -126,13 +126,13 @@ def look(block: Block, n_threads: int | None) -> list[tuple[NDArray[np.int64], F
 @lru_cache(maxsize=_KEPT)
 def _caster(mesh: SharedArrays) -> RayCaster:
     """Return the tree of a shared mesh; each process builds it once. Threads look, each alone."""
-    arrays = mesh.mapped()
+    arrays = mesh.map_arrays()
     return RayCaster(arrays["vertices"], arrays["faces"], n_threads=1)
 
 
 @lru_cache(maxsize=_KEPT)
 def _samples(samples: SharedArrays, tolerance_m: float) -> SurfaceSamples:
-    arrays: dict[str, Any] = samples.mapped()
+    arrays: dict[str, Any] = samples.map_arrays()
     return SurfaceSamples(**arrays, tolerance_m=tolerance_m)
 
 
@@ -293,7 +293,7 @@ class PlanningRun:
     views: list[View]
     resumed_from: Resumption | None
     classes: NDArray[np.int8] | None = None
-    shares: list[Shares] = field(default_factory=list)
+    shares: list[ClassShares] = field(default_factory=list)
 
     @classmethod
     def begin(cls, problem: PlanningProblem) -> PlanningRun:
@@ -336,15 +336,15 @@ class PlanningRun:
         name = f"view {len(self.views)}"
         return scan_scene(problem.scene, view, noise=noise, rng=stream, caster=problem.caster, name=name)
 
-    def complete(self, scans: Sequence[RangeImage]) -> CompletedSurfaces:
+    def complete(self, scans: Sequence[RangeImage]) -> KnownSurfaces:
         """Let completion of `scans`, those of all views so far, stand in for further views."""
         problem, tally = self.problem, self.tally
-        completed = CompletedSurfaces.of(scans, problem.requirement.max_sd_m, n_threads=problem.n_threads)
+        completed = KnownSurfaces.of(scans, problem.requirement.max_sd_m, n_threads=problem.n_threads)
         self.classes = classify(problem.samples, tally.met, tally.n_views > 0, completed)
         shares = shares_of(
             self.classes,
             problem.samples,
-            reachable=self.reachability.including(tally.met).reachable,
+            reachable=self.reachability.include(tally.met).reachable,
             completed=completed,
             truth=problem.scene.mesh,
             views=len(self.views),
@@ -356,7 +356,7 @@ class PlanningRun:
         """Return why the plan is complete, None while it is not."""
         met = self.tally.met
         areas = self.problem.samples.areas
-        reachable = self.reachability.including(met).reachable
+        reachable = self.reachability.include(met).reachable
         reachable_m2 = float(areas[reachable].sum())
         if reachable_m2 == 0:
             return "no candidate can measure anything as required"

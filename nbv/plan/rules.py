@@ -22,7 +22,7 @@ from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
 from nbv.plan.plan import Plan
 from nbv.scanning.sensor import View
-from nbv.visibility.rooms import Room
+from nbv.visibility.rooms import SiteRoom
 from nbv.visibility.site import Site
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import FloatArray
@@ -73,7 +73,7 @@ def grid_places(site: Site, step_m: float = GRID_M) -> FloatArray:
     middle.
     """
     columns, places = site.rooms.floors.columns, []
-    for room in _asked(site):
+    for room in _rooms_of(site):
         spans = np.flatnonzero(site.rooms.room == room.number)
         floor = columns.places(columns.cell[spans])
         low, high = floor.min(axis=0), floor.max(axis=0)
@@ -93,7 +93,7 @@ def grid_places(site: Site, step_m: float = GRID_M) -> FloatArray:
 def room_and_doorway_places(site: Site) -> FloatArray:
     """Return the middles of the rooms asked for, and of the doorways between two of them (k, 3), metres."""
     rooms, columns = site.rooms, site.rooms.floors.columns
-    places_found = [np.array([room.place for room in _asked(site)])]
+    places_found = [np.array([room.place for room in _rooms_of(site)])]
     links = rooms.floors.links[np.isin(rooms.room[rooms.floors.links], site.chosen).all(axis=1)]
     pair = np.sort(rooms.room[links], axis=1)
     links, pair = links[pair[:, 0] < pair[:, 1]], pair[pair[:, 0] < pair[:, 1]]
@@ -153,7 +153,7 @@ def compare_with_rules(caster: RayCaster, plan: Plan) -> tuple[RuleOutcome, ...]
     return tuple(outcomes)
 
 
-def _asked(site: Site) -> list[Room]:
+def _rooms_of(site: Site) -> list[SiteRoom]:
     return [site.rooms.rooms[number - 1] for number in site.chosen]
 
 

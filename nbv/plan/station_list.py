@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from nbv.plan.plan import Plan, aim_of
 from nbv.run.csv_table import csv_text
-from nbv.visibility.rooms import Room
+from nbv.visibility.rooms import SiteRoom
 from scenes.checks import FloatArray
 
 STATION_COLUMNS = (
@@ -44,7 +44,7 @@ class Station:
 
     number: int
     position: FloatArray
-    room: Room | None
+    room: SiteRoom | None
     height_m: float
     views: tuple[int, ...]
     headings_deg: tuple[float, ...]

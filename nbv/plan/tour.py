@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from nbv.run.wording import count
-from nbv.visibility.floors import HEADROOM_M, STEP_M, Columns, cut_columns
+from nbv.visibility.floors import HEADROOM_M, STEP_M, FloorColumns, cut_columns
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.zones import Box
 from scenes.checks import FloatArray, InputError, check_points
@@ -53,7 +53,7 @@ def short_order(lengths: FloatArray, first: int | None = None) -> list[int]:
         return _order_from(cost, first)
     few = np.unique(np.linspace(0, len(cost) - 1, _MOST_STARTS).astype(int))
     starts = [_nearest_first(cost, int(start)) for start in few]
-    return min((_improved(cost, order) for order in starts), key=lambda order: _total(cost, order))
+    return min((_improve_order(cost, order) for order in starts), key=lambda order: _total(cost, order))
 
 
 def _order_from(cost: FloatArray, first: int) -> list[int]:
@@ -63,7 +63,7 @@ def _order_from(cost: FloatArray, first: int) -> list[int]:
     with_end = np.full((n + 1, n + 1), far)
     with_end[:n, :n] = cost
     with_end[n, first] = with_end[first, n] = with_end[n, n] = 0.0
-    order = _improved(with_end, _nearest_first(with_end, n))
+    order = _improve_order(with_end, _nearest_first(with_end, n))
     return order[1:] if order[0] == n else order[-2::-1]
 
 
@@ -75,16 +75,16 @@ def _nearest_first(cost: FloatArray, start: int) -> list[int]:
     return order
 
 
-def _improved(cost: FloatArray, order: list[int]) -> list[int]:
+def _improve_order(cost: FloatArray, order: list[int]) -> list[int]:
     """Turn and move stretches as long as that makes an open tour shorter."""
     while True:
-        shorter = _turned(cost, order) or _moved(cost, order)
+        shorter = _reverse_stretch(cost, order) or _move_stretch(cost, order)
         if shorter is None:
             return order
         order = shorter
 
 
-def _turned(cost: FloatArray, order: list[int]) -> list[int] | None:
+def _reverse_stretch(cost: FloatArray, order: list[int]) -> list[int] | None:
     """Return the order with the one stretch turned round that gains most, None where none does."""
     n = len(order)
     route = np.array(order)
@@ -101,20 +101,20 @@ def _turned(cost: FloatArray, order: list[int]) -> list[int] | None:
     return order[:a] + order[a:b][::-1] + order[b:]
 
 
-def _moved(cost: FloatArray, order: list[int]) -> list[int] | None:
+def _move_stretch(cost: FloatArray, order: list[int]) -> list[int] | None:
     """Return the order with a stretch of up to three places moved elsewhere, None where none gains."""
     now = _total(cost, order)
     for size in range(1, min(4, len(order))):
         for start in range(len(order) - size + 1):
-            stretch, rest = order[start : start + size], order[:start] + order[start + size :]
+            stretch, remainder = order[start : start + size], order[:start] + order[start + size :]
             inside = _total(cost, stretch)
-            route = np.array(rest)
+            route = np.array(remainder)
             joined = cost[route, stretch[0]], cost[stretch[-1], route]
             between = joined[0][:-1] + joined[1][1:] - cost[route[:-1], route[1:]]
             added = np.concatenate([joined[1][:1], between, joined[0][-1:]])
             at = int(np.argmin(added))
-            if _total(cost, rest) + inside + added[at] < now - _gain(cost):
-                return rest[:at] + stretch + rest[at:]
+            if _total(cost, remainder) + inside + added[at] < now - _gain(cost):
+                return remainder[:at] + stretch + remainder[at:]
     return None
 
 
@@ -189,7 +189,7 @@ class Ways:
         return cls._along(nodes, room, pairs, place.reshape(-1))
 
     @classmethod
-    def walked(
+    def over_floors(
         cls,
         mesh: LabelledMesh,
         caster: RayCaster,
@@ -248,7 +248,7 @@ def _obstacles(mesh: LabelledMesh, body_m: float) -> tuple[FloatArray, float]:
     return sample_surface(mesh, spacing).points, spacing
 
 
-def _walkable(columns: Columns) -> tuple[FloatArray, FloatArray, float]:
+def _walkable(columns: FloorColumns) -> tuple[FloatArray, FloatArray, float]:
     """Places (m, 2) on which one can walk, the height (m,) of each, and how far they are apart, metres."""
     walkable = (columns.top - columns.bottom >= HEADROOM_M) & (columns.slope >= _STEEPEST)
     every = max(int(np.ceil(np.sqrt(np.count_nonzero(walkable) / _MOST_PLACES))), 1)
@@ -257,7 +257,7 @@ def _walkable(columns: Columns) -> tuple[FloatArray, FloatArray, float]:
     return columns.places(columns.cell[spans]), columns.bottom[spans], every * columns.cell_m
 
 
-def _floor_below(columns: Columns, sensors: FloatArray) -> FloatArray:
+def _floor_below(columns: FloorColumns, sensors: FloatArray) -> FloatArray:
     """Height (n,) of what lies below each sensor (n, 3), metres; its own where nothing does."""
     heights = sensors[:, 2].copy()
     for k, cell in enumerate(columns.cells_of(sensors[:, :2]).tolist()):
@@ -384,7 +384,7 @@ def plan_tour(
         return Tour(tuple(range(len(stations))), (), in_order)
     if on_foot:
         caster = caster or RayCaster(mesh.vertices, mesh.faces)
-        ways = Ways.walked(mesh, caster, stations, body_m=body_m, keep_out=keep_out)
+        ways = Ways.over_floors(mesh, caster, stations, body_m=body_m, keep_out=keep_out)
     else:
         ways = Ways.flown(mesh, stations, body_m=body_m, keep_out=keep_out)
     order = list(range(len(stations))) if in_order else short_order(ways.lengths, first)

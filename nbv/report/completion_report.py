@@ -27,7 +27,7 @@ from nbv.report.blocks.page import (
     Headline,
     Legend,
     Page,
-    Section,
+    PageSection,
     State,
     Table,
     Text,
@@ -50,14 +50,14 @@ from nbv.run.wording import count, square_metres
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
 from scenes.scan.colour import colour_bytes, surface_colour
-from scenes.scan.thumbnail import standing
+from scenes.scan.thumbnail import turn_upright
 
 _MOST_ROWS = 60
 _STATES: dict[Advice, State] = {"rely": "measured", "check": "unknown", "do not build": "inferred"}
 _UNITS = {"m": "m", "m2": "m\u00b2", "m3": "m\u00b3"}
 
 
-def decision_sections(sheet: DecisionSheet) -> tuple[Section, ...]:
+def decision_sections(sheet: DecisionSheet) -> tuple[PageSection, ...]:
     """Return a section with what may be relied on; none where there is no dimension."""
     if not sheet.dimensions:
         return ()
@@ -74,7 +74,7 @@ def decision_sections(sheet: DecisionSheet) -> tuple[Section, ...]:
     )
     left = len(sections) - _MOST_ROWS
     more = f" {count(left, 'more is', 'more are')} in decisions.csv." if left > 0 else ""
-    return (Section("What to rely on", (*blocks, table, Text(note + more, is_note=True))),)
+    return (PageSection("What to rely on", (*blocks, table, Text(note + more, is_note=True))),)
 
 
 def _dimension_row(dimension: Dimension, word: Advice) -> tuple[Cell, ...]:
@@ -98,7 +98,7 @@ _SHOWN_SD = 3.0  # of the ripple, at which the colours of heights end
 _LEAST_M = 1e-6
 
 
-def flattening_sections(completion: Completion) -> tuple[Section, ...]:
+def flattening_sections(completion: Completion) -> tuple[PageSection, ...]:
     """Return a section on what flattening did; none where nobody asked."""
     scans = completion.flattened
     if not scans:
@@ -117,7 +117,7 @@ def flattening_sections(completion: Completion) -> tuple[Section, ...]:
         for surface in held.surfaces
     ]
     galleries = [_gallery(completion, scan) for scan in range(min(len(scans), _MOST_FLAT_SCANS))]
-    return (Section("Flattened", (Text(text), *galleries, *flattening_blocks(rows))),)
+    return (PageSection("Flattened", (Text(text), *galleries, *flattening_blocks(rows))),)
 
 
 def _gallery(completion: Completion, scan: int) -> Block:
@@ -136,19 +136,19 @@ def _gallery(completion: Completion, scan: int) -> Block:
         after.ravel()[pixel] = plane.distance(moved)
         trim()
     pose = completion.world_from_reference @ seen.scan.world_from_sensor
-    view = partial(standing, projection=seen.scan.projection, pose=pose)
+    view = partial(turn_upright, projection=seen.scan.projection, pose=pose)
     name = f"{seen.scan.name}: " if len(completion.flattened) > 1 else ""
     scale = (
         f"{-1000 * most_m:.2g} mm (blue) to {1000 * most_m:.2g} mm (red) over each plane; empty elsewhere."
     )
 
-    def shown(heights: FloatArray) -> FloatArray:
+    def height_image(heights: FloatArray) -> FloatArray:
         return height_colours(view(heights), most_m)
 
     return Gallery(
         (
-            picture_of(shown(before), f"{name}as measured", scale),
-            picture_of(shown(after), f"{name}flattened", "White is plane; relief keeps its colour."),
+            picture_of(height_image(before), f"{name}as measured", scale),
+            picture_of(height_image(after), f"{name}flattened", "White is plane; relief keeps its colour."),
         ),
         columns=2,
     )
@@ -185,10 +185,10 @@ def completion_page(
         headlines=headlines,
         bar=area_bar(completion),
         sections=(
-            Section("Before and after", before_and_after(completion, n_threads)),
+            PageSection("Before and after", before_and_after(completion, n_threads)),
             *decision_sections(completion.decisions() if decisions is None else decisions),
-            Section("What the scanner saw", (*scan_pictures(completion), scans_of(completion))),
-            Section("Surfaces", surface_blocks(completion)),
+            PageSection("What the scanner saw", (*scan_pictures(completion), scans_of(completion))),
+            PageSection("Surfaces", surface_blocks(completion)),
             *feature_sections(completion),
             *flattening_sections(completion),
             *relation_sections(completion),
@@ -200,12 +200,12 @@ def completion_page(
     )
 
 
-def feature_sections(completion: Completion) -> tuple[Section, ...]:
+def feature_sections(completion: Completion) -> tuple[PageSection, ...]:
     """Return a section on the openings that were fitted whole; none where none was accepted or in doubt."""
     sections = [fit for fit in completion.features if fit.status is not FeatureStatus.NONE]
     if not sections:
         return ()
-    return (Section("Doorways and windows", feature_blocks(completion.features)),)
+    return (PageSection("Doorways and windows", feature_blocks(completion.features)),)
 
 
 def _summary(completion: Completion) -> str:
@@ -247,7 +247,7 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
     for seen, owner in pairs[:_MOST_SCANS]:
         pictures = []
         pose = completion.world_from_reference @ seen.scan.world_from_sensor
-        view = partial(standing, projection=seen.scan.projection, pose=pose)
+        view = partial(turn_upright, projection=seen.scan.projection, pose=pose)
         name = "" if len(pairs) == 1 else f"{seen.scan.name}: "
         if seen.scan.colour is not None:
             colour = colour_bytes(view(seen.scan.colour))
@@ -278,7 +278,7 @@ def scans_of(completion: Completion) -> Table:
 
 def before_and_after(completion: Completion, n_threads: int | None = None) -> tuple[Block, ...]:
     """The model in three dimensions, and as measured, with inferred area, and with that marked."""
-    drawn = _drawn(completion, n_threads)  # what it was drawn with is gone before the view is made
+    drawn = _draw_model(completion, n_threads)  # what it was drawn with is gone before the view is made
     if drawn is None:
         return (Text("There is no surface to show."),)
     camera, pictures = drawn
@@ -287,14 +287,14 @@ def before_and_after(completion: Completion, n_threads: int | None = None) -> tu
     return view, Legend(), Gallery(pictures, 2)
 
 
-def _drawn(completion: Completion, n_threads: int | None) -> tuple[Camera, tuple[Picture, ...]] | None:
+def _draw_model(completion: Completion, n_threads: int | None) -> tuple[Camera, tuple[Picture, ...]] | None:
     """From where a model is best seen, and its pictures; None where there is no surface."""
     stage = ModelDrawings.of(completion, n_threads)
     if stage.is_empty:
         return None
     single = is_single_camera(stage.scans)
     cameras = aside_cameras(stage.scans[0]) if single else overview_cameras(stage.bounds)
-    best = max(range(len(cameras)), key=lambda k: stage.shown(cameras[k]))
+    best = max(range(len(cameras)), key=lambda k: stage.count_shown(cameras[k]))
     opposite = best ^ 1 if single else (best + len(cameras) // 2) % len(cameras)
     where = "Seen from a step aside of the scanner." if single else "Seen from outside, near walls left out."
     pictures = stage.shoot(cameras[best], where)
@@ -312,10 +312,10 @@ def surface_blocks(completion: Completion) -> tuple[Block, ...]:
         "rms: distance of the measured points from the fitted surface. Radii carry their standard deviation "
         "from the fit. Inferred area is a hypothesis: completion.json says why each boundary ends there."
     )
-    return Table(columns, rows), Text(" ".join((note, *_assumed(completion))), is_note=True)
+    return Table(columns, rows), Text(" ".join((note, *_assumptions(completion))), is_note=True)
 
 
-def _assumed(completion: Completion) -> tuple[str, ...]:
+def _assumptions(completion: Completion) -> tuple[str, ...]:
     """How uneven surfaces were taken to be, and which were left out."""
     sentences, choice = (
         [f"Surfaces were taken to be flat to {1000 * completion.flatness_m:.2g} mm."],
@@ -350,7 +350,7 @@ def _row(number: int, patch: Patch) -> tuple[Cell, ...]:
 _AREAS = ("confirmed_m2", "refuted_m2", "hidden_m2")
 
 
-def relation_sections(completion: Completion) -> tuple[Section, ...]:
+def relation_sections(completion: Completion) -> tuple[PageSection, ...]:
     """Return a section with the relations of the surfaces; none without."""
     relations = completion.relations
     if relations is None:
@@ -359,7 +359,7 @@ def relation_sections(completion: Completion) -> tuple[Section, ...]:
     return relation_section(relations.graph, relations.before, relations.numbers, stayed=stayed)
 
 
-def pose_sections(registration: Registration) -> tuple[Section, ...]:
+def pose_sections(registration: Registration) -> tuple[PageSection, ...]:
     """Return a section with a row for each pair of scans that measured the same; none without such."""
     pairs = sorted(registration.pairs, key=lambda pair: -pair.offset_m)
     if not pairs:
@@ -379,16 +379,16 @@ def pose_sections(registration: Registration) -> tuple[Section, ...]:
         "Scans", "#both measured, m\u00b2", "#apart as given, mm", "#apart as used, mm",
         "#contradicted as given, m\u00b2", "#as used, m\u00b2",
     )  # fmt: skip
-    rest = len(pairs) - _MOST_PAIRS
+    n_hidden = len(pairs) - _MOST_PAIRS
     note = (
         "apart: how far the poses set what both measured apart, along its normals (root mean square). "
         "contradicted: measured by one scan, though beams of the other went through."
-        + (f" {count(rest, 'other pair is', 'other pairs are')} not shown." if rest > 0 else "")
+        + (f" {count(n_hidden, 'other pair is', 'other pairs are')} not shown." if n_hidden > 0 else "")
     )
-    return (Section("Do the poses agree?", (Table(columns, rows), Text(note, is_note=True))),)
+    return (PageSection("Do the poses agree?", (Table(columns, rows), Text(note, is_note=True))),)
 
 
-def edit_sections(completion: Completion) -> tuple[Section, ...]:
+def edit_sections(completion: Completion) -> tuple[PageSection, ...]:
     """A section with a row for each edited surface; none without edits."""
     if not completion.edits:
         return ()
@@ -407,10 +407,10 @@ def edit_sections(completion: Completion) -> tuple[Section, ...]:
         "an end that was set, and kept."
     )
     blocks: tuple[Block, ...] = (Table(columns, tuple(rows)), Text(note, is_note=True))
-    return (Section("What a person said", blocks),)
+    return (PageSection("What a person said", blocks),)
 
 
-def verification_sections(first_scan: Mapping[str, Any] | None) -> tuple[Section, ...]:
+def verification_sections(first_scan: Mapping[str, Any] | None) -> tuple[PageSection, ...]:
     """Return a section with a row for each surface of which something was inferred; none without such."""
     if first_scan is None:
         return ()
@@ -428,4 +428,4 @@ def verification_sections(first_scan: Mapping[str, Any] | None) -> tuple[Section
         "scan sees it."
     )
     blocks = (Table(columns, tuple(rows)), Text(note, is_note=True))
-    return (Section("What the other scans say of the first one", blocks),)
+    return (PageSection("What the other scans say of the first one", blocks),)

@@ -31,13 +31,13 @@ from nbv.report.blocks.page import (
     Gallery,
     Headline,
     Page,
-    Section,
+    PageSection,
     State,
     Text,
     headline_of,
     shares_bar,
 )
-from nbv.report.blocks.rooms import rooms_section, rules_section, set_apart, storey_plans
+from nbv.report.blocks.room_tables import rooms_section, rules_section, set_apart, storey_plans
 from nbv.report.figures.picture import MEASURED, UNKNOWN, Picture
 from nbv.report.figures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import given_markers, opening_lines, tour_lines, view_markers, zone_lines
@@ -86,15 +86,15 @@ def plan_page(
         bar=findings.bar,
         sections=(
             *findings.meanings,
-            Section(findings.overview, (view, Text(findings.note, is_note=True))),
-            Section(
+            PageSection(findings.overview, (view, Text(findings.note, is_note=True))),
+            PageSection(
                 "Views", (Gallery((findings.curve, *where), 2), Text(ended, is_note=True), views_table(plan))
             ),
             *rooms_section(plan),
             *baselines_section(plan, baselines),
             *rules_section(plan, rules),
-            Section("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
-            Section("Surface by surface", (findings.surfaces,)),
+            PageSection("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
+            PageSection("Surface by surface", (findings.surfaces,)),
         ),
         warnings=(*scene.warnings, *(plan.site.warnings if plan.site else ())),
     )
@@ -198,10 +198,10 @@ def coverage_page(
         headlines=(Headline(str(len(given)), "", "stations"), *coverage_headlines(coverage)),
         bar=coverage_bar(coverage),
         sections=(
-            Section("Where the surface is measured", (view, Text(_NOTE, is_note=True))),
-            Section("Stations", blocks),
-            Section("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
-            Section("Surface by surface", (surfaces_table(coverage),)),
+            PageSection("Where the surface is measured", (view, Text(_NOTE, is_note=True))),
+            PageSection("Stations", blocks),
+            PageSection("What cannot be reached, and why", (*reasons(coverage), *set_apart(coverage))),
+            PageSection("Surface by surface", (surfaces_table(coverage),)),
         ),
         warnings=scene.warnings,
     )

@@ -24,13 +24,13 @@ from nbv.report.blocks.page import (
     Headline,
     Legend,
     Page,
-    Section,
+    PageSection,
     State,
     Table,
     Text,
     headline_of,
 )
-from nbv.report.blocks.rooms import set_apart
+from nbv.report.blocks.room_tables import set_apart
 from nbv.report.completion_report import (
     before_and_after,
     decision_sections,
@@ -155,9 +155,9 @@ def demo_page(
         ),
         bar=_bar(comparison, sum(coverage.apart_m2.values())),
         sections=(
-            Section("Before and after", before_and_after(completion, n_threads)),
-            Section("Held against the truth", _truth(scene, comparison, n_threads)),
-            Section(
+            PageSection("Before and after", before_and_after(completion, n_threads)),
+            PageSection("Held against the truth", _truth(scene, comparison, n_threads)),
+            PageSection(
                 "What the scanner alone would need",
                 (
                     scene_view(scene, coverage, seen, markers=markers),
@@ -174,10 +174,10 @@ def demo_page(
                     views_table(plan),
                 ),
             ),
-            Section("What no view reaches, and why", (*reasons(coverage), *set_apart(coverage))),
+            PageSection("What no view reaches, and why", (*reasons(coverage), *set_apart(coverage))),
             *decision_sections(completion.decisions()),
-            Section(f"What the {few} scans saw", (*scan_pictures(completion), scans_of(completion))),
-            Section("Surfaces that were recognised", surface_blocks(completion)),
+            PageSection(f"What the {few} scans saw", (*scan_pictures(completion), scans_of(completion))),
+            PageSection("Surfaces that were recognised", surface_blocks(completion)),
         ),
     )
 

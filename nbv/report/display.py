@@ -18,7 +18,7 @@ from completion.result.completion import Completion
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.plan.plan import Plan
-from nbv.report.blocks.page import Gallery, Headline, Page, Section, Text
+from nbv.report.blocks.page import Gallery, Headline, Page, PageSection, Text
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.report.figures.picture import Picture, picture_of, range_colours
@@ -175,8 +175,12 @@ def scan_page(scan: RangeImage) -> Page:
         ),
         bar=None,
         sections=(
-            Section("What the scanner saw", (Gallery(pictures, min(len(pictures), 2)),)),
-            *((Section("How far it erred", (Text(_range_error(scan)),)),) if scan.truth is not None else ()),
+            PageSection("What the scanner saw", (Gallery(pictures, min(len(pictures), 2)),)),
+            *(
+                (PageSection("How far it erred", (Text(_range_error(scan)),)),)
+                if scan.truth is not None
+                else ()
+            ),
         ),
         options={
             "projection": scan.projection.kind,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.features.engine.template import Features, FeatureStatus, SideState, TemplateFit
-from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, State, Table, Text
+from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, PageSection, State, Table, Text
 from nbv.report.figures.picture import Picture, picture_of, range_colours
 from nbv.run.wording import count
 from scenes.checks import FloatArray
@@ -250,8 +250,8 @@ def feature_page(
         ),
         bar=None,
         sections=(
-            Section("Where they are", tuple(shots) or (Text("There is nothing to show."),)),
-            Section("Features", feature_blocks(features.fits)),
+            PageSection("Where they are", tuple(shots) or (Text("There is nothing to show."),)),
+            PageSection("Features", feature_blocks(features.fits)),
         ),
         warnings=(*warnings, *features.doubts),
     )

@@ -15,7 +15,7 @@ from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part, kinds_text
 from completion.relations.graph import RelationGraph, shared_directions
 from completion.relations.relation import Relation, RelationKind, Status
-from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
+from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, PageSection, Table, Text
 from nbv.report.blocks.surface_tables import FlatRow, flattening_blocks, relation_section
 from nbv.report.figures.drawing import MeshDrawing, SeenFaces
 from nbv.report.figures.picture import Camera, Picture, height_colours, overview_cameras, picture_of
@@ -256,9 +256,9 @@ def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
         headlines=tuple(headlines),
         bar=None,
         sections=(
-            Section("The part by surface", _view(part)),
-            Section("Surfaces", _surface_blocks(part)),
-            *(() if flat is None else (Section("Flattened", _flat_blocks(part, flat)),)),
+            PageSection("The part by surface", _view(part)),
+            PageSection("Surfaces", _surface_blocks(part)),
+            *(() if flat is None else (PageSection("Flattened", _flat_blocks(part, flat)),)),
             *relations,
             *_drawn_relations(part),
         ),
@@ -266,7 +266,7 @@ def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
     )
 
 
-def _drawn_relations(part: Part) -> tuple[Section, ...]:
+def _drawn_relations(part: Part) -> tuple[PageSection, ...]:
     """The relations as a drawing; none where there are none, or too many surfaces."""
     graph = part.relations
     if graph is None or not graph.relations or len(part.related) > MOST_SURFACES:
@@ -277,16 +277,16 @@ def _drawn_relations(part: Part) -> tuple[Section, ...]:
         "Surfaces by their numbers and colours; those of one direction are side by side. Strong lines: "
         "relations that are imposed; faint lines: what these entail; broken lines: what was rejected.",
     )
-    return (Section("The relations drawn", (Gallery((picture,), 1),)),)
+    return (PageSection("The relations drawn", (Gallery((picture,), 1),)),)
 
 
 def _summary(part: Part, what: str, holding: int) -> str:
     if not part.labels:
         return f"No surface was found in {count(len(part.points), what[:-1])}."
     text = f"{len(part.points)} {what} lie on {kinds_text(part.fits)}."
-    rest = int((part.surface == 0).sum())
-    if rest:
-        text += f" {count(rest, 'lies', 'lie')} on none of them."
+    n_unassigned = int((part.surface == 0).sum())
+    if n_unassigned:
+        text += f" {count(n_unassigned, 'lies', 'lie')} on none of them."
     if part.relations is None:
         return f"{text} Relations were not looked for."
     return f"{text} {count(holding, 'relation holds', 'relations hold')} between them."

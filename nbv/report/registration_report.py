@@ -13,7 +13,7 @@ from completion.registration.motions import compose
 from completion.registration.network import Network
 from completion.registration.registered import PairVerdict, Registered
 from completion.registration.verdict import Verdict
-from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
+from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, PageSection, Table, Text
 from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
 from nbv.run.wording import count
@@ -164,9 +164,9 @@ def registration_page(
         headlines=headlines,
         bar=None,
         sections=(
-            *((Section("From above", (Gallery(tuple(plans), 2),)),) if plans else ()),
-            Section("Scans", (_scans(registration, names),)),
-            Section("Pairs", (*_pairs(registration), *_alternatives(registration, scans))),
+            *((PageSection("From above", (Gallery(tuple(plans), 2),)),) if plans else ()),
+            PageSection("Scans", (_scans(registration, names),)),
+            PageSection("Pairs", (*_pairs(registration), *_alternatives(registration, scans))),
         ),
         warnings=(),
     )

@@ -26,12 +26,12 @@ from nbv.report.blocks.page import (
     Gallery,
     Headline,
     Page,
-    Section,
+    PageSection,
     State,
     Table,
     Text,
 )
-from nbv.report.blocks.rooms import record_blocks, rooms_blocks, seen_storey_plans
+from nbv.report.blocks.room_tables import record_blocks, rooms_blocks, seen_storey_plans
 from nbv.report.figures.completion_shots import is_single_camera, part_of, solid_bounds
 from nbv.report.figures.drawing import MeshDrawing, mark_hatched, paint_states
 from nbv.report.figures.floor_plan import FloorPlan
@@ -267,13 +267,13 @@ def next_stations_page(
         headlines=(stations, *area_headlines(coverage)),
         bar=area_bar(coverage),
         sections=(
-            Section(
+            PageSection(
                 "Where to stand next",
                 (Gallery(plans, min(len(plans), 2)), *stations_table(plan, infers=infers)),
             ),
-            *((Section("What is missing, room by room", missing),) if missing else ()),
-            *((Section("What each scan brought", brought),) if brought else ()),
-            Section(
+            *((PageSection("What is missing, room by room", missing),) if missing else ()),
+            *((PageSection("What each scan brought", brought),) if brought else ()),
+            PageSection(
                 "What was measured, and where the unknown begins",
                 state_blocks(
                     coverage,
@@ -284,9 +284,9 @@ def next_stations_page(
                     zones=plan.zones,
                 ),
             ),
-            Section("Where the unknown begins", boundary_blocks(coverage)),
-            Section("Scans so far", (scans_table(scan_map.scans, lettered=True),)),
-            *((Section("Surfaces", surfaces_blocks(coverage)),) if coverage.completion else ()),
+            PageSection("Where the unknown begins", boundary_blocks(coverage)),
+            PageSection("Scans so far", (scans_table(scan_map.scans, lettered=True),)),
+            *((PageSection("Surfaces", surfaces_blocks(coverage)),) if coverage.completion else ()),
         ),
         warnings=(_NO_FLOOR,) if lost else (),
     )
@@ -344,16 +344,16 @@ def scan_coverage_page(
         headlines=area_headlines(coverage),
         bar=area_bar(coverage),
         sections=(
-            Section(
+            PageSection(
                 "What was measured, and where the unknown begins", state_blocks(coverage, state, n_threads)
             ),
-            Section(
+            PageSection(
                 "Stations",
                 (Gallery(plans, min(len(plans), 2)), scans_table(scans, lettered=True)),
             ),
-            *((Section("Room by room", rooms),) if rooms else ()),
-            Section("Where the unknown begins", boundary_blocks(coverage)),
-            Section("Surfaces", surfaces_blocks(coverage)),
+            *((PageSection("Room by room", rooms),) if rooms else ()),
+            PageSection("Where the unknown begins", boundary_blocks(coverage)),
+            PageSection("Surfaces", surfaces_blocks(coverage)),
         ),
     )
 

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, Section, Table, Text
+from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, PageSection, Table, Text
 from nbv.report.figures.plots import Plot, Theme, drawn_plot, label_views
 from nbv.run.wording import count, percent
-from nbv.study.pipeline import Group, Outcome, groups_of
+from nbv.study.pipeline import Outcome, OutcomeGroup, groups_of
 from nbv.study.spec import StudySpec, common_share
 from scenes.checks import FloatArray
 
@@ -28,7 +28,7 @@ def colour_of(planner: int) -> str:
     return _COLOURS[planner % len(_COLOURS)]
 
 
-def coverage_curves(groups: Sequence[Group], planners: Sequence[str]) -> Plot:
+def coverage_curves(groups: Sequence[OutcomeGroup], planners: Sequence[str]) -> Plot:
     """Plot the share of the reachable area against views: medians over seeds, and from least to most.
 
     The groups are of one setting; each of all `planners` of the study has its colour in all plots.
@@ -60,10 +60,10 @@ def coverage_curves(groups: Sequence[Group], planners: Sequence[str]) -> Plot:
     return drawn_plot(draw, (_WIDTH, 3.9))
 
 
-def views_needed(groups: Sequence[Group], share: float, planners: Sequence[str]) -> Plot:
+def views_needed(groups: Sequence[OutcomeGroup], share: float, planners: Sequence[str]) -> Plot:
     """Plot the views until `share` of the reachable area is measured: seeds and median, by setting."""
     settings = list(dict.fromkeys(group.setting for group in groups))
-    texts = [", ".join(_telling(setting, settings)) for setting in settings]
+    texts = [", ".join(_distinct_parts(setting, settings)) for setting in settings]
 
     def draw(axes: Axes, theme: Theme) -> None:
         step = 0.8 / max(len(planners), 1)
@@ -95,7 +95,7 @@ def views_needed(groups: Sequence[Group], share: float, planners: Sequence[str])
     return drawn_plot(draw, (1.5 * _WIDTH, height))
 
 
-def _telling(setting: tuple[str, str, str], all_of_them: Sequence[tuple[str, str, str]]) -> list[str]:
+def _distinct_parts(setting: tuple[str, str, str], all_of_them: Sequence[tuple[str, str, str]]) -> list[str]:
     """Return the parts of a setting that are not the same in all, or the scene where all are."""
     parts = [part for k, part in enumerate(setting) if len({names[k] for names in all_of_them}) > 1]
     return parts or [setting[0]]
@@ -120,9 +120,11 @@ def study_page(
         headlines=_headlines(outcomes, groups),
         bar=None,
         sections=(
-            Section("Views that are needed", (_gallery(plots, share), *_needed(groups, planners, share))),
-            Section("Coverage by number of views", _curves(groups, plots)),
-            Section("Every case", (_cases_table(outcomes),)),
+            PageSection(
+                "Views that are needed", (_gallery(plots, share), *_views_needed(groups, planners, share))
+            ),
+            PageSection("Coverage by number of views", _curves(groups, plots)),
+            PageSection("Every case", (_cases_table(outcomes),)),
             *_failures(failed),
         ),
         warnings=(f"{count(len(failed), 'case')} could not be planned; see below.",) if failed else (),
@@ -130,7 +132,7 @@ def study_page(
     return page, plots
 
 
-def plots_of(groups: Sequence[Group], planners: Sequence[str], share: float) -> dict[str, Plot]:
+def plots_of(groups: Sequence[OutcomeGroup], planners: Sequence[str], share: float) -> dict[str, Plot]:
     """Return the plots of a study by name: "views", and "coverage-1" and so on, one a setting."""
     plots = {"views": views_needed(groups, share, planners)}
     for number, setting in enumerate(drawn_settings(groups)[:_MOST_PICTURES], start=1):
@@ -138,7 +140,7 @@ def plots_of(groups: Sequence[Group], planners: Sequence[str], share: float) -> 
     return plots
 
 
-def drawn_settings(groups: Sequence[Group]) -> list[tuple[str, str, str]]:
+def drawn_settings(groups: Sequence[OutcomeGroup]) -> list[tuple[str, str, str]]:
     """Return the settings in which anything could be planned."""
     return list(dict.fromkeys(group.setting for group in groups if group.outcomes))
 
@@ -162,7 +164,7 @@ def spread(values: FloatArray) -> str:
     return f"{middle:g}" if low == high else f"{middle:g} ({low:g} to {most})"
 
 
-def _summary(groups: Sequence[Group], share: float) -> str:
+def _summary(groups: Sequence[OutcomeGroup], share: float) -> str:
     """Tell for each planner the median of views over all that it planned."""
     parts = []
     for planner in dict.fromkeys(group.planner for group in groups):
@@ -179,7 +181,7 @@ def _summary(groups: Sequence[Group], share: float) -> str:
     )
 
 
-def _headlines(outcomes: Sequence[Outcome], groups: Sequence[Group]) -> tuple[Headline, ...]:
+def _headlines(outcomes: Sequence[Outcome], groups: Sequence[OutcomeGroup]) -> tuple[Headline, ...]:
     planned = [outcome for outcome in outcomes if not outcome.error]
     figures = [
         Headline(str(len(outcomes)), "", "plans, one for each scene, sensor, requirement, planner and seed"),
@@ -200,7 +202,7 @@ def _headlines(outcomes: Sequence[Outcome], groups: Sequence[Group]) -> tuple[He
     return tuple(figures)
 
 
-def _needed(groups: Sequence[Group], planners: Sequence[str], share: float) -> tuple[Block, ...]:
+def _views_needed(groups: Sequence[OutcomeGroup], planners: Sequence[str], share: float) -> tuple[Block, ...]:
     """A row for each planner in each setting."""
     rows = []
     for group in groups:
@@ -232,10 +234,10 @@ def _needed(groups: Sequence[Group], planners: Sequence[str], share: float) -> t
         "way are not in it. All planners of a scene and sensor choose from the same poses and are measured "
         "on the same samples."
     )
-    return telling(columns, rows, n_fixed=3), Text(note, is_note=True)
+    return drop_constant_columns(columns, rows, n_fixed=3), Text(note, is_note=True)
 
 
-def telling(columns: Sequence[str], rows: Sequence[Sequence[Cell]], n_fixed: int) -> Table:
+def drop_constant_columns(columns: Sequence[str], rows: Sequence[Sequence[Cell]], n_fixed: int) -> Table:
     """Return the table without columns that are empty, and of the first ones those that never change."""
     kept = [
         k
@@ -245,7 +247,7 @@ def telling(columns: Sequence[str], rows: Sequence[Sequence[Cell]], n_fixed: int
     return Table(tuple(columns[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in rows))
 
 
-def _curves(groups: Sequence[Group], plots: Mapping[str, Plot]) -> tuple[Block, ...]:
+def _curves(groups: Sequence[OutcomeGroup], plots: Mapping[str, Plot]) -> tuple[Block, ...]:
     settings = drawn_settings(groups)
     pictures = tuple(
         plots[f"coverage-{number}"].picture(", ".join(setting))
@@ -284,8 +286,8 @@ def _cases_table(outcomes: Sequence[Outcome]) -> Table:
     return Table(columns, tuple(rows), f"All {len(rows)} plans", is_folded=True)
 
 
-def _failures(failed: Sequence[Outcome]) -> tuple[Section, ...]:
+def _failures(failed: Sequence[Outcome]) -> tuple[PageSection, ...]:
     if not failed:
         return ()
     rows = tuple((Cell(outcome.case.name), Cell(outcome.error)) for outcome in failed)
-    return (Section("What could not be planned", (Table(("Case", "Why"), rows),)),)
+    return (PageSection("What could not be planned", (Table(("Case", "Why"), rows),)),)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from scenes.run.option import NOT_NEGATIVE, POSITIVE, Limits, option
+from scenes.run.option import NOT_NEGATIVE, POSITIVE, NumberRange, option
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,7 +21,7 @@ class RequirementOptions:
         "Largest angle between ray and surface normal.",
         60.0,
         metavar="DEG",
-        limits=Limits(above=0, most=90),
+        limits=NumberRange(above=0, most=90),
     )
     max_range_m: float | None = option(
         "--max-range", "Largest range.", None, metavar="M", shown="the sensor's", limits=POSITIVE
@@ -52,7 +52,7 @@ class RequirementOptions:
         limits=NOT_NEGATIVE,
     )
     k: int = option(
-        "--k", "Number of views that must each measure a point well enough.", 1, limits=Limits(least=1)
+        "--k", "Number of views that must each measure a point well enough.", 1, limits=NumberRange(least=1)
     )
 
 
@@ -64,9 +64,9 @@ class SearchOptions:
         "--method", "Plan online without knowing the scene (nbv), or offline with it (cover).", "nbv"
     )
     target: float = option(
-        "--target", "Fraction of the reachable area to measure.", 0.99, limits=Limits(above=0, most=1)
+        "--target", "Fraction of the reachable area to measure.", 0.99, limits=NumberRange(above=0, most=1)
     )
-    views: int | None = option("--views", "Largest number of views.", None, limits=Limits(least=1))
+    views: int | None = option("--views", "Largest number of views.", None, limits=NumberRange(least=1))
     infer: bool = option("--infer", "Count surface that completion infers towards the target.", False)
     overlap: float | None = option(
         "--overlap",
@@ -74,7 +74,7 @@ class SearchOptions:
         None,
         metavar="FRACTION",
         shown="none",
-        limits=Limits(least=0.0, most=1.0),
+        limits=NumberRange(least=0.0, most=1.0),
     )
     polish_steps: int = option(
         "--polish-steps",

@@ -35,7 +35,7 @@ class Work(Protocol[Item_contra, Result_co]):
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class WorkerShare:
     """Which of the workers that do one piece of work together this one is, and on how many threads."""
 
     number: int
@@ -100,7 +100,7 @@ def cluster(address: str, n_threads: int | None = None) -> Iterator[DaskWorkers]
         dask.distributed is missing, no such scheduler, no worker, or workers with other versions of the
         packages on which results depend.
     """
-    distributed = _distributed()
+    distributed = _import_distributed()
     with _scheduler(distributed, address) as place:
         try:
             client = distributed.Client(place, timeout=_WAIT_S, set_as_default=False)
@@ -136,9 +136,9 @@ class DaskWorkers:
         InputError
             The scheduler was lost, or workers die whoever does a piece of the work.
         """
-        distributed = _distributed()
+        distributed = _import_distributed()
         lost = _lost(distributed)
-        held = current_limits().changed()
+        held = current_limits().non_defaults()
         futures = {
             self.client.submit(
                 _on_worker, work, item, self._n_threads, held, key=f"unseen-{key}", retries=_DEATHS, pure=True
@@ -157,7 +157,7 @@ class DaskWorkers:
             yield number, result
 
     def together(
-        self, work: Callable[[Share], str], *, known: Callable[[], int], lost: Callable[[int], None]
+        self, work: Callable[[WorkerShare], str], *, known: Callable[[], int], lost: Callable[[int], None]
     ) -> None:
         """Have all workers do a piece of work together, until one comes to its end.
 
@@ -180,23 +180,23 @@ class DaskWorkers:
             step is done meanwhile.
         """
         try:
-            with _Shares(self.client, work, known, lost, self._n_threads) as shares:
+            with _WorkerTasks(self.client, work, known, lost, self._n_threads) as shares:
                 while not shares.are_done():
                     shares.renew()
-        except _lost(_distributed()) as error:
+        except _lost(_import_distributed()) as error:
             raise InputError(
                 f"--scheduler {self._address}: work was lost for good ({type(error).__name__}: {error}); "
                 "what is done is kept: run the same command again to go on"
             ) from error
 
 
-class _Shares:
+class _WorkerTasks:
     """The tasks of workers that do one piece of work together, one a worker."""
 
     def __init__(
         self,
         client: Any,
-        work: Callable[[Share], str],
+        work: Callable[[WorkerShare], str],
         known: Callable[[], int],
         lost: Callable[[int], None],
         n_threads: int | None,
@@ -229,8 +229,8 @@ class _Shares:
             raise OSError(f"{self._n_dead} workers died, and {len(there)} are there")
         for address, n_threads in there.items():
             if address not in self._tasks:
-                share = Share(self._n_given, self._n_threads or n_threads)
-                held = current_limits().changed()
+                share = WorkerShare(self._n_given, self._n_threads or n_threads)
+                held = current_limits().non_defaults()
                 key = f"unseen-{self._name}-{share.number}"
                 task = self._client.submit(
                     _share_on_worker, self._work, share, held, key=key, workers=[address], pure=False
@@ -249,7 +249,7 @@ class _Shares:
         return bool(ended)
 
 
-def _share_on_worker(work: Callable[[Share], str], share: Share, held: Mapping[str, int]) -> str:
+def _share_on_worker(work: Callable[[WorkerShare], str], share: WorkerShare, held: Mapping[str, int]) -> str:
     """Do a worker's share under the limits in force here; errors of the input are told, not raised."""
     with limits(**held):
         try:
@@ -269,7 +269,7 @@ def _on_worker(
 
 
 def _worker_threads() -> int:
-    threads: int = _distributed().get_worker().state.nthreads
+    threads: int = _import_distributed().get_worker().state.nthreads
     return threads
 
 
@@ -315,7 +315,7 @@ def _check_versions(client: Any, address: str) -> None:
             )
 
 
-def _distributed() -> ModuleType:
+def _import_distributed() -> ModuleType:
     try:
         import distributed
     except ImportError as error:

@@ -194,7 +194,7 @@ class Dropout:
         check_options(self, min_intensity=(0.0, np.inf), max_incidence_deg=(0.0, 90.0))
         check_options(self, specular_loss=(0.0, 1.0), specular_exponent=(0.0, np.inf))
 
-    def kept(
+    def draw_kept(
         self, intensity: NDArray[np.float32], incidence: FloatArray, rng: np.random.Generator
     ) -> BoolArray:
         """Tell which echoes (...,) are kept; one uniform number is drawn for every pixel.
@@ -212,3 +212,5 @@ class Dropout:
                 lobe = np.maximum(np.cos(2 * incidence), 0.0) ** self.specular_exponent
                 kept &= ~(rng.random(incidence.shape) < self.specular_loss * (1 - lobe))
         return np.asarray(kept, dtype=np.bool_)
+
+    kept = draw_kept  # earlier name

@@ -65,7 +65,7 @@ class PointingNoise:
         pixels = self.sd_px + self.slope_px * theta / (np.pi / 2 - theta)
         return np.asarray(np.radians(self.sd_deg) + pixel_angle * pixels, dtype=np.float64)
 
-    def displaced(
+    def displace(
         self,
         distance: FloatArray,
         incidence: FloatArray,
@@ -103,6 +103,8 @@ class PointingNoise:
         turned = np.stack([across * np.sin(azimuth), -np.sin(elevation), across * np.cos(azimuth)], axis=-1)
         return np.asarray(reach[..., None] * turned, dtype=np.float64)
 
+    displaced = displace  # earlier name
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantisation:
@@ -124,7 +126,7 @@ class Quantisation:
 
     Examples
     --------
-    >>> Quantisation(range_step_m=0.25).rounded(np.array([1.1, 1.2])).tolist()
+    >>> Quantisation(range_step_m=0.25).round_ranges(np.array([1.1, 1.2])).tolist()
     [1.0, 1.25]
     """
 
@@ -136,7 +138,7 @@ class Quantisation:
         if (self.range_step_m > 0) == (self.inverse_depth_step_per_m > 0):
             raise InputError("quantisation needs range_step_m or inverse_depth_step_per_m, and not both")
 
-    def rounded(self, ranges: FloatArray, axis_cosine: FloatArray | float = 1.0) -> FloatArray:
+    def round_ranges(self, ranges: FloatArray, axis_cosine: FloatArray | float = 1.0) -> FloatArray:
         """Return `ranges` in metres, rounded to the nearest step; inf stays inf.
 
         Parameters
@@ -152,6 +154,8 @@ class Quantisation:
         levels = np.round(1 / (np.maximum(ranges, 1e-6) * axis_cosine) / step)
         depth = 1 / (np.maximum(levels, 1.0) * step)
         return np.where(np.isfinite(ranges), depth / axis_cosine, ranges)
+
+    rounded = round_ranges  # earlier name
 
     def step_m(self, ranges: FloatArray, axis_cosine: FloatArray | float = 1.0) -> FloatArray:
         """Return the step (...,) along the ray at `ranges` (...,), metres; parameters as for `rounded`."""

@@ -51,7 +51,7 @@ class Echo:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class CentreHits:
     """What the middle rays of n pixels met; inf, -1, NaN and cosine 0 where they met nothing.
 
     Of each (n,): metres, |cosine| between ray and normal and its angle in radians, face and surface id, and
@@ -124,7 +124,7 @@ class World:
             return np.full(len(hits.face), reflectivity_of_colour(np.full(3, _GREY, np.float32)))
         return reflectivity_of_colour(self.colour(hits))
 
-    def sight(self, rays: RayGrid) -> Sight:
+    def sight(self, rays: RayGrid) -> CentreHits:
         """Cast the rays of an image and describe what they meet, band by band of rows.
 
         What one band needs on the way stays in the processor's cache and is gone before the next.
@@ -152,7 +152,7 @@ class World:
         in_blocks(
             -(-rows // height), look, self.n_threads, block=1, bytes_a_block=_BYTES_A_RAY * height * columns
         )
-        return Sight(
+        return CentreHits(
             ranges=ranges,
             cosine=cosine,
             incidence=incidence,
@@ -295,7 +295,7 @@ def scan_scene(
     InputError
         A pose without a sensor, unknown noise, both `noise` and `effects`.
     """
-    pose, sensor = _standing(view, sensor)
+    pose, sensor = _resolve_view(view, sensor)
     if effects is not None and noise != "none":
         raise InputError(f"give noise or effects, not both; noise is {noise!r}")
     effects = effects or chosen_effects(sensor, noise)
@@ -306,13 +306,13 @@ def scan_scene(
     sight = world.sight(projection.ray_grid())
     echo = _echo(world, projection, sight, effects, streams["footprint"])
     intensity = _intensity(echo, effects)
-    distance = _received(echo, intensity, sensor, effects, streams["dropout"])
+    distance = _receive(echo, intensity, sensor, effects, streams["dropout"])
     is_depth = projection.kind == "pinhole" and effects.acts_on_depth
     axis = projection.directions()[..., 2].reshape(-1) if is_depth else 1.0
-    distance, variance = _disturbed(
+    distance, variance = _disturb(
         distance, echo, axis=axis, effects=effects, rng=streams["noise"], n_threads=n_threads
     )
-    points = _pointed(distance, echo, projection, effects, streams["pointing"])
+    points = _displace_points(distance, echo, projection, effects, streams["pointing"])
     if points is not None:
         distance = np.where(np.isfinite(distance), np.linalg.norm(points, axis=-1), np.inf)
     gated = (distance >= sensor.min_range_m) & (distance <= sensor.max_range_m)
@@ -321,8 +321,8 @@ def scan_scene(
         np.where(gated, distance, np.inf).reshape(shape),
         projection,
         pose,
-        colour=_frozen(sight.colour, (*shape, 3)),
-        sensor_points=None if points is None else _frozen(points, (*shape, 3)),
+        colour=_freeze_image(sight.colour, (*shape, 3)),
+        sensor_points=None if points is None else _freeze_image(points, (*shape, 3)),
         sigma_m=_rms(variance, gated, effects),
         sensor=sensor.name,
         noise=effects.describe(),
@@ -332,7 +332,7 @@ def scan_scene(
     )
 
 
-def _standing(view: View | Pose, sensor: Sensor | None) -> tuple[Pose, Sensor]:
+def _resolve_view(view: View | Pose, sensor: Sensor | None) -> tuple[Pose, Sensor]:
     """Return where the scan is taken, and by what."""
     if isinstance(view, View):
         return view.world_from_sensor, sensor or view.sensor
@@ -342,7 +342,7 @@ def _standing(view: View | Pose, sensor: Sensor | None) -> tuple[Pose, Sensor]:
 
 
 def _echo(
-    world: World, projection: Projection, sight: Sight, effects: Effects, rng: np.random.Generator
+    world: World, projection: Projection, sight: CentreHits, effects: Effects, rng: np.random.Generator
 ) -> Echo:
     """Return what comes back: along the middle rays, or from the whole footprint of each beam."""
     light = effects.intensity or Intensity()
@@ -363,7 +363,7 @@ def _intensity(echo: Echo, effects: Effects) -> NDArray[np.float32]:
     return full if effects.footprint is None else full * np.float32(1 / N_RAYS) * echo.n_rays
 
 
-def _received(
+def _receive(
     echo: Echo, intensity: NDArray[np.float32], sensor: Sensor, effects: Effects, rng: np.random.Generator
 ) -> FloatArray:
     """Return the ranges of the echoes that lie in a circular aperture and are not dropped; inf for others."""
@@ -372,10 +372,10 @@ def _received(
         ranges = np.where(sensor.sees(sensor.projection.directions().reshape(-1, 3)), ranges, np.inf)
     if effects.dropout is None:
         return ranges
-    return np.where(effects.dropout.kept(intensity, echo.incidence, rng), ranges, np.inf)
+    return np.where(effects.dropout.draw_kept(intensity, echo.incidence, rng), ranges, np.inf)
 
 
-def _disturbed(
+def _disturb(
     distance: FloatArray,
     echo: Echo,
     axis: FloatArray | float,
@@ -398,33 +398,33 @@ def _disturbed(
         distance, variance = noisy, sigma**2
     if effects.quantisation is not None:
         variance = variance + effects.quantisation.step_m(reach, axis) ** 2 / 12
-        distance = effects.quantisation.rounded(distance, axis)
+        distance = effects.quantisation.round_ranges(distance, axis)
     return distance, variance
 
 
-def _pointed(
+def _displace_points(
     distance: FloatArray, echo: Echo, projection: Projection, effects: Effects, rng: np.random.Generator
 ) -> FloatArray | None:
     """Return measured points (n, 3), sensor frame, that leave their rays; None where none do."""
     if effects.pointing is None:
         return None
     rays = projection.directions().reshape(-1, 3)
-    return effects.pointing.displaced(distance, echo.incidence, projection, rays, rng)
+    return effects.pointing.displace(distance, echo.incidence, projection, rays, rng)
 
 
-def _frozen(array: Any, shape: tuple[int, ...]) -> Any:
+def _freeze_image(array: Any, shape: tuple[int, ...]) -> Any:
     """Return `array` in its image's shape, read-only: it is handed over, not copied."""
     array.setflags(write=False)
     return array.reshape(shape)
 
 
-def _truth_of(sight: Sight, echo: Echo, shape: tuple[int, int]) -> ScanTruth:
+def _truth_of(sight: CentreHits, echo: Echo, shape: tuple[int, int]) -> ScanTruth:
     """Return what the middle rays met, and how many rays make each echo."""
     return ScanTruth(
-        face=_frozen(sight.face, shape),
-        surface=_frozen(sight.surface, shape),
-        ranges=_frozen(sight.ranges, shape),
-        incidence=_frozen(sight.incidence, shape),
+        face=_freeze_image(sight.face, shape),
+        surface=_freeze_image(sight.surface, shape),
+        ranges=_freeze_image(sight.ranges, shape),
+        incidence=_freeze_image(sight.incidence, shape),
         n_rays=echo.n_rays.reshape(shape),
     )
 

@@ -20,7 +20,7 @@ from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from nbv.scanning.triangulation import LineSensor, TriangulationSensor
 from scenes.checks import MOST_M, InputError
 from scenes.io.documents import parse_toml, read_toml
-from scenes.io.guard import check_size, reading
+from scenes.io.guard import check_size, guard_reading
 
 _KINDS: dict[str, type[Any]] = {
     kind.kind: kind for kind in (PinholeSensor, SphericalSensor, LineSensor, TriangulationSensor)
@@ -87,7 +87,7 @@ def load_profile(name_or_path: str | Path) -> SensorProfile:
     path = Path(name)
     if path.suffix != ".toml":
         raise InputError(f"no sensor named {name!r}; there are {', '.join(sensor_names())}, or give a .toml")
-    with reading(path, "a sensor"):
+    with guard_reading(path, "a sensor"):
         return _profile_of(read_toml(path), name)
 
 

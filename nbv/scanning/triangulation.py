@@ -172,5 +172,5 @@ def both_see(
     left = np.flatnonzero(seen)
     distance = np.linalg.norm(towards[left], axis=1)
     lifted = points[left] + outward[left] * (_LIFT * distance)[:, None]
-    seen[left] = ~caster.blocked(lifted, np.broadcast_to(position, lifted.shape))
+    seen[left] = ~caster.are_blocked(lifted, np.broadcast_to(position, lifted.shape))
     return np.asarray(seen, dtype=np.bool_)

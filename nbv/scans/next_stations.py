@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.coverage.surface_classes import CompletedSurfaces
+from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.planner import PlannerOptions, PlannerState, next_view
 from nbv.plan.plan import Plan, Resumption
 from nbv.scanning.sensor import Sensor, View
@@ -29,7 +29,7 @@ def plan_next_stations(
     views: int = 1,
     candidates: Candidates | None = None,
     options: PlannerOptions | None = None,
-    completed: CompletedSurfaces | None = None,
+    completed: KnownSurfaces | None = None,
     n_threads: int | None = None,
 ) -> Plan:
     """Plan where to scan next from the scans so far.

@@ -37,13 +37,13 @@ class PlacedScans:
         The scans, and what is to be told of them.
     deviations_m : tuple of float
         By how much the error of each pose shifts its scan's facets, metres.
-    told : str
+    summary : str
         A sentence on what was placed, how well, and what was left alone.
     """
 
     given: GivenScans
     deviations_m: tuple[float, ...]
-    told: str
+    summary: str
 
 
 def register_request(
@@ -68,7 +68,7 @@ def register_request(
     if told_of and len(given.scans) == 1:
         turn, sentence = turn_to_z(given.scans, up, of_points=bool(request.origins))
         doubts = (*given.doubts, *told_of, *([sentence] if sentence else []))
-        scans = tuple(scan.transformed(turn) for scan in given.scans)
+        scans = tuple(scan.transform(turn) for scan in given.scans)
         return PlacedScans(replace(given, scans=scans, doubts=doubts), (), "placed    1 scan, by itself")
     registration = register_scans(
         given.scans,
@@ -88,7 +88,7 @@ def register_request(
     kept = list(group.group.poses)
     poses = registration.world_poses(given.scans)
     turn, sentence = turn_to_z(
-        [given.scans[k].restated(world_from_sensor=poses[k]) for k in kept],
+        [given.scans[k].with_facts(world_from_sensor=poses[k]) for k in kept],
         up,
         of_points=bool(request.origins),
     )
@@ -101,7 +101,7 @@ def register_request(
         )
     placed = replace(
         given,
-        scans=tuple(given.scans[k].restated(world_from_sensor=poses[k]).transformed(turn) for k in kept),
+        scans=tuple(given.scans[k].with_facts(world_from_sensor=poses[k]).transform(turn) for k in kept),
         doubts=(*given.doubts, *doubts_of_poses(registration, names), *told_of),
         paths=tuple(given.paths[k] for k in kept),
     )

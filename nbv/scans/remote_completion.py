@@ -26,7 +26,7 @@ from uuid import uuid4
 
 from completion.options import CompletionOptions
 from completion.pipeline import complete, complete_first
-from nbv.run.workers import Share, cluster
+from nbv.run.workers import WorkerShare, cluster
 from scenes.checks import InputError
 from scenes.io.scan_files import split_index
 from scenes.io.scan_request import ScanRequest, read_request
@@ -63,7 +63,7 @@ class Claims:
 
     @classmethod
     @contextmanager
-    def opened(cls, journal: Path) -> Iterator[None]:
+    def allow(cls, journal: Path) -> Iterator[None]:
         """Let claims be made, meanwhile; what was claimed before is free."""
         rmtree(journal / _CLAIMS, ignore_errors=True)
         make_folder(journal / _CLAIMS)
@@ -73,7 +73,7 @@ class Claims:
             rmtree(journal / _CLAIMS, ignore_errors=True)
 
     @contextmanager
-    def beating(self) -> Iterator[None]:
+    def keep_alive(self) -> Iterator[None]:
         """Tell the others, meanwhile, that this process lives; what its number claimed before is free."""
         let_go(self._folder.parent, self.number)
         self._beat(0)
@@ -256,7 +256,7 @@ class CompletionTask:
     max_memory: int | None = None
     scratch: str | None = None
 
-    def work(self, share: Share) -> str:
+    def work(self, share: WorkerShare) -> str:
         """Do, on a worker, the steps that nobody else does; return what went wrong, or ""."""
         folder = Path(self.journal)
         claims = Claims(folder, share.number)
@@ -264,7 +264,7 @@ class CompletionTask:
         self._check_sizes()
         with ExitStack() as held:
             held.enter_context(memory_limit(self.max_memory))
-            held.enter_context(claims.beating())
+            held.enter_context(claims.keep_alive())
             if self.scratch is not None:
                 held.enter_context(mapped_in(Path(self.scratch)))
             scans = read_request(self.scans).scans
@@ -345,14 +345,14 @@ def complete_by_workers(
         scratch=str(folder) if scheduler.startswith("local:") else None,
     )
 
-    def known() -> int:
+    def count_steps() -> int:
         at = stage_of(folder)
         if at is not None and progress is not None:
             progress(*at)
         return sum(1 for _ in folder.rglob("*.npz"))
 
-    with cluster(scheduler, n_threads) as workers, Claims.opened(folder):
-        workers.together(task.work, known=known, lost=lambda number: let_go(folder, number))
+    with cluster(scheduler, n_threads) as workers, Claims.allow(folder):
+        workers.together(task.work, known=count_steps, lost=lambda number: let_go(folder, number))
 
 
 def _absolute(request: ScanRequest) -> ScanRequest:

@@ -13,7 +13,7 @@ from nbv.run.wording import letters, square_metres
 from nbv.scans.measured_area import MeasuredCells
 from nbv.scans.scan_map import ScanMap
 from nbv.scans.unseen_boundary import UnseenBoundary
-from nbv.visibility.rooms import Room
+from nbv.visibility.rooms import SiteRoom
 from scenes.checks import FloatArray
 
 ELSEWHERE = "elsewhere"
@@ -36,7 +36,7 @@ class RoomCoverage:
         inferred surface passes, and ends of all fields of view; square metres, not of surface.
     """
 
-    room: Room | None
+    room: SiteRoom | None
     scans: tuple[int, ...]
     met_m2: float
     worse_m2: float
@@ -93,7 +93,7 @@ def room_coverage(
     met, whole = (np.bincount(of_cell, part, n) for part in (measured.met_m2, measured.whole_m2))
     inferred: FloatArray = np.zeros(n)
     if completion is not None:
-        middles, areas = _inferred(completion, grid.voxel_m)
+        middles, areas = _inferred_places(completion, grid.voxel_m)
         inferred = np.bincount(seen.room_near(middles), areas, n).astype(np.float64)
     of_face = seen.room_near(unseen.faces.centres + grid.voxel_m * unseen.faces.outward)
     parts = (
@@ -117,7 +117,7 @@ def room_coverage(
     )
 
 
-def _inferred(completion: Completion, before_m: float) -> tuple[FloatArray, FloatArray]:
+def _inferred_places(completion: Completion, before_m: float) -> tuple[FloatArray, FloatArray]:
     """Return places (m, 3) so far before what is inferred, world coordinates, and the areas (m,) there."""
     mesh = completion.hypothesised
     a, b, c = np.moveaxis(completion.world_from_reference.apply(mesh.vertices)[mesh.faces], 1, 0)

@@ -108,7 +108,7 @@ def cover_by_scans(
         measured=growth[-1].total,
         unseen=unseen,
         completion=completion,
-        surfaces=() if completion is None else _recognised(completion, areas),
+        surfaces=() if completion is None else _surface_shares(completion, areas),
         rooms=room_coverage(scan_map, growth[-1], unseen, completion),
         growth=tuple(cells.total for cells in growth),
     )
@@ -129,7 +129,7 @@ def _measured_of_surfaces(
     return np.stack([np.bincount(of, pixels.areas, n), np.bincount(of, pixels.areas * pixels.met, n)])
 
 
-def _recognised(model: CompletedModel, measured: Sequence[FloatArray]) -> tuple[RecognisedSurface, ...]:
+def _surface_shares(model: CompletedModel, measured: Sequence[FloatArray]) -> tuple[RecognisedSurface, ...]:
     """Return the surfaces of a completed model, with the share of each that is measured as required."""
     whole, met = np.sum(measured, axis=0)
     shares = np.divide(met, whole, out=np.zeros(len(whole)), where=whole > 0)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.observe.range_noise import estimate_noise
-from nbv.coverage.surface_classes import CompletedSurfaces
+from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.gain import ViewEvaluation, seen_from
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.planner import PlannerOptions, wanted_cosine
@@ -35,14 +35,14 @@ from scenes.world.scene import Mode
 
 
 @dataclass(frozen=True, slots=True)
-class Settled:
-    """What a scan was expected to settle, and what of it it settled, weighted square metres."""
+class AchievedGain:
+    """Predicted gain of a scan, and the part of it that was achieved; weighted square metres."""
 
     expected_m2: float
     settled_m2: float
 
 
-def settled(
+def compare_gain(
     before: VoxelMap,
     after: VoxelMap,
     scan: RangeImage,
@@ -51,21 +51,21 @@ def settled(
     requirement: Requirement,
     gain: GainOptions,
     zones: Zones = EVERYWHERE,
-) -> Settled:
-    """Compare what a map said of a scan from where it stood with the map after the scan.
+) -> AchievedGain:
+    """Compare the gain that a map predicted for a scan from where it stood with the map after the scan.
 
     What lies in the scan's field of view counts, within the range of `sensor`. An unknown voxel is settled
     when it is known to be empty or holds a sample; badly seen surface when none is left in its voxel.
     """
-    expected = _expected(before, scan, sensor=sensor, requirement=requirement, gain=gain, zones=zones)
+    expected = _expected_targets(before, scan, sensor=sensor, requirement=requirement, gain=gain, zones=zones)
     known = (after.labels == EMPTY) | (after.labels == SEEN)
     poor = np.zeros(after.grid.n_voxels, np.bool_)
     poor[after.surfels.voxels[after.surfels.quality < requirement.min_cosine]] = True
     done = np.where(expected.is_unknown, known[expected.voxel], ~poor[expected.voxel])
-    return Settled(float(expected.worth_m2.sum()), float(expected.worth_m2[done].sum()))
+    return AchievedGain(float(expected.worth_m2.sum()), float(expected.worth_m2[done].sum()))
 
 
-def _expected(
+def _expected_targets(
     before: VoxelMap,
     scan: RangeImage,
     *,
@@ -110,8 +110,8 @@ class ScanMap:
         The rooms that they show, on all storeys; None around an object, and where no floor was seen.
     clearance_m : float
         Within which distance of a scanner's place a room is known to be empty, metres; 0 around an object.
-    settled : tuple of Settled or None
-        For each scan what the ones before said that it would settle, and what it did; None for the first, and
+    gains : tuple of AchievedGain or None
+        For each scan the gain that the ones before predicted, and what it achieved; None for the first, and
         for those from where nothing was known before.
     """
 
@@ -120,7 +120,7 @@ class ScanMap:
     mode: Mode
     rooms: SeenRooms | None
     clearance_m: float
-    settled: tuple[Settled | None, ...]
+    gains: tuple[AchievedGain | None, ...]
 
     @classmethod
     def of(
@@ -131,7 +131,7 @@ class ScanMap:
         mode: Mode = "room",
         options: PlannerOptions | None = None,
         requirement: Requirement | None = None,
-        completed: CompletedSurfaces | None = None,
+        completed: KnownSurfaces | None = None,
         zones: Zones = EVERYWHERE,
     ) -> ScanMap:
         """Write registered scans, z up, into the voxels of the volume that they measured in.
@@ -148,15 +148,17 @@ class ScanMap:
         options, requirement = options or PlannerOptions(), requirement or Requirement()
         scans = tuple(with_known_noise(scan) for scan in scans)
         outside = mode == "object"
-        few = [scan.thinned(MOST_PIXELS) for scan in scans]
+        few = [scan.thin(MOST_PIXELS) for scan in scans]
         volume = _volume(few, options.clearance_m, zones, from_outside=outside)
         voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=outside)
-        compared = partial(settled, sensor=sensor, requirement=requirement, gain=options.gain, zones=zones)
-        solutions: list[Settled | None] = []
+        compared = partial(
+            compare_gain, sensor=sensor, requirement=requirement, gain=options.gain, zones=zones
+        )
+        gains: list[AchievedGain | None] = []
         for scan in scans:
             before, voxels = voxels, voxels.with_given([scan], sensor, options.clearance_m)
-            knew = len(solutions) > 0 and before.is_free(scan.origin[None], before.grid.voxel_m)[0]
-            solutions.append(compared(before, voxels, scan) if knew else None)
+            knew = len(gains) > 0 and before.is_free(scan.origin[None], before.grid.voxel_m)[0]
+            gains.append(compared(before, voxels, scan) if knew else None)
         rooms = None if outside else SeenRooms.of(few, completed)
         return cls(
             scans=scans,
@@ -164,7 +166,7 @@ class ScanMap:
             mode=mode,
             rooms=rooms,
             clearance_m=0.0 if outside else options.clearance_m,
-            settled=tuple(solutions),
+            gains=tuple(gains),
         )
 
     @property

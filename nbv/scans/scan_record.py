@@ -23,8 +23,8 @@ _CURE = "give the plan.json that `unseen plan --scans` wrote after fewer of thes
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """What an earlier plan said of a scan: which station it was, how far off it stands, and the gain."""
+class StationPrediction:
+    """Prediction of an earlier plan for a scan: which station it was, how far off it stands, and the gain."""
 
     station: int
     off_m: float
@@ -39,8 +39,8 @@ class ScanRecord:
     ----------
     pose : Pose
         Where it was taken.
-    said : Said or None
-        What the plan before said of it; None where no plan is known that named a station within a metre.
+    prediction : StationPrediction or None
+        What the plan before predicted; None where no plan is known that named a station within a metre.
     expected_m2, settled_m2 : float or None
         What the scans before said that it would settle from where it stood, as the planner counts gain, and
         how much of that it did settle; square metres, None where they knew nothing of that place.
@@ -49,7 +49,7 @@ class ScanRecord:
     """
 
     pose: Pose
-    said: Said | None
+    prediction: StationPrediction | None
     expected_m2: float | None
     settled_m2: float | None
     measured_m2: float
@@ -60,22 +60,24 @@ class ScanRecord:
         record = {
             name: getattr(self, name) for name in ("expected_m2", "settled_m2", "measured_m2", "met_m2")
         }
-        station_before = None if self.said is None else asdict(self.said)
+        station_before = None if self.prediction is None else asdict(self.prediction)
         return {"world_from_sensor": self.pose.matrix.tolist(), "said": station_before, **record}
 
 
-def record_scans(coverage: ScanCoverage, sentence: Sequence[Said | None] = ()) -> tuple[ScanRecord, ...]:
-    """Return the record of a coverage's scans; `sentence` holds for each what an earlier plan said of it."""
+def record_scans(
+    coverage: ScanCoverage, predictions: Sequence[StationPrediction | None] = ()
+) -> tuple[ScanRecord, ...]:
+    """Return the record of a coverage's scans; `predictions` are an earlier plan's, one a scan."""
     scans, growth, before = coverage.scan_map.scans, coverage.growth, (0.0, 0.0)
     records = []
     for number, (scan, area) in enumerate(zip(scans, growth, strict=True)):
-        settled = coverage.scan_map.settled[number]
+        gain = coverage.scan_map.gains[number]
         records.append(
             ScanRecord(
                 pose=scan.world_from_sensor,
-                said=sentence[number] if number < len(sentence) else None,
-                expected_m2=None if settled is None else settled.expected_m2,
-                settled_m2=None if settled is None else settled.settled_m2,
+                prediction=predictions[number] if number < len(predictions) else None,
+                expected_m2=None if gain is None else gain.expected_m2,
+                settled_m2=None if gain is None else gain.settled_m2,
                 measured_m2=area.total_m2 - before[0],
                 met_m2=area.met_m2 - before[1],
             )
@@ -91,10 +93,11 @@ def last_scan_in_words(record: Sequence[ScanRecord]) -> list[str]:
     last = record[-1]
     name = letters(len(record) - 1)
     sentence = ""
-    if last.said is not None and last.said.predicted_gain_m2 is not None:
+    before = last.prediction
+    if before is not None and before.predicted_gain_m2 is not None:
         sentence = (
-            f"was station {last.said.station} of the plan before, {last.said.off_m:.2f} m off, which "
-            f"predicted {square_metres(last.said.predicted_gain_m2)} m2; it "
+            f"was station {before.station} of the plan before, {before.off_m:.2f} m off, which "
+            f"predicted {square_metres(before.predicted_gain_m2)} m2; it "
         )
     brought = f"measured {square_metres(last.measured_m2)} m2 of surface for the first time"
     if last.expected_m2 is None or last.settled_m2 is None:
@@ -105,7 +108,7 @@ def last_scan_in_words(record: Sequence[ScanRecord]) -> list[str]:
     ]
 
 
-def said_before(path: Path, poses: Sequence[Pose]) -> tuple[Said | None, ...]:
+def read_predictions(path: Path, poses: Sequence[Pose]) -> tuple[StationPrediction | None, ...]:
     """Read what an earlier plan of next stations said of scans.
 
     Those that it knew keep what its own record says. Each other is the nearest of its stations that is left,
@@ -126,7 +129,7 @@ def said_before(path: Path, poses: Sequence[Pose]) -> tuple[Said | None, ...]:
     content = read_json(path, dict)
     try:
         known = [Pose(matrix) for matrix in content["resumed_from"]["world_from_sensor"]]
-        record = [_said_of(entry["said"]) for entry in content["record"]]
+        record = [_read_prediction(entry["said"]) for entry in content["record"]]
         planned = [Pose(view["world_from_sensor"]).translation for view in content["views"]]
         gains = [view["predicted_gain_m2"] for view in content["views"]]
         if len(record) != len(known):
@@ -139,19 +142,19 @@ def said_before(path: Path, poses: Sequence[Pose]) -> tuple[Said | None, ...]:
     before = [_number_of(pose, known) for pose in poses]
     if all(number is None for number in before):
         raise InputError(f"{path} was made after other scans than these; {_CURE}")
-    left, standings = dict(enumerate(planned, start=1)), list[Said | None]()
+    left, predictions = dict(enumerate(planned, start=1)), list[StationPrediction | None]()
     for pose, number in zip(poses, before, strict=True):
         if number is not None:
-            standings.append(record[number])
+            predictions.append(record[number])
             continue
         away = {station: float(np.linalg.norm(place - pose.translation)) for station, place in left.items()}
         station = min(away, key=lambda number: away[number], default=0)
         if not station or away[station] > _NEAR_M:
-            standings.append(None)
+            predictions.append(None)
             continue
         del left[station]
-        standings.append(Said(station, away[station], gains[station - 1]))
-    return tuple(standings)
+        predictions.append(StationPrediction(station, away[station], gains[station - 1]))
+    return tuple(predictions)
 
 
 def _number_of(pose: Pose, among: Sequence[Pose]) -> int | None:
@@ -162,9 +165,11 @@ def _number_of(pose: Pose, among: Sequence[Pose]) -> int | None:
     )
 
 
-def _said_of(entry: dict[str, Any] | None) -> Said | None:
+def _read_prediction(entry: dict[str, Any] | None) -> StationPrediction | None:
     """Return what an entry of a record holds; errors are as of reading numbers."""
     if entry is None:
         return None
     gain = entry["predicted_gain_m2"]
-    return Said(int(entry["station"]), float(entry["off_m"]), None if gain is None else float(gain))
+    return StationPrediction(
+        int(entry["station"]), float(entry["off_m"]), None if gain is None else float(gain)
+    )

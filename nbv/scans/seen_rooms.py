@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nbv.coverage.surface_classes import CompletedSurfaces
+from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_mesh import joined_faces, scan_faces
 from nbv.visibility.clearance import Clearance
 from nbv.visibility.floors import WALKABLE, cut_columns, find_floors
-from nbv.visibility.rooms import Room, Rooms, find_rooms
+from nbv.visibility.rooms import Rooms, SiteRoom, find_rooms
 from nbv.visibility.site import lattice_spacing, room_positions
 from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, sensor_directions
@@ -52,7 +52,7 @@ class SeenRooms:
     stood: NDArray[np.int32]
 
     @classmethod
-    def of(cls, scans: Sequence[RangeImage], completed: CompletedSurfaces | None = None) -> SeenRooms | None:
+    def of(cls, scans: Sequence[RangeImage], completed: KnownSurfaces | None = None) -> SeenRooms | None:
         """Find the rooms that registered `scans`, z up and few pixels each, show; None without any floor."""
         mesh = joined_faces([*(scan_faces(scan)[:2] for scan in scans), *_inferred_levels(completed)])
         if not len(mesh.faces):
@@ -85,7 +85,7 @@ class SeenRooms:
             room_numbers[left[near]] = self.rooms.room[spans[nearest[near]]]
         return room_numbers
 
-    def chosen(self, site: SiteOptions) -> tuple[tuple[int, ...], list[str]]:
+    def choose_rooms(self, site: SiteOptions) -> tuple[tuple[int, ...], list[str]]:
         """Return the numbers of the rooms that are asked for, and what is to be said of it.
 
         A room in which a scan was taken is asked for even where no ceiling shows that it lies inside.
@@ -107,7 +107,7 @@ class SeenRooms:
         asked = [room for room in rooms if site.outdoors or not room.is_outside or room.number in stood]
         if site.rooms == "connected":
             here = int(self.stood[-1]) or max(rooms, key=lambda room: room.floor_m2).number
-            reached = self.rooms.connected(here)
+            reached = self.rooms.reachable_from(here)
             asked = [room for room in asked if room.number in reached]
         if not asked:
             floor_m2 = sum(room.floor_m2 for room in rooms)
@@ -116,7 +116,7 @@ class SeenRooms:
             ]
         return tuple(room.number for room in asked), []
 
-    def some(self, numbers: Sequence[int]) -> list[Room]:
+    def some(self, numbers: Sequence[int]) -> list[SiteRoom]:
         """Return the rooms by their numbers."""
         return [self.rooms.rooms[number - 1] for number in numbers]
 
@@ -125,7 +125,7 @@ class SeenRooms:
 
         Which of it is known to be free is for the planner to say.
         """
-        chosen, _ = self.chosen(site)
+        chosen, _ = self.choose_rooms(site)
         turns = sensor.kind == "spherical"
         spacing, _ = lattice_spacing(self.some(chosen), site, turns=turns)
         clear = Clearance.of_points(self.mesh.vertices, site.clearance_m)
@@ -135,12 +135,12 @@ class SeenRooms:
 
 
 def _inferred_levels(
-    completed: CompletedSurfaces | None,
+    completed: KnownSurfaces | None,
 ) -> list[tuple[FloatArray, NDArray[np.int32]]]:
     """Return what completion infers of level surface, floors and ceilings; nothing without completion."""
     if completed is None:
         return []
-    vertices, faces, _ = completed.hypothesised()
+    vertices, faces, _ = completed.inferred_mesh()
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     level = np.abs(normals[:, 2]) >= WALKABLE * np.linalg.norm(normals, axis=1)

@@ -45,7 +45,7 @@ class StateMesh:
         """Return the mesh of a coverage."""
         voxel_m, scans = coverage.scan_map.voxels.grid.voxel_m, coverage.scan_map.scans
         n_most = min(MOST_PIXELS, max(_DRAWN_PIXELS // len(scans), _LEAST_PIXELS))
-        parts = [_measured(scan, coverage.requirement, voxel_m / 2, n_most) for scan in scans]
+        parts = [_measured_points(scan, coverage.requirement, voxel_m / 2, n_most) for scan in scans]
         if coverage.completion is not None:
             inferred = coverage.completion.hypothesised
             vertices = coverage.completion.world_from_reference.apply(inferred.vertices)
@@ -64,14 +64,14 @@ class StateMesh:
         )
 
 
-def _measured(scan: RangeImage, requirement: Requirement, baseline_m: float, n_most: int) -> StateMesh:
+def _measured_points(scan: RangeImage, requirement: Requirement, baseline_m: float, n_most: int) -> StateMesh:
     """Return what a scan has measured, by about `n_most` pixels; the requirement asks all of them."""
-    few = scan.thinned(n_most)
+    few = scan.thin(n_most)
     pixels = PixelQuality.of(few, requirement, baseline_m, limits=requirement.limits_of_scan(scan))
     state, cosine = np.full(few.ranges.size, SEEN_WORSE, np.uint8), np.zeros(few.ranges.size, np.float32)
     state[pixels.pixel[pixels.met]] = MEASURED
     cosine[pixels.pixel] = pixels.cosine
-    state = _filled(state.reshape(few.shape), cosine.reshape(few.shape) > 0).ravel()
+    state = _fill_states(state.reshape(few.shape), cosine.reshape(few.shape) > 0).ravel()
     vertices, faces, used = scan_faces(few)
     state, cosine = state[used], cosine[used]
     worst = state[faces].max(axis=1, initial=MEASURED)
@@ -82,7 +82,7 @@ def _measured(scan: RangeImage, requirement: Requirement, baseline_m: float, n_m
     return StateMesh(mesh, state, cosine, mesh.face_normals(), colour)
 
 
-def _filled(state: NDArray[np.uint8], known: BoolArray) -> NDArray[np.uint8]:
+def _fill_states(state: NDArray[np.uint8], known: BoolArray) -> NDArray[np.uint8]:
     """Return the states, in pixels without a normal those of the nearest pixel with one, if it is near."""
     if not known.any():
         return state

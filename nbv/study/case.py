@@ -21,7 +21,7 @@ from nbv.run.manifest import sha256_of, versions
 from nbv.scanning.sensor import Sensor, chosen_effects
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry, SensorEntry, StudySpec
-from nbv.visibility.candidates import Standing, counted, find_standing, samples_that_count
+from nbv.visibility.candidates import Standing, find_standing, restrict_to_rooms, samples_that_count
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from scenes.checks import InputError
 from scenes.io.documents import read_json
@@ -140,7 +140,7 @@ class CaseSetting:
 
 
 @lru_cache(maxsize=1)  # neighbours in the list of cases are of the same scene and sensor
-def _setting(scene: SceneEntry, sensor: SensorEntry, sampling: Sampling) -> CaseSetting:
+def _load_setting(scene: SceneEntry, sensor: SensorEntry, sampling: Sampling) -> CaseSetting:
     world = open_scene(scene.scene, up=scene.up, units=scene.units, mode=scene.mode)
     device = load_sensor(sensor.sensor)
     standing = find_standing(world, device, mode=scene.mode, subdivisions=sampling.subdivisions)
@@ -148,7 +148,7 @@ def _setting(scene: SceneEntry, sensor: SensorEntry, sampling: Sampling) -> Case
     if spacing is None:
         samples, _ = samples_that_count(world, standing, caster)
     else:
-        samples, _ = counted(sample_surface(world.mesh, spacing), standing, caster)
+        samples, _ = restrict_to_rooms(sample_surface(world.mesh, spacing), standing, caster)
     return CaseSetting(world, device, standing, samples)
 
 
@@ -161,7 +161,7 @@ def run_case(case: Case, n_threads: int | None = None) -> dict[str, Any]:
     head = {"case": case.name, "key": case.key, "labels": case.labels()}
     begin = time.perf_counter(), time.process_time()
     try:
-        plan = _planned(case, n_threads)
+        plan = _plan_case(case, n_threads)
     except InputError as error:
         return {**head, "error": str(error)}
     times = {"seconds": time.perf_counter() - begin[0], "cpu_seconds": time.process_time() - begin[1]}
@@ -178,8 +178,8 @@ def run_case(case: Case, n_threads: int | None = None) -> dict[str, Any]:
     }
 
 
-def _planned(case: Case, n_threads: int | None) -> Any:
-    setting, planner = _setting(case.scene, case.sensor, case.sampling), case.planner
+def _plan_case(case: Case, n_threads: int | None) -> Any:
+    setting, planner = _load_setting(case.scene, case.sensor, case.sampling), case.planner
     steps = planner.polish_steps
     return plan_views(
         setting.scene,

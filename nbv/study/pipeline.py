@@ -163,7 +163,7 @@ def outcome_of(case: Case, record: Mapping[str, Any], times: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class OutcomeGroup:
     """Outcomes of one scene, sensor, requirement and planner.
 
     Attributes
@@ -209,7 +209,7 @@ class Group:
         return np.array(padded).reshape(len(curves), n_most)
 
 
-def groups_of(outcomes: Sequence[Outcome]) -> tuple[Group, ...]:
+def groups_of(outcomes: Sequence[Outcome]) -> tuple[OutcomeGroup, ...]:
     """Return the outcomes in groups, in the order of the study file."""
     members: dict[tuple[str, str, str, str], list[Outcome]] = {}
     for outcome in outcomes:
@@ -217,7 +217,7 @@ def groups_of(outcomes: Sequence[Outcome]) -> tuple[Group, ...]:
         key = (labels["scene"], labels["sensor"], labels["requirement"], labels["planner"])
         members.setdefault(key, []).append(outcome)
     return tuple(
-        Group(
+        OutcomeGroup(
             *key,
             outcomes=tuple(outcome for outcome in member if not outcome.error),
             n_failed=sum(bool(outcome.error) for outcome in member),

@@ -16,7 +16,7 @@ from nbv.run.plan_options import RequirementOptions, SearchOptions
 from nbv.visibility.requirement import Requirement
 from scenes.checks import InputError
 from scenes.io.documents import read_toml, within_folder
-from scenes.io.guard import one_line, reading
+from scenes.io.guard import guard_reading, one_line
 
 _MOST_CASES = 100_000
 _COMPARED = 0.95  # beyond it a few square metres decide
@@ -227,19 +227,19 @@ def read_study(path: str | Path) -> StudySpec:
         spec = StudySpec.model_validate(table)
     except ValidationError as error:
         raise InputError(f"{file}: {one_line(_first_error(error))}") from error
-    with reading(file, "a study"):
+    with guard_reading(file, "a study"):
         return _beside(spec, file.parent)
 
 
 def _first_error(error: ValidationError) -> str:
     """Return where the first error is and what is wrong, and how many more there are."""
     errors = error.errors(include_url=False, include_context=False, include_input=False)
-    first, rest = errors[0], len(errors) - 1
+    first, n_others = errors[0], len(errors) - 1
     what = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
         what = "there is no such entry; is it spelt as in the documentation?"
     where = location(first["loc"])
-    more = f" (and {rest} more)" if rest else ""
+    more = f" (and {n_others} more)" if n_others else ""
     return f"{where}: {what}{more}" if where else f"{what}{more}"
 
 
@@ -260,15 +260,17 @@ def location(parts: Sequence[str | int]) -> str:
 def _beside(spec: StudySpec, folder: Path) -> StudySpec:
     """Return the study with its files' paths from where we are."""
 
-    def found(name: str) -> str:
+    def absolute(name: str) -> str:
         return str(within_folder(folder, name))
 
     scenes = tuple(
-        entry if entry.is_builtin else entry.model_copy(update={"scene": found(entry.scene)})
+        entry if entry.is_builtin else entry.model_copy(update={"scene": absolute(entry.scene)})
         for entry in spec.scenes
     )
     sensors = tuple(
-        entry.model_copy(update={"sensor": found(entry.sensor)}) if entry.sensor.endswith(".toml") else entry
+        entry.model_copy(update={"sensor": absolute(entry.sensor)})
+        if entry.sensor.endswith(".toml")
+        else entry
         for entry in spec.sensors
     )
     return spec.model_copy(update={"scenes": scenes, "sensors": sensors})

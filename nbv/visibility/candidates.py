@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.scanning.sensor import PinholeSensor, Sensor
-from nbv.visibility.floors import Columns
+from nbv.visibility.floors import FloorColumns
 from nbv.visibility.rooms import Rooms
 from nbv.visibility.samples import WISHED_SAMPLES, SurfaceSamples, default_spacing, sample_surface
 from nbv.visibility.site import Site, find_site
@@ -94,7 +94,7 @@ def room_of_air(rooms: Rooms, caster: RayCaster) -> NDArray[np.int64]:
     high = np.isinf(columns.top[indices]) & np.isinf(columns.top[other])
     height[high] = np.maximum(columns.bottom[indices], columns.bottom[other])[high] + 1.0
     ends = [np.column_stack([columns.places(columns.cell[side]), height]) for side in (indices, other)]
-    open_ = ~caster.blocked(ends[0], ends[1])
+    open_ = ~caster.are_blocked(ends[0], ends[1])
     indices, other = indices[open_], other[open_]
     air = rooms.room.astype(np.int64)
     air[(air == 0) & np.isinf(columns.top)] = _OUTSIDE
@@ -110,7 +110,7 @@ def room_of_air(rooms: Rooms, caster: RayCaster) -> NDArray[np.int64]:
 
 
 def _air_before(
-    columns: Columns, air: NDArray[np.int64], samples: SurfaceSamples, side: float, caster: RayCaster
+    columns: FloorColumns, air: NDArray[np.int64], samples: SurfaceSamples, side: float, caster: RayCaster
 ) -> NDArray[np.int64]:
     """Room (n,) of the air a little off each sample on one side of its face, 0 where there is none.
 
@@ -125,13 +125,13 @@ def _air_before(
         room = _air_at(columns, air, cells, places[left, 2])
         left, cells, room = left[room != 0], cells[room != 0], room[room != 0]
         line = np.column_stack([columns.places(cells), places[left, 2]])
-        open_ = ~caster.blocked(places[left], line)
+        open_ = ~caster.are_blocked(places[left], line)
         codes[left[open_]] = room[open_]
     return codes
 
 
 def _air_at(
-    columns: Columns, air: NDArray[np.int64], cells: NDArray[np.int64], heights: FloatArray
+    columns: FloorColumns, air: NDArray[np.int64], cells: NDArray[np.int64], heights: FloatArray
 ) -> NDArray[np.int64]:
     """Room (n,) of the span that holds each height (n,) over a cell (n,): the open below all surfaces."""
     inside = np.flatnonzero(cells >= 0)
@@ -217,12 +217,14 @@ def samples_that_count(
         No surface in the region, or none that bounds the rooms.
     """
     spacing = default_spacing(scene.mesh)
-    samples, apart = counted(within(sample_surface(scene.mesh, spacing), zones, scene), standing, caster)
+    samples, apart = restrict_to_rooms(
+        within(sample_surface(scene.mesh, spacing), zones, scene), standing, caster
+    )
     share = float(np.count_nonzero(samples.areas)) / WISHED_SAMPLES
     if share > _ENOUGH:
         return samples, apart
     finer = sample_surface(scene.mesh, spacing * float(np.sqrt(max(share, 1 / _FINER))))
-    return counted(within(finer, zones, scene), standing, caster)
+    return restrict_to_rooms(within(finer, zones, scene), standing, caster)
 
 
 def within(samples: SurfaceSamples, zones: Zones, scene: Scene) -> SurfaceSamples:
@@ -238,7 +240,7 @@ def within(samples: SurfaceSamples, zones: Zones, scene: Scene) -> SurfaceSample
     return samples.some(inside)
 
 
-def counted(
+def restrict_to_rooms(
     samples: SurfaceSamples, standing: Standing, caster: RayCaster
 ) -> tuple[SurfaceSamples, Mapping[str, float]]:
     """Return the samples, of which only those of the rooms asked for have area, and the area of the others.

@@ -31,7 +31,7 @@ LEAST_SPAN_M = 0.05  # lower free space is nobody's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Columns:
+class FloorColumns:
     """Free spans of vertical lines over a lattice of cells, sorted by cell and then from above.
 
     Attributes
@@ -81,7 +81,7 @@ class Columns:
         inside = ((at >= 0) & (at < np.array(self.shape))).all(axis=1)
         return np.where(inside, at[:, 0] * self.shape[1] + at[:, 1], -1)
 
-    def seen_from_one_side(self) -> Columns:
+    def seen_from_one_side(self) -> FloorColumns:
         """Return the spans for surface as scans show it, from one side and not all of it.
 
         There is nothing to stand on where it turns its back, and lines without spans were not seen.
@@ -98,7 +98,7 @@ class Columns:
         return first, second
 
 
-def cut_columns(mesh: LabelledMesh, caster: RayCaster) -> Columns:
+def cut_columns(mesh: LabelledMesh, caster: RayCaster) -> FloorColumns:
     """Cut the space over and within a scene into columns of free spans.
 
     Cells are 0.1 m, smaller in small scenes, larger where there would be more than four million. What lies
@@ -118,7 +118,7 @@ def cut_columns(mesh: LabelledMesh, caster: RayCaster) -> Columns:
     top = np.where(first, np.inf, np.append(np.inf, heights[:-1])) if len(cells) else heights
     kept = top - heights >= LEAST_SPAN_M
     counts = np.bincount(cells[kept], minlength=n_x * n_y)
-    return Columns(
+    return FloorColumns(
         low=corner, shape=(n_x, n_y), cell_m=cell,
         start=np.append(0, np.cumsum(counts)), cell=cells[kept], bottom=heights[kept], top=top[kept],
         slope=np.abs(vertical[kept]), shows_back=vertical[kept] < 0, face=faces[kept],
@@ -238,7 +238,7 @@ class Floors:
         Of that what is large and high: a floor, perhaps, of which the stairs or the rails are missing.
     """
 
-    columns: Columns
+    columns: FloorColumns
     patch: NDArray[np.int64]
     is_floor: BoolArray
     can_stand: BoolArray
@@ -248,7 +248,7 @@ class Floors:
     platforms: tuple[Platform, ...]
 
 
-def find_floors(columns: Columns, caster: RayCaster, headroom_m: float = HEADROOM_M) -> Floors:
+def find_floors(columns: FloorColumns, caster: RayCaster, headroom_m: float = HEADROOM_M) -> Floors:
     """Tell floor from what else is level.
 
     A person walks where there is headroom above surface that is not steep, and steps up or down by no more
@@ -263,15 +263,15 @@ def find_floors(columns: Columns, caster: RayCaster, headroom_m: float = HEADROO
         columns.bottom[first], columns.bottom[second]
     )
     near = walkable[first] & walkable[second] & (np.abs(rise) <= STEP_M) & (low >= headroom_m)
-    near[near] = ~_walled(columns, caster, first[near], second[near], _CHEST_M)
+    near[near] = ~_find_walls(columns, caster, first[near], second[near], _CHEST_M)
     level = near & (np.abs(rise) <= SILL_M)
-    patch = _joined(walkable, first[level], second[level])
-    walk = _joined(walkable, first[near], second[near])
-    outline = _Outline.of(columns, caster, walkable, pairs=(first, second), near=near)
+    patch = _label_components(walkable, first[level], second[level])
+    walk = _label_components(walkable, first[near], second[near])
+    outline = _FloorEdges.of(columns, caster, walkable, pairs=(first, second), near=near)
     kept = _kept_patches(columns, outline, walkable, patch, walk)
     is_floor = walkable & kept[np.maximum(patch, 0)]
     held = near & is_floor[first] & is_floor[second]
-    walk_all, walk = walk, np.where(is_floor, _joined(is_floor, first[held], second[held]), -1)
+    walk_all, walk = walk, np.where(is_floor, _label_components(is_floor, first[held], second[held]), -1)
     return Floors(
         columns=columns,
         patch=np.where(is_floor, patch, -1),
@@ -284,16 +284,22 @@ def find_floors(columns: Columns, caster: RayCaster, headroom_m: float = HEADROO
     )
 
 
-def _walled(
-    columns: Columns, caster: RayCaster, first: NDArray[np.int64], second: NDArray[np.int64], height_m: float
+def _find_walls(
+    columns: FloorColumns,
+    caster: RayCaster,
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+    height_m: float,
 ) -> BoolArray:
     """Tell between which spans (m,) side by side something stands, so high above the higher floor."""
     height = np.maximum(columns.bottom[first], columns.bottom[second]) + height_m
     ends = [np.column_stack([columns.places(columns.cell[side]), height]) for side in (first, second)]
-    return np.asarray(caster.blocked(ends[0], ends[1]))
+    return np.asarray(caster.are_blocked(ends[0], ends[1]))
 
 
-def _joined(among: BoolArray, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
+def _label_components(
+    among: BoolArray, first: NDArray[np.int64], second: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """Number (n,) what links connect, -1 for spans not among them."""
     n = len(among)
     links = coo_array((np.ones(len(first), np.int8), (first, second)), shape=(n, n))
@@ -304,7 +310,7 @@ def _joined(among: BoolArray, first: NDArray[np.int64], second: NDArray[np.int64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Outline:
+class _FloorEdges:
     """Pairs of spans at edges: where one walks or steps on, and where a walkable span drops to another."""
 
     near: tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -314,13 +320,13 @@ class _Outline:
     @classmethod
     def of(
         cls,
-        columns: Columns,
+        columns: FloorColumns,
         caster: RayCaster,
         walkable: BoolArray,
         *,
         pairs: tuple[NDArray[np.int64], NDArray[np.int64]],
         near: BoolArray,
-    ) -> _Outline:
+    ) -> _FloorEdges:
         """Find the drops: to the span beside that shares most of the height, with no wall between."""
         first, second = pairs
         is_up = columns.bottom[second] > columns.bottom[first]
@@ -332,13 +338,13 @@ class _Outline:
         key, most = 4 * high + side, np.full(4 * len(walkable), -np.inf)
         np.maximum.at(most, key, shared)
         falls = walkable[high] & (shared == most[key]) & (columns.bottom[high] - columns.bottom[low] > SILL_M)
-        falls[falls] = ~_walled(columns, caster, high[falls], low[falls], _ANKLE_M)
+        falls[falls] = ~_find_walls(columns, caster, high[falls], low[falls], _ANKLE_M)
         return cls((first[near], second[near]), high[falls], low[falls])
 
 
 def _kept_patches(
-    columns: Columns,
-    outline: _Outline,
+    columns: FloorColumns,
+    outline: _FloorEdges,
     walkable: BoolArray,
     patch: NDArray[np.int64],
     walk: NDArray[np.int64],
@@ -367,7 +373,7 @@ def _kept_patches(
     return np.asarray(~(furniture | stands_out[of]))
 
 
-def _platforms(columns: Columns, outline: _Outline, walk: NDArray[np.int64]) -> tuple[Platform, ...]:
+def _platforms(columns: FloorColumns, outline: _FloorEdges, walk: NDArray[np.int64]) -> tuple[Platform, ...]:
     """Tell which of the walks (n,) of furniture, -1 elsewhere, are large and high, the largest first.
 
     What lies under the open sky is a roof, and what turns its back the inside of a solid.
@@ -396,7 +402,7 @@ def _platforms(columns: Columns, outline: _Outline, walk: NDArray[np.int64]) -> 
     return tuple(sorted(platforms, key=lambda platform: -platform.floor_m2))
 
 
-def _is_even(columns: Columns, is_floor: BoolArray, walk: NDArray[np.int64]) -> BoolArray:
+def _is_even(columns: FloorColumns, is_floor: BoolArray, walk: NDArray[np.int64]) -> BoolArray:
     """Tell where floor lies all around within a tripod's feet, no steeper than a ramp and no drop."""
     slack = FOOT_M * float(np.tan(np.radians(RAMP_DEG))) + UNEVEN_M
     radius = FOOT_M / columns.cell_m + 0.5  # cells; half a one, for a place lies beside its cell's line

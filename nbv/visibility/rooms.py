@@ -15,13 +15,13 @@ from scipy.sparse.csgraph import connected_components
 from skimage.segmentation import watershed
 
 from nbv.run.wording import count
-from nbv.visibility.floors import Columns, Floors
+from nbv.visibility.floors import FloorColumns, Floors
 from scenes.checks import BoolArray, FloatArray
 from scenes.rays.raycast import RayCaster
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class SiteRoom:
     """A room.
 
     Attributes
@@ -96,7 +96,7 @@ class Rooms:
 
     floors: Floors
     room: NDArray[np.int32]
-    rooms: tuple[Room, ...]
+    rooms: tuple[SiteRoom, ...]
     solid_m2: float
     doubts: tuple[str, ...]
 
@@ -124,7 +124,7 @@ class Rooms:
         below = np.where(span >= 0, np.append(self.floors.columns.bottom, 0.0)[span], np.nan)
         return np.asarray(places[:, 2] - below)
 
-    def connected(self, start: int) -> set[int]:
+    def reachable_from(self, start: int) -> set[int]:
         """Numbers of the rooms to which one walks from a room, through doorways and by stairs."""
         reached, going = {start}, [start]
         while going:
@@ -146,14 +146,14 @@ _NARROW_M = 0.5  # half the width of a doorway without lintel
 _WIDER = 2.0  # rooms on both its sides are so much wider
 
 
-def part_at_doorways(columns: Columns, floor: BoolArray, caster: RayCaster) -> NDArray[np.int64]:
+def part_at_doorways(columns: FloorColumns, floor: BoolArray, caster: RayCaster) -> NDArray[np.int64]:
     """Number (k,) the parts of a storey's floor spans (n,) between doorways, from 1; 0 for doorways.
 
     What counts is the plan 1.9 m above the floor. A doorway is where the headroom is lower than on both
     sides over no more than a wall's thickness, or the plan half as wide as on both sides. Where floor was
     not seen nothing is taken to stand but what is seen to.
     """
-    plan = _Plan(columns, floor)
+    plan = _StoreyGrid(columns, floor)
     air = plan.air(caster)
     headroom = plan.under_sheets(air, caster)
     doors = _under_lintels(np.where(air, headroom, 0.0), air, columns.cell_m)
@@ -161,10 +161,10 @@ def part_at_doorways(columns: Columns, floor: BoolArray, caster: RayCaster) -> N
     return np.asarray(parts.ravel()[columns.cell[floor]], dtype=np.int64)
 
 
-class _Plan:
+class _StoreyGrid:
     """A storey's plan: heights (x, y) of its floor, and the headroom above, metres."""
 
-    def __init__(self, columns: Columns, floor: BoolArray) -> None:
+    def __init__(self, columns: FloorColumns, floor: BoolArray) -> None:
         self.columns = columns
         known = np.full(columns.shape, np.nan)
         known.ravel()[columns.cell[floor]] = columns.bottom[floor]
@@ -195,7 +195,7 @@ class _Plan:
     def air(self, caster: RayCaster) -> BoolArray:
         """Tell which cells (x, y) are open at eye height, and have no wall to a cell beside."""
         air = self.headroom > 0
-        return air & ~self._stopped(air, np.full(air.shape, _OVER_FURNITURE_M), caster)
+        return air & ~self._find_stops(air, np.full(air.shape, _OVER_FURNITURE_M), caster)
 
     def under_sheets(self, air: BoolArray, caster: RayCaster) -> FloatArray:
         """Return the headroom (x, y), lower under a head of a doorway that is thinner than a cell.
@@ -205,13 +205,13 @@ class _Plan:
         headroom = self.headroom
         for head in (_DOOR_M, _GATE_M):
             level = np.minimum(self.headroom - _LINTEL_M / 2, head)
-            under = self._stopped(air & (level > _OVER_FURNITURE_M), level, caster)
+            under = self._find_stops(air & (level > _OVER_FURNITURE_M), level, caster)
             headroom = np.where(
                 under, np.minimum(headroom, np.minimum(self.headroom - _LINTEL_M, head)), headroom
             )
         return headroom
 
-    def _stopped(self, among: BoolArray, above: FloatArray, caster: RayCaster) -> BoolArray:
+    def _find_stops(self, among: BoolArray, above: FloatArray, caster: RayCaster) -> BoolArray:
         """Tell the cells (x, y) with surface between them and one beside, so high above the floor, metres."""
         columns, number = self.columns, np.arange(among.size).reshape(among.shape)
         walled = np.zeros(among.size, np.bool_)
@@ -220,7 +220,7 @@ class _Plan:
             first, second = values.ravel()[pair], other.ravel()[pair]
             level = np.minimum(*((self.height + above).ravel()[side] for side in (first, second)))
             ends = [np.column_stack([columns.places(side), level]) for side in (first, second)]
-            stopped = caster.blocked(ends[0], ends[1])
+            stopped = caster.are_blocked(ends[0], ends[1])
             walled[first[stopped]] = True
             walled[second[stopped]] = True
         return walled.reshape(among.shape)
@@ -251,10 +251,10 @@ def _parted_where_narrow(air: BoolArray, cell_m: float) -> NDArray[np.int64]:
     """Number the parts (x, y) of a plan, cut at narrow places between wide ones."""
     clear = np.asarray(ndimage.distance_transform_edt(np.pad(air, 1)))[1:-1, 1:-1] * cell_m
     basin = watershed(-clear, mask=air)
-    return _merged(basin, clear)
+    return _merge_basins(basin, clear)
 
 
-def _merged(basin: NDArray[np.int64], clear: FloatArray) -> NDArray[np.int64]:
+def _merge_basins(basin: NDArray[np.int64], clear: FloatArray) -> NDArray[np.int64]:
     """Join basins that no doorway parts, from the widest pass down."""
     n = int(basin.max(initial=0)) + 1
     peak = np.zeros(n)
@@ -309,14 +309,14 @@ def find_rooms(floors: Floors, caster: RayCaster) -> Rooms:
     columns, spans = floors.columns, np.flatnonzero(floors.is_floor)
     walk = floors.walk[spans]
     solid = _is_solid(walk, columns.shows_back[spans])
-    rooms = _parted(floors, caster, spans, solid[walk], ())
+    rooms = _part_into_rooms(floors, caster, spans, solid[walk], ())
     if solid.any() and all(room.is_outside for room in rooms.rooms):
         turned = "all floor under ceilings turns its back upwards: its faces are taken to be turned over"
-        rooms = _parted(floors, caster, spans, np.zeros(len(spans), np.bool_), (turned,))
+        rooms = _part_into_rooms(floors, caster, spans, np.zeros(len(spans), np.bool_), (turned,))
     return rooms
 
 
-def _parted(
+def _part_into_rooms(
     floors: Floors,
     caster: RayCaster,
     spans: NDArray[np.int64],
@@ -334,7 +334,7 @@ def _parted(
         part = part_at_doorways(columns, storey == number, caster)
         region[storey == number] = np.where(part > 0, part + region.max(initial=0), 0)
     region = _spread(region, storey > 0, floors.links)
-    return _described(floors, caster, region=region, storey=storey, solid_m2=solid_m2, doubts=doubts)
+    return _describe_rooms(floors, caster, region=region, storey=storey, solid_m2=solid_m2, doubts=doubts)
 
 
 def _is_solid(walk: NDArray[np.int64], shows_back: BoolArray) -> BoolArray:
@@ -382,7 +382,7 @@ def _spread(region: NDArray[np.int64], among: BoolArray, links: NDArray[np.int64
         region[chosen[:, 0]] = region[chosen[:, 1]]
 
 
-def _described(
+def _describe_rooms(
     floors: Floors,
     caster: RayCaster,
     *,
@@ -407,7 +407,7 @@ def _described(
     outside = _outside(floors, room, len(order))
     whole = area[order]
     if len(order) and whole[~outside].sum() < _ROOFED * whole.sum():
-        unwalled = _unwalled(floors, room, len(order), caster)
+        unwalled = _find_unwalled(floors, room, len(order), caster)
         bare = outside & ~unwalled
         if bare.any() and whole[~outside].sum() < _ROOFED * whole[~unwalled].sum():
             outside, walled = unwalled, int((~unwalled).sum())
@@ -421,12 +421,12 @@ def _described(
     for index, source in enumerate(order.tolist(), start=1):
         spans = np.flatnonzero(room == index)
         rooms.append(
-            Room(
+            SiteRoom(
                 number=index,
                 storey=int(of[source]),
                 floor_m2=float(area[source]),
                 level_m=float(np.median(columns.bottom[spans])),
-                ceiling_m=_ceiling(columns.top[spans]),
+                ceiling_m=_ceiling_height(columns.top[spans]),
                 place=_middle(floors, spans),
                 is_outside=bool(outside[index - 1]),
                 joined=tuple(sorted(joined[index])),
@@ -454,7 +454,7 @@ def _outside(floors: Floors, room: NDArray[np.int32], n_rooms: int) -> BoolArray
         outside = wide
 
 
-def _unwalled(floors: Floors, room: NDArray[np.int32], n_rooms: int, caster: RayCaster) -> BoolArray:
+def _find_unwalled(floors: Floors, room: NDArray[np.int32], n_rooms: int, caster: RayCaster) -> BoolArray:
     """Tell from which rooms (n_rooms,) most level rays meet no wall."""
     turn = 2 * np.pi * (np.arange(_RAYS) + 0.3) / _RAYS
     around = np.stack([np.cos(turn), np.sin(turn), np.zeros(_RAYS)], axis=1)
@@ -501,7 +501,7 @@ def _ways(
     return joined, stairs
 
 
-def _ceiling(tops: FloatArray) -> float | None:
+def _ceiling_height(tops: FloatArray) -> float | None:
     """The height that half of a ceiling lies below, by the tops (n,) of spans; None under the sky."""
     height = float(np.median(tops))
     return height if np.isfinite(height) else None

@@ -17,7 +17,7 @@ from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor, View
 from nbv.visibility.clearance import Clearance
 from nbv.visibility.floors import HEADROOM_M, STEP_M, Platform, cut_columns, find_floors
-from nbv.visibility.rooms import Room, Rooms, find_rooms
+from nbv.visibility.rooms import Rooms, SiteRoom, find_rooms
 from nbv.visibility.site_options import CLEARANCE_M, SiteOptions
 from nbv.visibility.viewpoints import Candidates, line_positions, sensor_directions
 from scenes.checks import BoolArray, FloatArray, InputError
@@ -30,7 +30,7 @@ _MOST_POSITIONS = 50_000  # 1e9 lines of sight to 20,000 samples: some five minu
 _BYTES_A_POSITION = 80_000  # a third of 20,000 samples in sight, 12 bytes each
 
 
-def check_fits(scene: str, asked: Sequence[Room], options: SiteOptions) -> None:
+def check_fits(scene: str, asked: Sequence[SiteRoom], options: SiteOptions) -> None:
     """Check that the sensor fits between floor and ceiling of some room of a scene by this name.
 
     Raises
@@ -62,7 +62,7 @@ def check_fits(scene: str, asked: Sequence[Room], options: SiteOptions) -> None:
 
 
 def lattice_spacing(
-    asked: Sequence[Room], options: SiteOptions, *, turns: bool = False
+    asked: Sequence[SiteRoom], options: SiteOptions, *, turns: bool = False
 ) -> tuple[float, list[str]]:
     """Return the distance between places, metres, and what is to be said of it.
 
@@ -336,7 +336,7 @@ def find_site(scene: Scene, options: SiteOptions = SiteOptions(), *, turns: bool
     caster = scene.ray_caster()
     floors = find_floors(cut_columns(scene.mesh, caster), caster)
     rooms = find_rooms(floors, caster)
-    chosen, warnings = _chosen(scene, rooms, options)
+    chosen, warnings = _choose_rooms(scene, rooms, options)
     warnings += platforms_in_words(rooms.floors.platforms)
     asked = [rooms.rooms[number - 1] for number in chosen]
     check_fits(scene.name, asked, options)
@@ -384,7 +384,7 @@ def platforms_in_words(platforms: Sequence[Platform]) -> list[str]:
     ]
 
 
-def _chosen(scene: Scene, rooms: Rooms, options: SiteOptions) -> tuple[tuple[int, ...], list[str]]:
+def _choose_rooms(scene: Scene, rooms: Rooms, options: SiteOptions) -> tuple[tuple[int, ...], list[str]]:
     """Numbers of the rooms that are asked for, and what is to be said of it."""
     warnings = list(rooms.doubts)
     if isinstance(options.rooms, tuple):
@@ -402,7 +402,7 @@ def _chosen(scene: Scene, rooms: Rooms, options: SiteOptions) -> tuple[tuple[int
     if options.rooms == "all" or not open_:
         return tuple(room.number for room in open_), warnings
     largest = max(open_, key=lambda room: room.floor_m2)
-    reached = rooms.connected(largest.number)
+    reached = rooms.reachable_from(largest.number)
     kept = tuple(room.number for room in open_ if room.number in reached)
     if len(kept) < len(open_):
         warnings.append(f"{count(len(open_) - len(kept), 'room')} not connected with {largest.name} left out")

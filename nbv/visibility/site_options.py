@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from scenes.run.option import Limits, numbers, option
+from scenes.run.option import NumberRange, numbers, option
 
 CLEARANCE_M = 0.3
 """Distance from the sensor to every surface where none is given, metres: a tripod's legs fit."""
@@ -84,11 +84,11 @@ class SiteOptions:
     )  # fmt: skip
     spacing_m: float | None = option(
         "--spacing", "Distance between places for stations.", None, metavar="M",
-        shown="0.5; 1 for cameras in large buildings", limits=Limits(least=0.01),
+        shown="0.5; 1 for cameras in large buildings", limits=NumberRange(least=0.01),
     )  # fmt: skip
     clearance_m: float = option(
         "--clearance", "Distance from the sensor to every surface.", CLEARANCE_M, metavar="M",
-        limits=Limits(least=0.001),
+        limits=NumberRange(least=0.001),
     )  # fmt: skip
     start: tuple[float, ...] | None = option(
         "--start", "Position of the first station, metres.", None, metavar="X,Y[,Z]", shown=False,

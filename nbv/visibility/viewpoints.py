@@ -14,7 +14,7 @@ from nbv.scanning.sensor import Sensor
 from nbv.visibility.site_options import TRIPOD_HEIGHTS_M
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError, check_places, frozen_copy
-from scenes.io.guard import reading
+from scenes.io.guard import guard_reading
 from scenes.io.npz import open_arrays
 from scenes.pose import Pose, rotations_towards
 
@@ -116,7 +116,7 @@ class Candidates:
         return replace(self, positions=self.positions[chosen], directions=directions)
 
 
-def allowed(candidates: Candidates, zones: Zones) -> Candidates:
+def allowed_candidates(candidates: Candidates, zones: Zones) -> Candidates:
     """Return the candidates whose positions need not be kept out of.
 
     Raises
@@ -170,7 +170,7 @@ def load_candidates(path: str | Path) -> Candidates:
     with open_arrays(Path(path)) as arrays:
         wanted = [key for key in _OPTIONAL if key in arrays.files]
         held = {key: arrays[key] for key in ("positions", "directions", *wanted)}
-    with reading(Path(path), "candidates"):
+    with guard_reading(Path(path), "candidates"):
         half_angle = float(held["half_angle_deg"]) if "half_angle_deg" in held else None
         patches = held.get("patch_points"), held.get("patch_normals")
         candidates = Candidates(held["positions"], held["directions"], *patches, half_angle)

@@ -47,14 +47,14 @@ def lines_of_sight(
     """
     here = (read_only_view(np.ascontiguousarray(position)), samples.points, samples.normals)
     gate = (limits.min_range_m, limits.max_range_m)
-    among, distance, cosine = facing(*here, among, limits.min_cosine - ROUNDING, *gate)
+    among, distance, cosine = select_facing(*here, among, limits.min_cosine - ROUNDING, *gate)
     if limits.precision is not None:
         keep = limits.hold(distance, np.abs(cosine))
         among, distance, cosine = among[keep], distance[keep], cosine[keep]
     if not len(among):
         return among, distance
-    ends = lifted(*here, among, distance, cosine, _LIFT, samples.extent_m, samples.tolerance_m)
-    seen = ~caster.blocked(ends, position[None])
+    ends = lift_samples(*here, among, distance, cosine, _LIFT, samples.extent_m, samples.tolerance_m)
+    seen = ~caster.are_blocked(ends, position[None])
     return among[seen], np.abs(cosine[seen])
 
 
@@ -153,7 +153,7 @@ def stack_rows(rows: Sequence[tuple[NDArray[np.integer[Any]], NDArray[Any]]], n_
 
 
 @compiled
-def facing(
+def select_facing(
     position: FloatArray,
     points: FloatArray,
     normals: FloatArray,
@@ -179,7 +179,7 @@ def facing(
 
 
 @compiled
-def lifted(
+def lift_samples(
     position: FloatArray,
     points: FloatArray,
     normals: FloatArray,
@@ -247,7 +247,7 @@ class Reachability:
         object.__setattr__(self, "reachable", frozen_copy(self.reachable, np.bool_))
         object.__setattr__(self, "reason", frozen_copy(self.reason, np.int8))
 
-    def including(self, met: BoolArray) -> Reachability:
+    def include(self, met: BoolArray) -> Reachability:
         """Return the same with the samples (n,) that views have met, which need not be candidates."""
         return Reachability(self.reachable | met, np.where(met, -1, self.reason), self.n_candidates)
 
@@ -273,7 +273,7 @@ def find_reachable(
     order = _spread_order(candidates.n_positions)
     shared = candidates.rotations_at(0) if candidates.directions.ndim == 2 else None
 
-    def look(i: int) -> _Look:
+    def look(i: int) -> _SievedSamples:
         rotations = candidates.rotations_at(i) if shared is None else shared
         view = (caster, candidates.positions[i], rotations, samples, pending, sensor, limits, requirement.k)
         return _look_from(*view)
@@ -294,7 +294,7 @@ def find_reachable(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Look:
+class _SievedSamples:
     """Samples that pass each of `_SIEVES` from one position, and how many of its poses meet the last ones."""
 
     through: tuple[NDArray[np.int64], ...]
@@ -310,7 +310,7 @@ def _look_from(
     sensor: Sensor,
     limits: SightLimits,
     k: int,
-) -> _Look:
+) -> _SievedSamples:
     """Return what one position sees of the samples `among`, sieve by sieve."""
     seen, cosine = lines_of_sight(caster, position, samples, SightLimits(), among)
     offset = samples.points[seen] - position
@@ -326,7 +326,7 @@ def _look_from(
     well = np.flatnonzero(held[-1])
     times = orientations_that_see(offset[well], rotations, sensor, k)
     met = times > 0
-    return _Look((seen, *(seen[sieve] for sieve in held), seen[well[met]]), times[met])
+    return _SievedSamples((seen, *(seen[sieve] for sieve in held), seen[well[met]]), times[met])
 
 
 def _spread_order(n: int) -> NDArray[np.int64]:

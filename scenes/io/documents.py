@@ -18,7 +18,7 @@ from typing import Any, NoReturn, TypeVar
 from urllib.parse import unquote
 
 from scenes.checks import InputError
-from scenes.io.guard import check_file, reading
+from scenes.io.guard import check_file, guard_reading
 from scenes.io.image import check_image
 from scenes.io.limits import check_limit
 
@@ -49,7 +49,7 @@ def read_json(path: Path, kind: type[Kind]) -> Kind:
 
     Raises InputError: as `read_text` and `parse_json`; the message names the file.
     """
-    with reading(path, "JSON"):
+    with guard_reading(path, "JSON"):
         return parse_json(read_text(path), kind)
 
 
@@ -71,7 +71,7 @@ def parse_json(text: str | bytes, kind: type[Kind]) -> Kind:
     except ValueError as error:
         raise InputError(f"is no valid JSON: {error}") from error
     if not isinstance(value, kind):
-        raise InputError(f"is JSON, but not {_WORDS[kind]}: it is {_named(value)}")
+        raise InputError(f"is JSON, but not {_WORDS[kind]}: it is {_name_kind(value)}")
     if _HALF.search(known):
         _check_letters(value)
     return value
@@ -94,7 +94,7 @@ def _within_63_bits(digits: str) -> int:
     return int(digits)
 
 
-def _named(value: object) -> str:
+def _name_kind(value: object) -> str:
     if isinstance(value, dict | list):
         return _WORDS[type(value)]
     return "null" if value is None else f"the {type(value).__name__} {str(value)[:40]!r}"
@@ -117,7 +117,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises InputError: as `read_text`, no TOML, or nested too deeply; the message names the file.
     """
     text = read_text(path, "toml_bytes")
-    with reading(path, "TOML"):
+    with guard_reading(path, "TOML"):
         return parse_toml(text)
 
 
@@ -251,11 +251,11 @@ def _obj_words(file: Path) -> tuple[list[str], set[str]]:
     with file.open("rb") as stream:
         for line in stream:
             if line.startswith((b"mtllib ", b"usemtl ")):
-                keyword, _, rest = line.decode("utf-8", errors="replace").partition(" ")
+                keyword, _, value = line.decode("utf-8", errors="replace").partition(" ")
                 if keyword == "usemtl":
-                    used.add(rest.strip())
+                    used.add(value.strip())
                 else:
-                    libraries[rest.strip()] = None
+                    libraries[value.strip()] = None
     return list(libraries), used - {""}
 
 
@@ -264,11 +264,11 @@ def _mtl_words(library: Path) -> tuple[set[str], list[str]]:
     materials, maps = set(), []
     text = check_file(library, "json_bytes").read_bytes().decode("utf-8", errors="replace")
     for line in text.splitlines():
-        keyword, _, rest = line.strip().partition(" ")
+        keyword, _, value = line.strip().partition(" ")
         if keyword == "newmtl":
-            materials.add(rest.strip())
+            materials.add(value.strip())
         elif keyword.lower().startswith("map_"):
-            maps.append(rest.strip())
+            maps.append(value.strip())
     return materials, [name for name in maps if name]
 
 

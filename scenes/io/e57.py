@@ -27,12 +27,12 @@ from scenes.io.documents import parse_json
 from scenes.io.format import RawPoints
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fit_grid, lie_on_rays, organised_scan
 from scenes.io.guard import check_size, import_extra
-from scenes.io.header import FORMAT, described, not_finite_warnings, projection_from_dict
+from scenes.io.header import FORMAT, apply_header, not_finite_warnings, projection_from_dict
 from scenes.io.limits import check_limit, check_unpacked
 from scenes.io.station import scan_from_station
 from scenes.pose import Pose, rotation_of
 from scenes.run.mapping import allocate, release
-from scenes.scan.pixels import copied, finite_points, ranges_of, row_blocks
+from scenes.scan.pixels import copy_pixels, finite_points, ranges_of, row_blocks
 from scenes.scan.range_image import RangeImage
 
 _HEADER = struct.Struct("<8sIIQQQQ")
@@ -229,7 +229,7 @@ _CHUNKS_HELD = 10  # that memory holds pixels of: columns lie side by side in th
 
 
 @dataclass(slots=True)
-class Survey:
+class GridExtent:
     """What is seen of points that pass: their number, and the least and largest row and column."""
 
     n_kept: int = 0
@@ -250,9 +250,9 @@ class _BeyondError(Exception):
     """A point has a pixel beyond what was announced."""
 
 
-def gridded(
+def grid_scan(
     chunks: Callable[..., Iterable[PointChunk]],
-    announced: Survey,
+    announced: GridExtent,
     pose: Pose,
     name: str,
     ours: dict[str, Any] | None,
@@ -272,10 +272,10 @@ def gridded(
     size = [int(n) for n in announced.high - announced.low + 1]
     if min(size) > 0 and size[0] * size[1] <= _SPARSE * announced.n_kept + _FEW:
         try:
-            return _gridded(chunks, announced, projection, pose, name=name, ours=ours)
+            return _fill_grid(chunks, announced, projection, pose, name=name, ours=ours)
         except _BeyondError:
             pass
-    seen = Survey()
+    seen = GridExtent()
     for chunk in chunks(places_alone=True):
         seen.see(chunk)
     if not seen.n_kept:
@@ -289,12 +289,12 @@ def gridded(
     check_size(rows, columns)
     if rows * columns > _SPARSE * seen.n_kept + _FEW:
         raise InputError(f"{seen.n_kept} points in a grid of {rows} x {columns}: are its indices damaged?")
-    return _gridded(chunks, bounds, projection, pose, name=name, ours=ours)
+    return _fill_grid(chunks, bounds, projection, pose, name=name, ours=ours)
 
 
-def _gridded(
+def _fill_grid(
     chunks: Callable[..., Iterable[PointChunk]],
-    bounds: Survey,
+    bounds: GridExtent,
     projection: Projection | None,
     pose: Pose,
     name: str,
@@ -310,7 +310,7 @@ def _gridded(
         raise InputError(f"{name}: has no valid point")
     images, seen = held.images, held.seen
     if projection is None:
-        images = {key: _cropped(image, bounds, seen) for key, image in images.items()}
+        images = {key: _crop(image, bounds, seen) for key, image in images.items()}
     about: dict[str, Any] = {key: images.get(key) for key in ("colour", "intensity")} | {"name": name}
     about["world_from_sensor"] = pose @ SCANNER_FROM_SENSOR
     place = images["place"]
@@ -321,38 +321,38 @@ def _gridded(
     n_more = seen.n_kept - held.n_filled
     several = (f"{n_more} further returns of pixels with several were left out",) if n_more else ()
     warnings = not_finite_warnings(seen.n_bad, seen.n_read) + several
-    scan = described(scan, ours)
-    return scan.restated(warnings=warnings) if warnings else scan
+    scan = apply_header(scan, ours)
+    return scan.with_facts(warnings=warnings) if warnings else scan
 
 
-def _cropped(image: NDArray[Any], bounds: Survey, seen: Survey) -> NDArray[Any]:
+def _crop(image: NDArray[Any], bounds: GridExtent, seen: GridExtent) -> NDArray[Any]:
     """The part of an image, whose pixels are within bounds, that has points."""
     first, last = seen.low - bounds.low, seen.high - bounds.low + 1
     rows, columns = slice(first[0], last[0]), slice(first[1], last[1])
     part: NDArray[Any] = image[rows, columns]
     if part.flags.c_contiguous:
         return part
-    copy: NDArray[Any] = copied(part)
+    copy: NDArray[Any] = copy_pixels(part)
     copy.setflags(write=False)
     return copy
 
 
-class _Held(NamedTuple):
+class _GridImages(NamedTuple):
     """Read-only images by name, what was seen of the points in them, and how many pixels have one."""
 
     images: dict[str, NDArray[Any]]
-    seen: Survey
+    seen: GridExtent
     n_filled: int
 
 
-def _images(chunks: Iterable[PointChunk], bounds: Survey, rays: RayGrid | None) -> _Held | None:
+def _images(chunks: Iterable[PointChunk], bounds: GridExtent, rays: RayGrid | None) -> _GridImages | None:
     """Sort points, and what else they have, into images of the pixels within bounds.
 
     "place" is the points of the sensor's frame, NaN for none; or with `rays` their ranges, inf for none, and
     nothing is returned when a point lies beside its ray. "colour", bytes, and "intensity" are black and 0
     for none. Raises _BeyondError: a pixel is not within bounds.
     """
-    images, seen, shape = dict[str, Any](), Survey(), tuple(int(n) for n in bounds.high - bounds.low + 1)
+    images, seen, shape = dict[str, Any](), GridExtent(), tuple(int(n) for n in bounds.high - bounds.low + 1)
     check_size(*shape)
     filled = np.zeros(shape[0] * shape[1], np.bool_)
     for number, chunk in enumerate(chunks, start=1):
@@ -381,12 +381,12 @@ def _images(chunks: Iterable[PointChunk], bounds: Survey, rays: RayGrid | None) 
         if number % _CHUNKS_HELD == 0:
             release(*images.values())
     if not seen.n_kept:
-        return _Held({}, seen, 0)
+        return _GridImages({}, seen, 0)
     for rows in row_blocks(shape, *images.values()):
         images["place"][rows][~filled.reshape(shape)[rows]] = np.nan if rays is None else np.inf
     for image in images.values():
         image.setflags(write=False)
-    return _Held(images, seen, int(np.count_nonzero(filled)))
+    return _GridImages(images, seen, int(np.count_nonzero(filled)))
 
 
 INFERRED = "unseen inferred points 1"
@@ -430,7 +430,7 @@ class E57File:
         name = _text(header, "name")
         missing = {"rowIndex", "columnIndex"} - set(header.point_fields)
         if missing and header.has_pose():
-            return _projected(self.points(index), name or self._stem)
+            return _project_cloud(self.points(index), name or self._stem)
         if missing:
             names = " and no ".join(sorted(missing, reverse=True))
             raise InputError(f"scan {index + 1} has no {names}: {_CURE}")
@@ -439,7 +439,7 @@ class E57File:
             partial(point_chunks, self._file, self._own[index]),
             _ours(_text(header, "description")),
         )
-        return gridded(chunks, _announced(header), _read_pose(header), name, ours)
+        return grid_scan(chunks, _announced_size(header), _read_pose(header), name, ours)
 
     def points(self, index: int) -> RawPoints:
         """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -470,15 +470,15 @@ class E57File:
         )
 
 
-def _projected(cloud: RawPoints, name: str) -> RangeImage:
+def _project_cloud(cloud: RawPoints, name: str) -> RangeImage:
     """An unstructured scan as the image that a scanner at its pose's place would have taken."""
     scan = scan_from_station(cloud.points, cloud.origins, name, cloud.colour)
-    return scan.restated(warnings=cloud.warnings)
+    return scan.with_facts(warnings=cloud.warnings)
 
 
-def _announced(header: Any) -> Survey:
+def _announced_size(header: Any) -> GridExtent:
     """Rows and columns as the file's header tells them; none where it does not."""
-    survey = Survey(header.point_count)
+    survey = GridExtent(header.point_count)
     if "indexBounds" in header.scan_fields:
         bounds = header["indexBounds"]
         names = [[f"{axis}{end}" for axis in ("row", "column")] for end in ("Minimum", "Maximum")]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
 from scenes.io.grid_fit import organised_scan
-from scenes.io.header import described, not_finite_warnings, pose_from_header, projection_from_dict
+from scenes.io.header import apply_header, not_finite_warnings, pose_from_header, projection_from_dict
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
@@ -61,7 +61,7 @@ class RawPoints:
         freeze_arrays(self)
 
 
-def joined(parts: Sequence[RawPoints]) -> RawPoints:
+def join_points(parts: Sequence[RawPoints]) -> RawPoints:
     """Return the points of several scans one after the other; what not all of them know is left out."""
     points = np.concatenate([np.zeros((0, 3)), *(part.points for part in parts)])
     stood = [np.broadcast_to(part.origins, part.points.shape) for part in parts if part.origins is not None]
@@ -75,7 +75,7 @@ def joined(parts: Sequence[RawPoints]) -> RawPoints:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
+class ScanReturns:
     """The returns of a scan, row by row.
 
     Attributes
@@ -97,7 +97,7 @@ class Cloud:
     intensity: NDArray[np.float32] | None = None
 
 
-def cloud_of(scan: RangeImage) -> Cloud:
+def cloud_of(scan: RangeImage) -> ScanReturns:
     """Return the returns of a scan.
 
     Raises InputError: there is none: a file of points cannot hold an empty grid.
@@ -105,7 +105,7 @@ def cloud_of(scan: RangeImage) -> Cloud:
     if not scan.valid.any():
         raise InputError(f"scan {scan.name!r} has no return; a file of points would be empty, use .npz")
     row, column = np.nonzero(scan.valid)
-    return Cloud(
+    return ScanReturns(
         points=scan.points()[scan.valid],
         row=row,
         column=column,
@@ -114,7 +114,7 @@ def cloud_of(scan: RangeImage) -> Cloud:
     )
 
 
-def scan_of(header: Mapping[str, Any], n_points: int, parts: Iterable[Cloud]) -> RangeImage:
+def scan_of(header: Mapping[str, Any], n_points: int, parts: Iterable[ScanReturns]) -> RangeImage:
     """Return the scan that a cloud of `n_points` with that header was made of, given part after part.
 
     Raises InputError: pixels outside the image that the header describes, or two points in one.
@@ -150,7 +150,7 @@ def scan_of(header: Mapping[str, Any], n_points: int, parts: Iterable[Cloud]) ->
     scan = organised_scan(
         points, projection, world_from_sensor=pose, colour=colour, name="scan", intensity=light
     )
-    return described(scan, dict(header)).restated(warnings=not_finite_warnings(n_bad, n_points))
+    return apply_header(scan, dict(header)).with_facts(warnings=not_finite_warnings(n_bad, n_points))
 
 
 Units = Literal["mm", "cm", "m", "in"]
@@ -227,12 +227,12 @@ def each_cloud(opened: Callable[[Path], ScanFile]) -> Callable[[Path, int | None
 
     def points(path: Path, number: int | None) -> RawPoints:
         file = opened(path)
-        return joined([file.points(index) for index in picked(len(file), number)])
+        return join_points([file.points(index) for index in pick_indices(len(file), number)])
 
     return points
 
 
-def picked(n_scans: int, number: int | None) -> Sequence[int]:
+def pick_indices(n_scans: int, number: int | None) -> Sequence[int]:
     """Return the indices, from 0, of all scans or of scan `number` from 1; raise InputError for no scan."""
     if number is not None and not 1 <= number <= n_scans:
         raise InputError(f"there is no #{number}: there are {n_scans} scans, counted from 1")
@@ -254,7 +254,7 @@ def each_scan(opened: Callable[[Path], ScanFile]) -> Callable[[Path, Intrinsics 
     return scans
 
 
-def loaded(scans: Sequence[RangeImage]) -> list[ScanReader]:
+def readers_of(scans: Sequence[RangeImage]) -> list[ScanReader]:
     """Return readers of scans that are in memory."""
 
     def readers() -> Iterator[ScanReader]:
@@ -281,7 +281,7 @@ def points_of(scans: Sequence[RangeImage]) -> RawPoints:
     for scan in scans:
         colour = None if scan.colour is None else colour_bytes(scan.colour[scan.valid])
         clouds.append(RawPoints(scan.points()[scan.valid], origins=scan.origin, colour=colour))
-    return joined(clouds)
+    return join_points(clouds)
 
 
 _MODULES = ("npz", "ply_scan", "pcd", "ptx", "e57_writer", "uos", "las", "text")

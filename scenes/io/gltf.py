@@ -227,7 +227,7 @@ def check_gltf(content: Content, buffers: Sequence[memoryview]) -> Contents:
     check_limit("points", sum(times * points[k] for k, times in placed.items()), "its vertices as placed")
     n_faces = sum(times * faces[k] for k, times in placed.items())
     check_limit("faces", n_faces, "its faces as placed")
-    return Contents(n_faces, sum(_embedded(content, views)))
+    return Contents(n_faces, sum(_embedded_images(content, views)))
 
 
 def _check_version(content: Content) -> None:
@@ -341,7 +341,7 @@ def _check_corners(array: _Array, n_points: int, what: str) -> int:
     return array.count
 
 
-def _embedded(content: Content, views: Sequence[tuple[memoryview, int]]) -> list[int]:
+def _embedded_images(content: Content, views: Sequence[tuple[memoryview, int]]) -> list[int]:
     """Pixels of the images that are within the file."""
     numbers = []
     for number, image in enumerate(entry_list(content, "images")):

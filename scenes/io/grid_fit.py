@@ -11,7 +11,7 @@ import scipy  # its parts load when they are first used
 
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.pose import Pose
-from scenes.scan.pixels import finite_points, mended, ranges_of, row_blocks
+from scenes.scan.pixels import finite_points, mend_pixels, ranges_of, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 
@@ -125,7 +125,7 @@ def fit_spherical(points: FloatArray) -> GridFit | None:
     azimuth = _median_azimuths(points, usable)
     if azimuth is None:
         return None
-    azimuths, elevations = _monotonic(_filled(azimuth)), _monotonic(_filled(row_elevation))
+    azimuths, elevations = _monotonic(_fill_gaps(azimuth)), _monotonic(_fill_gaps(row_elevation))
     if np.ptp(azimuths) == 0 or np.ptp(elevations) == 0 or np.ptp(azimuths) >= 2 * np.pi + 1e-9:
         return None
     wide, high = (np.median(np.abs(np.diff(angles))) for angles in (azimuths, elevations))
@@ -206,7 +206,7 @@ def _of_columns(points: FloatArray, columns: slice) -> FloatArray:
     return part
 
 
-def _filled(angles: FloatArray) -> FloatArray:
+def _fill_gaps(angles: FloatArray) -> FloatArray:
     """Fill NaN linearly between its neighbours, and beyond the ends with the median step."""
     index = np.arange(len(angles), dtype=np.float64)
     known = np.isfinite(angles)
@@ -249,7 +249,7 @@ def organised_scan(
         raise InputError(f"points have shape {points.shape}, the projection {projection.shape}")
     ranges = ranges_of(points)
     if intensity is not None:
-        intensity = mended(
+        intensity = mend_pixels(
             intensity, np.float32, lambda rows, held: (held != 0) & ~np.isfinite(ranges[rows]), 0, ranges
         )
     return RangeImage(

@@ -19,7 +19,7 @@ _LONGEST = 1200  # characters of a message: a path may have hundreds
 
 
 @contextmanager
-def reading(path: Path, what: str) -> Iterator[None]:
+def guard_reading(path: Path, what: str) -> Iterator[None]:
     """Turn every exception inside into an InputError that names `path`, which should be `what`: "a PLY".
 
     Third-party parsers raise anything from IndexError to RuntimeError on a broken file, so this is the one

@@ -104,7 +104,7 @@ def scan_from_header(
         truth=truth,
         warnings=range_warnings(held),
     )
-    return described(scan, header)
+    return apply_header(scan, header)
 
 
 def range_warnings(ranges: FloatArray) -> tuple[str, ...]:
@@ -141,12 +141,12 @@ def pose_from_header(header: dict[str, Any]) -> Pose:
     return Pose(np.array(header["world_from_sensor"], dtype=np.float64))
 
 
-def described(scan: RangeImage, header: dict[str, Any] | None) -> RangeImage:
+def apply_header(scan: RangeImage, header: dict[str, Any] | None) -> RangeImage:
     """Return `scan` with what a header of ours says of sigma, sensor, noise and name."""
     if header is None:
         return scan
     sigma = header.get("sigma_m")
-    return scan.restated(
+    return scan.with_facts(
         sigma_m=None if sigma is None else float(sigma),
         sensor=str(header.get("sensor", "")),
         noise=str(header.get("noise", "")),

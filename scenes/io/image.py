@@ -16,7 +16,7 @@ from PIL import ExifTags, Image, ImageFile, UnidentifiedImageError
 from PIL.TiffImagePlugin import TiffImageFile
 
 from scenes.checks import InputError
-from scenes.io.guard import check_file, check_size, reading
+from scenes.io.guard import check_file, check_size, guard_reading
 from scenes.io.limits import check_unpacked
 
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "TGA")
@@ -32,7 +32,7 @@ def open_image(path: Path, what: str = "an image") -> Iterator[ImageFile.ImageFi
     Its first bytes say which of `FORMATS` it is; `what` it should be stands in the message. Raises
     InputError: as `check_file`; no image of a known format, or more pixels or bytes than the limits allow.
     """
-    with reading(path, what), check_file(path).open("rb") as stream, _header(stream) as image:
+    with guard_reading(path, what), check_file(path).open("rb") as stream, _header(stream) as image:
         _check(image, path.stat().st_size)
         if isinstance(image, TiffImageFile):
             _decode_tiff(image, path.stat().st_size)

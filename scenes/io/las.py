@@ -21,9 +21,9 @@ from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.io.documents import parse_json
 from scenes.io.format import (
     NO_RAYS,
-    Cloud,
     Format,
     RawPoints,
+    ScanReturns,
     cloud_of,
     one_cloud,
     one_scan,
@@ -164,7 +164,7 @@ def check_chunks(lazrs: Any, file: BinaryIO, size: int, length: int, count: int)
     """
     file.seek(94)
     header_size, offset, n_records = struct.unpack("<HII", file.read(10))
-    packing = _packing(file, header_size, n_records, length)
+    packing = _laszip_record(file, header_size, n_records, length)
     file.seek(offset)
     chunks = lazrs.read_chunk_table(file, lazrs.LazVlr(packing.data))
     start = offset + 8
@@ -177,7 +177,7 @@ def check_chunks(lazrs: Any, file: BinaryIO, size: int, length: int, count: int)
         start += n_bytes
 
 
-def _packing(file: BinaryIO, start: int, n_records: int, length: int) -> _Packing:
+def _laszip_record(file: BinaryIO, start: int, n_records: int, length: int) -> _Packing:
     """Find and check LASzip's record."""
     records = _records(file, start, n_records)
     data = next((data for user, number, data in records if (user, number) == (_LASZIP_USER, _ID)), b"")
@@ -241,7 +241,7 @@ def read_las_points(path: Path) -> RawPoints:
 
     Raises InputError: more points announced than can be held; laspy is not installed.
     """
-    with _opened(path) as file:
+    with _open_reader(path) as file:
         n_points, n_kept = file.header.point_count, 0
         has_colour, largest = "red" in file.header.point_format.dimension_names, 0
         points, wide = np.empty((n_points, 3)), np.empty((n_points if has_colour else 0, 3), np.uint16)
@@ -260,7 +260,7 @@ def read_las_points(path: Path) -> RawPoints:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open_reader(path: Path) -> Iterator[Any]:
     """A reader of the file; what its decoder raises inside is an InputError."""
     laspy = import_extra("laspy", "las")
     try:
@@ -300,7 +300,7 @@ def read_las_scan(path: Path) -> RangeImage:
 
     Raises InputError: any other file: it does not say where the scanner stood, nor which ray saw which point.
     """
-    with _opened(path) as file:
+    with _open_reader(path) as file:
         header = _read_header(file.header)
         if header is None:
             raise InputError(NO_RAYS)
@@ -309,19 +309,19 @@ def read_las_scan(path: Path) -> RangeImage:
             largest = max(
                 (int(_columns(part, _COLOURS, np.uint16).max()) for part in _chunks(file)), default=0
             )
-    with _opened(path) as file:
+    with _open_reader(path) as file:
         parts = (_part(part, header, largest) for part in _chunks(file))
         return scan_of(header, file.header.point_count, parts)
 
 
-def _part(part: Any, header: Mapping[str, Any], largest: int) -> Cloud:
+def _part(part: Any, header: Mapping[str, Any], largest: int) -> ScanReturns:
     """A chunk of points whose largest colour is `largest`."""
     row, column = (np.asarray(part[name], dtype=np.int64) for name in ("row", "column"))
     light = None
     if _SCALE in header:
         light = (np.asarray(part["intensity"], np.float64) * header[_SCALE]).astype(np.float32)
     colour = _narrow(_columns(part, _COLOURS, np.uint16), largest) if largest else None
-    return Cloud(_columns(part, "xyz", np.float64), row, column, colour, light)
+    return ScanReturns(_columns(part, "xyz", np.float64), row, column, colour, light)
 
 
 def _read_header(held: Any) -> Mapping[str, Any] | None:

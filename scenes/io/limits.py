@@ -19,7 +19,7 @@ _FREE_BYTES = 64 << 20  # up to so much no ratio is looked at: a blank page of t
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Limits:
+class ReadLimits:
     """The largest that is read; the defaults are several times what rooms, halls and their scans need.
 
     Attributes
@@ -64,33 +64,33 @@ class Limits:
     texels: int = 1_000_000_000
 
     def __post_init__(self) -> None:
-        for name, value in self.given().items():
+        for name, value in self.by_name().items():
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
                 raise InputError(f"the limit {name} must be an integer of 1 or more, got {value!r}")
 
-    def given(self) -> dict[str, int]:
+    def by_name(self) -> dict[str, int]:
         """Return all limits by name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    def changed(self) -> dict[str, int]:
+    def non_defaults(self) -> dict[str, int]:
         """Return those that are not the defaults."""
-        usual = _USUAL.given()
-        return {name: value for name, value in self.given().items() if value != usual[name]}
+        usual = _USUAL.by_name()
+        return {name: value for name, value in self.by_name().items() if value != usual[name]}
 
 
-LIMIT_NAMES = tuple(field.name for field in fields(Limits))
-_USUAL = Limits()
-_in_force: ContextVar[Limits] = ContextVar("limits", default=_USUAL)
+LIMIT_NAMES = tuple(field.name for field in fields(ReadLimits))
+_USUAL = ReadLimits()
+_in_force: ContextVar[ReadLimits] = ContextVar("limits", default=_USUAL)
 
 
-def current_limits() -> Limits:
+def current_limits() -> ReadLimits:
     """Return the limits in force here."""
     return _in_force.get()
 
 
 @contextmanager
-def limits(**changes: int) -> Iterator[Limits]:
-    """Put other limits, by the names of the fields of `Limits`, in force for a block; the rest stay.
+def limits(**changes: int) -> Iterator[ReadLimits]:
+    """Put other limits, by the names of the fields of `ReadLimits`, in force for a block; the rest stay.
 
     Limits belong to the context that sets them: a thread that is started inside the block has the defaults.
     Raises InputError: an unknown name, or a value that is no integer of one or more.
@@ -118,7 +118,7 @@ def check_limit(name: str, value: int, what: str) -> None:
 
     `what` is said before the number: "its faces".
     """
-    most = current_limits().given()[name]
+    most = current_limits().by_name()[name]
     if value > most:
         raise InputError(
             f"{what}: {value:,} exceed the limit {name}={most:,}; if you trust the file, allow it with "

@@ -19,8 +19,16 @@ from numpy.typing import NDArray
 
 from scenes.checks import InputError, check_point
 from scenes.io.documents import parse_json
-from scenes.io.format import Format, RawPoints, check_single, loaded, picked, points_of, write_single
-from scenes.io.guard import check_file, reading
+from scenes.io.format import (
+    Format,
+    RawPoints,
+    check_single,
+    pick_indices,
+    points_of,
+    readers_of,
+    write_single,
+)
+from scenes.io.guard import check_file, guard_reading
 from scenes.io.header import scan_from_header, scan_header
 from scenes.io.limits import check_limit, check_unpacked
 from scenes.io.station import scan_from_station
@@ -111,7 +119,7 @@ def open_arrays(path: Path) -> Iterator[ArrayFile]:
     ...         arrays.files, arrays["points"].shape
     (('points',), (2, 3))
     """
-    with reading(path, "an .npz file"):
+    with guard_reading(path, "an .npz file"):
         file: BinaryIO
         with check_file(path).open("rb") as file, zipfile.ZipFile(file) as archive:
             yield ArrayFile(archive)
@@ -216,7 +224,7 @@ def _of_beams(arrays: ArrayFile, name: str) -> RangeImage:
     sigma = np.asarray(arrays["sigma_m"], dtype=np.float64)
     if sigma.size != 1 or not (np.isfinite(sigma).all() and sigma.min() >= 0):
         raise InputError(f"sigma_m is {sigma.tolist()}; give one number of metres from 0 on")
-    return scan.restated(sigma_m=float(sigma.reshape(())))
+    return scan.with_facts(sigma_m=float(sigma.reshape(())))
 
 
 def read_npz_points(path: Path, number: int | None) -> RawPoints:
@@ -227,7 +235,7 @@ def read_npz_points(path: Path, number: int | None) -> RawPoints:
     with open_arrays(path) as arrays:
         if "points" not in arrays.files:
             scans = scans_in(arrays, path.stem)
-            return points_of([scans[index] for index in picked(len(scans), number)])
+            return points_of([scans[index] for index in pick_indices(len(scans), number)])
         check_single(number)
         points = np.asarray(arrays["points"], dtype=np.float64)
         normals = np.asarray(arrays["normals"], np.float64) if "normals" in arrays.files else None
@@ -246,7 +254,7 @@ def read_npz_points(path: Path, number: int | None) -> RawPoints:
 FORMAT = Format(
     suffixes=(".npz",),
     points=read_npz_points,
-    scans=lambda path, _: loaded(read_npz(path)),
+    scans=lambda path, _: readers_of(read_npz(path)),
     write=write_single(write_npz),
     marks_misses=True,
 )

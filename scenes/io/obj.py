@@ -48,18 +48,18 @@ def check_obj(text: bytes) -> int:
     faces: dict[tuple[int, int, bool], tuple[list[int], list[bytes]]] = {}
     before: list[int] = []  # vertices before the first face that counts from the end
     for number, line in enumerate(text.split(b"\n"), start=1):
-        key, _, rest = line.partition(b" ")
+        key, _, value = line.partition(b" ")
         if key in counts:
             counts[key] += 1
-            kept[key].append(rest)
+            kept[key].append(value)
         elif key == b"f":
-            words = rest.split()
-            plain = rest.replace(b"/", b" ")
-            kind = (len(words), len(plain.split()), b"//" in rest)
+            words = value.split()
+            plain = value.replace(b"/", b" ")
+            kind = (len(words), len(plain.split()), b"//" in value)
             lines = faces.setdefault(kind, ([], []))
             lines[0].append(number)
             lines[1].append(plain)
-            if b"-" in rest and not before:
+            if b"-" in value and not before:
                 before = [counts[key] for key in _KEYS]
         elif key.startswith(b"f") and not key.isalpha():
             raise InputError(f"line {number} begins with {key[:20].decode('latin-1')!r}, which is no face")

@@ -54,9 +54,9 @@ def read_off(path: Path) -> OffMesh:
         raise InputError("not a text OFF file: its first line is not OFF, COFF, NOFF or STOFF")
     if kind[4] or kind[5]:
         raise InputError("holds vertices of more than three coordinates; save it as plain OFF")
-    rest = lines[0][1][kind.end() :].split()
-    counts = [int(word) for word in (rest or lines[1][1].split())]
-    body = lines[1 if rest else 2 :]
+    fields = lines[0][1][kind.end() :].split()
+    counts = [int(word) for word in (fields or lines[1][1].split())]
+    body = lines[1 if fields else 2 :]
     n_vertices, n_faces = counts[:2]
     check_limit("points", n_vertices, "its vertices")
     check_limit("faces", n_faces, "its faces")

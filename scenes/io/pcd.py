@@ -19,7 +19,7 @@ from scenes.io.format import Format, RawPoints, one_cloud, write_single
 from scenes.io.grid_fit import fit_grid, organised_scan
 from scenes.io.guard import check_size, import_extra
 from scenes.io.header import (
-    described,
+    apply_header,
     from_comments,
     point_warnings,
     projection_from_dict,
@@ -32,7 +32,7 @@ from scenes.pose import Pose, quaternion_of, rotation_of
 from scenes.run.atomic import write_bytes
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
-from scenes.scan.pixels import finite_points, mended, moved, row_blocks
+from scenes.scan.pixels import finite_points, mend_pixels, move_points, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection
 from scenes.scan.range_image import RangeImage
 
@@ -196,7 +196,7 @@ def _records(file: BinaryIO, point: np.dtype[Any], n_points: int) -> Iterator[ND
 
 def _unpacked_records(file: BinaryIO, point: np.dtype[Any], n_points: int) -> Iterator[NDArray[Any]]:
     """Points whose fields stand one behind the other, packed as a whole."""
-    whole = _unpacked(file, n_points * point.itemsize)
+    whole = _unpack_lzf(file, n_points * point.itemsize)
     names = point.names or ()
     starts = n_points * np.cumsum([0, *(point[name].itemsize for name in names)])
     for first in range(0, n_points, _CHUNK):
@@ -209,20 +209,20 @@ def _unpacked_records(file: BinaryIO, point: np.dtype[Any], n_points: int) -> It
         yield chunk
 
 
-def _unpacked(file: BinaryIO, n_bytes: int) -> NDArray[np.uint8]:
+def _unpack_lzf(file: BinaryIO, n_bytes: int) -> NDArray[np.uint8]:
     """Unpack (LZF) what follows in a file, whose two sizes come first."""
     from scenes.io.lzf import unpack_some  # compiled code, which only this encoding needs
 
     n_packed = int(np.frombuffer(file.read(8), "<u4")[0])
-    out, n_out, rest = allocate((n_bytes,), np.uint8), 0, b""
-    while n_packed or rest:
+    out, n_out, remainder = allocate((n_bytes,), np.uint8), 0, b""
+    while n_packed or remainder:
         read = file.read(min(_PACKED, n_packed))
         n_packed = n_packed - len(read) if read else 0
-        held = np.frombuffer(rest + read, np.uint8)
+        held = np.frombuffer(remainder + read, np.uint8)
         n_used, n_out = unpack_some(held, out, n_out, len(held) - (_LONGEST if n_packed else 0))
         if n_used < 0:
             raise InputError(f"damaged: its packed points break off after {n_out} of {n_bytes} bytes")
-        rest = held[n_used:].tobytes()
+        remainder = held[n_used:].tobytes()
         release(out)
     if n_out != n_bytes:
         raise InputError(f"damaged: its packed points are {n_out} bytes, {n_bytes} are announced")
@@ -234,7 +234,7 @@ _COLOURS = ("rgb", "rgba")
 _INTENSITIES = ("intensity", "Intensity", "intensities")
 
 
-class _Columns(NamedTuple):
+class _PcdColumns(NamedTuple):
     """What a file holds of its points: read-only images (rows, columns, ...), None for what it does not."""
 
     points: NDArray[Any]
@@ -255,19 +255,19 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     """
     header = read_pcd_header(path)
     if header.height == 1:
-        return _projected(path, header)
-    return _organised(_columns(path, header), header, intrinsics, path.stem)
+        return _project_unorganised(path, header)
+    return _organised_scan(_columns(path, header), header, intrinsics, path.stem)
 
 
-def _organised(
-    held: _Columns,
+def _organised_scan(
+    held: _PcdColumns,
     header: PcdHeader,
     intrinsics: tuple[float, float, float, float] | None,
     name: str,
 ) -> RangeImage:
     """An organised cloud as a scan."""
     shape = (header.height, header.width)
-    points = mended(held.points, held.points.dtype, _is_nowhere, np.nan)
+    points = mend_pixels(held.points, held.points.dtype, _is_nowhere, np.nan)
     pose, ours = _viewpoint(header.viewpoint), from_comments(header.comments)
     projection: Projection
     if intrinsics is not None:
@@ -280,12 +280,12 @@ def _organised(
         try:
             projection = fit_grid(points).projection
         except InputError:
-            points = moved(points, pose.inverse())
+            points = move_points(points, pose.inverse())
             projection = fit_grid(points).projection
     if projection.shape != shape:
         raise InputError(f"its comments describe {projection.shape}, WIDTH and HEIGHT say otherwise")
     scan = organised_scan(points, projection, pose, held.colour, name, intensity=held.intensity)
-    return described(scan, ours)
+    return apply_header(scan, ours)
 
 
 def _is_nowhere(_: slice, points: NDArray[Any]) -> BoolArray:
@@ -294,7 +294,7 @@ def _is_nowhere(_: slice, points: NDArray[Any]) -> BoolArray:
     return np.asarray(~known, dtype=np.bool_)
 
 
-def _projected(path: Path, header: PcdHeader) -> RangeImage:
+def _project_unorganised(path: Path, header: PcdHeader) -> RangeImage:
     """An unorganised cloud as the image that a scanner in the place of VIEWPOINT would have taken."""
     cloud = read_pcd_points(path)
     if cloud.origins is None:
@@ -305,7 +305,7 @@ def _projected(path: Path, header: PcdHeader) -> RangeImage:
         )
     left_out = tuple(text for text in cloud.warnings if "left out" in text)
     scan = scan_from_station(cloud.points, cloud.origins, path.stem, cloud.colour)
-    return scan.restated(warnings=left_out)
+    return scan.with_facts(warnings=left_out)
 
 
 def read_pcd_points(path: Path) -> RawPoints:
@@ -331,7 +331,7 @@ def read_pcd_points(path: Path) -> RawPoints:
         return replace(held, origins=pose.translation if header.height > 1 else None)
     is_scan = header.height > 1 and cloud.normals is None
     try:
-        scan = _organised(cloud, header, None, path.stem) if is_scan else None
+        scan = _organised_scan(cloud, header, None, path.stem) if is_scan else None
     except InputError:
         scan = None
     if scan is not None:  # knows whether the points are already in the world
@@ -350,7 +350,7 @@ def read_pcd_points(path: Path) -> RawPoints:
     )
 
 
-def _columns(path: Path, header: PcdHeader) -> _Columns:
+def _columns(path: Path, header: PcdHeader) -> _PcdColumns:
     """Read all points, some at a time, into images.
 
     Raises InputError: without x, y, z; as `pcd_chunks`.
@@ -382,7 +382,7 @@ def _columns(path: Path, header: PcdHeader) -> _Columns:
     for image in (points, normals, colour, intensity):
         if image is not None:
             image.setflags(write=False)
-    return _Columns(points, normals, colour, intensity)
+    return _PcdColumns(points, normals, colour, intensity)
 
 
 def _viewpoint(viewpoint: tuple[float, ...]) -> Pose:

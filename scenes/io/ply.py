@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError, check_faces, check_vectors
-from scenes.io.guard import check_file, reading
+from scenes.io.guard import check_file, guard_reading
 from scenes.io.limits import check_limit
 from scenes.run.atomic import atomic_path
 
@@ -31,7 +31,7 @@ _NO_HEADER = "not a PLY file: no header from 'ply' to 'end_header'"
 
 
 @dataclass(slots=True)
-class _Element:
+class _PlyElement:
     """An element: its rows, and its properties as (name, type of a list's length or "", type)."""
 
     name: str
@@ -86,7 +86,7 @@ def header_lines(data: bytes) -> tuple[list[str], int]:
     return data[:end].decode("utf-8", errors="replace").splitlines()[1:], start
 
 
-def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
+def _parse_header(data: bytes) -> tuple[str, list[_PlyElement], int]:
     lines, stop = header_lines(data)
     encoding, elements = "", []
     for line in lines:
@@ -96,7 +96,7 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
         elif words[:1] == ["element"]:
             if len(words) != 3 or not (words[2].isascii() and words[2].isdigit()):
                 raise InputError(f"its header has the line {line.strip()[:60]!r}, which announces no element")
-            elements.append(_Element(words[1], int(words[2])))
+            elements.append(_PlyElement(words[1], int(words[2])))
         elif words[:1] == ["property"]:
             if not elements:
                 raise InputError(f"its header has the line {line.strip()[:60]!r} before any element")
@@ -114,7 +114,7 @@ def _property(words: list[str], line: str) -> tuple[str, str, str]:
     raise InputError(f"its header has the line {line.strip()[:60]!r}, which is no property")
 
 
-def _check_text(body: bytes, elements: list[_Element]) -> int:
+def _check_text(body: bytes, elements: list[_PlyElement]) -> int:
     """Check a text file, a row a line."""
     lines = body.decode("ascii", errors="replace").rstrip().splitlines()
     announced = sum(element.count for element in elements)
@@ -134,7 +134,7 @@ def _check_text(body: bytes, elements: list[_Element]) -> int:
     return n_faces
 
 
-def _check_numbers(element: _Element, rows: list[str], at: int) -> None:
+def _check_numbers(element: _PlyElement, rows: list[str], at: int) -> None:
     needed = len(element.properties)
     try:
         width = np.loadtxt(rows, ndmin=2, comments=None).shape[1]
@@ -144,7 +144,7 @@ def _check_numbers(element: _Element, rows: list[str], at: int) -> None:
         raise InputError(f"row {at + 1} after the header has {width} numbers, a {element.name} has {needed}")
 
 
-def _check_lists(element: _Element, rows: list[str], at: int) -> int:
+def _check_lists(element: _PlyElement, rows: list[str], at: int) -> int:
     """Check rows with lists, and return the triangles where they are faces."""
     n_faces = 0
     for number, row in enumerate(rows, start=at + 1):
@@ -168,7 +168,7 @@ def _check_lists(element: _Element, rows: list[str], at: int) -> int:
     return n_faces
 
 
-def _triangles(element: _Element, corners: int, number: int) -> int:
+def _triangles(element: _PlyElement, corners: int, number: int) -> int:
     if element.name != "face":
         return 0
     if corners < 3:
@@ -176,7 +176,7 @@ def _triangles(element: _Element, corners: int, number: int) -> int:
     return corners - 2
 
 
-def _check_binary(data: bytes, start: int, elements: list[_Element], order: str) -> int:
+def _check_binary(data: bytes, start: int, elements: list[_PlyElement], order: str) -> int:
     """Check a binary file, in which all lists of one property have one length."""
     n_faces, at = 0, start
     for element in elements:
@@ -202,7 +202,7 @@ def _check_binary(data: bytes, start: int, elements: list[_Element], order: str)
     return n_faces
 
 
-def _row(data: bytes, at: int, element: _Element, order: str) -> tuple[np.dtype[np.void], dict[str, int]]:
+def _row(data: bytes, at: int, element: _PlyElement, order: str) -> tuple[np.dtype[np.void], dict[str, int]]:
     """The type of a row, the lengths of its lists as they stand in the first one."""
     fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]] = []
     lengths: dict[str, int] = {}
@@ -407,7 +407,7 @@ def read_mesh_ply(path: str | PathLike[str]) -> PlyMesh:
     Raises InputError: not such a file, truncated, or faces that are no triangles.
     """
     file = check_file(Path(path))
-    with reading(file, "a binary PLY file"):
+    with guard_reading(file, "a binary PLY file"):
         return _read(file)
 
 

@@ -20,7 +20,7 @@ from scenes.checks import (
     usable_rows,
 )
 from scenes.io.format import RawPoints, Units, format_of, point_suffixes, points_of
-from scenes.io.guard import check_file, reading
+from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import is_mesh
 from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
 from scenes.io.scene_files import load_scene
@@ -124,7 +124,7 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
         if known.unit is not None:
             check_own_unit(source, known.name, known.unit, units)
             metres = 1.0
-        with reading(source, f"points in {source.suffix[1:].upper()} format"):
+        with guard_reading(source, f"points in {source.suffix[1:].upper()} format"):
             raw = known.points(source, number)
     name = source.name if number is None else f"{source.name}#{number}"
     cloud = _cloud(raw, metres, name)

@@ -104,7 +104,7 @@ class PtxFile:
             intensity=light if has_light else None,
         )
         warnings = not_finite_warnings(n_bad, rows * columns)
-        return scan.restated(warnings=warnings) if warnings else scan
+        return scan.with_facts(warnings=warnings) if warnings else scan
 
     def points(self, index: int) -> RawPoints:
         """Return all points of scan `index` (from 0) in the world, and where the scanner stood.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.io.documents import parse_json, read_json, read_text
-from scenes.io.guard import reading
+from scenes.io.guard import guard_reading
 from scenes.io.header import range_warnings
 from scenes.io.image import open_image
 from scenes.io.limits import check_limit
@@ -209,14 +209,14 @@ def read_frame(
     projection = PinholeProjection(width, height, *camera)
     colour = None if frame.colour is None else _read_colour(frame.colour, (height, width))
     pose = frame.pose or Pose.identity()
-    with reading(frame.depth, "a depth image"):
+    with guard_reading(frame.depth, "a depth image"):
         sentences: tuple[str, ...] = ()
         if folder.depth_encoding == "linear":
             counts, sentences = without_codes(counts)
         depth_m = depth_in_metres(counts, folder.depth_encoding, scale)
         warnings = (*sentences, *range_warnings(depth_m), *depth_warnings(counts))
     scan = depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
-    return scan.restated(warnings=warnings)
+    return scan.with_facts(warnings=warnings)
 
 
 def depth_scan(
@@ -276,7 +276,7 @@ def open_rgbd(folder: Path) -> RgbdFolder:
 
     Raises InputError: none of these, or frames, images and poses of unequal number.
     """
-    with reading(folder, "an RGB-D folder"):
+    with guard_reading(folder, "an RGB-D folder"):
         if (folder / "frames.json").is_file():
             frames = _open_align3d(folder)
         elif (folder / "depth.txt").is_file() or (folder / "associations.txt").is_file():
@@ -349,7 +349,7 @@ def _with_camera(rgbd_folder: RgbdFolder, folder: Path) -> RgbdFolder:
     """Add what the first camera file of the folder tells."""
     for name in _CAMERAS:
         if (folder / name).is_file():
-            with reading(folder / name, "a camera file"):
+            with guard_reading(folder / name, "a camera file"):
                 return _read_camera(folder / name, rgbd_folder)
     return rgbd_folder
 

@@ -44,7 +44,7 @@ def write_rgbd(scans: Sequence[RangeImage], folder: Path, layout: Layout = "plai
     """
     if layout not in _SCALES:
         raise InputError(f"{folder}: layout must be one of {', '.join(_SCALES)}, got {layout!r}")
-    camera, depths = _checked(scans, folder)
+    camera, depths = _check_scans(scans, folder)
     scale = _scale(depths, folder, layout)
     has_colour = all(scan.colour is not None for scan in scans)
     if layout == "tum" and not has_colour:
@@ -78,7 +78,7 @@ def _names(n_scans: int, layout: Layout) -> list[str]:
     return [f"{k:.6f}" if layout == "tum" else f"{k:05d}" for k in range(1, n_scans + 1)]
 
 
-def _checked(scans: Sequence[RangeImage], folder: Path) -> tuple[PinholeProjection, list[FloatArray]]:
+def _check_scans(scans: Sequence[RangeImage], folder: Path) -> tuple[PinholeProjection, list[FloatArray]]:
     """Return the one camera, and the depths of each scan, 0 where nothing came back."""
     if not scans:
         raise InputError("there is no scan to write")

@@ -22,7 +22,7 @@ from scenes.io.format import (
     scan_suffixes,
     written_suffixes,
 )
-from scenes.io.guard import check_file, reading
+from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import MESH_SUFFIXES
 from scenes.io.rgbd import open_rgbd, read_frame
 from scenes.io.rgbd_writer import Layout, write_rgbd
@@ -30,7 +30,7 @@ from scenes.io.trajectory import poses_at, read_poses
 from scenes.io.uos import is_uos, open_uos, read_uos
 from scenes.pose import Pose
 from scenes.run.mapping import NoSpill, Spill, trim
-from scenes.scan.pixels import scaled
+from scenes.scan.pixels import scale_pixels
 from scenes.scan.range_image import RangeImage, without_saturated
 
 _FEW = 8  # scans that are read together into memory; of more, the pixels are in files
@@ -84,9 +84,9 @@ class ScanSource:
                 "or pick one frame with PATH#k"
             )
         where = spill_for(len(picked)) if spill is None else spill
-        scans = [kept(self.readers[k](), where) for k in picked]
+        scans = [keep_scan(self.readers[k](), where) for k in picked]
         if given is not None:
-            scans = [scan.restated(world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
+            scans = [scan.with_facts(world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
         return [self.in_metres(scan, units) for scan in scans]
 
     def in_metres(self, scan: RangeImage, units: Units) -> RangeImage:
@@ -105,7 +105,7 @@ def spill_for(n_scans: int) -> Spill | NoSpill:
     return Spill() if n_scans > _FEW else NoSpill()
 
 
-def kept(scan: RangeImage, spill: Spill | NoSpill) -> RangeImage:
+def keep_scan(scan: RangeImage, spill: Spill | NoSpill) -> RangeImage:
     """Return a scan with its arrays where they are kept; the memory of those on disk is free."""
     held = spill.keep(scan)
     trim()
@@ -131,7 +131,7 @@ def open_scans(
         timed = times if len(times) == len(readers) else None
         kind = f"rgbd ({folder.layout})"
         return ScanSource(
-            source, kind, _guarded(source, kind, readers, marks_misses=True), folder.registered, timed
+            source, kind, _guard_readers(source, kind, readers, marks_misses=True), folder.registered, timed
         )
     check_file(source)
     suffix = source.suffix.lower()
@@ -139,31 +139,31 @@ def open_scans(
     if known is None or known.scans is None:
         raise InputError(f"{source}: {_refusal(suffix)}")
     kind = known.name or suffix[1:]
-    with reading(source, f"{kind.upper()} scan"):
+    with guard_reading(source, f"{kind.upper()} scan"):
         opened = known.scans(source, intrinsics)
     return ScanSource(
-        source, kind, _guarded(source, kind, opened, marks_misses=known.marks_misses), unit=known.unit
+        source, kind, _guard_readers(source, kind, opened, marks_misses=known.marks_misses), unit=known.unit
     )
 
 
 def _open_3dtk(source: Path) -> ScanSource:
     folder = open_uos(source)
     readers = [partial(read_uos, folder, k) for k in range(len(folder.scans))]
-    guarded = _guarded(source, "3dtk", readers, marks_misses=False)
+    guarded = _guard_readers(source, "3dtk", readers, marks_misses=False)
     return ScanSource(source, "3dtk", guarded, folder.registered, unit="cm")
 
 
-def _guarded(
+def _guard_readers(
     source: Path, kind: str, readers: Sequence[ScanReader], *, marks_misses: bool
 ) -> tuple[ScanReader, ...]:
     """The readers, of which none raises anything but InputError, nor takes full numbers for ranges."""
 
-    def guarded(reader: ScanReader) -> RangeImage:
-        with reading(source, f"{kind} scan"):
+    def guard_reader(reader: ScanReader) -> RangeImage:
+        with guard_reading(source, f"{kind} scan"):
             scan = reader()
             return scan if marks_misses else without_saturated(scan)
 
-    return tuple(partial(guarded, reader) for reader in readers)
+    return tuple(partial(guard_reader, reader) for reader in readers)
 
 
 def _refusal(suffix: str) -> str:
@@ -307,11 +307,11 @@ def in_metres(scan: RangeImage, units: Units) -> RangeImage:
     truth = scan.truth
     return replace(
         scan,
-        ranges=scaled(scan.ranges, factor),
-        sensor_points=None if scan.sensor_points is None else scaled(scan.sensor_points, factor),
+        ranges=scale_pixels(scan.ranges, factor),
+        sensor_points=None if scan.sensor_points is None else scale_pixels(scan.sensor_points, factor),
         world_from_sensor=Pose.from_parts(pose.rotation, pose.translation * factor),
         sigma_m=None if scan.sigma_m is None else scan.sigma_m * factor,
-        truth=None if truth is None else replace(truth, ranges=scaled(truth.ranges, factor)),
+        truth=None if truth is None else replace(truth, ranges=scale_pixels(truth.ranges, factor)),
     )
 
 

@@ -73,7 +73,7 @@ def scan_mesh(
                 f"{path}: from {', '.join(f'{value:g}' for value in origin)} only {n_met} of "
                 f"{scan.ranges.size} rays meet the mesh; give places inside of rooms, and the file's --units"
             )
-        scan = scan.transformed(from_file.inverse())
+        scan = scan.transform(from_file.inverse())
         name = scene.name if len(origins) == 1 else f"{scene.name} {number}"
         scans.append(replace(scan, name=name, warnings=(*scene.warnings, sentence) if number == 1 else ()))
     return scans
@@ -214,7 +214,7 @@ def read_request(request: ScanRequest, up: SignedAxis | None = None, *, posed: b
         scans, paths = _read_scans(request, posed=posed)
     turn, sentence = turn_to_z(scans, request.up if up is None else up, of_points=bool(request.origins))
     stays = np.array_equal(turn.matrix, np.eye(4))
-    given = GivenScans.of(scans if stays else [scan.transformed(turn) for scan in scans])
+    given = GivenScans.of(scans if stays else [scan.transform(turn) for scan in scans])
     given = replace(given, paths=tuple(paths))
     return replace(given, doubts=(*given.doubts, sentence)) if sentence else given
 
@@ -291,7 +291,7 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
         cloud = read_points(path, request.units)
         try:
             scan = scan_from_station(cloud.points, origin, cloud.name, cloud.colour)
-            scans.append(scan.restated(warnings=cloud.warnings))
+            scans.append(scan.with_facts(warnings=cloud.warnings))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     return scans

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.format import Units
 from scenes.io.gltf import glb_of
-from scenes.io.guard import reading
+from scenes.io.guard import guard_reading
 from scenes.io.mesh_file import check_mesh_suffix, read_mesh_file
 from scenes.io.obj import write_obj
 from scenes.io.off import write_off
@@ -48,7 +48,7 @@ def _face_doubts(mesh: LabelledMesh, has_area: BoolArray) -> Iterator[str]:
     n_faces, flat = len(mesh.faces), int((~has_area).sum())
     if flat:
         yield f"{flat} of {n_faces} faces have no area; no ray can hit them"
-    faces = _welded(mesh)[has_area]
+    faces = _weld(mesh)[has_area]
     single = _rows(np.sort(faces, axis=1))
     twice = len(faces) - len(single)
     if twice:
@@ -70,7 +70,7 @@ def _face_doubts(mesh: LabelledMesh, has_area: BoolArray) -> Iterator[str]:
         )
 
 
-def _welded(mesh: LabelledMesh) -> NDArray[np.int64]:
+def _weld(mesh: LabelledMesh) -> NDArray[np.int64]:
     """Faces by places instead of vertices: those of one place have one number."""
     places = np.ascontiguousarray(mesh.vertices) + 0.0  # no negative zeros
     as_bytes = places.view(np.dtype((np.void, places.dtype.itemsize * 3))).reshape(-1)
@@ -161,7 +161,7 @@ def load_scene(
         raise InputError(f"unknown up axis {up!r}; known: x, y, z")
     metres = check_units(units)
     file = check_mesh_suffix(Path(path))
-    with reading(file, "a mesh"):
+    with guard_reading(file, "a mesh"):
         held = read_mesh_file(file)
         placed = held.placed
         parts = [part for node in placed.graph.nodes_geometry if (part := _part(placed, node)) is not None]
@@ -187,7 +187,7 @@ def load_scene(
         )
 
 
-class _Part(NamedTuple):
+class _PlacedGeometry(NamedTuple):
     """One placed geometry: name, world vertices, faces and what it looks like."""
 
     name: str
@@ -196,7 +196,7 @@ class _Part(NamedTuple):
     look: GeometryLook
 
 
-def _part(placed: Any, node: str) -> _Part | None:
+def _part(placed: Any, node: str) -> _PlacedGeometry | None:
     """Return a node's geometry in the file's world frame, None for points and lines."""
     transform, key = placed.graph[node]
     geometry = placed.geometry[key]
@@ -207,11 +207,11 @@ def _part(placed: Any, node: str) -> _Part | None:
         vertices = np.asarray(geometry.vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
     faces, look = np.asarray(geometry.faces), look_of(geometry)
     if np.linalg.det(matrix[:3, :3]) < 0:  # mirrored by its transform: keep the outside outside
-        faces, look = faces[:, ::-1], look.reversed()
-    return _Part(str(key) if _NAMELESS.search(str(node)) else str(node), vertices, faces, look)
+        faces, look = faces[:, ::-1], look.flip()
+    return _PlacedGeometry(str(key) if _NAMELESS.search(str(node)) else str(node), vertices, faces, look)
 
 
-def _join(file: Path, parts: list[_Part]) -> tuple[LabelledMesh, tuple[str, ...]]:
+def _join(file: Path, parts: list[_PlacedGeometry]) -> tuple[LabelledMesh, tuple[str, ...]]:
     """Return all parts as one mesh, and the surfaces' names."""
     if not any(len(part.faces) for part in parts):
         raise InputError(
@@ -279,7 +279,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> list[Path]:
         ".obj": lambda: write_obj(parts_of(mesh, names), target),
         ".ply": lambda: _write_ply(mesh, names, target),
         ".stl": lambda: write_stl(mesh, target),
-        ".off": lambda: write_off(target, *_painted(mesh)),
+        ".off": lambda: write_off(target, *_paint_vertices(mesh)),
     }
     writer = writers.get(target.suffix.lower())
     if writer is None:
@@ -288,7 +288,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> list[Path]:
     return writer() or [target]
 
 
-def _painted(mesh: LabelledMesh) -> tuple[FloatArray, Any, ColourArray | None]:
+def _paint_vertices(mesh: LabelledMesh) -> tuple[FloatArray, Any, ColourArray | None]:
     """Vertices, faces and colours (n, 3) at the vertices; corners that differ in colour are parted."""
     if mesh.appearance is None:
         return mesh.vertices, mesh.faces, None
@@ -303,7 +303,7 @@ def _painted(mesh: LabelledMesh) -> tuple[FloatArray, Any, ColourArray | None]:
 
 def _write_ply(mesh: LabelledMesh, names: Sequence[str], path: Path) -> None:
     """PLY in double precision; the surfaces' names are in comments."""
-    vertices, faces, colour = _painted(mesh)
+    vertices, faces, colour = _paint_vertices(mesh)
     properties = {} if colour is None else dict(zip(("red", "green", "blue"), colour.T, strict=True))
     lines = [f"surface {number} {' '.join(name.split())}" for number, name in enumerate(names)]
     write_mesh_ply(path, vertices, faces, properties, lines)

@@ -132,8 +132,8 @@ def _grid_about(rays: FloatArray, pole: FloatArray) -> AngleGrid | None:
     if abs(turn * across[0] - 2 * np.pi) < across[0] / 4:
         across = 2 * np.pi / turn, across[1]
     beside = np.cos(elevation) > 2 * up[0]  # at the pole itself every azimuth is as good
-    column, azimuths = _numbered(azimuth, *across, beside)
-    row, elevations = _numbered(elevation, *up, beside | True)
+    column, azimuths = _number_steps(azimuth, *across, beside)
+    row, elevations = _number_steps(elevation, *up, beside | True)
     if len(azimuths) > turn:  # the seam of a full turn
         column, azimuths = column % turn, azimuths[:turn]
     if min(len(azimuths), len(elevations)) < 2 or np.ptp(azimuths) >= 2 * np.pi + 1e-9:
@@ -146,7 +146,7 @@ def _grid_about(rays: FloatArray, pole: FloatArray) -> AngleGrid | None:
     return AngleGrid(pole, projection, forward, len(elevations) - 1 - row, column)
 
 
-def _numbered(
+def _number_steps(
     angles: FloatArray, step: float, phase: float, telling: BoolArray
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Number (n,) of each angle's step, from the least to the largest of those that tell; their angles."""
@@ -239,7 +239,7 @@ def scan_from_station(
     cloud, ranges = cloud[order], away[order]
     rays = (cloud - stood) / ranges[:, None]
     grid = find_grid(rays, [*np.eye(3)[[2, 0, 1]], *swept])
-    bins = _binned(rays) if grid is None else grid
+    bins = _bin_pixels(rays) if grid is None else grid
     _check_single(bins.flat, ranges, stood)
     down = -bins.pole
     pose = Pose.from_parts(np.column_stack([np.cross(down, bins.forward), down, bins.forward]), stood)
@@ -267,7 +267,7 @@ def scan_from_station(
         f"points projected to a spherical image from ({x:.10g}, {y:.10g}, {z:.10g}), {len(kept)} of "
         f"{len(cloud)} kept"
     )
-    return scan.restated(sensor=sensor, warnings=tuple(sentences))
+    return scan.with_facts(sensor=sensor, warnings=tuple(sentences))
 
 
 def _check_number(n_points: int) -> None:
@@ -320,7 +320,7 @@ def _pole(rays: FloatArray) -> tuple[FloatArray, FloatArray]:
     return -turned[:, 1], turned[:, 2]
 
 
-def _binned(rays: FloatArray) -> AngleGrid:
+def _bin_pixels(rays: FloatArray) -> AngleGrid:
     """Pixels wide enough to be filled, starting from the steps between neighbouring points."""
     pole, forward = _pole(rays)
     none = np.zeros(0, np.int64)

@@ -16,9 +16,9 @@ from scenes.checks import FloatArray, InputError, freeze_arrays
 from scenes.io.documents import parse_json
 from scenes.io.format import (
     NO_RAYS,
-    Cloud,
     Format,
     RawPoints,
+    ScanReturns,
     cloud_of,
     one_cloud,
     one_scan,
@@ -327,7 +327,7 @@ def read_scan_text(path: Path) -> RangeImage:
     if table.shape[1] != len(names):
         raise InputError(f"its lines hold {table.shape[1]} numbers, its header names {len(names)} columns")
     column: dict[str, Any] = {name: table[:, k] for k, name in enumerate(names)}
-    cloud = Cloud(
+    cloud = ScanReturns(
         points=np.stack([column[axis] for axis in "xyz"], axis=-1),
         row=_whole(column["row"]),
         column=_whole(column["column"]),

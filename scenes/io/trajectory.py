@@ -11,7 +11,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError, check_finite
 from scenes.io.documents import parse_json, read_text
-from scenes.io.guard import reading
+from scenes.io.guard import guard_reading
 from scenes.pose import Pose, quaternion_of, rotation_of
 from scenes.run.atomic import write_text
 
@@ -37,7 +37,7 @@ def read_poses(path: Path) -> list[Pose]:
 
     Raises InputError: none of these, or a pose that is not rigid; named with its number.
     """
-    with reading(path, "a file of poses"):
+    with guard_reading(path, "a file of poses"):
         text = read_text(path)
         if path.suffix.lower() == ".json":
             return _number_checked(_json_matrices(text))
@@ -71,7 +71,7 @@ def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
 
     Raises InputError: no TUM trajectory, a time that is not finite, or a pose that is not rigid.
     """
-    with reading(path, "a TUM trajectory"):
+    with guard_reading(path, "a TUM trajectory"):
         rows = _equal_rows(_number_rows(read_text(path)))
         if not rows or len(rows[0]) != 8:
             raise InputError("expected lines of timestamp tx ty tz qx qy qz qw")
@@ -210,11 +210,11 @@ def colmap_matrices(text: str) -> list[FloatArray]:
             continue
         if len(words) < _WORDS:
             raise InputError(f"image {number} has {len(words)} words; expected {_COLMAP}")
-        images[words[-1]] = _inverted([float(word) for word in words[1:8]], words[-1])
+        images[words[-1]] = _invert_pose([float(word) for word in words[1:8]], words[-1])
     return [images[name] for name in sorted(images, key=natural_key)]
 
 
-def _inverted(numbers: list[float], name: str) -> FloatArray:
+def _invert_pose(numbers: list[float], name: str) -> FloatArray:
     """World from sensor, of a quaternion w x y z and a translation that go the other way."""
     w, x, y, z = numbers[:4]
     back = rotation_of([x, y, z, w], f"image {name!r}").T

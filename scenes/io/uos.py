@@ -12,7 +12,7 @@ import numpy as np
 from scenes.checks import FloatArray, InputError
 from scenes.io.documents import read_text
 from scenes.io.format import Format, RawPoints, one_cloud, one_scan, points_of
-from scenes.io.guard import check_file, reading
+from scenes.io.guard import check_file, guard_reading
 from scenes.io.limits import check_limit
 from scenes.io.station import scan_from_station
 from scenes.io.text import read_point_table
@@ -72,7 +72,7 @@ def read_uos(folder: UosFolder, index: int) -> RangeImage:
     Raises InputError: no points, too few for a scan, or a damaged pose.
     """
     file, pose = folder.scans[index], folder.poses[index]
-    with reading(check_file(file), "a 3DTK scan"):
+    with guard_reading(check_file(file), "a 3DTK scan"):
         table = read_point_table(file)
         finite = np.asarray(np.isfinite(table.points).all(axis=1))
         points = table.points[finite] * _METRES @ _TURN.T
@@ -80,8 +80,8 @@ def read_uos(folder: UosFolder, index: int) -> RangeImage:
     sentences = [*table.warnings, "read as 3DTK's: centimetres, left-handed, y up"]
     if not finite.all():
         sentences.append(f"{int((~finite).sum())} of {len(finite)} points are not finite and were left out")
-    moved = scan if pose is None else scan.transformed(read_uos_pose(pose))
-    return moved.restated(warnings=(*sentences, *scan.warnings))
+    moved = scan if pose is None else scan.transform(read_uos_pose(pose))
+    return moved.with_facts(warnings=(*sentences, *scan.warnings))
 
 
 def read_uos_pose(path: Path) -> Pose:
@@ -91,7 +91,7 @@ def read_uos_pose(path: Path) -> Pose:
 
     Raises InputError: not six finite numbers.
     """
-    with reading(path, "a 3DTK pose"):
+    with guard_reading(path, "a 3DTK pose"):
         numbers = [float(word) for word in read_text(path).split()]
         if len(numbers) != 6 or not np.isfinite(np.array(numbers)).all():
             raise InputError(

@@ -36,7 +36,7 @@ class GeometryLook:
     corner_uv: NDArray[np.float32] | None = None
     is_plain: bool = False
 
-    def reversed(self) -> GeometryLook:
+    def flip(self) -> GeometryLook:
         """Return the look of the same faces with their corners in reverse order."""
         uv = None if self.corner_uv is None else self.corner_uv[:, ::-1]
         return GeometryLook(self.corner_colour[:, ::-1], self.image, uv, self.is_plain)
@@ -46,7 +46,7 @@ def look_of(geometry: Any) -> GeometryLook:
     """Return the look of a trimesh geometry: texture, vertex colours, face colours or none."""
     faces, visual = np.asarray(geometry.faces), geometry.visual
     if visual.kind == "texture":
-        return _textured(visual, faces)
+        return _texture_look(visual, faces)
     if visual.kind == "vertex":
         colours = np.asarray(visual.vertex_colors)[:, :3].astype(np.float32) / np.float32(255)
         return GeometryLook(colours[faces])
@@ -56,7 +56,7 @@ def look_of(geometry: Any) -> GeometryLook:
     return GeometryLook(np.full((len(faces), 3, 3), _GREY, np.float32), is_plain=True)
 
 
-def _textured(visual: Any, faces: NDArray[Any]) -> GeometryLook:
+def _texture_look(visual: Any, faces: NDArray[Any]) -> GeometryLook:
     """Texture image times base colour; the base colour alone where image or coordinates are missing."""
     material = visual.material
     image = getattr(material, "baseColorTexture", None)

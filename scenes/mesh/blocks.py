@@ -53,7 +53,7 @@ _MOST = 16  # blocks along an axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Blocks:
+class BoxLattice:
     """Boxes that fill a larger one, counted from 1 along each axis from its lowest corner.
 
     Attributes
@@ -69,7 +69,7 @@ class Blocks:
     counts: NDArray[np.int64]
 
     @classmethod
-    def over(cls, parts: Sequence[MeshPart]) -> Blocks:
+    def over(cls, parts: Sequence[MeshPart]) -> BoxLattice:
         """Blocks over all vertices of `parts`, alike: of about 10 m, or a sixteenth of the longest side."""
         ends = [end for part in parts if len(part.vertices) for end in _ends(part.vertices)] or [np.zeros(3)]
         low, high = _ends(np.array(ends))
@@ -105,7 +105,7 @@ def in_blocks(parts: Sequence[MeshPart]) -> list[MeshPart]:
     >>> [(part.name, part.block) for part in in_blocks([loose, wall])]
     [('rest 1 1 1', 'block 1 1 1'), ('rest 3 1 1', 'block 3 1 1'), ('wall', 'block 2 1 1')]
     """
-    blocks = Blocks.over(parts)
+    blocks = BoxLattice.over(parts)
     if blocks.counts.max() == 1:
         return list(parts)
     mesh_part: list[MeshPart] = []
@@ -120,7 +120,7 @@ def in_blocks(parts: Sequence[MeshPart]) -> list[MeshPart]:
     return mesh_part
 
 
-def _cut(part: MeshPart, blocks: Blocks) -> Iterator[MeshPart]:
+def _cut(part: MeshPart, blocks: BoxLattice) -> Iterator[MeshPart]:
     """A part for each block in which there are triangles, with the vertices that these have."""
     middles = sum(part.vertices[part.faces[:, k]] for k in range(3)) / 3
     numbers, which = np.unique(blocks.numbers(np.asarray(middles)), axis=0, return_inverse=True)

@@ -173,6 +173,8 @@ class LabelledMesh:
         corners = index.reshape(-1, 3).astype(np.int32)
         return LabelledMesh(self.vertices[used], corners, self.face_surface[faces], look)
 
-    def transformed(self, pose: Pose) -> LabelledMesh:
+    def transform(self, pose: Pose) -> LabelledMesh:
         """Return the mesh moved by `pose`."""
         return LabelledMesh(pose.apply(self.vertices), self.faces, self.face_surface, self.appearance)
+
+    transformed = transform  # earlier name

@@ -126,7 +126,7 @@ def local_origin(points: FloatArray) -> FloatArray:
 _COARSER = 1.25  # each try
 
 
-def thinned(
+def thin_mesh(
     vertices: FloatArray, faces: NDArray[Any], most: int
 ) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
     """Join vertices that lie in one cell of a lattice, as coarse as it takes (Rossignac & Borrel 1993).

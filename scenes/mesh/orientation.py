@@ -117,7 +117,7 @@ def suggest_up(mesh: LabelledMesh, mode: Literal["room", "object"]) -> Axis | No
         scores = scores / extent
     else:
         stance = np.array([_stance(mesh, axis) for axis in range(3)])
-        scores = (scores + 0.1 * np.maximum(stance, 0)) * np.array([_lopsided(mesh, a) for a in range(3)])
+        scores = (scores + 0.1 * np.maximum(stance, 0)) * np.array([_asymmetry(mesh, a) for a in range(3)])
     order = np.argsort(-scores, kind="stable")
     return _AXES[int(order[0])] if scores[order[0]] > _CLEAR * scores[order[1]] else None
 
@@ -138,7 +138,7 @@ def _stance(mesh: LabelledMesh, axis: int) -> float:
     return breadth(height < 0.03) - breadth(height > 0.97)
 
 
-def _lopsided(mesh: LabelledMesh, axis: int) -> float:
+def _asymmetry(mesh: LabelledMesh, axis: int) -> float:
     """0 when the area along an axis is distributed as in its mirror image, 1 from a difference of 5 % on."""
     low, high = mesh.bounds()
     height = (mesh.corners.mean(axis=1)[:, axis] - low[axis]) / (high - low)[axis]

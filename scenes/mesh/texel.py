@@ -11,7 +11,7 @@ from scenes.checks import FloatArray
 
 
 @njit(inline="always")
-def _mixed(
+def _mix_corners(
     corner_colour: NDArray[np.float32], face: int, channel: int, a: float, b: float, c: float
 ) -> float:
     value = a * corner_colour[face, 0, channel] + b * corner_colour[face, 1, channel]
@@ -39,7 +39,7 @@ def plain_colours(
         elif face_image[face] < 0:
             a, b, c = barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
             for channel in range(3):
-                colour[i, channel] = _mixed(corner_colour, face, channel, a, b, c)
+                colour[i, channel] = _mix_corners(corner_colour, face, channel, a, b, c)
 
 
 @njit(cache=True, nogil=True)
@@ -81,4 +81,4 @@ def textured_colours(
         for channel in range(np.uint64(3)):
             mixed = w00 * texels[i00 + channel] + w01 * texels[i01 + channel]
             mixed += w10 * texels[i10 + channel] + w11 * texels[i11 + channel]
-            colour[i, channel] = mixed * _mixed(corner_colour, face, channel, a, b, c)
+            colour[i, channel] = mixed * _mix_corners(corner_colour, face, channel, a, b, c)

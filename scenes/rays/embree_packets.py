@@ -64,7 +64,7 @@ def _call(_typing: Any, function: Any, valid: Any, scene: Any, rays: Any, argume
 
 
 @njit(**INLINED)
-def _aligned(n: int) -> NDArray[np.float32]:
+def _align_zeros(n: int) -> NDArray[np.float32]:
     """Return n zeros of 32 bits at an address that Embree can load packets from."""
     room = np.zeros(n + 16, np.float32)
     skip = (-room.ctypes.data // 4) % 16
@@ -206,7 +206,7 @@ def compile_for(width: int) -> PacketKernels:
         (1, 3) and directions (n, 3) are in world coordinates, metres. `columns` are of the image whose pixels
         the rays are, row by row; 0 when they are a list.
         """
-        packet, valid = _aligned(_N_ROWS * width), _aligned(width).view(np.int32)
+        packet, valid = _align_zeros(_N_ROWS * width), _align_zeros(width).view(np.int32)
         starts, ways = np.empty(3 * width), np.empty(3 * width)
         first, count = np.zeros(width // 4, np.int64), np.zeros(width // 4, np.int64)
         words = packet.view(np.int32)
@@ -247,7 +247,7 @@ def compile_for(width: int) -> PacketKernels:
         `occluded` is the address of rtcOccluded4, 8 or 16; the others are as for `first_faces`, and targets
         may be a single one too.
         """
-        packet, valid = _aligned(_N_ROWS * width), _aligned(width).view(np.int32)
+        packet, valid = _align_zeros(_N_ROWS * width), _align_zeros(width).view(np.int32)
         packet.view(np.int32)[_MASK * width : (_MASK + 1) * width] = -1
         starts, ends = np.empty(3 * width), np.empty(3 * width)
         first, count = np.zeros(width // 4, np.int64), np.zeros(width // 4, np.int64)
@@ -340,7 +340,7 @@ class PacketScene:
         device = library.rtcNewDevice(f"{_NO_CACHE},{configuration}".encode())
         check_device(library, device, "opening a device")
         scene = library.rtcNewScene(device)
-        vertices, faces = _padded(mesh.vertices, np.float32), _padded(mesh.faces, np.int32)
+        vertices, faces = _pad(mesh.vertices, np.float32), _pad(mesh.faces, np.int32)
         self._release = weakref.finalize(self, _release, library, device, scene, (vertices, faces))
         version = library.rtcGetDeviceProperty(device, _VERSION_MAJOR)
         if version != 4:
@@ -415,7 +415,7 @@ def _apart(mesh: LocalMesh) -> float:
     return float((SPREAD * np.linalg.norm(mesh.vertices.max(axis=0, initial=0.0))) ** 2)
 
 
-def _padded(rows: NDArray[np.generic], kind: type[np.generic]) -> NDArray[np.generic]:
+def _pad(rows: NDArray[np.generic], kind: type[np.generic]) -> NDArray[np.generic]:
     padded = np.zeros((len(rows) + _PADDING, 3), kind)
     padded[: len(rows)] = rows
     return padded

@@ -194,7 +194,7 @@ class RayCaster:
             n_not_finite,
         )
 
-    def blocked(self, origins: object, targets: object, *, coherent: bool | None = None) -> BoolArray:
+    def are_blocked(self, origins: object, targets: object, *, coherent: bool | None = None) -> BoolArray:
         """Tell for n segments whether the mesh is hit before the target is reached.
 
         Parameters
@@ -227,6 +227,8 @@ class RayCaster:
 
         self._in_chunks(n, _CHUNK, cast)
         return result
+
+    blocked = are_blocked  # earlier name
 
     def _in_chunks(self, n: int, step: int, cast: Callable[[slice], int]) -> int:
         """Cast n rays, `step` at a time, and return the sum of what `cast` returns."""

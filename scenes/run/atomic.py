@@ -49,7 +49,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise InputError(f"{target}: cannot write, there is no folder {target.parent}")
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.tmp{target.suffix}")
     try:
-        with writing(target):
+        with guard_writing(target):
             yield temporary
             if not temporary.is_file():
                 raise InputError(f"{target}: nothing was written")
@@ -62,7 +62,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[None]:
+def guard_writing(path: Path) -> Iterator[None]:
     """Turn what the file system refuses, such as a full disk, into an InputError that names `path`."""
     try:
         yield
@@ -125,15 +125,15 @@ def _json_parts(value: Mapping[Any, Any]) -> Iterator[str]:
         yield ",\n" if number else "{\n"
         yield f"  {json.dumps(str(key), ensure_ascii=False)}: "
         if not isinstance(item, list | tuple) or not item:
-            yield _indented(item, 2)
+            yield _indent(item, 2)
             continue
         for index, element in enumerate(item):
-            yield (",\n" if index else "[\n") + 4 * " " + _indented(element, 4)
+            yield (",\n" if index else "[\n") + 4 * " " + _indent(element, 4)
         yield "\n  ]"
     yield "\n}\n"
 
 
-def _indented(value: object, n_spaces: int) -> str:
+def _indent(value: object, n_spaces: int) -> str:
     """JSON whose lines, but the first, begin so far to the right."""
     return json_text(value).rstrip("\n").replace("\n", "\n" + n_spaces * " ")
 
@@ -204,7 +204,7 @@ class Stage:
         Raises InputError: the folder cannot be written.
         """
         settle(self.target, self._name)
-        with writing(self.target):
+        with guard_writing(self.target):
             self.folder.mkdir()
         self._mapped.__enter__()
         return self
@@ -219,7 +219,7 @@ class Stage:
     def path(self, name: str) -> Path:
         """Return where to write the file `name`, which may have folders in it; they are made."""
         file = self.folder / name
-        with writing(self.target / name):
+        with guard_writing(self.target / name):
             file.parent.mkdir(parents=True, exist_ok=True)
         return file
 
@@ -235,7 +235,7 @@ class Stage:
         """
         for file in self.files():
             _check_free(self.target, file)
-        with writing(self.target):
+        with guard_writing(self.target):
             self.folder.rename(self._decided)
             flush_to_disk(self.target)
         _put(self._decided, self.target, last)
@@ -278,7 +278,7 @@ def _files(folder: Path) -> Iterator[Path]:
 def _put(decided: Path, folder: Path, last: str) -> None:
     """Move files that are whole into the folder; the manifest, or what is called `last`, seals them."""
     files = sorted(_files(decided), key=lambda file: (file.name == "manifest.json", str(file) == last, file))
-    with writing(folder):
+    with guard_writing(folder):
         for file in files:
             (folder / file).parent.mkdir(parents=True, exist_ok=True)
             (decided / file).replace(folder / file)
@@ -288,7 +288,7 @@ def _put(decided: Path, folder: Path, last: str) -> None:
 
 
 @contextmanager
-def locked(folder: Path, name: str = "", wait_s: float = _WAIT_S) -> Iterator[None]:
+def hold_lock(folder: Path, name: str = "", wait_s: float = _WAIT_S) -> Iterator[None]:
     """Hold the lock of a folder, or of the output file `name` in it, and clear it of what a killed run left.
 
     The lock is an empty file, removed at the end; one that a killed run left behind locks nothing. Where the
@@ -297,7 +297,7 @@ def locked(folder: Path, name: str = "", wait_s: float = _WAIT_S) -> Iterator[No
     """
     file = lock_file(folder, name)
     try:
-        stream = _opened(file, wait_s)
+        stream = _open_lock(file, wait_s)
     except OSError:
         yield
         return
@@ -316,12 +316,12 @@ def lock_file(folder: Path, name: str = "") -> Path:
     return folder / (f".unseen.{name}.lock" if name else ".unseen.lock")
 
 
-def _opened(file: Path, wait_s: float) -> BinaryIO:
+def _open_lock(file: Path, wait_s: float) -> BinaryIO:
     """Return the lock's file, locked: the one that stands there now, not one that was just removed."""
     until = time.monotonic() + wait_s
     while True:
         stream = file.open("ab")
-        if not _taken(stream.fileno()):
+        if not _take_lock(stream.fileno()):
             stream.close()
             if time.monotonic() < until:
                 time.sleep(_POLL_S)
@@ -341,7 +341,7 @@ def remove_leftovers(folder: Path) -> None:
                 file.unlink()
 
 
-def _taken(descriptor: int) -> bool:
+def _take_lock(descriptor: int) -> bool:
     """Take the lock; False where another process holds it."""
     try:
         if sys.platform == "win32":

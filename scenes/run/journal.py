@@ -80,7 +80,7 @@ def pack(value: object, stream: IO[bytes]) -> None:
     (1, 'a', array([0.5, nan]))
     """
     arrays = _Arrays([], bytearray())
-    structure = _packed(value, arrays)
+    structure = _pack(value, arrays)
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for number, array in enumerate(arrays.large):
             with archive.open(str(number), "w", force_zip64=array.nbytes > _LARGE) as member:
@@ -103,7 +103,7 @@ def unpack(stream: IO[bytes]) -> Any:
             names = [name for name in archive.namelist() if name not in (_STRUCTURE, _SMALL)]
             large = [_array(archive, name) for name in names]
             arrays = _Arrays(large, bytearray(archive.read(_SMALL)))
-            return _unpacked(json.loads(archive.read(_STRUCTURE)), arrays)
+            return _unpack(json.loads(archive.read(_STRUCTURE)), arrays)
     except (InputError, PackingError):
         raise
     except Exception as error:  # whatever a damaged archive makes its readers raise
@@ -126,7 +126,7 @@ def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     return array.T if is_fortran else array
 
 
-def _packed(value: Any, arrays: _Arrays) -> Any:
+def _pack(value: Any, arrays: _Arrays) -> Any:
     """Return `value` for JSON: plain values as they are, all else as [what it is, ...]."""
     if type(value) in _PLAIN:
         return value
@@ -134,10 +134,10 @@ def _packed(value: Any, arrays: _Arrays) -> Any:
         return ["enum", _name(type(value)), value.name]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-        return ["class", _name(type(value)), *([k, _packed(v, arrays)] for k, v in fields.items())]
+        return ["class", _name(type(value)), *([k, _pack(v, arrays)] for k, v in fields.items())]
     if type(value).__name__ == "csr_array":
         parts = (value.data, value.indices, value.indptr, value.shape)
-        return ["csr", *(_packed(part, arrays) for part in parts)]
+        return ["csr", *(_pack(part, arrays) for part in parts)]
     if isinstance(value, np.ndarray | np.generic):
         if value.dtype.hasobject:
             raise PackingError("an array of objects cannot be packed")
@@ -146,33 +146,33 @@ def _packed(value: Any, arrays: _Arrays) -> Any:
             return ["scalar", *where]
         return ["array", bool(value.flags.writeable), *where]
     if type(value) is dict:
-        return ["dict", *([_packed(k, arrays), _packed(v, arrays)] for k, v in value.items())]
+        return ["dict", *([_pack(k, arrays), _pack(v, arrays)] for k, v in value.items())]
     if type(value).__name__ in _MAKERS and type(value).__module__ == "builtins":
-        return [type(value).__name__, *(_packed(item, arrays) for item in value)]
+        return [type(value).__name__, *(_pack(item, arrays) for item in value)]
     raise PackingError(f"a {type(value).__name__} cannot be packed")
 
 
-def _unpacked(held: Any, arrays: _Arrays) -> Any:
+def _unpack(held: Any, arrays: _Arrays) -> Any:
     """Return the value that `_packed` described."""
     if not isinstance(held, list):
         return held
-    what, *rest = held
-    if what == "array":
-        array = arrays.find(*rest[1:])
-        array.setflags(write=rest[0])
+    kind, *content = held
+    if kind == "array":
+        array = arrays.find(*content[1:])
+        array.setflags(write=content[0])
         return array
-    if what == "scalar":
-        return arrays.find(*rest)[()]
-    if what == "enum":
-        return _class(rest[0], Enum)[rest[1]]
-    if what == "class":
-        return _built(_class(rest[0], object), {name: _unpacked(item, arrays) for name, item in rest[1:]})
-    if what == "dict":
-        return {_unpacked(k, arrays): _unpacked(v, arrays) for k, v in rest}
-    items = [_unpacked(item, arrays) for item in rest]
-    if what == "csr":
+    if kind == "scalar":
+        return arrays.find(*content)[()]
+    if kind == "enum":
+        return _class(content[0], Enum)[content[1]]
+    if kind == "class":
+        return _built(_class(content[0], object), {name: _unpack(item, arrays) for name, item in content[1:]})
+    if kind == "dict":
+        return {_unpack(k, arrays): _unpack(v, arrays) for k, v in content}
+    items = [_unpack(item, arrays) for item in content]
+    if kind == "csr":
         return scipy.sparse.csr_array(tuple(items[:3]), shape=items[3])
-    return _MAKERS[what](items)
+    return _MAKERS[kind](items)
 
 
 def _built(kind: type[Any], fields: dict[str, Any]) -> Any:

@@ -68,7 +68,7 @@ def allocate(shape: Sequence[int], dtype: Any, fill: float = 0) -> NDArray[Any]:
     if pixels <= LARGE:
         return np.zeros(shape, kind) if fill == 0 else np.full(shape, fill, kind)
     n_bytes = math.prod(shape) * kind.itemsize
-    array: NDArray[Any] = np.ndarray(tuple(shape), kind, buffer=_reserved(n_bytes))
+    array: NDArray[Any] = np.ndarray(tuple(shape), kind, buffer=_reserve(n_bytes))
     if fill != 0:  # not a number is not 0 either
         step = max(_BLOCK * len(array) // n_bytes, 1)
         for start in range(0, len(array), step):
@@ -79,7 +79,7 @@ def allocate(shape: Sequence[int], dtype: Any, fill: float = 0) -> NDArray[Any]:
 
 def is_mapped(array: Any) -> bool:
     """Tell whether an array is one that `allocate` mapped, or a view of one."""
-    return _mapping(array) is not None
+    return _mapping_of(array) is not None
 
 
 def release(*arrays: Any) -> None:
@@ -90,7 +90,7 @@ def release(*arrays: Any) -> None:
     if not hasattr(mmap, "MADV_DONTNEED"):  # Windows takes back by itself
         return
     for array in arrays:
-        mapping = _mapping(array)
+        mapping = _mapping_of(array)
         if mapping is not None:
             mapping.madvise(mmap.MADV_DONTNEED)
 
@@ -149,7 +149,7 @@ def mapped_in(folder: Path) -> Iterator[None]:
         _folders.remove(folder)
 
 
-def _reserved(n_bytes: int) -> _Mapping:
+def _reserve(n_bytes: int) -> _Mapping:
     """A new file of zeros, mapped."""
     there = [folder for folder in _folders if folder.is_dir()]
     folder = there[-1] if there else Path(tempfile.gettempdir())
@@ -176,7 +176,7 @@ def _write_zeros(file: IO[bytes], n_bytes: int) -> None:
         file.write(bytes(min(_BLOCK, n_bytes - start)))
 
 
-def _mapping(array: Any) -> _Mapping | None:
+def _mapping_of(array: Any) -> _Mapping | None:
     """What an array, or the one that it is a view of, is mapped by; None where it is in memory."""
     while isinstance(array, np.ndarray):
         array = array.base
@@ -223,7 +223,7 @@ class Spill:
             return value
         if isinstance(value, np.ndarray):
             is_there = value.nbytes < _LEAST or value.dtype.hasobject or is_mapped(value)
-            kept = value if is_there else self._copied(value)
+            kept = value if is_there else self._copy(value)
         elif isinstance(value, list | tuple):
             items = [self.keep(item) for item in value]
             if any(item is not held for item, held in zip(items, value, strict=True)):
@@ -238,7 +238,7 @@ class Spill:
         result: _Value = kept
         return result
 
-    def _copied(self, array: NDArray[Any]) -> NDArray[Any]:
+    def _copy(self, array: NDArray[Any]) -> NDArray[Any]:
         """The same array on disk."""
         place = self._place(array.nbytes)
         copy: NDArray[Any] = place.view(array.dtype).reshape(array.shape)

@@ -46,14 +46,14 @@ def memory_limit(max_bytes: int | None, *, enforced: bool = False) -> Iterator[N
     """
     token = _limit.set(max_bytes)
     try:
-        with _refusing(max_bytes) if enforced and max_bytes is not None else nullcontext():
+        with _refuse_beyond(max_bytes) if enforced and max_bytes is not None else nullcontext():
             yield
     finally:
         _limit.reset(token)
 
 
 @contextmanager
-def _refusing(max_bytes: int) -> Iterator[None]:
+def _refuse_beyond(max_bytes: int) -> Iterator[None]:
     """Have the system refuse what would take this process beyond so many bytes."""
     if sys.platform == "win32":
         yield

@@ -17,7 +17,7 @@ Parse = Callable[[Any], Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class NumberRange:
     """Range of a number, both ends included, `above` apart: a least value that is itself excluded."""
 
     least: float | None = None
@@ -25,8 +25,8 @@ class Limits:
     above: float | None = None
 
 
-NOT_NEGATIVE = Limits(least=0)
-POSITIVE = Limits(above=0)
+NOT_NEGATIVE = NumberRange(least=0)
+POSITIVE = NumberRange(above=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +57,7 @@ class Option:
     flags: str
     metavar: str | None = None
     shown: str | bool = True
-    limits: Limits = Limits()
+    limits: NumberRange = NumberRange()
     parse: Parse | None = None
     is_repeated: bool = False
     is_negated: bool = False
@@ -103,7 +103,7 @@ def check_limits(options: Any) -> None:
 
     for name, declared in declared_options(type(options)).items():
         value, limits = getattr(options, name), declared.limits
-        if value is None or limits == Limits():
+        if value is None or limits == NumberRange():
             continue
         bounds = [end for end in (limits.least, limits.above) if end is not None]
         most = math.inf if limits.most is None else limits.most

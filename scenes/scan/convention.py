@@ -54,12 +54,12 @@ def _has_returns(scan: RangeImage) -> bool:
 
 def _disagreement(pairs: Sequence[tuple[RangeImage, RangeImage]], convention: str) -> float:
     """Median relative disagreement over all pairs, infinite where they hardly overlap."""
-    differences = [_compared(first, second, convention) for first, second in pairs]
+    differences = [_compare(first, second, convention) for first, second in pairs]
     off = np.concatenate([np.zeros(0), *differences])
     return float(np.median(off)) if len(off) >= _ENOUGH else np.inf
 
 
-def _compared(first: RangeImage, second: RangeImage, convention: str) -> FloatArray:
+def _compare(first: RangeImage, second: RangeImage, convention: str) -> FloatArray:
     points = first.points_in_sensor()[first.valid]
     points = points[:: max(1, len(points) // _POINTS)]
     values, two = (_matrix(scan, convention) for scan in (first, second))

@@ -53,7 +53,7 @@ def frozen_pixels(array: Any, dtype: Any) -> Any:
     return copy
 
 
-def mended(
+def mend_pixels(
     array: Any, dtype: Any, wrong: Callable[[slice, Any], BoolArray], value: float, *beside: Any
 ) -> Any:
     """Return `array` (rows, columns, ...) read-only, as `dtype`, with `value` in the pixels that are wrong.
@@ -66,7 +66,7 @@ def mended(
         bad = wrong(rows, held[rows])
         if bad.any():
             if held is array:
-                held = copied(array)
+                held = copy_pixels(array)
             held.setflags(write=True)
             held[rows][bad] = value
         release(held)
@@ -74,7 +74,7 @@ def mended(
     return held
 
 
-def copied(array: Any) -> Any:
+def copy_pixels(array: Any) -> Any:
     """Return a copy of pixels (rows, columns, ...) that may be written to, mapped where there are many."""
     copy = allocate(array.shape, array.dtype)
     for rows in row_blocks(array.shape, copy, array):
@@ -82,7 +82,7 @@ def copied(array: Any) -> Any:
     return copy
 
 
-def scaled(array: Any, factor: float) -> FloatArray:
+def scale_pixels(array: Any, factor: float) -> FloatArray:
     """Return pixels (rows, columns, ...) times a number, float64 and read-only."""
     out = allocate(array.shape, np.float64)
     for rows in row_blocks(array.shape, out, array):
@@ -91,7 +91,7 @@ def scaled(array: Any, factor: float) -> FloatArray:
     return out
 
 
-def moved(points: Any, pose: Pose) -> FloatArray:
+def move_points(points: Any, pose: Pose) -> FloatArray:
     """Return points (rows, columns, 3) after a pose, float64 and read-only."""
     out = allocate(points.shape, np.float64)
     for rows in row_blocks(points.shape, out, points):

@@ -24,7 +24,7 @@ from scenes.scan.pixels import (
     frozen_pixels,
     is_beside,
     is_return,
-    mended,
+    mend_pixels,
     points_type,
     ranges_of,
     row_blocks,
@@ -163,7 +163,7 @@ class RangeImage:
             with np.errstate(over="ignore"):
                 object.__setattr__(self, name, frozen_pixels(array, dtype))
         points = self.sensor_points
-        ranges = mended(self.ranges, np.float64, self._without_return, np.inf, points)
+        ranges = mend_pixels(self.ranges, np.float64, self._without_return, np.inf, points)
         object.__setattr__(self, "ranges", ranges)
         if self.intensity is not None and any(
             (np.isfinite(ranges[rows]) & ~np.isfinite(self.intensity[rows])).any()
@@ -172,7 +172,7 @@ class RangeImage:
             raise InputError("intensities of returns are not finite; leave them out")
         if points is not None:
             check_same(ranges, points)
-            known = mended(
+            known = mend_pixels(
                 points, points.dtype, lambda rows, held: is_beside(ranges[rows], held), np.nan, ranges
             )
             object.__setattr__(self, "sensor_points", known)
@@ -273,11 +273,13 @@ class RangeImage:
         """Row and column (n, 2) that see world `points` (n, 3); NaN outside the field of view."""
         return self.projection.pixels(self.world_from_sensor.inverse().apply(points))
 
-    def transformed(self, pose: Pose) -> RangeImage:
+    def transform(self, pose: Pose) -> RangeImage:
         """Return the same scan in a world moved by `pose`."""
-        return self.restated(world_from_sensor=pose @ self.world_from_sensor)
+        return self.with_facts(world_from_sensor=pose @ self.world_from_sensor)
 
-    def restated(self, **facts: Any) -> RangeImage:
+    transformed = transform  # earlier name
+
+    def with_facts(self, **facts: Any) -> RangeImage:
         """Return the scan with other `facts`: pose, sigma, sensor, noise, name, warnings.
 
         The pixels are the same arrays, not checked again, which `dataclasses.replace` would do.
@@ -296,7 +298,9 @@ class RangeImage:
         check_options(scan, sigma_m=(0.0, np.inf))
         return scan
 
-    def thinned(self, n_most: int) -> RangeImage:
+    restated = with_facts  # earlier name
+
+    def thin(self, n_most: int) -> RangeImage:
         """Return the scan with every k-th row and column, so that at most about `n_most` pixels are left.
 
         Its noise and its name stay; the truth is left out.
@@ -314,6 +318,8 @@ class RangeImage:
             intensity=None if self.intensity is None else self.intensity[few],
             truth=None,
         )
+
+    thinned = thin  # earlier name
 
     def release(self) -> None:
         """Let the system take back what memory holds of a large scan's pixels; they stay as they are."""
@@ -408,7 +414,7 @@ def without_saturated(scan: RangeImage) -> RangeImage:
 
     return replace(
         scan,
-        ranges=mended(scan.ranges, scan.ranges.dtype, is_full, np.inf),
-        sensor_points=None if points is None else mended(points, points.dtype, is_full, np.nan),
+        ranges=mend_pixels(scan.ranges, scan.ranges.dtype, is_full, np.inf),
+        sensor_points=None if points is None else mend_pixels(points, points.dtype, is_full, np.nan),
         warnings=(*scan.warnings, sentence),
     )

@@ -47,15 +47,15 @@ class RayGrid:
 
     def directions(self, rotation: FloatArray, n_threads: int | None = None) -> FloatArray:
         """Return unit rays (rows, columns, 3), turned by `rotation` (3, 3)."""
-        return self._filled(rotation, np.zeros(3), _NOWHERE, n_threads)
+        return self._fill(rotation, np.zeros(3), _NOWHERE, n_threads)
 
     def points(
         self, rotation: FloatArray, origin: FloatArray, ranges: FloatArray, n_threads: int | None = None
     ) -> FloatArray:
         """Return points (rows, columns, 3) at `ranges` along the rays; NaN where a range is not finite."""
-        return self._filled(rotation, origin, ranges, n_threads)
+        return self._fill(rotation, origin, ranges, n_threads)
 
-    def _filled(
+    def _fill(
         self, rotation: FloatArray, origin: FloatArray, ranges: FloatArray, n_threads: int | None
     ) -> FloatArray:
         shape = len(self.scale), len(self.right)

@@ -86,7 +86,7 @@ def upright(pixels: NDArray[Any], projection: Projection, most: int = 640) -> ND
     return pixels[np.ix_(rows, columns)]
 
 
-def standing(pixels: NDArray[Any], projection: Projection, pose: Pose, most: int = 640) -> NDArray[Any]:
+def turn_upright(pixels: NDArray[Any], projection: Projection, pose: Pose, most: int = 640) -> NDArray[Any]:
     """Return an image (rows, columns) or (rows, columns, k) of a scan with the world's z upwards.
 
     As `upright`, and panoramas of scanners that swept about a level axis get a quarter of a turn.

@@ -32,7 +32,7 @@ _CLEAR = 1.3  # how far another axis must lead
 _ABOVE_M = 0.15  # above the floor: what lies higher lies on something
 
 
-class _Facets(NamedTuple):
+class _PlanarPieces(NamedTuple):
     """Planar pieces of scans: normals (n, 3) towards the sensor, world; areas (n,); places (n, 3)."""
 
     normal: FloatArray
@@ -131,7 +131,7 @@ def _of_points(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
     return _turn_to_z(axis), _word(axis, "by the area of level surfaces")
 
 
-def _tops(facets: _Facets, up: FloatArray) -> float:
+def _tops(facets: _PlanarPieces, up: FloatArray) -> float:
     """Level area that faces `up` above the lowest: tops of what stands on a floor, if this is up."""
     facing = facets.normal @ up >= _FLAT
     height = facets.place[facing] @ up
@@ -161,11 +161,11 @@ def _turn_to_z(up: FloatArray) -> Pose:
     return Pose.from_parts(np.eye(3) + skew + skew @ skew / (1 + cosine), np.zeros(3))
 
 
-def _level_area(facets: _Facets, up: FloatArray, cosine: float) -> float:
+def _level_area(facets: _PlanarPieces, up: FloatArray, cosine: float) -> float:
     return float(facets.area[facets.normal @ up >= cosine].sum())
 
 
-def _largest_level(facets: _Facets, held: FloatArray) -> FloatArray | None:
+def _largest_level(facets: _PlanarPieces, held: FloatArray) -> FloatArray | None:
     """The upward normal within 50 degrees of `held` that most area shares or stands on; None without any."""
     able = facets.normal @ held
     tried = np.flatnonzero(np.abs(able) >= _HELD)
@@ -176,16 +176,16 @@ def _largest_level(facets: _Facets, held: FloatArray) -> FloatArray | None:
     best = ups[int(np.argmax([_support(facets, up) for up in ups]))]
     for narrow in (_ALIKE, *_NARROWER):
         lean = facets.normal @ best
-        alike = np.abs(lean) >= narrow
-        if not alike.any():
+        is_level = np.abs(lean) >= narrow
+        if not is_level.any():
             break
-        best = (np.sign(lean[alike]) * facets.area[alike]) @ facets.normal[alike]
+        best = (np.sign(lean[is_level]) * facets.area[is_level]) @ facets.normal[is_level]
         best = best / np.linalg.norm(best)
     level = np.abs(facets.normal @ best) >= _ALIKE
     return np.asarray(best) if facets.area[level].sum() >= _LEAST * facets.area.sum() else None
 
 
-def _support(facets: _Facets, up: FloatArray) -> float:
+def _support(facets: _PlanarPieces, up: FloatArray) -> float:
     lean = facets.normal @ up
     parts: tuple[tuple[float, BoolArray], ...] = (
         (1.0, lean >= _ALIKE),
@@ -195,15 +195,15 @@ def _support(facets: _Facets, up: FloatArray) -> float:
     return float(sum(weight * facets.area[chosen].sum() for weight, chosen in parts))
 
 
-def _facets(scans: Sequence[RangeImage]) -> _Facets:
+def _facets(scans: Sequence[RangeImage]) -> _PlanarPieces:
     """Facets of the scans, of many of some, whose four corners lie in a plane."""
     pairs = [_facets_of(scan) for scan in scans[:: max(1, -(-len(scans) // _MOST_SCANS))]]
-    none = _Facets(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
+    none = _PlanarPieces(np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
     parts = zip(*(none, *pairs), strict=True)
-    return _Facets(*(np.concatenate(part) for part in parts))
+    return _PlanarPieces(*(np.concatenate(part) for part in parts))
 
 
-def _facets_of(scan: RangeImage) -> _Facets:
+def _facets_of(scan: RangeImage) -> _PlanarPieces:
     step = max(1, max(scan.shape) // _APART)
     grid = scan.points()[::step, ::step]
     a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:]
@@ -219,4 +219,4 @@ def _facets_of(scan: RangeImage) -> _Facets:
     normal = normal[good]
     scan.release()
     towards = np.einsum("ij,ij->i", normal, scan.origin - place)
-    return _Facets(normal * np.where(towards < 0, -1.0, 1.0)[:, None], area[good], place)
+    return _PlanarPieces(normal * np.where(towards < 0, -1.0, 1.0)[:, None], area[good], place)

@@ -169,7 +169,7 @@ class Cone:
             values = np.where(valid & (ranges < values), ranges, values)
         return values
 
-    def transformed(self, pose: Pose) -> Cone:
+    def transform(self, pose: Pose) -> Cone:
         """Return the cone moved by `pose`."""
         return Cone(
             point=pose.apply(self.point),
@@ -179,3 +179,5 @@ class Cone:
             zero_direction=pose.rotate(self.zero_direction),
             concave=self.concave,
         )
+
+    transformed = transform  # earlier name

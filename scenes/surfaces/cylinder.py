@@ -124,7 +124,7 @@ class Cylinder:
         ranges = middle + half_chord if self.concave else middle - half_chord
         return np.where(meets & (ranges >= 0), ranges, np.inf)
 
-    def transformed(self, pose: Pose) -> Cylinder:
+    def transform(self, pose: Pose) -> Cylinder:
         """Return the cylinder moved by `pose`."""
         return Cylinder(
             pose.apply(self.point),
@@ -133,6 +133,8 @@ class Cylinder:
             pose.rotate(self.zero_direction),
             self.concave,
         )
+
+    transformed = transform  # earlier name
 
 
 _N_FOOT_STEPS = 60  # Newton from the safe side is monotone; far fewer are needed off the axes
@@ -256,7 +258,7 @@ class EllipticCylinder:
         ranges = middle + half_chord if self.concave else middle - half_chord
         return np.where(meets & (ranges >= 0), ranges, np.inf)
 
-    def transformed(self, pose: Pose) -> EllipticCylinder:
+    def transform(self, pose: Pose) -> EllipticCylinder:
         """Return the elliptic cylinder moved by `pose`."""
         return EllipticCylinder(
             pose.apply(self.point),
@@ -265,6 +267,8 @@ class EllipticCylinder:
             pose.rotate(self.zero_direction),
             self.concave,
         )
+
+    transformed = transform  # earlier name
 
 
 def ellipse_feet(

@@ -86,12 +86,16 @@ class Plane:
         hit = (approach > 1e-12) & (height >= 0)
         return np.where(hit, height / np.where(hit, approach, 1.0), np.inf)
 
-    def transformed(self, pose: Pose) -> Plane:
+    def transform(self, pose: Pose) -> Plane:
         """Return the plane moved by `pose`."""
         return Plane(
             pose.apply(self.point), pose.rotate(self.normal_direction), pose.rotate(self.u_direction)
         )
 
-    def flipped(self) -> Plane:
+    transformed = transform  # earlier name
+
+    def flip(self) -> Plane:
         """Return the same plane seen from its other side."""
         return Plane(self.point, -self.normal_direction, self.u_direction)
+
+    flipped = flip  # earlier name

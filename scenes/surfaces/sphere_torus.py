@@ -98,7 +98,7 @@ class Sphere:
         ranges = middle + half_chord if self.concave else middle - half_chord
         return np.where((depth2 >= 0) & (ranges >= 0), ranges, np.inf)
 
-    def transformed(self, pose: Pose) -> Sphere:
+    def transform(self, pose: Pose) -> Sphere:
         """Return the sphere moved by `pose`."""
         return Sphere(
             pose.apply(self.centre),
@@ -107,6 +107,8 @@ class Sphere:
             pose.rotate(self.zero_direction),
             self.concave,
         )
+
+    transformed = transform  # earlier name
 
 
 _N_POLISH = 3  # Newton steps on the distance along a ray, from the roots of its quartic
@@ -286,7 +288,7 @@ class Torus:
         )
         return np.asarray(np.linalg.eigvals(companion).real, dtype=np.float64)
 
-    def transformed(self, pose: Pose) -> Torus:
+    def transform(self, pose: Pose) -> Torus:
         """Return the torus moved by `pose`."""
         return Torus(
             centre=pose.apply(self.centre),
@@ -296,3 +298,5 @@ class Torus:
             zero_direction=pose.rotate(self.zero_direction),
             concave=self.concave,
         )
+
+    transformed = transform  # earlier name

@@ -34,7 +34,7 @@ class Surface(Protocol):
     def ray_ranges(self, origins: FloatArray, directions: FloatArray) -> FloatArray:
         """Range (n,) to the first hit from the side the normal points to, inf where there is none."""
 
-    def transformed(self, pose: Pose) -> Surface:
+    def transform(self, pose: Pose) -> Surface:
         """Return the surface moved by `pose`; its chart moves along."""
 
     @property
@@ -92,6 +92,8 @@ class Opening:
     def __post_init__(self) -> None:
         object.__setattr__(self, "outline", frozen_copy(check_points("outline", self.outline)))
 
-    def transformed(self, pose: Pose) -> Opening:
+    def transform(self, pose: Pose) -> Opening:
         """Return the opening moved by `pose`."""
         return Opening(self.surface, pose.apply(self.outline))
+
+    transformed = transform  # earlier name

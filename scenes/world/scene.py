@@ -151,11 +151,13 @@ class Scene:
             getattr(self, field_of_scene.name) for field_of_scene in fields(self) if field_of_scene.init
         )
 
-    def transformed(self, pose: Pose) -> Scene:
+    def transform(self, pose: Pose) -> Scene:
         """Return the scene moved by `pose`."""
-        surfaces = tuple(None if surface is None else surface.transformed(pose) for surface in self.surfaces)
-        openings = tuple(opening.transformed(pose) for opening in self.openings)
-        return replace(self, mesh=self.mesh.transformed(pose), surfaces=surfaces, openings=openings)
+        surfaces = tuple(None if surface is None else surface.transform(pose) for surface in self.surfaces)
+        openings = tuple(opening.transform(pose) for opening in self.openings)
+        return replace(self, mesh=self.mesh.transform(pose), surfaces=surfaces, openings=openings)
+
+    transformed = transform  # earlier name
 
     def _repr_html_(self) -> str:
         """What a notebook shows: size, surfaces and warnings."""

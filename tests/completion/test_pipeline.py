@@ -91,7 +91,7 @@ def test_wall_behind_the_chair_is_filled(chair):
     inside = np.isfinite(example("chair_before_wall").projection.pixels(view.inverse().apply(wall))).all(
         axis=1
     )
-    hidden = wall[inside & caster.blocked(view.translation[None], wall + [0, -1e-4, 0])]
+    hidden = wall[inside & caster.are_blocked(view.translation[None], wall + [0, -1e-4, 0])]
     vertices = chair.world_from_reference.apply(chair.hypothesised.vertices)
     distance, _ = cKDTree(vertices).query(hidden)
     assert len(hidden) > 300
@@ -113,7 +113,7 @@ def test_cylinders_are_closed_around_the_back_and_through_the_board():
 def test_moving_the_world_changes_nothing_but_coordinates():
     motion = Pose.looking_at((50, -20, 7), (3, 4, 6))
     here = completed("two_cylinders")
-    there = complete(example("two_cylinders").transformed(motion), PLAIN)
+    there = complete(example("two_cylinders").transform(motion), PLAIN)
     assert there.hypothesised_m2 == pytest.approx(here.hypothesised_m2, rel=1e-3)
     for one, other in zip(here.patches, there.patches, strict=True):
         assert surfaces_close(one.grid.surface, other.grid.surface, angle=1e-8, length=1e-8)

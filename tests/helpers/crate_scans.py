@@ -39,4 +39,4 @@ def scan(number: int, crate_x: float = 1.6, seed: int = 0) -> RangeImage:
 def misplaced(one: RangeImage, turn_deg: float, shift_m: float, seed: int) -> RangeImage:
     """The scan with a pose that is off: turned about its station, and shifted, any way."""
     motion = displaced(one, np.random.default_rng(seed), turn_deg, shift_m)
-    return one.restated(world_from_sensor=motion @ one.world_from_sensor)
+    return one.with_facts(world_from_sensor=motion @ one.world_from_sensor)

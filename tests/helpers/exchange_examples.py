@@ -23,7 +23,7 @@ SIZE = (6.0, 5.0, 2.7)  # of the room, whose least corner is the origin of UTM
 def panorama(name: str = "two_occluders", noise: str = "gaussian-2mm") -> Completion:
     """A built-in scene, scanned all round with noise, far from the origin of the world."""
     view = View(Pose.looking_at((2.0, 3.6, 1.5), (6.0, 2.5, 1.5)), load_sensor("panorama"))
-    scan = scan_scene(builtin_scene(name), view, noise=noise, rng=0).transformed(UTM)
+    scan = scan_scene(builtin_scene(name), view, noise=noise, rng=0).transform(UTM)
     return complete(scan, CompletionOptions(texture=False), rng=0)
 
 

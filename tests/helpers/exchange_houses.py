@@ -51,7 +51,7 @@ def completed_house(noise: str = "gaussian-2mm", places: tuple[int, ...] = (0, 1
     for k in places:
         eye = np.array(PLACES[k])
         pose = Pose.looking_at(eye, eye + (1.0, 0.3, 0.0))
-        scans.append(scan_scene(scene, pose, SENSOR, noise=noise, rng=k).transformed(UTM))
+        scans.append(scan_scene(scene, pose, SENSOR, noise=noise, rng=k).transform(UTM))
     return complete(scans, CompletionOptions(texture=False), rng=0)
 
 

@@ -39,7 +39,7 @@ def sampled(
     return (
         cloud + sigma * rng.normal(size=cloud.shape),
         np.concatenate(labels)[order],
-        [surface.transformed(pose) for surface, _, _ in faces],
+        [surface.transform(pose) for surface, _, _ in faces],
     )
 
 

@@ -40,7 +40,7 @@ def exact(surface, deviation: float = 1e-3) -> SurfaceFit:
 
 def transformed(fit: SurfaceFit, pose: Pose) -> SurfaceFit:
     """A fit in another frame; the chart of an axis has directions of its own there."""
-    surface, by = fit.surface.transformed(pose), np.eye(len(fit.covariance))
+    surface, by = fit.surface.transform(pose), np.eye(len(fit.covariance))
     if not isinstance(surface, Plane):
         turn = axis_frame(surface.direction)[:2] @ pose.rotation @ axis_frame(fit.surface.direction)[:2].T
         by[:2, :2], by[2:4, 2:4] = turn, turn

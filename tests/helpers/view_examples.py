@@ -14,7 +14,7 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.measurement import visibility_history
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
-from nbv.report.blocks.page import Cell, Page, Section, Table
+from nbv.report.blocks.page import Cell, Page, PageSection, Table
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.report.demo_report import compare, demo_page
@@ -86,7 +86,7 @@ def known_page():
     """The view and a table to sort."""
     texts = (("b", "9.5"), ("a", "10"), (EVIL, ">99.9"), ("c", "<0.1"), ("d", ""))
     table = Table(("Name", "#Value"), tuple(tuple(Cell(text) for text in row) for row in texts))
-    sections = (Section("View", (known_view(),)), Section("Table", (table,)))
+    sections = (PageSection("View", (known_view(),)), PageSection("Table", (table,)))
     return Page(EVIL, "Test", EVIL, (), None, sections, {EVIL: EVIL}, 0)
 
 

@@ -19,11 +19,11 @@ from nbv.cover.instance import LowerBound
 from nbv.plan.plan import Plan, Resumption
 from nbv.plan.tour import Leg, Stations, Tour
 from scenes import card
-from scenes.card import Card, CardPicture, Share
+from scenes.card import Card, CardPicture, CardShare
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage
-from scenes.scan.thumbnail import standing
+from scenes.scan.thumbnail import turn_upright
 from scenes.world.builtin import builtin_scene
 from tests.helpers.completion_examples import completed, example
 from tests.helpers.room_examples import ROOM, VIEW, covered_by_two
@@ -71,13 +71,13 @@ def plan(view, coverage):
 
 def test_a_card_is_well_formed_whatever_it_is_told():
     picture = CardPicture(b"png", EVIL, 100)
-    html = Card(EVIL, EVIL, ((EVIL, EVIL),), (Share(EVIL, 0.5, "#fff"),), (picture,), EVIL).to_html()
+    html = Card(EVIL, EVIL, ((EVIL, EVIL),), (CardShare(EVIL, 0.5, "#fff"),), (picture,), EVIL).to_html()
     assert text_of(html).count("<script>") == 7  # as text
     assert tree_of(html).find(".//img").get("alt") == EVIL
 
 
 def test_a_bar_leaves_out_what_is_nothing():
-    html = Card("a", "b", (), (Share("some", 1.0, "#111"), Share("none", 0.0, "#222"))).to_html()
+    html = Card("a", "b", (), (CardShare("some", 1.0, "#111"), CardShare("none", 0.0, "#222"))).to_html()
     assert "some" in html
     assert "none" not in text_of(html)
 
@@ -132,7 +132,7 @@ def test_panoramas_swept_about_a_level_axis_stand_too(roll, corner):
     pose = Pose.looking_at((0, 0, 0), (1, 0, 0)).matrix @ np.array([
         [np.cos(turn), np.sin(turn), 0, 0], [-np.sin(turn), np.cos(turn), 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]
     ])  # fmt: skip
-    drawn = standing(heights, SphericalProjection(around, up), Pose(pose), most=17)
+    drawn = turn_upright(heights, SphericalProjection(around, up), Pose(pose), most=17)
     assert drawn[corner] == 1.0
 
 

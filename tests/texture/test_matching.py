@@ -18,10 +18,10 @@ from texture.sampling.arguments import LARGEST_WINDOW
 from texture.sampling.canvas import Canvas
 from texture.sampling.randomness import Purpose, pick, random_words
 from texture.sampling.sample import (
-    Candidates,
     IntArray,
+    MatchingPlaces,
+    PixelTemplate,
     Sample,
-    Template,
     find_candidates,
     gaussian_weights,
     measure_distances,
@@ -33,7 +33,7 @@ NO_SOURCES = np.full((3, 3), -1)
 
 def draw_case(
     seed: int, window: int, n_channels: int, wrap: tuple[bool, bool], share_usable: float = 0.9
-) -> tuple[Template, Sample]:
+) -> tuple[PixelTemplate, Sample]:
     """A random sample, and a template that is half a noisy copy of a piece of it."""
     rng = np.random.default_rng(seed)
     shape = (int(rng.integers(1, 13)), int(rng.integers(1, 13)))
@@ -45,11 +45,11 @@ def draw_case(
     known = rng.random((window, window)) < rng.uniform(0.1, 0.9)
     known[window // 2, window // 2] = False
     known[window // 2, window // 2 - 1] = True
-    template = Template(np.clip(piece + rng.integers(-9, 10, piece.shape), 0, 255), known)
+    template = PixelTemplate(np.clip(piece + rng.integers(-9, 10, piece.shape), 0, 255), known)
     return template, Sample(levels, usable, wrap, window // 2)
 
 
-def find_compiled(template: Template, sample: Sample, sources: IntArray | None = None) -> Candidates:
+def find_compiled(template: PixelTemplate, sample: Sample, sources: IntArray | None = None) -> MatchingPlaces:
     """The compiled engine's candidates, with the continuations of the neighbours' `sources` as guesses."""
     if sources is None:
         sources = np.random.default_rng(0).integers(-1, sample.usable.size, (3, 3))
@@ -65,13 +65,13 @@ def find_compiled(template: Template, sample: Sample, sources: IntArray | None =
     n_found, largest = scan_kernels.find_candidates(arrays, terms, known.size, guesses[sources >= 0], found)
     rows, columns = np.divmod(found.centres[:n_found], arrays.row)
     positions = (rows - arrays.margin) * arrays.width + columns - arrays.margin
-    return Candidates(positions, found.distances[:n_found], largest)
+    return MatchingPlaces(positions, found.distances[:n_found], largest)
 
 
 FINDERS = (find_compiled, find_candidates)
 
 
-def find_by_hand(template: Template, sample: Sample) -> dict[int, int]:
+def find_by_hand(template: PixelTemplate, sample: Sample) -> dict[int, int]:
     """The definition, pixel by pixel: {position: distance} of all positions within 1.1 of the best."""
     (height, width), window = sample.usable.shape, template.known.shape[0]
     weights = gaussian_weights(window)
@@ -137,7 +137,7 @@ def test_the_template_narrows_until_a_place_offers_all_of_it() -> None:
     sample = Sample(levels, np.ones((3, 3), dtype=np.bool_), (False, False), 2)
     known = np.ones((5, 5), dtype=np.bool_)
     known[2, 2] = False
-    template = Template(np.zeros((5, 5, 1), dtype=np.int64), known)
+    template = PixelTemplate(np.zeros((5, 5, 1), dtype=np.int64), known)
     assert not scan_exhaustively(template, sample).positions.size
     for find in FINDERS:
         candidates = find(template, sample)
@@ -152,7 +152,7 @@ def test_a_missing_counterpart_finally_counts_as_the_largest_difference() -> Non
     sample = Sample(np.full((3, 5, 1), 100), usable, (False, False), 1)
     known = np.zeros((3, 3), dtype=np.bool_)
     known[0, 1] = known[1, 0] = True
-    template = Template(np.full((3, 3, 1), 100), known)
+    template = PixelTemplate(np.full((3, 3, 1), 100), known)
     for find in FINDERS:
         candidates = find(template, sample)
         assert candidates.positions.tolist() == [6, 8]
@@ -163,7 +163,7 @@ def test_missing_weights_are_those_outside() -> None:
     sample = Sample(np.zeros((2, 2, 1), dtype=np.int64), np.ones((2, 2), dtype=np.bool_), (False, True), 1)
     known = np.zeros((3, 3), dtype=np.bool_)
     known[0, 1] = known[1, 2] = True
-    distances, missing = measure_distances(Template(np.full((3, 3, 1), 2), known), sample)
+    distances, missing = measure_distances(PixelTemplate(np.full((3, 3, 1), 2), known), sample)
     assert missing.tolist() == [1683, 1683, 0, 0]
     assert distances.tolist() == [1683 * 4, 1683 * 4, 1683 * 8, 1683 * 8]
 

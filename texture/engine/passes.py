@@ -194,7 +194,7 @@ SMALLEST_WINDOW = 9  # of a coarser level
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Guide:
+class CoarseGuide:
     """A coarser fill, seen from the next finer level (h, w).
 
     Attributes
@@ -228,7 +228,7 @@ def fill_coarse_to_fine(canvas: Canvas, sample: Sample, how: Way, progress: Prog
 
 def guide_by_coarse(
     levels: IntArray, known: BoolArray, hole: BoolArray, sample: Sample, how: Way
-) -> Guide | None:
+) -> CoarseGuide | None:
     """Fill a hole at half the size, and there at half the size again, until it is small.
 
     Parameters
@@ -264,7 +264,7 @@ def guide_by_coarse(
     rows, columns = np.divmod(sources, coarse.shape[1])
     finer_rows = 2 * rows + np.arange(hole.shape[0])[:, None] % 2
     finer = finer_rows * hole.shape[1] + 2 * columns + np.arange(hole.shape[1]) % 2
-    return Guide(
+    return CoarseGuide(
         sources=np.where(hole & (sources != NOWHERE), finer, NOWHERE),
         levels=canvas.levels[here],
         known=canvas.known[here],
@@ -272,7 +272,7 @@ def guide_by_coarse(
     )
 
 
-def _fill_under(canvas: Canvas, sample: Sample, guide: Guide) -> FillPixels:
+def _fill_under(canvas: Canvas, sample: Sample, guide: CoarseGuide) -> FillPixels:
     """Return what fills the visited pixels of a canvas under a guide; the threshold does not matter."""
     from texture.engine.kernels import GuideArrays, fill_guided, view
     from texture.engine.scan_kernels import lay_out

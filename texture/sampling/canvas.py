@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from texture.sampling.randomness import Purpose, pick, random_words
-from texture.sampling.sample import BoolArray, IntArray, Sample, Template
+from texture.sampling.sample import BoolArray, IntArray, PixelTemplate, Sample
 
 NOWHERE = -1  # the source of a pixel that has none
 UNSUPPORTED = 1.0  # the error of a seed: nothing around it vouches for it
@@ -83,10 +83,10 @@ class Canvas:
         """How far a window reaches from its centre, pixels."""
         return int(self.row_reach.shape[1]) // 2
 
-    def read_template(self, row: int, column: int) -> Template:
+    def read_template(self, row: int, column: int) -> PixelTemplate:
         """Return what is known around a pixel at this moment."""
         rows, columns = self.row_reach[row][:, None], self.column_reach[column]
-        return Template(self.levels[rows, columns], self.known[rows, columns])
+        return PixelTemplate(self.levels[rows, columns], self.known[rows, columns])
 
     def write(self, row: int, column: int, source: int, levels: IntArray, error: float) -> None:
         """Fill a pixel with levels (c,) from a source, and keep its error, 0..1."""

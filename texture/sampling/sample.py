@@ -125,7 +125,7 @@ WEIGHT_LEVELS = 2**14 - 1  # 14 bits: distances are exact int64 sums, the same o
 SIGMA_PER_WINDOW = 1 / 6.4  # Efros's own page: sigma = window / 6.4
 
 
-class Template(NamedTuple):
+class PixelTemplate(NamedTuple):
     """The window around an unfilled pixel.
 
     One is read per pixel and never kept, so it is a plain record without copies.
@@ -141,7 +141,7 @@ class Template(NamedTuple):
     levels: IntArray
     known: BoolArray
 
-    def narrow(self, window: int) -> "Template":
+    def narrow(self, window: int) -> "PixelTemplate":
         """Return the template with nothing known outside its central `window` x `window` pixels."""
         size = self.known.shape[0]
         rim = (size - window) // 2
@@ -150,7 +150,7 @@ class Template(NamedTuple):
         return self._replace(known=known)
 
 
-class Candidates(NamedTuple):
+class MatchingPlaces(NamedTuple):
     """The places of the sample that resemble a template nearly as much as the best one.
 
     Parameters
@@ -187,7 +187,7 @@ def gaussian_weights(window: int) -> IntArray:
     return weights
 
 
-def find_candidates(template: Template, sample: Sample) -> Candidates:
+def find_candidates(template: PixelTemplate, sample: Sample) -> MatchingPlaces:
     """Find the candidates, at least one, for a template (Efros & Leung 1999, section 2.1).
 
     A position competes when every known pixel of the template has a counterpart among the sample's pixels
@@ -209,14 +209,14 @@ def find_candidates(template: Template, sample: Sample) -> Candidates:
     return _select(distances + missing_weights * largest_difference, narrowed, sample, sample.positions)
 
 
-def scan_exhaustively(template: Template, sample: Sample) -> Candidates:
+def scan_exhaustively(template: PixelTemplate, sample: Sample) -> MatchingPlaces:
     """Return the competing positions with distance <= 1.1 * smallest; none if none competes."""
     distances, missing_weights = measure_distances(template, sample)
     competes = missing_weights == 0
     return _select(distances[competes], template, sample, sample.positions[competes])
 
 
-def measure_distances(template: Template, sample: Sample) -> tuple[IntArray, IntArray]:
+def measure_distances(template: PixelTemplate, sample: Sample) -> tuple[IntArray, IntArray]:
     """Measure how much the surroundings of each sample pixel differ from a template.
 
     Returns
@@ -241,9 +241,11 @@ def measure_distances(template: Template, sample: Sample) -> tuple[IntArray, Int
     return distances[sample.usable], missing_weights[sample.usable]
 
 
-def _select(distances: IntArray, template: Template, sample: Sample, positions: IntArray) -> Candidates:
+def _select(
+    distances: IntArray, template: PixelTemplate, sample: Sample, positions: IntArray
+) -> MatchingPlaces:
     """Keep what is at most 1.1 times as far as the nearest: 10 d <= 11 d_min, in whole numbers."""
     weights = gaussian_weights(template.known.shape[0])
     largest = int(weights[template.known].sum()) * sample.levels.shape[2] * HIGHEST_LEVEL**2
     is_near = 10 * distances <= 11 * distances.min(initial=largest)
-    return Candidates(positions[is_near], distances[is_near], largest)
+    return MatchingPlaces(positions[is_near], distances[is_near], largest)

@@ -25,7 +25,7 @@ from completion.fitting.limits import EXACT_JOIN, NEARLY_JOIN, SQUARE
 from completion.fitting.patches.spline import SIDES, Basis, SideName, SplinePatch, side_rows
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.io.documents import read_json
-from scenes.io.guard import reading
+from scenes.io.guard import guard_reading
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 
@@ -322,7 +322,7 @@ def read_boundaries(path: str | PathLike[str]) -> PatchRequest:
         Not such a file; the message names the file, the boundary, and the cure.
     """
     file, files = Path(path), list[Path]()
-    with reading(file, "a file of boundaries (JSON)"):
+    with guard_reading(file, "a file of boundaries (JSON)"):
         held = read_json(file, dict)
         strange = [name for name in held if name not in _KNOWN]
         if strange:

@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.options import CompletionOptions
 from nbv.coverage.coverage import Coverage
-from nbv.coverage.surface_classes import CLOSE_M, INFERRED, MET, MODELLED, UNKNOWN, Shares
+from nbv.coverage.surface_classes import CLOSE_M, INFERRED, MET, MODELLED, UNKNOWN, ClassShares
 from nbv.plan.baselines import PLAN, Baseline
 from nbv.plan.plan import Plan
 from nbv.report.blocks.page import (
@@ -18,7 +18,7 @@ from nbv.report.blocks.page import (
     Block,
     Cell,
     Headline,
-    Section,
+    PageSection,
     State,
     Table,
     Text,
@@ -47,7 +47,7 @@ class PlanFindings:
     summary: str
     headlines: tuple[Headline, ...]
     bar: Bar
-    meanings: tuple[Section, ...]
+    meanings: tuple[PageSection, ...]
     curve: Picture
     overview: str
     pictures: tuple[Picture, ...]
@@ -81,7 +81,7 @@ def _after(plan: Plan) -> str:
     return f" after {scans} that measured {percent(met_before(plan))} % of it,"
 
 
-def baselines_section(plan: Plan, baselines: Sequence[Baseline]) -> tuple[Section, ...]:
+def baselines_section(plan: Plan, baselines: Sequence[Baseline]) -> tuple[PageSection, ...]:
     """Return the plan beside simple planners; nothing where none were tried."""
     if not baselines:
         return ()
@@ -113,7 +113,7 @@ def baselines_section(plan: Plan, baselines: Sequence[Baseline]) -> tuple[Sectio
             " All are compared by what views measure as required alone: what completion models or infers "
             "counts for none of them, this plan included."
         )
-    return (Section("Beside other planners", (Table(columns, rows), Text(note, is_note=True))),)
+    return (PageSection("Beside other planners", (Table(columns, rows), Text(note, is_note=True))),)
 
 
 def _baseline_row(baseline: Baseline, plan_knows: bool, share: float) -> tuple[Cell, ...]:
@@ -166,7 +166,7 @@ def with_inference(
         summary=summary,
         headlines=class_headlines(shares, errors),
         bar=class_bar(shares, coverage.total_m2),
-        meanings=(Section("What counts as what", meanings(plan, coverage)),),
+        meanings=(PageSection("What counts as what", meanings(plan, coverage)),),
         curve=curve_of_classes(plan, coverage),
         overview="Where the surface is measured, and where inferred",
         pictures=class_pictures(
@@ -178,7 +178,7 @@ def with_inference(
     )
 
 
-def class_headlines(shares: Shares, errors: Mapping[str, float]) -> tuple[Headline, ...]:
+def class_headlines(shares: ClassShares, errors: Mapping[str, float]) -> tuple[Headline, ...]:
     """The share of each class, and how much of what was inferred is right."""
     figures = (
         headline_of(shares.met, errors["met"], "measured as required", "measured"),
@@ -192,7 +192,7 @@ def class_headlines(shares: Shares, errors: Mapping[str, float]) -> tuple[Headli
     return (*figures, Headline(right, "%", "of inferred area is right within 2 cm", "inferred"))
 
 
-def class_bar(shares: Shares, total_m2: float) -> Bar:
+def class_bar(shares: ClassShares, total_m2: float) -> Bar:
     """The whole area by class."""
     labels = ("measured as required", "modelled", "inferred", "unknown")
     return shares_bar(zip(labels, _STATES, _amounts(shares), strict=True), total_m2)
@@ -243,7 +243,7 @@ def _class_texts(plan: Plan) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _right(shares: Shares) -> str:
+def _right(shares: ClassShares) -> str:
     """How much of what completion infers lies where the true surface is."""
     if not shares.inferred_m2:
         return "Nothing was inferred."
@@ -251,7 +251,7 @@ def _right(shares: Shares) -> str:
     return f"Of {claimed} m\u00b2 that it infers in all, {right} % lies within 2 cm of the true surface."
 
 
-def _held_against_truth(shares: Shares, *, in_region: bool) -> str:
+def _held_against_truth(shares: ClassShares, *, in_region: bool) -> str:
     """How much of what was inferred is right and wrong, and why its area is not that of its class."""
     if not shares.inferred_m2:
         return _right(shares)
@@ -265,7 +265,7 @@ def _held_against_truth(shares: Shares, *, in_region: bool) -> str:
     )
 
 
-def _amounts(shares: Shares) -> tuple[float, float, float, float]:
+def _amounts(shares: ClassShares) -> tuple[float, float, float, float]:
     return shares.met, shares.modelled, shares.inferred, shares.unknown
 
 

@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from nbv.report.figures.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, Picture
-from nbv.report.viewer.encoding import encoded
+from nbv.report.viewer.encoding import encode_view
 from nbv.report.viewer.layers import Viewer
 from nbv.run.manifest import versions
 from nbv.run.wording import percent_within, square_metres
@@ -117,7 +117,7 @@ Block = Bar | Text | Gallery | Legend | Table | Viewer
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class PageSection:
     """A part of the page under its own heading."""
 
     title: str
@@ -138,7 +138,7 @@ class Page:
     summary: str
     headlines: tuple[Headline, ...]
     bar: Bar | None
-    sections: tuple[Section, ...]
+    sections: tuple[PageSection, ...]
     options: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     warnings: tuple[str, ...] = field(default=())
@@ -203,7 +203,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["encoded"] = encoded
+    environment.filters["encoded"] = encode_view
     return environment
 
 

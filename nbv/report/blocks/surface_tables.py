@@ -15,7 +15,7 @@ from completion.fitting.result import SurfaceFit
 from completion.flattening.flat import FlatRegion, FlatSurface, RegionKind
 from completion.relations.graph import Misfit, RelationGraph, misfit_of
 from completion.relations.relation import Relation, Status
-from nbv.report.blocks.page import Block, Cell, Section, Table, Text
+from nbv.report.blocks.page import Block, Cell, PageSection, Table, Text
 from nbv.run.wording import count
 from scenes.scan.colour import surface_colour
 
@@ -51,7 +51,7 @@ def relation_section(
     *,
     title: str = "What the surfaces are to each other",
     stayed: int = 0,
-) -> tuple[Section, ...]:
+) -> tuple[PageSection, ...]:
     """Return a section with the relations of a graph; none where there are none.
 
     Parameters
@@ -83,7 +83,7 @@ def relation_section(
     )
     blocks: list[Block] = [Text(_summary(graph, numbers, stayed))]
     blocks += [Table(columns, tuple(rows)), Text(note, is_note=True)]
-    return (Section(title, tuple(blocks)),)
+    return (PageSection(title, tuple(blocks)),)
 
 
 def _tolerance_text(graph: RelationGraph) -> str:

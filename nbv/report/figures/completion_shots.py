@@ -65,7 +65,7 @@ class ModelDrawings:
         labels = self.model.mesh.face_surface
         return np.asarray(layer.hit & (labels[np.maximum(layer.face, 0)] == _INFERRED), dtype=np.bool_)
 
-    def shown(self, camera: Camera) -> tuple[int, int]:
+    def count_shown(self, camera: Camera) -> tuple[int, int]:
         """How much inferred area, and how much at all, a camera shows."""
         layer = self.model.look(camera, camera.shape(_TRIAL_WIDTH))
         return int(self.is_inferred(layer).sum()), int(layer.hit.sum())
@@ -75,7 +75,7 @@ class ModelDrawings:
         shape = camera.shape(_WIDTH)
         measured = self.model.mesh.face_surface != _INFERRED
         first, last = self.model.look(camera, shape, measured), self.model.look(camera, shape)
-        hidden, inferred = self._hidden(camera, ~first.hit), self.is_inferred(last)
+        hidden, inferred = self._find_hidden(camera, ~first.hit), self.is_inferred(last)
         unknown = (hidden | inferred) & ~first.hit
         colour = self.model.colour(last)
         return (
@@ -85,15 +85,15 @@ class ModelDrawings:
                 "Completed.",
                 "With what was inferred, texture and all.",
             ),
-            self._marked(last, colour, hidden & ~last.hit),
+            self._mark(last, colour, hidden & ~last.hit),
         )
 
     def shoot_marked(self, camera: Camera) -> Picture:
         """Return the last of these pictures alone."""
         last = self.model.look(camera, camera.shape(_WIDTH))
-        return self._marked(last, self.model.colour(last), self._hidden(camera, ~last.hit))
+        return self._mark(last, self.model.colour(last), self._find_hidden(camera, ~last.hit))
 
-    def _marked(self, last: SeenFaces, colour: FloatArray, unknown: BoolArray) -> Picture:
+    def _mark(self, last: SeenFaces, colour: FloatArray, unknown: BoolArray) -> Picture:
         marked = mark_inferred(colour, self.is_inferred(last), self.model.shade(last))
         return picture_of(
             mark_unknown(marked, unknown),
@@ -101,7 +101,7 @@ class ModelDrawings:
             "What was inferred is blue; nothing is known where it is hatched.",
         )
 
-    def _hidden(self, camera: Camera, where: BoolArray) -> BoolArray:
+    def _find_hidden(self, camera: Camera, where: BoolArray) -> BoolArray:
         """Of the pixels (rows, columns) `where` nothing is seen those that look into what is hidden."""
         beside = not is_single_camera(self.scans) and len(self.scans) > 1
         return passes_hidden(camera, where, self.scans, _inner(self.bounds), beside_counts=beside)

@@ -127,14 +127,14 @@ def _draw_given(axes: Axes, theme: Theme, given: FloatArray, size: float) -> Non
 def draw_zones(axes: Axes, theme: Theme, zones: Zones) -> None:
     """Draw the region in dashes, and hatch what is to be kept out of."""
     if zones.region is not None:
-        x, y = _ring(zones.region)
+        x, y = _corner_ring(zones.region)
         axes.plot(x, y, color=theme.accent, linewidth=1.3, linestyle="--", zorder=2)
     for box in zones.keep_out:
-        x, y = _ring(box)
+        x, y = _corner_ring(box)
         axes.fill(x, y, facecolor="none", edgecolor=theme.faint, hatch="////", linewidth=0.9, zorder=2)
 
 
-def _ring(box: Box) -> tuple[FloatArray, FloatArray]:
+def _corner_ring(box: Box) -> tuple[FloatArray, FloatArray]:
     """Return x and y of a box's corners seen from above, the first once more at the end."""
     (x0, y0), (x1, y1) = box.low[:2], box.high[:2]
     return np.array([x0, x1, x1, x0, x0]), np.array([y0, y0, y1, y1, y0])
@@ -169,13 +169,13 @@ def beside(points: FloatArray, sizes: FloatArray, gap: float, taken: FloatArray)
     rectangles `taken` (k, 2, 2), lower and upper corners, and of the other texts. All in one unit.
     """
     offsets = _AROUND[None] * (sizes[:, None] / 2 + gap * np.sqrt(0.5))
-    return _placed(points[:, None] + offsets, sizes, taken)
+    return _place_labels(points[:, None] + offsets, sizes, taken)
 
 
 def around(points: FloatArray, sizes: FloatArray, taken: FloatArray) -> FloatArray:
     """Return the middles (n, 2) of texts on `points` (n, 2), or up to a text's size away; see `beside`."""
     steps = np.vstack([np.zeros(2), 0.5 * _AROUND, _AROUND])
-    return _placed(points[:, None] + steps[None] * sizes[:, None], sizes, taken)
+    return _place_labels(points[:, None] + steps[None] * sizes[:, None], sizes, taken)
 
 
 def boxes(middles: FloatArray, sizes: FloatArray) -> FloatArray:
@@ -183,7 +183,7 @@ def boxes(middles: FloatArray, sizes: FloatArray) -> FloatArray:
     return np.stack([middles - sizes / 2, middles + sizes / 2], axis=1)
 
 
-def _placed(places: FloatArray, sizes: FloatArray, taken: FloatArray) -> FloatArray:
+def _place_labels(places: FloatArray, sizes: FloatArray, taken: FloatArray) -> FloatArray:
     """Of the places (n, m, 2) of each text the one that covers least; later sweeps see all other texts."""
     n, fixed = len(places), taken.reshape(-1, 2, 2)
     texts = np.full((n, 2, 2), np.nan)
@@ -192,12 +192,12 @@ def _placed(places: FloatArray, sizes: FloatArray, taken: FloatArray) -> FloatAr
             texts[number] = np.nan
             known = np.concatenate([fixed, texts[~np.isnan(texts[:, 0, 0])]])
             mine = boxes(places[number], np.broadcast_to(sizes[number], places[number].shape))
-            cost = _covered(mine, known) + _FARTHER * np.arange(len(mine))
+            cost = _overlap_shares(mine, known) + _FARTHER * np.arange(len(mine))
             texts[number] = mine[int(np.argmin(cost))]
     return np.asarray(texts.mean(axis=1))
 
 
-def _covered(mine: FloatArray, known: FloatArray) -> FloatArray:
+def _overlap_shares(mine: FloatArray, known: FloatArray) -> FloatArray:
     """Common area of each rectangle (m, 2, 2) with all known ones, in shares of the smaller of two."""
     low = np.maximum(mine[:, None, 0], known[None, :, 0])
     high = np.minimum(mine[:, None, 1], known[None, :, 1])
@@ -278,7 +278,7 @@ class StoreyPlan:
     def svg(self) -> bytes:
         """Return it as SVG to scale, texts as texts."""
         data = io.BytesIO()
-        with _drawing():
+        with _plot_settings():
             self.sheet().savefig(data, format="svg", metadata={"Date": None, "Creator": None})
         return data.getvalue()
 
@@ -369,14 +369,14 @@ def sheets_pdf(plans: Sequence[StoreyPlan]) -> bytes:
 
     data = io.BytesIO()
     entries = {"CreationDate": None, "Producer": None, "Creator": None}
-    with _drawing(), PdfPages(data, metadata=entries) as pages:
+    with _plot_settings(), PdfPages(data, metadata=entries) as pages:
         for plan in plans:
             pages.savefig(plan.sheet())
     return data.getvalue()
 
 
 @contextmanager
-def _drawing() -> Iterator[None]:
+def _plot_settings() -> Iterator[None]:
     """Leave matplotlib's settings as they were; a sign that the font has not is drawn as a box."""
     with mpl.rc_context(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")

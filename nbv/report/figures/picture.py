@@ -181,8 +181,8 @@ def aside_cameras(scan: RangeImage) -> list[Camera]:
     slope = np.minimum(tangent * 1.12, 1.0)
     cameras = []
     for yaw, pitch in np.radians(ASIDE_DEG):
-        arm = _turned(scan.origin - pivot, up, yaw)
-        arm = _turned(arm, np.cross(arm, up), pitch)
+        arm = _rotate(scan.origin - pivot, up, yaw)
+        arm = _rotate(arm, np.cross(arm, up), pitch)
         cameras.append(aim(pivot + 1.05 * arm, pivot, up, slope, mirrored=mirrored))
     return cameras
 
@@ -239,7 +239,7 @@ def _tangent(ray: FloatArray, forward: FloatArray) -> float:
     return float(np.linalg.norm(ray - along * forward)) / max(along, 1e-6)
 
 
-def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
+def _rotate(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
     """Return `vector` turned about `axis` (Rodrigues)."""
     unit = _unit(axis)
     turned: FloatArray = (

@@ -181,11 +181,11 @@ def on_white(plot: Plot) -> bytes:
 
 def drawn_plot(draw: Callable[[Axes, Theme], None], size: tuple[float, float]) -> Plot:
     """Return the plot that `draw` makes of an axes, in both themes; `size` in inches."""
-    drawn = {theme: _drawn(draw, theme, size) for theme in dict.fromkeys((LIGHT, _DARK))}
+    drawn = {theme: _draw_figure(draw, theme, size) for theme in dict.fromkeys((LIGHT, _DARK))}
     return Plot(drawn[LIGHT], drawn[_DARK], round(size[0] * _DPI), round(size[1] * _DPI))
 
 
-def _drawn(draw: Callable[[Axes, Theme], None], theme: Theme, size: tuple[float, float]) -> bytes:
+def _draw_figure(draw: Callable[[Axes, Theme], None], theme: Theme, size: tuple[float, float]) -> bytes:
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rc("font", family="DejaVu Sans", size=9)

@@ -129,13 +129,13 @@ def cut_finely(corners: FloatArray, limit_m2: float) -> tuple[FloatArray, NDArra
         large = triangle_areas(corners[..., :3]) > limit_m2
         if not large.any():
             break
-        corners = np.concatenate([corners[~large], _quartered(corners[large])])
+        corners = np.concatenate([corners[~large], _quarter(corners[large])])
         part = np.concatenate([part[~large], np.repeat(part[large], 4)])
     order = np.argsort(part, kind="stable")
     return corners[order], part[order]
 
 
-def _quartered(corners: FloatArray) -> FloatArray:
+def _quarter(corners: FloatArray) -> FloatArray:
     """Each triangle as four, face by face: by the middles of its sides."""
     a, b, c = np.moveaxis(corners, 1, 0)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2

@@ -57,7 +57,9 @@ class Packer:
         """
         table = np.asarray(values, dtype=np.int64)
         columns = 1 if table.ndim == 1 else table.shape[1]
-        codes = countdown(table.ravel())[:, None] if is_index else folded(table.reshape(-1, columns))
+        codes = (
+            countdown(table.ravel())[:, None] if is_index else fold_differences(table.reshape(-1, columns))
+        )
         width = max(1, -(-int(codes.max(initial=0)).bit_length() // 8))
         planes = [
             (codes[:, k] >> (8 * b)).astype(np.uint8) for k in range(codes.shape[1]) for b in range(width)
@@ -78,7 +80,7 @@ class Packer:
         return b"".join(self._parts)
 
 
-def folded(table: Integers) -> Integers:
+def fold_differences(table: Integers) -> Integers:
     """Differences along the columns of (n, c), folded to non-negative numbers.
 
     Examples
@@ -137,8 +139,8 @@ def corner_keys(places: Integers, skin: Appearance | None, order: Indices) -> tu
         if skin.images and skin.corner_uv is not None and skin.face_image is not None:
             uv = np.rint(skin.corner_uv[order].reshape(-1, 2).astype(np.float64) * _FRACTION)
             texel_keys = np.column_stack([uv.astype(np.int64), np.repeat(skin.face_image[order], 3)])
-            key = _paired(key, _number(texel_keys))
-        key = _paired(key, _number(_colours(skin, order)))
+            key = _number_pairs(key, _number(texel_keys))
+        key = _number_pairs(key, _number(_colours(skin, order)))
     index, old = by_appearance(key)
     first = np.full(int(key.max(initial=-1)) + 1, len(key), np.int64)
     np.minimum.at(first, key, np.arange(len(key)))
@@ -195,11 +197,11 @@ def _number(rows: Integers) -> Indices:
     """Number (n,) equal rows alike."""
     key = np.zeros(len(rows), np.int64)
     for column in rows.T:
-        key = _paired(key, column - column.min(initial=0))
+        key = _number_pairs(key, column - column.min(initial=0))
     return key
 
 
-def _paired(first: Indices, second: Integers) -> Indices:
+def _number_pairs(first: Indices, second: Integers) -> Indices:
     """Number (n,) pairs of non-negative numbers that are alike."""
     both = first * (int(second.max(initial=0)) + 1) + second
     return np.asarray(np.unique(both, return_inverse=True)[1], dtype=np.int64)
@@ -212,7 +214,7 @@ _STOPS = 17  # of a colour bar
 _SIGHTING_DEG = 0.5
 
 
-def encoded(viewer: Viewer) -> str:
+def encode_view(viewer: Viewer) -> str:
     """Return all that the 3-D view shows as base64 text."""
     packer, bounds = Packer(), viewer.bounds()
     step = _step(bounds)
@@ -228,7 +230,7 @@ def encoded(viewer: Viewer) -> str:
         "focus": (focus(viewer.layers, forward, is_room=viewer.is_room) - bounds[0]).tolist(),
         "step": step,
         "met": list(viewer.met),
-        "one": viewer.one,
+        "one": viewer.noun,
         "look": _look(forward),
         "ramp": _ramp(),
         "layers": [_layer(packer, layer, bounds[0], step) for layer in viewer.layers if len(layer.faces)],

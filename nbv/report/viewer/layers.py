@@ -209,7 +209,7 @@ class Viewer:
         Instead of it, in print and where it cannot be drawn.
     camera : Camera, optional
         From which side it is seen at first; from above and the side that shows most when not given.
-    one : "view" or "scan"
+    noun : "view" or "scan"
         What a station is called.
     cut_m : float, optional
         Height above which nothing is shown at first, metres.
@@ -224,7 +224,7 @@ class Viewer:
     met: tuple[float, ...] = ()
     pictures: tuple[Picture, ...] = field(default=())
     camera: Camera | None = None
-    one: Literal["view", "scan"] = "view"
+    noun: Literal["view", "scan"] = "view"
     cut_m: float | None = None
     kind: ClassVar[str] = "viewer"
 

@@ -68,7 +68,7 @@ def _marker(
 
 def opening_lines(outlines: Sequence[FloatArray]) -> tuple[Lines, ...]:
     """Return the closed outlines, each (n, 3), of windows and doors."""
-    return _lines("openings", "openings", [closed(outline) for outline in outlines], _OPENING)
+    return _lines("openings", "openings", [polygon_sides(outline) for outline in outlines], _OPENING)
 
 
 def tour_lines(tour: Tour | None) -> tuple[Lines, ...]:
@@ -86,7 +86,7 @@ def zone_lines(zones: Zones) -> tuple[Lines, ...]:
     )
 
 
-def closed(outline: FloatArray) -> FloatArray:
+def polygon_sides(outline: FloatArray) -> FloatArray:
     """Sides (n, 2, 3) of the polygon with corners (n, 3)."""
     return np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
 

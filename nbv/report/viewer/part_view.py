@@ -14,7 +14,7 @@ from nbv.report.figures.picture import Camera, Picture
 from nbv.report.viewer.layers import Category, Classes, Layer, Numbers, Viewer
 from scenes.checks import FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
-from scenes.mesh.mesh_parts import thinned as thinned_mesh
+from scenes.mesh.mesh_parts import thin_mesh as thinned_mesh
 from scenes.scan.colour import surface_rgb
 
 _MOST_POINTS, _MOST_FACES = 30_000, 300_000  # that are shown
@@ -109,13 +109,13 @@ def _normals(part: Part, points: FloatArray, place: IntArray) -> FloatArray:
     for number, fit in enumerate(part.measured, start=1):
         is_member = place == number
         normals[is_member] = fit.surface.normal(points[is_member])
-    rest = np.flatnonzero(place == 0)
-    if not len(rest):
+    unassigned = np.flatnonzero(place == 0)
+    if not len(unassigned):
         return normals
-    near = cKDTree(points).query(points[rest], k=min(_N_NEAR, len(points)))[1]
-    near = near.reshape(len(rest), min(_N_NEAR, len(points)))
+    near = cKDTree(points).query(points[unassigned], k=min(_N_NEAR, len(points)))[1]
+    near = near.reshape(len(unassigned), min(_N_NEAR, len(points)))
     offset = points[near] - points[near].mean(axis=1, keepdims=True)
-    normals[rest] = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
+    normals[unassigned] = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
     return normals
 
 

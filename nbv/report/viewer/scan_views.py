@@ -50,7 +50,7 @@ from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance
-from scenes.mesh.mesh_parts import thinned
+from scenes.mesh.mesh_parts import thin_mesh
 from scenes.pose import Pose
 from scenes.run.mapping import trim
 from scenes.scan.colour import surface_rgb
@@ -136,13 +136,13 @@ class _Pieces:
     image: NDArray[np.int32]
 
     @classmethod
-    def joined(cls, parts: Sequence[_Pieces]) -> _Pieces:
+    def join(cls, parts: Sequence[_Pieces]) -> _Pieces:
         """All of them, in their order."""
         starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
         faces = [part.faces + np.int32(start) for part, start in zip(parts, starts, strict=False)]
-        rest = [name for name in cls.__slots__ if name != "faces"]
+        fields = [name for name in cls.__slots__ if name != "faces"]
         return cls(
-            faces=np.concatenate(faces), **{n: np.concatenate([getattr(p, n) for p in parts]) for n in rest}
+            faces=np.concatenate(faces), **{n: np.concatenate([getattr(p, n) for p in parts]) for n in fields}
         )
 
 
@@ -160,13 +160,17 @@ def completion_view(
     world = completion.world_from_reference
     scans = [with_known_noise(scan) for scan in completion.scans]
     atlas = completion.atlas
-    occluders = set(occluding(completion.patches))
+    occluders = set(find_occluders(completion.patches))
     textured = completion.textured
     measured = [part for part in textured if part.provenance == Provenance.MEASURED]
     of = partial(_surfaces, completion)
     groups = (
         ("measured", "measured surfaces", of([p for p in measured if p.number not in occluders])),
-        ("occluders", "occluders, measured", of([p for p in measured if p.number in occluders], rest=True)),
+        (
+            "occluders",
+            "occluders, measured",
+            of([p for p in measured if p.number in occluders], with_remainder=True),
+        ),
         (
             "inferred",
             "hypothesised (inferred)",
@@ -189,11 +193,11 @@ def completion_view(
         is_room=is_room,
         pictures=pictures,
         camera=camera,
-        one="scan",
+        noun="scan",
     )
 
 
-def occluding(patches: Sequence[Patch]) -> list[int]:
+def find_occluders(patches: Sequence[Patch]) -> list[int]:
     """Numbers of the surfaces that hide a part of others."""
     numbers: set[int] = set()
     for patch in patches:
@@ -204,14 +208,16 @@ def occluding(patches: Sequence[Patch]) -> list[int]:
     return sorted(numbers)
 
 
-def _surfaces(completion: CompletedModel, parts: Sequence[TexturedPart], *, rest: bool = False) -> _Pieces:
+def _surfaces(
+    completion: CompletedModel, parts: Sequence[TexturedPart], *, with_remainder: bool = False
+) -> _Pieces:
     """Pieces of surfaces, and of what belongs to none with the `rest`."""
     total = sum(patch.observed_m2 + patch.hypothesised_m2 for patch in completion.patches)
     surfaces = [_pieces(completion, part, total / _PIECES) for part in parts]
-    return _Pieces.joined([_nothing(), *surfaces, *([_remainder(completion)] if rest else [])])
+    return _Pieces.join([_no_faces(), *surfaces, *([_remainder(completion)] if with_remainder else [])])
 
 
-def _nothing() -> _Pieces:
+def _no_faces() -> _Pieces:
     """No face at all."""
     none, many, real = np.zeros(0, np.uint16), np.zeros((0, 3)), np.zeros(0)
     corners = np.zeros((0, 3, 3), np.float32)
@@ -255,17 +261,17 @@ def _pieces(completion: CompletedModel, part: TexturedPart, limit_m2: float) -> 
 
 def _remainder(completion: CompletedModel) -> _Pieces:
     """What was measured and belongs to no surface."""
-    rest = completion.light_remainder
-    faces = rest.faces
+    remainder = completion.light_remainder
+    faces = remainder.faces
     n = len(faces)
     return _Pieces(
-        vertices=completion.world_from_reference.apply(rest.vertices),
+        vertices=completion.world_from_reference.apply(remainder.vertices),
         faces=faces,
         number=np.full(n, _NO_SURFACE, np.uint16),
         provenance=np.zeros(n, np.uint16),
-        sd=rest.sd[faces].mean(axis=1) if n else np.zeros(0),
+        sd=remainder.sd[faces].mean(axis=1) if n else np.zeros(0),
         confidence=np.ones(n),
-        colour=rest.colour[faces].astype(np.float32) / np.float32(255),
+        colour=remainder.colour[faces].astype(np.float32) / np.float32(255),
         uv=np.broadcast_to(np.float32(0), (n, 3, 2)),
         image=np.full(n, -1, np.int32),
     )
@@ -341,7 +347,7 @@ def state_view(
         [s.world_from_sensor for s in scans], [s.projection for s in scans], are_steps=not poses
     )
     following = view_markers(poses, [sensor.projection] * len(poses)) if sensor is not None else ()
-    layers = (_measured(coverage, state), _inferred(coverage, state), *_state_edges(state))
+    layers = (_measured_layer(coverage, state), _inferred_layer(coverage, state), *_state_edges(state))
     single = is_single_camera(list(scans))
     return Viewer(
         "What the scans measured, and where the unknown begins.",
@@ -351,14 +357,14 @@ def state_view(
         is_room=coverage.scan_map.mode == "room" and not single,
         pictures=pictures,
         camera=aside_cameras(scans[0])[0] if single else None,
-        one="view" if poses else "scan",
+        noun="view" if poses else "scan",
     )
 
 
-def _measured(coverage: ScanCoverage, state: StateMesh) -> Layer:
+def _measured_layer(coverage: ScanCoverage, state: StateMesh) -> Layer:
     """What was measured, as required or worse."""
     faces = _faces(state, state.mesh.face_surface <= SEEN_WORSE)
-    vertices, faces, kept = thinned(state.mesh.vertices, faces, _MOST_FACES)
+    vertices, faces, kept = thin_mesh(state.mesh.vertices, faces, _MOST_FACES)
     scans = coverage.scan_map.scans
     value = state.state[kept][faces].max(axis=1, initial=0).astype(np.uint16)
     sightings = scan_sightings(scans, vertices, faces)
@@ -369,7 +375,7 @@ def _measured(coverage: ScanCoverage, state: StateMesh) -> Layer:
     return Layer("measured", "measured", *shown, channels=channels, sightings=sightings, skin=skin)
 
 
-def _inferred(coverage: ScanCoverage, state: StateMesh) -> Layer:
+def _inferred_layer(coverage: ScanCoverage, state: StateMesh) -> Layer:
     """What completion inferred, with its provenance and standard deviation."""
     faces = _faces(state, state.mesh.face_surface == STATE_INFERRED)
     model = coverage.completion

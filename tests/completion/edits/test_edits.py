@@ -280,7 +280,7 @@ def test_edits_move_with_the_world(wall_scan):
         Edit(action="opening", surfaces=(anchor,), outline=BEHIND_BOARD),
     )
     there = edited(
-        wall_scan.transformed(motion),
+        wall_scan.transform(motion),
         Edit(action="end", surfaces=(motion.apply(anchor),), cut=motion.apply(line)),
         Edit(action="opening", surfaces=(motion.apply(anchor),), outline=motion.apply(BEHIND_BOARD)),
     )

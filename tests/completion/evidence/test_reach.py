@@ -117,7 +117,7 @@ def test_windows_hold_the_pixels_of_all_places_in_a_sphere(kind):
 @pytest.mark.parametrize("kind", first_in_gate(4, KINDS))
 def test_beyond_means_hidden_at_every_place(kind):
     rng, n_beyond, n_before = np.random.default_rng(5), 0, 0
-    behind = SURFACES["wall behind"][0].flipped()
+    behind = SURFACES["wall behind"][0].flip()
     walls = [SURFACES["wall"][0], Plane(behind.point + 0.2, behind.normal_direction), behind]
     for trial in range(200):
         seen, sight, reach = known_of(kind, trial % 20)
@@ -184,7 +184,7 @@ def test_evidence_is_the_same_with_what_is_left_out_and_without(name, noise_m):
 @pytest.mark.parametrize("name", [name for name in SURFACES if isinstance(SURFACES[name][0], Plane)])
 def test_the_farthest_hidden_places_are_the_same_with_what_is_left_out(name):
     scans, (chart, half) = draw_scans(KINDS * 2), SURFACES[name]
-    for plane in (chart, chart.flipped()):
+    for plane in (chart, chart.flip()):
         for low, high in ((-half, half), (-half, -half / 2), (0.1, half / 3)):
             corners = np.array([low, low / 2]), np.array([high, half])
             found, plain = (farthest_hidden(plane, *corners, held) for held in (scans, without_reach(scans)))

@@ -66,7 +66,7 @@ def test_forms_have_the_charts_rays_and_normals_of_their_surfaces(surface):
     for from_within in (False, True):
         face = surface
         if isinstance(surface, Plane) and from_within:
-            face = surface.flipped()
+            face = surface.flip()
         if isinstance(surface, Cylinder):
             concave = from_within
             face = Cylinder(surface.point, surface.direction, surface.radius, surface.zero_direction, concave)
@@ -119,7 +119,7 @@ def test_cells_are_vetoed_by_the_beams_that_meet_them_before_they_end(surface, n
     for seen in scans:
         rays, measured = seen.scan.rays()[seen.valid], seen.scan.ranges[seen.valid]
         sigma, origin = seen.noise.deviation(measured), seen.scan.origin
-        faces = [surface, surface.flipped()] if isinstance(surface, Plane) else [
+        faces = [surface, surface.flip()] if isinstance(surface, Plane) else [
             Cylinder(surface.point, surface.direction, surface.radius, surface.zero_direction, concave)
             for concave in (False, True)
         ]  # fmt: skip

@@ -163,9 +163,9 @@ def test_fits_with_given_values_move_with_the_points(start):
     turn, _ = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))
     pose = Pose.from_parts(turn * np.sign(np.linalg.det(turn)), np.array([5.0, -3, 2]))
     here = fit(points, "cylinder", radius=0.7, axis=AXIS, start=start)
-    moved = None if start is None else start.transformed(pose)
+    moved = None if start is None else start.transform(pose)
     there = fit(pose.apply(points), "cylinder", radius=0.7, axis=pose.rotate(AXIS), start=moved)
-    assert surfaces_close(here.surface.transformed(pose), there.surface, angle=1e-12, length=1e-9)
+    assert surfaces_close(here.surface.transform(pose), there.surface, angle=1e-12, length=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def scaled(surface: Surface, factor: float) -> Surface:
 def test_fits_move_with_the_points(shape: str, pose: Pose, seed: int) -> None:
     points = sampled(shape, np.random.default_rng(seed))
     here, there = fit(points, shape), fit(pose.apply(points), shape)  # type: ignore[arg-type]
-    assert surfaces_close(here.surface.transformed(pose), there.surface, angle=1e-8, length=1e-8)
+    assert surfaces_close(here.surface.transform(pose), there.surface, angle=1e-8, length=1e-8)
     assert there.rms == pytest.approx(here.rms, rel=1e-9)
 
 
@@ -97,7 +97,7 @@ def test_far_from_the_origin_fits_are_as_good_as_rounding(shape: str) -> None:
     points = sampled(shape, np.random.default_rng(0))
     away = np.array([1e7, -1e7, 1e7])
     here, there = fit(points, shape), fit(points + away, shape)  # type: ignore[arg-type]
-    moved = here.surface.transformed(Pose.from_parts(np.eye(3), away))
+    moved = here.surface.transform(Pose.from_parts(np.eye(3), away))
     assert surfaces_close(moved, there.surface, angle=1e-6, length=1e-6)
 
 

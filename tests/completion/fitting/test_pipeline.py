@@ -74,8 +74,8 @@ def test_predicted_deviations_are_those_of_repeated_fits():
 def test_fits_move_with_the_points(seed):
     pose = motion(seed)
     points = arc(TRUE, 300, 120, np.random.default_rng(seed), 1e-4)
-    here, there = fit_cylinder(points, TRUE), fit_cylinder(pose.apply(points), TRUE.transformed(pose))
-    assert surfaces_close(here.surface.transformed(pose), there.surface, angle=1e-9, length=1e-9)
+    here, there = fit_cylinder(points, TRUE), fit_cylinder(pose.apply(points), TRUE.transform(pose))
+    assert surfaces_close(here.surface.transform(pose), there.surface, angle=1e-9, length=1e-9)
     assert there.rms == pytest.approx(here.rms, rel=1e-9)
     flat, moved = fit_plane(points), fit_plane(pose.apply(points))
     assert moved.rms == pytest.approx(flat.rms, rel=1e-9)

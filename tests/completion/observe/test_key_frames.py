@@ -22,7 +22,7 @@ def look(eye, at=None):
     pose = Pose.looking_at(eye, (eye[0], 0.0, eye[2]) if at is None else at)
     rays = pose.rotate(CAMERA.directions().reshape(-1, 3))
     ranges = WALL.ray_ranges(np.array(eye), rays)
-    ranges = np.where(np.isfinite(ranges), ranges, WALL.flipped().ray_ranges(np.array(eye), rays))
+    ranges = np.where(np.isfinite(ranges), ranges, WALL.flip().ray_ranges(np.array(eye), rays))
     return observe(RangeImage(ranges.reshape(CAMERA.shape), CAMERA, pose), Pose.identity(), 0.001)
 
 

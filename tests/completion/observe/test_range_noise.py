@@ -44,7 +44,7 @@ def camera_scan(noise_per_m: float, step_per_m: float) -> RangeImage:
     depth = ranges * rays[..., 2]
     depth = depth + np.random.default_rng(3).normal(0, noise_per_m, depth.shape) * depth**2
     if step_per_m:
-        depth = Quantisation(inverse_depth_step_per_m=step_per_m).rounded(depth)
+        depth = Quantisation(inverse_depth_step_per_m=step_per_m).round_ranges(depth)
     return RangeImage(depth / rays[..., 2], camera, Pose.identity())
 
 

@@ -106,7 +106,7 @@ def test_moving_the_world_moves_the_vertices():
     turn = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
     pose = Pose.from_parts(turn, np.array([3.0, -20.0, 5.0]))
     scan = example("two_occluders", pixels=120)
-    one, other = complete(scan, PLAIN), complete(scan.transformed(pose), PLAIN)
+    one, other = complete(scan, PLAIN), complete(scan.transform(pose), PLAIN)
     here, there = (done.world_from_reference.apply(done.panels().vertices) for done in (one, other))
     off, _ = cKDTree(pose.apply(here)).query(there)
     assert np.quantile(off, 0.9) < 1e-3  # where corners are as good, rounding may choose another
@@ -155,7 +155,7 @@ def test_the_files_hold_facets_with_their_state_and_folds(done, tmp_path):
 
 def test_nothing_gives_no_panels():
     scan = example("two_occluders", pixels=40)
-    empty = complete(scan.transformed(Pose.identity()), CompletionOptions(texture=False, min_area_m2=1e6))
+    empty = complete(scan.transform(Pose.identity()), CompletionOptions(texture=False, min_area_m2=1e6))
     panels = empty.panels()
     assert len(panels.faces) == len(panels.folds) == 0
 

@@ -102,7 +102,7 @@ def test_a_crate_that_moved_is_a_contradiction_and_no_error_of_the_poses():
 
 
 def test_scans_that_share_nothing_say_nothing():
-    away = scan(1).restated(world_from_sensor=Pose.looking_at((50, 0, 1), (60, 0, 1)))
+    away = scan(1).with_facts(world_from_sensor=Pose.looking_at((50, 0, 1), (60, 0, 1)))
     registration = registered([scan(0), away])
     assert registration.pairs == ()
     assert np.isnan(registration.left_m).all()
@@ -161,7 +161,7 @@ def check_agreement(scans, corrected, free):
             held = [Pose(corrected.motions[i]) @ scans[i].world_from_sensor for i in (first, k)]
             pose = Pose(np.vstack([network.group.poses[k], [0, 0, 0, 1]]))
             apart = pose.inverse() @ held[0].inverse() @ held[1]
-            facets = facets_of(observe(scans[k].restated(world_from_sensor=WORLD), WORLD))
+            facets = facets_of(observe(scans[k].with_facts(world_from_sensor=WORLD), WORLD))
             shift = np.einsum("ij,ij->i", apart.apply(facets.centre) - facets.centre, facets.normal)
             deviation = np.hypot(free.pose_deviation(k), corrected.left_m[k] / 2)
             assert np.sqrt(np.mean(np.square(shift))) < 3 * deviation

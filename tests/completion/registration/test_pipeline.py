@@ -51,7 +51,7 @@ def level():
 @pytest.fixture(scope="module")
 def lost(office):
     """The same scans, each in a world of its own."""
-    return [scan.restated(world_from_sensor=TURNED) for scan in office]
+    return [scan.with_facts(world_from_sensor=TURNED) for scan in office]
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +134,7 @@ def test_right_poses_are_upheld_and_wrong_ones_contradicted(office):
     assert {pair.verdict for pair in check_poses(office).pairs} == {Verdict.REGISTERED}
     shift = np.eye(4)
     shift[:3, 3] = 0.15, 0.1, 0.0
-    moved = office[1].restated(world_from_sensor=Pose(shift) @ office[1].world_from_sensor)
+    moved = office[1].with_facts(world_from_sensor=Pose(shift) @ office[1].world_from_sensor)
     pairs = {pair.scans: pair for pair in check_poses([office[0], moved, office[2]]).pairs}
     assert pairs[0, 2].verdict is Verdict.REGISTERED
     assert pairs[0, 1].verdict is Verdict.AMBIGUOUS
@@ -161,7 +161,7 @@ def test_what_is_small_is_registered_as_what_is_large(office):
 @pytest.mark.long
 def test_level_scanners_need_turns_about_the_vertical_alone(level):
     turn = np.array([[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 0.3], [0.0, 0.0, 0.0, 1.0]])
-    scans = [level[0], level[1].restated(world_from_sensor=Pose(turn) @ level[1].world_from_sensor)]
+    scans = [level[0], level[1].with_facts(world_from_sensor=Pose(turn) @ level[1].world_from_sensor)]
     held = register_scans(scans, upright=True)
     errors = errors_of(held.world_poses(scans), level)
     assert errors[1, 0] < 0.1

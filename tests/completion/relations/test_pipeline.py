@@ -210,7 +210,7 @@ def test_rigid_motion_changes_no_status(part, graph, seed):
     found = infer([transformed(fit, pose) for fit in part])
     assert statuses(found) == statuses(graph)
     for one, two in zip(found.fits, graph.fits, strict=True):
-        np.testing.assert_allclose(one.surface.point, two.surface.transformed(pose).point, atol=1e-6)
+        np.testing.assert_allclose(one.surface.point, two.surface.transform(pose).point, atol=1e-6)
 
 
 def test_flipped_normals_change_no_status(part, graph):
@@ -287,7 +287,7 @@ def rings(seed: int, sigma: float = 2e-5) -> list[SurfaceFit]:
     for surface, (u, v) in zip(true, bounds, strict=True):
         points = surface.from_uv(np.column_stack([rng.uniform(-u, u, 600), rng.uniform(-v, v, 600)]))
         points += rng.normal(0, sigma, (600, 1)) * surface.normal(points)
-        fits.append(fit_euclidean(pose.apply(points), surface.kind, surface.transformed(pose)))
+        fits.append(fit_euclidean(pose.apply(points), surface.kind, surface.transform(pose)))
     return fits
 
 

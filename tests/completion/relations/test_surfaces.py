@@ -57,7 +57,7 @@ def right_wall(found):
     """The surface that is the wall on the right."""
     world = found.world_from_reference
     for number, patch in enumerate(found.patches, start=1):
-        plane = patch.source.fit.surface.transformed(world)
+        plane = patch.source.fit.surface.transform(world)
         if isinstance(plane, Plane) and abs(plane.normal_direction[0]) > 0.9 and plane.point[0] > 1.0:
             return number, plane
     raise AssertionError("the wall was not found")
@@ -121,7 +121,7 @@ def test_what_a_person_states_is_imposed_or_rejected_and_told():
     left = next(
         k
         for k, patch in enumerate(plain.patches, start=1)
-        if patch.source.fit.surface.transformed(plain.world_from_reference).normal_direction[0] > 0.9
+        if patch.source.fit.surface.transform(plain.world_from_reference).normal_direction[0] > 0.9
     )
     walls = Anchor(plain.anchor(number), "plane"), Anchor(plain.anchor(left), "plane")
     says = StatedRelation(kind="parallel", surfaces=walls, source="here")

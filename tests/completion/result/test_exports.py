@@ -49,7 +49,7 @@ def wall_with_openings():
 @pytest.fixture(scope="module")
 def room():
     """A completed scan of the room with two occluders, without texture, at UTM coordinates."""
-    scan = example("two_occluders", pixels=120).transformed(UTM)
+    scan = example("two_occluders", pixels=120).transform(UTM)
     return complete(replace(scan, name="west"), CompletionOptions(texture=False))
 
 
@@ -137,7 +137,7 @@ def test_e57_keeps_scans_and_marks_what_is_inferred(room, tmp_path):
     assert sum(len(cloud.points) for cloud in clouds) == len(room.hypothesised.vertices)
     np.testing.assert_allclose(others["cartesianX"], clouds[0].points[:, 0])
     (scan,) = read_scans(tmp_path / "a.e57")  # nothing inferred comes back as measured
-    original = example("two_occluders", pixels=120).transformed(UTM)
+    original = example("two_occluders", pixels=120).transform(UTM)
     np.testing.assert_array_equal(scan.valid, original.valid)
     np.testing.assert_allclose(scan.points(), original.points(), atol=4e-9)
     np.testing.assert_allclose(scan.origin, original.origin, atol=4e-9)

@@ -148,7 +148,7 @@ def test_pure_noise_gives_no_surface():
 
 def test_segmentation_moves_with_the_world():
     scan = example("two_occluders")
-    moved = scan.transformed(Pose.looking_at((100, 20, 3), (7, -5, 1)))
+    moved = scan.transform(Pose.looking_at((100, 20, 3), (7, -5, 1)))
     for one, other in zip(
         segment(observe(scan, scan.world_from_sensor), SegmentationOptions()),
         segment(observe(moved, moved.world_from_sensor), SegmentationOptions()),

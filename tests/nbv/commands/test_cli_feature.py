@@ -19,7 +19,7 @@ CASE = opening_case(102, "doorway", 0.3)
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("feature")
-    write_npz(CASE.scan.thinned(100_000), made / "wall.npz")
+    write_npz(CASE.scan.thin(100_000), made / "wall.npz")
     rng = np.random.default_rng(0)
     np.savetxt(made / "flat.xyz", np.column_stack([rng.uniform(0, 1, (400, 2)), rng.normal(0, 1e-3, 400)]))
     result = run("feature", made / "wall.npz", "--find", "doorway", "--json", "-o", made / "out")
@@ -43,7 +43,7 @@ def test_files_hold_the_doorway_and_every_point(folder) -> None:
     told = json.loads((folder / "told.json").read_text())
     assert told["found"] == 1
     cloud = read_points(folder / "out" / "features.ply")
-    assert len(cloud.points) == CASE.scan.thinned(100_000).valid.sum()
+    assert len(cloud.points) == CASE.scan.thin(100_000).valid.sum()
     header = (folder / "out" / "features.ply").read_bytes()[:600].decode("ascii", "replace")
     assert "property int feature" in header
     assert "property int face" in header

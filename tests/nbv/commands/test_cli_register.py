@@ -34,14 +34,14 @@ def folder(tmp_path_factory):
         scan_scene(scene, pose, CAMERA, noise="gaussian-2mm", rng=k, truth=False)
         for k, pose in enumerate(POSES)
     ]
-    lost = [scan.restated(world_from_sensor=Pose.identity()) for scan in scans]
+    lost = [scan.with_facts(world_from_sensor=Pose.identity()) for scan in scans]
     for k, (scan, other) in enumerate(zip(scans, lost, strict=True)):
         write_scan(scan, here / f"posed_{k}.npz")
         write_scan(other, here / f"lost_{k}.ply")
     write_scans(lost, here / "both.e57")
     elsewhere = Pose.looking_at((0.8, 0.9, 1.5), (3.0, 2.5, 1.5))
     stranger = scan_scene(builtin_scene("two_occluders"), elsewhere, CAMERA, rng=7, truth=False)
-    write_scan(stranger.restated(world_from_sensor=Pose.identity()), here / "stranger.ply")
+    write_scan(stranger.with_facts(world_from_sensor=Pose.identity()), here / "stranger.ply")
     return here
 
 
@@ -177,7 +177,7 @@ def test_the_same_scan_twice_counts_once_and_is_told(folder):
 def test_a_copy_beside_other_scans_is_left_out():
     scene = builtin_scene("office")
     scans = [scan_scene(scene, pose, CAMERA, noise="gaussian-2mm", rng=0, truth=False) for pose in POSES]
-    again = scans[0].restated(world_from_sensor=Pose.identity())
+    again = scans[0].with_facts(world_from_sensor=Pose.identity())
     assert copies_of([scans[0], scans[1], again, again]) == {2: 0, 3: 0}
     told = copies_told(["a", "b", "c", "d"], {2: 0, 3: 0})
     assert told == [

@@ -33,7 +33,7 @@ def test_bounds_never_exceed_the_optimum_on_200_random_instances(start):
         assert 1 <= certificate.bound(instance) <= best
         large = find_certificate(reduce_instance(instance), instance.weights, best, most_entries=0)
         assert 1 <= large.bound(instance) <= best
-        wild = Certificate.rounded(rng.uniform(0, 0.6, 18), float(rng.uniform(0, 3)))
+        wild = Certificate.round_down(rng.uniform(0, 0.6, 18), float(rng.uniform(0, 3)))
         assert wild.bound(instance) <= best
 
 

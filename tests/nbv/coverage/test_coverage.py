@@ -154,11 +154,9 @@ def test_moving_the_world_changes_nothing(far):
     moved_candidates = Candidates(motion.apply(candidates.positions), motion.rotate(candidates.directions))
     views = [View(candidates.pose(k), WIDE) for k in (0, 3)]
     moved_views = [View(motion @ view.world_from_sensor, WIDE) for view in views]
-    samples, moved = sample_surface(scene.mesh, 0.15), sample_surface(scene.transformed(motion).mesh, 0.15)
+    samples, moved = sample_surface(scene.mesh, 0.15), sample_surface(scene.transform(motion).mesh, 0.15)
     here = measure_coverage(scene, views, samples=samples, candidates=candidates)
-    there = measure_coverage(
-        scene.transformed(motion), moved_views, samples=moved, candidates=moved_candidates
-    )
+    there = measure_coverage(scene.transform(motion), moved_views, samples=moved, candidates=moved_candidates)
     assert len(moved) == len(samples)
     assert there.met == pytest.approx(here.met, abs=2e-4)
     assert there.reachable == pytest.approx(here.reachable, abs=2e-3)

@@ -23,7 +23,7 @@ CORNER = Pose.looking_at((0.5, 0.5, 2.0), (3.0, 2.5, 0.0))
 
 def seen_from_corner() -> VoxelMap:
     voxels = VoxelMap.unknown(ROOM.mesh.bounds(), voxel_m=0.1)
-    return voxels.integrated(scan_scene(ROOM, CORNER, SENSOR), SENSOR)
+    return voxels.integrate(scan_scene(ROOM, CORNER, SENSOR), SENSOR)
 
 
 def test_a_tripod_stands_on_seen_floor_alone():
@@ -43,7 +43,7 @@ def test_nothing_stands_before_any_floor_is_seen():
     blank = VoxelMap.unknown(ROOM.mesh.bounds(), voxel_m=0.1)
     assert not has_floor_support(blank, np.array([[1.0, 1.0, 1.0]])).any()
     up = Pose.looking_at((1.0, 1.0, 1.0), (1.0, 1.0, 2.7))
-    looked_up = blank.integrated(scan_scene(ROOM, up, SENSOR), SENSOR)
+    looked_up = blank.integrate(scan_scene(ROOM, up, SENSOR), SENSOR)
     assert (looked_up.labels == SEEN).any()
     assert not has_floor_support(looked_up, np.array([[1.0, 1.0, 1.5]])).any()
 

@@ -37,7 +37,7 @@ def squares(*placed: tuple[float, float]) -> Scene:
 
 def seen_once(scene: Scene, **options: object) -> VoxelMap:
     voxels = VoxelMap.unknown(VOLUME, voxel_m=0.1, **options)  # type: ignore[arg-type]
-    return voxels.integrated(scan_scene(scene, AHEAD, SENSOR), SENSOR)
+    return voxels.integrate(scan_scene(scene, AHEAD, SENSOR), SENSOR)
 
 
 def label_at(voxels: VoxelMap, x: float, y: float, z: float) -> int:
@@ -73,10 +73,10 @@ def test_seen_beats_empty_and_empty_beats_occluded():
     both = squares((1.0, 0.3), (2.5, 4.0))
     voxels = seen_once(both)
     side = Pose.looking_at((2.0, 1.4, 0), (2.0, 0, 0))
-    later = voxels.integrated(scan_scene(both, side, SENSOR), SENSOR)
+    later = voxels.integrate(scan_scene(both, side, SENSOR), SENSOR)
     assert label_at(later, 2.0, 0, 0) == EMPTY
     assert (later.labels[voxels.labels == SEEN] == SEEN).all()
-    gone = voxels.integrated(scan_scene(squares((2.5, 4.0)), AHEAD, SENSOR), SENSOR)
+    gone = voxels.integrate(scan_scene(squares((2.5, 4.0)), AHEAD, SENSOR), SENSOR)
     assert label_at(gone, 1.0, 0, 0) == SEEN
 
 
@@ -87,7 +87,7 @@ def after_noisy_looks(noise: str, voxel_m: float) -> VoxelMap:
     voxels = VoxelMap.unknown(VOLUME, voxel_m=voxel_m)
     for seed, pose in enumerate(LOOKS):
         scan = scan_scene(squares((2.5, 9.0)), pose, SENSOR, noise=noise, rng=seed)
-        voxels = voxels.integrated(scan, SENSOR)
+        voxels = voxels.integrate(scan, SENSOR)
     return voxels
 
 
@@ -119,22 +119,22 @@ def test_a_stray_echo_vanishes_when_more_scans_go_through_it():
     ranges = scan.ranges.copy()
     ranges[100, 100] = 1.2
     stray = replace(scan, ranges=ranges)
-    voxels = VoxelMap.unknown(VOLUME, voxel_m=0.1).integrated(stray, SENSOR)
+    voxels = VoxelMap.unknown(VOLUME, voxel_m=0.1).integrate(stray, SENSOR)
     assert label_at(voxels, 1.2, 0, 0) == SEEN
     labels = []
     for y in (0.3, -0.3):
         beside = Pose.looking_at((0, y, 0), (2.5, 0, 0))
-        voxels = voxels.integrated(scan_scene(squares((2.5, 4.0)), beside, SENSOR), SENSOR)
+        voxels = voxels.integrate(scan_scene(squares((2.5, 4.0)), beside, SENSOR), SENSOR)
         labels.append(label_at(voxels, 1.2, 0, 0))
     assert labels == [SEEN, EMPTY]
-    once_more = voxels.integrated(stray, SENSOR)
+    once_more = voxels.integrate(stray, SENSOR)
     assert label_at(once_more, 1.2, 0, 0) == SEEN  # the votes are even: a thin thing is not to be torn
 
 
 def test_pixels_without_return_empty_the_ray_and_pixels_that_never_looked_do_not():
     cone = PinholeSensor(fov_deg=90, width=200, height=200, aperture="circular", max_range_m=20)
     scan = scan_scene(squares((1.0, 0.1)), AHEAD, cone)
-    voxels = VoxelMap.unknown(VOLUME, voxel_m=0.1).integrated(scan, cone)
+    voxels = VoxelMap.unknown(VOLUME, voxel_m=0.1).integrate(scan, cone)
     assert label_at(voxels, 1.5, 1.2, 0) == EMPTY
     assert label_at(voxels, 1.5, 1.3, 1.3) == UNSEEN
 
@@ -149,7 +149,7 @@ def test_surfels_know_normal_quality_and_area():
     inner = np.abs(surfels.points[:, 1:]).max(axis=1) < 1.2
     assert surfels.areas[inner].mean() == pytest.approx(0.01, rel=0.02)
     nearer = Pose.looking_at((1.0, 0.0, 0.0), (2.0, 0.0, 0.0))
-    better = voxels.integrated(scan_scene(squares((2.0, 4.0)), nearer, SENSOR), SENSOR).surfels
+    better = voxels.integrate(scan_scene(squares((2.0, 4.0)), nearer, SENSOR), SENSOR).surfels
     shared = np.isin(better.keys, surfels.keys)
     assert (better.quality[shared] >= surfels.quality - 1e-12).all()
 
@@ -172,7 +172,7 @@ def test_free_positions_need_known_empty_space():
     voxels = seen_once(squares((2.5, 4.0)))
     asked = np.array([[1.5, 0, 0], [2.3, 0, 0], [0.3, 0, 0], [1.0, 0.85, 0], [9.0, 0, 0]])
     assert voxels.is_free(asked, 0.3).tolist() == [True, False, False, False, False]
-    stood = voxels.cleared(np.zeros(3), 0.5)
+    stood = voxels.clear_around(np.zeros(3), 0.5)
     assert voxels.is_free(np.array([[0.2, 0, 0]]), 0.15).tolist() == [False]
     assert stood.is_free(np.array([[0.2, 0, 0]]), 0.15).tolist() == [True]
     around = VoxelMap.unknown(VOLUME, voxel_m=0.1, outside_is_empty=True)
@@ -180,7 +180,7 @@ def test_free_positions_need_known_empty_space():
 
 
 def test_boundary_of_one_empty_voxel_is_a_cube():
-    voxels = VoxelMap.unknown(VOLUME, voxel_m=0.5).cleared(np.array([1.5, 0.0, 0.0]), 0.01)
+    voxels = VoxelMap.unknown(VOLUME, voxel_m=0.5).clear_around(np.array([1.5, 0.0, 0.0]), 0.01)
     faces = voxels.boundary()
     assert len(faces.voxel) == 6
     centre = faces.centres.mean(axis=0)
@@ -238,7 +238,7 @@ def test_targets_that_views_did_not_settle_are_given_up():
     assert len(targets_of(voxels, attempts, GainOptions(max_attempts=2))) == 0
     assert len(targets_of(voxels, attempts, GainOptions(max_attempts=3))) > 0
     fresh = targets_of(voxels, attempts * 0, GainOptions())
-    thin = fresh.thinned(100)
+    thin = fresh.thin(100)
     assert 50 < len(thin) <= 100
     assert thin.worth_m2.sum() == pytest.approx(fresh.worth_m2.sum(), rel=0.2)
 

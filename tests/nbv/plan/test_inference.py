@@ -14,7 +14,7 @@ from nbv.coverage.surface_classes import (
     MET,
     MODELLED,
     UNKNOWN,
-    CompletedSurfaces,
+    KnownSurfaces,
     classify,
     shares_of,
 )
@@ -55,19 +55,19 @@ def wall():
     """The scene, its one scan from the front, and what completion makes of it."""
     scene = wall_behind_a_board()
     scan = scan_scene(scene, Pose.looking_at(np.array(EYE), np.array([0.0, 0.0, 1.0])), SENSOR)
-    return scene, scan, CompletedSurfaces.of([scan])
+    return scene, scan, KnownSurfaces.of([scan])
 
 
 def test_knowledge_tells_measured_from_inferred_and_from_what_is_neither(wall):
     _, _, completed = wall
     asked = np.array([[1.2, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, -1.0, 1.0], [0.0, 0.5, 1.0], [0.0, 0.0, 3.0]])
     normals = np.tile([0.0, -1.0, 0.0], (5, 1))
-    assert completed.modelled(asked, normals, 0.02).tolist() == [True, False, True, False, False]
-    assert completed.inferred(asked, normals, 0.02).tolist() == [False, True, False, False, False]
+    assert completed.on_modelled(asked, normals, 0.02).tolist() == [True, False, True, False, False]
+    assert completed.on_inferred(asked, normals, 0.02).tolist() == [False, True, False, False, False]
     across = np.tile([1.0, 0.0, 0.0], (5, 1))  # another surface that crosses the wall is not known by it
-    assert not completed.modelled(asked, across, 0.02).any()
-    strict = CompletedSurfaces(completed.completion, 0.0)
-    assert not strict.modelled(asked, normals, 0.02).any()
+    assert not completed.on_modelled(asked, across, 0.02).any()
+    strict = KnownSurfaces(completed.completion, 0.0)
+    assert not strict.on_modelled(asked, normals, 0.02).any()
 
 
 def test_classes_part_the_area_and_met_comes_first(wall):
@@ -95,7 +95,7 @@ def test_classes_part_the_area_and_met_comes_first(wall):
 
 def expected_gain_of(scan, completed, bounds, trust=None):
     """What lies beyond the unknown of a map with one scan, and the map."""
-    voxels = VoxelMap.unknown(np.array(bounds), voxel_m=0.1).integrated(scan, SENSOR)
+    voxels = VoxelMap.unknown(np.array(bounds), voxel_m=0.1).integrate(scan, SENSOR)
     sought = np.ones(voxels.grid.n_voxels, np.bool_)
     faces, trust = voxels.boundary(), SurfacePrior.none().trust if trust is None else trust
     boundary = RayCaster(*faces.triangles(0.1), n_threads=1)
@@ -161,7 +161,7 @@ def test_the_region_is_of_interest_once_it_is_reached():
     voxels = VoxelMap.unknown(np.array([[0.0, 0, 0], [2, 2, 2]]), voxel_m=0.5)
     region = Zones(Box(np.array([0.0, 0, 0]), np.array([0.9, 2, 2])))
     assert voxels_of_interest(voxels, region).all()
-    reached = voxels.cleared(np.array([0.3, 0.3, 0.3]), 0.6)
+    reached = voxels.clear_around(np.array([0.3, 0.3, 0.3]), 0.6)
     held = voxels_of_interest(reached, region)
     assert 0 < held.sum() < len(held)
     assert voxels_of_interest(reached, Zones()).all()

@@ -116,7 +116,7 @@ def test_pixels_without_return_say_nothing_when_another_instrument_took_them():
     scan = scan_scene(ROOM, CORNER, replace(SENSOR, max_range_m=2.0), rng=0)
     assert not scan.valid.all()
     blank = VoxelMap.unknown(ROOM.mesh.bounds(), voxel_m=0.2)
-    ours, foreign = blank.integrated(scan, SENSOR), blank.integrated(scan, None)
+    ours, foreign = blank.integrate(scan, SENSOR), blank.integrate(scan, None)
     free = np.flatnonzero(foreign.labels == EMPTY)
     assert 0 < len(free) < (ours.labels == EMPTY).sum()
     distance = np.linalg.norm(foreign.grid.centres(free) - scan.origin, axis=1)
@@ -127,7 +127,7 @@ def test_pixels_without_return_say_nothing_when_another_instrument_took_them():
 @pytest.mark.parametrize("method", ["nbv", "cover"])
 def test_scans_of_another_place_are_refused(method):
     scan = scan_scene(ROOM, CORNER, SENSOR, rng=0)
-    away = scan.transformed(Pose.from_parts(np.eye(3), np.array([100.0, 0, 0])))
+    away = scan.transform(Pose.from_parts(np.eye(3), np.array([100.0, 0, 0])))
     with pytest.raises(InputError, match=r"measures none of \d+ places of two_occluders: its poses"):
         plan_room(method, [away])
 

@@ -12,7 +12,7 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.measurement import measure_coverage
 from nbv.plan.planning import plan_views
 from nbv.plan.rules import RULES, compare_with_rules, grid_places, room_and_doorway_places, rule_poses
-from nbv.report.blocks.rooms import rule_sentences, rules_section
+from nbv.report.blocks.room_tables import rule_sentences, rules_section
 from nbv.scanning.sensor import View
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.samples import sample_surface

@@ -14,7 +14,7 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.plan.plan import aim_of
 from nbv.plan.planning import plan_views
 from nbv.plan.station_list import STATION_COLUMNS, station_csv, stations_of
-from nbv.report.blocks.rooms import storey_plans, write_building_files
+from nbv.report.blocks.room_tables import storey_plans, write_building_files
 from nbv.report.coverage_report import plan_page
 from nbv.report.figures.floor_plan import sheets_pdf
 from nbv.scanning.sensor import PinholeSensor, View

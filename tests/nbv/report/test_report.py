@@ -10,7 +10,7 @@ import pytest
 from nbv.coverage.coverage import MET, Coverage
 from nbv.coverage.measurement import measure_coverage, visibility_history
 from nbv.report.blocks.coverage_tables import outline_of
-from nbv.report.blocks.page import Bar, BarShare, Cell, Gallery, Headline, Page, Section, Table, Text
+from nbv.report.blocks.page import Bar, BarShare, Cell, Gallery, Headline, Page, PageSection, Table, Text
 from nbv.report.coverage_report import coverage_page
 from nbv.report.figures import plots
 from nbv.report.figures.drawing import MeshDrawing, passes_hidden
@@ -66,7 +66,7 @@ def test_everything_that_comes_from_outside_is_escaped():
         summary=EVIL,
         headlines=(Headline(EVIL, EVIL, EVIL, "measured"),),
         bar=Bar(EVIL, (BarShare(EVIL, "measured", 1.0, EVIL),)),
-        sections=(Section(EVIL, (table, Text(EVIL), Gallery((picture,), 2))),),
+        sections=(PageSection(EVIL, (table, Text(EVIL), Gallery((picture,), 2))),),
         options={EVIL: EVIL},
         seed=0,
         warnings=(EVIL,),

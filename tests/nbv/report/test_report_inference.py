@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from nbv.commands.plan import lines_of, summary_of
-from nbv.coverage.surface_classes import INFERRED, MET, MODELLED, UNKNOWN, CompletedSurfaces, Shares
+from nbv.coverage.surface_classes import INFERRED, MET, MODELLED, UNKNOWN, ClassShares, KnownSurfaces
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import Baseline
 from nbv.plan.planning import plan_views
@@ -90,7 +90,7 @@ def test_layers_are_the_shares_where_scans_were_completed_and_never_below_what_i
 
 
 def test_between_completions_layers_keep_what_was_known(plan):
-    early = replace(plan, shares=(Shares(1, 0.02, 0.03, 0.05, 0.9, 0.1, 4.0, 3.0),))
+    early = replace(plan, shares=(ClassShares(1, 0.02, 0.03, 0.05, 0.9, 0.1, 4.0, 3.0),))
     tops = layers(early)
     met = [view.met_fraction for view in plan.views]
     assert tops[:, 0].tolist() == [0, 0, 0]
@@ -229,7 +229,7 @@ def test_next_stations_know_what_completion_makes_of_the_scans():
     ]
     scan_map = ScanMap.of([scan_scene(ROOM, pose, SENSOR, rng=0) for pose in poses], SENSOR, options=COARSE)
     fixed = {"views": 2, "candidates": CANDIDATES, "options": COARSE, "n_threads": 1}
-    completed = CompletedSurfaces.of(scan_map.scans, n_threads=1)
+    completed = KnownSurfaces.of(scan_map.scans, n_threads=1)
     plain, knowing = (
         plan_next_stations(scan_map, SENSOR, completed=one, **fixed) for one in (None, completed)
     )

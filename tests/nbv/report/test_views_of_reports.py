@@ -19,7 +19,7 @@ from nbv.report.figures.plots import coverage_curve
 from nbv.report.figures.surface_values import cut_finely, fine_coverage
 from nbv.report.viewer.layers import Category, Layer, best_camera, focus
 from nbv.report.viewer.markers import box_edges, given_markers, slope_of, tour_lines, view_markers, zone_lines
-from nbv.report.viewer.scan_views import completion_view, occluding, state_view
+from nbv.report.viewer.scan_views import completion_view, find_occluders, state_view
 from nbv.report.viewer.scene_view import near_hull, scene_view
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor, View
@@ -147,7 +147,7 @@ def test_a_completion_keeps_the_areas_that_it_tells(completion):
 
 
 def test_occluders_are_what_hides_inferred_surface(completion):
-    hiding = occluding(completion.patches)
+    hiding = find_occluders(completion.patches)
     largest = int(np.argmax([patch.observed_m2 for patch in completion.patches])) + 1
     assert largest not in hiding
     view = completion_view(completion, is_room=False)

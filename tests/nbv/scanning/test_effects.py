@@ -184,11 +184,11 @@ def test_weak_and_oblique_echoes_are_lost():
 def test_gloss_costs_the_stated_share_of_echoes():
     dropout, theta = Dropout(specular_loss=0.6, specular_exponent=10), np.radians(15)
     lit, n = np.ones(200_000, np.float32), 200_000
-    lost = 1 - dropout.kept(lit, np.full(n, theta), np.random.default_rng(0)).mean()
+    lost = 1 - dropout.draw_kept(lit, np.full(n, theta), np.random.default_rng(0)).mean()
     share = 0.6 * (1 - np.cos(2 * theta) ** 10)
     assert abs(lost - share) < 3 * np.sqrt(share * (1 - share) / n)
-    assert dropout.kept(lit, np.zeros(n), np.random.default_rng(0)).all()
-    beyond = 1 - dropout.kept(lit, np.full(n, np.radians(60)), np.random.default_rng(1)).mean()
+    assert dropout.draw_kept(lit, np.zeros(n), np.random.default_rng(0)).all()
+    beyond = 1 - dropout.draw_kept(lit, np.full(n, np.radians(60)), np.random.default_rng(1)).mean()
     assert abs(beyond - 0.6) < 3 * np.sqrt(0.24 / n)
 
 

@@ -92,7 +92,7 @@ def test_encoder_noise_turns_the_points_and_keeps_their_range():
     projection = SphericalProjection.regular(200, 200, 20.0, (-10.0, 10.0))
     rays = projection.directions()
     noise = PointingNoise(sd_deg=0.01)
-    points = noise.displaced(
+    points = noise.displace(
         np.full((200, 200), 30.0), rays[..., 0] * 0, projection, rays, np.random.default_rng(1)
     )
     assert np.abs(np.linalg.norm(points, axis=-1) - 30).max() < 1e-12
@@ -132,19 +132,19 @@ def test_incidence_is_clipped_before_the_pole(model):
 def test_levels_of_a_quantised_depth_are_even_in_disparity():
     step = Quantisation(inverse_depth_step_per_m=2.85e-3)
     z = np.linspace(0.5, 5.0, 50_000)
-    levels = np.unique(step.rounded(z))
+    levels = np.unique(step.round_ranges(z))
     assert np.abs(np.round(1 / levels / 2.85e-3) - 1 / levels / 2.85e-3).max() < 1e-9
     assert np.abs(np.diff(levels) / (2.85e-3 * levels[1:] * levels[:-1]) - 1).max() < 1e-9
-    assert np.abs(step.rounded(z) - z).max() <= 0.51 * step.step_m(z).max()
-    assert (step.rounded(np.array([np.inf])) == np.inf).all()
-    off_axis = step.rounded(z / 0.8, 0.8)
-    assert np.allclose(off_axis * 0.8, step.rounded(z))
+    assert np.abs(step.round_ranges(z) - z).max() <= 0.51 * step.step_m(z).max()
+    assert (step.round_ranges(np.array([np.inf])) == np.inf).all()
+    off_axis = step.round_ranges(z / 0.8, 0.8)
+    assert np.allclose(off_axis * 0.8, step.round_ranges(z))
     assert np.allclose(step.step_m(z / 0.8, 0.8) * 0.8, step.step_m(z))
 
 
 def test_levels_of_a_quantised_range_are_its_multiples():
     step = Quantisation(range_step_m=0.002)
-    rounded = step.rounded(np.array([1.0009, 1.0011, np.inf]))
+    rounded = step.round_ranges(np.array([1.0009, 1.0011, np.inf]))
     assert rounded == pytest.approx([1.0, 1.002, np.inf])
     assert step.step_m(np.ones(2)).tolist() == [0.002, 0.002]
 
@@ -177,7 +177,7 @@ def test_unknown_models_are_refused(name):
 def test_a_camera_keeps_depth_when_pixels_err():
     projection = PinholeProjection.from_fov(8, 8, 60)
     rays = projection.directions()
-    points = PointingNoise(sd_px=1.0).displaced(
+    points = PointingNoise(sd_px=1.0).displace(
         2 / rays[..., 2], rays[..., 2] * 0, projection, rays, np.random.default_rng(0)
     )
     assert np.abs(points[..., 2] - 2).max() < 1e-12

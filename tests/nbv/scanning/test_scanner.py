@@ -68,7 +68,7 @@ def test_noise_has_the_stated_sigma_and_its_own_stream():
 def test_moving_the_world_moves_nothing_in_the_scan():
     motion = Pose.looking_at((30.0, -20.0, 5.0), (31.0, -22.0, 6.0))
     scan = scan_scene(square(), AHEAD, SENSOR)
-    moved = scan_scene(square().transformed(motion), motion @ AHEAD, SENSOR)
+    moved = scan_scene(square().transform(motion), motion @ AHEAD, SENSOR)
     assert (moved.valid == scan.valid).mean() > 0.999
     both = moved.valid & scan.valid
     assert np.abs(moved.ranges[both] - scan.ranges[both]).max() < 1e-10

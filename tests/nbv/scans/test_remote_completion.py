@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from completion.options import CompletionOptions
 from completion.pipeline import complete, complete_first
 from nbv.cli import app
-from nbv.run.workers import DaskWorkers, Share, cluster
+from nbv.run.workers import DaskWorkers, WorkerShare, cluster
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, View
 from nbv.scans import remote_completion
@@ -77,8 +77,8 @@ def task_of(scans, folder, **how):
 def test_what_a_worker_does_is_all_that_a_completion_takes(scans, tmp_path, monkeypatch):
     journal = FileJournal(tmp_path, "key")
     first = journal.part("first")
-    with Claims.opened(tmp_path):
-        assert task_of(scans, tmp_path, scratch=str(tmp_path)).work(Share(1, 1)) == ""
+    with Claims.allow(tmp_path):
+        assert task_of(scans, tmp_path, scratch=str(tmp_path)).work(WorkerShare(1, 1)) == ""
     done = {file.relative_to(tmp_path) for file in tmp_path.rglob("*.npz")}
     given = read_request(ScanRequest(tuple(scans))).scans
     monkeypatch.setattr(FileJournal, "step", known_alone(FileJournal.step))
@@ -96,12 +96,12 @@ def known_alone(step):
 
 def test_a_worker_that_sees_other_files_or_none_says_so(scans, tmp_path):
     FileJournal(tmp_path, "key").part("first")
-    with Claims.opened(tmp_path):
+    with Claims.allow(tmp_path):
         task = task_of(scans, tmp_path)
         with pytest.raises(InputError, match=r"0\.npz: a worker does not see this file as it is here"):
-            replace(task, sizes=((scans[0], 3),)).work(Share(0, 1))
+            replace(task, sizes=((scans[0], 3),)).work(WorkerShare(0, 1))
         with pytest.raises(InputError, match="a worker does not find the run's journal"):
-            replace(task, journal=str(tmp_path / "elsewhere")).work(Share(0, 1))
+            replace(task, journal=str(tmp_path / "elsewhere")).work(WorkerShare(0, 1))
 
 
 def test_a_worker_without_memory_says_so(scans, tmp_path, monkeypatch):
@@ -110,8 +110,8 @@ def test_a_worker_without_memory_says_so(scans, tmp_path, monkeypatch):
 
     FileJournal(tmp_path, "key").part("first")
     monkeypatch.setattr(remote_completion, "complete", full)
-    with Claims.opened(tmp_path):
-        assert "not enough memory" in task_of(scans, tmp_path).work(Share(0, 1))
+    with Claims.allow(tmp_path):
+        assert "not enough memory" in task_of(scans, tmp_path).work(WorkerShare(0, 1))
 
 
 def test_an_address_where_nobody_answers_is_one_line(scans, tmp_path, monkeypatch):
@@ -128,8 +128,11 @@ def test_workers_share_the_work(scans, tmp_path):
     """Workers as threads of this process, each with a journal of its own."""
     journal = FileJournal(tmp_path, "key")
     journal.part("first")
-    with Claims.opened(tmp_path), ThreadPoolExecutor(2) as pool:
-        assert list(pool.map(task_of(scans, tmp_path).work, [Share(0, 1), Share(1, 1)])) == ["", ""]
+    with Claims.allow(tmp_path), ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(task_of(scans, tmp_path).work, [WorkerShare(0, 1), WorkerShare(1, 1)])) == [
+            "",
+            "",
+        ]
     given = read_request(ScanRequest(tuple(scans))).scans
     found, wanted = (complete(given, PLAIN, rng=0, journal=one) for one in (journal, NO_JOURNAL))
     assert found.hypothesised.vertices.tobytes() == wanted.hypothesised.vertices.tobytes()

@@ -75,7 +75,7 @@ def test_one_more_scan_never_lowers_what_is_measured_and_moving_the_world_change
     met = [measure_area(scans[:n], AT_60, GRID).met_m2 for n in (1, 2, 3)]
     assert met == sorted(met)
     shift = np.array([7.0, -3.0, 2.0])
-    away = [scan.transformed(Pose.from_parts(np.eye(3), shift)) for scan in scans]
+    away = [scan.transform(Pose.from_parts(np.eye(3), shift)) for scan in scans]
     moved = measure_area(away, AT_60, replace(GRID, origin=GRID.origin + shift))
     assert moved.met_m2 == pytest.approx(met[-1], rel=1e-3)
 
@@ -106,7 +106,7 @@ def test_the_edge_of_a_shadow_is_a_frustum():
     near, far, half = 2.0, 3.0, 0.3
     scan = scan_scene(before_wall(near, far, half), EAST, SENSOR, rng=0)
     volume = np.array([[0.0, -1.2, -1.2], [3.1, 1.2, 1.2]])
-    voxels = VoxelMap.unknown(volume, voxel_m=0.04).integrated(scan, SENSOR)
+    voxels = VoxelMap.unknown(volume, voxel_m=0.04).integrate(scan, SENSOR)
     unseen = UnseenBoundary.of(voxels)
     beyond = unseen.faces.centres[:, 0] > near + 0.1
     beside = np.abs(unseen.faces.centres[:, 1:]).max(axis=1) < 0.7

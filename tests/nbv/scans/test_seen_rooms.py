@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from nbv.coverage.surface_classes import CompletedSurfaces
+from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import SphericalSensor
 from nbv.scans.scan_coverage import cover_by_scans
@@ -37,7 +37,7 @@ def two_storeys():
     """A house of two storeys with a scan in the middle of each room, and what they show."""
     made = house(3, storeys=2)
     scans = scans_of(made, [middle(room) for room in made.rooms])
-    return made, ScanMap.of(scans, PANORAMA, completed=CompletedSurfaces.of(scans, relates=False))
+    return made, ScanMap.of(scans, PANORAMA, completed=KnownSurfaces.of(scans, relates=False))
 
 
 @pytest.mark.long
@@ -92,7 +92,7 @@ def test_a_shadow_parts_no_room_and_shelves_are_no_floor():
     x1, y1 = made.rooms[0][2:4]
     rows = np.arange(1.8, y1 - 2.4, 3.4) - 0.8
     scans = scans_of(made, [(x, y, 1.6) for y in rows for x in (x1 / 3, 2 * x1 / 3)])
-    seen = SeenRooms.of(scans, CompletedSurfaces.of(scans, relates=False))
+    seen = SeenRooms.of(scans, KnownSurfaces.of(scans, relates=False))
     assert len(seen.rooms.rooms) == 1
     assert seen.rooms.rooms[0].level_m == pytest.approx(0, abs=0.02)
 
@@ -100,9 +100,9 @@ def test_a_shadow_parts_no_room_and_shelves_are_no_floor():
 def test_rooms_can_be_asked_for(two_storeys):
     seen = two_storeys[1].rooms
     number = int(seen.stood[-1])
-    assert seen.chosen(SiteOptions(rooms=(number,)))[0] == (number,)
+    assert seen.choose_rooms(SiteOptions(rooms=(number,)))[0] == (number,)
     with pytest.raises(InputError, match=r"there is no room 99: the scans show .* numbered anew"):
-        seen.chosen(SiteOptions(rooms=(99,)))
+        seen.choose_rooms(SiteOptions(rooms=(99,)))
 
 
 def test_without_a_ceiling_all_floor_serves_and_it_is_said():
@@ -111,6 +111,6 @@ def test_without_a_ceiling_all_floor_serves_and_it_is_said():
     beside = (x0 - 3.0, (y0 + y1) / 2, 0.5)
     scans = scans_of(yard, [beside])
     seen = SeenRooms.of(scans)
-    chosen, said = seen.chosen(SiteOptions())
+    chosen, said = seen.choose_rooms(SiteOptions())
     assert chosen
     assert not said or "no ceiling was seen" in said[0]

@@ -16,7 +16,7 @@ from scenes.run.journal import NO_JOURNAL, FileJournal
 def folder(tmp_path):
     journal = FileJournal(tmp_path / "journal", "key")
     journal.part("first")
-    with Claims.opened(journal.folder):
+    with Claims.allow(journal.folder):
         yield journal.folder
 
 
@@ -26,7 +26,7 @@ def test_each_of_many_steps_is_done_once_and_all_come_to_the_same(folder):
     def run(number):
         claims = Claims(folder, number)
         journal = SharedJournal(folder, "key", claims)
-        with claims.beating():
+        with claims.keep_alive():
 
             def work(name):
                 done[name] += 1
@@ -62,7 +62,7 @@ def test_orders_differ_and_leave_nothing_out(folder):
 
 def test_a_claim_is_respected_let_go_and_taken_over_from_the_silent(folder, monkeypatch):
     one, other = Claims(folder, 1), Claims(folder, 2)
-    with one.beating():
+    with one.keep_alive():
         assert one.take("a")
         assert not other.take("a")
         SharedJournal(folder, "key", other).offer("a", lambda: pytest.fail("claimed"))
@@ -71,7 +71,7 @@ def test_a_claim_is_respected_let_go_and_taken_over_from_the_silent(folder, monk
         assert one.take("b")
         let_go(folder, 2)
         assert one.take("a")
-    with Claims(folder, 1).beating():  # the same one, back from the dead
+    with Claims(folder, 1).keep_alive():  # the same one, back from the dead
         assert other.take("b")
     assert Claims(folder, 3).take("c")  # and never beats
     assert not other.take("c")
@@ -88,7 +88,7 @@ def test_a_step_that_fails_is_free_again(folder):
 
 def test_a_run_that_was_called_off_takes_no_more_steps(tmp_path):
     journal = FileJournal(tmp_path / "journal", "key")
-    with Claims.opened(journal.folder):
+    with Claims.allow(journal.folder):
         shared = SharedJournal(journal.folder, "key", Claims(journal.folder, 1))
     with pytest.raises(InputError, match="called off"):
         shared.step("a", lambda: 1)

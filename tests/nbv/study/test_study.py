@@ -33,7 +33,7 @@ from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.visibility import visible_from_positions
 from scenes.checks import InputError
-from scenes.run.atomic import lock_file, locked
+from scenes.run.atomic import hold_lock, lock_file
 from scenes.world.builtin import builtin_scene
 from tests.helpers.data_paths import ROOT
 from tests.helpers.study_examples import SMALL, contents, write_study
@@ -316,13 +316,13 @@ def test_damaged_and_foreign_plans_are_made_again(undisturbed, tmp_path, file):
 
 @pytest.mark.long
 def test_two_runs_cannot_write_to_one_folder(tmp_path, file):
-    with locked(tmp_path):
+    with hold_lock(tmp_path):
         result = study(file, "-o", tmp_path)
     assert result.exit_code == 1
     assert "another run writes there" in result.stderr
     assert not list(tmp_path.iterdir())
     lock_file(tmp_path).touch()
-    with locked(tmp_path):
+    with hold_lock(tmp_path):
         pass
     assert not list(tmp_path.iterdir())
 
@@ -406,13 +406,13 @@ def test_visibility_by_workers_is_that_of_this_process(tmp_path):
 
 def test_workers_that_do_not_see_the_folder_say_so(tmp_path):
     shared = SharedArrays.write(tmp_path, {"points": np.arange(3.0)})
-    assert np.array_equal(shared.mapped()["points"], [0, 1, 2])
+    assert np.array_equal(shared.map_arrays()["points"], [0, 1, 2])
     with pytest.raises(InputError, match="under the same path"):
-        replace(shared, folder=str(tmp_path / "elsewhere")).mapped()
+        replace(shared, folder=str(tmp_path / "elsewhere")).map_arrays()
     file = next(tmp_path.iterdir())
     file.write_bytes(file.read_bytes()[:-8])
     with pytest.raises(InputError, match="under the same path"):
-        shared.mapped()
+        shared.map_arrays()
 
 
 def test_a_scheduler_goes_with_planners_that_know_the_scene():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.io.format import Cloud, cloud_of, scan_of
+from scenes.io.format import ScanReturns, cloud_of, scan_of
 from scenes.io.header import scan_header
 from scenes.io.las import read_las_points
 from scenes.io.limits import limits
@@ -125,7 +125,7 @@ def test_pixels_outside_the_image_are_refused() -> None:
     cloud, header = cloud_of(scan), scan_header(scan)
     n_points = len(cloud.points)
     with pytest.raises(InputError, match="do not each have a pixel"):
-        scan_of(header, n_points, [Cloud(cloud.points, cloud.row + 1000, cloud.column)])
+        scan_of(header, n_points, [ScanReturns(cloud.points, cloud.row + 1000, cloud.column)])
     with pytest.raises(InputError, match="do not each have a pixel"):
         scan_of(header, n_points, [cloud, cloud])
     huge = {**header, "projection": {**header["projection"], "width": 10_000, "height": 10_000}}

@@ -10,7 +10,7 @@ import pytest
 from scenes.checks import InputError
 from scenes.io import e57
 from scenes.io import e57 as e57_points
-from scenes.io.e57 import PointChunk, Survey
+from scenes.io.e57 import GridExtent, PointChunk
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan, write_scan
 from tests.helpers.long_cases import first_in_gate
@@ -72,7 +72,7 @@ def test_of_several_returns_the_first_is_kept(
 def test_points_not_finite_are_told() -> None:
     pixels = np.array([[4, 2, 9], [1, 8, 3]])
     chunk = PointChunk(np.ones((3, 3)), pixels, None, None, n_read=5, n_bad=2)
-    seen = Survey()
+    seen = GridExtent()
     for one in (chunk, replace(chunk, points=np.ones((0, 3)), pixels=pixels[:, :0])):
         seen.see(one)
     assert (seen.n_kept, seen.low.tolist(), seen.high.tolist()) == (3, [2, 1], [9, 8])
@@ -86,7 +86,7 @@ def test_bounds_that_are_announced_change_nothing(
     by_others(tmp_path / "a.e57", double=False, repeated=4)
     plain = read_scan(tmp_path / "a.e57")
     low, high = (np.full(2, 2**31), np.zeros(2, int)) if bounds is None else np.reshape(bounds, (2, 2))
-    monkeypatch.setattr(e57, "_announced", lambda header: Survey(header.point_count, low=low, high=high))
+    monkeypatch.setattr(e57, "_announced", lambda header: GridExtent(header.point_count, low=low, high=high))
     found = read_scan(tmp_path / "a.e57")
     assert found.warnings == plain.warnings
     for name in ("ranges", "sensor_points", "intensity"):

@@ -294,7 +294,7 @@ def test_scans_give_all_valid_points_in_the_world(tmp_path: Path, suffix: str, k
 def test_one_scan_of_several(tmp_path: Path) -> None:
     pytest.importorskip("pye57")
     scans = [example_scan(LASER, colour=False), example_scan(LASER)]
-    write_scans([scans[0], scans[1].transformed(POSE)], tmp_path / "two.e57")
+    write_scans([scans[0], scans[1].transform(POSE)], tmp_path / "two.e57")
     both, second = read_points(tmp_path / "two.e57"), read_points(f"{tmp_path / 'two.e57'}#2")
     expected = read_scan(f"{tmp_path / 'two.e57'}#2")
     assert second.name == "two.e57#2"

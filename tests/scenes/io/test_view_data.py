@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nbv.report.viewer.encoding import Packer, by_appearance, countdown, decoded_header, encoded
+from nbv.report.viewer.encoding import Packer, by_appearance, countdown, decoded_header, encode_view
 from nbv.report.viewer.layers import NOTHING, Category, Classes, Layer, Numbers
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import Appearance
-from scenes.mesh.mesh_parts import thinned
+from scenes.mesh.mesh_parts import thin_mesh
 from tests.helpers.view_examples import EVIL, UTM, known_view
 
 GREY = Category("grey", (0.5, 0.5, 0.5))
@@ -86,7 +86,7 @@ def corners_of(text):
 def test_corners_at_utm_are_right_to_a_fraction_of_a_millimetre(side):
     layer = sheet()
     wide = Layer("sheet", "", (layer.vertices - UTM) * side + UTM, layer.faces, GREY)
-    corners, *_ = corners_of(encoded(view_of(wide)))
+    corners, *_ = corners_of(encode_view(view_of(wide)))
     wanted = wide.vertices[wide.faces]
     order, found = (np.lexsort(np.round(c.mean(axis=1) - UTM, 2).T) for c in (wanted, corners))
     gap = np.abs(wanted[order].mean(axis=1) - corners[found].mean(axis=1)).max()
@@ -98,7 +98,7 @@ def test_faces_keep_their_values_and_their_side():
     m = len(layer.faces)
     values = layer.vertices[layer.faces].mean(axis=1)[:, 0] - UTM[0]
     marked = sheet(channels=(Numbers("x", "x", "m", values, 0, 1, 4),))
-    corners, entry, body = corners_of(encoded(view_of(marked)))
+    corners, entry, body = corners_of(encode_view(view_of(marked)))
     channel = entry["channels"][0]
     found = channel["base"] + channel["scale"] * unpacked(body, channel["values"])[:, 0]
     assert len(found) == m
@@ -110,7 +110,7 @@ def test_faces_keep_their_values_and_their_side():
 def test_faces_that_share_a_place_share_its_values_and_neighbours_share_corners():
     place = (np.arange(128) // 4).astype(np.int64)
     layer = sheet(place=place, channels=(Classes("c", "c", (GREY,) * 40, place[::4].astype(np.uint16)),))
-    _, entry, body = corners_of(encoded(view_of(layer)))
+    _, entry, body = corners_of(encode_view(view_of(layer)))
     assert entry["corners"]["n"] == 81
     of_face = unpacked(body, entry["channels"][0]["values"])[unpacked(body, entry["place"]), 0]
     assert (np.bincount(of_face) == 4).all()
@@ -121,12 +121,12 @@ def test_colours_and_textures_part_corners_that_differ():
     colour[:64] = 0.2
     image = np.full((8, 8, 3), 90, np.uint8)
     uv = np.random.default_rng(0).random((128, 3, 2)).astype(np.float32)
-    plain = encoded(view_of(sheet(skin=Appearance(colour))))
+    plain = encode_view(view_of(sheet(skin=Appearance(colour))))
     _, entry, body = corners_of(plain)
     assert entry["corners"]["n"] > 81
     assert set(unpacked(body, entry["colours"])[:, 0]) == {51, 255}
     skin = Appearance(colour, (image, image), np.repeat([-1, 0, 1, 1], 32).astype(np.int32), uv)
-    _, entry, body = corners_of(encoded(view_of(sheet(skin=skin))))
+    _, entry, body = corners_of(encode_view(view_of(sheet(skin=skin))))
     assert [one["faces"] for one in entry["images"]] == [32, 32, 64]
     assert entry["images"][0]["image"] is None
     at = entry["images"][1]["image"]["at"]
@@ -139,19 +139,19 @@ def test_large_images_are_made_smaller():
     image = np.random.default_rng(0).integers(0, 255, (2600, 2600, 3), dtype=np.uint8)
     one = np.zeros(128, np.int32)
     skin = Appearance(np.ones((128, 3, 3), np.float32), (image,), one, np.zeros((128, 3, 2), np.float32))
-    assert len(encoded(view_of(sheet(skin=skin)))) < 3e6
+    assert len(encode_view(view_of(sheet(skin=skin)))) < 3e6
 
 
 def test_a_view_is_the_same_bytes_again_and_holds_no_name_as_text():
-    text = encoded(known_view())
-    assert text == encoded(known_view())
+    text = encode_view(known_view())
+    assert text == encode_view(known_view())
     assert set(text) <= set("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/=")
     assert decoded_header(text)["label"] == EVIL
     assert gzip.decompress(base64.b64decode(text))[:4] != b"\0\0\0\0"
 
 
 def test_a_view_without_surface_can_be_packed():
-    header = decoded_header(encoded(view_of()))
+    header = decoded_header(encode_view(view_of()))
     assert header["layers"] == []
     assert header["size"] == [0, 0, 0]
 
@@ -160,7 +160,7 @@ def test_a_hundred_thousand_faces_take_little():
     n = 224
     layer = sheet(n)
     noisy = layer.vertices + np.random.default_rng(0).normal(0, 0.002, layer.vertices.shape)
-    assert len(encoded(view_of(Layer("noisy", "", noisy, layer.faces, GREY)))) < 8 * len(layer.faces)
+    assert len(encode_view(view_of(Layer("noisy", "", noisy, layer.faces, GREY)))) < 8 * len(layer.faces)
 
 
 def test_channels_and_layers_that_do_not_fit_are_refused():
@@ -180,10 +180,10 @@ def test_channels_and_layers_that_do_not_fit_are_refused():
 
 def test_thinning_leaves_small_meshes_alone_and_keeps_the_area_of_large_ones():
     layer = sheet(40)
-    vertices, faces, kept = thinned(layer.vertices, layer.faces, 10_000)
+    vertices, faces, kept = thin_mesh(layer.vertices, layer.faces, 10_000)
     assert vertices is layer.vertices
     assert len(faces) == len(layer.faces)
-    vertices, faces, kept = thinned(layer.vertices, layer.faces, 600)
+    vertices, faces, kept = thin_mesh(layer.vertices, layer.faces, 600)
     assert 100 < len(faces) <= 600
     assert (vertices == layer.vertices[kept]).all()
     area = (

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from scenes.io.gltf import glb_of
-from scenes.mesh.blocks import Blocks, in_blocks
+from scenes.mesh.blocks import BoxLattice, in_blocks
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.mesh.mesh_parts import MeshPart
 
@@ -37,7 +37,7 @@ def test_every_triangle_is_in_one_block_with_its_colours(seed):
     parts = in_blocks([whole])
     assert sum(areas(parts)) == pytest.approx(areas([whole])[0])
     assert len({part.name for part in parts}) == len(parts) > 8
-    blocks = Blocks.over([whole])
+    blocks = BoxLattice.over([whole])
     assert blocks.counts.tolist() in ([6, 2, 1], [6, 3, 1])
     colour_of = {tuple(at): tuple(c) for at, c in zip(whole.vertices, whole.colour, strict=True)}
     for part in parts:

@@ -32,7 +32,7 @@ def test_moving_a_mesh_keeps_areas_and_turns_normals(pose: Pose, seed: int) -> N
     rng = np.random.default_rng(seed)
     labels = rng.integers(0, 5, 10)
     mesh = LabelledMesh(rng.uniform(-9, 9, (20, 3)), rng.integers(0, 20, (10, 3)), labels)
-    moved = mesh.transformed(pose)
+    moved = mesh.transform(pose)
     np.testing.assert_allclose(moved.vertices, pose.apply(mesh.vertices), atol=0, rtol=0)
     np.testing.assert_allclose(moved.face_areas(), mesh.face_areas(), atol=40 * ROUNDING_M, rtol=0)
     solid = mesh.face_areas() > 1

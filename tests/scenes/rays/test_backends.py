@@ -80,7 +80,7 @@ def test_both_backends_hit_the_same() -> None:
     assert expected.hit.all()
     assert_agree(packets.first_hit(ORIGINS, ALONG), expected, 10)
     ends = ORIGINS + ALONG
-    assert (packets.blocked(ORIGINS, ends) != single.blocked(ORIGINS, ends)).sum() <= 1
+    assert (packets.are_blocked(ORIGINS, ends) != single.are_blocked(ORIGINS, ends)).sum() <= 1
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -90,8 +90,8 @@ def test_coherence_changes_no_hit(backend: Backend) -> None:
     assert_agree(caster.first_hit(ORIGINS, ALONG, coherent=False), caster.first_hit(ORIGINS, ALONG), 10)
     ends = ORIGINS[:1] + ALONG
     for coherent in (True, False):
-        found = caster.blocked(ORIGINS[:1], ends, coherent=coherent)
-        assert (found == caster.blocked(ORIGINS[:1], ends)).all()
+        found = caster.are_blocked(ORIGINS[:1], ends, coherent=coherent)
+        assert (found == caster.are_blocked(ORIGINS[:1], ends)).all()
 
 
 def test_coherent_packets_are_told_by_their_rays() -> None:
@@ -122,7 +122,7 @@ def test_packets_need_not_be_full(n: int) -> None:
     assert_agree(packets.first_hit(ORIGINS[:n], ALONG[:n]), single.first_hit(ORIGINS[:n], ALONG[:n]), 1)
     ends = ORIGINS[:n] + ALONG[:n]
     for begin, end in ((ORIGINS[:n], ends), (ORIGINS[:1], ends), (ends, ORIGINS[:1])):
-        assert (packets.blocked(begin, end) == single.blocked(begin, end)).all()
+        assert (packets.are_blocked(begin, end) == single.are_blocked(begin, end)).all()
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -153,7 +153,7 @@ def test_a_narrow_processor_gets_narrow_packets(isa: str, width: int) -> None:
         5,
     )
     ends = ORIGINS + ALONG
-    assert (caster.blocked(ORIGINS, ends) != RayCaster(*MESH).blocked(ORIGINS, ends)).sum() <= 1
+    assert (caster.are_blocked(ORIGINS, ends) != RayCaster(*MESH).are_blocked(ORIGINS, ends)).sum() <= 1
 
 
 def awkward_rays(rng: np.random.Generator, n: int) -> tuple[FloatArray, FloatArray]:
@@ -214,7 +214,7 @@ def test_rays_that_are_not_finite_meet_nothing_on_any_backend(backend: Backend) 
     caster = RayCaster(*MESH, n_threads=1, backend=backend)
     nowhere = np.full((100_000, 3), np.nan)
     hits = caster.first_hit(ORIGINS[:1], nowhere)
-    assert caster.blocked(ORIGINS[:1], nowhere).all()
+    assert caster.are_blocked(ORIGINS[:1], nowhere).all()
     assert hits.n_not_finite == 100_000
     assert not hits.hit.any()
 
@@ -240,7 +240,7 @@ def test_the_smallest_meshes(backend: Backend, n_faces: int) -> None:
     hits = caster.first_hit([[0.2, 0.2, 1.0], [0.9, 0.9, 1.0]], [[0, 0, -1.0], [0, 0, -1]])
     assert hits.face.tolist() == [n_faces - 1, -1]
     assert hits.ranges.tolist() == [1.0 if n_faces else np.inf, np.inf]
-    assert caster.blocked([[0.2, 0.2, 1.0]], [[0.2, 0.2, -1.0]]).tolist() == [bool(n_faces)]
+    assert caster.are_blocked([[0.2, 0.2, 1.0]], [[0.2, 0.2, -1.0]]).tolist() == [bool(n_faces)]
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -339,7 +339,7 @@ vertices, along = rng.normal(size=(300, 3)), rng.normal(size=(2000, 3))
 along[5], along[6] = np.nan, 0
 caster = RayCaster(vertices, np.arange(300).reshape(-1, 3))
 hits = caster.first_hit(np.zeros((1, 3)), along.reshape(40, 50, 3))
-print(caster.backend, hits.n_not_finite, hits.ranges.shape, caster.blocked(np.zeros((1, 3)), along).sum())
+print(caster.backend, hits.n_not_finite, hits.ranges.shape, caster.are_blocked(np.zeros((1, 3)), along).sum())
 np.save(sys.argv[1], hits.ranges)
 """
 
@@ -359,7 +359,7 @@ def test_a_hindered_compiler_changes_no_range(tmp_path: Path, name: str) -> None
     vertices, along = rng.normal(size=(300, 3)), rng.normal(size=(2000, 3))
     along[5], along[6] = np.nan, 0
     caster = RayCaster(vertices, np.arange(300).reshape(-1, 3), backend=backend)
-    assert result == f"{backend} 2 (40, 50) {caster.blocked(np.zeros((1, 3)), along).sum()}"
+    assert result == f"{backend} 2 (40, 50) {caster.are_blocked(np.zeros((1, 3)), along).sum()}"
     expected = caster.first_hit(np.zeros((1, 3)), along.reshape(40, 50, 3)).ranges
     assert np.load(file).tobytes() == expected.tobytes()
 

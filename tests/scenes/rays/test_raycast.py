@@ -243,7 +243,7 @@ def test_the_number_of_threads_changes_no_byte(n_threads: int | None) -> None:
     several = RayCaster(ROOM.vertices, ROOM.faces, n_threads=n_threads)
     assert_same_hits(one.first_hit([[3, 2, 2]], along), several.first_hit([[3, 2, 2]], along))
     targets = rng.uniform(0, 5, along.shape)
-    assert (one.blocked([[3, 2, 2]], targets) == several.blocked([[3, 2, 2]], targets)).all()
+    assert (one.are_blocked([[3, 2, 2]], targets) == several.are_blocked([[3, 2, 2]], targets)).all()
 
 
 def test_rays_of_one_batch_do_not_know_of_each_other() -> None:
@@ -260,7 +260,7 @@ def test_one_origin_serves_many_rays() -> None:
     many = caster.first_hit(np.tile(INSIDE[:1], (2000, 1)), ALONG)
     assert_same_hits(caster.first_hit(INSIDE[:1], ALONG), many)
     ends = INSIDE[:1] + ALONG * 2
-    assert (caster.blocked(INSIDE[:1], ends) == (many.ranges < 2)).all()
+    assert (caster.are_blocked(INSIDE[:1], ends) == (many.ranges < 2)).all()
 
 
 def test_no_rays_have_no_hits() -> None:
@@ -268,7 +268,7 @@ def test_no_rays_have_no_hits() -> None:
     for origins in (none, np.zeros((1, 3))):
         assert caster.first_hit(origins, none).ranges.shape == (0,)
         assert caster.first_hit(origins, none).barycentric.shape == (0, 3)
-        assert caster.blocked(origins, none).shape == (0,)
+        assert caster.are_blocked(origins, none).shape == (0,)
 
 
 @pytest.mark.parametrize("n_vertices", [0, 5])
@@ -276,16 +276,16 @@ def test_a_mesh_without_faces_is_never_hit(n_vertices: int) -> None:
     empty = RayCaster(np.zeros((n_vertices, 3)), np.zeros((0, 3), int))
     assert empty.n_faces == 0
     assert not empty.first_hit(INSIDE, ALONG).hit.any()
-    assert not empty.blocked(INSIDE, INSIDE + ALONG).any()
+    assert not empty.are_blocked(INSIDE, INSIDE + ALONG).any()
 
 
 def test_a_segment_is_blocked_by_what_stands_before_its_target() -> None:
     square = RayCaster(*SQUARE)
     origins = np.tile([0.7, 0.2, 2.0], (5, 1))
     targets = np.array([[0.7, 0.2, z] for z in (1.0, 1e-3, -1e-3, -5.0, 3.0)])
-    assert square.blocked(origins, targets).tolist() == [False, False, True, True, False]
-    assert square.blocked(targets, origins).tolist() == [False, False, True, True, False]
-    beside = square.blocked([[2.0, 2, 2]], [[2, 2, -2], [0.5, 0.5, -1e-3]])
+    assert square.are_blocked(origins, targets).tolist() == [False, False, True, True, False]
+    assert square.are_blocked(targets, origins).tolist() == [False, False, True, True, False]
+    beside = square.are_blocked([[2.0, 2, 2]], [[2, 2, -2], [0.5, 0.5, -1e-3]])
     assert beside.tolist() == [False, True]
 
 
@@ -295,7 +295,7 @@ def test_segments_that_are_not_finite_are_blocked_and_those_without_length_free(
     origins[0, 0], targets[1, 2], targets[2, 0] = np.nan, -np.inf, 1e200
     origins[3], targets[3] = np.inf, np.inf
     targets[4] = origins[4]
-    assert RayCaster(*SQUARE).blocked(origins, targets).tolist() == [True, True, True, True, False, False]
+    assert RayCaster(*SQUARE).are_blocked(origins, targets).tolist() == [True, True, True, True, False, False]
 
 
 @settings(law, max_examples=20)
@@ -308,7 +308,7 @@ def test_blocked_agrees_with_first_hit(seed: int) -> None:
     length = np.linalg.norm(end - begin, axis=1)
     ranges = caster.first_hit(begin, end - begin).ranges
     clear = ~(np.abs(ranges - length) < 1e-5)
-    assert (caster.blocked(begin, end) == (ranges < length))[clear].all()
+    assert (caster.are_blocked(begin, end) == (ranges < length))[clear].all()
 
 
 def test_wrong_arguments_are_refused() -> None:
@@ -321,9 +321,9 @@ def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(InputError, match="2 origins for 3 directions; give as many of both, or one origin"):
         square.first_hit(np.zeros((2, 3)), np.ones((3, 3)))
     with pytest.raises(InputError, match="2 origins for 3 targets; give as many of both, or one origin"):
-        square.blocked(np.zeros((2, 3)), np.ones((3, 3)))
+        square.are_blocked(np.zeros((2, 3)), np.ones((3, 3)))
     with pytest.raises(InputError, match=r"expected targets with shape \(n, 3\), got \(3,\)"):
-        square.blocked(np.zeros((2, 3)), np.ones(3))
+        square.are_blocked(np.zeros((2, 3)), np.ones(3))
     with pytest.raises(InputError, match="n_threads must be at least 1, got 0"):
         RayCaster(vertices, faces, n_threads=0)
     with pytest.raises(InputError, match=r"1 of 4 vertices are not finite \(first at row 2\)"):

@@ -14,7 +14,7 @@ from scenes.checks import InputError
 from scenes.io.documents import parse_json, parse_toml, read_json, read_text
 from scenes.io.guard import check_file
 from scenes.io.image import check_image
-from scenes.io.limits import LIMIT_NAMES, Limits, check_limit, check_unpacked, current_limits, limits
+from scenes.io.limits import LIMIT_NAMES, ReadLimits, check_limit, check_unpacked, current_limits, limits
 from scenes.io.npz import open_arrays
 from scenes.io.scene_files import load_scene
 from scenes.rays.raycast import RayCaster
@@ -26,21 +26,21 @@ def test_limits_are_in_force_for_a_block_and_nest() -> None:
     usual = current_limits()
     with limits(faces=10) as outer, limits(points=20):
         assert (current_limits().faces, current_limits().points) == (10, 20)
-        assert current_limits().changed() == {"faces": 10, "points": 20}
-        seen: list[Limits] = []
+        assert current_limits().non_defaults() == {"faces": 10, "points": 20}
+        seen: list[ReadLimits] = []
         thread = threading.Thread(target=lambda: seen.append(current_limits()))
         thread.start()
         thread.join()
         assert seen == [usual]
-        assert outer.changed() == {"faces": 10}
-    assert current_limits() == usual == Limits()
+        assert outer.non_defaults() == {"faces": 10}
+    assert current_limits() == usual == ReadLimits()
 
 
 @pytest.mark.parametrize("changes", [{"noses": 3}, {"faces": 0}, {"faces": 1.5}, {"faces": True}])
 def test_limits_that_are_none_are_refused(changes: dict[str, int]) -> None:
     with pytest.raises(InputError, match="limit"), limits(**changes):
         pass
-    assert current_limits() == Limits()
+    assert current_limits() == ReadLimits()
 
 
 def test_errors_name_limit_number_and_cure() -> None:
@@ -186,4 +186,4 @@ def test_workers_elsewhere_have_the_limits_of_here() -> None:
         return current_limits().faces
 
     assert _on_worker(work, None, 1, {"faces": 5}) == 5
-    assert current_limits() == Limits()
+    assert current_limits() == ReadLimits()

@@ -22,7 +22,7 @@ from examples.check_limits import commands, digests, run
 from nbv import plan_views, scan_scene
 from nbv.cli import app
 from nbv.commands.options import Shared
-from nbv.commands.process import running
+from nbv.commands.process import start_run
 from nbv.commands.texture import texture_bytes
 from nbv.cover import dual
 from nbv.cover.dual import reduce_instance
@@ -95,7 +95,7 @@ def test_the_system_refuses_what_would_go_beyond_and_no_more():
 
 def test_a_refused_allocation_is_one_line(tmp_path, capsys):
     shared = Shared(out=tmp_path / "x.json", seed=0, as_json=False, quiet=True, threads=None, max_memory=None)
-    with pytest.raises(Exit) as left, running("fit", shared, default="", is_folder=False):
+    with pytest.raises(Exit) as left, start_run("fit", shared, default="", is_folder=False):
         np.ones(1 << 60, np.uint8)
     assert left.value.exit_code == 1
     assert re.fullmatch("unseen fit: not enough memory for this input; .*\n", capsys.readouterr().err)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from scenes.checks import InputError
-from scenes.run.atomic import Stage, locked, settle
+from scenes.run.atomic import Stage, hold_lock, settle
 
 OLD = {"a.txt": "old a", "b.txt": "old b", "manifest.json": "old"}
 NEW = {"a.txt": "new a", "plots/c.txt": "new c", "manifest.json": "new"}
@@ -112,8 +112,8 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
 
 
 def test_files_of_one_folder_have_stages_and_locks_of_their_own(tmp_path):
-    with locked(tmp_path, "a.txt"), Stage(tmp_path, "a.txt") as a:
-        with locked(tmp_path, "b.txt"), Stage(tmp_path, "b.txt") as b:
+    with hold_lock(tmp_path, "a.txt"), Stage(tmp_path, "a.txt") as a:
+        with hold_lock(tmp_path, "b.txt"), Stage(tmp_path, "b.txt") as b:
             a.path("a.txt").write_text("a")
             b.path("b.txt").write_text("b")
             b.commit()
@@ -131,8 +131,8 @@ def test_a_lock_is_waited_for_as_long_as_a_killed_run_needs_to_be_gone(tmp_path)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
-        with pytest.raises(InputError, match="another run writes there"), locked(tmp_path, wait_s=0.0):
+        with pytest.raises(InputError, match="another run writes there"), hold_lock(tmp_path, wait_s=0.0):
             pass
-        with locked(tmp_path):
+        with hold_lock(tmp_path):
             pass
     assert other.returncode == 0

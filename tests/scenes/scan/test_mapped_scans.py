@@ -65,7 +65,7 @@ def test_mapped_and_in_memory_are_equal(kind, off_rays_m, monkeypatch):
     plain = example_scan(PROJECTIONS[kind], off_rays_m=off_rays_m, truth=True)
     assert_same(plain, mapped)
     assert_same(mapped, plain, mapped=False)
-    assert_same(plain.transformed(MOVED), mapped.transformed(MOVED))
+    assert_same(plain.transform(MOVED), mapped.transform(MOVED))
 
 
 @pytest.mark.usefixtures("few_are_many")
@@ -81,15 +81,15 @@ def test_what_is_made_of_a_mapped_scan_is_mapped():
 
 def test_a_scan_that_is_moved_keeps_the_same_arrays():
     scan = example_scan(PROJECTIONS["panorama"], off_rays_m=0.01, truth=True)
-    moved = scan.transformed(MOVED)
+    moved = scan.transform(MOVED)
     assert moved.ranges is scan.ranges
     assert moved.sensor_points is scan.sensor_points
     np.testing.assert_allclose(moved.points(), MOVED.apply(scan.points()), atol=1e-12)
-    assert (scan.restated(name="b").name, scan.name) == ("b", "küche <b>")
+    assert (scan.with_facts(name="b").name, scan.name) == ("b", "küche <b>")
     with pytest.raises(ValueError, match="sigma_m must be 0 or more"):
-        scan.restated(sigma_m=-1.0)
+        scan.with_facts(sigma_m=-1.0)
     with pytest.raises(TypeError, match="ranges: only world_from_sensor, sigma_m"):
-        scan.restated(ranges=scan.ranges)
+        scan.with_facts(ranges=scan.ranges)
 
 
 @pytest.mark.parametrize("colour", ["bytes", "float"])
@@ -135,7 +135,7 @@ def scan(rows):
     points.setflags(write=False)
     colour.setflags(write=False)
     projection = SphericalProjection.regular(shape[1], shape[0], 360.0, (-60.0, 60.0))
-    made = RangeImage.from_points(points, projection, Pose.identity(), colour).transformed(Pose.identity())
+    made = RangeImage.from_points(points, projection, Pose.identity(), colour).transform(Pose.identity())
     return sum(array.nbytes for array in (made.ranges, made.sensor_points, made.colour))
 
 scan(600)

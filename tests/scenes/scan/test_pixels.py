@@ -6,7 +6,7 @@ import pytest
 
 from scenes.pose import Pose
 from scenes.scan import pixels
-from scenes.scan.pixels import mended, ranges_of, row_blocks
+from scenes.scan.pixels import mend_pixels, ranges_of, row_blocks
 from scenes.scan.range_image import RangeImage
 from tests.helpers.scan_examples import PROJECTIONS, example_scan
 
@@ -19,11 +19,11 @@ def test_blocks_cover_the_rows(shape: tuple[int, int]) -> None:
 
 def test_what_is_sound_and_read_only_is_not_copied() -> None:
     image = np.add.outer(np.arange(0.0, 12.0, 4), np.arange(4.0))
-    copy = mended(image, np.float64, lambda _, held: held < 0, 0)
+    copy = mend_pixels(image, np.float64, lambda _, held: held < 0, 0)
     assert copy is not image
     image.setflags(write=False)
-    assert mended(image, np.float64, lambda _, held: held < 0, 0) is image
-    better = mended(image, np.float64, lambda _, held: held > 5, 5)
+    assert mend_pixels(image, np.float64, lambda _, held: held < 0, 0) is image
+    better = mend_pixels(image, np.float64, lambda _, held: held > 5, 5)
     np.testing.assert_array_equal(better, np.minimum(image, 5))
     assert image.max() == 11
     assert not better.flags.writeable

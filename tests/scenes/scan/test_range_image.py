@@ -69,7 +69,7 @@ def test_pixels_of_points_are_the_pixels_they_came_from(kind: str, pose: Pose) -
 @law
 def test_moving_a_scan_moves_its_points_rigidly(kind: str, pose: Pose) -> None:
     for scan in (scan_of(PROJECTIONS[kind]), scan_of(PROJECTIONS[kind], off_rays_m=0.01)):
-        moved = scan.transformed(pose)
+        moved = scan.transform(pose)
         np.testing.assert_allclose(moved.points(), pose.apply(scan.points()), atol=ROUNDING_M, rtol=0)
         np.testing.assert_allclose(moved.rays(), pose.rotate(scan.rays()), atol=ROUNDING_M, rtol=0)
         assert (moved.ranges == scan.ranges).all()
@@ -155,7 +155,7 @@ def test_arrays_are_copied_and_read_only() -> None:
 
 def test_other_fields_travel_along() -> None:
     scan = replace(scan_of(PROJECTIONS["pinhole"]), sigma_m=0.002, noise="constant", name="hall")
-    moved = scan.transformed(Pose.identity())
+    moved = scan.transform(Pose.identity())
     assert (moved.sigma_m, moved.noise, moved.name) == (0.002, "constant", "hall")
 
 

@@ -43,7 +43,7 @@ def test_what_was_said_is_done(up: str) -> None:
 @pytest.mark.parametrize("up", UP)
 @pytest.mark.parametrize("target", [(3.0, 3.0, 1.0), (3.0, 2.0, 0.2), (3.0, 3.0, 1.6)])
 def test_cameras_tell_up_in_any_world(up: str, target: tuple[float, float, float]) -> None:
-    scan = camera(target).transformed(lying(up))
+    scan = camera(target).transform(lying(up))
     turn, word = upright([scan], "auto", of_points=False)
     found = turn.apply(np.array([UP[up]], float))[0]
     assert found[2] > np.cos(np.radians(1.0))
@@ -53,7 +53,7 @@ def test_cameras_tell_up_in_any_world(up: str, target: tuple[float, float, float
 
 def test_a_camera_frame_without_pose_becomes_upright() -> None:
     """As of a single depth image: y is down and tilted, for the camera looked down by 25 degrees."""
-    scan = camera((3.0, 3.0, 0.0)).restated(world_from_sensor=Pose.identity())
+    scan = camera((3.0, 3.0, 0.0)).with_facts(world_from_sensor=Pose.identity())
     turn, word = upright([scan], "auto", of_points=False)
     points = turn.apply(scan.points()[scan.valid])
     lowest, count = np.unique(np.round(points[:, 2], 2), return_counts=True)
@@ -69,7 +69,7 @@ def test_cameras_that_look_steeply_down_do_not_turn_a_world() -> None:
 
 
 def test_without_level_surface_the_camera_decides() -> None:
-    scan = camera((3.0, 3.0, 1.6)).restated(world_from_sensor=Pose.identity())
+    scan = camera((3.0, 3.0, 1.6)).with_facts(world_from_sensor=Pose.identity())
     blind = RangeImage(
         np.where(np.arange(72)[:, None] < 70, np.inf, scan.ranges), scan.projection, Pose.identity()
     )
@@ -106,7 +106,7 @@ def test_an_unknown_axis_is_refused() -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("options", [(), pytest.param(("--up", "-y"), marks=pytest.mark.long)])
 def test_complete_calls_a_floor_a_floor(tmp_path, options: tuple[str, ...], monkeypatch) -> None:
-    write_scan(camera((3.0, 3.0, 0.6)).transformed(lying("-y")), tmp_path / "room.npz")
+    write_scan(camera((3.0, 3.0, 0.6)).transform(lying("-y")), tmp_path / "room.npz")
     out = tmp_path / "out"
     done = CliRunner().invoke(
         app, ["complete", str(tmp_path / "room.npz"), *options, "--no-texture", "-o", str(out)]

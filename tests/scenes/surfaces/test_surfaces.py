@@ -180,7 +180,7 @@ def test_a_ray_meets_the_point_it_is_sent_to_when_that_faces_it(surface: Surface
 @law
 @given(surfaces, poses(), seeds)
 def test_moving_everything_changes_nothing(surface: Surface, pose: Pose, seed: int) -> None:
-    moved = surface.transformed(pose)
+    moved = surface.transform(pose)
     assert type(moved) is type(surface)
     uv, heights = draw_uv(surface, seed), draw_heights(surface, seed)
     points = surface.from_uv(uv) + heights[:, None] * surface.normal(surface.from_uv(uv))
@@ -236,9 +236,9 @@ def test_the_chart_of_a_plane_is_right_handed() -> None:
 
 def test_a_flipped_plane_is_seen_from_its_other_side() -> None:
     points = np.array([[3.0, 2.0, 5.0]])
-    assert FLOOR.flipped().distance(points).tolist() == [-5.0]
-    assert FLOOR.flipped().ray_ranges(points, np.array([[0.0, 0, -1]])).tolist() == [np.inf]
-    assert FLOOR.flipped().ray_ranges(-points, np.array([[0.0, 0, 1]])).tolist() == [5.0]
+    assert FLOOR.flip().distance(points).tolist() == [-5.0]
+    assert FLOOR.flip().ray_ranges(points, np.array([[0.0, 0, -1]])).tolist() == [np.inf]
+    assert FLOOR.flip().ray_ranges(-points, np.array([[0.0, 0, 1]])).tolist() == [5.0]
 
 
 @pytest.mark.parametrize(
@@ -359,7 +359,7 @@ def test_degenerate_surfaces_are_refused() -> None:
     ("other", "close"),
     [
         (Plane((7, 8, 0), (0, 0, 2)), True),  # the same plane, named by another point
-        (FLOOR.flipped(), True),
+        (FLOOR.flip(), True),
         (Plane((0, 0, 0.009), (0, 0, 1)), True),
         (Plane((0, 0, 0.011), (0, 0, 1)), False),
         (Plane((0, 0, 0), (np.sin(0.019), 0, np.cos(0.019))), True),

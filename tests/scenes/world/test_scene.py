@@ -26,12 +26,12 @@ def scene_of(labels: list[int]) -> Scene:
 @law
 @given(poses())
 def test_mesh_and_surfaces_move_together(pose: Pose) -> None:
-    moved = scene_of([0, 1]).transformed(pose)
+    moved = scene_of([0, 1]).transform(pose)
     floor = moved.surfaces[0]
     assert isinstance(floor, Plane)
     assert moved.surfaces[1] is None
     np.testing.assert_allclose(floor.distance(moved.mesh.vertices), 0, atol=ROUNDING_M)
-    assert surfaces_close(floor, FLOOR.transformed(pose), angle=1e-12, length=1e-12)
+    assert surfaces_close(floor, FLOOR.transform(pose), angle=1e-12, length=1e-12)
     assert (moved.name, moved.mode, moved.warnings) == ("square", "object", ("mended",))
     assert moved.surface_names == ("floor", "clutter")
 
@@ -66,6 +66,6 @@ def test_openings_move_with_their_wall_and_name_a_surface() -> None:
     hatch = Opening(0, VERTICES / 2)
     scene = Scene(mesh, (FLOOR,), ("floor",), "square", openings=(hatch,))
     pose = Pose.looking_at((1, 2, 3), (3, 1, 0))
-    np.testing.assert_allclose(scene.transformed(pose).openings[0].outline, pose.apply(VERTICES / 2))
+    np.testing.assert_allclose(scene.transform(pose).openings[0].outline, pose.apply(VERTICES / 2))
     with pytest.raises(InputError, match="an opening names surface 3, but there are 1 surfaces"):
         Scene(mesh, (FLOOR,), ("floor",), "square", openings=(Opening(3, VERTICES),))

@@ -156,7 +156,7 @@ def test_a_moved_world_moves_the_doorway(door):
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = turn, pose.translation
-    moved = case.scan.restated(world_from_sensor=Pose(matrix) @ case.scan.world_from_sensor)
+    moved = case.scan.with_facts(world_from_sensor=Pose(matrix) @ case.scan.world_from_sensor)
     again = find(moved)[0][0]
     expected = np.asarray(fits[0].geometry["corners"]) @ turn.T + pose.translation
     assert np.asarray(again.geometry["corners"]) == pytest.approx(expected, abs=1e-6)

@@ -104,7 +104,7 @@ def test_other_kinds_and_directions_are_refused():
 @pytest.mark.parametrize("kind", ["stairs", "column"])
 def test_it_is_found_in_a_scanned_room(kind):
     scan, true = solid_room(0, kind)
-    few = scan.thinned(300_000) if kind == "column" else scan
+    few = scan.thin(300_000) if kind == "column" else scan
     fit = find_features([few], [kind], rng=0).fits[0]
     assert fit.status is FeatureStatus.FOUND
     for name, value in true.items():

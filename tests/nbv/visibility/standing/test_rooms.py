@@ -148,7 +148,7 @@ def test_every_room_of_the_duplex_is_found_with_doors_shut_and_open():
     assert not any(room.joined for room in inside(shut))
     living = [room for room in inside(open_) if room.storey == 1 and room.floor_m2 > 40]
     assert [len(room.stairs) for room in living] == [1, 1]
-    reached = open_.rooms.connected(living[0].number)
+    reached = open_.rooms.reachable_from(living[0].number)
     assert reached >= {
         room.number for room in inside(open_) if room.floor_m2 > 1.2
     }  # by the front doors, too

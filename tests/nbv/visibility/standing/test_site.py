@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from nbv.visibility.rooms import Room
+from nbv.visibility.rooms import SiteRoom
 from nbv.visibility.site import find_site, lattice_spacing
 from nbv.visibility.site_options import SiteOptions
 from scenes.checks import InputError
@@ -76,7 +76,7 @@ def test_what_leaves_nowhere_to_stand_is_named_with_its_cure(options, message):
 
 
 def test_finest_spacing_that_is_named_is_taken_and_a_finer_one_is_not():
-    room = Room(1, 1, 120.0, 0.0, 2.6, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
+    room = SiteRoom(1, 1, 120.0, 0.0, 2.6, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
     with pytest.raises(InputError, match=r"give --spacing (0\.\d+) or more") as caught:
         lattice_spacing([room], SiteOptions(spacing_m=0.02))
     named = float(str(caught.value).partition("give --spacing ")[2].split()[0])
@@ -86,7 +86,7 @@ def test_finest_spacing_that_is_named_is_taken_and_a_finer_one_is_not():
 
 
 def test_a_hall_too_large_for_the_usual_spacing_gets_a_wider_one_and_says_so():
-    hall = Room(1, 1, 20_000.0, 0.0, 9.0, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
+    hall = SiteRoom(1, 1, 20_000.0, 0.0, 9.0, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
     spacing, (said,) = lattice_spacing([hall], SiteOptions())
     assert 4 * 20_000 / spacing**2 == pytest.approx(50_000, rel=0.002)
     assert "places for stations are 1.265 m apart, not 1 m: that would be about 80000 positions" in said
@@ -95,12 +95,12 @@ def test_a_hall_too_large_for_the_usual_spacing_gets_a_wider_one_and_says_so():
 
 def test_lattices_of_sensors_that_turn_keep_their_spacing_as_the_building_grows():
     for floor_m2, camera in ((20.0, 0.5), (59.0, 0.5), (61.0, 1.0), (3000.0, 1.0)):
-        room = Room(1, 1, floor_m2, 0.0, 2.6, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
+        room = SiteRoom(1, 1, floor_m2, 0.0, 2.6, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
         assert lattice_spacing([room], SiteOptions(), turns=True)[0] == 0.5
         assert lattice_spacing([room], SiteOptions())[0] == camera
 
 
 def test_positions_that_do_not_fit_into_memory_are_refused():
-    room = Room(1, 1, 1000.0, 0.0, 2.6, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
+    room = SiteRoom(1, 1, 1000.0, 0.0, 2.6, (0.0, 0.0, 0.0), is_outside=False, joined=(), stairs=())
     with memory_limit(resident() + 10**8), pytest.raises(InputError, match="give a larger --spacing, fewer"):
         lattice_spacing([room], SiteOptions(spacing_m=0.5))

@@ -20,14 +20,14 @@ from nbv.plan.plan import Plan, aim_of
 from nbv.plan.rules import RuleOutcome
 from nbv.plan.station_list import station_csv, stations_of
 from nbv.report.blocks.coverage_tables import cut_of
-from nbv.report.blocks.page import Block, Cell, Section, Table, Text
+from nbv.report.blocks.page import Block, Cell, PageSection, Table, Text
 from nbv.report.figures.floor_plan import StoreyPlan, sheets_pdf
 from nbv.run.wording import count, letters, percent, percent_within, square_metres
 from nbv.scans.room_coverage import RoomCoverage
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_record import ScanRecord
 from nbv.scans.seen_rooms import SeenRooms
-from nbv.visibility.rooms import Room, Rooms
+from nbv.visibility.rooms import Rooms, SiteRoom
 from nbv.visibility.zones import EVERYWHERE
 from scenes.checks import FloatArray
 from scenes.run.atomic import write_bytes, write_text
@@ -61,7 +61,7 @@ def rule_sentences(plan: Plan, rules: Sequence[RuleOutcome]) -> list[str]:
     return sentences
 
 
-def rules_section(plan: Plan, rules: Sequence[RuleOutcome]) -> tuple[Section, ...]:
+def rules_section(plan: Plan, rules: Sequence[RuleOutcome]) -> tuple[PageSection, ...]:
     """A row for each rule of thumb; nothing where none was tried."""
     if not rules:
         return ()
@@ -81,10 +81,10 @@ def rules_section(plan: Plan, rules: Sequence[RuleOutcome]) -> tuple[Section, ..
         "from the candidates nearest to where a rule says. "
         "To the target, the station that adds most is taken each time."
     )
-    return (Section("Beside rules of thumb", (Table(columns, rows), Text(note, is_note=True))),)
+    return (PageSection("Beside rules of thumb", (Table(columns, rows), Text(note, is_note=True))),)
 
 
-def rooms_section(plan: Plan) -> tuple[Section, ...]:
+def rooms_section(plan: Plan) -> tuple[PageSection, ...]:
     """A row for each room with its stations; nothing where the scene is one room, or none."""
     if len(plan.rooms) < 2:
         return ()
@@ -98,7 +98,7 @@ def rooms_section(plan: Plan) -> tuple[Section, ...]:
         "that bounds its air, furniture included. Rooms whose doors "
         "are shut lead nowhere: leave doors out by their names (--without) where one will find them open."
     )
-    return (Section("Rooms", (Table(columns, rows), Text(note, is_note=True))),)
+    return (PageSection("Rooms", (Table(columns, rows), Text(note, is_note=True))),)
 
 
 def _row(room: dict[str, Any]) -> tuple[Cell, ...]:
@@ -183,18 +183,18 @@ def storey_plans(scene: Scene, plan: Plan) -> tuple[StoreyPlan, ...]:
     return tuple(plans)
 
 
-def label_of(room: Room) -> str:
+def label_of(room: SiteRoom) -> str:
     """What stands on a room: its name and its floor area."""
     return f"{room.name}\n{square_metres(room.floor_m2)} m\u00b2"
 
 
-def level_of(rooms: Sequence[Room], storey: int) -> float:
+def level_of(rooms: Sequence[SiteRoom], storey: int) -> float:
     """Height of a storey's floor, metres: that of most of it."""
     here = [room for room in rooms if room.storey == storey]
     return max(here, key=lambda room: room.floor_m2).level_m
 
 
-def label_place(rooms: Rooms, room: Room, there: FloatArray) -> FloatArray:
+def label_place(rooms: Rooms, room: SiteRoom, there: FloatArray) -> FloatArray:
     """Where a room's label stands (2,), metres: near its middle, off its walls and the stations (n, 2)."""
     columns = rooms.floors.columns
     inside = np.zeros(columns.shape, np.bool_)
@@ -356,7 +356,7 @@ def record_blocks(record: Sequence[ScanRecord]) -> tuple[Block, ...]:
         "#settled, m\u00b2", "#of expected, %", "#new surface, m\u00b2", "#newly as required, m\u00b2",
     )  # fmt: skip
     rows = tuple(_record_row(number, scan) for number, scan in enumerate(record))
-    known = count(sum(scan.said is not None for scan in record), "scan")
+    known = count(sum(scan.prediction is not None for scan in record), "scan")
     note = (
         "Expected is what the scans before say that a scan settles from where it really stood: boundary of "
         "the unknown that it should see, and surface seen worse than required that it should see well. "
@@ -368,7 +368,7 @@ def record_blocks(record: Sequence[ScanRecord]) -> tuple[Block, ...]:
 
 
 def _record_row(number: int, scan: ScanRecord) -> tuple[Cell, ...]:
-    standing = scan.said
+    standing = scan.prediction
     station = "" if standing is None else f"{standing.station}, {standing.off_m:.2f} m off"
     gain = (
         ""
