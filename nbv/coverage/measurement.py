@@ -13,7 +13,8 @@ from nbv.coverage.coverage import MET, NEVER, REACHABLE, UNREACHABLE, Coverage, 
 from nbv.scanning.sensor import Sensor, View
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.candidates import find_standing, restrict_to_rooms, samples_that_count
-from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits
+from nbv.visibility.limits import GRAZING_COSINE, ROUNDING_M, STEEPEST_SLOPE
+from nbv.visibility.requirement import Requirement, SightLimits
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import Progress, Reachability, find_reachable, visible_from_view
@@ -21,9 +22,6 @@ from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
-
-_ROUNDING_M = 1e-3  # a sample may lie this far from the measured surface, beside noise and slope
-_STEEPEST = 10.0  # tangent of incidence up to which the slope of a pixel is allowed for
 
 
 @dataclass(slots=True, eq=False)
@@ -291,9 +289,9 @@ def measured_samples(
     distance = np.linalg.norm(towards, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         cosine = np.abs(np.einsum("ij,ij->i", towards, samples.normals[index])) / distance
-        tangent = np.minimum(np.sqrt(1 - np.minimum(cosine, 1) ** 2) / cosine, _STEEPEST)
+        tangent = np.minimum(np.sqrt(1 - np.minimum(cosine, 1) ** 2) / cosine, STEEPEST_SLOPE)
     slope = 0.75 * scan.projection.pixel_angle * distance * tangent
-    tolerance = _ROUNDING_M + 3 * (scan.sigma_m or 0.0) + slope
+    tolerance = ROUNDING_M + 3 * (scan.sigma_m or 0.0) + slope
     with np.errstate(invalid="ignore"):
         agrees = np.abs(scan.ranges[row, column] - distance) <= tolerance
     agrees &= (cosine >= GRAZING_COSINE) & (distance <= max_range_m)

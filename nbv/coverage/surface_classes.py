@@ -19,6 +19,7 @@ from completion.observe.tolerance import EvidenceOptions
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from completion.result.completion import Completion
+from nbv.visibility.limits import CLOSE_M, SAME_WAY
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
@@ -26,7 +27,6 @@ from scenes.mesh.triangle_distance import distances
 from scenes.scan.range_image import RangeImage
 
 _MAX_CELLS = 40_000  # of a surface: places a few centimetres apart are told apart in a room
-_SAME_WAY = float(np.cos(np.radians(30.0)))  # normals closer than this may belong to one surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +102,7 @@ class KnownSurfaces:
         for patch in self.completion.patches:
             surface, cells = patch.grid.surface, cells_of(patch)
             near = np.flatnonzero(np.abs(surface.distance(local)) <= close_m)
-            along = np.abs(np.einsum("ij,ij->i", surface.normal(local[near]), turned[near])) >= _SAME_WAY
+            along = np.abs(np.einsum("ij,ij->i", surface.normal(local[near]), turned[near])) >= SAME_WAY
             near = near[along]
             index, cell = patch.grid.cells_of(local[near])
             mask[near[index]] |= cells.ravel()[cell]
@@ -111,7 +111,6 @@ class KnownSurfaces:
 
 MET, MODELLED, INFERRED, UNKNOWN = range(4)
 CLASSES = ("met", "modelled", "inferred", "unknown")
-CLOSE_M = 0.02  # inferred surface this near to the true one counts as right
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,12 +14,11 @@ from scipy.spatial import cKDTree
 
 from nbv.coverage.coverage import MET, UNREACHABLE, Coverage, share_error
 from nbv.visibility.candidates import room_before
+from nbv.visibility.limits import NEAR_SPACINGS
 from nbv.visibility.site import Site
 from nbv.visibility.visibility import REASONS, Reason
 from scenes.checks import FloatArray
 from scenes.rays.raycast import RayCaster
-
-_NEAR = 2.0  # samples this many spacings apart belong together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +67,7 @@ def unreachable_patches(coverage: Coverage) -> tuple[UnreachablePatch, ...]:
 
 def _connected_groups(points: FloatArray, spacing: float) -> list[NDArray[np.int64]]:
     """Return the groups of points (n, 3) that are connected by steps of two spacings or less."""
-    pairs = cKDTree(points).query_pairs(_NEAR * spacing, output_type="ndarray")
+    pairs = cKDTree(points).query_pairs(NEAR_SPACINGS * spacing, output_type="ndarray")
     linked = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     n_groups, group = connected_components(linked, directed=False)
     return [np.flatnonzero(group == k) for k in range(n_groups)]

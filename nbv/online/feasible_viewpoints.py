@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.voxels import UPWARD
-from nbv.visibility.floors import FOOT_M, HEADROOM_M, RAMP_DEG, SILL_M, STEP_M, UNEVEN_M, WALKABLE
+from nbv.visibility.limits import FOOT_M, HEADROOM_M, RAMP_DEG, SILL_M, STEP_M, UNEVEN_M, WALKABLE
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray

@@ -21,7 +21,8 @@ from nbv.coverage.measurement import CoverageTally
 from nbv.online.gain import Accumulator
 from nbv.plan.plan import Plan
 from nbv.scanning.sensor import Sensor
-from nbv.visibility.requirement import GRAZING_COSINE, Requirement
+from nbv.visibility.limits import GRAZING_COSINE
+from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import visible_from_positions

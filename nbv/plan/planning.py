@@ -40,6 +40,7 @@ from nbv.visibility.candidates import (
     with_aperture,
     within,
 )
+from nbv.visibility.limits import INCIDENCE_DEG
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.site_options import SiteOptions
@@ -189,8 +190,6 @@ Method = Literal[
 ]
 if TYPE_CHECKING:
     from trimesh import Trimesh
-
-_INCIDENCE_DEG = 60.0  # that counts as measured where nothing else is said
 
 
 def plan_views(
@@ -421,7 +420,7 @@ def _resolve_requirement(
 ) -> Requirement:
     """Return what counts as measured, refusing a requirement beside single values."""
     if requirement is None:
-        incidence = _INCIDENCE_DEG if max_incidence_deg is None else max_incidence_deg
+        incidence = INCIDENCE_DEG if max_incidence_deg is None else max_incidence_deg
         return Requirement(max_incidence_deg=incidence, max_range_m=max_range_m)
     for name, value in (("max_incidence_deg", max_incidence_deg), ("max_range_m", max_range_m)):
         if value is not None:

@@ -33,6 +33,7 @@ from nbv.plan.tour import Stations, Tour, plan_tour
 from nbv.run.workers import Workers, workers_of
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import Sensor, View
+from nbv.visibility.limits import SAME_M
 from nbv.visibility.requirement import Requirement, SightLimits
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.site import Site
@@ -202,9 +203,6 @@ def _key(block: Block) -> str:
     return hashlib.sha256(text.encode() + block.positions.tobytes()).hexdigest()
 
 
-_SAME_M = 1e-6
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PlanningProblem:
     """A prepared planning problem: what to see, from where, when it is enough, and how scans are to overlap.
@@ -248,7 +246,7 @@ class PlanningProblem:
         if self.site is None or not len(self.site.start):
             return np.zeros(0, np.int64)
         away = np.abs(self.candidates.positions[:, None] - self.site.start).max(axis=2).min(axis=1)
-        there = np.flatnonzero(away <= _SAME_M)
+        there = np.flatnonzero(away <= SAME_M)
         if not len(there):
             place = ",".join(f"{value:g}" for value in self.site.start[0, :2])
             raise InputError(

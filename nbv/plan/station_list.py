@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from nbv.plan.plan import Plan, aim_of
 from nbv.run.csv_table import csv_text
+from nbv.visibility.limits import SAME_M
 from nbv.visibility.rooms import SiteRoom
 from scenes.checks import FloatArray
 
@@ -17,7 +18,6 @@ STATION_COLUMNS = (
     "station", "room", "storey", "x_m", "y_m", "z_m", "height_m", "heading_deg", "pitch_deg", "visit",
     "views",
 )  # fmt: skip
-_SAME_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,4 +102,4 @@ def station_csv(stations: tuple[Station, ...]) -> str:
 def _first_alike(positions: FloatArray) -> NDArray[np.int64]:
     """For each position (n, 3) the number of the first that is the same."""
     apart = np.abs(positions[:, None] - positions[None]).max(axis=2)
-    return np.asarray(np.argmax(apart <= _SAME_M, axis=1))
+    return np.asarray(np.argmax(apart <= SAME_M, axis=1))

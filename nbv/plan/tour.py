@@ -23,7 +23,8 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from nbv.run.wording import count
-from nbv.visibility.floors import HEADROOM_M, STEP_M, FloorColumns, cut_columns
+from nbv.visibility.floors import FloorColumns, cut_columns
+from nbv.visibility.limits import HEADROOM_M, STEP_M, WALKABLE
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.zones import Box
 from scenes.checks import FloatArray, InputError, check_points
@@ -134,7 +135,6 @@ _MOST_PLACES = 120_000  # on floors; of more only every second or third cell of 
 _STEP_M = 0.15  # of the lattice in the air
 _SAMPLES_A_BODY = 4.0  # samples of the surface along a body's radius
 _MOST_OBSTACLES = 1e6  # of them; in scenes of more than 1,400 m2 they are further apart
-_STEEPEST = float(np.cos(np.radians(45.0)))  # of what one walks on
 _LEVEL_M = 0.05  # floors that differ by less are looked at together
 
 
@@ -250,7 +250,7 @@ def _obstacles(mesh: LabelledMesh, body_m: float) -> tuple[FloatArray, float]:
 
 def _walkable(columns: FloorColumns) -> tuple[FloatArray, FloatArray, float]:
     """Places (m, 2) on which one can walk, the height (m,) of each, and how far they are apart, metres."""
-    walkable = (columns.top - columns.bottom >= HEADROOM_M) & (columns.slope >= _STEEPEST)
+    walkable = (columns.top - columns.bottom >= HEADROOM_M) & (columns.slope >= WALKABLE)
     every = max(int(np.ceil(np.sqrt(np.count_nonzero(walkable) / _MOST_PLACES))), 1)
     x, y = np.divmod(columns.cell, columns.shape[1])
     spans = np.flatnonzero(walkable & (x % every == 0) & (y % every == 0))

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from completion.result.completion import Completion
 from nbv.coverage.coverage import Coverage, share_error
 from nbv.coverage.measurement import measured_samples, visibility_history
-from nbv.coverage.surface_classes import CLOSE_M
 from nbv.plan.plan import Plan
 from nbv.report.blocks.coverage_tables import curve, reasons, stations, views_table
 from nbv.report.blocks.page import (
@@ -43,6 +42,7 @@ from nbv.report.figures.surface_values import StateMarks, state_pictures
 from nbv.report.viewer.markers import view_markers
 from nbv.report.viewer.scene_view import colours_of_views, scene_view
 from nbv.run.wording import count, percent, percent_within, square_metres
+from nbv.visibility.limits import CLOSE_M
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import BoolArray
 from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas

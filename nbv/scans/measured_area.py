@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.online.voxels import VoxelGrid, image_normals, sides_of
-from nbv.visibility.requirement import GRAZING_COSINE, Requirement, SightLimits
+from nbv.visibility.limits import GRAZING_COSINE
+from nbv.visibility.requirement import Requirement, SightLimits
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import BoolArray, FloatArray
 from scenes.scan.range_image import RangeImage

@@ -24,6 +24,7 @@ from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_mesh import MOST_PIXELS
 from nbv.scans.seen_rooms import SeenRooms
+from nbv.visibility.limits import MOST_POSITIONS, SPACING_M
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.viewpoints import Candidates, room_lattice, sensor_directions, viewing_sphere
@@ -92,8 +93,7 @@ def _expected_targets(
 
 _CELL_M = 0.05  # of the lattice by which points are thinned, so that near surface has no more say than far
 _STRAY = 0.002  # share of its cells that may lie beyond the volume on either side: stray echoes
-_MOST_POSITIONS = 600
-_CLOSEST_M, _WIDEST_M = 0.2, 0.5  # candidate positions lie so far apart where no floor was seen
+_CLOSEST_M = 0.2  # candidate positions lie so far apart where no floor was seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,9 +191,9 @@ class ScanMap:
         if self.rooms is not None:
             return self.rooms.candidates(sensor, site)
         low, high = self.bounds
-        spacing = float(np.cbrt(np.prod(high - low) / _MOST_POSITIONS))
+        spacing = float(np.cbrt(np.prod(high - low) / MOST_POSITIONS))
         heights = tuple(np.arange(site.clearance_m, high[2] - low[2], max(spacing, _CLOSEST_M)).tolist())
-        spacing = max(spacing, _CLOSEST_M) if spacing < _WIDEST_M else spacing
+        spacing = max(spacing, _CLOSEST_M) if spacing < SPACING_M else spacing
         lattice = room_lattice(
             self.bounds, spacing_m=spacing, heights_m=heights, clearance_m=site.clearance_m
         )

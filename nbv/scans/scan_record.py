@@ -12,12 +12,12 @@ import numpy as np
 
 from nbv.run.wording import letters, square_metres
 from nbv.scans.scan_coverage import ScanCoverage
+from nbv.visibility.limits import SAME_M
 from scenes.checks import InputError
 from scenes.io.documents import read_json
 from scenes.io.guard import one_line
 from scenes.pose import Pose
 
-_SAME = 1e-6  # metres, and of a rotation matrix: two records of one pose
 _NEAR_M = 1.0  # a scan farther from every station that was planned is not one of them
 _CURE = "give the plan.json that `unseen plan --scans` wrote after fewer of these scans"
 
@@ -160,7 +160,7 @@ def read_predictions(path: Path, poses: Sequence[Pose]) -> tuple[StationPredicti
 def _number_of(pose: Pose, among: Sequence[Pose]) -> int | None:
     """Number of the pose that is the same as this, None for none."""
     return next(
-        (k for k, other_pose in enumerate(among) if np.allclose(other_pose.matrix, pose.matrix, atol=_SAME)),
+        (k for k, other_pose in enumerate(among) if np.allclose(other_pose.matrix, pose.matrix, atol=SAME_M)),
         None,
     )
 

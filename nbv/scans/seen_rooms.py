@@ -19,7 +19,8 @@ from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_mesh import joined_faces, scan_faces
 from nbv.visibility.clearance import Clearance
-from nbv.visibility.floors import WALKABLE, cut_columns, find_floors
+from nbv.visibility.floors import cut_columns, find_floors
+from nbv.visibility.limits import WALKABLE
 from nbv.visibility.rooms import Rooms, SiteRoom, find_rooms
 from nbv.visibility.site import lattice_spacing, room_positions
 from nbv.visibility.site_options import SiteOptions

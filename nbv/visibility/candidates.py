@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from nbv.scanning.sensor import PinholeSensor, Sensor
 from nbv.visibility.floors import FloorColumns
+from nbv.visibility.limits import ALMOST_ALL, FINER, LIFT_M, PATCH_TOLERANCE_M, SAME_M, SILL_M
 from nbv.visibility.rooms import Rooms
 from nbv.visibility.samples import WISHED_SAMPLES, SurfaceSamples, default_spacing, sample_surface
 from nbv.visibility.site import Site, find_site
@@ -22,7 +23,6 @@ from scenes.rays.raycast import RayCaster
 from scenes.world.scene import Scene
 
 APART = ("inside_a_solid", "another_room", "another_storey", "outside")
-_LIFT_M = 0.01  # off a face: where the air before it is asked for
 _OUTSIDE = -1  # the number of the open air
 
 
@@ -116,7 +116,7 @@ def _air_before(
 
     It is that of the nearest of the lines around to which nothing stands between.
     """
-    places = samples.points + side * _LIFT_M * samples.normals
+    places = samples.points + side * LIFT_M * samples.normals
     codes = np.where(columns.cells_of(places[:, :2]) < 0, _OUTSIDE, 0)
     steps = np.stack(np.meshgrid([0, -1, 1], [0, -1, 1], indexing="ij"), axis=-1).reshape(-1, 2)
     for step in steps[np.argsort(np.abs(steps).sum(axis=1), kind="stable")]:
@@ -147,11 +147,6 @@ def _air_at(
         holds = (columns.bottom[span] < heights[at]) & (columns.top[span] > heights[at])
         codes[at[holds]] = air[span[holds]]
     return codes
-
-
-_SAME_LEVEL_M = 0.1
-_ROUNDING_M = 1e-6  # a surface may lie on the region's faces
-_ENOUGH, _FINER = 0.9, 4.0  # share of the wished samples that must count; and times as many samples in all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,7 +203,7 @@ def samples_that_count(
 ) -> tuple[SurfaceSamples, Mapping[str, float]]:
     """Sample what is to be measured of a scene; return the samples and the area of what is set apart.
 
-    Where much is set apart, or lies off the region, all is sampled more finely, up to `_FINER` times, so that
+    Where much is set apart, or lies off the region, all is sampled more finely, up to `FINER` times, so that
     about as many samples count as in a scene of which all does.
 
     Raises
@@ -221,9 +216,9 @@ def samples_that_count(
         within(sample_surface(scene.mesh, spacing), zones, scene), standing, caster
     )
     share = float(np.count_nonzero(samples.areas)) / WISHED_SAMPLES
-    if share > _ENOUGH:
+    if share > ALMOST_ALL:
         return samples, apart
-    finer = sample_surface(scene.mesh, spacing * float(np.sqrt(max(share, 1 / _FINER))))
+    finer = sample_surface(scene.mesh, spacing * float(np.sqrt(max(share, 1 / FINER))))
     return restrict_to_rooms(within(finer, zones, scene), standing, caster)
 
 
@@ -231,7 +226,7 @@ def within(samples: SurfaceSamples, zones: Zones, scene: Scene) -> SurfaceSample
     """Return the samples in the region."""
     if zones.region is None:
         return samples
-    inside = zones.of_interest(samples.points, _ROUNDING_M)
+    inside = zones.of_interest(samples.points, SAME_M)
     if not inside.any():
         low, high = scene.mesh.bounds().round(2).tolist()
         raise InputError(
@@ -309,7 +304,7 @@ def sphere_candidates(
 def _lattice(scene: Scene, site: Site, options: SiteOptions) -> FloatArray:
     """Positions (p, 3) over the levels of the chosen rooms, free or not, and of no other, metres."""
     levels = np.sort([site.rooms.rooms[number - 1].level_m for number in site.chosen])
-    first = np.append(True, np.diff(levels) > _SAME_LEVEL_M)
+    first = np.append(True, np.diff(levels) > SILL_M)
     bounds, parts = scene.mesh.bounds(), []
     for level in levels[first]:
         bounds[0, 2] = level
@@ -321,9 +316,6 @@ def _lattice(scene: Scene, site: Site, options: SiteOptions) -> FloatArray:
         )
         parts.append(lattice[site.asked_for(lattice, float(level))])
     return np.vstack(parts)
-
-
-_PATCH_TOLERANCE_M = 0.01
 
 
 def patch_samples(scene: Scene, caster: RayCaster, candidates: Candidates) -> SurfaceSamples | None:
@@ -343,8 +335,8 @@ def patch_samples(scene: Scene, caster: RayCaster, candidates: Candidates) -> Su
         raise InputError(
             f"{len(points)} patch_points with {len(normals)} patch_normals; give as many of both"
         )
-    hits = caster.first_hit(points + normals * _PATCH_TOLERANCE_M, -normals)
-    off = ~(hits.ranges <= 2 * _PATCH_TOLERANCE_M)
+    hits = caster.first_hit(points + normals * PATCH_TOLERANCE_M, -normals)
+    off = ~(hits.ranges <= 2 * PATCH_TOLERANCE_M)
     if off.any():
         first: FloatArray = points[int(np.argmax(off))]
         raise InputError(
@@ -359,7 +351,7 @@ def patch_samples(scene: Scene, caster: RayCaster, candidates: Candidates) -> Su
         areas=areas,
         face=hits.face,
         surface=surface,
-        tolerance_m=_PATCH_TOLERANCE_M,
+        tolerance_m=PATCH_TOLERANCE_M,
     )
 
 

@@ -16,18 +16,32 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from nbv.visibility.limits import (
+    ALMOST_ALL,
+    CELL_M,
+    CHEST_M,
+    FOOT_M,
+    HEADROOM_M,
+    LEAST_SPAN_M,
+    RAMP_DEG,
+    SEAT_DROP,
+    SILL_M,
+    SMALL_M2,
+    STEP_M,
+    TABLE_DROP,
+    UNEVEN_M,
+    WALKABLE,
+)
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 from texture.engine.compiled import compiled
 
-_CELL_M = 0.1  # half the depth of a stair's tread, and less than the foot of a tripod
 _LEAST_CELLS = 60  # along the longer side: small scenes get smaller cells
 _MOST_COLUMNS = 4_000_000  # large ones get larger cells
 _ASIDE = np.array([0.413, 0.387])  # of a cell: lines that avoid walls at round coordinates
 _STEP_OVER = 1e-6  # of the extent: how far below a surface the next one is looked for
 _MOST_SURFACES = 400  # that one line meets; what lies lower is left out
-LEAST_SPAN_M = 0.05  # lower free space is nobody's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +120,7 @@ def cut_columns(mesh: LabelledMesh, caster: RayCaster) -> FloorColumns:
     """
     low, high = mesh.bounds()
     extent = np.maximum((high - low)[:2], 1e-6)
-    cell = max(min(_CELL_M, extent.max() / _LEAST_CELLS), float(np.sqrt(np.prod(extent) / _MOST_COLUMNS)))
+    cell = max(min(CELL_M, extent.max() / _LEAST_CELLS), float(np.sqrt(np.prod(extent) / _MOST_COLUMNS)))
     n_x, n_y = (int(n) for n in np.ceil(extent / cell) + 1)
     corner = (low + high)[:2] / 2 - cell * np.array([n_x, n_y]) / 2
     x, y = np.divmod(np.arange(n_x * n_y), n_y)
@@ -175,21 +189,6 @@ def _beside(
                     else:
                         b += 1
     return np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
-
-
-HEADROOM_M = 1.8  # that a person needs who puts up a tripod
-STEP_M = 0.25  # the highest riser of stairs that building codes allow, and a little
-SILL_M = 0.1  # lower steps are part of one level patch; furniture drops by more all round
-WALKABLE = float(np.cos(np.radians(45.0)))  # steeper surface is no floor
-_SMALL_M2 = 2.0  # level patches of at most this that drop all round are furniture
-_ALL_ROUND = 0.9  # of the outline
-_MOSTLY = 0.35  # of the outline of what no step leads to, as tables against a wall
-_SOMEWHERE = 0.2  # of that of small ones, as seats and shelves between walls
-_FURNITURE_M = 1.2  # cupboards and counters that one could mistake for floor are not higher
-FOOT_M = 0.25  # radius of a tripod's feet
-RAMP_DEG = 5.0  # the steepest that it stands on
-UNEVEN_M = 0.02
-_CHEST_M, _ANKLE_M = 1.2, 0.1  # above the floor: where walls and panes stop who walks, or what falls
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,7 +262,7 @@ def find_floors(columns: FloorColumns, caster: RayCaster, headroom_m: float = HE
         columns.bottom[first], columns.bottom[second]
     )
     near = walkable[first] & walkable[second] & (np.abs(rise) <= STEP_M) & (low >= headroom_m)
-    near[near] = ~_find_walls(columns, caster, first[near], second[near], _CHEST_M)
+    near[near] = ~_find_walls(columns, caster, first[near], second[near], CHEST_M)
     level = near & (np.abs(rise) <= SILL_M)
     patch = _label_components(walkable, first[level], second[level])
     walk = _label_components(walkable, first[near], second[near])
@@ -338,7 +337,7 @@ class _FloorEdges:
         key, most = 4 * high + side, np.full(4 * len(walkable), -np.inf)
         np.maximum.at(most, key, shared)
         falls = walkable[high] & (shared == most[key]) & (columns.bottom[high] - columns.bottom[low] > SILL_M)
-        falls[falls] = ~_find_walls(columns, caster, high[falls], low[falls], _ANKLE_M)
+        falls[falls] = ~_find_walls(columns, caster, high[falls], low[falls], SILL_M)
         return cls((first[near], second[near]), high[falls], low[falls])
 
 
@@ -368,8 +367,8 @@ def _kept_patches(
     of = np.zeros(n, np.int64)
     of[patch[walkable]] = walk[walkable]
     cell_m2 = columns.cell_m**2
-    furniture = (drops / edges >= _ALL_ROUND) & ~((cells * cell_m2 > _SMALL_M2) & stepped)
-    stands_out = (falls >= _MOSTLY) | ((falls >= _SOMEWHERE) & (walk_cells * cell_m2 <= _SMALL_M2))
+    furniture = (drops / edges >= ALMOST_ALL) & ~((cells * cell_m2 > SMALL_M2) & stepped)
+    stands_out = (falls >= TABLE_DROP) | ((falls >= SEAT_DROP) & (walk_cells * cell_m2 <= SMALL_M2))
     return np.asarray(~(furniture | stands_out[of]))
 
 
@@ -387,7 +386,7 @@ def _platforms(columns: FloorColumns, outline: _FloorEdges, walk: NDArray[np.int
     no_place = np.isinf(columns.top[left]) | columns.shows_back[left]
     area = np.bincount(walk[left], ~no_place, len(n_edges)) * columns.cell_m**2
     platforms = []
-    for number in np.flatnonzero((area > _SMALL_M2) & (drop > _FURNITURE_M)):
+    for number in np.flatnonzero((area > SMALL_M2) & (drop > CHEST_M)):
         spans = left[(walk[left] == number) & ~no_place]
         places = np.column_stack([columns.places(columns.cell[spans]), columns.bottom[spans]])
         middle = places[np.argmin(np.linalg.norm(places - places.mean(axis=0), axis=1))]

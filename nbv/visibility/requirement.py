@@ -12,6 +12,7 @@ from nbv.run.plan_options import RequirementOptions
 from nbv.scanning.effects import Effects
 from nbv.scanning.noise_models import ConstantNoise, range_sigma_m
 from nbv.scanning.sensor import Sensor
+from nbv.visibility.limits import GRAZING_COSINE
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.scan.range_image import RangeImage
 
@@ -89,7 +90,6 @@ class Precision:
         return np.sqrt(variance / np.maximum(n_points, 1.0) + self.registration_sd_m**2)
 
 
-GRAZING_COSINE = 0.02  # flatter than this (88.9 deg) nothing counts as seen
 ROUNDING = 1e-12  # of cosines, densities and deviations that are compared with a limit
 
 

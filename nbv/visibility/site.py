@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor, View
 from nbv.visibility.clearance import Clearance
-from nbv.visibility.floors import HEADROOM_M, STEP_M, Platform, cut_columns, find_floors
+from nbv.visibility.floors import Platform, cut_columns, find_floors
+from nbv.visibility.limits import (
+    BELOW_CEILING_M,
+    HEADROOM_M,
+    LARGE_M2,
+    MOST_SITE_POSITIONS,
+    SPACING_M,
+    STEP_M,
+    WIDE_SPACING_M,
+)
 from nbv.visibility.rooms import Rooms, SiteRoom, find_rooms
 from nbv.visibility.site_options import CLEARANCE_M, SiteOptions
 from nbv.visibility.viewpoints import Candidates, line_positions, sensor_directions
@@ -24,9 +33,6 @@ from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.run.memory import require
 from scenes.world.scene import Scene
 
-_SPACING_M, _WIDE_M = 0.5, 1.0
-_LARGE_M2 = 60.0  # of floor: from here on positions are a metre apart
-_MOST_POSITIONS = 50_000  # 1e9 lines of sight to 20,000 samples: some five minutes on one core
 _BYTES_A_POSITION = 80_000  # a third of 20,000 samples in sight, 12 bytes each
 
 
@@ -75,11 +81,11 @@ def lattice_spacing(
         A spacing that makes more than 50,000 positions, or more than fit into memory.
     """
     floor_m2, n_heights = sum(room.floor_m2 for room in asked), len(options.heights_above_floor_m)
-    wished = options.spacing_m or (_SPACING_M if turns or floor_m2 <= _LARGE_M2 else _WIDE_M)
+    wished = options.spacing_m or (SPACING_M if turns or floor_m2 <= LARGE_M2 else WIDE_SPACING_M)
     n_positions = floor_m2 * n_heights / wished**2
-    finest = float(np.ceil(1000 * np.sqrt(floor_m2 * n_heights / _MOST_POSITIONS)) / 1000)
+    finest = float(np.ceil(1000 * np.sqrt(floor_m2 * n_heights / MOST_SITE_POSITIONS)) / 1000)
     on_floor = f"{floor_m2:.1f} m2 of floor at {count(n_heights, 'height')}"
-    if n_positions <= _MOST_POSITIONS:
+    if n_positions <= MOST_SITE_POSITIONS:
         require(
             n_positions * _BYTES_A_POSITION,
             f"what about {n_positions:.0f} positions see, {wished:g} m apart on {on_floor},",
@@ -89,12 +95,12 @@ def lattice_spacing(
     if options.spacing_m is not None:
         raise InputError(
             f"--spacing {wished:g} puts about {n_positions:.0f} positions on {on_floor}, and at most "
-            f"{_MOST_POSITIONS} can be tried; give --spacing {finest:g} or more, fewer --heights or some "
+            f"{MOST_SITE_POSITIONS} can be tried; give --spacing {finest:g} or more, fewer --heights or some "
             "--rooms"
         )
     return finest, [
         f"places for stations are {finest:g} m apart, not {wished:g} m: that would be about "
-        f"{n_positions:.0f} positions on {on_floor}, and at most {_MOST_POSITIONS} can be tried; fewer "
+        f"{n_positions:.0f} positions on {on_floor}, and at most {MOST_SITE_POSITIONS} can be tried; fewer "
         "--heights or some --rooms allow a smaller --spacing"
     ]
 
@@ -210,9 +216,6 @@ def _over(
     return positions[order], room[order]
 
 
-_BELOW_CEILING_M = 0.1
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Site:
     """Where one may stand in a scene.
@@ -263,7 +266,7 @@ class Site:
         }
         best = max(floor, key=lambda storey: (floor[storey], -storey), default=None)
         ceilings = [room.ceiling_m for room in rooms if room.storey == best and room.ceiling_m is not None]
-        return float(np.median(ceilings)) - _BELOW_CEILING_M if ceilings else None
+        return float(np.median(ceilings)) - BELOW_CEILING_M if ceilings else None
 
     def entries(self, views: Sequence[View]) -> tuple[dict[str, Any], ...]:
         """Return what `plan.json` says of each room: whether it is asked for, and its stations, from 1."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trimesh.creation import icosphere
 
 from nbv.scanning.sensor import Sensor
+from nbv.visibility.limits import MOST_POSITIONS, SAME_M, SPACING_M
 from nbv.visibility.site_options import TRIPOD_HEIGHTS_M
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError, check_places, frozen_copy
@@ -18,10 +19,7 @@ from scenes.io.guard import guard_reading
 from scenes.io.npz import open_arrays
 from scenes.pose import Pose, rotations_towards
 
-_MOST_POSITIONS = 600
 _OPTIONAL = ("half_angle_deg", "patch_points", "patch_normals")  # entries of a file of candidates
-_SPACING_M = 0.5
-_SAME_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -149,7 +147,7 @@ def at_chosen_heights(
     """
     kept = np.ones(candidates.n_positions, np.bool_)
     for place, spot in zip(taken, taken_spots, strict=True):
-        elsewhere = np.abs(candidates.positions - place).max(axis=1) > _SAME_M
+        elsewhere = np.abs(candidates.positions - place).max(axis=1) > SAME_M
         kept &= ~((spots == spot).all(axis=1) & elsewhere)
     return candidates if kept.all() else candidates.at(kept)
 
@@ -218,7 +216,7 @@ def room_lattice(
     heights = np.array([h for h in heights_m if clearance_m <= h <= high[2] - low[2] - clearance_m])
     if not len(heights):
         heights = np.array([(high[2] - low[2]) / 2])
-    spacing = spacing_m or max(_SPACING_M, float(np.sqrt(np.prod(floor) * len(heights) / _MOST_POSITIONS)))
+    spacing = spacing_m or max(SPACING_M, float(np.sqrt(np.prod(floor) * len(heights) / MOST_POSITIONS)))
     x, y = (line_positions(low[axis], high[axis], spacing, clearance_m) for axis in range(2))
     return np.stack(np.meshgrid(x, y, low[2] + heights, indexing="ij"), axis=-1).reshape(-1, 3)
 

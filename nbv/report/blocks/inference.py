@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.options import CompletionOptions
 from nbv.coverage.coverage import Coverage
-from nbv.coverage.surface_classes import CLOSE_M, INFERRED, MET, MODELLED, UNKNOWN, ClassShares
+from nbv.coverage.surface_classes import INFERRED, MET, MODELLED, UNKNOWN, ClassShares
 from nbv.plan.baselines import PLAN, Baseline
 from nbv.plan.plan import Plan
 from nbv.report.blocks.page import (
@@ -30,6 +30,7 @@ from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import class_curve
 from nbv.report.figures.surface_values import StateMarks, state_pictures
 from nbv.run.wording import count, percent, percent_within, square_metres
+from nbv.visibility.limits import CLOSE_M
 from nbv.visibility.zones import EVERYWHERE, Zones
 from scenes.checks import FloatArray
 from scenes.world.scene import Scene
