@@ -15,6 +15,8 @@ import matplotlib as mpl
 import numpy as np
 from plot_paper_study import DOCS, GREY, INK, put
 
+from nbv.online.limits import RENEWED
+
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
@@ -23,7 +25,6 @@ from matplotlib.ticker import MaxNLocator
 from nbv.coverage.coverage import UNREACHABLE
 from nbv.coverage.measurement import CoverageTally
 from nbv.coverage.surface_classes import ClassShares, KnownSurfaces, classify, shares_of
-from nbv.online.planner import RENEWED
 from nbv.plan.planning import plan_views
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import Sensor

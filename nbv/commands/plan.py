@@ -17,6 +17,7 @@ from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.surface_classes import ClassShares, KnownSurfaces
 from nbv.coverage.unreachable import coverage_record
+from nbv.online.limits import MOST_SCAN_PIXELS
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import Baseline, compare_with_baselines
 from nbv.plan.plan import CSV_NAME, TRAJECTORY_NAME, Plan, write_plan_files
@@ -32,7 +33,6 @@ from nbv.scanning.sensor_profile import load_sensor
 from nbv.scans.next_stations import check_aperture, plan_next_stations, room_entries
 from nbv.scans.scan_coverage import ScanCoverage, cover_by_scans
 from nbv.scans.scan_map import ScanMap, with_known_noise
-from nbv.scans.scan_mesh import MOST_PIXELS
 from nbv.scans.scan_record import (
     ScanRecord,
     StationPrediction,
@@ -243,7 +243,7 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         predictions = _earlier_predictions(before, given.scans, is_asked_for=request.plan is not None)
         run.watch.enter("complete")
         scans = [with_known_noise(scan) for scan in given.scans]
-        few = [scan.thin(MOST_PIXELS) for scan in scans]
+        few = [scan.thin(MOST_SCAN_PIXELS) for scan in scans]
         completed = KnownSurfaces.of(few, requirement.max_sd_m, relates=False, n_threads=shared.threads)
         run.watch.enter("voxels")
         options = PlannerOptions(zones=zones, clearance_m=site.clearance_m)

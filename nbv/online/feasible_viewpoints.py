@@ -16,6 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from nbv.online.limits import LOWEST_M, STRIDE_M, TALLEST_M
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.voxels import UPWARD
 from nbv.visibility.limits import FOOT_M, HEADROOM_M, RAMP_DEG, SILL_M, STEP_M, UNEVEN_M, WALKABLE
@@ -23,10 +24,6 @@ from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
-
-TALLEST_M = 3.0  # no tripod is taller
-_LOWEST_M = 0.2  # what a scanner stands on lies at least so far below it
-_STRIDE_M = 0.5  # floor that nobody has seen yet is stepped over, where it is no wider
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +45,7 @@ class SeenFloor:
         level = level[_has_headroom(voxels, surfels.voxels[level])]
         points, cells = surfels.points[level], surfels.voxels[level]
         side = voxels.grid.voxel_m
-        first, second = _pairs(points, max(_STRIDE_M, 2 * side))
+        first, second = _pairs(points, max(STRIDE_M, 2 * side))
         steps = np.abs(points[first, 2] - points[second, 2]) <= STEP_M
         links = coo_array(
             (np.ones(int(steps.sum()), np.int8), (first[steps], second[steps])), shape=(len(level),) * 2
@@ -87,7 +84,7 @@ def _find_footing(
     The height, metres, is that of the part in sight, near surface counting more.
     """
     below = place[2] - points[:, 2]
-    near = np.flatnonzero((below >= _LOWEST_M) & (below <= TALLEST_M))
+    near = np.flatnonzero((below >= LOWEST_M) & (below <= TALLEST_M))
     if not len(near):
         return -1, np.nan
     weight = areas[near] / ((points[near] - place) ** 2).sum(axis=1)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from nbv.coverage.surface_classes import KnownSurfaces
+from nbv.online.limits import FLATTEST, FLATTEST_EXPECTED, INTO_M, TRUSTED_RAYS
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.targets import Targets
 from nbv.online.voxels import VoxelGrid
@@ -178,11 +179,7 @@ def cell_directions(n: int = _SPHERE_CELLS) -> FloatArray:
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
-_AGAINST = 0.05  # cosine by which a ray must run against a measured normal to meet that surface's front
-_INTO_M = 1e-6  # rays that go on start this far behind the face that they entered by
 _CELLS = 32  # of the cube map along an edge: rays 2.8 deg apart
-_TRUSTED = 50.0  # rays, of some 400 a view, as which all that was known before a look counts
-_FLATTEST_EXPECTED = 0.17  # cosine: flatter than 80 deg scans seldom tell a surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,7 +204,7 @@ class SurfacePrior:
         met = grid.index_of(scan.points()[row, column]) >= 0
         n_looked = np.bincount(predicted.side[seen], minlength=6)
         n_met = np.bincount(predicted.side[seen], met, minlength=6)
-        return SurfacePrior((_TRUSTED * self.trust + n_met) / (_TRUSTED + n_looked))
+        return SurfacePrior((TRUSTED_RAYS * self.trust + n_met) / (TRUSTED_RAYS + n_looked))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -297,14 +294,14 @@ class ExpectedGain:
         reach, side = self.voxels.grid.way_out(entry, rays)
         news, cosine = self.trust[side], np.abs(rays[np.arange(len(rays)), side % 3])
         if self.caster is not None and len(rays):
-            beyond = self.caster.first_hit(entry + _INTO_M * rays, rays)
+            beyond = self.caster.first_hit(entry + INTO_M * rays, rays)
             met = np.flatnonzero(beyond.face >= 0)
             news[met] = self._news_at(beyond.face[met], rays[met])
             reach[met], side[met] = beyond.ranges[met], -1
             cosine[met] = np.where(self.voxel[beyond.face[met]] >= 0, 1.0, beyond.incidence_cosine[met])
         area = solid_angles[enters] * np.square(np.minimum(near + reach, max_range_m))
         worth = np.where(
-            cosine >= _FLATTEST_EXPECTED, area * news / np.maximum(cosine, _FLATTEST_EXPECTED), 0.0
+            cosine >= FLATTEST_EXPECTED, area * news / np.maximum(cosine, FLATTEST_EXPECTED), 0.0
         )
         kept = np.flatnonzero(worth > 0)
         is_unknown = np.ones(len(kept), dtype=np.bool_)
@@ -327,7 +324,7 @@ class ExpectedGain:
             at = np.searchsorted(surfels.keys, voxel * 6 + side)
             at = np.minimum(at, len(surfels.keys) - 1)
             has = surfels.keys[at] == voxel * 6 + side
-            front |= has & (np.einsum("ij,ij->i", rays, surfels.normals[at]) < -_AGAINST)
+            front |= has & (np.einsum("ij,ij->i", rays, surfels.normals[at]) < -FLATTEST)
         return front
 
 
@@ -351,7 +348,6 @@ def _directions() -> tuple[FloatArray, FloatArray]:
 
 _BYTES_A_TARGET = 200  # that a thread takes for each target
 _BYTES_A_LOOK = 2_000_000  # and for the rays into unknown space
-_FLATTEST = 0.05  # unknown faces seen flatter than this do not count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -433,7 +429,7 @@ def seen_from(
     expected: ExpectedGain | None,
 ) -> ViewEvaluation:
     """Return what a position (3,) sees in any direction, and what each is worth from there."""
-    floor = np.where(targets.is_unknown, _FLATTEST, required_cosine)
+    floor = np.where(targets.is_unknown, FLATTEST, required_cosine)
     towards = position - targets.points
     distance = np.linalg.norm(towards, axis=1)
     slope = np.einsum("ij,ij->i", towards, targets.normals)

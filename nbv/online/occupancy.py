@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from nbv.online.limits import FEWEST_VOTES, SURE_SD
 from nbv.online.voxels import Surfels, VoxelGrid
 from nbv.scanning.sensor import Sensor
 from scenes.checks import BoolArray, FloatArray, frozen_copy
@@ -24,9 +25,7 @@ from scenes.scan.range_image import RangeImage
 UNSEEN, SEEN, EMPTY, OCCLUDED, OCCPLANE = range(5)
 LABELS = ("unseen", "seen", "empty", "occluded", "occplane")
 _HALF_DIAGONAL = np.sqrt(3) / 2  # of a voxel, in sides
-_SURE = 3.0  # standard deviations of the range by which a voxel must lie off it to be before or behind it
 _AT_A_TIME = 32  # positions, to bound memory
-_FEWEST_VOTES = -2  # so that two scans that end in a voxel outweigh all that went through it before
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +147,7 @@ class VoxelMap:
     def _count_votes(self, hit: NDArray[np.int64], before: NDArray[np.int64]) -> NDArray[np.int16]:
         """Return the votes after a scan that ended in the voxels `hit` and went through those `before`."""
         votes = self.votes.copy()
-        votes[before] = np.maximum(self.votes[before] - 1, _FEWEST_VOTES)
+        votes[before] = np.maximum(self.votes[before] - 1, FEWEST_VOTES)
         votes[hit] = self.votes[hit] + 1
         return votes
 
@@ -220,7 +219,7 @@ class VoxelMap:
         rows, columns = scan.shape
         measured = scan.ranges[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]
         distance = np.linalg.norm(local, axis=1)
-        margin = _HALF_DIAGONAL * self.grid.voxel_m + _SURE * (scan.sigma_m or 0.0)
+        margin = _HALF_DIAGONAL * self.grid.voxel_m + SURE_SD * (scan.sigma_m or 0.0)
         nothing_to = -np.inf if sensor is None else sensor.max_range_m
         reach = np.where(np.isfinite(measured), measured, nothing_to)
         behind = np.isfinite(measured) & (distance > measured + margin)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.feasible_viewpoints import feasible_viewpoints, has_floor_support
 from nbv.online.gain import BestView, ExpectedGain, SurfacePrior, best_view
+from nbv.online.limits import RENEWED
 from nbv.online.occupancy import VoxelMap
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensor import Sensor
@@ -38,7 +39,6 @@ from scenes.rays.raycast import RayCaster
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.scan.range_image import RangeImage
 
-RENEWED = 1.04  # growth of the number of scans after which they are completed anew: each of the first 25
 _NOTHING_IN_SIGHT = "no candidate in known free space sees what is left to see"
 
 

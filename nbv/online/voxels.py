@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.online.limits import FINE_ENOUGH_M, FLATTEST, STEADY_SD
 from scenes.checks import FloatArray, InputError, frozen_copy, read_only_view
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
@@ -19,7 +20,6 @@ from texture.engine.compiled import compiled, inlined
 _MOST_BEND = (
     0.3  # the middle of three neighbours may lie off the middle by half of this share of their distance
 )
-_STEADY = 16.0  # standard deviations of the range to reach over: one side's slope then errs by about 5 deg
 _SAME = 7.5  # standard deviations of the range by which the steps to both sides may differ on one plane
 
 
@@ -57,7 +57,7 @@ def image_normals(scan: RangeImage, baseline_m: float) -> ImageNormals:
     points, reach = scan.points(), scan.ranges[scan.valid]
     half = 1
     if len(reach):
-        reach_m = max(baseline_m, _STEADY * sigma)
+        reach_m = max(baseline_m, STEADY_SD * sigma)
         half = max(round(reach_m / 2 / (float(np.median(reach)) * scan.projection.pixel_angle)), 1)
     normals, areas, cosine = np.empty(points.shape), np.empty(scan.shape), np.empty(scan.shape)
     origin = np.ascontiguousarray(scan.origin)
@@ -163,7 +163,6 @@ def _point(points: FloatArray, row: int, column: int, axis: int, step: int, k: i
 
 _WISHED_VOXELS = 8e4
 _WISHED_VOXELS_OF_LARGE = 4e5
-_FINE_ENOUGH_M = 0.1  # large volumes get more voxels until they are this small
 _MOST_VOXELS = 5e7
 
 
@@ -280,7 +279,7 @@ class VoxelGrid:
 def _default_side(extent: FloatArray) -> float:
     volume = float(np.prod(np.maximum(extent, extent.max() / 20)))
     coarse, fine = ((volume / n) ** (1 / 3) for n in (_WISHED_VOXELS, _WISHED_VOXELS_OF_LARGE))
-    return float(min(coarse, max(fine, _FINE_ENOUGH_M)))
+    return float(min(coarse, max(fine, FINE_ENOUGH_M)))
 
 
 @compiled
@@ -304,7 +303,6 @@ def _index_of(
 
 _SIDES = 6
 UPWARD = 2  # the side of normals that lean to +z
-_FLATTEST = 0.05  # cosine below which a normal more likely joins two surfaces than belongs to one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -342,7 +340,7 @@ class Surfels:
         local = image_normals(scan, grid.voxel_m / 2)
         points = local.points.reshape(-1, 3)
         voxel = grid.index_of(points)
-        usable = (voxel >= 0) & (local.cosine.ravel() >= _FLATTEST)
+        usable = (voxel >= 0) & (local.cosine.ravel() >= FLATTEST)
         normals = local.normals.reshape(-1, 3)[usable]
         weight, cosine = local.areas.ravel()[usable], local.cosine.ravel()[usable]
         keys, which = _each_once(voxel[usable] * _SIDES + sides_of(normals), grid.n_voxels * _SIDES)

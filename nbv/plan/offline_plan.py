@@ -22,6 +22,7 @@ from nbv.cover.instance import Cover, CoverInstance, LowerBound
 from nbv.cover.overlap import OverlapGraph, OverlapOptions, components, connect
 from nbv.cover.pipeline import CoverOptions, find_cover
 from nbv.cover.swap_search import by_gain, choose_greedily
+from nbv.online.limits import MOST_TRIES, REGISTRATION_COSINE
 from nbv.online.planner import PlannerOptions
 from nbv.plan.baselines import farthest_poses
 from nbv.plan.plan import Plan
@@ -32,9 +33,6 @@ from nbv.run.wording import count
 from nbv.visibility.requirement import SightLimits
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes.checks import BoolArray, InputError
-
-_MOST_TRIES = 5  # plans made anew without views that cannot be joined to the others, or second heights
-_REGISTRATION_COSINE = float(np.cos(np.radians(75.0)))  # flatter than this nothing helps registration
 
 
 def plan_offline(
@@ -120,7 +118,7 @@ def _at_one_height(
     """Return the instance without second heights over a spot, None where the chosen poses have none.
 
     Over spots at which several are chosen only the one is left that sees most, that of the first pose before
-    all; after `_MOST_TRIES` over all spots. What is wanted stays as much, as far as the others can see it.
+    all; after `MOST_TRIES` over all spots. What is wanted stays as much, as far as the others can see it.
     """
     spots, d = problem.spots(), problem.candidates.n_directions
     if spots is None:
@@ -133,7 +131,7 @@ def _at_one_height(
     worth[positions] += worth.sum() + 1.0
     worth[np.array(chosen[:1], np.int64) // d] += 2 * worth.sum()  # where the first is the start it stays
     best = np.lexsort((-worth, spots))
-    usable = ~several[spots] if n_tries < _MOST_TRIES else np.zeros(len(spots), np.bool_)
+    usable = ~several[spots] if n_tries < MOST_TRIES else np.zeros(len(spots), np.bool_)
     usable[best[np.append(True, np.diff(spots[best]) > 0)]] = True
     left = instance.only(np.repeat(usable, d))
     return replace(left, target=min(1.0, instance.wanted / max(left.coverable_weight, 1e-12)))
@@ -154,7 +152,7 @@ def _connected_cover(
     """
     rng = np.random.default_rng(rng)
     usable = graph.registrable
-    for _ in range(_MOST_TRIES):
+    for _ in range(MOST_TRIES):
         left = instance.only(usable)
         cover = find_cover(left, options, n_most=views, rng=rng, progress=problem.progress)
         joined = connect(left, graph, cover.chosen)
@@ -186,7 +184,7 @@ def cover_instance(problem: PlanningProblem, met: BoolArray | None = None) -> Co
 def overlap_graph(problem: PlanningProblem, options: OverlapOptions) -> OverlapGraph:
     """Return the overlaps of the candidates' scans, by all that is seen in range at 75 deg or less."""
     seen = problem.requirement.visibility(problem.sensor)
-    limits = SightLimits(_REGISTRATION_COSINE, seen.min_range_m, seen.max_range_m)
+    limits = SightLimits(REGISTRATION_COSINE, seen.min_range_m, seen.max_range_m)
     return OverlapGraph.of(seen_by_candidates(problem, "for-overlap", limits), problem.samples, options)
 
 

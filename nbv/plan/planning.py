@@ -18,7 +18,8 @@ import numpy as np
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.surface_classes import UNKNOWN
-from nbv.online.planner import RENEWED, PlannerOptions, explore
+from nbv.online.limits import KNOWN_WORTH, RENEWED, STEEP
+from nbv.online.planner import PlannerOptions, explore
 from nbv.plan.offline_plan import (
     BASELINES,
     overlap_graph,
@@ -127,10 +128,6 @@ def _further_starts(problem: PlanningProblem, start: Pose | None, rng: np.random
     return poses
 
 
-_STEEP = float(np.cos(np.radians(80.0)))  # flatter than this scans seldom tell a surface
-_KNOWN = 0.05  # worth of meeting the requirement on surface that is known, beside seeing the unknown
-
-
 def plan_with_completion(
     problem: PlanningProblem, views: int | None, noise: str, rng: np.random.Generator | int | None
 ) -> Plan:
@@ -140,7 +137,7 @@ def plan_with_completion(
     """
     rng = np.random.default_rng(rng)
     run, scans, chosen = PlanningRun.begin(problem), list(problem.scans), list[int]()
-    steeply = replace(problem.requirement.visibility(problem.sensor), min_cosine=_STEEP)
+    steeply = replace(problem.requirement.visibility(problem.sensor), min_cosine=STEEP)
     seen = seen_by_candidates(problem, "steeply", steeply) > 0
     met = seen_by_candidates(problem, "as-required", problem.requirement.limits(problem.sensor)) > 0
     n_most, n_known = views or PlannerOptions().max_views, len(scans)
@@ -151,7 +148,7 @@ def plan_with_completion(
     while (reason := run.why_finished()) is None and len(chosen) < n_most:
         if problem.progress:
             problem.progress("views", len(chosen), n_most)
-        gain = seen @ _unknown_m2(run) + _KNOWN * (met @ _unmet_m2(run))
+        gain = seen @ _unknown_m2(run) + KNOWN_WORTH * (met @ _unmet_m2(run))
         if len(first) and not chosen:
             chosen.append(int(first[np.argmax(gain[first])]))
         elif not gain[may].max(initial=0.0) > 0:

@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import CoverageTally
+from nbv.online.limits import GRID_M, INSTRUMENT_M, ONE_DOORWAY_M
 from nbv.plan.plan import Plan
 from nbv.scanning.sensor import View
 from nbv.visibility.rooms import SiteRoom
@@ -27,10 +28,6 @@ from nbv.visibility.site import Site
 from nbv.visibility.viewpoints import Candidates
 from scenes.checks import FloatArray
 from scenes.rays.raycast import RayCaster
-
-GRID_M = 5.0
-_INSTRUMENT_M = 1.6  # above the floor, or the nearest height that there is
-_ONE_DOORWAY_M = 1.0  # cells of one doorway are nearer to each other
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +98,7 @@ def room_and_doorway_places(site: Site) -> FloatArray:
         sides = links[(pair == room_pair).all(axis=1)]
         ends = [np.column_stack([columns.places(columns.cell[s]), columns.bottom[s]]) for s in sides.T]
         places = (ends[0] + ends[1]) / 2
-        near = cKDTree(places).query_pairs(_ONE_DOORWAY_M, output_type="ndarray")
+        near = cKDTree(places).query_pairs(ONE_DOORWAY_M, output_type="ndarray")
         graph = coo_array((np.ones(len(near), np.int8), near.T), shape=(len(places),) * 2)
         n, of = connected_components(graph, directed=False)
         places_found += [places[of == k].mean(axis=0)[None] for k in range(n)]
@@ -124,7 +121,7 @@ def nearest_poses(places: FloatArray, candidates: Candidates) -> list[int]:
 
     An instrument is 1.6 m above the floor, or at the nearest height that there is.
     """
-    numbers = [_nearest(candidates.positions, place + [0.0, 0.0, _INSTRUMENT_M]) for place in places]
+    numbers = [_nearest(candidates.positions, place + [0.0, 0.0, INSTRUMENT_M]) for place in places]
     return [number * candidates.n_directions for number in dict.fromkeys(numbers)]
 
 
@@ -160,10 +157,10 @@ def _rooms_of(site: Site) -> list[SiteRoom]:
 def _nearest(positions: FloatArray, place: FloatArray) -> int:
     """Number of the position (p, 3) nearest to a place (3,): first from above, and then in height."""
     off = np.linalg.norm(positions - place, axis=1)
-    around = np.flatnonzero(off <= off.min() + 2 * _INSTRUMENT_M)
+    around = np.flatnonzero(off <= off.min() + 2 * INSTRUMENT_M)
     level = np.linalg.norm(positions[around, :2] - place[:2], axis=1)
     storey = np.abs(positions[around, 2] - place[2])
-    return int(around[np.lexsort((storey, level.round(6), storey > _INSTRUMENT_M))[0]])
+    return int(around[np.lexsort((storey, level.round(6), storey > INSTRUMENT_M))[0]])
 
 
 def _met_by(

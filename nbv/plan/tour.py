@@ -22,6 +22,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from nbv.online.limits import BODY_M, LEVEL_M, SAMPLES_A_BODY
 from nbv.run.wording import count
 from nbv.visibility.floors import FloorColumns, cut_columns
 from nbv.visibility.limits import HEADROOM_M, STEP_M, WALKABLE
@@ -129,13 +130,9 @@ def _total(cost: FloatArray, order: list[int]) -> float:
     return float(cost[route[:-1], route[1:]].sum())
 
 
-BODY_M = 0.15  # radius of the sensor's head, which is carried
 _MOST_NODES = 60_000  # of the lattice in the air
 _MOST_PLACES = 120_000  # on floors; of more only every second or third cell of either axis is one
-_STEP_M = 0.15  # of the lattice in the air
-_SAMPLES_A_BODY = 4.0  # samples of the surface along a body's radius
 _MOST_OBSTACLES = 1e6  # of them; in scenes of more than 1,400 m2 they are further apart
-_LEVEL_M = 0.05  # floors that differ by less are looked at together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,7 +173,7 @@ class Ways:
         obstacles, spacing = _obstacles(mesh, body_m)
         extent = np.vstack([mesh.bounds(), stations])
         low, high = extent.min(axis=0), extent.max(axis=0)
-        step = max(_STEP_M, float((np.prod(np.maximum(high - low, 0.1)) / _MOST_NODES) ** (1 / 3)))
+        step = max(BODY_M, float((np.prod(np.maximum(high - low, 0.1)) / _MOST_NODES) ** (1 / 3)))
         axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
         lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         nodes = np.vstack([places, lattice])
@@ -244,7 +241,7 @@ class Ways:
 
 def _obstacles(mesh: LabelledMesh, body_m: float) -> tuple[FloatArray, float]:
     """Points (k, 3) of the surface, dense beside a body's radius, and their spacing, metres."""
-    spacing = max(body_m / _SAMPLES_A_BODY, float(np.sqrt(mesh.face_areas().sum() / _MOST_OBSTACLES)))
+    spacing = max(body_m / SAMPLES_A_BODY, float(np.sqrt(mesh.face_areas().sum() / _MOST_OBSTACLES)))
     return sample_surface(mesh, spacing).points, spacing
 
 
@@ -277,7 +274,7 @@ def _room_around(
     """
     room = np.full(len(flat), np.inf)
     points = points[np.argsort(points[:, 2], kind="stable")]
-    level = np.rint(floor / _LEVEL_M)
+    level = np.rint(floor / LEVEL_M)
     for level_number in np.unique(level):
         here = np.flatnonzero(level == level_number)
         band = np.searchsorted(points[:, 2], [floor[here].max() + STEP_M, floor[here].min() + HEADROOM_M])

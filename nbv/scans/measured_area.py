@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.online.limits import MOST_CELL_FACES, RIM_M
 from nbv.online.voxels import VoxelGrid, image_normals, sides_of
 from nbv.visibility.limits import GRAZING_COSINE
 from nbv.visibility.requirement import Requirement, SightLimits
@@ -21,8 +22,6 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.scan.range_image import RangeImage
 
 _SIDES = 6
-_RIM_M = 0.01  # surface on a face of the region is in it, however noisy
-_MOST = 1.5  # cell faces that the surface in a cell may fill: a slanted one is larger than the face
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +102,7 @@ class MeasuredCells:
         their cell; where there are no others they are strays.
         """
         cell = grid.index_of(pixels.points)
-        inside = (cell >= 0) & zones.of_interest(pixels.points, _RIM_M)
+        inside = (cell >= 0) & zones.of_interest(pixels.points, RIM_M)
         returns = grid.index_of(scan.points()[scan.valid])
         n_returns = np.bincount(returns[returns >= 0], minlength=grid.n_voxels)
         n_used = np.bincount(cell[cell >= 0], minlength=grid.n_voxels)
@@ -122,7 +121,7 @@ class MeasuredCells:
         As required it is measured where `k` of them did so.
         """
         every, which = np.unique(np.concatenate([cells.keys for cells in cells]), return_inverse=True)
-        most = _MOST * grid.voxel_m**2
+        most = MOST_CELL_FACES * grid.voxel_m**2
         whole = np.zeros(len(every))
         np.maximum.at(whole, which, np.minimum(np.concatenate([cells.whole_m2 for cells in cells]), most))
         good = np.minimum(np.concatenate([cells.met_m2 for cells in cells]), most)

@@ -15,6 +15,7 @@ from completion.registration.network import Network
 from completion.registration.pipeline import register_scans
 from completion.registration.registered import Registered, pose_doubts
 from completion.registration.verdict import Verdict
+from nbv.online.limits import NOTICED_SHARE
 from nbv.run.wording import count
 from scenes.checks import FloatArray, InputError
 from scenes.io.scan_request import GivenScans, ScanRequest, read_request, turn_to_z
@@ -22,9 +23,6 @@ from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress
 from scenes.scan.range_image import RangeImage
 from scenes.scan.upright import SignedAxis
-
-_NOTICED = 0.005
-"""Share of contradicted facets of scans that are placed together from which on a person is told."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,7 +212,7 @@ def doubts_of_poses(registration: Registered, names: Sequence[str]) -> list[str]
                     f"{names[scan]}: its pose is known to {100 * largest:.0f} cm only in one direction"
                 )
     for pair in registration.pairs:
-        if pair.verdict is Verdict.REGISTERED and pair.violations > _NOTICED:
+        if pair.verdict is Verdict.REGISTERED and pair.violations > NOTICED_SHARE:
             first, second = (names[number] for number in pair.scans)
             doubts.append(
                 f"{first} and {second} are placed together, but beams contradict "

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from completion.observe.range_noise import estimate_noise
 from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.online.gain import ViewEvaluation, seen_from
+from nbv.online.limits import LOWEST_M, MOST_SCAN_PIXELS, STRAY_SHARE, THINNING_CELL_M
 from nbv.online.occupancy import EMPTY, SEEN, VoxelMap
 from nbv.online.planner import PlannerOptions, wanted_cosine
 from nbv.online.targets import GainOptions, find_targets, voxels_of_interest
 from nbv.scanning.sensor import Sensor
-from nbv.scans.scan_mesh import MOST_PIXELS
 from nbv.scans.seen_rooms import SeenRooms
 from nbv.visibility.limits import MOST_POSITIONS, SPACING_M
 from nbv.visibility.requirement import Requirement
@@ -91,11 +91,6 @@ def _expected_targets(
     return seen.some(in_view)
 
 
-_CELL_M = 0.05  # of the lattice by which points are thinned, so that near surface has no more say than far
-_STRAY = 0.002  # share of its cells that may lie beyond the volume on either side: stray echoes
-_CLOSEST_M = 0.2  # candidate positions lie so far apart where no floor was seen
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanMap:
     """Scans of a place, and the voxels that they filled.
@@ -148,7 +143,7 @@ class ScanMap:
         options, requirement = options or PlannerOptions(), requirement or Requirement()
         scans = tuple(with_known_noise(scan) for scan in scans)
         outside = mode == "object"
-        few = [scan.thin(MOST_PIXELS) for scan in scans]
+        few = [scan.thin(MOST_SCAN_PIXELS) for scan in scans]
         volume = _volume(few, options.clearance_m, zones, from_outside=outside)
         voxels = VoxelMap.unknown(volume, voxel_m=options.voxel_m, outside_is_empty=outside)
         compared = partial(
@@ -192,8 +187,8 @@ class ScanMap:
             return self.rooms.candidates(sensor, site)
         low, high = self.bounds
         spacing = float(np.cbrt(np.prod(high - low) / MOST_POSITIONS))
-        heights = tuple(np.arange(site.clearance_m, high[2] - low[2], max(spacing, _CLOSEST_M)).tolist())
-        spacing = max(spacing, _CLOSEST_M) if spacing < SPACING_M else spacing
+        heights = tuple(np.arange(site.clearance_m, high[2] - low[2], max(spacing, LOWEST_M)).tolist())
+        spacing = max(spacing, LOWEST_M) if spacing < SPACING_M else spacing
         lattice = room_lattice(
             self.bounds, spacing_m=spacing, heights_m=heights, clearance_m=site.clearance_m
         )
@@ -215,12 +210,15 @@ def _volume(
     cells = _cells(scans)
     if not len(cells):
         raise InputError("the scans have no returns: there is nothing to plan from")
-    measured = (np.quantile(cells, [_STRAY, 1 - _STRAY], axis=0) + [[0.0], [1.0]]) * _CELL_M
+    measured = (np.quantile(cells, [STRAY_SHARE, 1 - STRAY_SHARE], axis=0) + [[0.0], [1.0]]) * THINNING_CELL_M
     region = [] if zones.region is None else [zones.region.low, zones.region.high]
     if from_outside:
         return np.array(region) if region else measured
     stood = np.array([scan.origin for scan in scans])
-    around = [stood.min(axis=0) - clearance_m - _CELL_M, stood.max(axis=0) + clearance_m + _CELL_M]
+    around = [
+        stood.min(axis=0) - clearance_m - THINNING_CELL_M,
+        stood.max(axis=0) + clearance_m + THINNING_CELL_M,
+    ]
     corners = np.vstack([measured, around, *region])
     return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
@@ -229,7 +227,7 @@ def _cells(scans: Sequence[RangeImage]) -> NDArray[np.int64]:
     """Cells (n, 3) of a lattice of 5 cm, each once, that hold a point of some scan."""
     once = np.zeros((0, 3), np.int64)
     for scan in scans:
-        here = np.floor(scan.points()[scan.valid] / _CELL_M).astype(np.int64)
+        here = np.floor(scan.points()[scan.valid] / THINNING_CELL_M).astype(np.int64)
         once = _each_once(np.vstack([once, _each_once(here)]))
     return once
 

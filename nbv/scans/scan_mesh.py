@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.boundary.range_mesh import mesh_range_image
+from nbv.online.limits import LONGEST_EDGE
 from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.scan.range_image import RangeImage
-
-MOST_PIXELS = 120_000  # of a scan; of larger ones every k-th row and column is used
-_LONGEST = 6.0  # pixels, and standard deviations, that an edge between neighbouring pixels may span
 
 
 def scan_faces(scan: RangeImage) -> tuple[FloatArray, NDArray[np.int32], NDArray[np.int64]]:
@@ -24,7 +22,7 @@ def scan_faces(scan: RangeImage) -> tuple[FloatArray, NDArray[np.int32], NDArray
     """
     points, valid = scan.points(), scan.valid
     footprint = np.where(valid, scan.ranges, 0.0) * scan.projection.pixel_angle
-    longest = _LONGEST * (footprint + (scan.sigma_m or 0.0))
+    longest = LONGEST_EDGE * (footprint + (scan.sigma_m or 0.0))
     faces = mesh_range_image(points, valid, longest, scan.origin)
     used = np.zeros(scan.ranges.size, np.bool_)
     used[faces] = True

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from nbv.online.limits import NEAR_M
 from nbv.run.wording import letters, square_metres
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.visibility.limits import SAME_M
@@ -18,7 +19,6 @@ from scenes.io.documents import read_json
 from scenes.io.guard import one_line
 from scenes.pose import Pose
 
-_NEAR_M = 1.0  # a scan farther from every station that was planned is not one of them
 _CURE = "give the plan.json that `unseen plan --scans` wrote after fewer of these scans"
 
 
@@ -149,7 +149,7 @@ def read_predictions(path: Path, poses: Sequence[Pose]) -> tuple[StationPredicti
             continue
         away = {station: float(np.linalg.norm(place - pose.translation)) for station, place in left.items()}
         station = min(away, key=lambda number: away[number], default=0)
-        if not station or away[station] > _NEAR_M:
+        if not station or away[station] > NEAR_M:
             predictions.append(None)
             continue
         del left[station]

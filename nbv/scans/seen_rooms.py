@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.coverage.surface_classes import KnownSurfaces
+from nbv.online.limits import BELOW_M, NEAR_M
 from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor
 from nbv.scans.scan_mesh import joined_faces, scan_faces
@@ -29,9 +30,6 @@ from scenes.checks import FloatArray, InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
-
-_BELOW_M = 0.3  # a place so far below a storey's lowest floor still belongs to it
-_BESIDE_M = 1.0  # a place so far beside the nearest seen floor still belongs to its room
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,10 +76,10 @@ class SeenRooms:
             spans = np.flatnonzero(storey == number)
             if not len(spans):
                 continue
-            above = places[:, 2] >= columns.bottom[spans].min() - _BELOW_M
+            above = places[:, 2] >= columns.bottom[spans].min() - BELOW_M
             left = np.flatnonzero((room_numbers == 0) & above)
             tree = cKDTree(columns.places(columns.cell[spans]))
-            away, nearest = tree.query(places[left, :2], distance_upper_bound=_BESIDE_M)
+            away, nearest = tree.query(places[left, :2], distance_upper_bound=NEAR_M)
             near = np.isfinite(away)
             room_numbers[left[near]] = self.rooms.room[spans[nearest[near]]]
         return room_numbers

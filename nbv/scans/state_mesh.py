@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from nbv.online.limits import MOST_SCAN_PIXELS, REACH_PX
 from nbv.scans.measured_area import PixelQuality
 from nbv.scans.scan_coverage import ScanCoverage
-from nbv.scans.scan_mesh import MOST_PIXELS, scan_faces
+from nbv.scans.scan_mesh import scan_faces
 from nbv.visibility.requirement import Requirement
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh
@@ -21,7 +22,6 @@ from scenes.scan.range_image import RangeImage
 MEASURED, SEEN_WORSE, INFERRED, SHADOW, FRONTIER = range(5)
 STATES = ("measured as required", "measured worse than required", "inferred", "edge of a shadow", "frontier")
 _DRAWN_PIXELS, _LEAST_PIXELS = 300_000, 30_000  # of all scans together, and of each at least
-_REACH = 4.0  # pixels over which a pixel without a normal is as its neighbours are
 _GREY = 160
 
 
@@ -44,7 +44,7 @@ class StateMesh:
     def of(cls, coverage: ScanCoverage) -> StateMesh:
         """Return the mesh of a coverage."""
         voxel_m, scans = coverage.scan_map.voxels.grid.voxel_m, coverage.scan_map.scans
-        n_most = min(MOST_PIXELS, max(_DRAWN_PIXELS // len(scans), _LEAST_PIXELS))
+        n_most = min(MOST_SCAN_PIXELS, max(_DRAWN_PIXELS // len(scans), _LEAST_PIXELS))
         parts = [_measured_points(scan, coverage.requirement, voxel_m / 2, n_most) for scan in scans]
         if coverage.completion is not None:
             inferred = coverage.completion.hypothesised
@@ -87,7 +87,7 @@ def _fill_states(state: NDArray[np.uint8], known: BoolArray) -> NDArray[np.uint8
     if not known.any():
         return state
     distance, (row, column) = distance_transform_edt(~known, return_indices=True)
-    return np.where(distance <= _REACH, state[row, column], state)
+    return np.where(distance <= REACH_PX, state[row, column], state)
 
 
 def _plain(

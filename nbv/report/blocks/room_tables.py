@@ -16,6 +16,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from nbv.coverage.coverage import Coverage
+from nbv.online.limits import INSTRUMENT_M
 from nbv.plan.plan import Plan, aim_of
 from nbv.plan.rules import RuleOutcome
 from nbv.plan.station_list import station_csv, stations_of
@@ -143,7 +144,6 @@ def set_apart(coverage: Coverage) -> tuple[Block, ...]:
     return Table(("Set apart", "What it means", "#area, m\u00b2"), rows), Text(note, is_note=True)
 
 
-CUT_M = 1.6  # of the cut where no station says the instrument's
 _BELOW_STOREY_M = 0.5  # a way so far below a storey's floor still belongs to it
 _NEAR_M = 1.2  # a room's label keeps so far from its stations where there is space
 
@@ -163,7 +163,7 @@ def storey_plans(scene: Scene, plan: Plan) -> tuple[StoreyPlan, ...]:
     for storey in sorted({room.storey for room in asked}):
         here = [station for station in stations if station.room is not None and station.room.storey == storey]
         heights = [station.height_m for station in here]
-        height = float(np.median(heights)) if heights else CUT_M
+        height = float(np.median(heights)) if heights else INSTRUMENT_M
         places = np.array([station.position[:2] for station in here]).reshape(-1, 2)
         shown = [room for room in rooms.rooms if room.storey == storey and not room.is_outside]
         shown += [room for room in asked if room.storey == storey and room.is_outside]
@@ -282,8 +282,8 @@ def seen_storey_plans(seen: SeenRooms, places: np.ndarray, plan: Plan | None = N
             StoreyPlan(
                 storey=storey,
                 title=f"storey {storey}",
-                outline=around_rooms(cut_of(seen.mesh, level + CUT_M), rooms, storey),
-                cut_m=CUT_M,
+                outline=around_rooms(cut_of(seen.mesh, level + INSTRUMENT_M), rooms, storey),
+                cut_m=INSTRUMENT_M,
                 rooms=[(label_of(room), label_place(rooms, room, there)) for room in shown],
                 stations=stations,
                 given=given,

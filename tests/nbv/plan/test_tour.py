@@ -6,7 +6,8 @@ from itertools import pairwise, permutations
 import numpy as np
 import pytest
 
-from nbv.plan.tour import BODY_M, plan_tour, short_order
+from nbv.online.limits import BODY_M
+from nbv.plan.tour import plan_tour, short_order
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.world.builtin import builtin_scene
