@@ -9,11 +9,10 @@ import numpy as np
 import scipy  # its parts load when they are first used
 
 from scenes.checks import FloatArray, InputError, check_direction, check_places, check_point, frozen_copy
+from scenes.limits import ORTHONORMAL_TOLERANCE, UNIT_TOLERANCE
 
-_LENGTH_TOLERANCE = 0.1
 _UP, _STEEP = np.array([0.0, 0.0, 1.0]), 1e-6  # of a sensor, and sines of angles to it that count as none
 _ROUNDING = 1e-12  # of a rotation
-_ORTHONORMAL_TOLERANCE = 1e-5  # float32 files carry rotations to about 1e-7; hand-typed ones to 1e-6
 
 
 def rotation_of(quaternion: object, what: str) -> FloatArray:
@@ -28,7 +27,7 @@ def rotation_of(quaternion: object, what: str) -> FloatArray:
     """
     parts = np.asarray(quaternion, dtype=np.float64)
     length = float(np.linalg.norm(parts)) if parts.shape == (4,) else np.nan
-    if not abs(length - 1) < _LENGTH_TOLERANCE:
+    if not abs(length - 1) < UNIT_TOLERANCE:
         raise InputError(
             f"{what} has the quaternion {parts.tolist()} of length {length:.3g}, which is no rotation"
         )
@@ -86,7 +85,7 @@ class Pose:
             raise InputError(f"expected a pose with shape (4, 4), got {matrix.shape}")
         if not np.isfinite(matrix).all():
             raise InputError("pose has entries that are not finite")
-        if not np.allclose(matrix[3], [0, 0, 0, 1], atol=_ORTHONORMAL_TOLERANCE):
+        if not np.allclose(matrix[3], [0, 0, 0, 1], atol=ORTHONORMAL_TOLERANCE):
             raise InputError(
                 f"last row of a pose must be 0 0 0 1, got {matrix[3].tolist()}; is it transposed?"
             )
@@ -94,7 +93,7 @@ class Pose:
         rotation = matrix[:3, :3]
         with np.errstate(over="ignore", invalid="ignore"):
             error = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-        if not error <= _ORTHONORMAL_TOLERANCE:
+        if not error <= ORTHONORMAL_TOLERANCE:
             raise InputError(f"pose is not rigid: |R'R - 1| = {error:.3g}{_scale_of(rotation)}")
         if np.linalg.det(rotation) < 0:
             raise InputError("pose is left-handed (determinant -1); it mirrors the scene")

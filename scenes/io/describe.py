@@ -12,7 +12,6 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.io.format import METRES_PER_UNIT, Intrinsics, Units, format_of, point_suffixes, text_suffixes
-from scenes.io.grid_fit import SPHERICAL_LIMIT_PX
 from scenes.io.guard import check_file
 from scenes.io.image import open_image
 from scenes.io.mesh_file import MESH_SUFFIXES, is_mesh
@@ -21,6 +20,7 @@ from scenes.io.rgbd import depth_warnings, suspected_encoding
 from scenes.io.scan_files import ScanSource, open_scans, split_index
 from scenes.io.scene_files import open_scene, units_doubt
 from scenes.io.trajectory import read_poses
+from scenes.limits import FAR_M, SMALL_M, SPHERICAL_LIMIT_PX
 from scenes.mesh.orientation import Axis, axis_in_file, suggest_up
 from scenes.run.atomic import to_plain
 from scenes.run.mapping import trim
@@ -29,7 +29,6 @@ from scenes.scan.projection import PinholeProjection, Projection, SphericalProje
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 
-_FAR_M, _NEAR_M = 200.0, 0.05  # median ranges beyond which unit or depth scale are doubted
 _NO_RAYS = "no ray can be traced: to use these points as a scan say where the scanner stood (--origin X,Y,Z)"
 
 
@@ -128,7 +127,7 @@ def _doubts(scan: RangeImage, measured: _Measures) -> list[str]:
     if not scan.valid.any():
         return [*warnings, "nothing came back in any pixel"]
     median, n_before = float(np.median(scan.ranges[scan.valid])), len(warnings)
-    if median > _FAR_M or median < _NEAR_M:
+    if median > FAR_M or median < SMALL_M:
         warnings.append(f"the median range is {median:.3g} m; check --units or --depth-scale")
     diagonal = float(np.linalg.norm(np.diff(measured.bounds, axis=0)))
     doubt = units_doubt(diagonal) if diagonal > 0 else ""

@@ -30,6 +30,7 @@ from scenes.io.guard import check_size, import_extra
 from scenes.io.header import FORMAT, apply_header, not_finite_warnings, projection_from_dict
 from scenes.io.limits import check_limit, check_unpacked
 from scenes.io.station import scan_from_station
+from scenes.limits import SPARSE, SPARSE_PIXELS
 from scenes.pose import Pose, rotation_of
 from scenes.run.mapping import allocate, release
 from scenes.scan.pixels import copy_pixels, finite_points, ranges_of, row_blocks
@@ -224,7 +225,6 @@ if TYPE_CHECKING:
 
 _SENSOR_FROM_SCANNER = SCANNER_FROM_SENSOR.inverse()
 _MOST_INDEX = 2**31
-_SPARSE, _FEW = 1000, 1_000_000  # pixels for each point, and in all cases, beyond which no image is made
 _CHUNKS_HELD = 10  # that memory holds pixels of: columns lie side by side in the same pages
 
 
@@ -270,7 +270,7 @@ def grid_scan(
     if projection is not None:
         announced.low, announced.high = np.zeros(2, np.int64), np.array(projection.shape) - 1
     size = [int(n) for n in announced.high - announced.low + 1]
-    if min(size) > 0 and size[0] * size[1] <= _SPARSE * announced.n_kept + _FEW:
+    if min(size) > 0 and size[0] * size[1] <= SPARSE * announced.n_kept + SPARSE_PIXELS:
         try:
             return _fill_grid(chunks, announced, projection, pose, name=name, ours=ours)
         except _BeyondError:
@@ -287,7 +287,7 @@ def grid_scan(
     bounds = seen if projection is None else announced
     rows, columns = (int(n) for n in bounds.high - bounds.low + 1)
     check_size(rows, columns)
-    if rows * columns > _SPARSE * seen.n_kept + _FEW:
+    if rows * columns > SPARSE * seen.n_kept + SPARSE_PIXELS:
         raise InputError(f"{seen.n_kept} points in a grid of {rows} x {columns}: are its indices damaged?")
     return _fill_grid(chunks, bounds, projection, pose, name=name, ours=ours)
 

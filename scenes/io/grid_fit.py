@@ -10,6 +10,7 @@ import numpy as np
 import scipy  # its parts load when they are first used
 
 from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.limits import ON_RAY_M, PINHOLE_LIMIT_PX, SPHERICAL_LIMIT_PX, STEEP
 from scenes.pose import Pose
 from scenes.scan.pixels import finite_points, mend_pixels, ranges_of, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
@@ -17,12 +18,8 @@ from scenes.scan.range_image import RangeImage
 
 # A terrestrial scanner's own frame is z up, y to the left of x: sensor z = x, sensor x = -y, sensor y = -z.
 SCANNER_FROM_SENSOR = Pose(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
-PINHOLE_LIMIT_PX = 0.5  # median residual above which an organised cloud is no pinhole image
-SPHERICAL_LIMIT_PX = 1.0
-_STEEP = np.radians(85)  # elevation beyond which an azimuth means little
 _MOST_JUDGED = 4_000_000  # pixels whose distances tell how well a grid fits: of more every k-th row is taken
 _GATHERED = 1 << 20  # pixels of columns that are looked at together
-_ON_RAY_M = 1e-6  # at 1 m; a point nearer to its ideal ray than this is stored as a range alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +166,7 @@ def _turn(angles: FloatArray) -> FloatArray:
 
 def _level(elevation: FloatArray, usable: BoolArray) -> BoolArray:
     """Tell which points have an azimuth."""
-    return np.asarray(usable & (np.abs(elevation) < _STEEP), dtype=np.bool_)
+    return np.asarray(usable & (np.abs(elevation) < STEEP), dtype=np.bool_)
 
 
 def _medians(angles: FloatArray, known: BoolArray) -> FloatArray:
@@ -276,4 +273,4 @@ def lie_on_rays(points: FloatArray, ranges: FloatArray, rays: FloatArray) -> boo
     """Tell whether points (..., 3) at `ranges` lie on unit rays (..., 3), so that ranges alone say all."""
     valid = np.isfinite(ranges)
     off = np.linalg.norm(np.where(valid, ranges, 0.0)[..., None] * rays - points, axis=-1)
-    return bool((off <= _ON_RAY_M * np.maximum(1.0, ranges))[valid].all())
+    return bool((off <= ON_RAY_M * np.maximum(1.0, ranges))[valid].all())

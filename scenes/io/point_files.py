@@ -24,6 +24,7 @@ from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import is_mesh
 from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
 from scenes.io.scene_files import load_scene
+from scenes.limits import LARGE_PART_M
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 _MOST_LABEL = 2**31 - 1
@@ -169,9 +170,6 @@ def _labels(label: FloatArray, name: str) -> IntArray:
     return whole.astype(np.int64)
 
 
-_LARGE_M = 20.0  # diagonal of a part beyond which its unit is doubted
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PartFile:
     """What a file holds of a part.
@@ -245,6 +243,6 @@ def _from_mesh(path: Path, units: Units) -> PartFile:
 
 def _doubts(points: FloatArray) -> tuple[str, ...]:
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
-    if diagonal <= _LARGE_M:
+    if diagonal <= LARGE_PART_M:
         return ()
     return (f"the diagonal is {diagonal:.3g} m; if the file is in mm, cm or in give --units",)

@@ -18,7 +18,8 @@ from scenes.io.guard import guard_reading
 from scenes.io.header import range_warnings
 from scenes.io.image import open_image
 from scenes.io.limits import check_limit
-from scenes.io.trajectory import TIME_GAP_S, natural_key, read_poses, read_timed_poses, rounded_pose
+from scenes.io.trajectory import natural_key, read_poses, read_timed_poses, rounded_pose
+from scenes.limits import MULTIPLES_OF_8, TIME_GAP_S
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage, saturation_start
@@ -29,7 +30,6 @@ _EIGHT_BITS = 255
 _FULLEST = 65535
 _SEVEN_SCENES = " (--intrinsics 585,585,320,240 for 7-Scenes)"
 _FULL = tuple(2**bits - 1 for bits in range(11, 16))  # what a narrower sensor writes for no return, if at all
-_TURNED = 0.9  # share of multiples of 8; one in eight by chance, all of depths below 8.2 m by turned bits
 _KINECT_M, _KINECT_OFFSET = 351.3, 1092.5  # depth = 351.3 m / (1092.5 - disparity), of the NYU toolbox
 Intrinsics = tuple[float, float, float, float]
 
@@ -114,7 +114,7 @@ def suspected_encoding(counts: FloatArray) -> str:
     if not len(known) or not (known == np.floor(known)).all() or known.max() > 65535:
         return ""
     eighth = float(np.mean(known % 8 == 0))
-    if len(np.unique(known)) > 8 and eighth > _TURNED and known.max() > 8192:
+    if len(np.unique(known)) > 8 and eighth > MULTIPLES_OF_8 and known.max() > 8192:
         return (
             f"{eighth:.0%} of its values are multiples of 8, as SUN3D's are, whose bits are turned: if so, "
             'say "depth_encoding": "sun3d" in camera.json'

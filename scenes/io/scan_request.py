@@ -20,6 +20,7 @@ from scenes.io.scan_files import ScanSource, check_units, open_scans, spill_for,
 from scenes.io.scene_files import load_scene
 from scenes.io.station import scan_from_station
 from scenes.io.trajectory import read_poses
+from scenes.limits import LEAST_PIXELS
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt
@@ -29,7 +30,6 @@ from scenes.scan.upright import SignedAxis, upright
 from scenes.world.scene import Scene
 
 _WIDTH, _HEIGHT = 1800, 900  # pixels all round, a fifth of a degree
-_LEAST_PIXELS = 1_000  # that meet the mesh from a place
 
 
 def scan_mesh(
@@ -68,7 +68,7 @@ def scan_mesh(
         place = from_file.apply(check_point(f"place {number}", origin)[None])[0]
         scan = _seen_from(scene, Pose.looking_at(place, place + [1.0, 0.0, 0.0]), projection)
         n_met = int(scan.valid.sum())
-        if n_met < _LEAST_PIXELS:
+        if n_met < LEAST_PIXELS:
             raise InputError(
                 f"{path}: from {', '.join(f'{value:g}' for value in origin)} only {n_met} of "
                 f"{scan.ranges.size} rays meet the mesh; give places inside of rooms, and the file's --units"

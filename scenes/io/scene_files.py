@@ -22,6 +22,7 @@ from scenes.io.off import write_off
 from scenes.io.ply import write_mesh_ply
 from scenes.io.scan_files import check_units
 from scenes.io.stl import write_stl
+from scenes.limits import FINE_M, LARGE_M, SMALL_M
 from scenes.mesh.appearance import GeometryLook, join_looks, look_of
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.mesh_parts import parts_of
@@ -29,7 +30,6 @@ from scenes.mesh.orientation import Axis, axis_in_file, decide_mode, suggest_up,
 from scenes.run.atomic import write_bytes
 from scenes.world.scene import Mode, Scene
 
-_FINE_M = 1e-3  # to which coordinates should be known
 _MOST_SHARED = 2  # faces at an edge of a surface
 
 
@@ -93,7 +93,7 @@ def _coordinate_doubts(vertices: FloatArray) -> Iterator[str]:
     """A warning where coordinates went through 32-bit floats too far from the origin."""
     largest = np.float32(np.abs(vertices).max())
     step = float(np.spacing(largest))
-    if step > _FINE_M and (vertices.astype(np.float32) == vertices).all():
+    if step > FINE_M and (vertices.astype(np.float32) == vertices).all():
         yield (
             f"coordinates up to {largest:.4g} m are stored in 32 bits, so they are rounded to steps of "
             f"{step:.2g} m; save the file about an origin of its own"
@@ -103,7 +103,6 @@ def _coordinate_doubts(vertices: FloatArray) -> Iterator[str]:
 _NAMELESS = re.compile(
     r"^\d+$|_[0-9a-f]{6}$"
 )  # node numbers, and what trimesh draws at random for parts of one
-SMALL_M, LARGE_M = 0.05, 1e3  # diagonals beyond which the unit is doubted
 
 
 def open_scene(

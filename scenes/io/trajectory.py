@@ -12,11 +12,10 @@ import numpy as np
 from scenes.checks import FloatArray, InputError, check_finite
 from scenes.io.documents import parse_json, read_text
 from scenes.io.guard import guard_reading
+from scenes.limits import FILE_ROTATION, TIME_GAP_S
 from scenes.pose import Pose, quaternion_of, rotation_of
 from scenes.run.atomic import write_text
 
-TIME_GAP_S = 0.02  # the TUM benchmark's own limit for what belongs together
-_ROUNDING = 1e-3  # matrices of files: float32 chains and five printed digits stay below this
 _FORMS = (
     "known: lines of tx ty tz qx qy qz qw, TUM lines with a timestamp before them, Redwood .log blocks, "
     "4x4 matrices, four lines each, lines of their first 12 (KITTI) or all 16 numbers, JSON lists of 4x4 "
@@ -60,7 +59,7 @@ def rounded_pose(matrix: FloatArray) -> Pose:
         rotation = mended[:3, :3]
         with np.errstate(over="ignore", invalid="ignore"):
             error = np.abs(rotation.T @ rotation - np.eye(3)).max()
-        if error <= _ROUNDING:
+        if error <= FILE_ROTATION:
             u, _, vt = np.linalg.svd(rotation)
             mended[:3, :3] = u @ vt
     return Pose(mended)

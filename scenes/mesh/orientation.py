@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from scenes.checks import FloatArray
+from scenes.limits import ACROSS, AXIS_LEAD, ENCLOSED, OPEN_FLOOR, ROOM_HEIGHT_M, ROOM_SIDE_M, WALLED
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
@@ -17,12 +18,6 @@ _AXES: tuple[Axis, Axis, Axis] = ("x", "y", "z")
 _STATIONS = 7  # grid points along each horizontal side of the bounding box
 _HEIGHTS = (0.10, 0.25, 0.50)  # of the box's height
 _RAYS = 32
-_WALLED = 0.7  # share of horizontal rays that must meet a front face
-_ENCLOSED = 0.3  # share of stations that must be walled in and have a floor
-_OPEN_FLOOR = 0.6  # share of the footprint that is floor seen from above
-_FLOOR_M, _HEADROOM_M = 3.0, 1.5
-_FLAT = 0.95  # |cosine| from which a face counts as at right angles to an axis
-_CLEAR = 1.15  # how far the best axis must lead
 
 
 def world_from_file_up(up: Axis) -> Pose:
@@ -58,10 +53,10 @@ def decide_mode(mesh: LabelledMesh) -> Literal["room", "object"]:
     if not (extent > 0).all():
         return "object"
     caster, normals = RayCaster(mesh.vertices, mesh.faces), mesh.face_normals()
-    if _enclosed_share(caster, normals, low, extent) >= _ENCLOSED:
+    if _enclosed_share(caster, normals, low, extent) >= ENCLOSED:
         return "room"
-    roomy = min(extent[0], extent[1]) >= _FLOOR_M and extent[2] >= _HEADROOM_M
-    return "room" if roomy and _floor_share(caster, normals, low, extent) >= _OPEN_FLOOR else "object"
+    roomy = min(extent[0], extent[1]) >= ROOM_SIDE_M and extent[2] >= ROOM_HEIGHT_M
+    return "room" if roomy and _floor_share(caster, normals, low, extent) >= OPEN_FLOOR else "object"
 
 
 def _grid(low: FloatArray, extent: FloatArray, heights: tuple[float, ...]) -> FloatArray:
@@ -78,7 +73,7 @@ def _enclosed_share(caster: RayCaster, normals: FloatArray, low: FloatArray, ext
     meets = _meets_front(
         caster, normals, np.repeat(stations, _RAYS, axis=0), np.tile(around, (len(stations), 1))
     )
-    walled = meets.reshape(-1, _RAYS).mean(axis=1) >= _WALLED
+    walled = meets.reshape(-1, _RAYS).mean(axis=1) >= WALLED
     down = np.broadcast_to(np.array([0.0, 0.0, -1.0]), stations.shape)
     return float((walled & _meets_front(caster, normals, stations, down)).mean())
 
@@ -96,7 +91,7 @@ def _floor_share(caster: RayCaster, normals: FloatArray, low: FloatArray, extent
     above = _grid(low, extent, (1.01,))
     hits = caster.first_hit(above, np.broadcast_to(np.array([0.0, 0.0, -1.0]), above.shape))
     height = above[:, 2] - hits.ranges - low[2]
-    return float((hits.hit & (height <= 0.15 * extent[2]) & (normals[hits.face, 2] > _FLAT)).mean())
+    return float((hits.hit & (height <= 0.15 * extent[2]) & (normals[hits.face, 2] > ACROSS)).mean())
 
 
 def suggest_up(mesh: LabelledMesh, mode: Literal["room", "object"]) -> Axis | None:
@@ -112,14 +107,14 @@ def suggest_up(mesh: LabelledMesh, mode: Literal["room", "object"]) -> Axis | No
     extent = np.diff(mesh.bounds(), axis=0)[0]
     if areas.sum() == 0 or not (extent > 0).all():
         return None
-    scores = np.array([areas[np.abs(normals[:, axis]) > _FLAT].sum() for axis in range(3)]) / areas.sum()
+    scores = np.array([areas[np.abs(normals[:, axis]) > ACROSS].sum() for axis in range(3)]) / areas.sum()
     if mode == "room":
         scores = scores / extent
     else:
         stance = np.array([_stance(mesh, axis) for axis in range(3)])
         scores = (scores + 0.1 * np.maximum(stance, 0)) * np.array([_asymmetry(mesh, a) for a in range(3)])
     order = np.argsort(-scores, kind="stable")
-    return _AXES[int(order[0])] if scores[order[0]] > _CLEAR * scores[order[1]] else None
+    return _AXES[int(order[0])] if scores[order[0]] > AXIS_LEAD * scores[order[1]] else None
 
 
 def _stance(mesh: LabelledMesh, axis: int) -> float:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from scenes.checks import FloatArray
+from scenes.limits import BETTER, ENOUGH_POINTS, GOOD
 from scenes.run.mapping import trim
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -20,9 +21,6 @@ _CURES = {
 }
 _PAIRS = 8  # of consecutive images that are compared
 _POINTS = 4000  # of each
-_ENOUGH = 200  # points that both images of a pair see
-_BETTER = 2.0  # how many times smaller the disagreement must be; medians of thousands of points
-_GOOD = 0.03  # of the depth; above it the other convention explains nothing either
 
 
 def convention_doubt(scans: Sequence[RangeImage]) -> str:
@@ -38,7 +36,7 @@ def convention_doubt(scans: Sequence[RangeImage]) -> str:
     given = _disagreement(pairs, "")
     for name, cure in _CURES.items():
         other = _disagreement(pairs, name)
-        if other < _GOOD and other * _BETTER < given:
+        if other < GOOD and other * BETTER < given:
             as_given = "not at all" if np.isinf(given) else f"to {given:.1%}"
             return (
                 f"the poses seem to be {name}: so depths agree to {other:.1%} in the median, as given "
@@ -56,7 +54,7 @@ def _disagreement(pairs: Sequence[tuple[RangeImage, RangeImage]], convention: st
     """Median relative disagreement over all pairs, infinite where they hardly overlap."""
     differences = [_compare(first, second, convention) for first, second in pairs]
     off = np.concatenate([np.zeros(0), *differences])
-    return float(np.median(off)) if len(off) >= _ENOUGH else np.inf
+    return float(np.median(off)) if len(off) >= ENOUGH_POINTS else np.inf
 
 
 def _compare(first: RangeImage, second: RangeImage, convention: str) -> FloatArray:

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import BoolArray, FloatArray, InputError, frozen_copy
+from scenes.limits import OFF_RANGE
 from scenes.pose import Pose
 from scenes.run.mapping import LARGE, allocate, is_mapped, release
 
 _BLOCK = 1 << 16  # pixels: what a processor keeps at hand
 _ROUNDING = 1e-3  # how far arithmetic may carry a colour out of 0..1
-_OFF_RANGE = 1e-6  # relative: how far a range may be from its measured point's distance; files round both
 _MOST_M = 1e9  # beyond any scanner: files write such numbers for "no return"
 
 
@@ -136,7 +136,7 @@ def check_same(ranges: FloatArray, points: Any) -> None:
         n_valid += int(np.count_nonzero(valid))
         with np.errstate(over="ignore", invalid="ignore"):
             away = np.linalg.norm(np.asarray(points[rows], np.float64), axis=-1)
-            wrong = valid & ~(np.abs(away - ranges[rows]) <= _OFF_RANGE * ranges[rows])
+            wrong = valid & ~(np.abs(away - ranges[rows]) <= OFF_RANGE * ranges[rows])
         if wrong.any():
             n_wrong += int(np.count_nonzero(wrong))
             first = np.concatenate([first, [[away[wrong][0], ranges[rows][wrong][0]]]])

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray, InputError, check_options
+from scenes.limits import CODE_CLOSE, CODE_GAP, CODE_SAME, CODE_SPREAD, CODE_STRAYS, LEAST_TIMES, MOST_CODES
 from scenes.pose import Pose
 from scenes.run.mapping import release
 from scenes.scan.colour import colour_type
@@ -348,14 +349,6 @@ class RangeImage:
         return Card("Range image", self.name, figures, pictures=pictures).to_html()
 
 
-_CLOSE = 1e-3  # relative: codes for "no return" lie so close to the fullest number
-_SAME = 1e-5  # relative: what files round away
-_MOST_CODES, _LEAST_TIMES = 8, 20  # different ones, and how often each must be there
-_GAP = 1.2  # from the farthest real range to the codes
-_STRAYS = 0.05  # of as many numbers as codes may lie in between
-_SPREAD = 5  # rows and columns: a true distance that comes again and again does so in one place
-
-
 def saturation_start(ranges: FloatArray) -> float:
     """Return the least of the saturated among the finite numbers of an image (rows, columns), or of (n,).
 
@@ -366,19 +359,19 @@ def saturation_start(ranges: FloatArray) -> float:
     n_known, most = 0, 0.0
     for known in _finite(ranges):
         n_known, most = n_known + len(known), max(most, float(known.max(initial=0.0)))
-    if n_known < _LEAST_TIMES:
+    if n_known < LEAST_TIMES:
         return np.inf
     n_far, tops = 0, []
     for known in _finite(ranges):
-        far = known[known >= most / _GAP]
+        far = known[known >= most / CODE_GAP]
         n_far += len(far)
-        tops.append(far[far >= (1 - _CLOSE) * most])
+        tops.append(far[far >= (1 - CODE_CLOSE) * most])
     top = np.sort(np.concatenate(tops))
-    if not _LEAST_TIMES <= len(top) < n_known / 2 or n_far - len(top) > _STRAYS * len(top):
+    if not LEAST_TIMES <= len(top) < n_known / 2 or n_far - len(top) > CODE_STRAYS * len(top):
         return np.inf
-    group = np.concatenate([[0], np.cumsum(np.diff(top) > _SAME * most)])
+    group = np.concatenate([[0], np.cumsum(np.diff(top) > CODE_SAME * most)])
     times = np.bincount(group)
-    if len(times) > _MOST_CODES or times.min() < _LEAST_TIMES:
+    if len(times) > MOST_CODES or times.min() < LEAST_TIMES:
         return np.inf
     return float(top[0])
 
@@ -404,7 +397,7 @@ def without_saturated(scan: RangeImage) -> RangeImage:
     if start == np.inf:
         return scan
     full = scan.valid & (scan.ranges >= start)
-    if min(np.count_nonzero(full.any(axis=k)) for k in (0, 1)) < _SPREAD:
+    if min(np.count_nonzero(full.any(axis=k)) for k in (0, 1)) < CODE_SPREAD:
         return scan
     sentence = saturation_warning(int(full.sum()), start, int(scan.valid.sum()))
     points = scan.sensor_points

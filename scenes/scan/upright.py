@@ -9,6 +9,20 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.limits import (
+    ABOVE_FLOOR_M,
+    ALIKE,
+    CEILING_WEIGHT,
+    CLEAR_LEAD,
+    EXACT,
+    FLAT,
+    HELD,
+    LEAST_LEVEL,
+    LEVEL,
+    PLANAR,
+    UPSIDE,
+    WALL_WEIGHT,
+)
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -17,19 +31,9 @@ SignedAxis = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
 AXES: tuple[SignedAxis, ...] = ("x", "y", "z", "-x", "-y", "-z")
 _MOST_SCANS = 24  # that tell which way is up
 _APART = 40  # facets along the longer side of an image
-_PLANAR = 0.05  # of a facet's side: how far its fourth corner may lie off it
-_ALIKE, _LEVEL = np.cos(np.radians(6.0)), np.cos(np.radians(10.0))
-_HELD = np.cos(np.radians(50.0))  # how far from upright cameras are held
 _NARROWER = np.cos(np.radians([4.0, 3.0, 2.0]))
-_EXACT = np.cos(np.radians(1.0))  # within which up is an axis of the files itself
-_FLAT = np.cos(np.radians(3.0))
 _SIDE = np.sin(np.radians(6.0))
-_WALLS, _CEILING = 0.3, 0.5  # what they count for, of the same area of floor
 _TRIED = 400  # facets whose normals are tried
-_LEAST = 0.08  # of the area, that must be level
-_UPSIDE = 0.2  # cosine to z from which a camera does not contradict level surface below it
-_CLEAR = 1.3  # how far another axis must lead
-_ABOVE_M = 0.15  # above the floor: what lies higher lies on something
 
 
 class _PlanarPieces(NamedTuple):
@@ -95,15 +99,15 @@ def _of_cameras(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
     facets = _facets(scans)
     z = np.array([0.0, 0.0, 1.0])
     whole = max(float(facets.area.sum()), 1e-12)
-    if held @ z > _HELD or (held @ z > _UPSIDE and _level_area(facets, z, _LEVEL) >= _LEAST * whole):
+    if held @ z > HELD or (held @ z > UPSIDE and _level_area(facets, z, LEVEL) >= LEAST_LEVEL * whole):
         return Pose.identity(), ""
     level = _largest_level(facets, held)
     if level is None:
         return _turn_to_z(held), _word(held, "as the camera was held; no level surface confirms it")
-    if level @ z >= _LEVEL:
+    if level @ z >= LEVEL:
         return Pose.identity(), ""
     nearest = int(np.argmax(np.abs(level)))
-    if abs(level[nearest]) >= _EXACT:
+    if abs(level[nearest]) >= EXACT:
         level = np.sign(level[nearest]) * np.eye(3)[nearest]
     return _turn_to_z(level), _word(level, "the normal of the largest level surface, and the camera's up")
 
@@ -121,10 +125,10 @@ def _of_points(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
     if not len(points) or not len(facets.area):
         return Pose.identity(), ""
     extent = np.diff(np.quantile(points, [0.02, 0.98], axis=0), axis=0)[0]
-    across = np.abs(facets.normal) >= _LEVEL
+    across = np.abs(facets.normal) >= LEVEL
     score = (facets.area @ across) / np.maximum(extent, 1e-9)
     best = int(np.argmax(score))
-    if best == 2 or not score[best] > _CLEAR * score[2]:
+    if best == 2 or not score[best] > CLEAR_LEAD * score[2]:
         return Pose.identity(), ""
     below, above = (_tops(facets, sign * np.eye(3)[best]) for sign in (1.0, -1.0))
     axis = np.eye(3)[best] * (-1.0 if above > below else 1.0)
@@ -133,11 +137,11 @@ def _of_points(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
 
 def _tops(facets: _PlanarPieces, up: FloatArray) -> float:
     """Level area that faces `up` above the lowest: tops of what stands on a floor, if this is up."""
-    facing = facets.normal @ up >= _FLAT
+    facing = facets.normal @ up >= FLAT
     height = facets.place[facing] @ up
     if not len(height):
         return 0.0
-    return float(facets.area[facing][height > np.quantile(height, 0.02) + _ABOVE_M].sum())
+    return float(facets.area[facing][height > np.quantile(height, 0.02) + ABOVE_FLOOR_M].sum())
 
 
 def _word(up: FloatArray, why: str) -> str:
@@ -168,29 +172,29 @@ def _level_area(facets: _PlanarPieces, up: FloatArray, cosine: float) -> float:
 def _largest_level(facets: _PlanarPieces, held: FloatArray) -> FloatArray | None:
     """The upward normal within 50 degrees of `held` that most area shares or stands on; None without any."""
     able = facets.normal @ held
-    tried = np.flatnonzero(np.abs(able) >= _HELD)
+    tried = np.flatnonzero(np.abs(able) >= HELD)
     tried = tried[:: max(1, len(tried) // _TRIED)]
     if not len(tried):
         return None
     ups = facets.normal[tried] * np.sign(able[tried])[:, None]
     best = ups[int(np.argmax([_support(facets, up) for up in ups]))]
-    for narrow in (_ALIKE, *_NARROWER):
+    for narrow in (ALIKE, *_NARROWER):
         lean = facets.normal @ best
         is_level = np.abs(lean) >= narrow
         if not is_level.any():
             break
         best = (np.sign(lean[is_level]) * facets.area[is_level]) @ facets.normal[is_level]
         best = best / np.linalg.norm(best)
-    level = np.abs(facets.normal @ best) >= _ALIKE
-    return np.asarray(best) if facets.area[level].sum() >= _LEAST * facets.area.sum() else None
+    level = np.abs(facets.normal @ best) >= ALIKE
+    return np.asarray(best) if facets.area[level].sum() >= LEAST_LEVEL * facets.area.sum() else None
 
 
 def _support(facets: _PlanarPieces, up: FloatArray) -> float:
     lean = facets.normal @ up
     parts: tuple[tuple[float, BoolArray], ...] = (
-        (1.0, lean >= _ALIKE),
-        (_CEILING, lean <= -_ALIKE),
-        (_WALLS, np.abs(lean) <= _SIDE),
+        (1.0, lean >= ALIKE),
+        (CEILING_WEIGHT, lean <= -ALIKE),
+        (WALL_WEIGHT, np.abs(lean) <= _SIDE),
     )
     return float(sum(weight * facets.area[chosen].sum() for weight, chosen in parts))
 
@@ -214,7 +218,7 @@ def _facets_of(scan: RangeImage) -> _PlanarPieces:
         side = np.sqrt(area)
         off = np.abs(np.einsum("ij,ij->i", normal, (d - a).reshape(-1, 3)))
         usual = np.linalg.norm(a.reshape(-1, 3) - scan.origin, axis=1) * scan.projection.pixel_angle * step
-        good = (off < _PLANAR * side) & (area > 0) & (area < 100 * usual**2)
+        good = (off < PLANAR * side) & (area > 0) & (area < 100 * usual**2)
     place = a.reshape(-1, 3)[good]
     normal = normal[good]
     scan.release()
