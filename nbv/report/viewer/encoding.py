@@ -85,7 +85,7 @@ def fold_differences(table: Integers) -> Integers:
 
     Examples
     --------
-    >>> folded(np.array([[3], [2], [2], [5]])).ravel().tolist()
+    >>> fold_differences(np.array([[3], [2], [2], [5]])).ravel().tolist()
     [6, 1, 0, 6]
     """
     steps = np.diff(table, axis=0, prepend=0)

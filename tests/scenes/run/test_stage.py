@@ -124,8 +124,8 @@ def test_files_of_one_folder_have_stages_and_locks_of_their_own(tmp_path):
 
 def test_a_lock_is_waited_for_as_long_as_a_killed_run_needs_to_be_gone(tmp_path):
     code = (
-        "import sys, time; from pathlib import Path; from scenes.run.atomic import locked\n"
-        "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(0.5)"
+        "import sys, time; from pathlib import Path; from scenes.run.atomic import hold_lock\n"
+        "with hold_lock(Path(sys.argv[1])): print('held', flush=True); time.sleep(0.5)"
     )
     command = [sys.executable, "-c", code, str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other:
