@@ -13,14 +13,23 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import ArrayLike, NDArray
 
+from texture.limits import (
+    ASIDE_DEG,
+    IN_STEP,
+    LEAST_OVERLAP,
+    LEAST_SPREAD,
+    N_REPETITIONS,
+    NEARLY_AS_GOOD,
+    NEIGHBOURHOOD,
+    REPEATED,
+    TILES_PER_SIDE,
+    VALLEY,
+)
 from texture.quality import read_levels
 from texture.sampling.arguments import check_known, check_mask
 from texture.sampling.sample import HIGHEST_LEVEL, BoolArray, FloatArray, IntArray
 
-_LEAST_SPREAD = 1e-6  # 8-bit levels: less is the transforms' rounding
-TILES_PER_SIDE = 4
-OUT_OF_STEP = 0.5  # periods
-N_REPETITIONS = 8
+HALF_PERIOD = 0.5  # nothing is farther out of step
 
 
 class _Transforms(NamedTuple):
@@ -89,7 +98,7 @@ class Correlator:
         covariance = products - (theirs * ours).sum(axis=0) / n
         their_spread = their_squares - (theirs**2).sum(axis=0) / n
         our_spread = our_squares - (ours**2).sum(axis=0) / n
-        least = _LEAST_SPREAD * n
+        least = LEAST_SPREAD * n
         varies = (their_spread > least) & (our_spread > least)
         scale = np.sqrt(np.where(varies, their_spread * our_spread, 1))
         return np.where(varies, covariance / scale, 0), n_pairs
@@ -139,7 +148,7 @@ def measure_tiles(
 def _measure_tile(correlator: Correlator, values: FloatArray, tile: BoolArray, periods: FloatArray) -> float:
     """Return how far a tile is out of step, in periods; NaN where it meets nothing known."""
     if float(values[tile].std(axis=0).max()) == 0:
-        return OUT_OF_STEP
+        return HALF_PERIOD
     reach = correlator.reach
     correlation, counts = correlator.correlate(values, tile)
     is_met = counts >= np.count_nonzero(tile) / 2
@@ -171,7 +180,7 @@ def _list_steps(periods: FloatArray) -> tuple[FloatArray, FloatArray]:
         steps = np.stack(np.meshgrid(*(np.arange(-k, k + 1) for k in far), indexing="ij"), axis=-1)
         steps = steps.reshape(-1, 2).astype(np.float64)
         shares = steps @ np.linalg.inv(periods)
-        is_near = np.abs(shares).max(axis=1) <= OUT_OF_STEP
+        is_near = np.abs(shares).max(axis=1) <= HALF_PERIOD
         steps, shares = steps[is_near], shares[is_near]
     nearest = np.argsort(np.abs(shares).max(axis=1), kind="stable")
     return shares[nearest], steps[nearest]
@@ -187,13 +196,6 @@ def _list_repetitions(periods: FloatArray, reach: tuple[int, int]) -> FloatArray
     return np.asarray(repetitions[np.argsort(np.hypot(*repetitions.T), kind="stable")])
 
 
-REPEATED = 0.35  # correlation from which a texture is said to repeat
-VALLEY = 0.2  # how far the correlation falls between a pixel and its repetition
-ALIKE = 0.85  # of the highest correlation: a shorter repetition that is nearly as good is the period
-LEAST_OVERLAP = 0.25  # share of the pixels that must meet others for a correlation to be believed
-IN_STEP = 0.1  # of the period: what a lattice may miss its own texture by
-ASIDE_DEG = 20.0  # a second period points at least so far away from the first
-NEIGHBOURHOOD = 128  # pixels around a hole in which its lattice is looked for, or its own size
 _BESIDE = np.array(sorted(product((-1, 0, 1), repeat=2), key=np.linalg.norm))  # itself first
 
 
@@ -358,7 +360,7 @@ def _list_peaks(correlation: FloatArray, reach: tuple[int, int]) -> IntArray:
     beyond = np.array([_is_beyond_valley(correlation, reach, place) for place in places], dtype=np.bool_)
     places = places[beyond] if len(places) else places
     heights = correlation[places[:, 0] + reach[0], places[:, 1] + reach[1]]
-    return np.asarray(places[heights >= ALIKE * heights.max(initial=0)])
+    return np.asarray(places[heights >= NEARLY_AS_GOOD * heights.max(initial=0)])
 
 
 def _is_beyond_valley(correlation: FloatArray, reach: tuple[int, int], place: IntArray) -> bool:

@@ -17,11 +17,11 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
+from texture.limits import DARKEST, IRRELEVANT, UNUSUAL
 from texture.sampling.canvas import Canvas
 from texture.sampling.randomness import Purpose, random_words
 from texture.sampling.sample import BoolArray, FloatArray, IntArray, Sample
 
-_DARKEST = 1 / 255  # brightness below one 8-bit level says nothing of the light
 _ROUNDS = 10  # of reweighting
 _MOST_PIXELS = 20_000  # that are fitted
 
@@ -86,7 +86,7 @@ def fit_shading(
     if places.size >= design.shape[1]:
         there = _nearest_within_hull(known, wrap)
         for channel in range(channels.shape[1]):
-            logarithms = np.log(np.maximum(channels[places, channel], _DARKEST))
+            logarithms = np.log(np.maximum(channels[places, channel], DARKEST))
             mean, b1, two, three, four, both = _fit_robustly(design, logarithms)
             logs = (mean + b1 * down[0] + two * down[1])[:, None] + three * across[0] + four * across[1]
             logs += both * down[0][:, None] * across[0]
@@ -147,8 +147,6 @@ def _median(values: FloatArray) -> float:
 
 
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
-UNUSUAL = 3.0  # standard deviations from the median
-IRRELEVANT = 0.05  # a correlation that explains 0.3 % of the variance
 
 
 def is_plain(levels: IntArray, usable: BoolArray) -> bool:

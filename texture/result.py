@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from texture.engine.passes import Tally
 from texture.lattice import measure_phase_error
+from texture.limits import CLEARLY, MOSTLY, OUT_OF_STEP
 from texture.quality import measure_distance, measure_seam, measure_verbatim_share
 from texture.sampling.arguments import check_known, check_mask
 from texture.sampling.canvas import Canvas
@@ -175,9 +176,6 @@ def _variance(sample: Sample) -> float:
 
 
 N_PIECES = 6
-CLEARLY = 4.0  # standard deviations beyond the mean of real pieces
-MOSTLY = 0.5
-OUT_OF_STEP = 0.2  # periods; a fill that knows nothing of the lattice is at 1/4 or 1/3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

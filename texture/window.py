@@ -9,17 +9,21 @@ import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
 from texture.lattice import Lattice, find_lattice, measure_phase_error
+from texture.limits import (
+    CLEARLY_BETTER,
+    FEATURE_END,
+    FEATURE_RETURN,
+    LARGEST_CHOICE,
+    OUT_OF_STEP_PENALTY,
+    PER_PERIOD,
+    SMALLEST_CHOICE,
+)
 from texture.quality import measure_distance
 from texture.sampling.sample import BoolArray, FloatArray, IntArray
 
-SMALLEST_CHOICE, LARGEST_CHOICE = 7, 23
-UNRELATED, REPEATED = 0.2, 0.5  # autocorrelation where a feature ends, and where it returns
 WINDOWS = (11, 15, 23, 31)
 HOLE, RIM, SURROUNDINGS = 24, 8, 96  # pixels: sides of a hole, of what is usable around it, of what is filled
 SHARES = (0.0, 1.0, 0.5, 0.25, 0.75, 0.5)  # where holes lie among the places that are left
-CLEARLY = 0.9  # of the smaller window's penalty: what a larger one may have at most
-OUT_OF_STEP = 5.0  # a hole that is a fifth of a period out of step counts twice its distance
-PER_PERIOD = 1.6  # a window's Gaussian is four sigmas, window / 1.6, wide (`texture.sampling.sample`)
 LOOKED_AT = 320  # pixels: side of the part of a sample in which features are looked for
 
 FillPiece = Callable[[NDArray[np.uint8], BoolArray, BoolArray, int], NDArray[np.uint8]]
@@ -88,14 +92,14 @@ def _autocorrelate(centred: FloatArray, usable: BoolArray) -> FloatArray:
 
 def _measure_feature(correlations: FloatArray) -> int:
     """Return the length in pixels of the feature that an autocorrelation shows; 0 if it never ends."""
-    below = np.flatnonzero(correlations < UNRELATED)
+    below = np.flatnonzero(correlations < FEATURE_END)
     if not below.size:
         return 0
     inner = np.arange(below[0] + 1, correlations.size - 1)
     is_peak = (correlations[inner] >= correlations[inner - 1]) & (
         correlations[inner] >= correlations[inner + 1]
     )
-    peaks = inner[is_peak & (correlations[inner] > REPEATED)]
+    peaks = inner[is_peak & (correlations[inner] > FEATURE_RETURN)]
     return int(peaks[0]) if peaks.size else int(2 * below[0] + 1)
 
 
@@ -159,7 +163,7 @@ def check_windows(levels: IntArray, usable: BoolArray, fill_piece: FillPiece | N
             if penalties[-1] >= to_beat:
                 break
         else:
-            if np.mean(penalties) <= CLEARLY * np.mean(lowest):
+            if np.mean(penalties) <= CLEARLY_BETTER * np.mean(lowest):
                 chosen, lowest = window, penalties
         distances[window] = float(np.mean(penalties))
     return WindowCheck(chosen, distances)
@@ -226,4 +230,4 @@ def _penalise(filled: NDArray[np.uint8], piece: SampleCut, lattice: Lattice) -> 
     """Return how far a fill is from what was cut out, more if it is out of step."""
     distance = measure_distance(filled, piece.image, piece.hole, piece.hole, n_levels=2)
     phase_error = measure_phase_error(filled, piece.hole, piece.known, lattice)
-    return distance * (1 + OUT_OF_STEP * float(np.nan_to_num(phase_error)))
+    return distance * (1 + OUT_OF_STEP_PENALTY * float(np.nan_to_num(phase_error)))

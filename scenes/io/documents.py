@@ -32,7 +32,7 @@ Kind = TypeVar("Kind", dict[str, Any], list[Any])
 def read_text(path: Path, limit: str = "json_bytes") -> str:
     """Return the text of a file, UTF-8 with or without a byte order mark.
 
-    `limit` is the field of `scenes.io.limits.Limits` that its bytes are held against. Raises
+    `limit` is the field of `scenes.io.limits.ReadLimits` that its bytes are held against. Raises
     InputError: as `check_file`, or bytes that are no UTF-8.
     """
     file = check_file(path, limit)

@@ -50,7 +50,7 @@ def one_line(text: str) -> str:
 def check_file(path: Path, limit: str = "file_bytes") -> Path:
     """Return `path`, its links followed, when it is a file with something in it, no larger than a limit.
 
-    `limit` is the field of `scenes.io.limits.Limits` that its bytes are held against. Raises
+    `limit` is the field of `scenes.io.limits.ReadLimits` that its bytes are held against. Raises
     InputError: nothing there, a folder, a pipe or device, 0 bytes, or too large.
     """
     try:

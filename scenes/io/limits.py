@@ -79,6 +79,7 @@ class ReadLimits:
 
 
 LIMIT_NAMES = tuple(field.name for field in fields(ReadLimits))
+Limits = ReadLimits  # earlier name
 _USUAL = ReadLimits()
 _in_force: ContextVar[ReadLimits] = ContextVar("limits", default=_USUAL)
 

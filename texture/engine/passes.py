@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from texture.limits import EXACT_PIXELS, FEWEST_SAMPLES, MAX_ERROR_THRESHOLD, RELAXATION, SMALLEST_WINDOW
 from texture.sampling.arguments import EngineName
 from texture.sampling.canvas import NOWHERE, Canvas, Front, OrderName, draw_place, plant_seed
 from texture.sampling.randomness import Purpose, pick, random_words
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
 
 Progress: TypeAlias = Callable[[int, int], None]
 
-MAX_ERROR_THRESHOLD = 0.3  # Efros's own page: MaxErrThreshold, pixels in 0..1
-RELAXATION = 1.1  # a pass without progress multiplies the threshold by this
 PASSES_AT_ONCE = 16  # on one thread, where nobody is told of progress and no time runs out
 
 
@@ -187,10 +186,6 @@ def fill_pixels(
 
 if TYPE_CHECKING:
     from texture.engine.kernels import FillPixels
-
-EXACT_PIXELS = 4_000  # a hole of so many is searched exactly
-FEWEST_SAMPLES = 1_000  # a coarser level must leave so many
-SMALLEST_WINDOW = 9  # of a coarser level
 
 
 @dataclass(frozen=True, slots=True, eq=False)

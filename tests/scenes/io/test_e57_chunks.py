@@ -86,7 +86,9 @@ def test_bounds_that_are_announced_change_nothing(
     by_others(tmp_path / "a.e57", double=False, repeated=4)
     plain = read_scan(tmp_path / "a.e57")
     low, high = (np.full(2, 2**31), np.zeros(2, int)) if bounds is None else np.reshape(bounds, (2, 2))
-    monkeypatch.setattr(e57, "_announced_size", lambda header: GridExtent(header.point_count, low=low, high=high))
+    monkeypatch.setattr(
+        e57, "_announced_size", lambda header: GridExtent(header.point_count, low=low, high=high)
+    )
     found = read_scan(tmp_path / "a.e57")
     assert found.warnings == plain.warnings
     for name in ("ranges", "sensor_points", "intensity"):
