@@ -114,7 +114,7 @@ def test_it_is_found_in_a_scanned_room(kind):
 @pytest.mark.long
 def test_boxes_in_a_scanned_room_are_no_column_and_no_stairs():
     scan, _ = solid_room(0, "boxes")
-    fits = find_features([scan.thinned(150_000)], ["stairs", "column"], rng=0).found
+    fits = find_features([scan.thin(150_000)], ["stairs", "column"], rng=0).found
     assert not fits
 
 
