@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, fields, replace
 from typing import Any
 
@@ -28,11 +29,13 @@ from completion.result.verification import Finding, Verification
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.pipeline import TexturingOptions
 from nbv.commands.options import CompleteOptions, Shared
-from nbv.commands.process import start_run
+from nbv.commands.process import Run, start_run
 from nbv.run.wording import count, square_metres
 from nbv.scans.registering import placed_of, register_request
 from nbv.scans.remote_completion import complete_by_workers
-from scenes.io.scan_request import read_request
+from scenes.io.scan_request import GivenScans, ScanRequest, read_request
+from scenes.run.journal import FileJournal
+from scenes.scan.range_image import RangeImage
 
 
 def completion_options(asked: CompleteOptions) -> CompletionOptions:
@@ -59,40 +62,16 @@ def run_complete(shared: Shared, how: CompleteOptions) -> None:
     """Complete scans and write model, record and report."""
     request = how.request()
     with start_run("complete", shared, default="out/complete", is_folder=True) as run:
+        # Read the scans, placed to each other where that is asked for
         run.watch.enter("load")
         run.read([*request.inputs, *how.files])
         journal = run.journal({**request.options(), **how.record()})
-        options, placement = completion_options(how), []
-        if how.register:
-            run.will_call(count_agreement, 20)
-            placed = register_request(
-                request,
-                request.up,
-                n_threads=shared.threads,
-                progress=run.progress,
-                journal=journal.part("register"),
-            )
-            given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
-            placement = [placed.summary]
-        else:
-            given = read_request(request)
-        scans = given.scans
+        given, options, placement = _load_scans(run, shared, how, request, journal)
         run.warn(given.doubts)
         asked = {**request.options(), "instruments": given.instruments, **how.record()}
-        run.will_call(solve_plane, 40)
-        if how.scheduler is not None:
-            complete_by_workers(
-                how.scheduler,
-                request,
-                options,
-                journal,
-                seed=shared.seed,
-                n_threads=shared.threads,
-                max_memory=shared.max_memory,
-                progress=run.progress,
-            )
-        completion = complete(
-            scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress, journal=journal
+        # Complete them
+        completion = _complete_scans(
+            run, shared, given.scans, options, journal, scheduler=how.scheduler, request=request
         )
         in_force = options.in_force(completion.flatness_m, completion.registration.left_m)
         resolved = {**asked, "resolved": asdict(in_force)}
@@ -100,15 +79,14 @@ def run_complete(shared: Shared, how: CompleteOptions) -> None:
         texts += coarser_cells(completion, how.cell_m)
         run.warn(texts)
         warnings = [*given.doubts, *texts]
+        # Verify what the first scan alone infers by the others
         verification = None
-        if len(scans) > 1:
+        if len(given.scans) > 1:
             run.watch.enter("verify")
             verification = verify_first(
-                completion,
-                options,
-                n_threads=shared.threads,
-                journal=journal.part("first"),
+                completion, options, n_threads=shared.threads, journal=journal.part("first")
             )
+        # Write the model and its record
         run.watch.enter("save")
         entry = completion_record(completion, verification, observed=how.observed)
         record = {**entry, "warnings": warnings}
@@ -118,28 +96,64 @@ def run_complete(shared: Shared, how: CompleteOptions) -> None:
         lines += lines_of_decisions(decisions)
         del verification  # a completion of its own: it is gone before the files are made
         write_model(
-            completion,
-            run.stage.folder,
-            record,
-            building=building,
-            decisions=decisions,
-            exports=how.exports,
+            completion, run.stage.folder, record, building=building, decisions=decisions, exports=how.exports
         )
         del building
+        # Report
         run.watch.enter("report")
         from nbv.report.completion_report import completion_page
 
+        first_scan = record.get("first_scan")
         page = completion_page(
-            completion,
-            request.title,
-            decisions,
-            n_threads=shared.threads,
-            first_scan=record.get("first_scan"),
+            completion, request.title, decisions, n_threads=shared.threads, first_scan=first_scan
         )
         run.report(replace(page, warnings=tuple(warnings)), asked)
         summary = {**summary_of(completion), "decisions": decisions.counts()}
         summary |= {"warnings": warnings, **placed_of(placement)}
         run.finish(resolved, summary, lines)
+
+
+def _load_scans(
+    run: Run, shared: Shared, how: CompleteOptions, request: ScanRequest, journal: FileJournal
+) -> tuple[GivenScans, CompletionOptions, list[str]]:
+    """Return the scans, the options with what registration knows of their poses, and a line on it."""
+    options = completion_options(how)
+    if not how.register:
+        return read_request(request), options, []
+    run.will_call(count_agreement, 20)
+    part = journal.part("register")
+    placed = register_request(
+        request, request.up, n_threads=shared.threads, progress=run.progress, journal=part
+    )
+    return placed.given, replace(options, pose_deviations_m=placed.deviations_m), [placed.summary]
+
+
+def _complete_scans(
+    run: Run,
+    shared: Shared,
+    scans: Sequence[RangeImage],
+    options: CompletionOptions,
+    journal: FileJournal,
+    *,
+    scheduler: str | None,
+    request: ScanRequest,
+) -> Completion:
+    """Complete scans here; where there is a scheduler its workers fill the journal first."""
+    run.will_call(solve_plane, 40)
+    if scheduler is not None:
+        complete_by_workers(
+            scheduler,
+            request,
+            options,
+            journal,
+            seed=shared.seed,
+            n_threads=shared.threads,
+            max_memory=shared.max_memory,
+            progress=run.progress,
+        )
+    return complete(
+        scans, options, rng=shared.seed, n_threads=shared.threads, progress=run.progress, journal=journal
+    )
 
 
 def coarser_cells(completion: Completion, cell_m: float | None) -> list[str]:

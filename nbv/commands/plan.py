@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from nbv.commands.options import PlanOptions, ReadOptions, Shared, record_of
-from nbv.commands.process import start_run
+from nbv.commands.process import Run, start_run
 from nbv.cover.overlap import OverlapOptions
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.coverage import Coverage
@@ -130,12 +130,7 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
             "baselines": {baseline.name: baseline.to_json() for baseline in baselines[1:]},
             "rules": {rule.name: rule.to_json() for rule in rules},
         }
-        write_json(run.path("plan.json"), {**plan.to_json(), "seed": shared.seed, **beside})
-        write_plan_files(plan.views, plan.visiting_order, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
-        write_json(run.path("coverage.json"), coverage_record(coverage))
-        if plan.stations is not None:
-            write_json(run.path("stations.json"), plan.stations.to_json())
-        write_building_files(world, plan, run.path)
+        _write_plan(run, world, plan, {"seed": shared.seed, **beside})
         options = {**options_record(request), "mode": request.mode or world.mode}
         options["effects"] = chosen_effects(sensor, request.noise).describe()
         page = plan_page(world, plan, coverage, shared.threads, baselines=baselines, rules=rules, scans=scans)
@@ -144,6 +139,16 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
         warnings = [*world.warnings, *(plan.site.warnings if plan.site else ())]
         summary = {**summary_of(plan), "rules": beside["rules"], "warnings": warnings}
         run.finish(resolved, summary, [*lines_of(plan), *rule_sentences(plan, rules)])
+
+
+def _write_plan(run: Run, world: Scene, plan: Plan, beside: Mapping[str, Any]) -> None:
+    """Write plan, views, coverage, stations and the files of a building; `beside` is what plan.json adds."""
+    write_json(run.path("plan.json"), {**plan.to_json(), **beside})
+    write_plan_files(plan.views, plan.visiting_order, run.path(CSV_NAME), run.path(TRAJECTORY_NAME))
+    write_json(run.path("coverage.json"), coverage_record(coverage_of(plan)))
+    if plan.stations is not None:
+        write_json(run.path("stations.json"), plan.stations.to_json())
+    write_building_files(world, plan, run.path)
 
 
 def baselines_of(

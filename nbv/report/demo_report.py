@@ -142,17 +142,7 @@ def demo_page(
         title="A room with two occluders",
         kicker="Scan what can be scanned, infer what cannot",
         summary=summary,
-        headlines=(
-            Headline(str(len(plan.views)), "views", "the scanner alone needs", "measured"),
-            headline_of(*comparison.share_within(MEASURED), f"measured by {few} of them", "measured"),
-            headline_of(
-                *comparison.share_within(INFERRED), "more, inferred behind the occluders", "inferred"
-            ),
-            Headline(
-                percent(comparison.within_close), "%", "of the inferred area is within 2 cm", "inferred"
-            ),
-            headline_of(*comparison.share_within(UNKNOWN), "stays unknown", "unknown"),
-        ),
+        headlines=_headlines(len(plan.views), few, comparison),
         bar=_bar(comparison, sum(coverage.apart_m2.values())),
         sections=(
             PageSection("Before and after", before_and_after(completion, n_threads)),
@@ -179,6 +169,18 @@ def demo_page(
             PageSection(f"What the {few} scans saw", (*scan_pictures(completion), scans_of(completion))),
             PageSection("Surfaces that were recognised", surface_blocks(completion)),
         ),
+    )
+
+
+def _headlines(n_views: int, few: str, comparison: Comparison) -> tuple[Headline, ...]:
+    """Views that the scanner alone needs, and the shares that a few of them and completion reach."""
+    close = percent(comparison.within_close)
+    return (
+        Headline(str(n_views), "views", "the scanner alone needs", "measured"),
+        headline_of(*comparison.share_within(MEASURED), f"measured by {few} of them", "measured"),
+        headline_of(*comparison.share_within(INFERRED), "more, inferred behind the occluders", "inferred"),
+        Headline(close, "%", "of the inferred area is within 2 cm", "inferred"),
+        headline_of(*comparison.share_within(UNKNOWN), "stays unknown", "unknown"),
     )
 
 
