@@ -19,11 +19,11 @@ eye."""
 HELD = np.cos(np.radians(50.0))
 """50 deg: how far from upright cameras are held. By eye."""
 EXACT = np.cos(np.radians(1.0))
-"""1 deg: within which up is an axis of the files itself: instruments are levelled better."""
+"""1 deg: within which up is an axis of the files itself: instruments are levelled better. By eye."""
 FLAT = np.cos(np.radians(3.0))
 """3 deg: facets of one floor, from which heights are taken. By eye."""
 PLANAR = 0.05
-"""Of a facet's side: how far its fourth corner may lie off it; 3 deg."""
+"""Of a facet's side: how far its fourth corner may lie off it; 3 deg. By eye."""
 WALL_WEIGHT = 0.3
 """What a wall counts for, of the same area of floor. By eye."""
 CEILING_WEIGHT = 0.5
@@ -31,55 +31,55 @@ CEILING_WEIGHT = 0.5
 LEAST_LEVEL = 0.08
 """Share of the area that must be level. By eye."""
 UPSIDE = 0.2
-"""Cosine to z (78 deg) from which a camera does not contradict level surface below it."""
+"""Cosine to z (78 deg) from which a camera does not contradict level surface below it. By eye."""
 CLEAR_LEAD = 1.3
 """How many times the score of z another axis must have: files of points and meshes are mostly z up. By
 eye."""
 ABOVE_FLOOR_M = 0.15
-"""Above the floor: what lies higher lies on something."""
+"""Above the floor: what lies higher lies on something. By eye."""
 AXIS_LEAD = 1.15
 """The same lead for the best axis of a mesh. By eye."""
 ACROSS = 0.95
-"""Cosine (18 deg) from which a face of a mesh counts as at right angles to an axis."""
+"""Cosine (18 deg) from which a face of a mesh counts as at right angles to an axis. By eye."""
 
 # Rooms and objects
 WALLED = 0.7
 """Share of the level rays from a place that must meet the front of a face, for it to be walled in: one side
-of four may be open."""
+of four may be open. By eye."""
 ENCLOSED = 0.3
 """Share of the places in the bounding box that must be walled in and have a floor. By eye."""
 OPEN_FLOOR = 0.6
 """Share of the footprint that is floor seen from above, of a room without ceiling. By eye."""
 ROOM_SIDE_M = 3.0
-"""Least side of such a room."""
+"""Least side of such a room. By eye."""
 ROOM_HEIGHT_M = 1.5
-"""Least height of such a room."""
+"""Least height of such a room. By eye."""
 
 # Grids of pixels
 NARROWEST_STEP = 0.4
-"""Of the angle between neighbours: where the step of the angles is looked for from."""
+"""Of the angle between neighbours: where the step of the angles is looked for from. By eye."""
 WIDEST_STEP = 3.0
-"""The same, up to."""
+"""The same, up to. By eye."""
 FUNDAMENTAL = 0.85
 """Of the strongest wave in the spectrum of angles: the first so strong is the step, later ones are its
 overtones. By eye."""
 SHARP = 0.5
-"""Strength of a wave that angles in steps have; 1 without any error, 0.1 at random for 100 points."""
+"""Strength of a wave that angles in steps have; 1 without any error, 0.1 at random for 100 points. By eye."""
 LEVEL_ANGLE = np.radians(60.0)
 """Elevation, radians, up to which points tell the step of the azimuth: beyond it errors of angle count
 twice."""
 NEARLY_ALL = 0.95
 """Of the points that have a pixel of their own, and of the pixels between filled ones that have a point, in
-bins that are wide enough."""
+bins that are wide enough. By eye."""
 FILLED = 0.8
 """Share of the pixels between filled ones that have a point, in a grid of an instrument's own steps: glass
 and sky leave gaps. By eye."""
 FEWEST_POINTS = 100
 """Below which points tell no step, and are no scan. By choice."""
 APART = np.radians(5.0)
-"""Between consecutive points, radians: so far apart they are of neither one column nor one row."""
+"""Between consecutive points, radians: so far apart they are of neither one column nor one row. By eye."""
 SPARSE = 1000
-"""Pixels for each point beyond which no image is made, above `SPARSE_PIXELS` in all."""
+"""Pixels for each point beyond which no image is made, above `SPARSE_PIXELS` in all. By choice."""
 SPARSE_PIXELS = 1_000_000
 """Pixels up to which an image is made however few points it has: 4 MB."""
 RANGES_APART = 0.2
@@ -87,12 +87,12 @@ RANGES_APART = 0.2
 MOST_APART = 0.3
 """Share of such pixels from which the points are of several stations. By eye."""
 NARROW = np.cos(np.radians(60.0))
-"""Cosine of the half angle up to which the image's middle is put where the points are."""
+"""Cosine of the half angle up to which the image's middle is put where the points are. By eye."""
 PINHOLE_LIMIT_PX = 0.5
 """Median residual, pixels, above which an organised cloud is no pinhole image: points lie within their
 pixels."""
 SPHERICAL_LIMIT_PX = 1.0
-"""The same of a spherical image, whose axis wobbles."""
+"""The same of a spherical image. By eye."""
 STEEP = np.radians(85)
 """Elevation, radians, beyond which an azimuth means little: it errs 11 times as much."""
 ON_RAY_M = 1e-6
@@ -104,32 +104,32 @@ LEAST_PIXELS = 1_000
 OFF_RANGE = 1e-6
 """Relative: how far a range may be from its measured point's distance; files round both."""
 CODE_CLOSE = 1e-3
-"""Relative: codes for no return lie so close to the fullest number."""
+"""Relative: codes for no return lie so close to the fullest number. By eye."""
 CODE_SAME = 1e-5
 """Relative: what files round away."""
 MOST_CODES = 8
 """Different codes, at most. By choice."""
 LEAST_TIMES = 20
-"""How often each must be there: measured ranges do not come again so often."""
+"""How often each must be there: measured ranges do not come again so often. By eye."""
 CODE_GAP = 1.2
 """From the farthest real range to the codes, as a factor. By eye."""
 CODE_STRAYS = 0.05
 """Of as many numbers as codes may lie in between: mixed pixels. By eye."""
 CODE_SPREAD = 5
 """Rows and columns over which codes are spread: a true distance that comes again and again does so in one
-place."""
+place. By eye."""
 MULTIPLES_OF_8 = 0.9
 """Share of depths that are multiples of 8 in images whose bits are turned; one in eight by chance, all of
-depths below 8.2 m by turned bits."""
+depths below 8.2 m by turned bits. By eye."""
 ENOUGH_POINTS = 200
 """Points that both images of a pair see, for their depths to be compared. By choice."""
 BETTER = 2.0
 """How many times smaller the disagreement must be under another convention of the poses; medians of thousands
-of points."""
+of points. By eye."""
 GOOD = 0.03
 """Of the depth: above it the other convention explains nothing either. By eye."""
 UNIT_TOLERANCE = 0.1
-"""Relative: by which the length of a direction or of a quaternion may be off one."""
+"""Relative: by which the length of a direction or of a quaternion may be off one. By choice."""
 ORTHONORMAL_TOLERANCE = 1e-5
 """Of a rotation: float32 files carry rotations to about 1e-7, hand-typed ones to 1e-6."""
 FILE_ROTATION = 1e-3
@@ -142,10 +142,11 @@ TIME_GAP_S = 0.02
 FAR_M = 200.0
 """Median range beyond which the unit or the depth scale is doubted. By choice."""
 SMALL_M = 0.05
-"""Median range, or diagonal of a scene, below which it is."""
+"""Median range, or diagonal of a scene, below which it is. By eye."""
 LARGE_M = 1e3
-"""Diagonal of a scene beyond which it is."""
+"""Diagonal of a scene beyond which it is. By eye."""
 LARGE_PART_M = 20.0
-"""Diagonal of a part beyond which it is."""
+"""Diagonal of a part beyond which it is. By eye."""
 FINE_M = 1e-3
-"""To which coordinates should be known; coarser ones were stored far from the origin in float32."""
+"""To which coordinates should be known; coarser ones were stored far from the origin in float32. By
+choice."""

@@ -22,7 +22,7 @@ SMALLEST_WINDOW = 9
 
 # Windows
 SMALLEST_CHOICE = 7
-"""Side of the smallest window that is chosen."""
+"""Side of the smallest window that is chosen. By eye."""
 LARGEST_CHOICE = 23
 """Side of the largest window that is chosen by the largest feature alone. By choice: time grows with its
 square."""
@@ -69,7 +69,7 @@ UNUSUAL = 3.0
 IRRELEVANT = 0.05
 """Correlation of neighbours of a plain sample, at most: it explains 0.3 % of the variance."""
 CLEARLY = 4.0
-"""Standard deviations beyond the mean of real pieces from which a fill is none of them."""
+"""Standard deviations beyond the mean of real pieces from which a fill is none of them. By eye."""
 MOSTLY = 0.5
 """Share of a fill that is copied verbatim, or confidence below which it is garbage: the half."""
 OUT_OF_STEP = 0.2

@@ -24,12 +24,13 @@ unknown faces do not count, and a ray does not meet the front of a surface."""
 FINE_ENOUGH_M = 0.1
 """Side of a voxel down to which large volumes get more voxels. By choice."""
 TALLEST_M = 3.0
-"""No tripod is taller."""
+"""No tripod is taller. By eye."""
 LOWEST_M = 0.2
 """What a scanner stands on lies at least so far below it, and candidates where no floor was seen lie so far
 apart. By eye."""
 STRIDE_M = 0.5
-"""Floor that nobody has seen yet is stepped over where it is no wider: less than a person's stride."""
+"""Floor that nobody has seen yet is stepped over where it is no wider: less than a person's stride. By
+eye."""
 
 # Gain
 INTO_M = 1e-6
@@ -37,7 +38,8 @@ INTO_M = 1e-6
 TRUSTED_RAYS = 50.0
 """Rays, of some 400 a view, as which all that was known before a look counts. By eye."""
 FLATTEST_EXPECTED = 0.17
-"""Cosine of incidence (80 deg) below which a scan is not expected to measure surface."""
+"""Cosine of incidence (80 deg) below which a scan is not expected to measure surface: flatter than this scans
+seldom tell a surface."""
 STEEP = float(np.cos(np.radians(80.0)))
 """The same of plans of a known scene."""
 KNOWN_WORTH = 0.05
@@ -52,15 +54,15 @@ REGISTRATION_COSINE = float(np.cos(np.radians(75.0)))
 MOST_TRIES = 5
 """Plans made anew without views that cannot be joined to the others, or with another height. By choice."""
 GRID_M = 5.0
-"""The rule of thumb that surveyors state: a station every five metres."""
+"""The rule of thumb of a station every five metres (docs/results/building-study.md)."""
 INSTRUMENT_M = 1.6
-"""Height of an instrument above the floor: the eye of who levels it. Floor plans are cut there where no
-station says otherwise."""
+"""Height of an instrument above the floor: eye height, one of the default heights of a tripod. Floor plans
+are cut there where no station says otherwise."""
 ONE_DOORWAY_M = 1.0
-"""Cells of one doorway are nearer to each other: doors are about so wide."""
+"""Cells of one doorway are nearer to each other: doors are about so wide. By eye."""
 BODY_M = 0.15
 """Radius of the sensor's head, which is carried along a tour, and step of the lattice in the air: it fits
-through no smaller gap."""
+through no smaller gap. By eye."""
 LEVEL_M = 0.05
 """Floors that differ by less are looked at together: by choice, half a cell."""
 SAMPLES_A_BODY = 4.0
@@ -80,7 +82,7 @@ MOST_SCAN_PIXELS = 120_000
 LONGEST_EDGE = 6.0
 """Pixels, and standard deviations, that an edge between neighbouring pixels may span: 80 deg of incidence."""
 RIM_M = 0.01
-"""Surface so near to a face of the region is in it: above the noise of scanners, 1 to 5 mm."""
+"""Surface so near to a face of the region is in it, however noisy. By eye."""
 MOST_CELL_FACES = 1.5
 """Cell faces that the surface in a cell may fill: a slanted one is up to 1.7 times as large as the face."""
 NEAR_M = 1.0

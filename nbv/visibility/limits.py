@@ -28,19 +28,18 @@ WALKABLE = float(np.cos(np.radians(45.0)))
 figures (Recast, Mononen 2009)."""
 CHEST_M = 1.2
 """Height above the floor at which walls and panes stop who walks. Cupboards and counters that one could
-mistake for floor are not higher."""
+mistake for floor are not higher. By eye."""
 SMALL_M2 = 2.0
-"""Level patches of at most this area that drop all round are furniture: the top of a large table."""
+"""Level patches of at most this area that drop all round are furniture: the top of a large table. By eye."""
 ALMOST_ALL = 0.9
 """Share that counts as all: of an outline that drops all round; of floor that turns its back, the inside of a
-solid; of the wished samples that must count."""
+solid; of the wished samples that must count. By eye."""
 TABLE_DROP = 0.35
-"""Share of the outline that drops where no step leads to: tables against a wall have three sides free, seats
-in a corner less. By eye."""
+"""Share of the outline that drops where no step leads to: tables against a wall. By eye."""
 SEAT_DROP = 0.2
-"""The same of patches of at most `SMALL_M2`: seats and shelves between walls have one side free. By eye."""
+"""The same of patches of at most `SMALL_M2`: seats and shelves between walls. By eye."""
 FOOT_M = 0.25
-"""Radius of a tripod's feet."""
+"""Radius of a tripod's feet. By eye."""
 RAMP_DEG = 5.0
 """The steepest ramp that a tripod stands on, degrees. By eye."""
 UNEVEN_M = 0.02
@@ -48,33 +47,34 @@ UNEVEN_M = 0.02
 
 # Rooms
 OVER_FURNITURE_M = 1.9
-"""Height above the floor at which rooms are told apart: over furniture, under the heads of doors (2.0 m)."""
+"""Height above the floor at which rooms are told apart: over furniture, under the heads of doors. By eye."""
 NEAR_FLOOR_M = 1.5
 """Cells farther from the nearest floor are not over furniture. By eye."""
 MOST_HEADROOM_M = 6.0
-"""Higher space counts as so high: lintels are looked for below it."""
+"""Higher space counts as so high: lintels are looked for below it. By eye."""
 LINTEL_M = 0.12
 """By which the head of a doorway lies lower than the ceilings beside it: a little more than `SILL_M`. By
 eye."""
 WALL_M = 0.7
-"""The thickest wall with a doorway."""
+"""The thickest wall with a doorway. By eye."""
 DOOR_HEAD_M = 2.6
-"""The highest head of a doorway."""
+"""The highest head of a doorway. By eye."""
 WIDE_DOOR_M = 2.0
-"""From this width on the head is at most `GATE_HEAD_M` high; a beam across a room is wider and higher."""
+"""From this width on the head is at most `GATE_HEAD_M` high; a beam across a room is wider and higher. By
+eye."""
 GATE_HEAD_M = 2.2
-"""The highest head of such a wide doorway."""
+"""The highest head of such a wide doorway. By eye."""
 NARROW_M = 0.5
-"""Half the width of a doorway without lintel."""
+"""Half the width of a doorway without lintel. By eye."""
 WIDER = 2.0
 """How many times wider the rooms on both its sides must be. By eye."""
 STOREY_M = 1.5
 """Floors higher than this above the lowest of a storey are of the next one: landings of stairs lie lower,
-half storeys higher."""
+half storeys higher. By eye."""
 STOREY_M2 = 1.0
-"""Area of a level patch that makes a storey; treads are smaller."""
+"""Area of a level patch that makes a storey; treads are smaller. By eye."""
 ROOM_M2 = 0.5
-"""Smaller parts of a floor are niches; what is too narrow for a tripod is the inside of a wall."""
+"""Smaller parts of a floor are niches; what is too narrow for a tripod is the inside of a wall. By eye."""
 MAJORITY = 0.5
 """More than half: of a floor that turns its back where models are orderly; of a room's floor under the sky;
 of the level rays from a floor that meet no wall."""
@@ -82,7 +82,8 @@ ORDERLY = 0.1
 """Of the largest floors no more than this share turns its back from the second half on in a model whose faces
 are turned rightly. By eye."""
 OPEN_SIDE = 0.25
-"""Share of a room's outline that is open to what lies under the sky: one side of four. Then it is outside."""
+"""Share of a room's outline that is open to what lies under the sky: one side of four. Then it is outside. By
+eye."""
 ROOFED = 0.2
 """Share of the floor within walls that lies under ceilings; with less the model has no ceilings, and floors
 with walls around are rooms. By eye."""
@@ -95,7 +96,8 @@ BELOW_CEILING_M = 0.1
 SPACING_M = 0.5
 """Between candidate positions, and at most where no floor was seen. By choice: time grows with its square."""
 WIDE_SPACING_M = 1.0
-"""The same on floors of more than `LARGE_M2`, for cameras, each place of which has 42 directions or more."""
+"""The same on floors of more than `LARGE_M2`, for cameras, each place of which has 42 directions or more. By
+choice."""
 LARGE_M2 = 60.0
 """Area of floor from which on positions are so far apart: 240 places, some 10,000 poses of a camera."""
 MOST_SITE_POSITIONS = 50_000
@@ -119,12 +121,12 @@ GRAZING_COSINE = 0.02
 """Cosine of incidence below which nothing counts as seen (88.9 deg): there a pixel's footprint is 50 times
 its width."""
 INCIDENCE_DEG = 60.0
-"""Incidence that counts as measured where nothing else is asked, degrees: a beam's footprint is then twice as
-long as wide."""
+"""Incidence that counts as measured where nothing else is asked, degrees. By choice: a beam's footprint is
+then twice as long as wide."""
 ROUNDING_M = 1e-3
-"""A sample may lie so far from the measured surface, beside noise and slope."""
+"""A sample may lie so far from the measured surface, beside noise and slope. By eye."""
 STEEPEST_SLOPE = 10.0
-"""Tangent of incidence (84 deg) up to which the slope of a pixel is allowed for."""
+"""Tangent of incidence (84 deg) up to which the slope of a pixel is allowed for. By eye."""
 CLOSE_M = 0.02
 """Inferred surface so near to the true one counts as right. By choice: reports name it."""
 SAME_WAY = float(np.cos(np.radians(30.0)))
