@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from completion.fitting.metrics import Quadric, fit_quadric, read_surface
 from completion.fitting.moments import EXPONENTS, moments
-from completion.fitting.pipeline import fit
+from completion.fitting.pipeline import Quadric, fit, fit_quadric, read_surface
 from completion.fitting.result import FitError
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Sphere, surfaces_close
 from tests.helpers.strategies import law, seeds

@@ -89,7 +89,7 @@ def test_grazing_rays_are_left_out():
 
 def test_steps_that_do_not_settle_are_said(monkeypatch):
     points, rays = scanned(90, 0.3, 200, np.random.default_rng(5))
-    monkeypatch.setattr("completion.fitting.metrics._N_STEPS", 1)
+    monkeypatch.setattr("completion.fitting.pipeline._N_STEPS", 1)
     with pytest.raises(FitError, match="no convergence along the rays: 200 points determine no cylinder"):
         fit(points, "cylinder", rays=rays)
 
