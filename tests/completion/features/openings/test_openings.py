@@ -33,15 +33,13 @@ def test_the_best_rectangle_is_that_of_trying_all():
     rng = np.random.default_rng(0)
     for _ in range(20):
         values = rng.normal(-0.3, 1.0, (6, 7))
-        rectangle = best_rectangle(values)
+        best = best_rectangle(values)
         every = [
             values[a:b, c:d].sum() for a, b, c, d in product(range(6), range(1, 7), range(7), range(1, 8))
             if a < b and c < d
         ]  # fmt: skip
-        assert rectangle.total == pytest.approx(max(every))
-        assert values[
-            rectangle.top : rectangle.bottom, rectangle.left : rectangle.right
-        ].sum() == pytest.approx(rectangle.total)
+        assert best.total == pytest.approx(max(every))
+        assert values[best.top : best.bottom, best.left : best.right].sum() == pytest.approx(best.total)
 
 
 def beams_at(recess, rng, *, noise=0.005, eye=(-0.4, -3.0, 0.1), n=90):
