@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from shutil import rmtree
@@ -135,7 +135,7 @@ def start_run(
     from scenes.run.atomic import Stage, hold_lock
     from scenes.run.memory import memory_limit
 
-    watch = Stopwatch()
+    watch, is_new = Stopwatch(), not (shared.out or Path(default)).exists()
     try:
         out = _make_folder(shared.out or Path(default), is_folder=is_folder)
         folder, name = (out, "") if is_folder else (out.parent, out.name)
@@ -161,6 +161,8 @@ def start_run(
                 inputs=Inputs(),
             )
     except (InputError, OSError) as error:
+        if is_folder:
+            _remove_traces(shared.out or Path(default), is_new=is_new)
         _fail(command, str(error))
     except MemoryError:
         _fail(command, _NOT_ENOUGH)
@@ -210,6 +212,17 @@ def _make_folder(out: Path, *, is_folder: bool) -> Path:
     if not os.access(out, os.W_OK):
         raise InputError(f"{out}: cannot write to this folder")
     return out
+
+
+def _remove_traces(out: Path, *, is_new: bool) -> None:
+    """Remove a journal without a step, and the folder that this run made if nothing is in it."""
+    from scenes.run.journal import is_blank
+
+    if is_blank(out / _JOURNAL):
+        rmtree(out / _JOURNAL, ignore_errors=True)
+    if is_new:
+        with suppress(OSError):  # not empty, or never made
+            out.rmdir()
 
 
 @contextmanager

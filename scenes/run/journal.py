@@ -240,6 +240,11 @@ class NoJournal:
 NO_JOURNAL = NoJournal()
 
 
+def is_blank(folder: Path) -> bool:
+    """Tell whether the journal in a folder, if there is one, knows no step yet."""
+    return all(path.name == _KEY_FILE for path in folder.rglob("*") if not path.is_dir())
+
+
 class FileJournal:
     """A journal in a folder of its own; one that was made of something else is thrown away.
 

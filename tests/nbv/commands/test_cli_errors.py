@@ -142,3 +142,16 @@ def test_more_positions_than_can_be_tried_end_at_once_and_name_the_spacing(tmp_p
     assert result.exit_code == 1
     assert "--spacing 0.01 puts about" in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", ["complete", "register", "part"])
+def test_a_refused_file_leaves_no_folder_behind(command, tmp_path):
+    bad = tmp_path / "bad.e57"
+    bad.write_text("no scan")
+    assert CliRunner().invoke(app, [command, str(bad), "-o", str(tmp_path / "out")]).exit_code == 1
+    assert not (tmp_path / "out").exists()
+    there = tmp_path / "there"
+    there.mkdir()
+    (there / "mine.txt").touch()
+    assert CliRunner().invoke(app, [command, str(bad), "-o", str(there)]).exit_code == 1
+    assert [path.name for path in there.iterdir()] == ["mine.txt"]
