@@ -115,7 +115,7 @@ def test_what_cannot_be_registered_is_told_in_a_line(folder, arguments, said):
 @pytest.mark.long
 def test_contradicted_scans_that_are_placed_together_are_told(folder, monkeypatch):
     """Whatever share of contradictions is worth a word, both scans and the two reasons are named."""
-    monkeypatch.setattr("nbv.scans.registering._NOTICED", -1.0)
+    monkeypatch.setattr("nbv.scans.registering.NOTICED_SHARE", -1.0)
     result = run(folder / "lost_0.ply", folder / "lost_1.ply", "-o", folder / "told", "--json")
     told = [text for text in json.loads(result.stdout)["warnings"] if "beams contradict" in text]
     assert len(told) == 1
