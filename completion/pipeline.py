@@ -33,7 +33,7 @@ from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
 from completion.result.verification import Verification, compare_patches, unowned_scans
 from completion.texturing.chart_texture import ChartTexture
-from completion.texturing.pipeline import settled, texture_patch
+from completion.texturing.pipeline import choose_search, texture_patch
 from completion.uncertainty.pipeline import state_fits
 from scenes.checks import FloatArray, InputError, check_kind, check_rng
 from scenes.pose import Pose
@@ -79,7 +79,7 @@ def complete(
         No scans, an unknown mode, edits that fit no surface of these scans, or more pixels than fit into
         memory.
     """
-    scans, seed = _checked(scans), int(check_rng(rng).integers(2**63))
+    scans, seed = _check_scans(scans), int(check_rng(rng).integers(2**63))
     world_from_reference = scans[0].world_from_sensor
     with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
         # 1. Surfaces: observe, register, segment and merge.
@@ -90,16 +90,16 @@ def complete(
         patches, observations = completed.patches, surfaces.observations
 
         # 3. Texture: continue the colour of each surface over its inferred part.
-        texturing = settled(options.texturing, patches if options.texture else (), observations)
+        texturing = choose_search(options.texturing, patches if options.texture else (), observations)
 
-        def textured(index: int) -> ChartTexture | None:
+        def texture_surface(index: int) -> ChartTexture | None:
             return texture_patch(patches[index], observations, texturing, seed + index)
 
-        textures = steps.each("texture", textured, range(len(patches))) if options.texture else []
+        textures = steps.each("texture", texture_surface, range(len(patches))) if options.texture else []
 
         # 4. Audit: cast the measured beams against the inferred area, and look for places inferred twice.
         bundles = [steps.keep(bundle(seen)) for seen in observations]
-        audits = steps.each("audit", lambda patch: _audited(patch, completed.scans, bundles), patches)
+        audits = steps.each("audit", lambda patch: _audit_patch(patch, completed.scans, bundles), patches)
 
         # 5. Flatten, on request: take the ripple from measured planes, for the meshes that are written.
         flat = options.flattening
@@ -114,7 +114,7 @@ def complete(
         completed=completed,
         textures=tuple(textures),
         inferred=tuple(mesh for mesh, _ in audits),
-        audit=_together(audits, overlap_m2(patches, surfaces.tolerance.flatness_m)),
+        audit=_join_audits(audits, overlap_m2(patches, surfaces.tolerance.flatness_m)),
         flattened=tuple(flattened),
         world_from_reference=world_from_reference,
     )
@@ -155,10 +155,10 @@ def continue_surfaces(
     adjacency = find_adjacency(surfaces, boundaries, scans, up)
 
     # 4. Extend: continue each surface that is wanted as far as it may go and is probable.
-    def extended(index: int) -> Patch | None:
+    def extend_surface(index: int) -> Patch | None:
         edit, encloses = related.surfaces[index].edits, bool(adjacency.encloses[index])
-        plane = surfaces[index].fit.surface
-        if not edit.actions and not is_chosen(plane, options.only, encloses=encloses, up=up):
+        fit = surfaces[index].fit
+        if not edit.actions and not is_chosen(fit, options.only, encloses=encloses, up=up):
             return None
         extent = find_extent(index, surfaces, boundaries, adjacency, observations, cues=options.cues, up=up)
         stated, rules = related.stated[index], options.rules()
@@ -167,19 +167,18 @@ def continue_surfaces(
         )
         return patch if edit.actions or patch.observed_m2 >= options.min_area_m2 else None
 
-    patches = steps.each("extend", extended, range(len(surfaces)))
+    patches = steps.each("extend", extend_surface, range(len(surfaces)))
 
     # 5. Faces: the same for the faces of features.
     with_reveals = with_faces(scans, faces, len(surfaces), steps.keep) if faces else scans
 
-    def revealed(index: int) -> Patch | None:
-        plane = faces[index].surface.fit.surface
-        is_wanted = is_chosen(plane, options.only, encloses=False, up=up)
+    def extend_reveal(index: int) -> Patch | None:
+        is_wanted = is_chosen(faces[index].surface.fit, options.only, encloses=False, up=up)
         patch = extend_face(faces[index], with_reveals, len(surfaces) + index + 1, options.rules())
         is_large = patch.observed_m2 >= options.min_area_m2 and (patch.provenance >= 0).any()
         return patch if is_wanted and is_large else None
 
-    reveals = steps.each("faces", revealed, range(len(faces))) if faces else []
+    reveals = steps.each("faces", extend_reveal, range(len(faces))) if faces else []
 
     # 6. Claims: where several surfaces claim a place, the most probable one has it.
     every = [*patches, *reveals]
@@ -187,8 +186,8 @@ def continue_surfaces(
     errors = related.errors.and_own([face.surface.fit.covariance for face in faces])
     return CompletedSurfaces(
         patches=tuple(steps.keep(patch) for patch in settle_claims(chosen, flatness_m)),
-        scans=with_reveals.numbered(owners),
-        relations=related.found and related.found.numbered([patch is not None for patch in patches]),
+        scans=with_reveals.with_owners(owners),
+        relations=related.inferred and related.inferred.renumber([patch is not None for patch in patches]),
         errors=errors.only([patch is not None for patch in every]),
         features=tuple(features),
         choice=Choice(options.only, options.min_area_m2, len(every) - len(chosen)),
@@ -249,7 +248,7 @@ def _features(
     )
 
 
-def _checked(scans: Sequence[RangeImage] | RangeImage) -> list[RangeImage]:
+def _check_scans(scans: Sequence[RangeImage] | RangeImage) -> list[RangeImage]:
     """The scans as a list. Raises InputError: there are none, or something else is among them."""
     scans = [scans] if isinstance(scans, RangeImage) else list(scans)
     if not scans:
@@ -302,14 +301,14 @@ def complete_first(
         return continue_surfaces(alone, completion.world_from_reference, plain, steps)
 
 
-def _audited(patch: Patch, scans: Scans, bundles: Sequence[Bundles]) -> tuple[ChartMesh, AuditResult]:
+def _audit_patch(patch: Patch, scans: Scans, bundles: Sequence[Bundles]) -> tuple[ChartMesh, AuditResult]:
     """The inferred cells of a surface as a mesh, and what the beams say of it."""
     mesh = mesh_cells(patch.grid, patch.hypothesised, patch.limits.cuts, patch.trims, merged=False)
     sd, seen = patch.source.fit.standard_deviation(mesh.vertices), scans.observations
     return mesh, audit(mesh.vertices, mesh.faces, sd, seen, bundles, tolerance=scans.tolerance)
 
 
-def _together(pairs: Sequence[tuple[ChartMesh, AuditResult]], overlap: float) -> AuditResult:
+def _join_audits(pairs: Sequence[tuple[ChartMesh, AuditResult]], overlap: float) -> AuditResult:
     """What the beams say of all surfaces, faces numbered on from one to the next, and where they overlap."""
     first = np.cumsum([0, *(len(mesh.faces) for mesh, _ in pairs)])
     faces = [result.faces + start for (_, result), start in zip(pairs, first, strict=False)]

@@ -13,9 +13,6 @@ import numpy as np
 # Which way is up: cosines of angles between normals, and shares of area
 ALIKE = np.cos(np.radians(6.0))
 """6 deg: facets of floors and ceilings about the best up; walls lie as near to upright. By eye."""
-LEVEL = np.cos(np.radians(10.0))
-"""10 deg: within which an up that is held may be off, and surface still counts as level or along an axis. By
-eye."""
 HELD = np.cos(np.radians(50.0))
 """50 deg: how far from upright cameras are held. By eye."""
 EXACT = np.cos(np.radians(1.0))
@@ -39,8 +36,6 @@ ABOVE_FLOOR_M = 0.15
 """Above the floor: what lies higher lies on something. By eye."""
 AXIS_LEAD = 1.15
 """The same lead for the best axis of a mesh. By eye."""
-ACROSS = 0.95
-"""Cosine (18 deg) from which a face of a mesh counts as at right angles to an axis. By eye."""
 
 # Rooms and objects
 WALLED = 0.7

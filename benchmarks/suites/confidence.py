@@ -130,10 +130,12 @@ def log_likelihood(
     persistence: FloatArray,
     weights: FloatArray,
     even_m: float = EVEN_M,
-    past_end: FloatArray = PAST_END,
+    end_weights: FloatArray = PAST_END,
 ) -> float:
     """Mean over the places, weighted."""
-    probability = np.clip(places.prospects.probability(persistence, weights, even_m, past_end), 0.003, 0.997)
+    probability = np.clip(
+        places.prospects.probability(persistence, weights, even_m, end_weights), 0.003, 0.997
+    )
     told = np.log(np.where(places.is_right, probability, 1 - probability))
     return float(np.average(told, weights=places.weight))
 
@@ -165,7 +167,7 @@ def most_likely_weights(places: Places) -> FloatArray:
 def most_likely_past_ends(places: Places) -> FloatArray:
     """The weights (5,) past the ends of cylinders."""
     given = places.prospects
-    return _ridge(given.past_end, given.base, places, (given.onward == Onward.PAST_END) & ~given.is_said)
+    return _ridge(given.end_features, given.base, places, (given.onward == Onward.PAST_END) & ~given.is_said)
 
 
 def _ridge(known: FloatArray, base: FloatArray, places: Places, chosen: BoolArray) -> FloatArray:

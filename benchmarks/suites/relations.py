@@ -30,10 +30,10 @@ from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation, PixelSet, ScanPixels, observe
 from completion.observe.refitting import refit_each
 from completion.parts.pipeline import doubt_of_warp
-from completion.relations.estimate import NO_DOUBT, Doubt, Estimate, wald_test
+from completion.relations.estimate import NO_DOUBT, Doubt, JointEstimate, wald_test
 from completion.relations.options import BUILT
-from completion.relations.pipeline import FoundRelations, infer
-from completion.relations.relation import Relation, Status
+from completion.relations.pipeline import SurfaceRelations, infer
+from completion.relations.relation import Relation, RelationStatus
 from completion.result.completed_model import CompletedModel
 from completion.uncertainty.pipeline import StatedFits, state_fits
 from completion.uncertainty.space_warp import find_warp
@@ -147,7 +147,7 @@ def doubt_of(stated: StatedFits) -> Doubt:
 
 
 def _values(relations: Sequence[Relation], fits: Sequence[SurfaceFit], doubt: Doubt) -> list[float]:
-    estimate = Estimate(fits, None, np.zeros(3), doubt)
+    estimate = JointEstimate(fits, None, np.zeros(3), doubt)
     return [wald_test(one, estimate).p for one in relations]
 
 
@@ -271,7 +271,7 @@ def _sources() -> Iterator[tuple[str, Sequence[RangeImage]]]:
         yield name, [read_scan(DATA / path)]
 
 
-def _row(found: FoundRelations) -> str:
+def _row(found: SurfaceRelations) -> str:
     graph = found.graph
     places = [k for k, fit in enumerate(found.before) if isinstance(fit.surface, Plane)]
     now = [graph.fits[k] if moves else found.before[k] for k, moves in enumerate(found.is_moved)]
@@ -285,14 +285,14 @@ def _row(found: FoundRelations) -> str:
     exact = np.count_nonzero(meant <= _EXACT_DEG, axis=0)
     middle = np.median(meant, axis=0) if len(meant) else np.zeros(3)
     shares, offs = " | ".join(map(str, exact)), " | ".join(f"{one:.2f}" for one in middle)
-    held = [graph.numbered(status) for status in (Status.ACCEPTED, Status.IMPLIED)]
-    rejected = graph.numbered(Status.REJECTED)
+    held = [graph.count_with(status) for status in (RelationStatus.ACCEPTED, RelationStatus.IMPLIED)]
+    rejected = graph.count_with(RelationStatus.REJECTED)
     share = rejected / max(sum(held) + rejected, 1)
     n_stayed = sum(not moves for moves in found.is_moved)
     return (
         f"{len(found.before)} | {len(meant)} | {shares} | {offs} "
         f"| {turns.max(initial=0.0):.2f} | {sd:.1f} | {n_far} | {n_stayed} "
-        f"| {held[0]}, {held[1]} | {rejected} ({share:.3f}) | {graph.numbered(Status.UNDECIDED)}"
+        f"| {held[0]}, {held[1]} | {rejected} ({share:.3f}) | {graph.count_with(RelationStatus.UNDECIDED)}"
     )
 
 
@@ -465,7 +465,7 @@ def warped(points: FloatArray, seed: int, size: float, span: FloatArray) -> Floa
     return np.asarray(points + size / np.sqrt(18) * terms @ rng.normal(size=(6, 3)))
 
 
-def _room(seed: int, size_m: float) -> tuple[list[float], Counter[Status]]:
+def _room(seed: int, size_m: float) -> tuple[list[float], Counter[RelationStatus]]:
     """The p of a warped room's true relations, and what became of those that were proposed."""
     case = random_case(seed)
     scans = [_bent(SENSORS[0].applied(scan, 10 * seed + k), seed, size_m, case.scene.mesh.vertices)
@@ -474,9 +474,9 @@ def _room(seed: int, size_m: float) -> tuple[list[float], Counter[Status]]:
     fits = true_fits(case, seen)
     relations = true_relations([one.true for one in fits])
     stated = state_fits([one.merged for one in fits], seen, 0.0)
-    estimate = Estimate(stated.fits, None, np.zeros(3), doubt_of(stated))
+    estimate = JointEstimate(stated.fits, None, np.zeros(3), doubt_of(stated))
     graph = infer(stated.fits, (), BUILT, doubt=doubt_of(stated))
-    exact = Estimate([replace(one.fit, surface=one.true) for one in fits], None, np.zeros(3))
+    exact = JointEstimate([replace(one.fit, surface=one.true) for one in fits], None, np.zeros(3))
     counts = Counter(one.status for one in graph.relations if is_true(one, exact))
     return [wald_test(one, estimate).p for one in relations], counts
 
@@ -491,24 +491,31 @@ def _bent(scan: RangeImage, seed: int, size_m: float, vertices: FloatArray) -> R
     return replace(scan, ranges=np.maximum(ranges, 0.05))
 
 
-def _part(seed: int, size: float) -> tuple[list[float], Counter[Status]]:
+def _part(seed: int, size: float) -> tuple[list[float], Counter[RelationStatus]]:
     """The same of the part of figure 1."""
     points = list[FloatArray]()
     fits = figure_one(seed, _NOISE_MM, warp=lambda places: warped(places, seed, size, _PART_BOX), kept=points)
     doubt = doubt_of_warp(find_warp(fits, points), len(fits))
     exact = figure_one(0, 1e-7)
-    truth = Estimate(exact, None, np.zeros(3))
+    truth = JointEstimate(exact, None, np.zeros(3))
     relations = true_relations([fit.surface for fit in exact if isinstance(fit.surface, Plane)])
-    estimate = Estimate(fits, None, np.zeros(3), doubt)
+    estimate = JointEstimate(fits, None, np.zeros(3), doubt)
     graph = infer(fits, doubt=doubt)
     counts = Counter(one.status for one in graph.relations if is_true(one, truth))
     return [wald_test(one, estimate).p for one in relations], counts
 
 
-def _row_of_warp_study(name: str, size: float, found: Sequence[tuple[list[float], Counter[Status]]]) -> str:
+def _row_of_warp_study(
+    name: str, size: float, found: Sequence[tuple[list[float], Counter[RelationStatus]]]
+) -> str:
     values = np.array([p for some, _ in found for p in some])
-    counts = sum((some for _, some in found), Counter[Status]())
+    counts = sum((some for _, some in found), Counter[RelationStatus]())
     shares = " / ".join(f"{np.mean(values < level):.3f}" for level in LEVELS)
-    order = (Status.ACCEPTED, Status.IMPLIED, Status.UNDECIDED, Status.REJECTED)
+    order = (
+        RelationStatus.ACCEPTED,
+        RelationStatus.IMPLIED,
+        RelationStatus.UNDECIDED,
+        RelationStatus.REJECTED,
+    )
     cells = " | ".join(str(counts[status]) for status in order)
     return f"| {name} | {size:g} | {len(values)} | {shares} | {cells} |"

@@ -13,17 +13,17 @@ import numpy as np
 from benchmarks.cases.planes import axial_fit, plane_fit
 from benchmarks.run import head, suite
 from completion.fitting.result import SurfaceFit
-from completion.relations.estimate import Estimate
+from completion.relations.estimate import JointEstimate
 from completion.relations.evidence import CHOSEN
 from completion.relations.pipeline import infer
-from completion.relations.relation import Relation, Status
+from completion.relations.relation import Relation, RelationStatus
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Surface
 
 _TRUE = 1e-4  # mm and radians, within which a relation holds of the part as it is
 
 
-def is_true(relation: Relation, truth: Estimate) -> bool:
+def is_true(relation: Relation, truth: JointEstimate) -> bool:
     """Whether a relation holds of surfaces as they are, millimetres and radians."""
     return bool(np.all(np.abs(truth.constraint(relation).value) < _TRUE))
 
@@ -44,9 +44,9 @@ def patterns(first: int = 100, parts: int = 50) -> Iterator[str]:
     for name, make in (("at random", random_part), ("a row each", row_part), ("one mirror", mirror_part)):
         for sigma in SIGMAS:
             n_found, n_true = Counter[str](), Counter[str]()
-            n_false, with_false, seconds = Counter[Status](), 0, 0.0
+            n_false, with_false, seconds = Counter[RelationStatus](), 0, 0.0
             for seed in seeds:
-                truth = Estimate(make(np.random.default_rng(seed), _NONE)[0], None, np.zeros(3))
+                truth = JointEstimate(make(np.random.default_rng(seed), _NONE)[0], None, np.zeros(3))
                 fits, meant = make(np.random.default_rng(seed), sigma)
                 start = time.process_time()
                 found = [one for one in infer(fits).relations if one.kind in CHOSEN and one.holds]
@@ -56,11 +56,12 @@ def patterns(first: int = 100, parts: int = 50) -> Iterator[str]:
                     n_found[one.kind] += _is_found(one, found)
                 false = [one for one in found if np.abs(truth.constraint(one).value).max() > _TRUE]
                 n_false.update(one.status for one in false)
-                with_false += any(one.status is Status.ACCEPTED for one in false)
+                with_false += any(one.status is RelationStatus.ACCEPTED for one in false)
             shares = " | ".join(f"{n_found[kind]} of {n_true[kind]}" for kind in CHOSEN)
             yield (
-                f"| {name} | {sigma:g} | {shares} | {n_false[Status.ACCEPTED]} "
-                f"| {with_false} of {len(seeds)} | {n_false[Status.IMPLIED]} | {seconds / len(seeds):.2f} |"
+                f"| {name} | {sigma:g} | {shares} | {n_false[RelationStatus.ACCEPTED]} "
+                f"| {with_false} of {len(seeds)} | {n_false[RelationStatus.IMPLIED]} "
+                f"| {seconds / len(seeds):.2f} |"
             )
 
 

@@ -20,7 +20,8 @@ from benchmarks.store import each
 from completion import CompletionOptions, Patch, complete
 from completion.boundary.meshing import mesh_cells
 from completion.evidence.evidence import Label
-from completion.extension.confidence import ENCLOSED, MOSTLY, TRUST, estimate, judged_parts
+from completion.extension.confidence import TRUST, estimate, judged_parts
+from completion.extension.limits import ENCLOSED, MOSTLY
 from completion.result.completed_model import CompletedModel
 from nbv.scanning.effects import NO_EFFECTS
 from nbv.scanning.scanner import scan_scene

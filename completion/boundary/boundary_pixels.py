@@ -10,6 +10,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.boundary.limits import NEAR_STEPS, OBLIQUE_SHARE, RAGGED_SHARE
 from completion.fitting.result import SurfaceFit
 from completion.observe.observation import Observation, ScanPixels
 from completion.observe.tolerance import Tolerance
@@ -17,9 +18,6 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Surface
 
-_NEAR = 2.0  # steps between pixels, from a side
-_RAGGED = 0.005  # of the rectangle: how far a side that is seen whole may differ from a line
-_OBLIQUE = 0.03  # of the length: how far an end that an occluder cuts obliquely may differ from a line
 _STEPS = ((0, 1), (0, -1), (1, 0), (-1, 0))
 
 
@@ -46,7 +44,7 @@ class BoundaryPixels:
         """Return the points that `keep` (n,) marks."""
         return BoundaryPixels(self.uv[keep], self.step[keep], self.kind[keep])
 
-    def recharted(self, chart: Surface, other: Surface) -> BoundaryPixels:
+    def in_chart(self, chart: Surface, other: Surface) -> BoundaryPixels:
         """Return the points in another chart of the same surface."""
         ends = [other.to_uv(chart.from_uv(self.uv + sign * self.step / 2)) for sign in (-1.0, 1.0)]
         step = ends[1] - ends[0]
@@ -102,7 +100,7 @@ def ended_sides(boundary: BoundaryPixels, low: FloatArray, high: FloatArray) -> 
     ends = np.isin(boundary.kind, (BoundaryKind.OWN_EDGE, BoundaryKind.NO_RETURN)) & (size > 0)
     for row, side in enumerate((low, high)):
         for axis in (0, 1):
-            slack = _NEAR * size + _RAGGED * (high - low)[axis]
+            slack = NEAR_STEPS * size + RAGGED_SHARE * (high - low)[axis]
             near = ends & (np.abs(boundary.uv[:, axis] - side[axis]) <= slack)
             if near.any():
                 pixel = float(np.quantile(size[near], 0.75))
@@ -125,7 +123,7 @@ def seen_ends(boundary: BoundaryPixels, low: float, high: float) -> FloatArray:
     ends = np.isin(boundary.kind, (BoundaryKind.OWN_EDGE, BoundaryKind.CONTIGUOUS))
     result = np.zeros(2)
     for row, end in enumerate((low, high)):
-        near = across & (np.abs(boundary.uv[:, 1] - end) <= _NEAR * size + _OBLIQUE * (high - low))
+        near = across & (np.abs(boundary.uv[:, 1] - end) <= NEAR_STEPS * size + OBLIQUE_SHARE * (high - low))
         result[row] = np.count_nonzero(near & ends) / max(int(np.count_nonzero(near)), 1)
     return result
 
@@ -137,7 +135,7 @@ def _last_pixels(mask: BoolArray) -> list[NDArray[np.int64]]:
         return [np.zeros((0, 2), np.int64)] * len(_STEPS)
     corner = np.array([rows[0], columns[0]])
     box = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    return [corner + np.argwhere(box & ~_shifted(box, step)) for step in _STEPS]
+    return [corner + np.argwhere(box & ~_shift_mask(box, step)) for step in _STEPS]
 
 
 def _pixels_beside(
@@ -194,7 +192,7 @@ def _flat(pixel: NDArray[np.int64], seen: Observation) -> NDArray[np.int64]:
     return np.asarray(pixel[:, 0] * seen.scan.shape[1] + pixel[:, 1], dtype=np.int64)
 
 
-def _shifted(mask: BoolArray, step: tuple[int, int]) -> BoolArray:
+def _shift_mask(mask: BoolArray, step: tuple[int, int]) -> BoolArray:
     """At each pixel the mask's value one step on, False beyond the image."""
     padded = np.pad(mask, 1)
     rows, columns = mask.shape

@@ -9,13 +9,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from completion.boundary.edges import Circle, Edge, Line
+from completion.boundary.edges import BoundaryEdge, ChartLine, Circle
+from completion.boundary.limits import CORNER_CELLS, LEAD_CELLS, SKIP_CELLS
 from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray
-
-_LEAD = 4.0  # cells between the end of a run and the hidden zone
-_CORNER = 10.0  # cells of edge beside a seen corner that may be too few to fit a line to
-_SKIP = 2.0  # cells outside the hidden zone that do not end a continuation
 
 
 class Cue(StrEnum):
@@ -39,7 +36,7 @@ ALL_CUES = tuple(Cue)
 class ContinuedEdge:
     """The hidden part of an edge, as far as it was followed."""
 
-    curve: Line | Circle  # which the edge follows
+    curve: ChartLine | Circle  # which the edge follows
     start: float  # arc length of the seen end, metres
     end: float  # that of the other end, metres; may be the smaller one
     two_sided: bool  # whether the edge was seen again at `end`
@@ -57,7 +54,7 @@ class ContinuedEdge:
 
 
 def continue_edges(
-    edges: Sequence[Edge], grid: ChartGrid, hidden: BoolArray, cues: Collection[Cue] = ALL_CUES
+    edges: Sequence[BoundaryEdge], grid: ChartGrid, hidden: BoolArray, cues: Collection[Cue] = ALL_CUES
 ) -> list[ContinuedEdge]:
     """Follow every edge from the ends of its runs through the hidden cells (rows, columns) while they last.
 
@@ -69,29 +66,31 @@ def continue_edges(
         for run in range(len(edge.runs)):
             for sign in (-1.0, 1.0):
                 continued_edge_none = _follow(
-                    edge, run, sign=sign, grid=grid, hidden=hidden, lead=_LEAD * float(grid.cell.max())
+                    edge, run, sign=sign, grid=grid, hidden=hidden, lead=LEAD_CELLS * float(grid.cell.max())
                 )
                 followed += (
                     _turn(edge, run, sign, grid, hidden)
                     if continued_edge_none is None
                     else [continued_edge_none]
                 )
-        continued += _paired(followed, float(grid.cell.max()))
+        continued += _without_twins(followed, float(grid.cell.max()))
     return [edge for edge in continued if edge.provenance in cues]
 
 
-def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray) -> list[ContinuedEdge]:
+def _turn(
+    edge: BoundaryEdge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray
+) -> list[ContinuedEdge]:
     """From a seen corner, hidden edges at right angles of which too little was seen to fit a line."""
     if isinstance(edge.curve, Circle):
         return []
     corner = edge.curve.at(edge.runs[run][int(sign > 0)])
-    lead = _CORNER * float(grid.cell.max())
+    lead = CORNER_CELLS * float(grid.cell.max())
     turned = []
     for turn in (-1.0, 1.0):
-        line = Line(corner, turn * edge.curve.normal)
+        line = ChartLine(corner, turn * edge.curve.normal)
         back = -float(line.normal @ (sign * edge.curve.direction))  # surface there, if it is turned to
         side = np.sign(back) * (1.0 if turn == edge.sides[run] else -1.0)
-        short = Edge(line, np.zeros((1, 2)), np.array([side]), edge.deviation)
+        short = BoundaryEdge(line, np.zeros((1, 2)), np.array([side]), edge.deviation)
         continued_edge_none = _follow(short, 0, sign=1.0, grid=grid, hidden=hidden, lead=lead)
         if continued_edge_none is not None:
             turned.append(replace(continued_edge_none, provenance=Cue.CLOSURE))
@@ -99,7 +98,7 @@ def _turn(edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray)
 
 
 def _follow(
-    edge: Edge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray, lead: float
+    edge: BoundaryEdge, run: int, sign: float, grid: ChartGrid, hidden: BoolArray, lead: float
 ) -> ContinuedEdge | None:
     """The hidden part that begins no farther than `lead` beyond one end of a run; None without one."""
     low, high = edge.runs[run]
@@ -114,14 +113,14 @@ def _follow(
     first = int(np.argmax(open_))
     if not open_[first] or ahead[first] > lead:
         return None
-    closed = np.convolve(~open_[first:], np.ones(int(2 * _SKIP) + 1), mode="full")[: len(open_) - first]
-    stops = np.flatnonzero(closed > 2 * _SKIP)
-    last = int(stops[0]) - int(2 * _SKIP) - 1 if len(stops) else len(open_) - first - 1
+    closed = np.convolve(~open_[first:], np.ones(int(2 * SKIP_CELLS) + 1), mode="full")[: len(open_) - first]
+    stops = np.flatnonzero(closed > 2 * SKIP_CELLS)
+    last = int(stops[0]) - int(2 * SKIP_CELLS) - 1 if len(stops) else len(open_) - first - 1
     length = float(ahead[first + max(last, 0)])
     if open_[first:].sum() < 2 or length < 1.5 * float(grid.cell.max()):
         return None
     end = start + sign * length
-    met = _meets_run(edge, run, end, 2 * _LEAD * float(grid.cell.max()))
+    met = _meets_run(edge, run, end, 2 * LEAD_CELLS * float(grid.cell.max()))
     begin = start + sign * float(ahead[first])
     side = float(edge.sides[run])
     return ContinuedEdge(
@@ -135,7 +134,7 @@ def _follow(
     )
 
 
-def _cue(edge: Edge, met: int | None) -> Cue:
+def _cue(edge: BoundaryEdge, met: int | None) -> Cue:
     if edge.is_crease:
         return Cue.INTERSECTION
     if isinstance(edge.curve, Circle):
@@ -143,7 +142,7 @@ def _cue(edge: Edge, met: int | None) -> Cue:
     return Cue.CONVERGENT if met is None else Cue.COLLINEAR
 
 
-def _meets_run(edge: Edge, run: int, end: float, slack: float) -> int | None:
+def _meets_run(edge: BoundaryEdge, run: int, end: float, slack: float) -> int | None:
     """Number of the other run, with the surface on the same side, that begins or ends near `end`."""
     for other in np.flatnonzero(edge.sides == edge.sides[run]):
         distance = np.abs(edge.runs[other] - end)
@@ -155,13 +154,13 @@ def _meets_run(edge: Edge, run: int, end: float, slack: float) -> int | None:
     return None
 
 
-def _paired(continued: list[ContinuedEdge], cell: float) -> list[ContinuedEdge]:
+def _without_twins(continued: list[ContinuedEdge], cell: float) -> list[ContinuedEdge]:
     """The continuations of one edge, those that were followed from both ends kept once."""
     kept: list[ContinuedEdge] = []
     for edge in continued:
         twin = any(
             (other.two_sided and edge.two_sided and other.side == edge.side)
-            and abs(other.end - edge.start) <= 2 * _LEAD * 2 * cell
+            and abs(other.end - edge.start) <= 2 * LEAD_CELLS * 2 * cell
             for other in kept
         )
         if not twin:

@@ -12,19 +12,22 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from completion.boundary.boundary_pixels import BoundaryPixels
+from completion.boundary.limits import (
+    GAP,
+    LEAST_ARC,
+    LEAST_SINE,
+    LEAST_STEPS,
+    MIN_POINTS,
+    MOST_EDGES,
+    MOST_VOTES,
+    SLACK,
+    SQUARE_COSINE,
+)
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import compiled, inlined, sort_order
 
-MIN_POINTS = 8
-"""Points of a run: fewer say nothing about a direction."""
-GAP = 3.5
-"""Steps between pixels that a run may lack."""
-SLACK = (0.6, 0.15)
-"""How far a point may lie from a curve, of its step across it and of its whole step: half, and some noise."""
 _N_DIRECTIONS = 180
-_MOST_VOTES = 40
-_LEAST_LENGTH = 3.0  # steps of a run
 _REFITS = 2  # of a line, with the weights that it gives itself
 
 
@@ -36,10 +39,10 @@ def best_line(uv: FloatArray, step: FloatArray, left: BoolArray) -> tuple[FloatA
     """
     line, vote = np.zeros(4), left.copy()
     members = np.zeros(len(left), np.bool_)
-    for _ in range(_MOST_VOTES):
+    for _ in range(MOST_VOTES):
         if np.count_nonzero(vote) < MIN_POINTS:
             break
-        line, width = _voted(uv, step, vote)
+        line, width = _most_voted_line(uv, step, vote)
         for slack in (2.0 * width, width, 0.0, 0.0):
             chosen = near_line(line, uv, step, slack) & left
             if np.count_nonzero(chosen) < MIN_POINTS:
@@ -93,7 +96,7 @@ def line_through(uv: FloatArray, step: FloatArray, chosen: BoolArray) -> FloatAr
 @compiled
 def in_runs(line: FloatArray, uv: FloatArray, step: FloatArray, members: BoolArray) -> BoolArray:
     """Which members (n,) stand in a run along a line (4,) of enough points, over three steps long."""
-    index = _marked(members)
+    index = _indices_of(members)
     n, kept = len(index), np.zeros(len(members), np.bool_)
     along, size = np.empty(n), np.empty(n)
     for k in range(n):
@@ -112,7 +115,7 @@ def in_runs(line: FloatArray, uv: FloatArray, step: FloatArray, members: BoolArr
             sizes = np.empty(k - first)
             for at in range(first, k):
                 sizes[at - first] = size[order[at]]
-            if along[order[k - 1]] - along[order[first]] > _LEAST_LENGTH * _median(sizes):
+            if along[order[k - 1]] - along[order[first]] > LEAST_STEPS * _median(sizes):
                 for at in range(first, k):
                     kept[index[order[at]]] = True
         first = k
@@ -120,7 +123,7 @@ def in_runs(line: FloatArray, uv: FloatArray, step: FloatArray, members: BoolArr
 
 
 @inlined
-def _marked(members: BoolArray) -> NDArray[np.int64]:
+def _indices_of(members: BoolArray) -> NDArray[np.int64]:
     """The indices (k,) of those that are marked."""
     index, n = np.empty(len(members), np.int64), 0
     for i in range(len(members)):
@@ -147,12 +150,12 @@ def _line_slack(line: FloatArray, right: float, up: float) -> float:
 
 
 @compiled
-def _voted(uv: FloatArray, step: FloatArray, vote: BoolArray) -> tuple[FloatArray, float]:
+def _most_voted_line(uv: FloatArray, step: FloatArray, vote: BoolArray) -> tuple[FloatArray, float]:
     """The line with the most votes of the points that `vote` (n,) marks, and how wide its slot is.
 
     Every point (n, 2), with its step (n, 2), votes for an offset in each direction (Duda & Hart 1972).
     """
-    index = _marked(vote)
+    index = _indices_of(vote)
     u, v, size = 0.0, 0.0, np.empty(len(index))
     for k in range(len(index)):
         u, v = u + uv[index[k], 0], v + uv[index[k], 1]
@@ -185,12 +188,8 @@ def _voted(uv: FloatArray, step: FloatArray, vote: BoolArray) -> tuple[FloatArra
     return line, width
 
 
-_LEAST_SINE = 0.1  # of the angle between surfaces: flatter ones meet anywhere
-_SQUARE = float(np.cos(np.radians(3.0)))  # between a plane's normal and an axis
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Line:
+class ChartLine:
     """The line through `point` along the unit vector `direction`, chart coordinates in metres."""
 
     point: FloatArray
@@ -280,7 +279,7 @@ def fit_circle(uv: FloatArray) -> Circle | None:
     return Circle(mean + centre, float(np.sqrt(square))) if square > 0 else None
 
 
-def meeting_line(chart: Surface, other: Surface) -> Line | None:
+def meeting_line(chart: Surface, other: Surface) -> ChartLine | None:
     """Return the line in `chart` along which two surfaces of one frame meet, None where it is no line.
 
     Plane and plane meet in a line; so do a cylinder and a plane at right angles to its axis, or along it.
@@ -292,38 +291,34 @@ def meeting_line(chart: Surface, other: Surface) -> Line | None:
     return None
 
 
-def _of_planes(chart: Plane, other: Plane) -> Line | None:
+def _of_planes(chart: Plane, other: Plane) -> ChartLine | None:
     """Where other.normal . (point + u a + v b - other.point) vanishes."""
     gradient = np.array([
         chart.u_direction @ other.normal_direction,
         chart.v_direction @ other.normal_direction,
     ])  # fmt: skip
     sine = float(np.linalg.norm(gradient))
-    if sine < _LEAST_SINE:
+    if sine < LEAST_SINE:
         return None
     height = float(other.distance(chart.point[None])[0])
     normal = gradient / sine
-    return Line(-height / sine * normal, np.array([normal[1], -normal[0]]))
+    return ChartLine(-height / sine * normal, np.array([normal[1], -normal[0]]))
 
 
-def _across_axis(chart: Cylinder, other: Plane) -> Line | None:
+def _across_axis(chart: Cylinder, other: Plane) -> ChartLine | None:
     """The height at which a plane at right angles to the axis cuts the cylinder."""
     cosine = float(chart.direction @ other.normal_direction)
-    if abs(cosine) < _SQUARE:
+    if abs(cosine) < SQUARE_COSINE:
         return None
     height = -float(other.distance(chart.point[None])[0]) / cosine
-    return Line(np.array([0.0, height]), np.array([1.0, 0.0]))
-
-
-_MAX_EDGES = 40
-_MIN_ARC = np.radians(30.0)
+    return ChartLine(np.array([0.0, height]), np.array([1.0, 0.0]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Edge:
+class BoundaryEdge:
     """A curve with the runs of it that were seen."""
 
-    curve: Line | Circle  # where it is
+    curve: ChartLine | Circle  # where it is
     runs: FloatArray  # (k, 2) first and last arc length of each run, metres
     sides: FloatArray  # (k,) sign of the distance across on whose side the surface lies, for each run
     deviation: float  # standard deviation of a point of the curve across it where it was seen, metres
@@ -331,14 +326,14 @@ class Edge:
     common: float = 0.0  # deviation that all its pixels share, as those do that lie along a column; metres
 
 
-def edge_along(line: Line, boundary: BoundaryPixels) -> tuple[Edge, BoolArray]:
+def edge_along(line: ChartLine, boundary: BoundaryPixels) -> tuple[BoundaryEdge, BoolArray]:
     """Return the runs of a known line along which boundary pixels lie, and which pixels (n,) those are."""
     agrees = _agrees(line, boundary) & (np.linalg.norm(boundary.step, axis=1) > 0)
     members = in_runs(np.concatenate([line.point, line.direction]), boundary.uv, boundary.step, agrees)
     return replace(_edge(line, boundary.only(members)), is_crease=True), members
 
 
-def find_edges(boundary: BoundaryPixels) -> list[Edge]:
+def find_edges(boundary: BoundaryPixels) -> list[BoundaryEdge]:
     """Fit lines and circles to points of one kind, in the chart of the surface, the best supported first.
 
     A point is known to half a pixel's step to either side; its tolerance across a curve therefore depends on
@@ -347,7 +342,7 @@ def find_edges(boundary: BoundaryPixels) -> list[Edge]:
     """
     size = np.linalg.norm(boundary.step, axis=1)
     boundary, size = boundary.only(size > 0), size[size > 0]
-    edges: list[Edge] = []
+    edges: list[BoundaryEdge] = []
     left = np.ones(len(size), dtype=np.bool_)
     for chain in _chains(boundary.uv, size):
         circle = _circle_of(boundary.only(chain))
@@ -355,7 +350,7 @@ def find_edges(boundary: BoundaryPixels) -> list[Edge]:
             agrees = _agrees(circle, boundary) & left
             edges.append(_edge(circle, boundary.only(agrees)))
             left &= ~agrees
-    while left.sum() >= MIN_POINTS and len(edges) < _MAX_EDGES:
+    while left.sum() >= MIN_POINTS and len(edges) < MOST_EDGES:
         pair = _best_line(boundary, left)
         if pair is None:
             break
@@ -365,26 +360,26 @@ def find_edges(boundary: BoundaryPixels) -> list[Edge]:
     return [edge for edge in edges if len(edge.runs)]
 
 
-def _best_line(boundary: BoundaryPixels, left: BoolArray) -> tuple[Line, BoolArray] | None:
+def _best_line(boundary: BoundaryPixels, left: BoolArray) -> tuple[ChartLine, BoolArray] | None:
     """The line that most of the points `left` agree with, in runs, and those points."""
     line, members = best_line(boundary.uv, boundary.step, left)
-    return (Line(line[:2], line[2:]), members) if members.any() else None
+    return (ChartLine(line[:2], line[2:]), members) if members.any() else None
 
 
-def _line_of(boundary: BoundaryPixels) -> Line:
+def _line_of(boundary: BoundaryPixels) -> ChartLine:
     """The line by least squares across it, points weighted by what a pixel's step says about them."""
     line = line_through(boundary.uv, boundary.step, np.ones(len(boundary.uv), dtype=np.bool_))
-    return Line(line[:2], line[2:])
+    return ChartLine(line[:2], line[2:])
 
 
-def _slack(curve: Line | Circle, boundary: BoundaryPixels) -> FloatArray:
+def _slack(curve: ChartLine | Circle, boundary: BoundaryPixels) -> FloatArray:
     """How far (n,) points may lie from the curve: half their step across it, and a little for noise."""
     across = np.abs(np.einsum("ij,ij->i", boundary.step, curve.towards(boundary.uv)))
     size = np.linalg.norm(boundary.step, axis=1)
     return np.asarray(SLACK[0] * across + SLACK[1] * size, dtype=np.float64)
 
 
-def _agrees(curve: Line | Circle, boundary: BoundaryPixels) -> BoolArray:
+def _agrees(curve: ChartLine | Circle, boundary: BoundaryPixels) -> BoolArray:
     return np.asarray(np.abs(curve.across(boundary.uv)) <= _slack(curve, boundary), dtype=np.bool_)
 
 
@@ -401,7 +396,7 @@ def _runs(along: FloatArray, gap: FloatArray) -> list[NDArray[np.int64]]:
     return np.split(order, np.flatnonzero(wide) + 1)
 
 
-def _edge(curve: Line | Circle, boundary: BoundaryPixels) -> Edge:
+def _edge(curve: ChartLine | Circle, boundary: BoundaryPixels) -> BoundaryEdge:
     """The edge through these pixels; the surface lies where their steps come from."""
     side = -np.sign(np.einsum("ij,ij->i", boundary.step, curve.towards(boundary.uv)))
     runs, sides = [], []
@@ -414,10 +409,10 @@ def _edge(curve: Line | Circle, boundary: BoundaryPixels) -> Edge:
     step = np.abs(np.einsum("ij,ij->i", boundary.step, curve.towards(boundary.uv)))
     quantum = float(np.median(step)) if len(step) else 0.0
     common = float(np.sqrt(max(quantum**2 / 12 - rms**2, 0.0)))  # what the residuals do not show of it
-    return Edge(curve, np.array(runs).reshape(-1, 2), np.array(sides), deviation, common=common)
+    return BoundaryEdge(curve, np.array(runs).reshape(-1, 2), np.array(sides), deviation, common=common)
 
 
-def _spans(curve: Line | Circle, boundary: BoundaryPixels) -> list[tuple[float, float]]:
+def _spans(curve: ChartLine | Circle, boundary: BoundaryPixels) -> list[tuple[float, float]]:
     """First and last arc length of each run of points."""
     along = curve.along(boundary.uv)
     spans = [
@@ -459,4 +454,4 @@ def _circle_of(boundary: BoundaryPixels) -> Circle | None:
         return None
     angle = np.sort(circle.along(boundary.uv)) / circle.radius
     gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
-    return circle if 2 * np.pi - gaps.max() >= _MIN_ARC else None
+    return circle if 2 * np.pi - gaps.max() >= LEAST_ARC else None

@@ -13,12 +13,13 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
 
 from completion.boundary.continuation import ContinuedEdge
+from completion.boundary.limits import GOES_ON, MOST_COST_M
 from completion.evidence.chart_grid import ChartGrid
 from scenes.checks import BoolArray, FloatArray
 from texture.engine.compiled import compiled
 
 
-def further_flow(rest: Any, is_source: BoolArray) -> NDArray[np.int64]:
+def further_flow(residual: Any, is_source: BoolArray) -> NDArray[np.int64]:
     """Return how much more (n,) could flow between each node and the terminal on its side of the cut.
 
     By that much the cut costs more where the node is forced to the other side. A solver that begins again for
@@ -27,12 +28,12 @@ def further_flow(rest: Any, is_source: BoolArray) -> NDArray[np.int64]:
 
     Parameters
     ----------
-    rest : sparse array, (n + 2, n + 2)
+    residual : sparse array, (n + 2, n + 2)
         What the largest flow left of the capacities, whole numbers; the source is node n, the sink n + 1.
     is_source : (n + 2,) bool
         Nodes on the source's side: no capacity is left from these to the others.
     """
-    gaps = coo_array(rest)
+    gaps = coo_array(residual)
     rows, columns = np.append(gaps.row, gaps.col), np.append(gaps.col, gaps.row)
     key, index = np.unique(rows.astype(np.int64) * len(is_source) + columns, return_inverse=True)
     capacity = np.bincount(index[: gaps.nnz], gaps.data, minlength=len(key)).astype(np.int64)
@@ -101,10 +102,7 @@ def _add_flows(
             left[edge], is_touched[edge] = before[edge], False
 
 
-GOES_ON = 0.9
-"""Probability that a surface which goes on behind an occluder ends where its edge does, continued."""
 _UNITS = 10_000  # of cost in a metre: capacities are whole numbers
-_MOST_M = 1e4  # cost of a boundary, metres
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +146,7 @@ def divide_hidden(
     number[hidden.ravel()] = np.arange(np.count_nonzero(hidden))
     row, column = np.nonzero(hidden)
     u, v = grid.axes()
-    edge, cost = _parted(np.stack([u[column], v[row]], axis=1), number[a], number[b], grid, continued)
+    edge, cost = _border_costs(np.stack([u[column], v[row]], axis=1), number[a], number[b], grid, continued)
     at = edge >= 0
     borders = Borders(a[at], b[at], edge[at], cost[at], length[at])
     pairs = coo_array(
@@ -190,7 +188,7 @@ def _neighbours(
     )
 
 
-def _parted(
+def _border_costs(
     centres: FloatArray,
     first: NDArray[np.int64],
     second: NDArray[np.int64],
@@ -322,15 +320,15 @@ class _Graph:
         start = np.searchsorted(rows[order], np.arange(n + 3))
         graph = csr_array((capacity[order], columns[order], start), shape=(n + 2, n + 2))
         flow = maximum_flow(graph, n, n + 1)
-        rest = graph - flow.flow
-        rest.data = np.maximum(rest.data, 0)
-        rest.eliminate_zeros()
+        residual = graph - flow.flow
+        residual.data = np.maximum(residual.data, 0)
+        residual.eliminate_zeros()
         is_surface = np.zeros(n + 2, dtype=np.bool_)
-        is_surface[breadth_first_order(rest, n, return_predecessors=False)] = True
+        is_surface[breadth_first_order(residual, n, return_predecessors=False)] = True
         cost = np.full((2, n), int(flow.flow_value), np.int64)
-        cost[(~is_surface[:n]).astype(np.int64), np.arange(n)] += further_flow(rest, is_surface)
+        cost[(~is_surface[:n]).astype(np.int64), np.arange(n)] += further_flow(residual, is_surface)
         return is_surface[:n], cost
 
 
 def _whole(cost: FloatArray) -> NDArray[np.int64]:
-    return np.asarray(np.rint(np.minimum(cost, _MOST_M) * _UNITS), dtype=np.int64)
+    return np.asarray(np.rint(np.minimum(cost, MOST_COST_M) * _UNITS), dtype=np.int64)

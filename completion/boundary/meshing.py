@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.boundary.edges import Circle, Line, meeting_line
+from completion.boundary.edges import ChartLine, Circle, meeting_line
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label
 from completion.observe.observation import Observation
@@ -26,7 +26,7 @@ _LEAST_CORNERS = 3  # of a polygon
 class Trim:
     """A curve of the chart that cells end at."""
 
-    curve: Line | Circle  # in the chart
+    curve: ChartLine | Circle  # in the chart
     sign: float  # 1 to keep the side where `curve.across` is positive, -1 for the other one
     cells: BoolArray  # (rows, columns) cells that it cuts
 
@@ -64,9 +64,9 @@ def mesh_cells(
     for trim in trims:
         full &= ~trim.cells
     width = 1 if np.isfinite(grid.surface.period) else grid.shape[1]
-    polygons = _joined(
+    polygons = _join_polygons(
         _of_boxes(_rectangles(full, width) if merged else _single(full)),
-        _clipped(grid, cells & ~full, cuts, trims),
+        _clip_cells(grid, cells & ~full, cuts, trims),
     )
     size, corner = polygons.size, polygons.corner
     if not len(size):
@@ -114,7 +114,7 @@ class _Polygons:
         return _Polygons(np.stack([self.corner, crossing], axis=1)[kept], size[left]), left
 
 
-def _joined(first: _Polygons, second: _Polygons) -> _Polygons:
+def _join_polygons(first: _Polygons, second: _Polygons) -> _Polygons:
     return _Polygons(np.concatenate([first.corner, second.corner]), np.concatenate([first.size, second.size]))
 
 
@@ -172,7 +172,9 @@ def _of_boxes(boxes: NDArray[np.int64]) -> _Polygons:
     return _Polygons(corner.reshape(-1, 2), np.full(len(boxes), 4, np.int64))
 
 
-def _clipped(grid: ChartGrid, cells: BoolArray, cuts: Sequence[Surface], trims: Sequence[Trim]) -> _Polygons:
+def _clip_cells(
+    grid: ChartGrid, cells: BoolArray, cuts: Sequence[Surface], trims: Sequence[Trim]
+) -> _Polygons:
     """The cells as polygons on the inner side of the cuts, and of those trims that go through them."""
     boxes = _single(cells)
     left = _of_boxes(boxes)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, contains_xy
 
-from completion.boundary.edges import Circle, Line
+from completion.boundary.edges import ChartLine, Circle
 from completion.boundary.meshing import Trim
 from completion.evidence.chart_grid import ChartGrid
 from completion.merging.merged_surface import MergedSurface
@@ -362,7 +362,7 @@ def _side(grid: ChartGrid, start: FloatArray, end: FloatArray, sign: float) -> T
     length = float(np.linalg.norm(end - start))
     if length <= _LEAST_SIDE_M:
         return None
-    line = Line(start, (end - start) / length)
+    line = ChartLine(start, (end - start) / length)
     uv = grid.centres_uv()
     half = _half_diagonal(grid)
     along = line.along(uv)

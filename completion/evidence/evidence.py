@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label as connected_parts
 
 from completion.evidence.reach import Reach, reach_of
-from completion.evidence.sight import Sight, Views, sight_of
+from completion.evidence.sight import ScanSight, Views, sight_of
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray
@@ -39,7 +39,7 @@ class Evidence:
         A `Label` for each cell.
     observed : (rows, columns) bool
         Cells where the surface was measured: by its own pixels or by pixels of no surface within tolerance.
-    own : (rows, columns) bool
+    is_own : (rows, columns) bool
         Cells measured by its own pixels; only these are samples of its texture.
     pixel : (rows, columns) int64
         Flat pixel that sees each observed cell best, of key frames if one does, -1 elsewhere.
@@ -58,7 +58,7 @@ class Evidence:
 
     labels: NDArray[np.int8]
     observed: BoolArray
-    own: BoolArray
+    is_own: BoolArray
     pixel: NDArray[np.int64]
     scan: NDArray[np.int32]
     occluder: NDArray[np.int32]
@@ -78,7 +78,7 @@ class Evidence:
         some part of it was measured again.
         """
         passed = np.count_nonzero(self.labels == Label.FREE, axis=1)
-        measured = np.count_nonzero(self.own, axis=1)
+        measured = np.count_nonzero(self.is_own, axis=1)
         part, n_parts = connected_parts(passed <= measured)
         is_measured = np.bincount(part, measured, minlength=n_parts + 1) > 0
         is_measured[0] = False
@@ -93,7 +93,7 @@ class Scans:
     owners: tuple[NDArray[np.int32], ...]  # (rows, columns): surface of each pixel, from 1; 0 for none
     tolerance: Tolerance  # along the ray
     keys: tuple[int, ...] | None = None  # numbers of the key frames, ascending; None: all are
-    sights: tuple[Sight, ...] = ()  # each scan as compiled loops read it; made where not given
+    sights: tuple[ScanSight, ...] = ()  # each scan as compiled loops read it; made where not given
     reach: tuple[Reach, ...] = ()  # of each scan; made where not given
     views: Views = field(init=False)  # of all scans
 
@@ -109,7 +109,7 @@ class Scans:
         )
         object.__setattr__(self, "views", Views.of(eyes, farthest))
 
-    def numbered(self, owners: Sequence[NDArray[np.int32]]) -> Scans:
+    def with_owners(self, owners: Sequence[NDArray[np.int32]]) -> Scans:
         """Return the same scans with their pixels (rows, columns) numbered by other surfaces."""
         return replace(self, owners=tuple(owners))
 

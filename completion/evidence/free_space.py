@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.form import Form, chart_of, form_of, reach_of, slope_at
+from completion.evidence.limits import FEWEST_BEAMS, LEAST_COSINE
 from completion.evidence.reach import TILE, Reach, farthest_along
-from completion.evidence.sight import Eye, Sight, Views, along_ray, ball_around
+from completion.evidence.sight import Eye, ScanSight, Views, along_ray, ball_around
 from completion.observe.rays import Noise, Triple, deviation_at, dot, minus, plus, ray_at
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
 from texture.engine.compiled import compiled, inlined
 
-_LEAST_COSINE = 1e-3  # of incidence that tolerances are reckoned with
 _SLACK = 1e-6  # of lengths, which are kept in single precision
 
 
@@ -55,7 +55,7 @@ def _least_excess(eye: Eye, sigma: float, sd: float) -> float:
     nothing is left out.
     """
     across = sd * sd + eye.flatness_m * eye.flatness_m
-    if (eye.n_sigma * np.sqrt(across) + eye.registration_m) / _LEAST_COSINE <= eye.max_m * (1 + _SLACK):
+    if (eye.n_sigma * np.sqrt(across) + eye.registration_m) / LEAST_COSINE <= eye.max_m * (1 + _SLACK):
         return 0.0
     return float(eye.n_sigma * np.sqrt(sigma * sigma + across) + eye.registration_m)
 
@@ -178,13 +178,12 @@ def _cross(a: Triple, b: Triple) -> Triple:
 
 _ROUNDING = 1 - 1e-9  # of lengths that are compared beforehand
 _MOST_CELLS = 16 * TILE**2  # that are looked at before the beams of a tile are
-_LEAST_BEAMS = 2  # in a cell and those around it, that veto it where ranges are noisy
 
 
 def free_cells(
     grid: ChartGrid,
     predicted_sd: FloatArray,
-    sights: Sequence[Sight],
+    sights: Sequence[ScanSight],
     reaches: Sequence[Reach],
     views: Views | None = None,
 ) -> BoolArray:
@@ -211,7 +210,7 @@ def free_cells(
             _count_mixed(sight, form, around, cells)
     vetoed = count > 0
     if any(max(sight.noise) > 0 for sight in sights):
-        vetoed &= _around(count, grid.wraps) >= _LEAST_BEAMS
+        vetoed &= _around(count, grid.wraps) >= FEWEST_BEAMS
     if form.is_curved:
         vetoed = _around(vetoed.astype(np.int32), grid.wraps) > 0
     return np.asarray(vetoed.ravel(), dtype=np.bool_)
@@ -240,7 +239,7 @@ def _pair(numbers: FloatArray) -> tuple[float, float]:
 
 
 @compiled
-def _count_beams(sight: Sight, form: Form, crossing: BoolArray, around: Rectangle, cells: _Cells) -> None:
+def _count_beams(sight: ScanSight, form: Form, crossing: BoolArray, around: Rectangle, cells: _Cells) -> None:
     """Add to each cell the beams of the `crossing` tiles that went through it."""
     rows, columns = sight.eye.shape
     for i in range(crossing.shape[0]):
@@ -256,7 +255,7 @@ def _count_beams(sight: Sight, form: Form, crossing: BoolArray, around: Rectangl
 
 
 @compiled
-def _count_mixed(sight: Sight, form: Form, around: Rectangle, cells: _Cells) -> None:
+def _count_mixed(sight: ScanSight, form: Form, around: Rectangle, cells: _Cells) -> None:
     """Add to each cell the mixed beams that went through it."""
     for k in range(sight.mixed.pixels.size):
         row, column = divmod(sight.mixed.pixels[k], sight.eye.shape[1])
@@ -266,7 +265,7 @@ def _count_mixed(sight: Sight, form: Form, around: Rectangle, cells: _Cells) -> 
 
 
 @inlined
-def _is_decided(sight: Sight, form: Form, i: int, j: int, cells: _Cells) -> bool:
+def _is_decided(sight: ScanSight, form: Form, i: int, j: int, cells: _Cells) -> bool:
     """Tell whether all cells of a plane that beams of a tile may go through are vetoed already, each by two.
 
     The beams lie between those of the tile's corners, and so do the places where they meet the plane.
@@ -292,7 +291,7 @@ def _is_decided(sight: Sight, form: Form, i: int, j: int, cells: _Cells) -> bool
         return False
     for row in range(int(top), int(bottom) + 1):
         for column in range(int(first), int(last) + 1):
-            if cells.beams[row, column] < _LEAST_BEAMS:
+            if cells.beams[row, column] < FEWEST_BEAMS:
                 return False
     return True
 
@@ -312,7 +311,7 @@ def _crosses(eye: Eye, form: Form, around: Rectangle, ray: Triple, measured: flo
 
 
 @inlined
-def _count_beam(sight: Sight, form: Form, ray: Triple, measured: float, cells: _Cells) -> None:
+def _count_beam(sight: ScanSight, form: Form, ray: Triple, measured: float, cells: _Cells) -> None:
     """Add one beam, if it went through a cell."""
     eye, (rows, columns) = sight.eye, cells.beams.shape
     for from_within in (False, True):

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evidence.sight import Sight, Window, along_ray
+from completion.evidence.limits import LEAST_COSINE, WIDEST
+from completion.evidence.sight import ScanSight, Window, along_ray
 from completion.observe.observation import Observation
 from completion.observe.rays import Rays, Triple, deviation_at, ray_at
 from scenes.checks import FloatArray
@@ -25,9 +26,7 @@ TILE = 16
 NOTHING_M = -1e9
 """The farthest range of a tile where none was measured, metres."""
 
-_LEAST_COSINE = 1e-3  # of incidence that tolerances are reckoned with
 _PART = 4  # pixels: side of the parts of a tile
-_WIDEST = 0.5  # radians that places seen by one pixel may be off its ray; more is not reckoned with
 _SLACK = 1e-6  # of lengths, which are kept in single precision, and radians
 
 
@@ -164,7 +163,7 @@ def progress_of(reach: Reach, toward: Triple) -> FloatArray:
 
 @inlined
 def is_beyond(
-    sight: Sight,
+    sight: ScanSight,
     reach: Reach,
     progress: FloatArray,
     window: Window,
@@ -191,7 +190,7 @@ def is_beyond(
     if not (nearest > radius and height > _SLACK * farthest):
         return False
     slack = _SLACK * (1.0 + farthest)
-    cosine, steepest = max(height / farthest, _LEAST_COSINE), min(height / nearest, 1.0)
+    cosine, steepest = max(height / farthest, LEAST_COSINE), min(height / nearest, 1.0)
     tangent, sine = np.sqrt(1.0 - min(cosine, 1.0) ** 2) / cosine, np.sqrt(1.0 - (height / farthest) ** 2)
     oblique, across = farthest * eye.pixel_angle / 2, sd * sd + eye.flatness_m * eye.flatness_m
     for row in range(window[0] // TILE, window[1] // TILE + 1):
@@ -205,7 +204,7 @@ def is_beyond(
                 continue
             before = height - progress[row, column] - far * spread * (sine + spread / 2)
             allowed = eye.n_sigma * np.sqrt(sigma * sigma * steepest * steepest + across) + eye.registration_m
-            if spread < _WIDEST and before > allowed + oblique * sine + slack + _SLACK * far:
+            if spread < WIDEST and before > allowed + oblique * sine + slack + _SLACK * far:
                 continue
             if _farthest_part(reach.part, window, row, column) >= end:
                 return False

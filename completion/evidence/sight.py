@@ -10,6 +10,7 @@ import numpy as np
 from numba import int64
 
 from completion.evidence.form import Form, slope_at
+from completion.evidence.limits import LEAST_COSINE, MARGIN_CELLS, MARGIN_PIXELS
 from completion.observe.mixed_pixels import MixedBeams
 from completion.observe.observation import Observation
 from completion.observe.rays import Noise, Rays, Triple, dot, minus, triple
@@ -19,7 +20,6 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from texture.engine.compiled import inlined
 
-_LEAST_COSINE = 1e-3  # of incidence that tolerances are reckoned with
 _LEAST_M = 1e-12  # from the sensor
 _SEAM = 1e-9  # radians; so that rounding opens no seam where a full turn closes
 _FULL_TURN = 2 * np.pi
@@ -41,7 +41,7 @@ class Eye(NamedTuple):
     max_m: float
 
 
-class Sight(NamedTuple):
+class ScanSight(NamedTuple):
     """A scan as compiled loops read it."""
 
     eye: Eye
@@ -53,7 +53,7 @@ class Sight(NamedTuple):
     mixed: MixedBeams  # that are not among the ranges, since each met two surfaces
 
 
-class Look(NamedTuple):
+class RangeVerdict(NamedTuple):
     """How a range compares with a place of a surface."""
 
     distance: float  # of the place from the sensor, metres
@@ -62,7 +62,7 @@ class Look(NamedTuple):
     allowed: float  # by how much they may differ and agree, metres
 
 
-def sight_of(observation: Observation, tolerance: Tolerance) -> Sight:
+def sight_of(observation: Observation, tolerance: Tolerance) -> ScanSight:
     """Return a scan as the loops read it."""
     scan = observation.scan
     camera, inverse = scan.projection, scan.world_from_sensor.inverse()
@@ -89,7 +89,7 @@ def sight_of(observation: Observation, tolerance: Tolerance) -> Sight:
     )
     ranges, noise = scan.ranges.ravel(), observation.noise.numbers()
     devices = Devices(observation.shadow, lens, camera.shape)
-    return Sight(
+    return ScanSight(
         eye=eye,
         angles=angles,
         ranges=ranges,
@@ -103,13 +103,13 @@ def sight_of(observation: Observation, tolerance: Tolerance) -> Sight:
 @inlined
 def along_ray(eye: Eye, sigma: float, sd: float, cosine: float) -> float:
     """`Tolerance.along_ray` of one beam, metres."""
-    safe = max(cosine, _LEAST_COSINE)
+    safe = max(cosine, LEAST_COSINE)
     across = (sd * sd + eye.flatness_m * eye.flatness_m) / (safe * safe)
     return eye.n_sigma * float(np.sqrt(sigma * sigma + across)) + eye.registration_m / safe
 
 
 @inlined
-def look(eye: Eye, form: Form, place: Triple, sd: float, beam: tuple[float, float]) -> Look:
+def look(eye: Eye, form: Form, place: Triple, sd: float, beam: tuple[float, float]) -> RangeVerdict:
     """Hold a place of a surface against the range, and its sd, of the pixel that sees it, metres.
 
     `sd` is that of the surface along its normal.
@@ -117,17 +117,17 @@ def look(eye: Eye, form: Form, place: Triple, sd: float, beam: tuple[float, floa
     ray = minus(place, eye.origin)
     distance = np.sqrt(dot(ray, ray))
     cosine = abs(slope_at(form, place, ray)) / max(distance, _LEAST_M)
-    safe = max(cosine, _LEAST_COSINE)
+    safe = max(cosine, LEAST_COSINE)
     tangent = np.sqrt(max(1.0 - safe * safe, 0.0)) / safe
     oblique = distance * eye.pixel_angle * tangent / 2
-    return Look(distance, cosine, distance - beam[0], along_ray(eye, beam[1], sd, cosine) + oblique)
+    return RangeVerdict(distance, cosine, distance - beam[0], along_ray(eye, beam[1], sd, cosine) + oblique)
 
 
 @inlined
 def pixel_of(eye: Eye, angles: FloatArray, place: Triple) -> int:
     """The flat pixel that sees a place, -1 outside the field of view.
 
-    `angles` (rows + columns,) are those of `Sight`.
+    `angles` (rows + columns,) are those of `ScanSight`.
     """
     x = dot(eye.turn[0], place) + eye.shift[0]
     y = dot(eye.turn[1], place) + eye.shift[1]
@@ -185,7 +185,7 @@ _SLACK = 1e-9  # of rounding, radians
 def window_of(eye: Eye, angles: FloatArray, middle: Triple, radius: float) -> Window:
     """Rows and columns of all pixels that see a place within a sphere.
 
-    `angles` (rows + columns,) are those of `Sight`.
+    `angles` (rows + columns,) are those of `ScanSight`.
     """
     at = (
         dot(eye.turn[0], middle) + eye.shift[0],
@@ -212,13 +212,13 @@ def _of_pinhole(eye: Eye, at: Triple, radius: float) -> Window:
     ups = fy * low / near, fy * low / farther, fy * high / near, fy * high / farther
     low, high = (x - radius), (x + radius)
     sides = fx * low / near, fx * low / farther, fx * high / near, fx * high / farther
-    top, bottom = _clipped(cy + min(ups), cy + max(ups), rows)
-    left, right = _clipped(cx + min(sides), cx + max(sides), columns)
+    top, bottom = _pixel_window(cy + min(ups), cy + max(ups), rows)
+    left, right = _pixel_window(cx + min(sides), cx + max(sides), columns)
     return top, bottom, left, right
 
 
 @inlined
-def _clipped(low: float, high: float, n: int) -> tuple[int, int]:
+def _pixel_window(low: float, high: float, n: int) -> tuple[int, int]:
     """First and last of n pixels between two places, and one more on either side."""
     if high < -1.0 or low > n:
         return 0, -1
@@ -235,7 +235,7 @@ def _of_turning(eye: Eye, angles: FloatArray, at: Triple, radius: float) -> Wind
         return 0, rows - 1, 0, columns - 1
     half = np.arcsin(radius / distance) + _SLACK
     elevation = np.arctan2(-y, np.sqrt(x * x + z * z))
-    top, bottom = _between(angles, int64(0), rows, (elevation - half, elevation + half), eye.pixel_angle)
+    top, bottom = _angle_window(angles, int64(0), rows, (elevation - half, elevation + half), eye.pixel_angle)
     if abs(elevation) + half >= np.pi / 2 - 1e-3:
         return top, bottom, 0, columns - 1
     side = np.arcsin(min(np.sin(half) / np.cos(elevation), 1.0)) + _SLACK
@@ -244,12 +244,12 @@ def _of_turning(eye: Eye, angles: FloatArray, at: Triple, radius: float) -> Wind
     if abs(turned) + side >= np.pi:
         return top, bottom, 0, columns - 1
     around = middle + turned - side, middle + turned + side
-    left, right = _between(angles, rows, columns, around, eye.pixel_angle)
+    left, right = _angle_window(angles, rows, columns, around, eye.pixel_angle)
     return top, bottom, left, right
 
 
 @inlined
-def _between(
+def _angle_window(
     angles: FloatArray, first: int, n: int, within: tuple[float, float], only_step: float
 ) -> tuple[int, int]:
     """First and last of n monotonic angles from `first` on within two, and one more on either side.
@@ -284,8 +284,6 @@ def _count_below(angles: FloatArray, first: int, n: int, rises: bool, limit: flo
     return low
 
 
-_MARGIN = 2.0  # cells around those of a chart that count with it
-_PIXELS = 1.0  # around an image
 _SLACK_M = 1e-6  # of lengths, for rounding
 
 
@@ -299,7 +297,7 @@ class Ball(NamedTuple):
 def ball_around(bounds: FloatArray, cell: FloatArray) -> Ball:
     """Return a ball around cells of a size (2,), whose centres have bounds (2, 3), and two cells more."""
     low, high = bounds
-    radius = float(np.linalg.norm(high - low)) / 2 + _MARGIN * float(np.hypot(*cell))
+    radius = float(np.linalg.norm(high - low)) / 2 + MARGIN_CELLS * float(np.hypot(*cell))
     return Ball(triple((low + high) / 2), radius)
 
 
@@ -344,7 +342,7 @@ def _outside(eye: Eye) -> FloatArray:
     fx, fy, cx, cy = eye.lens
     planes = [-z]
     for across, n, focal, centre in ((x, columns, fx, cx), (y, rows, fy, cy)):
-        sides = (-0.5 - _PIXELS - centre) / focal, (n - 0.5 + _PIXELS - centre) / focal
+        sides = (-0.5 - MARGIN_PIXELS - centre) / focal, (n - 0.5 + MARGIN_PIXELS - centre) / focal
         low, high = min(sides), max(sides)
         planes += [(across - high * z) / np.hypot(1.0, high), (low * z - across) / np.hypot(1.0, low)]
     return np.array(planes)

@@ -13,19 +13,25 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label, Scans
 from completion.evidence.form import Form, form_of, place_of
 from completion.evidence.free_space import free_cells
+from completion.evidence.limits import LEAST_COSINE, LIMB_PIXELS, NEAR_CELLS
 from completion.evidence.reach import Reach, is_beyond, progress_of
-from completion.evidence.sight import Look, Sight, along_ray, ball_around, look, pixel_of, window_of
+from completion.evidence.sight import (
+    RangeVerdict,
+    ScanSight,
+    along_ray,
+    ball_around,
+    look,
+    pixel_of,
+    window_of,
+)
 from completion.observe.rays import Triple, deviation_at, dot, minus, plus
 from completion.observe.shadow import is_shadowed
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
 from texture.engine.compiled import compiled, inlined
 
-_LIMB_PIXELS = 2.0  # how wide a beam may be and still be half on the surface
-_LEAST_COSINE = 1e-3  # of incidence that footprints are reckoned with
 _BLOCK = 16  # cells: side of the blocks that are held against a scan together
 _ROUNDING_M = 1e-9
-_NEAR_CELLS = 3  # from the surface's own pixels, within which pixels of no surface count as its own
 _NO_RETURN, _UNLIT = int(Label.NO_RETURN), int(Label.UNLIT)
 _OCCLUDED, _VISIBLE = int(Label.OCCLUDED), int(Label.VISIBLE)
 
@@ -44,7 +50,11 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     owner : int
         This surface's number in `scans.owners`.
     """
-    held, blocks, form = _Found.of(grid.centres(), predicted_sd), _Blocks.of(grid), form_of(grid.surface)
+    held, blocks, form = (
+        _CellLabels.of(grid.centres(), predicted_sd),
+        _CellBlocks.of(grid),
+        form_of(grid.surface),
+    )
     may_see = scans.views.may_see(ball_around(grid.bounds(), grid.cell)).tolist()
     for number, is_key in scans.order:  # of equal claims the first scan's counts
         if not may_see[number]:
@@ -52,10 +62,10 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
         owners = scans.owners[number].ravel()
         _hold(scans.sights[number], form, scans.reach[number], blocks, owners, owner, number, is_key, held)
         trim()
-    observed, is_member = held.observed.reshape(grid.shape), held.own.reshape(grid.shape)
+    observed, is_member = held.observed.reshape(grid.shape), held.is_own.reshape(grid.shape)
 
     # Measured cells far from the surface's own pixels are of something else on its plane.
-    near = cv2.dilate(is_member.view(np.uint8), np.ones((2 * _NEAR_CELLS + 1,) * 2, np.uint8))
+    near = cv2.dilate(is_member.view(np.uint8), np.ones((2 * NEAR_CELLS + 1,) * 2, np.uint8))
     observed &= near.astype(np.bool_)
 
     # Veto: nothing is where beams went through, but what was measured.
@@ -65,7 +75,7 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     return Evidence(
         labels=labels,
         observed=observed,
-        own=is_member,
+        is_own=is_member,
         pixel=held.pixel.reshape(grid.shape),
         scan=held.scan.reshape(grid.shape),
         occluder=np.where(labels == Label.OCCLUDED, np.maximum(held.occluder, 0).reshape(grid.shape), 0),
@@ -74,14 +84,14 @@ def weigh(grid: ChartGrid, predicted_sd: FloatArray, scans: Scans, owner: int) -
     )
 
 
-class _Found(NamedTuple):
+class _CellLabels(NamedTuple):
     """Cells (n,) and what was found of them so far; see `Evidence`."""
 
     centres: FloatArray  # (n, 3) metres
     predicted_sd: FloatArray  # of the surface along its normal, metres
     labels: NDArray[np.int8]
     observed: BoolArray
-    own: BoolArray
+    is_own: BoolArray
     pixel: NDArray[np.int64]
     scan: NDArray[np.int32]
     footprint: FloatArray  # of that pixel, times a constant
@@ -90,7 +100,7 @@ class _Found(NamedTuple):
     limb: BoolArray
 
     @classmethod
-    def of(cls, centres: FloatArray, predicted_sd: FloatArray) -> _Found:
+    def of(cls, centres: FloatArray, predicted_sd: FloatArray) -> _CellLabels:
         """Nothing, yet."""
         n = len(centres)
         observed, is_member, through, limb = np.zeros((4, n), dtype=np.bool_)
@@ -99,7 +109,7 @@ class _Found(NamedTuple):
             predicted_sd=predicted_sd,
             labels=np.full(n, Label.OUT, np.int8),
             observed=observed,
-            own=is_member,
+            is_own=is_member,
             pixel=np.full(n, -1, np.int64),
             scan=np.full(n, -1, np.int32),
             footprint=np.full(n, np.inf),
@@ -109,7 +119,7 @@ class _Found(NamedTuple):
         )
 
 
-class _Blocks(NamedTuple):
+class _CellBlocks(NamedTuple):
     """Blocks of 16 x 16 cells, which are held against a scan together."""
 
     shape: tuple[int, int]  # rows and columns of cells
@@ -119,7 +129,7 @@ class _Blocks(NamedTuple):
     sd: FloatArray  # (rows, columns) largest predicted deviation of the surface in those that are, metres
 
     @classmethod
-    def of(cls, grid: ChartGrid) -> _Blocks:
+    def of(cls, grid: ChartGrid) -> _CellBlocks:
         """Nothing is hidden, yet."""
         (u, v), (wide, tall) = grid.corner.tolist(), grid.cell.tolist()
         shape = -(-grid.shape[0] // _BLOCK), -(-grid.shape[1] // _BLOCK)
@@ -128,15 +138,15 @@ class _Blocks(NamedTuple):
 
 @compiled
 def _hold(
-    sight: Sight,
+    sight: ScanSight,
     form: Form,
     reach: Reach,
-    blocks: _Blocks,
+    blocks: _CellBlocks,
     owners: NDArray[np.int32],
     owner: int,
     number: int,
     is_key: bool,
-    held: _Found,
+    held: _CellLabels,
 ) -> None:
     """Hold the cells of a grid against one scan, block by block; `owners` are its (pixels,).
 
@@ -173,7 +183,7 @@ def _hold(
 
 
 @inlined
-def _note_hidden(blocks: _Blocks, i: int, j: int, held: _Found) -> None:
+def _note_hidden(blocks: _CellBlocks, i: int, j: int, held: _CellLabels) -> None:
     """Note whether all cells of a block are hidden or more."""
     rows, columns = blocks.shape
     sd = 0.0
@@ -188,18 +198,18 @@ def _note_hidden(blocks: _Blocks, i: int, j: int, held: _Found) -> None:
 
 @inlined
 def _hold_cells(
-    sight: Sight,
+    sight: ScanSight,
     form: Form,
     cells: tuple[int, int],
     owners: NDArray[np.int32],
     owner: int,
     number: int,
     is_key: bool,
-    held: _Found,
+    held: _CellLabels,
 ) -> None:
     """Hold the centres of cells, from a first one up to an end, against the pixels that see them."""
     centres, predicted_sd, labels, observed = held.centres, held.predicted_sd, held.labels, held.observed
-    is_member, pixels, scans, footprints = held.own, held.pixel, held.scan, held.footprint
+    is_member, pixels, scans, footprints = held.is_own, held.pixel, held.scan, held.footprint
     occluder, through, at_limb = held.occluder, held.through, held.limb
     eye, ranges = sight.eye, sight.ranges
     for cell in range(cells[0], cells[1]):
@@ -226,7 +236,7 @@ def _hold_cells(
             label = _VISIBLE if is_measured or is_sure else _NO_RETURN
             is_member[cell] |= is_own
             observed[cell] |= is_measured
-            footprint = sentence.distance * sentence.distance / max(sentence.cosine, _LEAST_COSINE)
+            footprint = sentence.distance * sentence.distance / max(sentence.cosine, LEAST_COSINE)
             if is_measured and footprint <= footprints[cell]:
                 footprints[cell], pixels[cell], scans[cell] = footprint, pixel, number
 
@@ -238,14 +248,16 @@ def _hold_cells(
         limb = sentence.distance * eye.pixel_angle / form.radius if form.is_curved else 0.0
         if np.isfinite(measured) and sentence.behind < -sentence.allowed and is_sure:
             through[cell] = True
-        at_limb[cell] |= sentence.cosine < np.sqrt(min(2 * _LIMB_PIXELS * limb, 1.0))
+        at_limb[cell] |= sentence.cosine < np.sqrt(min(2 * LIMB_PIXELS * limb, 1.0))
 
         # 5. Keep the strongest label of all scans.
         labels[cell] = max(labels[cell], label)
 
 
 @inlined
-def _is_unlit(sight: Sight, pixel: int, place: Triple, sentence: Look, predicted_sd: float) -> bool:
+def _is_unlit(
+    sight: ScanSight, pixel: int, place: Triple, sentence: RangeVerdict, predicted_sd: float
+) -> bool:
     """Tell whether a place that a pixel without return sees was hidden from the projector."""
     eye = sight.eye
     if eye.is_spherical or not max(sight.devices.shadow) > 0.0:

@@ -13,16 +13,24 @@ from shapely.geometry.base import BaseGeometry
 
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.evidence.evidence import Scans
+from completion.extension.limits import (
+    APART_SD,
+    DEEPEST_M,
+    FURNITURE_M,
+    INNER_SHARE,
+    LEAST_PIXELS,
+    MEETING_PAIRS,
+    PARALLEL_COSINE,
+    STANDING,
+    THROUGH_SHARE,
+)
+from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation, ScanPixels
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
-from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+from scenes.surfaces.catalogue import Cylinder, Plane
 
-_DEEPEST_M = 0.5  # as thick as walls are
-_PARALLEL = np.cos(np.radians(5.0))
-_APART = 3.0  # standard deviations of both planes, flatness counted, by which one lies behind at least
-_THROUGH = 0.5  # share of a surface that is seen through the outline of the other
 _N_POINTS = 400  # of a surface that are looked at
 
 
@@ -66,13 +74,13 @@ def find_insets(
     ])  # fmt: skip
     for at, (origins, points) in enumerate(beams):
         behind = -np.einsum("ij,ij->i", normals, middles[at] - middles)
-        candidates = (normals @ normals[at] >= _PARALLEL) & (behind <= _DEEPEST_M)
-        candidates &= behind > _APART * np.hypot(sd[at], sd)
+        candidates = (normals @ normals[at] >= PARALLEL_COSINE) & (behind <= DEEPEST_M)
+        candidates &= behind > APART_SD * np.hypot(sd[at], sd)
         for other in np.flatnonzero(candidates)[np.argsort(behind[candidates], kind="stable")]:
             wall, plane = planes[other]
-            if _share_inside(planes[at][1], points, beams[other][1]) >= _THROUGH:
+            if _share_inside(planes[at][1], points, beams[other][1]) >= THROUGH_SHARE:
                 continue  # a thing on it: a wall with a hole lies around what is seen through it
-            if _share_through(plane, beams[other][1], origins, points) >= _THROUGH:
+            if _share_through(plane, beams[other][1], origins, points) >= THROUGH_SHARE:
                 hosts[planes[at][0]] = wall
                 break
     return hosts
@@ -106,14 +114,7 @@ def _share_through(wall: Plane, measured: FloatArray, origins: FloatArray, point
     return float(np.count_nonzero(contains_xy(outline, u, v))) / len(points)
 
 
-_STANDING = (0.25, 0.75)  # beta prior that an upright thing goes on to a wall or floor: one in four does
-_UPRIGHT = 0.1  # sine of the angle
-_MEETING_PAIRS = 8  # of neighbouring pixels
-_INNER_SHARE = 0.88  # of all measured points on the inner side: some lie beyond windows that are half hidden
-_LEAST_PIXELS = 0.02  # of all measured points on the surface itself
 _N_BEAMS = 40_000
-_LEVEL = 0.98  # cosine between a level plane's normal and up
-_FURNITURE_M = 0.2, 1.2  # how high above the floor seats, beds, tables and worktops are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,19 +144,18 @@ def find_adjacency(
     encloses = find_enclosing(surfaces, observations, flatness_m) & ~is_inset
     encloses &= ~_above_floor(surfaces, upward)
     meets = _meets(scans.owners, surfaces, observations, flatness_m)
-    return Adjacency(encloses, meets, _standing(surfaces, boundaries, encloses, meets), is_inset)
+    return Adjacency(encloses, meets, _standing_probability(surfaces, boundaries, encloses, meets), is_inset)
 
 
-def is_upright(surface: Surface, base: Plane) -> bool:
-    """Tell whether a surface stands at right angles to a plane, to within six degrees."""
-    if isinstance(surface, Plane):
-        return abs(float(surface.normal_direction @ base.normal_direction)) < _UPRIGHT
-    return (
-        isinstance(surface, Cylinder) and 1 - abs(float(surface.direction @ base.normal_direction)) < _UPRIGHT
-    )
+def stands_upright(fit: SurfaceFit, base: SurfaceFit) -> bool:
+    """Tell whether a surface stands at right angles to a plane, within the limit of `Inclination`."""
+    plane = base.surface
+    if not isinstance(plane, Plane):
+        return False
+    return fit.inclination(plane.normal_direction, base.inclination(plane.normal_direction).sd_deg).is_upright
 
 
-def _standing(
+def _standing_probability(
     surfaces: Sequence[MergedSurface],
     boundaries: Sequence[BoundaryPixels],
     encloses: BoolArray,
@@ -171,10 +171,10 @@ def _standing(
             meets[number, other]
             for other in range(len(surfaces))
             if not encloses[other]
-            and is_upright(surfaces[other].fit.surface, plane)
+            and stands_upright(surfaces[other].fit, base.fit)
             and (meets[number, other] or _ends_above(surfaces[other], boundaries[other], plane))
         ]
-        standing[number] = (sum(ending) + _STANDING[0]) / (len(ending) + sum(_STANDING))
+        standing[number] = (sum(ending) + STANDING[0]) / (len(ending) + sum(STANDING))
     return standing
 
 
@@ -216,7 +216,7 @@ def _meets(
                 near &= gap <= np.quantile(gap, 0.9)
                 meetings[i, j] += int(near.sum())
     both = meetings + meetings.T
-    return np.asarray(both[1:, 1:] >= _MEETING_PAIRS, dtype=np.bool_)
+    return np.asarray(both[1:, 1:] >= MEETING_PAIRS, dtype=np.bool_)
 
 
 def find_enclosing(
@@ -237,7 +237,7 @@ def find_enclosing(
     sigma = np.concatenate(sigmas)
     scale = float(np.median(np.hypot(sigma, flatness_m))) if len(sigma) else 0.0
     sizes = [surface.n_pixels for surface in surfaces]
-    least = _LEAST_PIXELS * sum(sizes)
+    least = LEAST_PIXELS * sum(sizes)
     flags = [
         size >= least and _holds(surface, observations, beams, scale)
         for surface, size in zip(surfaces, sizes, strict=True)
@@ -250,18 +250,19 @@ def _above_floor(surfaces: Sequence[MergedSurface], up: FloatArray) -> BoolArray
 
     Only planes that face up and have their share of the measured points count.
     """
-    least = _LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
+    least = LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
     planes = {
         number: surface.fit.surface
         for number, surface in enumerate(surfaces)
         if isinstance(surface.fit.surface, Plane)
         and surface.n_pixels >= least
-        and float(surface.fit.surface.normal_direction @ up) > _LEVEL
+        and float(surface.fit.surface.normal_direction @ up) > 0
+        and surface.fit.inclination(up).is_level
     }
     above = np.zeros(len(surfaces), dtype=np.bool_)
     for number, plane in planes.items():
         heights = [float(other.distance(plane.point[None])[0]) for other in planes.values()]
-        above[number] = any(_FURNITURE_M[0] <= height <= _FURNITURE_M[1] for height in heights)
+        above[number] = any(FURNITURE_M[0] <= height <= FURNITURE_M[1] for height in heights)
     return above
 
 
@@ -292,11 +293,11 @@ def _holds(
     beyond = [surface.distance(points) <= -slack for _, points, _ in beams]
     n_inner = sum(len(outer) - int(np.count_nonzero(outer)) for outer in beyond)
     n_outer = sum(int(np.count_nonzero(outer)) for outer in beyond)
-    if isinstance(surface, Plane) and n_inner < _INNER_SHARE * (n_inner + n_outer):
+    if isinstance(surface, Plane) and n_inner < INNER_SHARE * (n_inner + n_outer):
         outline = _outline(surface, merged.pixels, observations)
         for (origin, _, rays), outer in zip(beams, beyond, strict=True):
             n_outer -= int(np.count_nonzero(_passes_inside(surface, outline, origin, rays[outer])))
-    return n_inner >= _INNER_SHARE * max(n_inner + n_outer, 1)
+    return n_inner >= INNER_SHARE * max(n_inner + n_outer, 1)
 
 
 def _outline(plane: Plane, pixels: ScanPixels, observations: Sequence[Observation]) -> BaseGeometry:

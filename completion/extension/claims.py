@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from completion.extension.limits import APART_SD, CLAIM_SLOPE, FACING_COSINE
 from completion.extension.patch import Patch
+from completion.fitting.result import SurfaceFit
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.run.mapping import trim
-from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+from scenes.surfaces.catalogue import Cylinder, Plane
 
-_FACING = np.cos(np.radians(20.0))  # of planes that may be taken for one another
-_TILT = np.tan(np.radians(5.0))  # by which what is one surface was measured apart, a slope
 _KEPT = 2  # patches whose distances are remembered: those of a pair
-_DEVIATIONS = 3.0  # standard deviations by which it stands off besides
 
 
 def settle_claims(patches: Sequence[Patch], flatness_m: float) -> list[Patch]:
@@ -35,13 +34,13 @@ def settle_claims(patches: Sequence[Patch], flatness_m: float) -> list[Patch]:
     lost = {k: np.zeros(patches[k].grid.shape, dtype=np.bool_) for pair in pairs for k in pair}
     for number, other in pairs:
         for first, second in ((number, other), (other, number)):
-            cells, at = _contested(first, second, patches, ways, flatness_m)
+            cells, at = _contested_cells(first, second, patches, ways, flatness_m)
             rival = np.where(patches[second].hypothesised, patches[second].confidence, -1.0).ravel()[at]
             members = patches[first].confidence.ravel()[cells]
             gives_way = (rival > members) | ((rival == members) & (first > second))
             lost[first].ravel()[cells[gives_way]] = True
     for number, other in pairs:  # cells of two charts overlap in part
-        cells, at = _contested(other, number, patches, ways, flatness_m)
+        cells, at = _contested_cells(other, number, patches, ways, flatness_m)
         both = (patches[number].hypothesised & ~lost[number]).ravel()[at] & ~lost[other].ravel()[cells]
         lost[other].ravel()[cells[both]] = True
     return [
@@ -53,7 +52,7 @@ def overlap_m2(patches: Sequence[Patch], flatness_m: float) -> float:
     """Area that is inferred of several planes at once, square metres, counted once for each further one."""
     area, ways = 0.0, _ways(patches)
     for first, second in _pairs(patches):
-        _, at = _contested(second, first, patches, ways, flatness_m)
+        _, at = _contested_cells(second, first, patches, ways, flatness_m)
         claimed = patches[first].hypothesised.ravel()[at]
         area += float(np.count_nonzero(claimed)) * patches[second].grid.cell_area
     return area
@@ -71,10 +70,10 @@ def _pairs(patches: Sequence[Patch]) -> list[tuple[int, int]]:
     pairs = []
     for place, k in enumerate(chosen[:-1]):
         later = slice(place + 1, None)
-        reach = _TILT * np.linalg.norm(boxes[place, 1] - boxes[place, 0])
+        reach = CLAIM_SLOPE * np.linalg.norm(boxes[place, 1] - boxes[place, 0])
         near = (boxes[later, 0] <= boxes[place, 1] + reach).all(axis=1)
         near &= (boxes[later, 1] >= boxes[place, 0] - reach).all(axis=1)
-        near &= normals[later] @ normals[place] >= _FACING
+        near &= normals[later] @ normals[place] >= FACING_COSINE
         pairs += [(k, chosen[place + 1 + index]) for index in np.flatnonzero(near).tolist()]
     return pairs
 
@@ -105,7 +104,7 @@ def _ways(patches: Sequence[Patch]) -> Callable[[int], FloatArray]:
     return way
 
 
-def _contested(
+def _contested_cells(
     number: int, rival: int, patches: Sequence[Patch], ways: Callable[[int], FloatArray], flatness_m: float
 ) -> tuple[IntArray, IntArray]:
     """Inferred cells (n,) of a plane at places that a rival may claim, and the rival's cells (n,) there."""
@@ -119,7 +118,7 @@ def _contested(
     away = ways(number)[cells] + ways(rival)[at]
     sd = np.sqrt(patch.spread.ravel()[cells] ** 2 + other.spread.ravel()[at] ** 2 + flatness_m**2)
     same = _inside(places, patch) & _inside(places, other)  # cells at a cut are in part beyond it
-    same &= np.abs(other.grid.surface.distance(places)) <= _TILT * away + _DEVIATIONS * sd
+    same &= np.abs(other.grid.surface.distance(places)) <= CLAIM_SLOPE * away + APART_SD * sd
     return cells[same], at[same]
 
 
@@ -142,9 +141,6 @@ def _without(patch: Patch, cells: BoolArray) -> Patch:
     return replace(patch, hypothesised=kept, provenance=provenance)
 
 
-_LEVEL, _UPRIGHT = float(np.cos(np.radians(10.0))), float(np.sin(np.radians(10.0)))
-
-
 @dataclass(frozen=True, slots=True)
 class Choice:
     """Which surfaces are numbered and continued.
@@ -164,32 +160,32 @@ class Choice:
     n_left_out: int = 0
 
 
-def role_of(normal: FloatArray, *, encloses: bool) -> str:
+def role_of(fit: SurfaceFit, *, encloses: bool, up: FloatArray) -> str:
     """Return "wall", "floor", "ceiling" or "surface": what a plane is to the room.
 
-    By its normal (3,), which points inwards, z up, and by whether it encloses the room.
+    By its `Inclination` and whether it encloses the room. Its normal points inwards; `up` (3,) is the
+    direction that is up in its frame.
     """
-    if not encloses:
+    if not encloses or not isinstance(fit.surface, Plane):
         return "surface"
-    if abs(normal[2]) >= _LEVEL:
-        return "floor" if normal[2] > 0 else "ceiling"
-    return "wall" if abs(normal[2]) <= _UPRIGHT else "surface"
+    inclination = fit.inclination(up)
+    if inclination.is_level:
+        return "floor" if float(fit.surface.normal_direction @ up) > 0 else "ceiling"
+    return "wall" if inclination.is_upright else "surface"
 
 
-def is_chosen(surface: Surface, only: Sequence[str], *, encloses: bool, up: FloatArray) -> bool:
+def is_chosen(fit: SurfaceFit, only: Sequence[str], *, encloses: bool, up: FloatArray) -> bool:
     """Tell whether a surface is of one of some kinds; of none, where all are wanted.
 
     `up` (3,) is the direction that is up in its frame.
     """
     if not only:
         return True
-    if isinstance(surface, Plane):
-        level = float(surface.normal_direction @ up)
-        upright = np.array([np.sqrt(max(1 - level**2, 0.0)), 0.0, level])
-        return "planes" in only or f"{role_of(upright, encloses=encloses)}s" in only
-    if not isinstance(surface, Cylinder):
+    if isinstance(fit.surface, Plane):
+        return "planes" in only or f"{role_of(fit, encloses=encloses, up=up)}s" in only
+    if not isinstance(fit.surface, Cylinder):
         return False
-    return "cylinders" in only or ("pipes" in only and not surface.concave)
+    return "cylinders" in only or ("pipes" in only and not fit.surface.concave)
 
 
 def numbered_anew(

@@ -25,6 +25,16 @@ from completion.boundary.hidden_regions import HiddenRegions, Labelling
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence, Label
 from completion.extension.extent import Extent
+from completion.extension.limits import (
+    ENCLOSED,
+    EXACT_RADIUS,
+    MOSTLY,
+    NEAREST,
+    PROBABLE,
+    RAGGED_SHARE,
+    UPRIGHT_SINE,
+    WELL_SEEN_SHARE,
+)
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 from texture.engine.compiled import compiled
@@ -53,15 +63,12 @@ The most likely ones on the generated rooms with seeds 1000 to 1015, the furnish
 and the frames of a walk through a furnished storey, rounded (`python -m benchmarks run confidence`).
 """
 
-_NEAREST = 0.02  # added to distances before their logarithm is taken: nearer is as near
-_RAGGED = 0.15  # of the rectangle: how far from its side the outermost cell of a line may lie
-_WELL_SEEN = 0.3  # of the outline: from here on the surface's own edges tell what they can
 _HALVINGS = 40  # of an interval of 40 in the logarithm
 _LEAST_SIZE = 1e-9  # of a measured rectangle, metres
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sides:
+class RectangleSides:
     """What was seen along the four sides of a rectangle, each (2, 2): low and high (rows) along u and v."""
 
     passed: FloatArray  # share of the lines across it beyond whose outermost measured cell beams passed
@@ -69,7 +76,7 @@ class Sides:
     passed_outline: float  # share of the whole outline where beams passed
 
     @classmethod
-    def of(cls, grid: ChartGrid, evidence: Evidence, extent: Extent) -> Sides:
+    def of(cls, grid: ChartGrid, evidence: Evidence, extent: Extent) -> RectangleSides:
         """Look at the cells next to what was measured of a plane."""
         passed, hidden = np.zeros((2, 2)), np.zeros((2, 2))
         occluded = evidence.labels == Label.OCCLUDED
@@ -78,7 +85,7 @@ class Sides:
                 cells if axis == 0 else cells.T for cells in (evidence.observed, evidence.open, occluded)
             )
             lines = np.flatnonzero(measured.any(axis=1))
-            slack = _RAGGED * (extent.own_high - extent.own_low)[axis] + 2 * float(grid.cell.max())
+            slack = RAGGED_SHARE * (extent.own_high - extent.own_low)[axis] + 2 * float(grid.cell.max())
             last = measured.shape[1] - 1
             for row, side in enumerate((extent.own_low, extent.own_high)):
                 if row == 0:
@@ -101,7 +108,7 @@ def share_seen_to_end(evidence: Evidence) -> float:
 
 
 def known_beyond(
-    uv: FloatArray, base: FloatArray, extent: Extent, sides: Sides
+    uv: FloatArray, base: FloatArray, extent: Extent, sides: RectangleSides
 ) -> tuple[FloatArray, NDArray[np.int8]]:
     """Return `KNOWN` (n, 11) for places (n, 2) in a plane's chart, and the side that each is past.
 
@@ -112,13 +119,13 @@ def known_beyond(
     outline_extent = np.array([extent.own_low, extent.own_high])
     side, past, past_m = _farthest_past(uv, outline_extent)
     row, axis = side % 2, side // 2
-    well_seen = min(sides.passed_outline / _WELL_SEEN, 1.0)
+    well_seen = min(sides.passed_outline / WELL_SEEN_SHARE, 1.0)
     closed = np.isfinite(extent.ends)[row, axis]
     n, encloses, level = len(uv), float(extent.encloses), float(extent.is_level)
     goes_on = extent.end_probability[row, axis]
     return np.column_stack([
-        np.log(past + _NEAREST),
-        np.log(past_m + _NEAREST),
+        np.log(past + NEAREST),
+        np.log(past_m + NEAREST),
         np.full(n, sides.passed_outline),
         np.full(n, encloses),
         np.full(n, level * (1 - encloses)),
@@ -159,7 +166,7 @@ def _farthest(odds: FloatArray, size: FloatArray, weights: FloatArray) -> FloatA
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
         past = np.exp(middle)
-        left = odds + np.log(np.stack([past, past * size], axis=-1) + _NEAREST) @ weights[1:3]
+        left = odds + np.log(np.stack([past, past * size], axis=-1) + NEAREST) @ weights[1:3]
         low, high = np.where(left > 0, middle, low), np.where(left > 0, high, middle)
     return np.asarray(np.exp(high))
 
@@ -209,9 +216,6 @@ PAST_END: FloatArray = np.array([-0.07, -0.31, -0.25, -0.29, -3.10])
 The most likely ones on the same rooms, flats and frames as `WEIGHTS`, rounded.
 """
 
-_UPRIGHT = 0.02  # sine: axes nearer to a normal are as upright
-_EXACT = 1e-3  # of the radius: radii that are known better are as well known
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PastEnds:
@@ -228,9 +232,9 @@ class PastEnds:
         past = np.maximum(np.maximum(low - along, along - high), 0.0) / max(high - low, _LEAST_SIZE)
         n = len(along)
         known = np.column_stack([
-            np.log(past + _NEAREST),
-            np.full(n, np.log(min(extent.tilt, 1.0) + _UPRIGHT)),
-            np.full(n, np.log(extent.radius_sd + _EXACT)),
+            np.log(past + NEAREST),
+            np.full(n, np.log(min(extent.tilt, 1.0) + UPRIGHT_SINE)),
+            np.full(n, np.log(extent.radius_sd + EXACT_RADIUS)),
             extent.seen_ends[np.maximum(side, 0)],
         ])  # fmt: skip
         return cls(side, known)
@@ -241,17 +245,10 @@ def probability_past_end(known: FloatArray, weights: FloatArray = PAST_END) -> F
     return np.asarray(1 / (1 + np.exp(-(weights[0] + known @ weights[1:]))), dtype=np.float64)
 
 
-_PROBABLE = 0.5  # from which on silent cells are part of the rim of others
 _STEP = 1.5  # from one width that is told apart to the next
 _LEAST_M = 1e-6
 _ALL_AROUND = np.ones((3, 3))
 
-
-ENCLOSED = 0.9
-"""Share of a rim that is to be measured or inferred surface: a mouth of a tenth is as wide as its part."""
-
-MOSTLY = 0.5
-"""The same for shadows on walls, of which one side may border on what is dark."""
 
 TRUST: FloatArray = np.array([
     [[0.97, 0.2], [0.88, 0.8]],
@@ -318,7 +315,7 @@ def judged_parts(
         for part in silent_parts(hidden & (evidence.labels == why), solid, within, cell, wraps=grid.wraps):
             width = part.half_width_m / max(length * unit, _LEAST_M)
             probability = float(start * np.exp(-(width**2))) if part.enclosed >= needed else 0.0
-            solid.ravel()[part.cells] = probability >= _PROBABLE
+            solid.ravel()[part.cells] = probability >= PROBABLE
             yield part, probability
 
 
@@ -462,7 +459,7 @@ class Prospects:
     distance: FloatArray  # (n,) in its units
     width: FloatArray  # (n,) half width of what is hidden of an upright wall around them, metres; else 0
     known: FloatArray  # (n, 11) `KNOWN` of those beyond the rectangle; else of no use
-    past_end: FloatArray  # (n, 4) `KNOWN_PAST_END` of those past an end; else of no use
+    end_features: FloatArray  # (n, 4) `KNOWN_PAST_END` of those past an end; else of no use
     is_said: BoolArray  # (n,) whether a person, or a joint, says that it goes on past them
 
     def probability(
@@ -470,14 +467,14 @@ class Prospects:
         persistence: FloatArray = PERSISTENCE,
         weights: FloatArray = WEIGHTS,
         even_m: float = EVEN_M,
-        past_end: FloatArray = PAST_END,
+        end_weights: FloatArray = PAST_END,
     ) -> FloatArray:
         """Probability (n,) that the surface is there."""
         beyond, ended = self.onward == Onward.BEYOND, self.onward == Onward.PAST_END
         start, length = persistence[np.where(beyond | ended, 0, self.onward)].T
         whole = 1 / (1 + np.square(self.width / even_m))
         within = self.base * start * np.exp(-self.distance / length) * whole
-        past = np.where(ended, self.base * probability_past_end(self.past_end, past_end), within)
+        past = np.where(ended, self.base * probability_past_end(self.end_features, end_weights), within)
         past = np.where(beyond, probability_beyond(self.known, weights), past)
         return np.where((beyond | ended) & self.is_said, self.base, past)
 
@@ -524,16 +521,24 @@ def prospects(
         kind = np.where(ends.side >= 0, Onward.PAST_END, Onward.CYLINDER).astype(np.int8)
         is_said = (ends.side >= 0) & set_by[ends.side, 1]
         return Prospects(
-            base, kind, near, nothing, np.zeros((len(d), len(KNOWN))), past_end=ends.known, is_said=is_said
+            base,
+            kind,
+            near,
+            nothing,
+            np.zeros((len(d), len(KNOWN))),
+            end_features=ends.known,
+            is_said=is_said,
         )
-    sides, past_end = Sides.of(grid, evidence, extent), np.zeros((len(d), len(KNOWN_PAST_END)))
+    sides, end_features = RectangleSides.of(grid, evidence, extent), np.zeros((len(d), len(KNOWN_PAST_END)))
     known, side = known_beyond(places, base, extent, sides)
     width = nothing
     if extent.encloses and not extent.is_level:
         width = hidden_widths(inside & grid.within(extent.own_low, extent.own_high), grid)[inside]
     kind = np.where(side >= 0, Onward.BEYOND, Onward.WALL_WITHIN if extent.encloses else Onward.OBJECT_WITHIN)
     is_said = (side >= 0) & set_by[side % 2, side // 2]
-    return Prospects(base, kind.astype(np.int8), near, width, known, past_end=past_end, is_said=is_said)
+    return Prospects(
+        base, kind.astype(np.int8), near, width, known, end_features=end_features, is_said=is_said
+    )
 
 
 def hidden_widths(hidden: BoolArray, grid: ChartGrid) -> FloatArray:

@@ -12,26 +12,23 @@ from numpy.typing import NDArray
 
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels, ended_sides, seen_ends
 from completion.boundary.continuation import ALL_CUES, Cue
-from completion.boundary.edges import Line, find_edges
-from completion.extension.adjacency import Adjacency, is_upright
+from completion.boundary.edges import ChartLine, find_edges
+from completion.extension.adjacency import Adjacency, stands_upright
+from completion.extension.limits import (
+    FULL_TURN_ARC,
+    INNER_POINTS,
+    MOST_RADIUS_SD,
+    OUTLYING_SHARE,
+    SIDEWAYS_COSINE,
+)
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
-from completion.observe.user_options import Mode, UserOptions
+from completion.observe.user_options import UserOptions
 from completion.segmentation.regions import observed_arc
 from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
-_INNER = 0.98  # of a surface's points that lie on the inner side of what it ends at
-_SIDEWAYS = 0.7  # cosine between a plane's normal and the direction whose side it closes
-
-LEAST_CONFIDENCE: dict[Mode, float] = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
-"""Probability below which a place is left unknown."""
-
-_FULL_TURN_ARC = np.radians(90.0)
-_RADIUS_SD = 0.05  # of the radius: less certain cylinders are not closed
-_OUTLYING = 0.002  # of the measured points, left out on each side of their rectangle
 _MOST_POINTS = 50_000
-_LEVEL = 0.98  # cosine between a level plane's normal and up
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -195,8 +192,8 @@ def find_extent(
         raise TypeError(f"no extent is known for a {type(surface).__name__}")
 
     # 3. Rectangle: of what was measured, and on to the sides at which it was seen to end.
-    low, high = np.quantile(chart.to_uv(points), (_OUTLYING, 1 - _OUTLYING), axis=0)
-    boundary = boundaries[index].recharted(surface, chart)
+    low, high = np.quantile(chart.to_uv(points), (OUTLYING_SHARE, 1 - OUTLYING_SHARE), axis=0)
+    boundary = boundaries[index].in_chart(surface, chart)
     sides = ended_sides(boundary, low, high)
     ended = np.isfinite(sides) | adjacency.is_inset[index]
     low, high = np.fmin(low, sides[0]), np.fmax(high, sides[1])
@@ -204,7 +201,9 @@ def find_extent(
     # 4. Ends: where enclosing planes close the sides, and how probably it goes on to them.
     closing = [(number, cut) for number, cut in cuts if isinstance(cut, Plane)]
     ends, which = closed_sides(chart, [plane for _, plane in closing], low, high)
-    stands = [adjacency.standing[number] * is_upright(surface, plane) for number, plane in closing]
+    stands = [
+        adjacency.standing[number] * stands_upright(merged.fit, surfaces[number].fit) for number, _ in closing
+    ]
     goes_on = encloses[index] or isinstance(chart, Cylinder)
     probability = np.where(np.isfinite(ends), 1.0 if goes_on else np.array([*stands, 0.0])[which], 0.0)
     probability *= not adjacency.is_inset[index]
@@ -225,15 +224,12 @@ def find_extent(
         full_turn=full_turn,
         encloses=bool(encloses[index]) and isinstance(chart, Plane),
         is_inset=bool(adjacency.is_inset[index]),
-        is_level=_is_level(surface, np.array([0.0, 0.0, 1.0]) if up is None else up),
+        is_level=merged.fit.inclination(np.array([0.0, 0.0, 1.0]) if up is None else up).is_level
+        and isinstance(surface, Plane),
         seen_ends=seen_ends(boundary, low[1], high[1]) if isinstance(chart, Cylinder) else np.zeros(2),
         tilt=_tilt(chart, [closing[k][1] for k in which[which >= 0]]),
         radius_sd=radius_sd,
     )
-
-
-def _is_level(surface: Surface, up: FloatArray) -> bool:
-    return isinstance(surface, Plane) and abs(float(surface.normal_direction @ up)) > _LEVEL
 
 
 def _tilt(chart: Surface, closing: Sequence[Plane]) -> float:
@@ -245,8 +241,8 @@ def _tilt(chart: Surface, closing: Sequence[Plane]) -> float:
 
 def _may_close(cylinder: Cylinder, radius_sd: float, points: FloatArray) -> bool:
     """Tell whether a cylinder may be closed around its back: seen from outside, far round, and well known."""
-    known = radius_sd < _RADIUS_SD
-    return bool(not cylinder.concave and observed_arc(cylinder, points) >= _FULL_TURN_ARC and known)
+    known = radius_sd < MOST_RADIUS_SD
+    return bool(not cylinder.concave and observed_arc(cylinder, points) >= FULL_TURN_ARC and known)
 
 
 def with_ends(extent: Extent, planes: Sequence[Plane]) -> Extent:
@@ -297,7 +293,7 @@ def aligned_chart(plane: Plane, cuts: Sequence[Plane], points: FloatArray, bound
             directions.append(along)
             supports.append(float(size[near].sum()))
     for edge in find_edges(seen.only(seen.kind == BoundaryKind.OWN_EDGE)):
-        if isinstance(edge.curve, Line):
+        if isinstance(edge.curve, ChartLine):
             directions.append(plane.from_uv(edge.curve.direction) - plane.point)
             supports.append(float(np.ptp(edge.runs, axis=1).sum()))
     if max(supports, default=0.0) > 0:
@@ -332,7 +328,7 @@ def enclosing_cuts(
             continue
         distance = candidate.fit.surface.distance(points)
         slack = 3 * candidate.fit.rms + 0.02 * float(np.ptp(distance))
-        if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= _INNER:
+        if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= INNER_POINTS:
             cuts.append((other, candidate.fit.surface))
     return cuts
 
@@ -371,7 +367,7 @@ def _end_along(
     here = centre if isinstance(chart, Plane) else np.array([0.0, centre[1]])
     pair = cut.distance(chart.from_uv(np.stack([here - step, here + step])))
     slope = float(pair[1] - pair[0]) / (2 * float(step[axis]))
-    if sign * slope > -_SIDEWAYS:
+    if sign * slope > -SIDEWAYS_COSINE:
         return None
     corners = np.array([low, high])  # of the side
     corners[:, axis] = (high if sign > 0 else low)[axis]

@@ -15,13 +15,13 @@ from completion.edits.edit import FittedOpening, KnownFace, SurfaceEdits, outlin
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Label, Scans
 from completion.evidence.weighing import weigh
-from completion.extension.extent import LEAST_CONFIDENCE, ExtensionRules, Extent
+from completion.extension.extent import ExtensionRules, Extent
+from completion.extension.limits import FEWEST_CELLS, LEAST_CONFIDENCE, PAST_SIDE
 from completion.extension.patch import Patch, Provenance, in_hull
 from completion.observe.observation import Observation
 from scenes.checks import BoolArray, FloatArray
 from scenes.run.mapping import trim
 
-_GOES_ON = 0.95  # probability of surface just past a side that was seen: of openings fitted so, all had it
 _RIGHT, _SIDEWAYS = 1, (1, 3)
 _INWARDS = np.array([[0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0]])  # of bottom, right, top, left
 
@@ -66,17 +66,19 @@ def lay_openings(
     hole = (hidden & ~filled) | open_
     for opening in edits.fitted:
         at, size = _local(grid, opening)
-        part = _touching(hole, _within(at, np.zeros(2), size))
-        low, high = _reaching(opening, at, size, part, step=float(grid.cell.max()))
+        part = _touching_parts(hole, _within(at, np.zeros(2), size))
+        low, high = _extended_corners(opening, at, size, part, step=float(grid.cell.max()))
         inside, past = _within(at, low, high), _past_seen(opening, at, low, high, step=float(grid.cell.max()))
         surface = np.where(
-            part & hidden & past, _GOES_ON, _ended(opening, at, size, (low[1], high[1])) * (hidden & ~filled)
+            part & hidden & past,
+            PAST_SIDE,
+            _end_probability(opening, at, size, (low[1], high[1])) * (hidden & ~filled),
         )
         beside = (surface >= least) & (surface > confidence)
         filled[beside], confidence[beside] = True, surface[beside]
         filled[inside & hidden] = False
-        confidence[inside & hidden] = np.minimum(confidence[inside & hidden], 1 - _GOES_ON)
-        laid.append(_moved(opening, low, high, size))
+        confidence[inside & hidden] = np.minimum(confidence[inside & hidden], 1 - PAST_SIDE)
+        laid.append(_with_sides(opening, low, high, size))
     return filled, confidence, replace(edits, fitted=tuple(laid))
 
 
@@ -92,14 +94,14 @@ def _within(at: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
     return np.asarray(((at > low) & (at < high)).all(axis=-1))
 
 
-def _touching(cells: BoolArray, others: BoolArray) -> BoolArray:
+def _touching_parts(cells: BoolArray, others: BoolArray) -> BoolArray:
     """The parts of some cells (rows, columns) that reach into others."""
     part, _ = ndimage.label(cells)
     numbers = np.unique(part[others & cells])
     return np.asarray(np.isin(part, numbers[numbers > 0]))
 
 
-def _reaching(
+def _extended_corners(
     opening: FittedOpening, at: FloatArray, size: FloatArray, hole: BoolArray, *, step: float
 ) -> tuple[FloatArray, FloatArray]:
     """Corners (2,), (2,) of the opening with unseen sides where the hole ends that it lies in.
@@ -125,7 +127,9 @@ def _reaching(
     return low, high
 
 
-def _ended(opening: FittedOpening, at: FloatArray, size: FloatArray, band: tuple[float, float]) -> FloatArray:
+def _end_probability(
+    opening: FittedOpening, at: FloatArray, size: FloatArray, band: tuple[float, float]
+) -> FloatArray:
     """Probability (rows, columns) that the opening has ended past a side that nobody saw; 0 elsewhere.
 
     Elsewhere are also places below and above the `band` of it.
@@ -152,7 +156,7 @@ def _past_seen(
     return np.asarray(np.any([none, *seen], axis=0) & ~np.any([none, *unseen], axis=0))
 
 
-def _moved(opening: FittedOpening, low: FloatArray, high: FloatArray, size: FloatArray) -> FittedOpening:
+def _with_sides(opening: FittedOpening, low: FloatArray, high: FloatArray, size: FloatArray) -> FittedOpening:
     """The opening with its sides at these places, and what may still be off of those that nobody saw."""
     first = opening.outline[0]
     along = (opening.outline[1] - first) / size[0], (opening.outline[3] - first) / size[1]
@@ -169,11 +173,6 @@ def _moved(opening: FittedOpening, low: FloatArray, high: FloatArray, size: Floa
 
 
 Owners = NDArray[np.int32]
-
-GOES_ON = 0.95
-"""Probability that a reveal whose side and depth are known is there."""
-
-_FEWEST_CELLS = 3  # across a face
 
 
 def with_faces(
@@ -197,7 +196,7 @@ def with_faces(
             owner.ravel()[flat] = number
         owners[scan] = keep(owner)
         trim()
-    return scans.numbered(owners)
+    return scans.with_owners(owners)
 
 
 def extend_face(face: KnownFace, scans: Scans, number: int, rules: ExtensionRules) -> Patch:
@@ -225,7 +224,7 @@ def extend_face(face: KnownFace, scans: Scans, number: int, rules: ExtensionRule
     evidence = weigh(grid, spread, scans, number)
     hidden = (evidence.labels == Label.OCCLUDED) & ~evidence.open & ~evidence.observed
     hidden &= (spread.reshape(grid.shape) <= rules.wishes.max_sd_m) & (
-        LEAST_CONFIDENCE[rules.wishes.mode] <= GOES_ON
+        LEAST_CONFIDENCE[rules.wishes.mode] <= PAST_SIDE
     )
     if rules.wishes.mode == "conservative":
         hidden = in_hull(evidence.observed, hidden)
@@ -252,7 +251,7 @@ def extend_face(face: KnownFace, scans: Scans, number: int, rules: ExtensionRule
         evidence=evidence,
         hypothesised=hidden,
         provenance=provenance,
-        confidence=np.where(evidence.observed, 1.0, GOES_ON * hidden),
+        confidence=np.where(evidence.observed, 1.0, PAST_SIDE * hidden),
         spread=spread.reshape(grid.shape),
         is_within=np.ones(grid.shape, dtype=np.bool_),
         edges=(),
@@ -277,6 +276,6 @@ def _footprint(face: KnownFace, observations: Sequence[Observation]) -> float:
 
 def _grid(face: KnownFace, cell_m: float) -> ChartGrid:
     """Cells of about one size that fill the outline exactly."""
-    count = np.maximum(np.ceil(face.size / cell_m - 1e-6).astype(np.int64), _FEWEST_CELLS)
+    count = np.maximum(np.ceil(face.size / cell_m - 1e-6).astype(np.int64), FEWEST_CELLS)
     chart = face.surface.fit.surface
     return ChartGrid(chart, -face.size / 2, face.size / count, (int(count[1]), int(count[0])), wraps=False)

@@ -12,7 +12,7 @@ from scipy import ndimage
 from shapely import LineString, contains_xy
 
 from completion.boundary.continuation import ContinuedEdge
-from completion.boundary.edges import Edge
+from completion.boundary.edges import BoundaryEdge
 from completion.boundary.hidden_regions import HiddenRegions, Labelling
 from completion.boundary.meshing import Trim
 from completion.edits.edit import SurfaceEdits
@@ -90,7 +90,7 @@ class Patch:
     confidence: FloatArray
     spread: FloatArray
     is_within: BoolArray
-    edges: tuple[Edge, ...]
+    edges: tuple[BoundaryEdge, ...]
     stretches: tuple[ContinuedEdge, ...]
     shadows: HiddenRegions
     labelling: Labelling

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.boundary.continuation import ContinuedEdge, continue_edges
-from completion.boundary.edges import Edge, edge_along, find_edges, meeting_line
+from completion.boundary.edges import BoundaryEdge, edge_along, find_edges, meeting_line
 from completion.boundary.hidden_regions import HiddenRegions, divide_hidden, label_regions
 from completion.boundary.meshing import Trim, trimmed_to_frames
 from completion.edits.application import EditedSurface
@@ -20,15 +20,10 @@ from completion.evidence.evidence import Evidence, Label, Scans
 from completion.evidence.sight import ball_around
 from completion.evidence.weighing import weigh
 from completion.extension.confidence import as_far_as_probable, estimate, silent_cells, trust
-from completion.extension.extent import (
-    LEAST_CONFIDENCE,
-    ExtensionRules,
-    Extent,
-    with_ends,
-    with_joints,
-)
+from completion.extension.extent import ExtensionRules, Extent, with_ends, with_joints
 from completion.extension.features import lay_openings
 from completion.extension.grid import lay_grid
+from completion.extension.limits import LEAST_CONFIDENCE
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
 from completion.fitting.result import SurfaceFit
 from scenes.checks import BoolArray
@@ -90,7 +85,7 @@ def extend(
         hidden = in_hulls(evidence.observed, hidden)
 
     # 3. Divide: continue the surface's own edges through the hidden cells, which fall into regions.
-    edges = _boundary_edges(extent, boundary.recharted(surface.fit.surface, extent.chart))
+    edges = _boundary_edges(extent, boundary.in_chart(surface.fit.surface, extent.chart))
     continued = continue_edges(edges, grid, hidden, rules.cues)
     measured = _across_limb(evidence, grid)
     regions = divide_hidden(grid, hidden, measured, evidence.open, continued)
@@ -115,7 +110,7 @@ def extend(
     filled = occluded | (filled & silent & (confidence >= least))
 
     # 8. Trim: cut cells along the continued edges, declared openings and the edges of the view.
-    filled, trims = _trimmed(grid, evidence, filled, regions, continued)
+    filled, trims = _add_trimmed_cells(grid, evidence, filled, regions, continued)
     filled, trims = _without_openings(grid, evidence, filled & ~edits.rejected_cells(grid), edits, trims)
     looking = np.flatnonzero(scans.views.may_see(ball_around(grid.bounds(), grid.cell)))
     frames = [scans.observations[scan] for scan in looking.tolist()]
@@ -167,12 +162,12 @@ def _across_limb(evidence: Evidence, grid: ChartGrid) -> BoolArray:
     if not isinstance(grid.surface, Cylinder):
         return evidence.observed
     limb = evidence.limb & ~evidence.rings_passed()[:, None]
-    return _connected(limb | evidence.observed, evidence.observed, grid.wraps)
+    return _connected_part(limb | evidence.observed, evidence.observed, grid.wraps)
 
 
 def _connected_cells(cells: BoolArray, measured: BoolArray, grid: ChartGrid) -> BoolArray:
     """Those of the cells that hang together with measured ones."""
-    return cells & _connected(cells | measured, measured, grid.wraps)
+    return cells & _connected_part(cells | measured, measured, grid.wraps)
 
 
 def _without_openings(
@@ -200,7 +195,7 @@ def _beyond(grid: ChartGrid, extent: Extent, sides: BoolArray) -> BoolArray:
     return np.asarray(up[:, None] | across, dtype=np.bool_)
 
 
-def _boundary_edges(extent: Extent, boundary: BoundaryPixels) -> list[Edge]:
+def _boundary_edges(extent: Extent, boundary: BoundaryPixels) -> list[BoundaryEdge]:
     """Creases with the surfaces that it meets, and its own edges elsewhere."""
     creases, free = [], boundary.kind == BoundaryKind.OWN_EDGE
     seen = np.isin(boundary.kind, (BoundaryKind.CONTIGUOUS, BoundaryKind.OWN_EDGE))
@@ -213,7 +208,7 @@ def _boundary_edges(extent: Extent, boundary: BoundaryPixels) -> list[Edge]:
     return [edge for edge in creases if len(edge.runs)] + find_edges(boundary.only(free))
 
 
-def _trimmed(
+def _add_trimmed_cells(
     grid: ChartGrid,
     evidence: Evidence,
     hypothesised: BoolArray,
@@ -254,7 +249,7 @@ def _within(grid: ChartGrid, extent: Extent, evidence: Evidence) -> BoolArray:
     return inside
 
 
-def _connected(passable: BoolArray, start: BoolArray, wraps: bool) -> BoolArray:
+def _connected_part(passable: BoolArray, start: BoolArray, wraps: bool) -> BoolArray:
     """The part of `passable` connected with `start`, across the seam where the grid wraps."""
     part, n_parts = ndimage.label(passable)
     reached = np.zeros(n_parts + 1, dtype=np.bool_)

@@ -7,14 +7,16 @@ and places that a search takes are by choice: they stand where they are used.
 
 import numpy as np
 
+from scenes.inclination import LIMIT_DEG, Inclination
+
 FEWEST_POINTS = 20
 """Points in which features are sought. By eye."""
 
 # Upright structure
-FLAT_COSINE = np.cos(np.radians(25.0))
-"""Of normals of level points along up: 25 deg, since normals of few neighbours scatter. By eye."""
-STEEP_SINE = np.sin(np.radians(25.0))
-"""Of normals of upright points along up: the same 25 deg."""
+FLAT_COSINE = np.cos(np.radians(Inclination(0.0, LIMIT_DEG).limit_deg))
+"""Of normals of level points along up: those of few neighbours are no better known than the limit."""
+STEEP_SINE = np.sin(np.radians(Inclination(0.0, LIMIT_DEG).limit_deg))
+"""Of normals of upright points along up: the same angle."""
 LEAST_STEPS = 3
 """Of a flight: two give a rise and a going, a third confirms them."""
 PATCH_POINTS = 12

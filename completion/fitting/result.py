@@ -9,7 +9,8 @@ import numpy as np
 
 from completion.fitting.kinds import chart_of, chart_origin, kind_of
 from scenes.checks import BoolArray, FloatArray, InputError, freeze_arrays
-from scenes.surfaces.catalogue import Cone, Plane, Surface
+from scenes.inclination import Inclination
+from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Surface
 
 
 class FitError(InputError):
@@ -113,6 +114,19 @@ class SurfaceFit:
             apex, half_angle = total.pop("apex"), total.pop("half_angle")
             return total | {"half_angle_deg": float(np.degrees(half_angle)), "apex": apex}
         return total
+
+    def inclination(self, up: FloatArray, up_sd_deg: float = 0.0) -> Inclination:
+        """Return the angle of a plane or of a cylinder's axis with the horizontal; NaN of other surfaces.
+
+        `up` (3,) is a unit vector in the frame of the surface, `up_sd_deg` its standard deviation, degrees.
+        """
+        if isinstance(self.surface, Plane):
+            normal, covariance = self.surface.normal_direction, self.parameter_covariances()["normal"]
+            return Inclination.of_plane(normal, up, covariance, up_sd_deg)
+        if isinstance(self.surface, Cylinder):
+            axis, covariance = self.surface.direction, self.parameter_covariances()["direction"]
+            return Inclination.of_axis(axis, up, covariance, up_sd_deg)
+        return Inclination(np.nan)
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the parameters and how well they are known."""

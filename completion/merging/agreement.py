@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from completion.evidence.form import Form, form_of
 from completion.fitting.result import SurfaceFit, allow_for_warp
+from completion.merging.limits import LEAST_COSINE, LEAST_FACING, STEEPEST
 from completion.observe.rays import dot, minus
 from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled, inlined
@@ -130,9 +131,6 @@ def density(difference: FloatArray, covariance: FloatArray) -> tuple[float, floa
 
 
 _CHI2 = {3: 16.27, 5: 20.52}  # 99.9 % quantiles: one true pair in a thousand stays apart
-_STEEPEST = 1.0  # radians of tilt that an unrelated surface may have as well
-LEAST_COSINE = 0.5  # of the normals of two parts of one surface
-LEAST_FACING = 0.8  # of those of a part and of the surface that it lies on
 _TOGETHER = 4096  # pairs that are compared together
 _FEW = 24  # points of a part that differences are read at
 
@@ -159,7 +157,7 @@ NO_DOUBT = PoseDoubt()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class FittedPart:
     """A fitted surface with what tests of sameness need."""
 
     fit: SurfaceFit  # covariance inflated for correlated residuals
@@ -179,7 +177,7 @@ class Part:
         scale: float,
         systematic_m: float,
         doubt: PoseDoubt = NO_DOUBT,
-    ) -> Part:
+    ) -> FittedPart:
         """Return the part of points (m, 3), with a systematic error: a warp as long as the part.
 
         Such a warp is one sample of the surface, not many. It adds s^2 (mean g g')^-1 to the covariance, with
@@ -239,7 +237,7 @@ class Agreement:
     log_evidence: float  # log of how many times likelier the difference is if they are one
 
 
-def compare(first: Part, second: Part) -> Agreement:
+def compare(first: FittedPart, second: FittedPart) -> Agreement:
     """Compare two parts of one kind.
 
     The difference is the height of the other surface above this one at points of both, expressed by the
@@ -255,7 +253,7 @@ def compare(first: Part, second: Part) -> Agreement:
     return _agreement(first, second, square, log_density)
 
 
-def compare_all(parts: Sequence[Part], pairs: IntArray) -> tuple[FloatArray, FloatArray]:
+def compare_all(parts: Sequence[FittedPart], pairs: IntArray) -> tuple[FloatArray, FloatArray]:
     """How pairs (k, 2) of parts `compare`: `Agreement.chi2` (k,) and `Agreement.log_evidence` (k,)."""
     chi2, log_evidence = np.zeros(len(pairs)), np.zeros(len(pairs))
     curved = np.array([part.form.is_curved for part in parts], dtype=np.bool_)
@@ -267,7 +265,7 @@ def compare_all(parts: Sequence[Part], pairs: IntArray) -> tuple[FloatArray, Flo
         table = _Planes.of(parts)
         for start in range(0, len(flat), _TOGETHER):
             sample = flat[start : start + _TOGETHER]
-            chi2[sample], log_evidence[sample] = table.compared(pairs[sample])
+            chi2[sample], log_evidence[sample] = table.compare_pairs(pairs[sample])
     return chi2, log_evidence
 
 
@@ -282,7 +280,7 @@ class _Planes:
     doubts: FloatArray  # (n, 2) variances of shift and turn of its pose
 
     @classmethod
-    def of(cls, parts: Sequence[Part]) -> _Planes:
+    def of(cls, parts: Sequence[FittedPart]) -> _Planes:
         """Return the numbers of parts; those of curved ones are 0."""
         forms, covariances = np.zeros((len(parts), 12)), np.zeros((len(parts), 3, 3))
         for number, part in enumerate(parts):
@@ -298,7 +296,7 @@ class _Planes:
             doubts=np.array([(doubt.shift_m**2, doubt.turn**2) for doubt in doubts]),
         )
 
-    def compared(self, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
+    def compare_pairs(self, pairs: IntArray) -> tuple[FloatArray, FloatArray]:
         """`compare` of pairs (k, 2) of planes."""
         first, second = pairs.T
         is_of_one_scan = (self.scans[first] == self.scans[second]) & (self.scans[first] >= 0)
@@ -311,7 +309,7 @@ class _Planes:
         return square / _CHI2[3], log_density + _log_prior_volume(1, np.linalg.norm(high - low, axis=1))
 
 
-def compare_at_points(first: Part, second: Part) -> Agreement:
+def compare_at_points(first: FittedPart, second: FittedPart) -> Agreement:
     """Compare two parts of one kind by the least squares that `compare` solves for planes in closed form."""
     here, there = first.fit.surface, second.fit.surface
     points = np.concatenate([first.few, second.few])
@@ -327,14 +325,14 @@ def compare_at_points(first: Part, second: Part) -> Agreement:
     return _agreement(first, second, *density(difference, covariance))
 
 
-def _agreement(first: Part, second: Part, square: float, log_density: float) -> Agreement:
+def _agreement(first: FittedPart, second: FittedPart, square: float, log_density: float) -> Agreement:
     """The agreement from squared Mahalanobis distance and log density of a difference."""
     size = np.maximum(first.box[1], second.box[1]) - np.minimum(first.box[0], second.box[0])
     volume = _log_prior_volume(3 if first.form.is_curved else 1, np.sqrt(size @ size))
     return Agreement(square / _CHI2[len(first.covariance)], log_density + float(volume))
 
 
-def lies_on(small: Part, large: Part) -> bool:
+def lies_on(small: FittedPart, large: FittedPart) -> bool:
     """Tell whether a part lies within noise of a surface and faces alike; its own fit may say little."""
     surface = large.fit.surface
     allowed = np.square(small.scale) + large.variance_at(small.points, small.doubt.against(large.doubt))
@@ -343,7 +341,7 @@ def lies_on(small: Part, large: Part) -> bool:
     return square <= 1 + small.slack and float(np.median(facing)) > LEAST_FACING
 
 
-def log_evidence_of_height(small: Part, large: Part) -> float:
+def log_evidence_of_height(small: FittedPart, large: FittedPart) -> float:
     """Log of how many times likelier a small part's height over a surface is if it is a part of it.
 
     Against an unrelated one, which lies anywhere within the size of both. A surface that is not known there,
@@ -367,7 +365,7 @@ def _log_prior_volume(lengths: int, size: FloatArray) -> FloatArray:
 
     So many of them are lengths, two are slopes.
     """
-    return np.asarray(lengths * np.log(2 * size) + 2 * np.log(2 * _STEEPEST))
+    return np.asarray(lengths * np.log(2 * size) + 2 * np.log(2 * STEEPEST))
 
 
 _LEAST_AREA = 1e-9  # of a part's outline, square metres
@@ -377,13 +375,13 @@ _LEAST_AREA = 1e-9  # of a part's outline, square metres
 class Prior:
     """Odds that two of n parts are one surface, by what else is near and by the gap between them."""
 
-    parts: Sequence[Part]
+    parts: Sequence[FittedPart]
     boxes: FloatArray  # (n, 2, 3) least and greatest coordinates of each, metres
     is_curved: BoolArray  # (n,)
     n_scans: int  # that they are of
 
     @classmethod
-    def of(cls, parts: Sequence[Part], n_scans: int) -> Prior:
+    def of(cls, parts: Sequence[FittedPart], n_scans: int) -> Prior:
         """Return the prior of the parts of so many scans."""
         boxes = np.array([part.box for part in parts]).reshape(-1, 2, 3)
         return cls(parts, boxes, np.array([part.form.is_curved for part in parts], dtype=np.bool_), n_scans)
@@ -411,16 +409,16 @@ class Prior:
         return int(np.count_nonzero(rivals)) - int(rivals[first])
 
 
-def _log_growth(part: Part, other: Part) -> float:
+def _log_growth(part: FittedPart, other: FittedPart) -> float:
     """Logarithm of how many times the outline around both holds what their own outlines hold."""
     surface = other.fit.surface
     first, second = surface.to_uv(part.points), surface.to_uv(other.points)
     if np.isfinite(surface.period):
         first[:, 0] += np.rint((second[:, 0].mean() - first[:, 0]) / surface.period) * surface.period
-    seen = max(_outlined(first) + _outlined(second), _LEAST_AREA)
-    return float(np.log(max(_outlined(np.concatenate([first, second])) / seen, 1.0)))
+    seen = max(_hull_area(first) + _hull_area(second), _LEAST_AREA)
+    return float(np.log(max(_hull_area(np.concatenate([first, second])) / seen, 1.0)))
 
 
-def _outlined(uv: FloatArray) -> float:
+def _hull_area(uv: FloatArray) -> float:
     """Area of the convex hull of points (n, 2), square metres."""
     return float(cv2.contourArea(cv2.convexHull(uv.astype(np.float32))))

@@ -11,7 +11,8 @@ from numba import int64
 from numpy.typing import NDArray
 
 from completion.evidence.form import Form
-from completion.merging.agreement import LEAST_COSINE, LEAST_FACING, Part
+from completion.merging.agreement import FittedPart
+from completion.merging.limits import CANDIDATE_SD, LEAST_COSINE, LEAST_FACING
 from completion.observe.rays import dot, minus, plus
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.run.mapping import trim
@@ -138,10 +139,7 @@ def _may_pass(
     return not height - spots.radius[k] > allowed * (1.0 + _SLACK) + _SLACK
 
 
-_DEVIATIONS = 5.0  # at a part's middle, beyond which no test is needed
-
-
-def find_candidates(parts: Sequence[Part]) -> IntArray:
+def find_candidates(parts: Sequence[FittedPart]) -> IntArray:
     """Return the pairs (k, 2), ascending, each of whose surfaces passes near the other's middle.
 
     Both are of one kind; planes face alike. Parts of one plane are a pair however far apart they are.
@@ -156,17 +154,17 @@ def find_candidates(parts: Sequence[Part]) -> IntArray:
     normals = np.array([part.fit.surface.normal(m[None])[0] for part, m in zip(parts, middles, strict=True)])
     curved = np.array([part.form.is_curved for part in parts])
     none = np.zeros(len(parts))
-    tree = plant(_spots(middles, none, _DEVIATIONS * np.sqrt(variances), normals, curved))
+    tree = plant(_spots(middles, none, CANDIDATE_SD * np.sqrt(variances), normals, curved))
     passed = []
     for i, part in enumerate(parts):
         trim()
-        near = find_near(tree, part.form, (_DEVIATIONS, *part.spread()), LEAST_COSINE)
+        near = find_near(tree, part.form, (CANDIDATE_SD, *part.spread()), LEAST_COSINE)
         near = near[(curved[near] == part.form.is_curved) & (near != i)]
         height, variance = (
             part.fit.surface.distance(middles[near]),
             part.variance_at(middles[near], part.own_doubt()),
         )
-        passes = np.square(height) <= _DEVIATIONS**2 * (variance + variances[near])
+        passes = np.square(height) <= CANDIDATE_SD**2 * (variance + variances[near])
         if not part.form.is_curved:
             passes &= ~(normals[near] @ normals[i] < LEAST_COSINE)
         passed.append(i * len(parts) + near[passes])
@@ -176,7 +174,7 @@ def find_candidates(parts: Sequence[Part]) -> IntArray:
     return np.asarray(pairs[pairs[:, 0] < pairs[:, 1]], dtype=np.int64)
 
 
-def find_hosts(small: Sequence[Part], parts: Sequence[Part]) -> list[list[int]]:
+def find_hosts(small: Sequence[FittedPart], parts: Sequence[FittedPart]) -> list[list[int]]:
     """Return for each small part the parts, ascending, that it may lie on: all of these and some others."""
     hosts: list[list[int]] = [[] for _ in small]
     if not small:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from completion.evidence.form import Form, place_of
-from completion.evidence.sight import Ball, Eye, Sight, Views, look, pixel_of
-from completion.merging.agreement import Part
+from completion.evidence.sight import Ball, Eye, ScanSight, Views, look, pixel_of
+from completion.merging.agreement import FittedPart
+from completion.merging.limits import MAJORITY, STRIP_BRIDGES
 from completion.observe.rays import Noise, deviation_at, triple
 from scenes.checks import FloatArray
 from scenes.run.mapping import trim
@@ -26,7 +27,7 @@ from texture.engine.compiled import compiled, inlined
 _BLOCK = 2**16  # ranges that are looked at together
 
 
-class Packed(NamedTuple):
+class PackedScans(NamedTuple):
     """Scans without their pixels, which stay where they are: a loop takes no list of arrays."""
 
     numbers: FloatArray  # (n, 30) the eye and the noise of each
@@ -40,15 +41,15 @@ class Packed(NamedTuple):
 class Sights:
     """Some scans, packed for compiled loops."""
 
-    packed: Packed
+    packed: PackedScans
     views: Views
     ranges: tuple[FloatArray, ...]  # what the addresses lead to, kept alive
 
     @classmethod
-    def of(cls, sights: Sequence[Sight]) -> Sights:
+    def of(cls, sights: Sequence[ScanSight]) -> Sights:
         """Pack scans."""
         ranges = tuple(np.ascontiguousarray(sight.ranges, dtype=np.float64) for sight in sights)
-        packed = Packed(
+        packed = PackedScans(
             numbers=np.array([_numbers(sight) for sight in sights]),
             angles=np.concatenate([sight.angles for sight in sights]),
             first=np.cumsum([0, *(len(sight.angles) for sight in sights)]),
@@ -66,7 +67,7 @@ def _farthest(ranges: FloatArray) -> float:
     return farthest
 
 
-def _numbers(sight: Sight) -> FloatArray:
+def _numbers(sight: ScanSight) -> FloatArray:
     eye = sight.eye
     tolerances = eye.pixel_angle, eye.n_sigma, eye.flatness_m, eye.registration_m, eye.max_m
     view = *eye.shape, eye.is_spherical, *eye.lens
@@ -74,7 +75,7 @@ def _numbers(sight: Sight) -> FloatArray:
 
 
 @inlined
-def eye_of(scans: Packed, scan: int) -> Eye:
+def eye_of(scans: PackedScans, scan: int) -> Eye:
     """The eye of a scan."""
     a = scans.numbers[scan]
     return Eye(
@@ -93,7 +94,7 @@ def eye_of(scans: Packed, scan: int) -> Eye:
 
 
 @inlined
-def noise_of(scans: Packed, scan: int) -> Noise:
+def noise_of(scans: PackedScans, scan: int) -> Noise:
     """The noise of a scan's ranges."""
     a = scans.numbers[scan]
     return Noise(a[27], a[28], a[29])
@@ -112,20 +113,19 @@ def number_at(_typing: Any, address: Any, index: Any) -> Any:
 
 _N_ENDS = 40  # points of either part that bridges start from
 _N_STEPS = 24
-_STRIP = 3  # neighbouring bridges that make a strip
-_CLOSED = 0.5  # of a bridge's steps, that are to be hidden or measured
 _SLACK = 1e-6  # of rounding, metres
 
 
-def gap_is_hidden(part: Part, other: Part, sights: Sights) -> bool:
+def gap_is_hidden(part: FittedPart, other: FittedPart, sights: Sights) -> bool:
     """Tell whether a strip between two parts is wholly hidden or measured on the surface, by all scans.
 
     Bridges run on the other's surface from points of one part to points of the other. They make a strip
-    where `_STRIP` of them, neighbours at either end, are closed: no step lies where a beam went through, and
-    most are occluded or measured. Beside the strip it may be open: a window between two parts of a wall.
+    where `STRIP_BRIDGES` of them, neighbours at either end, are closed: no step lies where a beam went
+    through, and most are occluded or measured. Beside the strip it may be open: a window between two parts
+    of a wall.
     """
     first, second = _ends(other.fit.surface, part.points, other.points)
-    n = min(_STRIP, len(first), len(second))
+    n = min(STRIP_BRIDGES, len(first), len(second))
     near_first = cKDTree(first).query(first, k=n)[1].reshape(len(first), n)
     near_second = cKDTree(second).query(second, k=n)[1].reshape(len(second), n)
     scale = max(part.scale, other.scale)
@@ -136,7 +136,7 @@ def gap_is_hidden(part: Part, other: Part, sights: Sights) -> bool:
 
 
 def _nearest_scans(
-    first: FloatArray, second: FloatArray, other: Part, views: Views
+    first: FloatArray, second: FloatArray, other: FittedPart, views: Views
 ) -> tuple[NDArray[np.int64], int]:
     """The scans that may see a bridge (n,), and how many of them measured so far that a beam may cross one.
 
@@ -157,7 +157,7 @@ def _nearest_scans(
 
 @compiled
 def _has_strip(
-    scans: Packed,
+    scans: PackedScans,
     order: NDArray[np.int64],
     n_reaching: int,
     form: Form,
@@ -197,7 +197,7 @@ def _has_strip(
 
 @inlined
 def _is_closed(
-    scans: Packed,
+    scans: PackedScans,
     order: NDArray[np.int64],
     n_reaching: int,
     form: Form,
@@ -209,7 +209,7 @@ def _is_closed(
     across, up = ends[2] - ends[0], ends[3] - ends[1]
     seen, n_seen = np.zeros(_N_STEPS, np.bool_), 0
     for rank in range(order.size):
-        if rank >= n_reaching and n_seen > _CLOSED * _N_STEPS:
+        if rank >= n_reaching and n_seen > MAJORITY * _N_STEPS:
             break
         scan = order[rank]
         eye, noise, address = eye_of(scans, scan), noise_of(scans, scan), scans.address[scan]
@@ -233,7 +233,7 @@ def _is_closed(
             if not seen[k]:
                 seen[k] = True
                 n_seen += 1
-    return n_seen > _CLOSED * _N_STEPS
+    return n_seen > MAJORITY * _N_STEPS
 
 
 def _ends(surface: Surface, first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -241,18 +241,18 @@ def _ends(surface: Surface, first: FloatArray, second: FloatArray) -> tuple[Floa
     start, end = surface.to_uv(first), surface.to_uv(second)
     if np.isfinite(surface.period):
         end[:, 0] += np.rint((start[:, 0].mean() - end[:, 0]) / surface.period) * surface.period
-    return _facing(start, end), _facing(end, start)
+    return _facing_sample(start, end), _facing_sample(end, start)
 
 
-def _facing(uv: FloatArray, other: FloatArray) -> FloatArray:
+def _facing_sample(uv: FloatArray, other: FloatArray) -> FloatArray:
     """The nearest of `uv` to the other part, and as many from all over the rest of it."""
     distance = np.sqrt(_least_square(*uv.T.copy(), *other.T.copy()))
     order = np.argsort(distance, kind="stable")
     half = _N_ENDS // 2
     if len(order) <= _N_ENDS:
         return uv
-    rest = order[half:]
-    return np.asarray(uv[np.concatenate([order[:half], rest[:: max(1, len(rest) // half)][:half]])])
+    farther = order[half:]
+    return np.asarray(uv[np.concatenate([order[:half], farther[:: max(1, len(farther) // half)][:half]])])
 
 
 @compiled

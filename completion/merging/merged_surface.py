@@ -38,7 +38,7 @@ class MergedSurface:
         """Pixels in all scans together."""
         return self.pixels.n_pixels
 
-    def sampled(self, most: int) -> tuple[tuple[int, IntArray], ...]:
+    def sample_pixels(self, most: int) -> tuple[tuple[int, IntArray], ...]:
         """Return each scan that measured it, and every k-th of its flat pixels (n,) there.
 
         They are counted on from scan to scan; all of them, if there are fewer than twice `most`.
@@ -53,7 +53,7 @@ class MergedSurface:
         self, observations: Sequence[Observation], most: int
     ) -> Iterator[tuple[Observation, IntArray]]:
         """Yield each scan that measured it, and its `sampled` pixels (n,) there."""
-        for scan, subset in self.sampled(most):
+        for scan, subset in self.sample_pixels(most):
             if len(subset):
                 yield observations[scan], subset
 

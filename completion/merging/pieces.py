@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evidence.sight import Sight, pixel_of
+from completion.evidence.sight import ScanSight, pixel_of
 from completion.fitting.result import SurfaceFit, allow_for_warp
-from completion.merging.agreement import Part, PoseDoubt
+from completion.merging.agreement import FittedPart, PoseDoubt
+from completion.merging.limits import AS_NEAR, MAJORITY, VOTES
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation, PixelSet, ScanPixels
 from completion.observe.rays import deviation_at, dot, minus
@@ -27,12 +28,12 @@ _N_SAMPLE = 400  # points of a piece that take part in the pair tests
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Piece:
+class SurfacePiece:
     """A part of a surface with its pixels, and what the tests need."""
 
     fit: SurfaceFit
     pixels: tuple[tuple[int, PixelSet], ...]  # by scan, ascending
-    part: Part
+    part: FittedPart
     n_regions: int
     n_pixels: int
     systematic_m: float  # error that neighbouring ranges have in common
@@ -40,7 +41,9 @@ class Piece:
     relief_m: float = 0.0  # how far it strays from its plane, rms beyond noise and sensor, metres
 
     @classmethod
-    def of_region(cls, scan: int, region: Region, observation: Observation, tolerance: Tolerance) -> Piece:
+    def of_region(
+        cls, scan: int, region: Region, observation: Observation, tolerance: Tolerance
+    ) -> SurfacePiece:
         """Return a region of a scan as a piece."""
         trim()
         pixel = region.pixels.flat
@@ -51,7 +54,7 @@ class Piece:
         systematic = float(np.hypot(tolerance.flatness_m, observation.noise.bias(np.array([distance]))[0]))
         error = tolerance.of_pose(observation.pose_error_m).registration_m
         scale = float(np.hypot(observation.sigma_at(pixel).mean(), tolerance.flatness_m))
-        part = Part.of(region.fit, points, scale, systematic, PoseDoubt(scan, error, error / distance))
+        part = FittedPart.of(region.fit, points, scale, systematic, PoseDoubt(scan, error, error / distance))
         return cls(
             fit=region.fit,
             pixels=((scan, region.pixels),),
@@ -64,12 +67,12 @@ class Piece:
         )
 
     @classmethod
-    def fused(
+    def fuse(
         cls,
-        pieces: Sequence[Piece],
-        fitted: Fitted,
+        pieces: Sequence[SurfacePiece],
+        fitted: PieceFit,
         observations: Sequence[Observation],
-    ) -> Piece:
+    ) -> SurfacePiece:
         """Return what some pieces of one surface are together, from all their pixels and the fit to them.
 
         Its systematic error and scale are the means of theirs, by their pixels.
@@ -81,12 +84,12 @@ class Piece:
         systematic = float(np.average([piece.systematic_m for piece in pieces], weights=weight))
         scale = float(np.average([piece.part.scale for piece in pieces], weights=weight))
         held = fitted.pixels.held
-        sample = _sampled(held)
+        sample = _sample_pixels(held)
         points = np.concatenate([observations[number].points_at(members) for number, members in sample])
         return cls(
             fit=fitted.fit,
             pixels=held,
-            part=Part.of(fitted.fit, points, scale, systematic, _doubt_of(pieces, weight)),
+            part=FittedPart.of(fitted.fit, points, scale, systematic, _doubt_of(pieces, weight)),
             n_regions=sum(piece.n_regions for piece in pieces),
             n_pixels=int(weight.sum()),
             systematic_m=systematic,
@@ -94,13 +97,13 @@ class Piece:
             relief_m=_relief_of(pieces),
         )
 
-    def thinned(self, share: float) -> list[tuple[int, NDArray[np.int32]]]:
+    def subsample(self, share: float) -> list[tuple[int, NDArray[np.int32]]]:
         """Return a share of the sample by scan, flat pixels (n,), one of each scan at least."""
         step = max(int(1 / share), 1)
         return [(scan, members[::step]) for scan, members in self.sample]
 
 
-def _sampled(held: Sequence[tuple[int, PixelSet]]) -> tuple[tuple[int, NDArray[np.int32]], ...]:
+def _sample_pixels(held: Sequence[tuple[int, PixelSet]]) -> tuple[tuple[int, NDArray[np.int32]], ...]:
     """Some flat pixels (n,) by scan, evenly over all of them, without bringing these together."""
     ends = np.cumsum([len(pixel_set) for _, pixel_set in held])
     chosen = np.linspace(0, ends[-1] - 1, min(_N_SAMPLE, int(ends[-1]))).astype(np.int64)
@@ -111,7 +114,7 @@ def _sampled(held: Sequence[tuple[int, PixelSet]]) -> tuple[tuple[int, NDArray[n
     )
 
 
-def _doubt_of(pieces: Sequence[Piece], weight: FloatArray) -> PoseDoubt:
+def _doubt_of(pieces: Sequence[SurfacePiece], weight: FloatArray) -> PoseDoubt:
     """The means (n,) of what is doubtful of the poses, by their pixels."""
     doubts = [piece.part.doubt for piece in pieces]
     scans = {doubt.scan for doubt in doubts}
@@ -122,7 +125,7 @@ def _doubt_of(pieces: Sequence[Piece], weight: FloatArray) -> PoseDoubt:
     return PoseDoubt(scans.pop() if len(scans) == 1 else -1, shift, turn)
 
 
-class Fitted(NamedTuple):
+class PieceFit(NamedTuple):
     """All pixels of some pieces of one surface, and its fit to them."""
 
     pixels: ScanPixels
@@ -130,11 +133,11 @@ class Fitted(NamedTuple):
 
 
 def fit_groups(
-    groups: Sequence[Sequence[Piece]],
+    groups: Sequence[Sequence[SurfacePiece]],
     observations: Sequence[Observation],
     tolerance: Tolerance,
     spill: Spill | NoSpill,
-) -> list[Fitted]:
+) -> list[PieceFit]:
     """Fit a surface to all pixels of each group of pieces, which are kept where `spill` keeps them.
 
     The fit of a piece alone stays. Where the pixels determine no surface, that of the largest piece does.
@@ -151,16 +154,16 @@ def fit_groups(
         for k, fit in zip(several, fits, strict=True)
         if fit is not None
     }
-    return [Fitted(pixel, anew.get(k, starts[k])) for k, pixel in enumerate(pixels)]
+    return [PieceFit(pixel, anew.get(k, starts[k])) for k, pixel in enumerate(pixels)]
 
 
-def _relief_of(pieces: Sequence[Piece]) -> float:
+def _relief_of(pieces: Sequence[SurfacePiece]) -> float:
     """How far some pieces of one surface stray from their planes, the mean by pixels, metres."""
     weights = [piece.n_pixels for piece in pieces]
     return float(np.sqrt(np.average([piece.relief_m**2 for piece in pieces], weights=weights)))
 
 
-def _with_relief(fit: SurfaceFit, pieces: Sequence[Piece], flatness_m: float) -> SurfaceFit:
+def _with_relief(fit: SurfaceFit, pieces: Sequence[SurfacePiece], flatness_m: float) -> SurfaceFit:
     """The fit to some pieces, with their relief as a warp as long as all of them where that is uneven."""
     relief = _relief_of(pieces)
     if relief <= flatness_m:
@@ -168,7 +171,7 @@ def _with_relief(fit: SurfaceFit, pieces: Sequence[Piece], flatness_m: float) ->
     return allow_for_warp(fit, np.concatenate([piece.part.points for piece in pieces]), relief)
 
 
-def _together(pieces: Sequence[Piece], spill: Spill | NoSpill) -> tuple[tuple[int, PixelSet], ...]:
+def _together(pieces: Sequence[SurfacePiece], spill: Spill | NoSpill) -> tuple[tuple[int, PixelSet], ...]:
     """The pixels of some pieces, by scan; those of one are kept before the next are put together."""
     entries: dict[int, list[PixelSet]] = {}
     for scan, sample in (pair for piece in pieces for pair in piece.pixels):
@@ -182,19 +185,14 @@ def _together(pieces: Sequence[Piece], spill: Spill | NoSpill) -> tuple[tuple[in
     return tuple(kept)
 
 
-_VOTES = 5  # frames against one: what is found as often as not is missed by all with probability 1/32
-_AS_NEAR = 1.1  # times as far: frames from beyond see too coarsely to have a vote
-_MAJORITY = 0.5  # of a piece's points
-
-
-class Unconfirmed(NamedTuple):
+class UnconfirmedRegions(NamedTuple):
     """What was left out of a sequence: regions of single frames, and their pixels."""
 
     n_regions: int
     n_pixels: int
 
     @classmethod
-    def of(cls, regions: Sequence[Sequence[Region]], merged: Sequence[MergedSurface]) -> Unconfirmed:
+    def of(cls, regions: Sequence[Sequence[Region]], merged: Sequence[MergedSurface]) -> UnconfirmedRegions:
         """Count the regions, and the pixels, of all scans that are of no merged surface."""
         n_regions = sum(len(region) for region in regions) - sum(surface.n_parts for surface in merged)
         n_pixels = sum(region.n_pixels for group in regions for region in group) - sum(
@@ -203,7 +201,9 @@ class Unconfirmed(NamedTuple):
         return cls(n_regions, n_pixels)
 
 
-def confirmed(groups: Sequence[list[Piece]], sights: Sequence[Sight], first: int) -> list[list[Piece]]:
+def drop_unconfirmed(
+    groups: Sequence[list[SurfacePiece]], sights: Sequence[ScanSight], first: int
+) -> list[list[SurfacePiece]]:
     """Return the groups without pieces of one frame that five others did not find again.
 
     Far off, noise makes planes of its own, and each frame of a sequence makes other ones. A frame speaks
@@ -221,7 +221,7 @@ def confirmed(groups: Sequence[list[Piece]], sights: Sequence[Sight], first: int
         Number of the first of them.
     """
     alone = [number for number, group in enumerate(groups) if len(group) == 1]
-    if not alone or len(sights) <= _VOTES:
+    if not alone or len(sights) <= VOTES:
         return list(groups)
     pieces = [groups[number][0] for number in alone]
     which = np.repeat(np.arange(len(pieces)), [len(piece.part.points) for piece in pieces])
@@ -235,16 +235,16 @@ def confirmed(groups: Sequence[list[Piece]], sights: Sequence[Sight], first: int
 
     n_points, votes = np.bincount(which), np.zeros(len(pieces), np.int64)
     for number, sight in enumerate(sights):
-        sees = _sees(sight, points, scale, _AS_NEAR * reach)
+        sees = _sees(sight, points, scale, AS_NEAR * reach)
         share = np.bincount(which, sees, minlength=len(pieces)) / n_points
-        votes += (share > _MAJORITY) & (first_scans != number)
+        votes += (share > MAJORITY) & (first_scans != number)
         trim()
-    left_out = {number for number, n in zip(alone, votes.tolist(), strict=True) if n >= _VOTES}
+    left_out = {number for number, n in zip(alone, votes.tolist(), strict=True) if n >= VOTES}
     return [group for number, group in enumerate(groups) if number not in left_out]
 
 
 @compiled
-def _sees(sight: Sight, points: FloatArray, scale: FloatArray, farthest: FloatArray) -> NDArray[np.int8]:
+def _sees(sight: ScanSight, points: FloatArray, scale: FloatArray, farthest: FloatArray) -> NDArray[np.int8]:
     """Tell at which points (n, 3), known to `scale` (n,), a scan measured with nothing before them.
 
     From no farther than `farthest` (n,), metres.

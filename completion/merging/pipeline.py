@@ -9,13 +9,21 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.evidence.sight import Sight, sight_of
-from completion.merging.agreement import Part, Prior, compare, compare_all, lies_on, log_evidence_of_height
+from completion.evidence.sight import ScanSight, sight_of
+from completion.merging.agreement import (
+    FittedPart,
+    Prior,
+    compare,
+    compare_all,
+    lies_on,
+    log_evidence_of_height,
+)
 from completion.merging.candidates import find_candidates, find_hosts
 from completion.merging.gaps import Sights, gap_is_hidden
+from completion.merging.limits import APART_SD, LEAST_LOG_ODDS, LEAST_SAMPLE_SHARE, SMALL_SHARE
 from completion.merging.merged_surface import MergedSurface
-from completion.merging.pieces import Piece, confirmed, fit_groups
-from completion.observe.observation import Beams, Observation
+from completion.merging.pieces import SurfacePiece, drop_unconfirmed, fit_groups
+from completion.observe.observation import LabelledBeams, Observation
 from completion.observe.refitting import improve
 from completion.observe.tolerance import Tolerance
 from completion.segmentation.regions import Groups, Region
@@ -28,7 +36,7 @@ _ALIKE, _DIFFERENT = 1, 2
 class Verdicts:
     """Which of n parts differ from one another; pairs that were not compared are when they are asked for."""
 
-    def __init__(self, parts: Sequence[Part], pairs: IntArray, chi2: FloatArray) -> None:
+    def __init__(self, parts: Sequence[FittedPart], pairs: IntArray, chi2: FloatArray) -> None:
         """Keep what pairs (k, 2) came to: they differ where `chi2` (k,) is more than 1."""
         self._parts = parts
         self._known: NDArray[np.int8] = allocate((len(parts), len(parts)), np.int8)
@@ -52,10 +60,6 @@ class Verdicts:
 
 _MOST_SCANS = 64  # that are merged together, each pair of them
 _BLOCK = 16  # scans, or blocks of them, that are merged together where there are more
-_LEAST_ODDS = float(np.log(20.0))  # that parts are one surface: "strong" (Kass & Raftery 1995)
-_LEAST_SHARE = 0.04  # of a small part's sample, that takes part in the common fit
-_APART = 4.0  # standard deviations of its warp by which any part of a surface may stand off the common fit
-_SMALL = 0.05  # of another region's pixels: so small a part may lie on it without having its shape
 
 
 def merge(
@@ -65,7 +69,7 @@ def merge(
     *,
     across: bool = True,
     keys: Sequence[int] | None = None,
-    sights: Sequence[Sight] = (),
+    sights: Sequence[ScanSight] = (),
     spill: Spill | NoSpill = NO_SPILL,
 ) -> list[MergedSurface]:
     """Join regions that one surface explains and that nothing observed keeps apart.
@@ -102,9 +106,9 @@ def merge(
         Where the pixels of what is joined are kept.
     """
 
-    def pieces_of(scan: int) -> list[Piece]:
+    def pieces_of(scan: int) -> list[SurfacePiece]:
         piece_none_none = (
-            Piece.of_region(scan, region, observations[scan], tolerance) for region in regions[scan]
+            SurfacePiece.of_region(scan, region, observations[scan], tolerance) for region in regions[scan]
         )
         return [spill.keep(piece) for piece in piece_none_none]
 
@@ -112,22 +116,22 @@ def merge(
         sights = sights or [sight_of(seen, tolerance) for seen in observations]
         packed = Sights.of(sights if keys is None else [sights[number] for number in keys])
         pieces = _in_blocks(pieces_of, observations, sights, packed, tolerance, spill=spill)
-        groups = _grouped(pieces, observations, packed, tolerance)
+        groups = _group_pieces(pieces, observations, packed, tolerance)
     else:
         groups = [[piece] for scan in range(len(observations)) for piece in pieces_of(scan)]
-    merged = _merged(groups, observations, tolerance, spill)
+    merged = _merge_groups(groups, observations, tolerance, spill)
     return sorted(merged, key=lambda surface: -surface.n_pixels)
 
 
 def _in_blocks(
-    pieces_of: Callable[[int], list[Piece]],
+    pieces_of: Callable[[int], list[SurfacePiece]],
     observations: Sequence[Observation],
-    sights: Sequence[Sight],
+    sights: Sequence[ScanSight],
     packed: Sights,
     tolerance: Tolerance,
     *,
     spill: Spill | NoSpill,
-) -> list[Piece]:
+) -> list[SurfacePiece]:
     """Merge the pieces of sixteen consecutive scans, or blocks of them, at a time, while there are many.
 
     `pieces_of` makes the pieces of a scan by its number, when their block is reached.
@@ -138,21 +142,21 @@ def _in_blocks(
         for first in range(0, n_blocks, _BLOCK):
             numbers = range(first, min(first + _BLOCK, n_blocks))
             pieces = [piece for number in numbers for piece in pieces_of(number)]
-            groups = _grouped(pieces, observations, packed, tolerance)
+            groups = _group_pieces(pieces, observations, packed, tolerance)
             if n_blocks == len(observations):
-                groups = confirmed(groups, sights[first : first + _BLOCK], first)
+                groups = drop_unconfirmed(groups, sights[first : first + _BLOCK], first)
             fitted = fit_groups(groups, observations, tolerance, spill)
             blocks.append([
-                spill.keep(Piece.fused(group, fit, observations))
+                spill.keep(SurfacePiece.fuse(group, fit, observations))
                 for group, fit in zip(groups, fitted, strict=True)
             ])  # fmt: skip
         pieces_of, n_blocks = blocks.__getitem__, len(blocks)
     return [piece for number in range(n_blocks) for piece in pieces_of(number)]
 
 
-def _grouped(
-    pieces: Sequence[Piece], observations: Sequence[Observation], sights: Sights, tolerance: Tolerance
-) -> list[list[Piece]]:
+def _group_pieces(
+    pieces: Sequence[SurfacePiece], observations: Sequence[Observation], sights: Sights, tolerance: Tolerance
+) -> list[list[SurfacePiece]]:
     """The pieces of each surface."""
     groups = Groups(len(pieces))
     prior = Prior.of(
@@ -165,7 +169,7 @@ def _grouped(
 
 def _join_alike(
     groups: Groups,
-    parts: Sequence[Piece],
+    parts: Sequence[SurfacePiece],
     observations: Sequence[Observation],
     sights: Sights,
     tolerance: Tolerance,
@@ -177,12 +181,12 @@ def _join_alike(
     pairs, chi2, log_evidence = _agreements(alone)
     verdicts = Verdicts(alone, pairs, chi2)
     order = np.lexsort([pairs[:, 1], pairs[:, 0], chi2])
-    tried = order[(chi2[order] <= 1) & (log_evidence[order] >= _LEAST_ODDS)]
+    tried = order[(chi2[order] <= 1) & (log_evidence[order] >= LEAST_LOG_ODDS)]
     for k in tried:  # of the pairs there are very many: no list of them
         i, j, evidence = int(pairs[k, 0]), int(pairs[k, 1]), float(log_evidence[k])
         if groups.are_one(i, j) or verdicts.contradict(groups.of(i), groups.of(j)):
             continue
-        if evidence + prior.log_odds(i, j) < _LEAST_ODDS:
+        if evidence + prior.log_odds(i, j) < LEAST_LOG_ODDS:
             continue
         joined = [parts[k] for k in sorted(groups.of(i) + groups.of(j))]
         trim()
@@ -190,21 +194,23 @@ def _join_alike(
             groups.join(i, j)
 
 
-def _agreements(parts: Sequence[Part]) -> tuple[IntArray, FloatArray, FloatArray]:
+def _agreements(parts: Sequence[FittedPart]) -> tuple[IntArray, FloatArray, FloatArray]:
     """The pairs (k, 2) that come into question at all, and how they compare: chi2 (k,), log evidence (k,)."""
     pairs = find_candidates(parts)
     return pairs, *compare_all(parts, pairs)
 
 
-def _fits_all(parts: Sequence[Piece], observations: Sequence[Observation], tolerance: Tolerance) -> bool:
+def _fits_all(
+    parts: Sequence[SurfacePiece], observations: Sequence[Observation], tolerance: Tolerance
+) -> bool:
     """Tell whether one surface leaves each of the parts no rougher than its own noise and warps do."""
     start = max(parts, key=lambda piece: piece.n_pixels).fit.surface
     most = max(part.n_pixels for part in parts)
-    shares = [max(part.n_pixels / most, _LEAST_SHARE) for part in parts]
-    pairs = [pair for part, share in zip(parts, shares, strict=True) for pair in part.thinned(share)]
+    shares = [max(part.n_pixels / most, LEAST_SAMPLE_SHARE) for part in parts]
+    pairs = [pair for part, share in zip(parts, shares, strict=True) for pair in part.subsample(share)]
     pairs.sort(key=lambda pair: pair[0])
     beams = [
-        Beams.at(observations[scan], np.concatenate([members for _, members in several]))
+        LabelledBeams.at(observations[scan], np.concatenate([members for _, members in several]))
         for scan, several in groupby(pairs, key=lambda pair: pair[0])
     ]
     (joint,) = improve([start], beams, tolerance.flatness_m, n_rounds=2)
@@ -214,19 +220,19 @@ def _fits_all(parts: Sequence[Piece], observations: Sequence[Observation], toler
     among_several = len(scans) > 1 or min(scans) < 0
     for part in parts:
         value = (
-            part.fit.rms**2 + (_APART * part.systematic_m) ** 2 + among_several * part.part.doubt.shift_m**2
+            part.fit.rms**2 + (APART_SD * part.systematic_m) ** 2 + among_several * part.part.doubt.shift_m**2
         )
         if not np.mean(np.square(joint.distance(part.part.points))) <= (1 + part.part.slack) * value:
             return False
     return True
 
 
-def _hidden_between(first: Piece, second: Piece, sights: Sights) -> bool:
+def _hidden_between(first: SurfacePiece, second: SurfacePiece, sights: Sights) -> bool:
     larger, smaller = (first, second) if first.n_pixels >= second.n_pixels else (second, first)
     return gap_is_hidden(smaller.part, larger.part, sights)
 
 
-def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights, prior: Prior) -> None:
+def _adopt_small(groups: Groups, parts: Sequence[SurfacePiece], sights: Sights, prior: Prior) -> None:
     """Put small parts that lie on a much larger one, but are too small to be tested, into its group.
 
     Far from where it was measured a surface is hardly known, and something small lies near it by chance: its
@@ -243,21 +249,21 @@ def _adopt_small(groups: Groups, parts: Sequence[Piece], sights: Sights, prior: 
             continue
         for i in sorted(near, key=rank.__getitem__):
             large = parts[i]
-            if small.n_pixels > _SMALL * large.n_pixels:
+            if small.n_pixels > SMALL_SHARE * large.n_pixels:
                 break
             best = parts[min(groups.of(i), key=rank.__getitem__)]  # what is known best of that surface
             if not (lies_on(small.part, large.part) and lies_on(small.part, best.part)):
                 continue
             evidence = log_evidence_of_height(small.part, best.part)
-            if evidence + prior.log_odds(i, j) < _LEAST_ODDS:
+            if evidence + prior.log_odds(i, j) < LEAST_LOG_ODDS:
                 continue
             if _hidden_between(large, small, sights):
                 groups.join(i, j)
                 break
 
 
-def _merged(
-    groups: Sequence[Sequence[Piece]],
+def _merge_groups(
+    groups: Sequence[Sequence[SurfacePiece]],
     observations: Sequence[Observation],
     tolerance: Tolerance,
     spill: Spill | NoSpill,

@@ -10,9 +10,9 @@ import numpy as np
 
 from completion.evidence.evidence import Scans
 from completion.evidence.reach import Reach, reach_of
-from completion.evidence.sight import Sight, sight_of
+from completion.evidence.sight import ScanSight, sight_of
 from completion.merging.merged_surface import MergedSurface, number_pixels
-from completion.merging.pieces import Unconfirmed
+from completion.merging.pieces import UnconfirmedRegions
 from completion.merging.pipeline import merge
 from completion.observe.observation import Observation, find_key_frames, observe
 from completion.observe.tolerance import POSE_BOUND, REGISTRATION_M, EvidenceOptions, Tolerance
@@ -134,13 +134,13 @@ class ScanSurfaces:
     tolerance: Tolerance
     key_frames: tuple[int, ...]
     registration: Registration
-    sights: tuple[Sight, ...]
+    sights: tuple[ScanSight, ...]
     reach: tuple[Reach, ...]
 
     @property
-    def unconfirmed(self) -> Unconfirmed:
+    def unconfirmed(self) -> UnconfirmedRegions:
         """Regions of single frames of a sequence that other frames did not confirm."""
-        return Unconfirmed.of(self.regions, self.surfaces)
+        return UnconfirmedRegions.of(self.regions, self.surfaces)
 
     def evidence(self, steps: Steps, surfaces: Sequence[MergedSurface] | None = None) -> Scans:
         """Return the scans as evidence, their pixels numbered by `surfaces`, by default its own."""
@@ -163,7 +163,7 @@ class ScanSurfaces:
         regions: Sequence[Sequence[Region]] = self.regions[:1]
         if alone[0] is not self.observations[0]:  # moved, and its regions with it
             regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
-        return _joined(observations, regions, registration, (0,), options, steps=steps)
+        return _join_regions(observations, regions, registration, (0,), options, steps=steps)
 
 
 def find_surfaces(scans: Sequence[RangeImage], options: SurfaceOptions, steps: Steps) -> ScanSurfaces:
@@ -195,7 +195,7 @@ def find_surfaces(scans: Sequence[RangeImage], options: SurfaceOptions, steps: S
     regions = steps.each("segment", lambda seen: segment(seen, options.segmentation), observations)
 
     # 4. Merge: join the regions that are one surface.
-    return _joined(observations, regions, registration, keys, options, steps=steps)
+    return _join_regions(observations, regions, registration, keys, options, steps=steps)
 
 
 def _registration(
@@ -211,7 +211,7 @@ def _registration(
     )
 
 
-def _joined(
+def _join_regions(
     observations: Sequence[Observation],
     regions: Sequence[Sequence[Region]],
     registration: Registration,

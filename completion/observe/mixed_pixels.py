@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
+from completion.observe.limits import CLEAR_SD, FEWEST_JUMPS, JUMP_SD, MIDDLE, STEEP, WIDE_SHARE
 from completion.observe.rays import Noise, deviation_at
 from completion.observe.tolerance import FLATNESS_M
 from scenes.checks import BoolArray, FloatArray
@@ -20,12 +21,6 @@ from texture.engine.compiled import compiled, inlined
 
 _WIDEST = 8  # pixels between two surfaces that are looked at
 _BACK = 2  # pixels of a surface that tell how it goes on
-_STEEP = 4.0  # times as much as beside it, that ranges change in a jump
-_CLEAR = 4.0  # deviations of a range, by which it lies between two others
-_WIDE = 1 / 3  # of the jumps; a beam of 2 pixels shows in half of them, one of 1 in a quarter (ten rooms)
-_MIDDLE = 0.25  # of a jump, to either side of its middle
-_JUMP = 12.0  # deviations, from which on two surfaces are apart
-_FEW = 100  # jumps, below which they do not tell how wide a beam is
 _LONGER = np.sqrt(2.0)  # than across an edge, the way along a row over one that is aslant
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
@@ -67,10 +62,10 @@ def find_mixed(ranges: FloatArray, noise: Noise) -> BoolArray:
     """
     counts = _count_between(ranges, noise)
     counts, n_middle = counts[:-1], int(counts[-1])
-    if counts.sum() < _FEW or n_middle < _WIDE * counts.sum():
+    if counts.sum() < FEWEST_JUMPS or n_middle < WIDE_SHARE * counts.sum():
         return np.zeros(ranges.shape, dtype=np.bool_)
     width = int(np.searchsorted(np.cumsum(counts), counts.sum() / 2))
-    return _between(ranges, noise, int(np.ceil(_LONGER * width + 1)) if width else 0)
+    return _find_between(ranges, noise, int(np.ceil(_LONGER * width + 1)) if width else 0)
 
 
 @compiled
@@ -87,7 +82,7 @@ def _count_between(ranges: FloatArray, noise: Noise) -> NDArray[np.int64]:
                         jump = ranges[row + (n + 1) * step[0], column + (n + 1) * step[1]] - here
                         for k in range(1, n + 1):
                             between = ranges[row + k * step[0], column + k * step[1]]
-                            if abs((between - here) / jump - 0.5) <= _MIDDLE:
+                            if abs((between - here) / jump - 0.5) <= MIDDLE:
                                 counts[_WIDEST + 1] += 1
                                 break
                         break
@@ -103,7 +98,7 @@ def _first_apart(ranges: FloatArray, noise: Noise, pixel: tuple[int, int], step:
     (row, column), here = pixel, ranges[pixel]
     if not here < np.inf:
         return _WIDEST + 1
-    least = _JUMP * max(deviation_at(noise, here), FLATNESS_M)
+    least = JUMP_SD * max(deviation_at(noise, here), FLATNESS_M)
     for n in range(_WIDEST + 1):
         i, j = row + (n + 1) * step[0], column + (n + 1) * step[1]
         if i >= ranges.shape[0] or j >= ranges.shape[1]:
@@ -114,7 +109,7 @@ def _first_apart(ranges: FloatArray, noise: Noise, pixel: tuple[int, int], step:
 
 
 @compiled
-def _between(ranges: FloatArray, noise: Noise, most: int) -> BoolArray:
+def _find_between(ranges: FloatArray, noise: Noise, most: int) -> BoolArray:
     """The pixels (rows, columns) of all jumps with at most so many between both surfaces, along any step."""
     mixed = np.zeros(ranges.shape, np.bool_)
     for down, right in _STEPS:
@@ -141,7 +136,7 @@ def _is_jump(ranges: FloatArray, noise: Noise, pixel: tuple[int, int], step: tup
     if not (0 <= column + first * right < columns and 0 <= column + last * right < columns):
         return False
     here, there = ranges[row, column], ranges[row + (n + 1) * down, column + (n + 1) * right]
-    if not _JUMP * FLATNESS_M < abs(there - here) < np.inf:  # noise is no less than flatness
+    if not JUMP_SD * FLATNESS_M < abs(there - here) < np.inf:  # noise is no less than flatness
         return False
     before = ranges[row + first * down, column + first * right]
     after = ranges[row + last * down, column + last * right]
@@ -149,14 +144,14 @@ def _is_jump(ranges: FloatArray, noise: Noise, pixel: tuple[int, int], step: tup
         return False
     jump, beside = abs(there - here), max(abs(here - before), abs(after - there)) / _BACK
     sigma = max(deviation_at(noise, max(here, there)), FLATNESS_M)
-    if not (jump > _JUMP * sigma and jump > _STEEP * (n + 1) * beside):
+    if not (jump > JUMP_SD * sigma and jump > STEEP * (n + 1) * beside):
         return False
     sign = 1.0 if there > here else -1.0
     for k in range(1, n + 1):
         between, back = ranges[row + k * down, column + k * right], n + 1 - k
-        if not sign * (between - _going_on(here, before, k)) > _CLEAR * sigma * (1.0 + k / _BACK):
+        if not sign * (between - _going_on(here, before, k)) > CLEAR_SD * sigma * (1.0 + k / _BACK):
             return False
-        if not sign * (_going_on(there, after, back) - between) > _CLEAR * sigma * (1.0 + back / _BACK):
+        if not sign * (_going_on(there, after, back) - between) > CLEAR_SD * sigma * (1.0 + back / _BACK):
             return False
     return True
 

@@ -11,6 +11,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.observe.limits import FINER, NEW_SHARE
 from completion.observe.mixed_pixels import NO_MIXED, MixedBeams, find_mixed
 from completion.observe.range_noise import RangeNoise, estimate_noise
 from completion.observe.rays import Noise, Rays, pick_points, pick_rays, rays_of
@@ -122,7 +123,7 @@ def _without(scan: RangeImage, mixed: BoolArray) -> RangeImage:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beams:
+class LabelledBeams:
     """Measured beams from one place, with the number, from 1, of the surface that each met; 0 for none."""
 
     rays: Rays  # of the scan
@@ -132,24 +133,26 @@ class Beams:
     label: NDArray[np.int32]  # (n,) surface of each
 
     @classmethod
-    def of(cls, observation: Observation, label: NDArray[np.int32]) -> Beams:
+    def of(cls, observation: Observation, label: NDArray[np.int32]) -> LabelledBeams:
         """All beams of a scan, from labels (rows, columns)."""
-        return cls._chosen(observation, np.arange(label.size, dtype=np.int32), label.ravel())
+        return cls._of_pixels(observation, np.arange(label.size, dtype=np.int32), label.ravel())
 
     @classmethod
-    def at(cls, observation: Observation, pixel: NDArray[np.int32]) -> Beams:
+    def at(cls, observation: Observation, pixel: NDArray[np.int32]) -> LabelledBeams:
         """The beams of flat pixels (n,), all of one surface, the first."""
-        return cls._chosen(observation, pixel, np.ones(len(pixel), np.int32))
+        return cls._of_pixels(observation, pixel, np.ones(len(pixel), np.int32))
 
     @classmethod
-    def _chosen(cls, seen: Observation, pixel: NDArray[np.int32], label: NDArray[np.int32]) -> Beams:
+    def _of_pixels(
+        cls, seen: Observation, pixel: NDArray[np.int32], label: NDArray[np.int32]
+    ) -> LabelledBeams:
         return cls(seen.rays, seen.noise.numbers(), seen.scan.ranges, pixel, label)
 
-    def thinned(self, step: int) -> Beams:
+    def subsample(self, step: int) -> LabelledBeams:
         """Every step-th beam."""
         return replace(self, pixel=self.pixel[::step], label=self.label[::step])
 
-    def of_surfaces(self, numbers: NDArray[np.int64]) -> Beams:
+    def of_surfaces(self, numbers: NDArray[np.int64]) -> LabelledBeams:
         """Return all beams that met the surfaces of these numbers (k,), from 1."""
         chosen = np.flatnonzero(np.isin(self.label, numbers))
         return replace(self, pixel=self.pixel[chosen], label=self.label[chosen])
@@ -245,8 +248,6 @@ FEW = 64
 
 _ACROSS = 40  # pixels along the longer side of an image that are looked at, about
 _CELLS_ACROSS = 16  # into which the view of the longer side is cut at the median range
-_NEW = 0.2  # of what a frame measured: where more is new, it is a key frame
-_FINER = 2.0  # times as fine as before: from so much nearer what was seen is new
 
 
 def find_key_frames(observations: Sequence[Observation]) -> tuple[int, ...]:
@@ -269,8 +270,8 @@ def find_key_frames(observations: Sequence[Observation]) -> tuple[int, ...]:
         footprint = (_ranges(seen, pixel) * seen.scan.projection.pixel_angle).tolist()
         cells = list(map(tuple, _cells(seen, pixel, size).tolist()))
         known = [finest.get(cell, np.inf) for cell in cells]
-        new = [width * _FINER < before for width, before in zip(footprint, known, strict=True)]
-        if sum(new) > _NEW * len(new):
+        new = [width * FINER < before for width, before in zip(footprint, known, strict=True)]
+        if sum(new) > NEW_SHARE * len(new):
             keys.append(number)
             for cell, width in zip(cells, footprint, strict=True):
                 finest[cell] = min(finest.get(cell, np.inf), width)

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.special import gammaincinv
 
+from completion.observe.limits import FACING_COSINE, FEWEST_TILES
 from completion.observe.rays import Noise, Rays, deviations, rays_of
 from completion.observe.tiles import cut_tiles
 from scenes.checks import FloatArray
@@ -20,8 +21,6 @@ _N_RANGE_BINS = 12  # of a triangulating camera's tiles, as many in each
 _CAMERA_TILE = 7
 _SCANNER_TILE = 3  # pixels of a laser scanner may be decimetres apart: larger tiles are flat nowhere
 _PER_OCTAVE = 2  # range bins of a laser scanner
-_FEW = 20  # tiles in a bin, below which it tells nothing
-_FACING = 0.5  # cosine from which on a surface's own roughness hardly stretches along the ray
 _ENOUGH = 1 << 20  # pixels that tell the noise of a scan
 _MICRON = 1e-6
 _ROUNDING = 1e-16  # m2: what files' own digits leave
@@ -129,17 +128,17 @@ def _camera_noise(scan: RangeImage) -> RangeNoise:
     terms, _ = nnls(basis * weight[:, None], variance * weight)
     # Steps that hide the noise are those, too, that the way from counts to ranges made unequal.
     constant, quadratic = (float(np.sqrt(term)) for term in terms)
-    return RangeNoise(constant, quadratic, step_m=_hiding(seen, rough), farthest_m=float(middle.max()))
+    return RangeNoise(constant, quadratic, step_m=_hiding_step(seen, rough), farthest_m=float(middle.max()))
 
 
 def _scanner_noise(scan: RangeImage) -> RangeNoise:
     ranges, cosine, square = _small_tiles(scan)
-    if len(ranges) < _FEW:
+    if len(ranges) < FEWEST_TILES:
         return RangeNoise(0.0, 0.0)
     octave = np.floor(_PER_OCTAVE * np.log2(ranges)).astype(np.int64)
-    for facing in (cosine >= _FACING, np.ones(len(ranges), np.bool_)):
+    for facing in (cosine >= FACING_COSINE, np.ones(len(ranges), np.bool_)):
         numbers, count = np.unique(octave[facing], return_counts=True)
-        bins = [facing & (octave == number) for number in numbers[count >= _FEW]]
+        bins = [facing & (octave == number) for number in numbers[count >= FEWEST_TILES]]
         if bins:
             break
     else:  # no bin has enough tiles: all are one
@@ -155,7 +154,7 @@ def _scanner_noise(scan: RangeImage) -> RangeNoise:
         return RangeNoise(0.0, 0.0)
     far = float(np.quantile(scan.ranges[scan.valid], 0.99))
     constant, linear = _slow_law(middle, np.maximum(variance, _ROUNDING), far)
-    return RangeNoise(constant, 0.0, linear, _hiding(step, rough))
+    return RangeNoise(constant, 0.0, linear, _hiding_step(step, rough))
 
 
 def _small_tiles(scan: RangeImage) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -212,7 +211,7 @@ def depth_step(scan: RangeImage, near_m: float, far_m: float) -> float:
     return float(_steps(scan, edges, _MICRON)[0][1])
 
 
-def _hiding(step: FloatArray, rough: FloatArray) -> float:
+def _hiding_step(step: FloatArray, rough: FloatArray) -> float:
     """Typical of steps (n,) that are most of the roughness (n,) of most bins, 0 where they are not."""
     return float(np.median(step)) if np.median(step**2 / 12 - rough / 2) > 0 else 0.0
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from completion.fitting.chart import axis_frame
 from completion.fitting.result import SurfaceFit
-from completion.observe.observation import Beams, Observation, ScanPixels
+from completion.observe.limits import FEWEST_BLOCKS, GRAZING_COSINE, LARGEST_RADIUS, MOST_CONDITION
+from completion.observe.observation import LabelledBeams, Observation, ScanPixels
 from completion.observe.packed_surfaces import gap_to, pack
 from completion.observe.rays import Noise, Rays, Triple, deviation_at, ray_at
 from scenes.checks import FloatArray
@@ -20,13 +21,11 @@ from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from texture.engine.compiled import compiled, inlined
 
-_LEAST_SLOPE = 0.1  # |cosine| below which a cylinder's grazing ray says nothing
 _LEVEL = 1e-6  # |cosine| below which a ray does not meet a plane
-_MAX_CONDITION = 1e12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NormalEquations:
+class RefitEquations:
     """Normal equations of one surface: J'WJ, J'We, e'We, J'J, sum of squared distances, number of pixels."""
 
     matrix: FloatArray
@@ -41,20 +40,20 @@ class NormalEquations:
         if self.n <= len(self.vector) or not (scale > 0).all():
             return None
         values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
-        if not values[-1] < _MAX_CONDITION * values[0]:
+        if not values[-1] < MOST_CONDITION * values[0]:
             return None
         return np.asarray(vectors @ ((self.vector / scale) @ vectors / values) / scale)
 
-    def repeated(self, times: int) -> NormalEquations:
+    def replicate(self, times: int) -> RefitEquations:
         """The sums of so many times as many pixels like these."""
-        return NormalEquations(
+        return RefitEquations(
             self.matrix * times, self.vector * times, self.cost * times, self.square * times, self.n * times
         )
 
 
 def add_up(
-    surfaces: Sequence[Surface | None], beams: Iterable[Beams], flatness_m: float
-) -> list[NormalEquations]:
+    surfaces: Sequence[Surface | None], beams: Iterable[LabelledBeams], flatness_m: float
+) -> list[RefitEquations]:
     """Return the normal equations of every surface, in one pass over each set of beams."""
     n = len(surfaces)
     matrix, vector, sums = np.zeros((n, 5, 5)), np.zeros((n, 5)), np.zeros((n, 3))
@@ -67,11 +66,11 @@ def add_up(
             charts[origin] = np.array([_chart(surface, start) for surface in surfaces]).reshape(n, 14)
         pixels, labels = np.ascontiguousarray(beam.pixel), np.ascontiguousarray(beam.label)
         beams_read = pixels, labels, charts[origin], beam.ranges, beam.rays, beam.noise
-        _add_rays(*beams_read, flatness_m, _LEAST_SLOPE, matrix, vector, sums)
+        _add_rays(*beams_read, flatness_m, GRAZING_COSINE, matrix, vector, sums)
     matrix += np.tril(matrix, -1).transpose(0, 2, 1)
     size = [3 if isinstance(surface, Plane) else 5 for surface in surfaces]
     return [
-        NormalEquations(
+        RefitEquations(
             matrix[i, :k, :k], vector[i, :k], float(sums[i, 0]), float(sums[i, 1]), int(sums[i, 2])
         )
         for i, k in enumerate(size)
@@ -143,7 +142,7 @@ def _add_to_plane(
         column = pixel - row * columns
         if not 0 <= column < columns:
             row, column = pixel // columns, pixel % columns
-        dx, dy, dz = _turned(chart, ray_at(rays, row, column))
+        dx, dy, dz = _ray_in_frame(chart, ray_at(rays, row, column))
         if abs(dz) < _LEVEL:
             continue
         reach, measured = -chart[3] / dz, ranges[row, column]
@@ -186,7 +185,7 @@ def _add_to_cylinder(
     ox, oy, oz, radius = chart[1], chart[2], chart[3], abs(chart[13])
     for pixel in pixels:
         row, column = pixel // columns, pixel % columns
-        dx, dy, dz = _turned(chart, ray_at(rays, row, column))
+        dx, dy, dz = _ray_in_frame(chart, ray_at(rays, row, column))
         measured, across = ranges[row, column], dx * dx + dy * dy
         middle = -(ox * dx + oy * dy) / max(across, 1e-18)
         fx, fy = ox + middle * dx, oy + middle * dy
@@ -214,7 +213,7 @@ def _add_to_cylinder(
 
 
 @inlined
-def _turned(chart: FloatArray, ray: Triple) -> Triple:
+def _ray_in_frame(chart: FloatArray, ray: Triple) -> Triple:
     """A ray in the frame of a surface."""
     x, y, z = ray
     return (
@@ -225,10 +224,11 @@ def _turned(chart: FloatArray, ray: Triple) -> Triple:
 
 
 _BLOCK = 10  # pixels: neighbours within so many have residuals alike
-_LEAST_BLOCKS = 8
 
 
-def block_sums(surfaces: Sequence[Surface | None], beams: Iterable[Beams], flatness_m: float) -> FloatArray:
+def block_sums(
+    surfaces: Sequence[Surface | None], beams: Iterable[LabelledBeams], flatness_m: float
+) -> FloatArray:
     """Return of each surface (n, 4): n * mean^2 of each block's residuals, blocks; squares, pixels.
 
     The beams of each scan are in the order of its pixels. None has no residuals.
@@ -255,7 +255,7 @@ def residual_correlation(sums: FloatArray) -> FloatArray:
         total = sums.sum(axis=0)
         together = (total[0] / total[1]) / (total[2] / total[3])
     excess_of_scan = np.where(
-        sums[:, 1] >= _LEAST_BLOCKS, excess, together if total[1] >= _LEAST_BLOCKS else 1.0
+        sums[:, 1] >= FEWEST_BLOCKS, excess, together if total[1] >= FEWEST_BLOCKS else 1.0
     )
     return np.fmax(excess_of_scan, 1.0)
 
@@ -341,7 +341,6 @@ def _sort_band(
 
 _THINNING = 3  # of the pixels that covariances are read from
 _FEW = 2_000  # pixels of a surface that are not thinned
-_LARGEST = 1e4  # a cylinder whose radius exceeds its points' extent by this has run away
 
 
 def refit(
@@ -376,8 +375,10 @@ def refit(
         Covariances inflated by how much the residuals' means over blocks of pixels exceed independent ones;
         None where the pixels determine no such surface.
     """
-    beams = [Beams.of(observation, label) for observation, label in zip(observations, labels, strict=True)]
-    return _with_inflation(*_placed(surfaces, beams, flatness_m, n_rounds))
+    beams = [
+        LabelledBeams.of(observation, label) for observation, label in zip(observations, labels, strict=True)
+    ]
+    return _with_inflation(*_improve_and_sum(surfaces, beams, flatness_m, n_rounds))
 
 
 def refit_each(
@@ -393,11 +394,13 @@ def refit_each(
     a surface has in all scans.
     """
     placed: list[Surface | None] = []
-    sums: list[NormalEquations] = []
+    sums: list[RefitEquations] = []
     blocks = np.zeros((len(surfaces), 4))
     for k, (surface, pixel) in enumerate(zip(surfaces, pixels, strict=True)):
         beams = _BeamsOfOne(observations, pixel)
-        (surface_none,), (equations,), blocks[k : k + 1] = _placed([surface], beams, flatness_m, n_rounds)
+        (surface_none,), (equations,), blocks[k : k + 1] = _improve_and_sum(
+            [surface], beams, flatness_m, n_rounds
+        )
         placed.append(surface_none)
         sums.append(equations)
     return _with_inflation(placed, sums, blocks)
@@ -410,23 +413,23 @@ class _BeamsOfOne:
     observations: Sequence[Observation]
     pixels: ScanPixels
 
-    def __iter__(self) -> Iterator[Beams]:
+    def __iter__(self) -> Iterator[LabelledBeams]:
         """Return the beams of each scan that has any."""
         for scan, sample in self.pixels.held:
             trim()
-            yield Beams.at(self.observations[scan], sample.flat)
+            yield LabelledBeams.at(self.observations[scan], sample.flat)
 
 
-def _placed(
-    surfaces: Sequence[Surface], beams: Iterable[Beams], flatness_m: float, n_rounds: int
-) -> tuple[list[Surface | None], list[NormalEquations], FloatArray]:
+def _improve_and_sum(
+    surfaces: Sequence[Surface], beams: Iterable[LabelledBeams], flatness_m: float, n_rounds: int
+) -> tuple[list[Surface | None], list[RefitEquations], FloatArray]:
     """The surfaces after some steps, their normal equations there, and their `block_sums` (n, 4)."""
     placed = improve(surfaces, beams, flatness_m, n_rounds)
     return placed, _thinned_sums(placed, beams, flatness_m), block_sums(placed, beams, flatness_m)
 
 
 def _with_inflation(
-    placed: Sequence[Surface | None], sums: Sequence[NormalEquations], blocks: FloatArray
+    placed: Sequence[Surface | None], sums: Sequence[RefitEquations], blocks: FloatArray
 ) -> list[SurfaceFit | None]:
     """The fits, their covariances inflated by what the means over blocks (n, 4) say."""
     return [
@@ -436,7 +439,7 @@ def _with_inflation(
 
 
 def improve(
-    surfaces: Sequence[Surface], beams: Iterable[Beams], flatness_m: float, n_rounds: int = 1
+    surfaces: Sequence[Surface], beams: Iterable[LabelledBeams], flatness_m: float, n_rounds: int = 1
 ) -> list[Surface | None]:
     """The surfaces after some Gauss-Newton steps, None where a step loses one.
 
@@ -445,19 +448,19 @@ def improve(
     placed: list[Surface | None] = list(surfaces)
     for _ in range(n_rounds):
         sums = add_up(placed, beams, flatness_m)
-        placed = [_moved(surface, equations) for surface, equations in zip(placed, sums, strict=True)]
+        placed = [_step_surface(surface, equations) for surface, equations in zip(placed, sums, strict=True)]
     return placed
 
 
 def _thinned_sums(
-    surfaces: Sequence[Surface | None], beams: Iterable[Beams], flatness_m: float
-) -> list[NormalEquations]:
+    surfaces: Sequence[Surface | None], beams: Iterable[LabelledBeams], flatness_m: float
+) -> list[RefitEquations]:
     """Normal equations from a share of the pixels, from all of them for small surfaces.
 
     Those that a grid's stride leaves of a narrow surface may stand in one line.
     """
-    sample = map(_thinned, beams)
-    sums = [equations.repeated(_THINNING) for equations in add_up(surfaces, sample, flatness_m)]
+    sample = map(_every_third, beams)
+    sums = [equations.replicate(_THINNING) for equations in add_up(surfaces, sample, flatness_m)]
     small = np.array([number for number, equations in enumerate(sums) if equations.n < _FEW], dtype=np.int64)
     if len(small):
         every = add_up(surfaces, (beam.of_surfaces(small + 1) for beam in beams), flatness_m)
@@ -465,13 +468,13 @@ def _thinned_sums(
     return sums
 
 
-def _thinned(beams: Beams) -> Beams:
+def _every_third(beams: LabelledBeams) -> LabelledBeams:
     """The beams of every third pixel of the scan, whichever of its pixels there are."""
     kept = beams.pixel % _THINNING == 0
     return replace(beams, pixel=beams.pixel[kept], label=beams.label[kept])
 
 
-def _fit(surface: Surface, sums: NormalEquations, inflation: float) -> SurfaceFit:
+def _fit(surface: Surface, sums: RefitEquations, inflation: float) -> SurfaceFit:
     """The fit, its covariance by the weighted residuals themselves."""
     freedom = sums.n - len(sums.vector)
     covariance = np.asarray(sums.cost / freedom * np.linalg.inv(sums.matrix) * inflation, dtype=np.float64)
@@ -479,7 +482,7 @@ def _fit(surface: Surface, sums: NormalEquations, inflation: float) -> SurfaceFi
     return SurfaceFit(surface, rms, covariance, sums.n, inflation=float(inflation))
 
 
-def _moved(surface: Surface | None, sums: NormalEquations) -> Surface | None:
+def _step_surface(surface: Surface | None, sums: RefitEquations) -> Surface | None:
     """The surface after a step, None where it is lost."""
     if surface is None:
         return None
@@ -493,7 +496,7 @@ def _moved(surface: Surface | None, sums: NormalEquations) -> Surface | None:
         normal = surface.normal_direction - by_u * surface.u_direction - by_v * surface.v_direction
         return Plane(surface.point + offset * surface.normal_direction, normal, surface.u_direction)
     radius = surface.radius + step[4]
-    if not 0 < radius < _LARGEST * surface.radius:
+    if not 0 < radius < LARGEST_RADIUS * surface.radius:
         return None
     x, y, z = axis_frame(surface.direction)
     point = surface.point + step[0] * x + step[1] * y

@@ -14,6 +14,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from completion.observe.limits import (
+    AGREEING_SHARE,
+    LEAST_JUMP,
+    STRIP_SLACK,
+    STRIP_SLACK_PX,
+    SURE_SD,
+    WINDOW_LINES,
+)
 from scenes.checks import FloatArray
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -22,13 +30,7 @@ from texture.engine.compiled import compiled, inlined
 BASELINES_M = np.geomspace(0.01, 0.15, 55)
 """Baselines that are told apart, metres: 5 % from one to the next."""
 
-_SLACK_PX = 1.5  # by which a strip may differ from its width, and
-_SLACK = 0.25  # of its width
-_LEAST_PX = 2 * _SLACK_PX  # widths below tell nothing: no strip at all would agree
-_LINES = 9.0  # rows or columns that tell once: disparities are found in windows about so wide
-_AGREE = 1 / 3  # share of the strips that agree, at least, that no direction across a baseline has
-_SURE = 2.33  # standard deviations: 99 %
-_LEAST_JUMP = 0.03  # of inverse depth, 1 / m
+_LEAST_PX = 2 * STRIP_SLACK_PX  # widths below tell nothing: no strip at all would agree
 
 
 class Shadow(NamedTuple):
@@ -91,14 +93,14 @@ def _baseline(jumps: FloatArray, focal_px: float) -> tuple[float, float]:
     """
     gap, parallax = jumps[jumps[:, 1] > 0].T
     parallax = parallax * focal_px
-    baseline, best = 0.0, _AGREE
+    baseline, best = 0.0, AGREEING_SHARE
     for baseline_m in BASELINES_M:
         telling = baseline_m * parallax >= _LEAST_PX
         if not telling.any():
             continue
         width = baseline_m * parallax[telling]
-        agree = np.abs(gap[telling] - width) <= np.maximum(_SLACK_PX, _SLACK * width)
-        bound = _least_share(float(agree.mean()), len(width) / _LINES)
+        agree = np.abs(gap[telling] - width) <= np.maximum(STRIP_SLACK_PX, STRIP_SLACK * width)
+        bound = _least_share(float(agree.mean()), len(width) / WINDOW_LINES)
         if bound > best:
             baseline = float(gap[telling][agree].sum() / parallax[telling][agree].sum())
             best = bound
@@ -107,8 +109,8 @@ def _baseline(jumps: FloatArray, focal_px: float) -> tuple[float, float]:
 
 def _least_share(share: float, n: float) -> float:
     """Lower end of Wilson's interval of a share of n."""
-    square = _SURE**2 / n
-    spread = _SURE * np.sqrt(share * (1 - share) / n + square / (4 * n))
+    square = SURE_SD**2 / n
+    spread = SURE_SD * np.sqrt(share * (1 - share) / n + square / (4 * n))
     return float((share + square / 2 - spread) / (1 + square))
 
 
@@ -124,7 +126,7 @@ def _jumps(depth: FloatArray) -> FloatArray:
                 continue
             if last >= 0:
                 rise = 1.0 / depth[row, column] - 1.0 / depth[row, last]
-                if abs(rise) >= _LEAST_JUMP:
+                if abs(rise) >= LEAST_JUMP:
                     jumps[n, 0], jumps[n, 1] = column - last - 1, rise
                     n += 1
             last = column
@@ -153,7 +155,7 @@ def is_shadowed(devices: Devices, ranges: FloatArray, pixel: int, depth: float, 
                 near = measured / np.sqrt(1.0 + x * x + y * y)
                 if near < depth - allowed:
                     width = parallax * (1.0 / near - 1.0 / depth)
-                    if k - 1 <= width + max(_SLACK_PX, _SLACK * width):
+                    if k - 1 <= width + max(STRIP_SLACK_PX, STRIP_SLACK * width):
                         return True
                 break
             i, j, k = i + down, j + right, k + 1

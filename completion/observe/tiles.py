@@ -13,17 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.observe.limits import NORMAL_SD
 from completion.observe.rays import Noise, Rays, deviation_at, deviations, dot, minus, ray_at
 from scenes.checks import FloatArray, read_only_view
 from texture.engine.compiled import compiled
 
 LEAST_TILE, MOST_TILE = 3, 16  # pixels
 _EVERY = 3  # pixels: medians need no more
-_NORMAL_SD = np.radians(3.0)  # that tiles at the median range are large enough for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tiles:
+class ImageTiles:
     """Squares of a range image, with planes in coordinates relative to the sensor."""
 
     side: int  # pixels along a tile's side
@@ -43,7 +43,7 @@ class Tiles:
         return int(self.count.shape[0]), int(self.count.shape[1])
 
 
-def cut_tiles(ranges: FloatArray, rays: Rays, noise: Noise, flatness_m: float, side: int) -> Tiles:
+def cut_tiles(ranges: FloatArray, rays: Rays, noise: Noise, flatness_m: float, side: int) -> ImageTiles:
     """Cut an image into tiles of `side` pixels and fit a plane to each.
 
     Ranges (rows, columns), metres, are inf where nothing came back; a surface may stray from its ideal form
@@ -52,7 +52,7 @@ def cut_tiles(ranges: FloatArray, rays: Rays, noise: Noise, flatness_m: float, s
     ranges = read_only_view(ranges)
     count, matrix, vector, plane, misfit, centre, scale = _fit_tiles(ranges, rays, noise, flatness_m, side)
     normal_sd = scale / _narrowest(rays, ranges.shape, side)  # as if the noise were one step across the tile
-    return Tiles(
+    return ImageTiles(
         side=side,
         count=count,
         matrix=matrix,
@@ -94,11 +94,13 @@ def tile_side(ranges: FloatArray, noise: Noise, spacing: float) -> int:
         return LEAST_TILE
     footprint = float(np.median(sample)) * spacing
     spread = float(np.median(deviations(noise, sample)))
-    side = np.ceil(np.sqrt(spread * np.sqrt(12.0) / (footprint * _NORMAL_SD)))
+    side = np.ceil(np.sqrt(spread * np.sqrt(12.0) / (footprint * NORMAL_SD)))
     return int(np.clip(side, LEAST_TILE, MOST_TILE))
 
 
-def spread_over_pixels(tiles: Tiles, values: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.int32]:
+def spread_over_pixels(
+    tiles: ImageTiles, values: NDArray[np.int32], shape: tuple[int, int]
+) -> NDArray[np.int32]:
     """Give each pixel of an image of this shape the value of its tile, from (rows, columns) of tiles.
 
     Pixels beyond the last tile get 0.

@@ -18,7 +18,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from completion.boundary.continuation import Cue
-from completion.boundary.edges import Line, meeting_line
+from completion.boundary.edges import ChartLine, meeting_line
 from completion.boundary.meshing import ChartMesh
 from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
@@ -240,7 +240,7 @@ _PARALLEL = float(np.sin(np.radians(10.0)))
 class GuideLine:
     """A line of the chart that an outline is laid on."""
 
-    line: Line  # where it is
+    line: ChartLine  # where it is
     runs: FloatArray  # (k, 2) first and last arc length of the stretches along which it counts, metres
     reach_m: float  # how far off it an outline may be
 
@@ -301,7 +301,7 @@ def guides_of(patch: Patch) -> list[GuideLine]:
     meetings = [meeting_line(patch.grid.surface, cut) for cut in patch.limits.cuts]
     guides = [GuideLine(line, always, _MEETING * cell) for line in meetings if line is not None]
     for edge in patch.edges:
-        if isinstance(edge.curve, Line):
+        if isinstance(edge.curve, ChartLine):
             slack = _BEYOND * cell * np.array([-1.0, 1.0])
             guides.append(GuideLine(edge.curve, edge.runs + slack, _REACH * cell))
     return guides
@@ -397,7 +397,7 @@ def _follows(uv: FloatArray, guide: GuideLine) -> Any:
     return beside & (np.abs(guide.line.across(uv)) <= guide.reach_m)
 
 
-def intersect_lines(first: Line, second: Line) -> FloatArray | None:
+def intersect_lines(first: ChartLine, second: ChartLine) -> FloatArray | None:
     """Return where two lines of a chart cross (2,); None where the angle between them is below 10 degrees."""
     across = float(second.normal @ first.direction)
     if abs(across) < _PARALLEL:

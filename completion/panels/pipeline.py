@@ -16,7 +16,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from completion.boundary.edges import Edge, Line
+from completion.boundary.edges import BoundaryEdge, ChartLine
 from completion.panels.arrangement import arrange
 from completion.panels.fold import find_folds, fold_curves
 from completion.panels.model import FoldEdge, PanelModel, close_corners, corner_point, fold_edge
@@ -53,7 +53,7 @@ class _EdgeSection:
     local: FloatArray  # (n, 3) along, outward, above
 
     @classmethod
-    def of(cls, surface: Plane, line: Line, sign: float, points: FloatArray) -> _EdgeSection:
+    def of(cls, surface: Plane, line: ChartLine, sign: float, points: FloatArray) -> _EdgeSection:
         """Return that of points (n, 3) at a line of a chart, on whose side `sign` the surface lies."""
         places = np.stack([line.point, line.point + line.direction, line.point - sign * line.normal])
         origin, further, beyond = surface.from_uv(places)
@@ -120,7 +120,7 @@ def _faces(sheet: Sheet, unexplained: FloatArray, tree: cKDTree) -> Iterator[Sli
         return
     for edge in sheet.patch.edges:
         line = edge.curve
-        if not isinstance(line, Line):
+        if not isinstance(line, ChartLine):
             continue
         for (low, high), sign in zip(edge.runs.tolist(), edge.sides.tolist(), strict=True):
             if high - low < _LEAST * cell:
@@ -134,7 +134,7 @@ def _faces(sheet: Sheet, unexplained: FloatArray, tree: cKDTree) -> Iterator[Sli
 
 
 def _along_run(
-    sheet: Sheet, edge: Edge, section: _EdgeSection, run: tuple[float, float]
+    sheet: Sheet, edge: BoundaryEdge, section: _EdgeSection, run: tuple[float, float]
 ) -> Iterator[SlimFace]:
     """The slim faces along one run of an edge: where there are points beside it, and they lie on a plane."""
     cell, (along, outward, above) = sheet.cell_m, section.local.T

@@ -16,7 +16,7 @@ from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
 from completion.relations.graph import FORMAT as RELATIONS_FORMAT
 from completion.relations.graph import frame_records, freedom_record, relation_records, surface_record
-from completion.relations.relation import Status
+from completion.relations.relation import RelationStatus
 from scenes.checks import IntArray
 from scenes.io.ply import write_mesh_ply
 from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json
@@ -212,4 +212,4 @@ def relations_record(part: Part) -> dict[str, Any]:
 
 def status_counts(part: Part) -> dict[str, int]:
     """How many relations came to each status."""
-    return {status.value: part.count_relations(status) for status in Status}
+    return {status.value: part.count_relations(status) for status in RelationStatus}

@@ -13,7 +13,7 @@ import numpy as np
 
 from completion.fitting.result import SurfaceFit
 from completion.relations.graph import RelationGraph
-from completion.relations.relation import Status
+from completion.relations.relation import RelationStatus
 from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
 from scenes.run.atomic import write_bytes
 
@@ -74,9 +74,9 @@ class Part:
         """Places (m,) of the points of the surface with a label."""
         return np.flatnonzero(self.surface == label)
 
-    def count_relations(self, status: Status) -> int:
+    def count_relations(self, status: RelationStatus) -> int:
         """How many relations came to a status."""
-        return 0 if self.relations is None else self.relations.numbered(status)
+        return 0 if self.relations is None else self.relations.count_with(status)
 
     def export(self, path: str | PathLike[str]) -> list[Path]:
         """Write the part to one file by suffix, `.step` or `.stp`; return all files that were written.

@@ -16,7 +16,7 @@ from completion.relations.estimate import NO_DOUBT, Doubt
 from completion.relations.graph import RelationGraph, is_settled
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
-from completion.relations.relation import StatedRelation, Status
+from completion.relations.relation import RelationStatus, StatedRelation
 from completion.uncertainty.space_warp import SpaceWarp, find_warp
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
@@ -167,7 +167,7 @@ def related_faces(
     ]
     fits = [segmentation.fits[number] for number in chosen]
     graph = infer(fits, given, options)
-    if points is None or not graph.numbered(Status.REJECTED):
+    if points is None or not graph.count_with(RelationStatus.REJECTED):
         return RelatedFaces(graph, chosen, None)
     warp = find_warp(fits, [points[segmentation.members(number + 1)] for number in chosen])
     if warp is not None:

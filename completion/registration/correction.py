@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from completion.evidence.sight import Ball, Sight, Views, sight_of
+from completion.evidence.sight import Ball, ScanSight, Views, sight_of
 from completion.observe.observation import Observation
 from completion.observe.rays import rays_of, triple
 from completion.observe.tolerance import EvidenceOptions
@@ -164,7 +164,10 @@ class ScanPair:
 
 
 def scan_pairs(
-    facets: Sequence[ScanFacets], sights: Sequence[Sight], pairs: Sequence[Pair], corrections: PoseCorrections
+    facets: Sequence[ScanFacets],
+    sights: Sequence[ScanSight],
+    pairs: Sequence[Pair],
+    corrections: PoseCorrections,
 ) -> list[ScanPair]:
     """Return a pair of scans for each two of which enough facets met, moved as they settled.
 
@@ -289,7 +292,7 @@ class PosedScans:
     """The facets of scans with poses, and how each scan sees a place."""
 
     facets: tuple[ScanFacets, ...]
-    sights: tuple[Sight, ...]
+    sights: tuple[ScanSight, ...]
 
     @classmethod
     def of(cls, observations: Sequence[Observation], spill: Spill | NoSpill) -> PosedScans:
@@ -377,7 +380,7 @@ class PosedScans:
             for pair, (first, second) in zip(pairs, numbers, strict=True)
         ]
 
-    def _of(self, scans: Sequence[int]) -> tuple[list[ScanFacets], list[Sight]]:
+    def _of(self, scans: Sequence[int]) -> tuple[list[ScanFacets], list[ScanSight]]:
         return [self.facets[k] for k in scans], [self.sights[k] for k in scans]
 
     def _partners(self, scans: Sequence[int], others: Sequence[int]) -> list[Pair]:

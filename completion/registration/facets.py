@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from completion.evidence.sight import Sight, along_ray, pixel_of
+from completion.evidence.sight import ScanSight, along_ray, pixel_of
 from completion.observe.observation import Observation
 from completion.observe.rays import Triple, dot, minus
 from completion.observe.tiles import LEAST_TILE, MOST_TILE, cut_tiles, tile_side
@@ -117,7 +117,7 @@ class Meetings(NamedTuple):
 
 
 @compiled
-def meet(facets: ScanFacets, motion: FloatArray, sight: Sight, other: ScanFacets, step: int) -> Meetings:
+def meet(facets: ScanFacets, motion: FloatArray, sight: ScanSight, other: ScanFacets, step: int) -> Meetings:
     """Hold every step-th facet of one scan, moved by `motion` (3, 4), against another scan.
 
     A facet meets another one of its direction that it lies in front of or behind by at most `GATE_M`. Beams
@@ -176,7 +176,7 @@ def count_agreement(
     facets: ScanFacets,
     sample: IntArray,
     motions: FloatArray,
-    sight: Sight,
+    sight: ScanSight,
     other: ScanFacets,
     within_m: float,
 ) -> IntArray:
@@ -200,7 +200,7 @@ def ask_facets(
     members: ScanFacets,
     sample: IntArray,
     motion: FloatArray,
-    sight: Sight,
+    sight: ScanSight,
     other: ScanFacets,
     within_m: float,
 ) -> IntArray:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from completion.evidence.sight import Sight
+from completion.evidence.sight import ScanSight
 from completion.registration.facets import Meetings, ScanFacets, meet
 from completion.registration.limits import (
     FIRST_M,
@@ -80,7 +80,7 @@ class PoseCorrections:
 
 def settle(
     facets: Sequence[ScanFacets],
-    sights: Sequence[Sight],
+    sights: Sequence[ScanSight],
     pairs: Sequence[Pair],
     known: Mapping[int, FloatArray] | None = None,
 ) -> PoseCorrections:
@@ -132,7 +132,7 @@ def settle(
 
 def link_all(
     facets: Sequence[ScanFacets],
-    sights: Sequence[Sight],
+    sights: Sequence[ScanSight],
     pairs: Sequence[Pair],
     motions: FloatArray,
     pivots: FloatArray,
@@ -143,7 +143,7 @@ def link_all(
 
 
 def meet_all(
-    facets: Sequence[ScanFacets], sights: Sequence[Sight], pairs: Sequence[Pair], motions: FloatArray
+    facets: Sequence[ScanFacets], sights: Sequence[ScanSight], pairs: Sequence[Pair], motions: FloatArray
 ) -> Iterator[tuple[Pair, Meetings]]:
     """Yield what the facets of each pair's second scan meet in its first, moved by `motions` (n, 4, 4)."""
     back = np.linalg.inv(motions)
@@ -227,6 +227,6 @@ def _motion(vector: FloatArray, pivot: FloatArray) -> FloatArray:
     return motion
 
 
-def _middle(facets: ScanFacets, sight: Sight) -> FloatArray:
+def _middle(facets: ScanFacets, sight: ScanSight) -> FloatArray:
     """The mean (3,) of a scan's facets; its sensor's place without any."""
     return facets.centre.mean(axis=0) if len(facets.centre) else np.array(sight.eye.origin)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from completion.evidence.sight import Sight, sight_of
+from completion.evidence.sight import ScanSight, sight_of
 from completion.observe.observation import Observation, observe
 from completion.observe.tolerance import FLATNESS_M, EvidenceOptions
 from completion.registration.facets import ScanFacets, facets_of
@@ -126,7 +126,7 @@ class StationView:
 
     seen: Observation
     facets: ScanFacets
-    sight: Sight
+    sight: ScanSight
     sample: IntArray
     planes: PlaneSums
     directions: Directions

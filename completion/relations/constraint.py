@@ -21,27 +21,27 @@ from completion.relations.equations import (
     LENGTH,
     RADIUS,
     Constraint,
-    Frame,
-    Mirror,
+    MirrorPlane,
     Placement,
+    RelationFrame,
     Rows,
     built,
     mirrors_between,
-    stacked,
-    weighted,
+    stack,
+    weighted_sum,
 )
+from completion.relations.limits import LEAST_TOLD
 from completion.relations.relation import Relation
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.surface import perpendicular
 
-_LEAST_TOLD = 1e-3  # of what is told best, below which a direction or a mirror is not told
 _N_ROUNDS = 30
 _SMALL = 1e-14  # radians, and shares of the surfaces' reach: a step of the mirror that is the last
 _MOST = 2.0  # radians and shares: a step beyond it is cut, so that pairs of no mirror do not lead away
 _STILL = np.zeros((3, 3))
 
 
-def symmetric(surfaces: tuple[int, ...], at: Mapping[int, Placement], frame: Frame) -> Constraint:
+def symmetric(surfaces: tuple[int, ...], at: Mapping[int, Placement], frame: RelationFrame) -> Constraint:
     """Return the equations of pairs (a, a', b, b', ...) that are images in one mirror.
 
     Raises InputError: halves of different kinds, cones, tori; pairs that do not tell the mirror.
@@ -50,21 +50,21 @@ def symmetric(surfaces: tuple[int, ...], at: Mapping[int, Placement], frame: Fra
     for index, two in pairs:
         _check_halves(at[index], at[two])
     if surfaces not in frame.kept:
-        frame.kept[surfaces] = _Beginning.of(surfaces, frame.start)
-    begun: _Beginning = frame.kept[surfaces]
+        frame.kept[surfaces] = _MirrorStart.of(surfaces, frame.start)
+    begun: _MirrorStart = frame.kept[surfaces]
     begin, frames, kept, change = begun.mirror, begun.frames, begun.kept, np.zeros(3)
     for _ in range(_N_ROUNDS):
-        constraint, by_mirror = _misfits(*begin.moved(change), frames, at)
+        constraint, by_mirror = _misfits(*begin.move(change), frames, at)
         step = np.linalg.solve(by_mirror[kept], constraint.value[kept])
         largest = float(np.abs(step * np.array([1.0, 1.0, 1 / begun.reach])).max())
         if largest < _SMALL:
             break
         change = change - step * min(1.0, _MOST / largest)
-    rest = [k for k in range(len(constraint.rows)) if k not in kept]
-    by = by_mirror[rest] @ np.linalg.inv(by_mirror[kept])
-    blocks = {number: block[rest] - by @ block[kept] for number, block in constraint.blocks.items()}
-    value = constraint.value[rest] - by @ constraint.value[kept]
-    return Constraint(value, blocks, tuple(constraint.rows[k] for k in rest))
+    other_rows = [k for k in range(len(constraint.rows)) if k not in kept]
+    by = by_mirror[other_rows] @ np.linalg.inv(by_mirror[kept])
+    blocks = {number: block[other_rows] - by @ block[kept] for number, block in constraint.blocks.items()}
+    value = constraint.value[other_rows] - by @ constraint.value[kept]
+    return Constraint(value, blocks, tuple(constraint.rows[k] for k in other_rows))
 
 
 def _reach(surfaces: Sequence[int], at: Mapping[int, Placement]) -> float:
@@ -73,7 +73,7 @@ def _reach(surfaces: Sequence[int], at: Mapping[int, Placement]) -> float:
     return float(np.sqrt(np.square(points - points.mean(axis=0)).sum(axis=1).mean())) or 1.0
 
 
-def mirror_of(surfaces: Sequence[int], at: Mapping[int, Placement]) -> Mirror:
+def mirror_of(surfaces: Sequence[int], at: Mapping[int, Placement]) -> MirrorPlane:
     """The mirror between the halves of one of the pairs that suits all pairs best where the surfaces are.
 
     Raises InputError: no pair tells one.
@@ -93,7 +93,7 @@ def mirror_of(surfaces: Sequence[int], at: Mapping[int, Placement]) -> Mirror:
                 least, best = off, mirror
     if best is None:
         raise InputError("symmetric: no pair tells where the mirror is")
-    return Mirror.of(best.normal, best.point, centre)
+    return MirrorPlane.of(best.normal, best.point, centre)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,18 +104,18 @@ class _PairFrame:
     sign: float
 
     @classmethod
-    def of(cls, mirror: Mirror, placement: Placement, two: Placement) -> _PairFrame:
+    def of(cls, mirror: MirrorPlane, placement: Placement, two: Placement) -> _PairFrame:
         if not two.direction.any():
             return cls(np.vstack([mirror.normal, mirror.tilts]), 1.0)
-        image, _ = mirror.turned(placement.direction, _STILL)
+        image, _ = mirror.reflect(placement.direction, _STILL)
         first = mirror.normal - float(mirror.normal @ two.direction) * two.direction
         length = float(np.linalg.norm(first))
-        first = first / length if length > _LEAST_TOLD else perpendicular(two.direction)
+        first = first / length if length > LEAST_TOLD else perpendicular(two.direction)
         across = np.stack([first, np.cross(two.direction, first)])
         return cls(across, -1.0 if image @ two.direction < 0 else 1.0)
 
     def misfit(
-        self, mirror: Mirror, placement: Placement, two: Placement, by: FloatArray
+        self, mirror: MirrorPlane, placement: Placement, two: Placement, by: FloatArray
     ) -> tuple[Constraint, FloatArray]:
         """How far the first half's image is off the second, and its derivative (m, 3) by the mirror.
 
@@ -128,14 +128,14 @@ class _PairFrame:
         if not axis.any():
             blocks = {0: across @ own_point, 1: -across @ two.by_point}
             placed, slopes = built((across @ apart, blocks), LENGTH), across @ moves
-            return stacked([placed, _radii(placement, two)]), np.vstack([slopes, np.zeros((1, 3))])
-        turned, turns = mirror.turned(placement.direction, by)
+            return stack([placed, _radii(placement, two)]), np.vstack([slopes, np.zeros((1, 3))])
+        turned, turns = mirror.reflect(placement.direction, by)
         blocks = {0: across @ turn @ placement.by_direction, 1: -self.sign * across @ two.by_direction}
         angles = built((across @ (turned - self.sign * axis), blocks), ANGLE)
         if two.is_plane:
             blocks = {0: axis @ own_point, 1: apart @ two.by_direction - axis @ two.by_point}
             placed = built((axis @ apart, blocks), LENGTH)
-            return stacked([angles, placed]), np.vstack([across @ turns, axis @ moves])
+            return stack([angles, placed]), np.vstack([across @ turns, axis @ moves])
         tilt, reach = across @ axis, float(axis @ apart)
         sideways = across - np.outer(tilt, axis)
         by_direction = -np.outer(tilt, apart @ two.by_direction) - reach * across @ two.by_direction
@@ -143,29 +143,32 @@ class _PairFrame:
             (sideways @ apart, {0: sideways @ own_point, 1: by_direction - sideways @ two.by_point}), LENGTH
         )
         slopes = np.vstack([across @ turns, sideways @ moves, np.zeros((1, 3))])
-        return stacked([angles, placed, _radii(placement, two)]), slopes
+        return stack([angles, placed, _radii(placement, two)]), slopes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Beginning:
+class _MirrorStart:
     """The mirror where the surfaces began, the pairs' frames, and the three misfits that tell most of it."""
 
-    mirror: Mirror
+    mirror: MirrorPlane
     reach: float
     frames: dict[tuple[int, int], _PairFrame]
     kept: list[int]
 
     @classmethod
-    def of(cls, surfaces: Sequence[int], start: Mapping[int, Placement]) -> _Beginning:
+    def of(cls, surfaces: Sequence[int], start: Mapping[int, Placement]) -> _MirrorStart:
         pairs = zip(surfaces[::2], surfaces[1::2], strict=True)
         mirror, reach = mirror_of(surfaces, start), _reach(surfaces, start)
         frames = {(number, two): _PairFrame.of(mirror, start[number], start[two]) for number, two in pairs}
-        first, by_mirror = _misfits(*mirror.moved(np.zeros(3)), frames, start)
-        return cls(mirror, reach, frames, _telling(by_mirror, first.rows, reach))
+        first, by_mirror = _misfits(*mirror.move(np.zeros(3)), frames, start)
+        return cls(mirror, reach, frames, _informative_rows(by_mirror, first.rows, reach))
 
 
 def _misfits(
-    mirror: Mirror, by: FloatArray, frames: dict[tuple[int, int], _PairFrame], at: Mapping[int, Placement]
+    mirror: MirrorPlane,
+    by: FloatArray,
+    frames: dict[tuple[int, int], _PairFrame],
+    at: Mapping[int, Placement],
 ) -> tuple[Constraint, FloatArray]:
     """The misfits (m,) of all pairs in a mirror, and their derivative (m, 3) by its tilts and offset."""
     parts, slopes = list[Constraint](), list[FloatArray]()
@@ -173,10 +176,10 @@ def _misfits(
         part, slope = frame.misfit(mirror, at[number], at[two], by)
         parts.append(Constraint(part.value, {number: part.blocks[0], two: part.blocks[1]}, part.rows))
         slopes.append(slope)
-    return stacked(parts), np.vstack(slopes)
+    return stack(parts), np.vstack(slopes)
 
 
-def _telling(by_mirror: FloatArray, rows: Sequence[int], reach: float) -> list[int]:
+def _informative_rows(by_mirror: FloatArray, rows: Sequence[int], reach: float) -> list[int]:
     """The three misfits that tell most of the mirror, of their derivatives (m, 3) by it.
 
     Raises InputError: they leave it open.
@@ -185,7 +188,7 @@ def _telling(by_mirror: FloatArray, rows: Sequence[int], reach: float) -> list[i
     unit = by_mirror * scale[:, None] * np.array([1.0, 1.0, reach])
     _, triangle, order = qr(unit.T, mode="economic", pivoting=True)
     size = np.abs(np.diag(triangle))
-    if len(size) < 3 or size[2] < _LEAST_TOLD * size[0]:
+    if len(size) < 3 or size[2] < LEAST_TOLD * size[0]:
         raise InputError("symmetric: the pairs do not tell where the mirror is")
     return sorted(int(k) for k in order[:3])
 
@@ -206,7 +209,7 @@ def _check_halves(placement: Placement, two: Placement) -> None:
         raise InputError(f"symmetric relates halves of one kind, got a {kinds[0]} and a {kinds[1]}")
 
 
-def constrain(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> Constraint:
+def constrain(relation: Relation, at: Mapping[int, Placement], frame: RelationFrame) -> Constraint:
     """Return the equations of a relation where its surfaces are `at`.
 
     Directions count without their sign: of two that are parallel or at an angle, the sign is the one that
@@ -233,22 +236,22 @@ def constrain(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> 
     if kind == "parallel":
         return built(_parallel(index, two, at, frame), ANGLE)
     if kind == "perpendicular":
-        return built(_inclined(index, two, at, 1.0, 0.0), ANGLE)
+        return built(_angle_rows(index, two, at, 1.0, 0.0), ANGLE)
     if kind == "angle":
         return built(_angle(relation, at, frame), ANGLE)
     if kind == "axis_in_plane":
-        rows = _inclined(index, two, at, 1.0, 0.0), _height(index, two, at)
-        return stacked([built(rows[0], ANGLE), built(rows[1], LENGTH)])
+        rows = _angle_rows(index, two, at, 1.0, 0.0), _height(index, two, at)
+        return stack([built(rows[0], ANGLE), built(rows[1], LENGTH)])
     turned = built(_parallel(index, two, at, frame), ANGLE)
     if kind in ("coplanar", "coaxial"):
         beside = _height(index, two, at) if kind == "coplanar" else _offset(index, two, at)
-        return stacked([turned, built(beside, LENGTH)])
+        return stack([turned, built(beside, LENGTH)])
     if kind == "distance":
         apart = _distance(index, two, at, frame)
         return built((apart[0] - float(relation.value or 0.0), apart[1]), LENGTH)
     three, four = relation.surfaces[2:]
     first, second = _distance(index, two, at, frame), _distance(three, four, at, frame)
-    return built(weighted([(1.0, first), (-1.0, second)]), LENGTH)
+    return built(weighted_sum([(1.0, first), (-1.0, second)]), LENGTH)
 
 
 def _check_kinds(relation: Relation, at: Mapping[int, Placement]) -> None:
@@ -268,7 +271,7 @@ def _sign(first: FloatArray, second: FloatArray) -> float:
     return -1.0 if first @ second < 0 else 1.0
 
 
-def _parallel(number: int, two: int, at: Mapping[int, Placement], frame: Frame) -> Rows:
+def _parallel(number: int, two: int, at: Mapping[int, Placement], frame: RelationFrame) -> Rows:
     """Both components of the directions' difference across where the first one began."""
     across = frame.start[number].across
     sign = _sign(frame.start[number].direction, frame.start[two].direction)
@@ -276,7 +279,7 @@ def _parallel(number: int, two: int, at: Mapping[int, Placement], frame: Frame) 
     return value, {number: across @ at[number].by_direction, two: -sign * across @ at[two].by_direction}
 
 
-def _inclined(number: int, two: int, at: Mapping[int, Placement], sign: float, cosine: float) -> Rows:
+def _angle_rows(number: int, two: int, at: Mapping[int, Placement], sign: float, cosine: float) -> Rows:
     """The cosine of the angle less that which it shall be."""
     first, second = at[number], at[two]
     value = sign * first.direction @ second.direction - cosine
@@ -287,7 +290,7 @@ def _inclined(number: int, two: int, at: Mapping[int, Placement], sign: float, c
     return value, blocks
 
 
-def _angle(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> Rows:
+def _angle(relation: Relation, at: Mapping[int, Placement], frame: RelationFrame) -> Rows:
     """The cosine's misfit over the sine: to first order the angle's, radians."""
     index, two = relation.surfaces
     angle = float(relation.value or 0.0)
@@ -296,7 +299,7 @@ def _angle(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> Row
         raise InputError(f"an angle of {np.degrees(angle):g} deg is the relation parallel")
     sign = 1.0 if np.cos(angle) == 0 else _sign(frame.start[index].direction, frame.start[two].direction)
     sign *= 1.0 if np.cos(angle) >= 0 else -1.0
-    value, blocks = _inclined(index, two, at, sign, float(np.cos(angle)))
+    value, blocks = _angle_rows(index, two, at, sign, float(np.cos(angle)))
     return value / sine, {number: block / sine for number, block in blocks.items()}
 
 
@@ -320,7 +323,7 @@ def _offset(number: int, two: int, at: Mapping[int, Placement]) -> Rows:
     }
 
 
-def _regular(surfaces: Sequence[int], at: Mapping[int, Placement], frame: Frame) -> Constraint:
+def _regular(surfaces: Sequence[int], at: Mapping[int, Placement], frame: RelationFrame) -> Constraint:
     """All parallel to the first, and the second differences of their places across it."""
     first, *others = surfaces
     turned = [built(_parallel(first, other, at, frame), ANGLE) for other in others]
@@ -329,10 +332,10 @@ def _regular(surfaces: Sequence[int], at: Mapping[int, Placement], frame: Frame)
     places = [(0.0 * np.asarray(begin[0]), dict[int, FloatArray]()), begin]
     places += [beside(first, other, at) for other in others[1:]]
     bends = [
-        built(weighted([(1.0, before), (-2.0, here), (1.0, after)]), LENGTH)
+        built(weighted_sum([(1.0, before), (-2.0, here), (1.0, after)]), LENGTH)
         for before, here, after in zip(places, places[1:], places[2:], strict=False)
     ]
-    return stacked([*turned, *bends])
+    return stack([*turned, *bends])
 
 
 def spacing_of(surfaces: Sequence[int], at: Mapping[int, Placement]) -> float:
@@ -343,7 +346,7 @@ def spacing_of(surfaces: Sequence[int], at: Mapping[int, Placement]) -> float:
     return float(np.abs(apart)) / (len(surfaces) - 1)
 
 
-def _distance(index: int, two: int, at: Mapping[int, Placement], frame: Frame) -> Rows:
+def _distance(index: int, two: int, at: Mapping[int, Placement], frame: RelationFrame) -> Rows:
     """How far apart two parallel planes, a plane and an axis, or two axes are."""
     planes = [at[number].is_plane for number in (index, two)]
     if not any(planes):
@@ -386,7 +389,7 @@ def _sizes(relation: Relation, at: Mapping[int, Placement]) -> Constraint:
     return built((np.float64(value), {index: at[index].by_radius, two: -at[two].by_radius}), RADIUS)
 
 
-def _against_gravity(relation: Relation, at: Mapping[int, Placement], frame: Frame) -> Constraint:
+def _against_gravity(relation: Relation, at: Mapping[int, Placement], frame: RelationFrame) -> Constraint:
     """A plane that is vertical has a level normal, an axis that is vertical goes along gravity."""
     if frame.up is None:
         raise InputError(f"{relation.kind} needs to know which way is up")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from completion.fitting.chart import axis_frame
+from completion.relations.limits import LEAST_APART
 from scenes.checks import FloatArray, InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import perpendicular
@@ -159,7 +160,7 @@ def _unit(vector: FloatArray, by: FloatArray) -> tuple[FloatArray, FloatArray]:
     return unit, (by - np.outer(unit, unit @ by)) / length
 
 
-def moved(surface: Surface, change: FloatArray) -> Surface:
+def move_surface(surface: Surface, change: FloatArray) -> Surface:
     """Return a surface after a change (k,) of its chart's parameters, see `place`.
 
     Its chart goes along. Raises InputError: no such surface is left.
@@ -202,7 +203,7 @@ Rows = tuple[FloatArray | np.float64, dict[int, FloatArray]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+class RelationFrame:
     """What relations are measured in that is not of the surfaces: where they began, and which way is up.
 
     `kept` remembers what was worked out of where they began, by the surfaces that it is of.
@@ -245,7 +246,7 @@ def built(rows: Rows, what: int) -> Constraint:
     return Constraint(value, blocks, (what,) * len(value))
 
 
-def stacked(parts: Sequence[Constraint]) -> Constraint:
+def stack(parts: Sequence[Constraint]) -> Constraint:
     """Equations below one another; each part may be of some of the surfaces."""
     widths = {number: block.shape[1] for part in parts for number, block in part.blocks.items()}
     blocks = {
@@ -257,7 +258,7 @@ def stacked(parts: Sequence[Constraint]) -> Constraint:
     )
 
 
-def weighted(parts: Sequence[tuple[float, Rows]]) -> Rows:
+def weighted_sum(parts: Sequence[tuple[float, Rows]]) -> Rows:
     """The sum of values, each with its weight, and its derivatives."""
     blocks: dict[int, FloatArray] = {}
     for weight, (_, arrays) in parts:
@@ -266,12 +267,8 @@ def weighted(parts: Sequence[tuple[float, Rows]]) -> Rows:
     return sum((weight * np.asarray(value) for weight, (value, _) in parts), np.zeros(())), blocks
 
 
-LEAST_APART = 0.2
-"""Sine of half an angle between two directions, below which they do not tell the mirror between them."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Mirror:
+class MirrorPlane:
     """A plane: the points x with normal . (x - base) = level; `tilts` (2, 3) are unit vectors across it."""
 
     normal: FloatArray  # (3,) unit vector
@@ -280,7 +277,7 @@ class Mirror:
     tilts: FloatArray
 
     @classmethod
-    def of(cls, normal: FloatArray, point: FloatArray, base: FloatArray | None = None) -> Mirror:
+    def of(cls, normal: FloatArray, point: FloatArray, base: FloatArray | None = None) -> MirrorPlane:
         """The mirror through a point (3,) with a normal of any length, about a base (3,)."""
         unit = np.asarray(normal / np.linalg.norm(normal))
         first = perpendicular(unit)
@@ -292,16 +289,16 @@ class Mirror:
         """On it, (3,), as near to its base as can be."""
         return self.base + self.level * self.normal
 
-    def moved(self, change: FloatArray) -> tuple[Mirror, FloatArray]:
+    def move(self, change: FloatArray) -> tuple[MirrorPlane, FloatArray]:
         """The mirror after a change (3,), two tilts and an offset, and the normal's derivative (3, 3)."""
         vector = self.normal + change[:2] @ self.tilts
         length = float(np.linalg.norm(vector))
         unit = vector / length
         by = (self.tilts.T - np.outer(unit, unit @ self.tilts.T)) / length
-        mirror = Mirror(unit, self.base, self.level + float(change[2]), self.tilts)
+        mirror = MirrorPlane(unit, self.base, self.level + float(change[2]), self.tilts)
         return mirror, np.column_stack([by, np.zeros(3)])
 
-    def turned(self, direction: FloatArray, by: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def reflect(self, direction: FloatArray, by: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A direction (3,) in the mirror, and the derivative (3, 3) by `by`, the normal's."""
         along = float(self.normal @ direction)
         slope = -2 * (np.outer(self.normal, direction @ by) + along * by)
@@ -316,11 +313,11 @@ class Mirror:
         return point - 2 * above * self.normal, slope
 
 
-def mirrors_between(placement: Placement, two: Placement) -> Iterator[Mirror]:
+def mirrors_between(placement: Placement, two: Placement) -> Iterator[MirrorPlane]:
     """The planes in which one surface may be the other's image: bisectors, as far as the two tell them."""
     middle = (placement.point + two.point) / 2
     if not placement.direction.any():
-        yield Mirror.of(two.point - placement.point, middle)
+        yield MirrorPlane.of(two.point - placement.point, middle)
         return
     for sign in (1.0, -1.0):
         between = placement.direction - sign * two.direction
@@ -329,15 +326,15 @@ def mirrors_between(placement: Placement, two: Placement) -> Iterator[Mirror]:
             level = (
                 placement.direction @ (placement.point - middle) - sign * two.direction @ (two.point - middle)
             ) / apart
-            yield Mirror.of(between, middle + level * between / apart)
+            yield MirrorPlane.of(between, middle + level * between / apart)
         elif not placement.is_plane and apart > 2 * LEAST_APART and apart < 2 * np.sqrt(1 - LEAST_APART**2):
-            yield Mirror.of(between, _nearest(placement, two))
+            yield MirrorPlane.of(between, _nearest(placement, two))
     if not placement.is_plane:
         along = placement.direction + np.copysign(1.0, placement.direction @ two.direction) * two.direction
         step = two.point - placement.point
         aside = step - float(step @ along) * along / float(along @ along)
         if np.linalg.norm(aside) > 1e-9 * max(1e-12, float(np.linalg.norm(step))):
-            yield Mirror.of(aside, middle)
+            yield MirrorPlane.of(aside, middle)
 
 
 def _nearest(placement: Placement, two: Placement) -> FloatArray:

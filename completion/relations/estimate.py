@@ -25,7 +25,8 @@ from scipy.special import chdtrc, fdtrc
 
 from completion.fitting.result import SurfaceFit
 from completion.relations.constraint import constrain
-from completion.relations.equations import Constraint, Frame, Placement, place
+from completion.relations.equations import Constraint, Placement, RelationFrame, place
+from completion.relations.limits import DETERMINED_SHARE, EXACT_SD, PART_SHARE
 from completion.relations.relation import Relation
 from scenes.checks import FloatArray, InputError
 
@@ -38,7 +39,7 @@ _STILL = 1e-12  # standard deviations: a step that is smaller is the last
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Imposed:
+class ImposedRelation:
     """A relation that is imposed, and which of its equations say something that others do not."""
 
     relation: Relation
@@ -69,7 +70,7 @@ NO_DOUBT = Doubt()
 class _Placements(dict[int, Placement]):
     """Where each surface is; made when it is asked for, until `clear`."""
 
-    def __init__(self, estimate: Estimate) -> None:
+    def __init__(self, estimate: JointEstimate) -> None:
         super().__init__()
         self._estimate = estimate
 
@@ -79,7 +80,7 @@ class _Placements(dict[int, Placement]):
         return placement
 
 
-class Estimate:
+class JointEstimate:
     """The surfaces of fits, moved as far as the relations that are imposed want it.
 
     Parameters
@@ -118,10 +119,10 @@ class Estimate:
         self.prior_sd = np.sqrt(np.diag(self._prior))
         self.x = np.zeros(first[-1])
         self.covariance = self._prior.copy()
-        self.imposed: list[Imposed] = []
+        self.imposed: list[ImposedRelation] = []
         self._n_solved = 0
         self.at = _Placements(self)
-        self.frame = Frame({number: self.at[number] for number in range(len(fits))}, up)
+        self.frame = RelationFrame({number: self.at[number] for number in range(len(fits))}, up)
 
     @property
     def n_unknowns(self) -> int:
@@ -186,7 +187,7 @@ class Estimate:
     def impose(self, relation: Relation, rows: list[int]) -> None:
         """Impose some equations of a relation, and move the surfaces by one step."""
         constraint = self.constraint(relation).only(rows)
-        self.imposed.append(Imposed(relation, rows))
+        self.imposed.append(ImposedRelation(relation, rows))
         where = np.concatenate(
             [np.arange(self.n_unknowns)[self.columns(block)] for block in constraint.blocks]
         )
@@ -254,9 +255,9 @@ class Estimate:
             f"the {len(variance)} equations of the relations depend on one another; state fewer of them"
         )
 
-    def anew(self) -> Estimate:
+    def anew(self) -> JointEstimate:
         """Return the estimate from the same fits with nothing imposed, that begins where this one is."""
-        other = Estimate(self.fits, self.frame.up, self.built_sd, self._doubt)
+        other = JointEstimate(self.fits, self.frame.up, self.built_sd, self._doubt)
         other.x = self.x.copy()
         other.at.clear()
         return other
@@ -264,11 +265,6 @@ class Estimate:
     def columns(self, number: int) -> slice:
         """Where the parameters of a surface are among all."""
         return self._columns[number]
-
-
-_SAME = 1e-6  # of its own variance, to which what is accepted already determines an equation
-_EXACT = 1e-2  # standard deviations by which an equation that is determined may miss
-_PART = 1e-6  # of the greatest share, from which a relation has a part in what determines an equation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -297,7 +293,7 @@ class WaldTest:
     constraint: Constraint
 
 
-def wald_test(relation: Relation, estimate: Estimate) -> WaldTest:
+def wald_test(relation: Relation, estimate: JointEstimate) -> WaldTest:
     """Tell what a relation is worth, given those that are imposed.
 
     An equation counts as determined where what is imposed leaves less than a millionth of the variance that
@@ -307,7 +303,7 @@ def wald_test(relation: Relation, estimate: Estimate) -> WaldTest:
     prior, now = estimate.variance(constraint, prior=True), estimate.variance(constraint)
     scale = np.sqrt(np.maximum(np.diag(prior), np.finfo(np.float64).tiny))
     rows = _independent(now / np.outer(scale, scale))
-    rest = [k for k in range(len(scale)) if k not in rows]
+    free = [k for k in range(len(scale)) if k not in rows]
     value = constraint.value
     if not rows:
         is_met = _is_met(value, scale)
@@ -316,7 +312,7 @@ def wald_test(relation: Relation, estimate: Estimate) -> WaldTest:
     inner = spread[np.ix_(rows, rows)]
     whitened = np.linalg.solve(inner, value[rows])
     square = float(value[rows] @ whitened)
-    left = value[rest] - spread[np.ix_(rest, rows)] @ whitened
+    left = value[free] - spread[np.ix_(free, rows)] @ whitened
     _, log_volume = np.linalg.slogdet(2 * np.pi * inner)
     p = probability(square, len(rows), estimate.freedom_of(relation.surfaces))
     return WaldTest(
@@ -324,12 +320,12 @@ def wald_test(relation: Relation, estimate: Estimate) -> WaldTest:
         chi2=square,
         p=p,
         log_density=float(-(log_volume + square) / 2),
-        is_met=_is_met(left, scale[rest]),
+        is_met=_is_met(left, scale[free]),
         constraint=constraint,
     )
 
 
-def multiplier_tests(estimate: Estimate) -> list[float]:
+def multiplier_tests(estimate: JointEstimate) -> list[float]:
     """Return the probability of each imposed relation's misfit, given all the others.
 
     By the Lagrange multipliers lambda = S^-1 c0: W = lambda_k' [(S^-1)_kk]^-1 lambda_k.
@@ -355,7 +351,7 @@ def probability(square: float, rank: int, freedom: float) -> float:
     return float(chdtrc(rank, square))
 
 
-def what_determines(constraint: Constraint, estimate: Estimate) -> list[int]:
+def what_determines(constraint: Constraint, estimate: JointEstimate) -> list[int]:
     """Return the places among the imposed of those relations that determine the equations.
 
     They are the ones whose derivatives have a part in the sum that gives the equations' derivatives.
@@ -369,10 +365,10 @@ def what_determines(constraint: Constraint, estimate: Estimate) -> list[int]:
     share, *_ = np.linalg.lstsq((scaled / size).T, (members * estimate.prior_sd).T, rcond=1e-9)
     weight = np.abs(share).max(axis=1) / max(float(np.abs(share).max()), np.finfo(np.float64).tiny)
     which = np.repeat(np.arange(len(estimate.imposed)), [len(relation.rows) for relation in estimate.imposed])
-    return sorted(set(which[weight > _PART].tolist()))
+    return sorted(set(which[weight > PART_SHARE].tolist()))
 
 
-def with_only(relations: Sequence[Relation], estimate: Estimate) -> Estimate:
+def with_only(relations: Sequence[Relation], estimate: JointEstimate) -> JointEstimate:
     """Return an estimate from the same fits with these relations imposed, where they say something.
 
     Derivatives are those where the surfaces are now, until all is solved.
@@ -388,15 +384,15 @@ def with_only(relations: Sequence[Relation], estimate: Estimate) -> Estimate:
 
 def _is_met(value: FloatArray, scale: FloatArray) -> bool:
     """Whether equations that are determined hold, within a small part of what the fits say of them."""
-    return bool((np.abs(value) <= _EXACT * scale).all())
+    return bool((np.abs(value) <= EXACT_SD * scale).all())
 
 
 def _independent(unit: FloatArray) -> list[int]:
     """Equations (m, m) in their own deviations that are not determined by others, the best first."""
-    if not (np.diag(unit) > _SAME).any():
+    if not (np.diag(unit) > DETERMINED_SHARE).any():
         return []
     values, vectors = np.linalg.eigh((unit + unit.T) / 2)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     _, triangle, order = qr(root.T, mode="economic", pivoting=True)
-    known = np.square(np.diag(triangle)) > _SAME
+    known = np.square(np.diag(triangle)) > DETERMINED_SHARE
     return sorted(int(k) for k in order[: int(np.count_nonzero(known))])

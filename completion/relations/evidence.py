@@ -12,20 +12,21 @@ import numpy as np
 from completion.fitting.result import SurfaceFit
 from completion.relations.constraint import spacing_of
 from completion.relations.equations import LENGTH, RADIUS, Placement, place
-from completion.relations.estimate import Estimate, WaldTest, wald_test
+from completion.relations.estimate import JointEstimate, WaldTest, wald_test
+from completion.relations.limits import (
+    ASIDE,
+    DIRECTION_GATE,
+    FAR_SD,
+    GATE_SD,
+    MOST_DIRECTION_SD,
+    SHARE,
+)
 from completion.relations.options import RelationOptions
 from completion.relations.relation import Relation, RelationKind
 from scenes.checks import FloatArray
 
-ASIDE = np.radians(10.0)
-"""From a relation, within which directions lie that have nothing to do with it."""
-SHARE = 0.05
-"""Of the size of all, and of a radius, within which lengths do."""
 CHOSEN = ("regular", "symmetric")
 """Kinds of which so many sets of surfaces come into question that each needs evidence by itself."""
-LEAST_ALONE = float(np.log(100.0))
-"""Evidence that a proposal of such a kind needs."""
-_FAR = 6.0  # standard deviations, from which on a relation does not come into question
 
 
 def size_of(fits: Sequence[SurfaceFit]) -> float:
@@ -37,7 +38,7 @@ def size_of(fits: Sequence[SurfaceFit]) -> float:
 
 
 def log_evidence(
-    relation: Relation, test: WaldTest, estimate: Estimate, options: RelationOptions, size_m: float
+    relation: Relation, test: WaldTest, estimate: JointEstimate, options: RelationOptions, size_m: float
 ) -> float:
     """Logarithm of how many times likelier the misfit is if the relation holds.
 
@@ -53,7 +54,7 @@ def log_evidence(
     return test.log_density + volume - float(np.log(relation.n_tried))
 
 
-class Judged(NamedTuple):
+class JudgedRelation(NamedTuple):
     """A relation that comes into question, its test, and the evidence for it."""
 
     relation: Relation
@@ -66,16 +67,18 @@ class Judged(NamedTuple):
         return not self.test.rows
 
 
-def judge(relation: Relation, estimate: Estimate, options: RelationOptions, size_m: float) -> Judged | None:
+def judge(
+    relation: Relation, estimate: JointEstimate, options: RelationOptions, size_m: float
+) -> JudgedRelation | None:
     """Return what there is to say of a relation where the surfaces are; None where it is far off."""
     test = wald_test(relation, estimate)
-    if not test.is_met or test.chi2 > _FAR**2 * len(test.rows):
+    if not test.is_met or test.chi2 > FAR_SD**2 * len(test.rows):
         return None
-    return Judged(relation, test, log_evidence(relation, test, estimate, options, size_m))
+    return JudgedRelation(relation, test, log_evidence(relation, test, estimate, options, size_m))
 
 
 def _extent(
-    relation: Relation, what: int, estimate: Estimate, options: RelationOptions, size_m: float
+    relation: Relation, what: int, estimate: JointEstimate, options: RelationOptions, size_m: float
 ) -> float:
     """How wide the values lie that an equation of this kind has among unrelated surfaces."""
     if relation.kind in ("angle", "half_angle"):
@@ -96,15 +99,7 @@ def _point(fit: SurfaceFit) -> FloatArray:
     return place(fit.surface, np.zeros(len(fit.covariance))).point
 
 
-MOST_SD = float(np.radians(5.0))
-"""Of a direction: less well known, it says nothing."""
-_GATE = float(np.radians(6.0))  # within which directions come into question, or within three deviations
-_N_SD = 3.0
-FAR = 6.0
-"""Standard deviations, from which on offsets and radii do not come into question."""
-
-
-def direction_classes(estimate: Estimate) -> list[list[int]]:
+def direction_classes(estimate: JointEstimate) -> list[list[int]]:
     """Group the surfaces whose directions may be parallel, the best known first, in each and of all.
 
     A surface joins the class whose first member it is nearest to, within 6 deg or three standard deviations.
@@ -113,39 +108,43 @@ def direction_classes(estimate: Estimate) -> list[list[int]]:
     deviation = {number: direction_sd(estimate, number) for number in directed}
     classes: list[list[int]] = []
     for number in sorted(directed, key=lambda number: (deviation[number], number)):
-        if deviation[number] > MOST_SD:
+        if deviation[number] > MOST_DIRECTION_SD:
             continue
         angles = [angle_between(estimate.at[number], estimate.at[kind[0]]) for kind in classes]
         nearest = int(np.argmin(angles)) if angles else -1
-        if nearest >= 0 and angles[nearest] <= _allowed(deviation[number], deviation[classes[nearest][0]]):
+        if nearest >= 0 and angles[nearest] <= _angle_limit(
+            deviation[number], deviation[classes[nearest][0]]
+        ):
             classes[nearest].append(number)
         else:
             classes.append([number])
     return classes
 
 
-def direction_sd(estimate: Estimate, number: int, *, own: bool = False) -> float:
-    """Standard deviation of a direction, radians: of its greatest component; by its `own` fit alone."""
+def direction_sd(estimate: JointEstimate, number: int, *, by_fit_alone: bool = False) -> float:
+    """Standard deviation of a direction, radians: of its greatest component, or of its fit alone."""
     by = estimate.at[number].across @ estimate.at[number].by_direction
-    covariance = estimate.fits[number].covariance if own else estimate.covariance_of(number)
+    covariance = estimate.fits[number].covariance if by_fit_alone else estimate.covariance_of(number)
     return float(np.sqrt(np.linalg.eigvalsh(by @ covariance @ by.T)[-1]))
 
 
-def near(relation: Relation, estimate: Estimate) -> Iterator[Relation]:
+def near(relation: Relation, estimate: JointEstimate) -> Iterator[Relation]:
     """The relation, where it is not far off in the deviations of each of its equations."""
     constraint = estimate.constraint(relation)
     variance = np.diag(estimate.variance(constraint)) + estimate.built_within(constraint)
-    if (np.square(constraint.value) <= FAR**2 * np.maximum(variance, 1e-24)).all():
+    if (np.square(constraint.value) <= FAR_SD**2 * np.maximum(variance, 1e-24)).all():
         yield relation
 
 
-def parallel_now(estimate: Estimate) -> list[list[int]]:
+def parallel_now(estimate: JointEstimate) -> list[list[int]]:
     """The surfaces with a direction, grouped by what is imposed as parallel, best known first."""
     order = [number for kind in direction_classes(estimate) for number in kind]
-    return grouped(order, estimate, ("parallel", "coplanar", "coaxial"))
+    return group_by_relation(order, estimate, ("parallel", "coplanar", "coaxial"))
 
 
-def grouped(order: Sequence[int], estimate: Estimate, kinds: Sequence[RelationKind]) -> list[list[int]]:
+def group_by_relation(
+    order: Sequence[int], estimate: JointEstimate, kinds: Sequence[RelationKind]
+) -> list[list[int]]:
     """Group surfaces by the relations of some kinds that are imposed, each group and all in their order."""
     group = {number: {number} for number in order}
     for relation in (imposed.relation for imposed in estimate.imposed):
@@ -160,7 +159,7 @@ def grouped(order: Sequence[int], estimate: Estimate, kinds: Sequence[RelationKi
     return list(entries.values())
 
 
-def _has_direction(estimate: Estimate, number: int) -> bool:
+def _has_direction(estimate: JointEstimate, number: int) -> bool:
     return bool(estimate.at[number].direction.any())
 
 
@@ -170,10 +169,10 @@ def angle_between(placement: Placement, two: Placement) -> float:
     return float(np.arctan2(np.linalg.norm(across), abs(placement.direction @ two.direction)))
 
 
-def angle_allowed(estimate: Estimate, *numbers: int) -> float:
+def angle_allowed(estimate: JointEstimate, *numbers: int) -> float:
     """How far off directions of surfaces may be to come into question, radians."""
-    return _allowed(*(direction_sd(estimate, number) for number in numbers))
+    return _angle_limit(*(direction_sd(estimate, number) for number in numbers))
 
 
-def _allowed(*deviations: float) -> float:
-    return max(_GATE, _N_SD * math.hypot(*deviations))
+def _angle_limit(*deviations: float) -> float:
+    return max(DIRECTION_GATE, GATE_SD * math.hypot(*deviations))

@@ -17,10 +17,11 @@ import numpy as np
 
 from completion.fitting.result import SurfaceFit, surface_parameters
 from completion.relations.constraint import constrain, mirror_of, spacing_of
-from completion.relations.equations import ANGLE, Frame, moved, place
-from completion.relations.estimate import Estimate
+from completion.relations.equations import ANGLE, RelationFrame, move_surface, place
+from completion.relations.estimate import JointEstimate
+from completion.relations.limits import FEWEST_ACROSS, MOST_FRAME_SD, MOST_RADIUS_SD
 from completion.relations.options import RelationOptions
-from completion.relations.relation import Relation, Status
+from completion.relations.relation import Relation, RelationStatus
 from scenes.checks import FloatArray
 from scenes.pose import Pose
 
@@ -54,13 +55,17 @@ class RelationGraph:
     covariance: FloatArray
 
     @classmethod
-    def of(cls, estimate: Estimate, relations: Sequence[Relation], options: RelationOptions) -> RelationGraph:
+    def of(
+        cls, estimate: JointEstimate, relations: Sequence[Relation], options: RelationOptions
+    ) -> RelationGraph:
         """Return what the estimate came to."""
         fits, moves = [], []
         for number, fit in enumerate(estimate.fits):
             change = estimate.change(number)
             fits.append(
-                replace(fit, surface=moved(fit.surface, change), covariance=estimate.covariance_of(number))
+                replace(
+                    fit, surface=move_surface(fit.surface, change), covariance=estimate.covariance_of(number)
+                )
             )
             moves.append(estimate.moved_sd(number))
         return cls(
@@ -81,28 +86,24 @@ class RelationGraph:
     @property
     def accepted(self) -> tuple[Relation, ...]:
         """The relations that are imposed."""
-        return tuple(relation for relation in self.relations if relation.status is Status.ACCEPTED)
+        return tuple(relation for relation in self.relations if relation.status is RelationStatus.ACCEPTED)
 
-    def numbered(self, status: Status) -> int:
+    def count_with(self, status: RelationStatus) -> int:
         """How many relations came to a status."""
         return sum(relation.status is status for relation in self.relations)
 
     def __repr__(self) -> str:
-        counts = ", ".join(f"{self.numbered(status)} {status.value}" for status in Status)
+        counts = ", ".join(f"{self.count_with(status)} {status.value}" for status in RelationStatus)
         return f"RelationGraph({len(self.fits)} surfaces, {counts}, {self.free} of {self.unknowns} free)"
-
-
-_MOST_TILT = float(np.radians(10.0))  # standard deviation of a direction, both ways together
-_MOST_SHARE = 0.1  # of a radius that may be doubtful
 
 
 def is_settled(fit: SurfaceFit) -> bool:
     """Whether a surface is known so well that its equations are linear within what is doubtful of it."""
     deviations = fit.parameter_deviations()
-    if max(deviations.get("direction", 0.0), deviations.get("normal", 0.0)) >= _MOST_TILT:
+    if max(deviations.get("direction", 0.0), deviations.get("normal", 0.0)) >= MOST_FRAME_SD:
         return False
     radii = [name for name in ("radius", "tube_radius") if name in deviations]
-    return all(deviations[name] < _MOST_SHARE * float(getattr(fit.surface, name)) for name in radii)
+    return all(deviations[name] < MOST_RADIUS_SD * float(getattr(fit.surface, name)) for name in radii)
 
 
 FORMAT = "unseen-relations/1"
@@ -120,7 +121,7 @@ def misfit_of(relation: Relation, fits: Sequence[SurfaceFit], up: np.ndarray | N
     """Return how far fits are from a relation of theirs; `up` (3,) is against gravity where that is known."""
     at = {number: place(fits[number].surface, np.zeros(len(fits[number].covariance)))
           for number in relation.surfaces}  # fmt: skip
-    constraint = constrain(relation, at, Frame(at, up))
+    constraint = constrain(relation, at, RelationFrame(at, up))
     size = np.abs(constraint.value)
     turned = [value for value, row in zip(size, constraint.rows, strict=True) if row == ANGLE]
     apart = [value for value, row in zip(size, constraint.rows, strict=True) if row != ANGLE]
@@ -212,7 +213,6 @@ def _finite(value: float) -> float | None:
 
 _ALIKE = ("parallel", "coplanar", "coaxial", "regular")
 _SQUARE = ("perpendicular", "axis_in_plane")
-_LEAST_ACROSS = 3  # directions across the first of an Atlanta frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -295,7 +295,7 @@ def _frames(
             yield "manhattan", three
     for number in range(n):
         across = [other for other in range(n) if other != number and frozenset((number, other)) in square]
-        if len(across) >= _LEAST_ACROSS:
+        if len(across) >= FEWEST_ACROSS:
             yield "atlanta", (number, *across)
 
 

@@ -20,33 +20,42 @@ from completion.relations.equations import ANGLE
 from completion.relations.estimate import (
     NO_DOUBT,
     Doubt,
-    Estimate,
+    JointEstimate,
     WaldTest,
     multiplier_tests,
     wald_test,
     what_determines,
     with_only,
 )
-from completion.relations.evidence import CHOSEN, LEAST_ALONE, log_evidence, size_of
+from completion.relations.evidence import CHOSEN, log_evidence, size_of
 from completion.relations.graph import RelationGraph, is_settled
+from completion.relations.limits import (
+    ASIDE,
+    HARDLY,
+    LEAST_ALONE,
+    LEAST_GROUP,
+    LEAST_LOG_EVIDENCE,
+    MEANT_SHARE,
+    MOST_OFF,
+    OFF_QUANTILE,
+    TOLERANCE_SPREAD,
+    USUAL_TOLERANCE,
+)
 from completion.relations.options import RelationOptions
 from completion.relations.proposals import STAGES, propose
-from completion.relations.relation import Relation, StatedRelation, Status
+from completion.relations.relation import Relation, RelationStatus, StatedRelation
 from completion.uncertainty.joint_errors import UNRELATED, JointErrors, RelatedErrors
 from completion.uncertainty.pipeline import StatedFits, shift_by_sensors
 from scenes.checks import FloatArray, InputError
 from scenes.pose import Pose
 from scenes.scan.range_image import MESH_SENSOR
 
-LEAST_LOG_EVIDENCE = 0.7  # of a proposal by itself: hardly more than a word for it
-LEAST_GROUP = float(np.log(20.0))  # of all that hang together
-_HARDLY = 0.05
 _NOTHING = 1e-9  # of the greatest misfit: rounding
 _MOST_MEMBERS = 12  # of a conflict that is settled by trying
 
 
 def by_evidence(
-    relations: Sequence[Relation], estimate: Estimate, options: RelationOptions, size_m: float
+    relations: Sequence[Relation], estimate: JointEstimate, options: RelationOptions, size_m: float
 ) -> list[Relation]:
     """Return the relations in the order of the evidence for them where the surfaces are now."""
     evidence = [
@@ -57,7 +66,7 @@ def by_evidence(
 
 
 def examine(
-    relation: Relation, estimate: Estimate, options: RelationOptions, size_m: float, level: float
+    relation: Relation, estimate: JointEstimate, options: RelationOptions, size_m: float, level: float
 ) -> Relation:
     """Return the relation with its status, given what is imposed; one that is accepted is imposed.
 
@@ -69,26 +78,26 @@ def examine(
     if not test.is_met:
         against = tuple(what_determines(test.constraint, estimate)) if estimate.imposed else ()
         reason = f"{_misfit(test)} off, though others determine it"
-        return replace(tested, status=Status.REJECTED, p=0.0, reason=reason, conflicts=against)
+        return replace(tested, status=RelationStatus.REJECTED, p=0.0, reason=reason, conflicts=against)
     if not test.rows:
-        status = Status.REDUNDANT if relation.is_given else Status.IMPLIED
+        status = RelationStatus.REDUNDANT if relation.is_given else RelationStatus.IMPLIED
         return replace(tested, status=status, reason="others say it already")
     evidence = log_evidence(relation, test, estimate, options, size_m)
     tested = replace(tested, log_evidence=evidence)
     if test.p < level:
         reason = f"{_misfit(test)} off, which is {np.sqrt(test.chi2):.1f} standard deviations"
-        return replace(tested, status=Status.REJECTED, reason=reason)
+        return replace(tested, status=RelationStatus.REJECTED, reason=reason)
     least = LEAST_ALONE if relation.kind in CHOSEN else LEAST_LOG_EVIDENCE
     if not relation.is_given and evidence < least:
-        word = "it hardly holds" if test.p < _HARDLY else "that well it may be met by chance"
+        word = "it hardly holds" if test.p < HARDLY else "that well it may be met by chance"
         reason = f"{_misfit(test)} off: {word}, and the evidence is weak"
-        return replace(tested, status=Status.UNDECIDED, reason=reason)
-    accepted = replace(tested, status=Status.ACCEPTED)
+        return replace(tested, status=RelationStatus.UNDECIDED, reason=reason)
+    accepted = replace(tested, status=RelationStatus.ACCEPTED)
     estimate.impose(accepted, test.rows)
     return accepted
 
 
-def settle_conflict(refused: Relation, estimate: Estimate) -> Relation | None:
+def settle_conflict(refused: Relation, estimate: JointEstimate) -> Relation | None:
     """Return the accepted relation that had better go than the one that was refused; None where none had.
 
     All that contradict each other are left out in turn; the best is the one without which the surfaces are
@@ -107,7 +116,7 @@ def settle_conflict(refused: Relation, estimate: Estimate) -> Relation | None:
     return worst
 
 
-def worst_of(estimate: Estimate, level: float) -> tuple[Relation, float] | None:
+def worst_of(estimate: JointEstimate, level: float) -> tuple[Relation, float] | None:
     """Return the accepted relation that the others contradict most, and its p; None where none does.
 
     By its multiplier, given all others, at the level for so many tests.
@@ -152,16 +161,12 @@ def _misfit(test: WaldTest) -> str:
     )
 
 
-_USUAL = np.radians(0.1)  # of buildings: walls stand within .1 to .2 deg of square
-_SPREAD = 1.5  # natural logarithms by which that differs from one to the next, standard deviation
-_MEANT = 0.7  # of the pairs that come into question are meant to be square or parallel
-_ASIDE = np.radians(10.0)  # to either side, within which the others lie
 _TRIED = np.radians(np.geomspace(1e-4, 1.0, 81))
 _LEVER_M = 1.0  # over which an angle is an error of a length
 
 
 def with_tolerance(
-    options: RelationOptions, relations: Sequence[Relation], estimate: Estimate
+    options: RelationOptions, relations: Sequence[Relation], estimate: JointEstimate
 ) -> RelationOptions:
     """Return the options with a tolerance, where none is given.
 
@@ -171,7 +176,7 @@ def with_tolerance(
     """
     if options.tolerance_deg is not None:
         return options
-    log_posterior = -0.5 * np.square(np.log(_TRIED / _USUAL) / _SPREAD)
+    log_posterior = -0.5 * np.square(np.log(_TRIED / USUAL_TOLERANCE) / TOLERANCE_SPREAD)
     for relation in relations:
         constraint = estimate.constraint(relation)
         log_posterior = log_posterior + _log_likelihood(
@@ -186,8 +191,8 @@ def _log_likelihood(misfit: FloatArray, variance: FloatArray) -> FloatArray:
     """Of a relation's misfits (m,) with these variances (m,), for each tolerance that is tried (k,)."""
     total = variance[:, None] + np.square(_TRIED)
     log_meant = -0.5 * (np.log(2 * np.pi * total) + np.square(misfit)[:, None] / total).sum(axis=0)
-    log_chance = -len(misfit) * np.log(2 * _ASIDE)
-    return np.asarray(np.logaddexp(np.log(_MEANT) + log_meant, np.log(1 - _MEANT) + log_chance))
+    log_chance = -len(misfit) * np.log(2 * ASIDE)
+    return np.asarray(np.logaddexp(np.log(MEANT_SHARE) + log_meant, np.log(1 - MEANT_SHARE) + log_chance))
 
 
 def infer(
@@ -227,9 +232,9 @@ def infer(
             raise InputError(
                 f"{relation.kind} of surfaces {list(relation.surfaces)}: there are {len(fits)}, from 0"
             )
-    estimate = Estimate(fits, options.up, options.built_sd, doubt)
+    estimate = JointEstimate(fits, options.up, options.built_sd, doubt)
     options = with_tolerance(options, propose(0, estimate, options), estimate)
-    estimate = Estimate(fits, options.up, options.built_sd, doubt)
+    estimate = JointEstimate(fits, options.up, options.built_sd, doubt)
     size_m, relations = size_of(fits), list[Relation]()
     stated = [replace(relation, is_given=True) for relation in given if not relation.is_forbidden]
     forbidden = {_key(relation) for relation in given if relation.is_forbidden}
@@ -249,7 +254,7 @@ def infer(
             for relation in todo:
                 tested = examine(relation, estimate, options, size_m, level)
                 if tested.conflicts and tested.is_given:
-                    estimate, relations, tested = _settled(tested, estimate, relations)
+                    estimate, relations, tested = _accept_instead(tested, estimate, relations)
                 relations.append(_with_conflicts(tested, relations))
                 estimate.settle()
         if len(relations) > n_found:
@@ -258,14 +263,14 @@ def infer(
     # 3. Release: an accepted relation that all others together contradict goes, the worst first.
     while (worst := worst_of(estimate, options.level)) is not None:
         reason = "all other relations together contradict it"
-        relations = _refused(relations, worst[0], Status.REJECTED, reason, p=worst[1])
+        relations = _withdraw(relations, worst[0], RelationStatus.REJECTED, reason, p=worst[1])
         estimate = _again(relations, estimate)
 
     # 4. Weigh: what was proposed stays where all that hangs together has evidence enough.
     weak = without_evidence([relation.relation for relation in estimate.imposed])
     for relation in weak:
         reason = "it is met, but so little hangs together with it that it may be by chance"
-        relations = _refused(relations, relation, Status.UNDECIDED, reason)
+        relations = _withdraw(relations, relation, RelationStatus.UNDECIDED, reason)
     if weak:
         estimate = _again(relations, estimate)
     return RelationGraph.of(estimate, relations, options)
@@ -282,17 +287,17 @@ def impose(
     return infer(fits, relations, options, doubt=doubt, proposes=False)
 
 
-def _settled(
-    refused: Relation, estimate: Estimate, relations: list[Relation]
-) -> tuple[Estimate, list[Relation], Relation]:
+def _accept_instead(
+    refused: Relation, estimate: JointEstimate, relations: list[Relation]
+) -> tuple[JointEstimate, list[Relation], Relation]:
     """Where another had better go than what was refused, that goes, and this is accepted."""
     worst = settle_conflict(refused, estimate)
     if worst is None:
         return estimate, relations, refused
     reason = "what contradicts it fits better without it"
-    relations = _refused(relations, worst, Status.REJECTED, reason)
+    relations = _withdraw(relations, worst, RelationStatus.REJECTED, reason)
     accepted = replace(
-        refused, status=Status.ACCEPTED, reason="what contradicted it was rejected", conflicts=()
+        refused, status=RelationStatus.ACCEPTED, reason="what contradicted it was rejected", conflicts=()
     )
     estimate = _again([*relations, accepted], estimate)
     return estimate, relations, accepted
@@ -302,21 +307,27 @@ def _with_conflicts(tested: Relation, relations: Sequence[Relation]) -> Relation
     """The relation with its conflicts by their places among all found, not among those that are imposed."""
     if not tested.conflicts:
         return tested
-    accepted = [k for k, relation in enumerate(relations) if relation.status is Status.ACCEPTED]
+    accepted = [k for k, relation in enumerate(relations) if relation.status is RelationStatus.ACCEPTED]
     return replace(tested, conflicts=tuple(accepted[k] for k in tested.conflicts))
 
 
-def _refused(
-    relations: Sequence[Relation], which: Relation, status: Status, reason: str, p: float | None = None
+def _withdraw(
+    relations: Sequence[Relation],
+    which: Relation,
+    status: RelationStatus,
+    reason: str,
+    p: float | None = None,
 ) -> list[Relation]:
     """The relations with one of them not accepted after all; its p stays unless another is given."""
     changed = replace(which, status=status, reason=reason, p=which.p if p is None else p)
     return [changed if relation is which else relation for relation in relations]
 
 
-def _again(relations: Sequence[Relation], estimate: Estimate) -> Estimate:
+def _again(relations: Sequence[Relation], estimate: JointEstimate) -> JointEstimate:
     """The estimate made anew with what is accepted, in the same order."""
-    return with_only([relation for relation in relations if relation.status is Status.ACCEPTED], estimate)
+    return with_only(
+        [relation for relation in relations if relation.status is RelationStatus.ACCEPTED], estimate
+    )
 
 
 def _key(relation: Relation) -> tuple[object, ...]:
@@ -329,13 +340,11 @@ def _key(relation: Relation) -> tuple[object, ...]:
 
 MOST_LEAST, LEAST_LEAST, LEAST_SHARE = 1_200, 200, 0.004
 """Pixels of a surface that relations are inferred of: that share of a scan's, between the other two."""
-_SHARE_OFF = 0.95
-_MOST_OFF = 0.5  # of the scatter of its points about it, by which a surface may be moved off them
 _N_SAMPLE = 1_000  # pixels that tell how far a surface was moved off what was measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoundRelations:
+class SurfaceRelations:
     """What was found of surfaces' relations.
 
     Attributes
@@ -358,7 +367,7 @@ class FoundRelations:
     off_m: tuple[float, ...]
     is_moved: tuple[bool, ...]
 
-    def numbered(self, chosen: Sequence[bool]) -> FoundRelations:
+    def renumber(self, chosen: Sequence[bool]) -> SurfaceRelations:
         """Return it with numbers counted anew, of surfaces (m,) that are `chosen` alone."""
         anew = np.where(chosen, np.cumsum(chosen), 0)
         return replace(self, numbers=tuple(int(anew[number - 1]) for number in self.numbers))
@@ -376,14 +385,14 @@ class RelatedSurfaces:
         Their fits (n,) with the covariances of all errors, given the relations.
     errors : JointErrors
         The same, jointly.
-    found : FoundRelations, optional
+    inferred : SurfaceRelations, optional
         Which relations there are; None where nobody asked for them, or there is nothing to relate.
     """
 
     surfaces: tuple[EditedSurface, ...]
     stated: tuple[SurfaceFit, ...]
     errors: JointErrors
-    found: FoundRelations | None = None
+    inferred: SurfaceRelations | None = None
 
 
 def relate_surfaces(
@@ -446,7 +455,7 @@ def relate_surfaces(
     graph = infer([stated.fits[number] for number in numbers], relations, options, doubt=doubt)
     short = _short_covariances([edited[number].surface.fit for number in numbers], graph)
     off = [_off(edited[k].surface, fit, observations) for k, fit in zip(numbers, graph.fits, strict=True)]
-    is_moved = [far <= _MOST_OFF * edited[k].surface.fit.rms for k, far in zip(numbers, off, strict=True)]
+    is_moved = [far <= MOST_OFF * edited[k].surface.fit.rms for k, far in zip(numbers, off, strict=True)]
     before, surfaces = tuple(fits[k] for k in numbers), list(edited)
     for number, fit, covariance, moves in zip(numbers, graph.fits, short, is_moved, strict=True):
         if moves:
@@ -455,7 +464,7 @@ def relate_surfaces(
             surfaces[number] = replace(edited[number], surface=replace(surface, fit=moved))
             fits[number] = replace(moved, covariance=fit.covariance)
     places = tuple(number + 1 for number in numbers)
-    found_relations = FoundRelations(graph, before, places, off_m=tuple(off), is_moved=tuple(is_moved))
+    found_relations = SurfaceRelations(graph, before, places, off_m=tuple(off), is_moved=tuple(is_moved))
     first = tuple(accumulate((len(fit.covariance) for fit in graph.fits), initial=0))
     related = RelatedErrors(tuple(numbers), first, graph.covariance, tuple(is_moved))
     return RelatedSurfaces(
@@ -476,7 +485,7 @@ def _errors(
         for scan, held in surface.surface.pixels.held:
             shares[number, scan] = len(held) / surface.surface.n_pixels
     return JointErrors(
-        own=tuple(fit.covariance for fit in errors),
+        separate=tuple(fit.covariance for fit in errors),
         shared=stated.smooth,
         related=related,
         ranges=tuple(
@@ -498,11 +507,11 @@ def _short_covariances(fits: Sequence[SurfaceFit], graph: RelationGraph) -> list
     placed = [
         replace(fit, surface=surface_fit.surface) for fit, surface_fit in zip(fits, graph.fits, strict=True)
     ]
-    estimate = with_only(graph.accepted, Estimate(placed, graph.options.up, graph.options.built_sd))
+    estimate = with_only(graph.accepted, JointEstimate(placed, graph.options.up, graph.options.built_sd))
     return [estimate.covariance_of(number) for number in range(len(fits))]
 
 
 def _off(before: MergedSurface, after: SurfaceFit, observations: Sequence[Observation]) -> float:
     points = before.points(observations, _N_SAMPLE)
     apart = after.surface.distance(points) - before.fit.surface.distance(points)
-    return float(np.quantile(np.abs(apart), _SHARE_OFF)) if len(points) else 0.0
+    return float(np.quantile(np.abs(apart), OFF_QUANTILE)) if len(points) else 0.0

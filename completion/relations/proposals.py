@@ -12,64 +12,68 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.relations.equations import mirrors_between
-from completion.relations.estimate import Estimate
+from completion.relations.estimate import JointEstimate
 from completion.relations.evidence import (
-    ASIDE,
-    FAR,
-    LEAST_ALONE,
-    MOST_SD,
-    SHARE,
-    Judged,
+    JudgedRelation,
     angle_allowed,
     angle_between,
     direction_classes,
     direction_sd,
-    grouped,
+    group_by_relation,
     judge,
     near,
     parallel_now,
     size_of,
+)
+from completion.relations.limits import (
+    ASIDE,
+    FAR_SD,
+    FLAT_ANGLE,
+    LEAST_ALONE,
+    MOST_DIRECTION_SD,
+    MOST_SPACING_SHARE,
+    SAME_SD,
+    SHARE,
 )
 from completion.relations.options import RelationOptions
 from completion.relations.relation import Relation, RelationKind
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
-_N_MIRROR_SD = 4.0  # within which two mirrors may be one
 _MOST_MIRRORED = 40  # surfaces, the best known, among whose pairs mirrors are looked for
 _MOST_RELATIONS = 40
 _ANGLE_ROUNDING = 1e-7  # radians, to which a cosine tells an angle
 
 
-def mirrored_pairs(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+def mirrored_pairs(estimate: JointEstimate, options: RelationOptions) -> Iterator[Relation]:
     """The two pairs of each mirror for which there is most evidence, and those that others say already.
 
     One pair has always a mirror. `n_tried` counts the pairs of pairs whose mirrors lie as near each other as
     those of surfaces that have nothing to do with one another (`log_evidence`).
     """
     for mirror in _mirrors_of_several(estimate, options):
-        implied = [judgement.relation for judgement in mirror.told if judgement.is_implied]
+        implied = [judgement.relation for judgement in mirror.judged if judgement.is_implied]
         yield from implied
         if not implied:
             yield from _best(mirror, estimate, options)
 
 
-def further_pairs(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+def further_pairs(estimate: JointEstimate, options: RelationOptions) -> Iterator[Relation]:
     """Other pairs of mirrors that two pairs have told: `n_tried` counts the pairs near this one alone."""
     for mirror in _mirrors_of_several(estimate, options):
-        if any(judgement.is_implied for judgement in mirror.told):
-            for judgement in mirror.told:
+        if any(judgement.is_implied for judgement in mirror.judged):
+            for judgement in mirror.judged:
                 if judgement.is_implied or judgement.evidence > np.log(mirror.n_near):
                     yield replace(judgement.relation, n_tried=mirror.n_near)
 
 
-def _best(mirror: _Mirror, estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+def _best(mirror: _MirrorPairs, estimate: JointEstimate, options: RelationOptions) -> Iterator[Relation]:
     """The two pairs that tell most of a mirror; where these do not tell enough, all pairs together."""
-    best, *others = sorted(mirror.told, key=lambda judgement: -judgement.evidence)
+    best, *others = sorted(mirror.judged, key=lambda judgement: -judgement.evidence)
     evidence = best.evidence - float(np.log(mirror.n_pairs))
     if evidence < LEAST_ALONE and others:
         hub = best.relation.surfaces[:2]
-        pairs = [number for judgement in mirror.told for number in judgement.relation.surfaces[2:]]
+        pairs = [number for judgement in mirror.judged for number in judgement.relation.surfaces[2:]]
         n_tried = mirror.n_pairs * mirror.n_near ** len(others)
         every = Relation(kind="symmetric", surfaces=(*hub, *pairs), n_tried=n_tried)
         judgement = judge(every, estimate, options, size_of(estimate.fits))
@@ -80,15 +84,15 @@ def _best(mirror: _Mirror, estimate: Estimate, options: RelationOptions) -> Iter
         yield replace(best.relation, n_tried=mirror.n_pairs)
 
 
-class _Mirror(NamedTuple):
+class _MirrorPairs(NamedTuple):
     """A pair and each other that may have its mirror; how many lie as near by chance, of all and to it."""
 
-    told: list[Judged]
+    judged: list[JudgedRelation]
     n_pairs: float
     n_near: float
 
 
-def _mirrors_of_several(estimate: Estimate, options: RelationOptions) -> Iterator[_Mirror]:
+def _mirrors_of_several(estimate: JointEstimate, options: RelationOptions) -> Iterator[_MirrorPairs]:
     """Mirrors that several pairs may have, those of the best known surfaces first."""
     mirrors = _Mirrors.of(_members(estimate), estimate)
     size_m, n_left = size_of(estimate.fits), _MOST_RELATIONS
@@ -97,12 +101,12 @@ def _mirrors_of_several(estimate: Estimate, options: RelationOptions) -> Iterato
     by_chance = apart & (turned <= ASIDE) & (off <= SHARE * size_m / 2)
     n_pairs = max(1.0, float(by_chance.sum()) / 2)
     angle, length = (
-        _N_MIRROR_SD * np.hypot(sd[:, None], sd[None]) for sd in (mirrors.angle_sd, mirrors.length_sd)
+        SAME_SD * np.hypot(sd[:, None], sd[None]) for sd in (mirrors.angle_sd, mirrors.length_sd)
     )
     is_one = apart & (turned <= angle + _ANGLE_ROUNDING) & (off <= length)
     taken = np.zeros(len(mirrors.pairs), dtype=bool)
     for first, hub in enumerate(mirrors.pairs.tolist()):
-        pairs, used = list[Judged](), set(hub)
+        pairs, used = list[JudgedRelation](), set(hub)
         for other in np.flatnonzero(is_one[first] & ~taken & ~taken[first]):
             pair = mirrors.pairs[other].tolist()
             if other < first or used & set(pair) or n_left == 0:
@@ -114,18 +118,18 @@ def _mirrors_of_several(estimate: Estimate, options: RelationOptions) -> Iterato
                 taken[other], n_left = True, n_left - 1
                 used |= set(pair)
         if pairs:
-            yield _Mirror(pairs, n_pairs, max(1.0, float(by_chance[first].sum())))
+            yield _MirrorPairs(pairs, n_pairs, max(1.0, float(by_chance[first].sum())))
 
 
-def _members(estimate: Estimate) -> list[int]:
+def _members(estimate: JointEstimate) -> list[int]:
     """The planes and cylinders that are known best; of planes that are imposed to be one the first."""
     deviation = {
-        number: direction_sd(estimate, number, own=True)  # of parallel ones all are alike
+        number: direction_sd(estimate, number, by_fit_alone=True)  # of parallel ones all are alike
         for number, fit in enumerate(estimate.fits)
-        if isinstance(fit.surface, Plane | Cylinder) and direction_sd(estimate, number) <= MOST_SD
+        if isinstance(fit.surface, Plane | Cylinder) and direction_sd(estimate, number) <= MOST_DIRECTION_SD
     }
     known = sorted(deviation, key=lambda number: (deviation[number], number))
-    return [first for first, *_ in grouped(known, estimate, ("coplanar",))][:_MOST_MIRRORED]
+    return [first for first, *_ in group_by_relation(known, estimate, ("coplanar",))][:_MOST_MIRRORED]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +143,7 @@ class _Mirrors:
     length_sd: FloatArray
 
     @classmethod
-    def of(cls, members: Sequence[int], estimate: Estimate) -> _Mirrors:
+    def of(cls, members: Sequence[int], estimate: JointEstimate) -> _Mirrors:
         points = np.array([estimate.at[member].point for member in members]).reshape(-1, 3)
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         place = {member: _place_sd(estimate, member) for member in members}
@@ -179,16 +183,16 @@ class _Mirrors:
     def disjoint(self) -> BoolArray:
         """Which (n, n) pairs have no surface in common."""
         first, two = self.pairs.T
-        alike = (
+        shares = (
             (first[:, None] == first)
             | (two[:, None] == two)
             | (first[:, None] == two)
             | (two[:, None] == first)
         )
-        return np.asarray(~alike)
+        return np.asarray(~shares)
 
 
-def _may_be_images(estimate: Estimate, number: int, two: int) -> bool:
+def _may_be_images(estimate: JointEstimate, number: int, two: int) -> bool:
     """Whether two surfaces are of one kind, of radii that may be equal and axes that may be in a plane."""
     first, second = estimate.at[number], estimate.at[two]
     if first.is_plane != second.is_plane:
@@ -200,11 +204,11 @@ def _may_be_images(estimate: Estimate, number: int, two: int) -> bool:
     apart, step = _place_sd(estimate, number) + _place_sd(estimate, two), second.point - first.point
     across = np.cross(first.direction, second.direction)
     if angle_between(first, second) <= angle_allowed(estimate, number, two):
-        return float(np.linalg.norm(np.cross(first.direction, step))) > FAR * apart
-    return float(np.abs(across @ step) / np.linalg.norm(across)) <= FAR * apart
+        return float(np.linalg.norm(np.cross(first.direction, step))) > FAR_SD * apart
+    return float(np.abs(across @ step) / np.linalg.norm(across)) <= FAR_SD * apart
 
 
-def _place_sd(estimate: Estimate, number: int) -> float:
+def _place_sd(estimate: JointEstimate, number: int) -> float:
     """Standard deviation of where a surface is across itself, metres, with how exactly things are built."""
     by = estimate.at[number].by_point
     values = np.linalg.eigvalsh(by @ estimate.covariance_of(number) @ by.T)
@@ -215,14 +219,12 @@ _LEAST_PLANES, _LEAST_AXES = (
     4,
     3,
 )  # of a row: of three planes it is an equal distance
-_N_SD = 4.0  # within which the next of a row is where it is expected
-_MOST_SHARE = 0.25  # of a spacing that this may be: else chance puts one there
 _MOST_MEMBERS = 150  # of a class, the best known, among which rows are looked for
 _ROUNDING = 1e-9  # metres
 _MOST_ROWS = 30  # of a class, the longest
 
 
-def regular_rows(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+def regular_rows(estimate: JointEstimate, options: RelationOptions) -> Iterator[Relation]:
     """Rows of at least four parallel planes, or three parallel axes, at one spacing.
 
     A row begins with any two; the next is looked for where the spacing puts it. `n_tried` counts the two that
@@ -230,7 +232,7 @@ def regular_rows(estimate: Estimate, options: RelationOptions) -> Iterator[Relat
     """
     size_m = size_of(estimate.fits)
     for numbers in parallel_now(estimate):
-        apart = [first for first, *_ in grouped(numbers, estimate, ("coplanar", "coaxial"))]
+        apart = [first for first, *_ in group_by_relation(numbers, estimate, ("coplanar", "coaxial"))]
         planes = [number for number in apart if isinstance(estimate.fits[number].surface, Plane)]
         axes = [number for number in apart if number not in planes]
         for members, least in ((planes, _LEAST_PLANES), (axes, _LEAST_AXES)):
@@ -241,7 +243,7 @@ def regular_rows(estimate: Estimate, options: RelationOptions) -> Iterator[Relat
                         yield row
 
 
-def _rows_of(members: Sequence[int], least: int, estimate: Estimate) -> Iterator[Relation]:
+def _rows_of(members: Sequence[int], least: int, estimate: JointEstimate) -> Iterator[Relation]:
     place, deviation = places_across(members, estimate)
     apart = _distinct(place, deviation)
     place, deviation = place[apart], deviation[apart]
@@ -261,7 +263,7 @@ def _rows_of(members: Sequence[int], least: int, estimate: Estimate) -> Iterator
         yield Relation(kind="regular", surfaces=tuple(numbers), n_tried=_n_tried(row, place))
 
 
-def places_across(members: Sequence[int], estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+def places_across(members: Sequence[int], estimate: JointEstimate) -> tuple[FloatArray, FloatArray]:
     """Places (m, d) of parallel planes (d = 1) or axes (d = 2) over the first, metres; deviations (m,)."""
     first = estimate.at[members[0]]
     is_plane = isinstance(estimate.fits[members[0]].surface, Plane)
@@ -282,7 +284,7 @@ def _distinct(place: FloatArray, deviation: FloatArray) -> list[int]:
     kept: list[int] = []
     for k in range(len(place)):
         far = np.linalg.norm(place[kept] - place[k], axis=1)
-        if not (far <= FAR * (deviation[kept] + deviation[k])).any():
+        if not (far <= FAR_SD * (deviation[kept] + deviation[k])).any():
             kept.append(k)
     return kept
 
@@ -292,10 +294,10 @@ def _progressions(place: FloatArray, deviation: FloatArray) -> Iterator[list[int
     n, tree = len(place), cKDTree(place)
     row_step, two = (steps.ravel() for steps in np.mgrid[:n, :n])
     away = np.linalg.norm(place[two] - place[row_step], axis=1)
-    allowed = _N_SD * np.sqrt(np.square(deviation[row_step]) + 4 * np.square(deviation[two]))
+    allowed = SAME_SD * np.sqrt(np.square(deviation[row_step]) + 4 * np.square(deviation[two]))
     far, third = tree.query(2 * place[two] - place[row_step])
-    goes_on = (far <= np.hypot(allowed, _N_SD * deviation[third])) & (row_step != two)
-    goes_on &= (allowed <= _MOST_SHARE * away) & (third != two)
+    goes_on = (far <= np.hypot(allowed, SAME_SD * deviation[third])) & (row_step != two)
+    goes_on &= (allowed <= MOST_SPACING_SHARE * away) & (third != two)
     after = {
         (int(a), int(b)): int(c)
         for a, b, c in zip(*(x[goes_on] for x in (row_step, two, third)), strict=True)
@@ -320,10 +322,6 @@ def _n_tried(row: Sequence[int], place: FloatArray) -> float:
     return float(n * (n - 1) / 2 * np.prod(np.maximum(1.0, beside)))
 
 
-_FLAT_ANGLE = float(
-    np.radians(1.0)
-)  # round angles nearer than this to 0 or 90 deg are relations of their own
-
 STAGES: tuple[tuple[RelationKind, ...], ...] = (
     ("parallel", "perpendicular", "vertical", "horizontal"),
     ("angle", "half_angle"),
@@ -339,9 +337,9 @@ In the last stage those mirrors that were told get their other pairs.
 """
 
 
-def propose(stage: int, estimate: Estimate, options: RelationOptions) -> list[Relation]:
+def propose(stage: int, estimate: JointEstimate, options: RelationOptions) -> list[Relation]:
     """Return the relations of a stage (`STAGES`) that come into question where the surfaces are now."""
-    makers: dict[int, Callable[[Estimate, RelationOptions], Iterator[Relation]]] = {
+    makers: dict[int, Callable[[JointEstimate, RelationOptions], Iterator[Relation]]] = {
         0: _directions,
         1: _angles,
         2: _places,
@@ -353,7 +351,7 @@ def propose(stage: int, estimate: Estimate, options: RelationOptions) -> list[Re
     return [relation for relation in makers[stage](estimate, options) if relation.kind in options.kinds]
 
 
-def _directions(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+def _directions(estimate: JointEstimate, options: RelationOptions) -> Iterator[Relation]:
     """What is parallel to the best known of its class, and which of these are at right angles."""
     classes = direction_classes(estimate)
     for first, *others in classes:
@@ -374,14 +372,14 @@ def _directions(estimate: Estimate, options: RelationOptions) -> Iterator[Relati
                     yield Relation(kind="vertical" if along != is_plane else "horizontal", surfaces=(first,))
 
 
-def _angles(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+def _angles(estimate: JointEstimate, options: RelationOptions) -> Iterator[Relation]:
     """Round angles between the best known of each class, and of cones."""
     step = np.radians(options.round_angle_deg)
     held = {frozenset(relation.relation.surfaces) for relation in estimate.imposed}
     for index, two in combinations([numbers[0] for numbers in parallel_now(estimate)], 2):
         angle = angle_between(estimate.at[index], estimate.at[two])
         value = float(np.rint(angle / step) * step)
-        is_own = min(value, abs(np.pi / 2 - value)) < _FLAT_ANGLE or frozenset((index, two)) in held
+        is_own = min(value, abs(np.pi / 2 - value)) < FLAT_ANGLE or frozenset((index, two)) in held
         if not is_own and abs(angle - value) <= min(angle_allowed(estimate, index, two), step / 2):
             yield Relation(kind="angle", surfaces=(index, two), value=value)
     for number, fit in enumerate(estimate.fits):
@@ -391,14 +389,14 @@ def _angles(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
                 yield Relation(kind="half_angle", surfaces=(number,), value=value)
 
 
-def _places(estimate: Estimate, _options: RelationOptions) -> Iterator[Relation]:
+def _places(estimate: JointEstimate, _options: RelationOptions) -> Iterator[Relation]:
     """Planes in one, axes in one, and axes in planes."""
     classes = parallel_now(estimate)
     for kind in classes:
         planes = [number for number in kind if isinstance(estimate.fits[number].surface, Plane)]
         axes = [number for number in kind if number not in planes]
-        yield from _clustered("coplanar", planes, estimate)
-        yield from _clustered("coaxial", axes, estimate)
+        yield from _cluster("coplanar", planes, estimate)
+        yield from _cluster("coaxial", axes, estimate)
     for first, second in combinations(classes, 2):
         apart = angle_between(estimate.at[first[0]], estimate.at[second[0]])
         if abs(apart - np.pi / 2) > angle_allowed(estimate, first[0], second[0]):
@@ -411,15 +409,15 @@ def _places(estimate: Estimate, _options: RelationOptions) -> Iterator[Relation]
                 yield from near(Relation(kind="axis_in_plane", surfaces=(flat, axis)), estimate)
 
 
-def _radii(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+def _radii(estimate: JointEstimate, options: RelationOptions) -> Iterator[Relation]:
     """Equal radii, and round ones; a fillet's tube, straight or round, is one with other tubes."""
     spheres, tubes, rings = (
         [number for number, fit in enumerate(estimate.fits) if isinstance(fit.surface, kinds)]
         for kinds in (Sphere, (Cylinder, Torus), Torus)
     )
     for numbers in (spheres, tubes):
-        yield from _clustered("equal_radius", numbers, estimate)
-    yield from _clustered("equal_ring_radius", rings, estimate)
+        yield from _cluster("equal_radius", numbers, estimate)
+    yield from _cluster("equal_ring_radius", rings, estimate)
     if options.round_length_m is not None:
         for number in spheres + tubes:
             value = float(
@@ -429,7 +427,7 @@ def _radii(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
                 yield from near(Relation(kind="radius", surfaces=(number,), value=value), estimate)
 
 
-def _distances(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+def _distances(estimate: JointEstimate, options: RelationOptions) -> Iterator[Relation]:
     """Round and equal distances between parallel planes that follow one another."""
     steps: list[tuple[int, int]] = []
     for numbers in parallel_now(estimate):
@@ -447,7 +445,7 @@ def _distances(estimate: Estimate, options: RelationOptions) -> Iterator[Relatio
     firsts: list[tuple[int, int]] = []
     for pair in steps:
         for first in firsts:
-            if abs(known[first][0] - known[pair][0]) > FAR * (known[first][1] + known[pair][1]):
+            if abs(known[first][0] - known[pair][0]) > FAR_SD * (known[first][1] + known[pair][1]):
                 continue  # whatever errors they share, they are too far off
             relations = list(near(Relation(kind="equal_distance", surfaces=(*first, *pair)), estimate))
             if relations:
@@ -457,7 +455,7 @@ def _distances(estimate: Estimate, options: RelationOptions) -> Iterator[Relatio
             firsts.append(pair)
 
 
-def _clustered(kind: RelationKind, members: Sequence[int], estimate: Estimate) -> Iterator[Relation]:
+def _cluster(kind: RelationKind, members: Sequence[int], estimate: JointEstimate) -> Iterator[Relation]:
     """Each member with the first of those before it that it may be one with."""
     firsts: list[int] = []
     for member in members:
@@ -470,26 +468,26 @@ def _clustered(kind: RelationKind, members: Sequence[int], estimate: Estimate) -
             firsts.append(member)
 
 
-def _are_one(estimate: Estimate, number: int, two: int) -> bool:
+def _are_one(estimate: JointEstimate, number: int, two: int) -> bool:
     """Whether two planes are imposed to be one, or not apart by more than may be by chance."""
     return bool(list(near(Relation(kind="coplanar", surfaces=(number, two)), estimate)))
 
 
-def _length(estimate: Estimate, pair: tuple[int, int]) -> tuple[float, float]:
+def _length(estimate: JointEstimate, pair: tuple[int, int]) -> tuple[float, float]:
     """How far apart two surfaces are, and the deviation of that, with how exactly things are built."""
     constraint = estimate.constraint(Relation(kind="distance", surfaces=pair, value=0.0))
     deviations = np.sqrt([estimate.variance(constraint)[0, 0], estimate.built_within(constraint)[0]])
     return float(constraint.value[0]), float(deviations.sum()) + 1e-12
 
 
-def _patterns(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+def _patterns(estimate: JointEstimate, options: RelationOptions) -> Iterator[Relation]:
     """What has one spacing, and what is alike in one mirror."""
     rows = list(regular_rows(estimate, options))
     yield from rows
     yield from _beyond(rows, mirrored_pairs(estimate, options))
 
 
-def _further(estimate: Estimate, options: RelationOptions) -> Iterator[Relation]:
+def _further(estimate: JointEstimate, options: RelationOptions) -> Iterator[Relation]:
     """Other pairs of mirrors that were told."""
     yield from _beyond(list(regular_rows(estimate, options)), further_pairs(estimate, options))
 

@@ -47,7 +47,7 @@ def kind_text(kind: RelationKind) -> str:
     return kind.replace("_", " ")
 
 
-class Status(Enum):
+class RelationStatus(Enum):
     """What became of a relation."""
 
     ACCEPTED = "accepted"
@@ -106,7 +106,7 @@ class Relation:
     value: float | None = None
     is_given: bool = False
     is_forbidden: bool = False
-    status: Status = Status.UNDECIDED
+    status: RelationStatus = RelationStatus.UNDECIDED
     p: float = float("nan")
     log_evidence: float = float("nan")
     chi2: float = float("nan")
@@ -146,7 +146,7 @@ class Relation:
     @property
     def holds(self) -> bool:
         """Whether the surfaces are so in the end."""
-        return self.status in (Status.ACCEPTED, Status.IMPLIED, Status.REDUNDANT)
+        return self.status in (RelationStatus.ACCEPTED, RelationStatus.IMPLIED, RelationStatus.REDUNDANT)
 
 
 FORMAT = "unseen-relations/1"
@@ -202,11 +202,11 @@ def read_scan_relations(path: str | PathLike[str]) -> tuple[StatedRelation[Ancho
     Raises InputError: not such a file; the message names the file, the relation and the cure.
     """
 
-    def named(held: Mapping[str, Any]) -> Callable[[object, str], Anchor]:
+    def anchors_in(held: Mapping[str, Any]) -> Callable[[object, str], Anchor]:
         anchors = anchors_of(held.get("surfaces", []))
         return lambda name, source: named_anchor(name, anchors, source)
 
-    return _read(path, named)
+    return _read(path, anchors_in)
 
 
 def read_part_relations(path: str | PathLike[str]) -> tuple[StatedRelation[int], ...]:
@@ -240,13 +240,13 @@ def _read(
             raise InputError('holds no list "relations"; write [{"type": "parallel", "surfaces": [1, 2]}]')
         name = naming(document)
         every = [
-            _stated(relation, name, f"{file}: relation {number}")
+            _parse_relation(relation, name, f"{file}: relation {number}")
             for number, relation in enumerate(relations, start=1)
         ]
         return tuple(relation for relation in every if relation is not None)
 
 
-def _stated(
+def _parse_relation(
     entry: object, name: Callable[[object, str], _Named], source: str
 ) -> StatedRelation[_Named] | None:
     """A relation of a file; None where it was written by `unseen`, which found that it does not hold."""

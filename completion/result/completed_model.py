@@ -19,7 +19,7 @@ from completion.extension.claims import Choice
 from completion.extension.patch import Patch, Provenance
 from completion.features.engine.template import TemplateFit
 from completion.merging.merged_surface import MergedSurface
-from completion.merging.pieces import Unconfirmed
+from completion.merging.pieces import UnconfirmedRegions
 from completion.merging.scan_surfaces import ScanSurfaces
 from completion.observe.observation import Observation
 from completion.observe.user_options import Mode
@@ -35,7 +35,7 @@ from completion.panels.pipeline import build_panels
 from completion.panels.sheet import Sheet
 from completion.panels.unexplained import PixelMesh, light_rest
 from completion.registration.correction import Registration
-from completion.relations.pipeline import FoundRelations
+from completion.relations.pipeline import SurfaceRelations
 from completion.result.audit import AuditResult
 from completion.result.doubts import doubts_of
 from completion.result.flat_scans import FlatScan, flat_doubts
@@ -70,7 +70,7 @@ class CompletedSurfaces:
         The surfaces; number i + 1 in files.
     scans : Scans
         The scans as evidence, each pixel with the number of its surface.
-    relations : FoundRelations, optional
+    relations : SurfaceRelations, optional
         What surfaces are to each other; None where not asked for.
     errors : JointErrors
         Joint errors of the surfaces.
@@ -86,7 +86,7 @@ class CompletedSurfaces:
 
     patches: tuple[Patch, ...]
     scans: Scans
-    relations: FoundRelations | None
+    relations: SurfaceRelations | None
     errors: JointErrors
     features: tuple[TemplateFit, ...]
     choice: Choice
@@ -238,7 +238,7 @@ class CompletedModel:
         return self.measured_surfaces.key_frames
 
     @property
-    def unconfirmed(self) -> Unconfirmed:
+    def unconfirmed(self) -> UnconfirmedRegions:
         """Regions of single frames of a sequence that other frames did not confirm, left out."""
         return self.measured_surfaces.unconfirmed
 
@@ -268,7 +268,7 @@ class CompletedModel:
         return self.completed.edits
 
     @property
-    def relations(self) -> FoundRelations | None:
+    def relations(self) -> SurfaceRelations | None:
         """What its surfaces are to each other, working frame; None where not asked for."""
         return self.completed.relations
 

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from completion.extension.patch import Patch
-from completion.merging.pieces import Unconfirmed
+from completion.merging.pieces import UnconfirmedRegions
 from completion.observe.observation import Observation
 from completion.registration.correction import Registration
 from completion.registration.registered import pose_doubts
-from completion.relations.pipeline import FoundRelations
-from completion.relations.relation import Status, kind_text
+from completion.relations.pipeline import SurfaceRelations
+from completion.relations.relation import RelationStatus, kind_text
 
 _ROUGH_M = 0.01  # root mean square from which residuals are centimetres
 _TIMES = 3.0  # the range noise, beyond which it does not explain them
@@ -26,8 +26,8 @@ def doubts_of(
     observations: Sequence[Observation],
     patches: Sequence[Patch],
     registration: Registration,
-    unconfirmed: Unconfirmed,
-    relations: FoundRelations | None,
+    unconfirmed: UnconfirmedRegions,
+    relations: SurfaceRelations | None,
 ) -> tuple[str, ...]:
     """Return what was left out of the scans or assumed, with each scan's name, and what came out doubtful.
 
@@ -52,7 +52,7 @@ def doubts_of(
     return (*doubts, *([_rough_text(rough)] if rough else []))
 
 
-def _of_relations(relations: FoundRelations | None) -> list[str]:
+def _of_relations(relations: SurfaceRelations | None) -> list[str]:
     """What a person stated that does not hold, and surfaces that relations would turn too far."""
     if relations is None:
         return []
@@ -60,7 +60,7 @@ def _of_relations(relations: FoundRelations | None) -> list[str]:
         f"it was stated that {kind_text(relation.kind)} holds of "
         f"{_surface_list(relation.surfaces, relations.numbers)}, but it was rejected: {relation.reason}"
         for relation in relations.graph.relations
-        if relation.is_given and relation.status is Status.REJECTED
+        if relation.is_given and relation.status is RelationStatus.REJECTED
     ]
     worst = int(np.argmax(relations.graph.moved_sd)) if relations.graph.moved_sd else 0
     if relations.graph.moved_sd and relations.graph.moved_sd[worst] > _SURE:

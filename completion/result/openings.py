@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from scipy import ndimage
 
-from completion.boundary.edges import Edge, Line
+from completion.boundary.edges import BoundaryEdge, ChartLine
 from completion.edits.edit import FittedHole, FittedOpening, SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
@@ -146,7 +146,9 @@ def _is_closed(hole: BoolArray, solid: BoolArray, within: BoolArray) -> bool:
     return bool(np.mean(near_solid[rim] | ~within[rim]) > 0.98) and bool(solid[rim].any())
 
 
-def _outline(grid: ChartGrid, hole: BoolArray, edges: Sequence[Edge]) -> tuple[FloatArray, FloatArray] | None:
+def _outline(
+    grid: ChartGrid, hole: BoolArray, edges: Sequence[BoundaryEdge]
+) -> tuple[FloatArray, FloatArray] | None:
     """The hole's outline (n, 2) in the chart, its sides laid on the edges that they follow; their sd (n,)."""
     filled = ndimage.binary_fill_holes(hole)
     scaled = np.kron(filled, np.ones((2, 2), np.uint8))  # so that contours run along the cells' sides
@@ -209,23 +211,25 @@ def _until(grid: ChartGrid, cells: BoolArray, places: FloatArray, along: FloatAr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OpeningSide:
-    line: Line
+    line: ChartLine
     start: FloatArray
     sd: float  # of the line across itself, metres
 
 
-def _side(uv: FloatArray, first: int, last: int, grid: ChartGrid, edges: Sequence[Edge]) -> _OpeningSide:
+def _side(
+    uv: FloatArray, first: int, last: int, grid: ChartGrid, edges: Sequence[BoundaryEdge]
+) -> _OpeningSide:
     """The line of an edge that the stretch of outline follows, else the line through its points."""
     stretch = uv[first : last + 1] if last > first else np.concatenate([uv[first:], uv[: last + 1]])
     near = _NEAR * float(grid.cell.max())
     share, line, sd = 0.0, None, float(grid.cell.max())
     for edge in edges:
-        if isinstance(edge.curve, Line):
+        if isinstance(edge.curve, ChartLine):
             follows = float(np.mean(np.abs(edge.curve.across(stretch)) <= near))
             if follows > max(share, _FOLLOWS):
                 share, line, sd = follows, edge.curve, float(np.hypot(edge.deviation, edge.common))
     if line is None:
         middle = stretch.mean(axis=0)
         vectors = np.linalg.svd(stretch - middle)[2]
-        line = Line(middle, vectors[0])
+        line = ChartLine(middle, vectors[0])
     return _OpeningSide(line, stretch[0], sd)

@@ -21,7 +21,7 @@ from completion.fitting.result import surface_parameters
 from completion.panels.model import FoldEdge, rotate_covariances
 from completion.panels.outline import NearOutline, polygon_parts, runs_of
 from completion.relations.graph import frame_records, freedom_record, relation_records
-from completion.relations.pipeline import FoundRelations
+from completion.relations.pipeline import SurfaceRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface
 from completion.result.flat_scans import surface_flattening, whole_flattening
 from completion.result.labelled_points import PROVENANCE_NAMES
@@ -151,7 +151,7 @@ def completion_record(
     return record
 
 
-def _relations_record(completion: CompletedModel, relations: FoundRelations) -> dict[str, Any]:
+def _relations_record(completion: CompletedModel, relations: SurfaceRelations) -> dict[str, Any]:
     """What surfaces are to each other; those without a number are named by their own point, world frame."""
     world, graph = completion.world_from_reference, relations.graph
     names = [
@@ -304,7 +304,7 @@ def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -
     area, boundary = surface.polygon, NearOutline.of(patch.grid, surface.outline)
     return {
         "id": number,
-        "role": role_of(normal, encloses=patch.limits.encloses),
+        "role": role_of(patch.source.fit, encloses=patch.limits.encloses, up=world.matrix[2, :3]),
         "plane": {
             "point": world.apply(patch.grid.surface.from_uv(np.zeros((1, 2))))[0].tolist(),
             "normal": normal.tolist(),
@@ -376,8 +376,13 @@ def _opening_record(
     completion: CompletedModel, patch: Patch, normal: FloatArray, opening: SurfaceOpening
 ) -> dict[str, Any]:
     """An opening with its kind and its size along the level and upwards, metres."""
-    points = completion.world_from_reference.apply(opening.points)
-    is_wall = opening.feature > 0 or role_of(normal, encloses=patch.limits.encloses) == "wall"
+    points, up = (
+        completion.world_from_reference.apply(opening.points),
+        completion.world_from_reference.matrix[2, :3],
+    )
+    is_wall = (
+        opening.feature > 0 or role_of(patch.source.fit, encloses=patch.limits.encloses, up=up) == "wall"
+    )
     farthest = np.linalg.svd(points - points.mean(axis=0))[2][0]  # the direction in which it reaches most
     across = np.cross([0.0, 0, 1], normal) if is_wall else farthest
     across /= np.linalg.norm(across)

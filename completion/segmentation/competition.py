@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from completion.observe.observation import Observation
 from completion.observe.packed_surfaces import gap_to
 from completion.observe.rays import Noise, Rays, deviation_at, ray_at
-from completion.observe.tiles import Tiles
+from completion.observe.tiles import ImageTiles
+from completion.segmentation.limits import ENCLOSED_SHARE, FARTHEST, MOST_MISFIT, SEAM_COST, WITHIN_SHARE
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled, inlined
 
-_SEAM = 1.0  # cost of a neighbour on another surface, in units of a squared residual
-_FLAT = 3.0  # misfit of tiles whose normal counts
 _MOST_VISITS = 12
 
 
@@ -28,7 +27,7 @@ def compete(
     labels: NDArray[np.int32],
     models: FloatArray,
     observation: Observation,
-    tiles: Tiles,
+    tiles: ImageTiles,
     options: SegmentationOptions,
 ) -> NDArray[np.int32]:
     """Relabel pixels by iterated conditional modes (Besag 1986) over the labels of their neighbours.
@@ -173,8 +172,8 @@ def _best_label(
         square = gap * gap / (s * s * cosine * cosine + flat * flat + 1e-30)
         if not (cosine > 0.0 and square <= limit):
             continue
-        cost = square + _SEAM * (n_labelled - tally[index])
-        if members == 0 and misfit[ti, tj] <= _FLAT:
+        cost = square + SEAM_COST * (n_labelled - tally[index])
+        if members == 0 and misfit[ti, tj] <= MOST_MISFIT:
             wx, wy, wz = plane[ti, tj, 0], plane[ti, tj, 1], plane[ti, tj, 2]
             cosine = (wx * normal[0] + wy * normal[1] + wz * normal[2]) / np.sqrt(wx * wx + wy * wy + wz * wz)
             if np.arccos(min(1.0, max(-1.0, cosine))) > max_angle + 3.0 * normal_sd[ti, tj]:
@@ -182,11 +181,6 @@ def _best_label(
         if cost < least:
             best, least = near[index], cost
     return best
-
-
-_WITHIN = 0.9  # of an island's pixels within tolerance of the surface around
-_ENCLOSED = 0.5  # of its outline next to that surface
-_FARTHEST = 2.0  # times the region's own ranges: planes that a ray meets later, or never, end there
 
 
 def absorb(
@@ -207,7 +201,7 @@ def absorb(
     n = len(surfaces)
     contact, outline = contacts(labels, n)
     host = np.array([int(np.argmax(contact[i, :i])) if i else -1 for i in range(n)], np.int64)
-    enclosed = np.array([i > 0 and contact[i, host[i]] >= _ENCLOSED * outline[i] for i in range(n)])
+    enclosed = np.array([i > 0 and contact[i, host[i]] >= ENCLOSED_SHARE * outline[i] for i in range(n)])
     sums = _distances(
         labels, models, np.where(enclosed, host, -1), observation.scan.ranges, observation.rays,
         observation.noise.numbers(), options.least_flatness_m, options.n_sigma,
@@ -215,7 +209,7 @@ def absorb(
     goes_to = np.arange(n + 1)
     for i in np.flatnonzero(enclosed).tolist():
         count, within, mean, reach = sums[i, 0], sums[i, 1], sums[i, 2:5], sums[i, 5]
-        if within < _WITHIN * count:
+        if within < WITHIN_SHARE * count:
             continue
         middle = (observation.scan.origin + mean / count)[None]
         gap = abs(sums[i, 6] / count)
@@ -301,11 +295,11 @@ def sharpen_creases(
     for i in np.flatnonzero(models[:, 0] == 1.0).tolist():
         beside = np.flatnonzero((contact[i] > 0) & (models[:, 0] == 0.0))
         if len(beside) > 1:
-            _sharpen(i + 1, beside, result, models, observation)
+            _sharpen_creases(i + 1, beside, result, models, observation)
     return result
 
 
-def _sharpen(
+def _sharpen_creases(
     label: int, beside: NDArray[np.int64], labels: NDArray[np.int32], models: FloatArray, seen: Observation
 ) -> None:
     """Give one cylinder's pixels to two of the planes beside it where their crease explains them."""
@@ -319,7 +313,7 @@ def _sharpen(
     is_member: BoolArray = labels[frame] == label
     flat = np.arange(labels.size, dtype=np.int64).reshape(labels.shape)[frame]
     rays = seen.rays_at(flat.ravel()).reshape(*flat.shape, 3)
-    reach = {int(j): _reach(models[j], rays, _FARTHEST * float(ranges.max())) for j in beside}
+    reach = {int(j): _reach(models[j], rays, FARTHEST * float(ranges.max())) for j in beside}
     measured, sigma = seen.scan.ranges[frame][is_member], seen.sigma_at(flat[is_member])
     allowed = 1 + 3 * np.sqrt(2 * width**2 / len(pixel))  # a window's ranges count as one
     pairs = [

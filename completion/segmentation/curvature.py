@@ -7,28 +7,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.fitting.chart import axis_frame
-from completion.observe.observation import Beams, Observation
+from completion.observe.observation import LabelledBeams, Observation
 from completion.observe.packed_surfaces import pack
 from completion.observe.rays import Noise, Rays, Triple, deviation_at, ray_at
 from completion.observe.refitting import improve
-from completion.observe.tiles import Tiles
+from completion.observe.tiles import ImageTiles
 from completion.segmentation.growing import Cluster, deviations, flood, tile_cut, with_smooth_ring
+from completion.segmentation.limits import CURVED_SD, LEAST_SAGITTA, RING_GROWTH
 from completion.segmentation.regions import SegmentationOptions, observed_arc
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder
 from texture.engine.compiled import compiled, inlined
 
-_SIGNIFICANT = 5.0  # standard deviations of the curvature, inflated for correlated residuals
-_RING = 1.3  # growth by the smooth tiles around that makes a patch a narrow one
 _N_BEND = 3_000  # pixels that the curvature is read from
 _N_FIT = 1_500
-_SAGITTA = 3.0  # in units of what the surface may stray by: less is a flat wall that is not quite flat
 _N_ROUNDS = 8
 _CHI2_2 = 27.6  # quantile for the two parameters a cylinder has more than a plane, 1 in a million
 
 
 def bending_cylinder(
-    cluster: Cluster, free: BoolArray, tiles: Tiles, observation: Observation, max_angle: float
+    cluster: Cluster, free: BoolArray, tiles: ImageTiles, observation: Observation, max_angle: float
 ) -> Cylinder | None:
     """Return the cylinder that osculates a patch, None where its curvature is not significant.
 
@@ -38,7 +36,7 @@ def bending_cylinder(
     (rows, columns), tells which tiles may be added (`with_smooth_ring`).
     """
     members = with_smooth_ring(cluster.tiles, free, tiles, max_angle)
-    if np.count_nonzero(members) < _RING * np.count_nonzero(cluster.tiles):
+    if np.count_nonzero(members) < RING_GROWTH * np.count_nonzero(cluster.tiles):
         members = cluster.tiles
     normal = -cluster.model[1:4]
     where = np.argwhere(members)
@@ -63,7 +61,7 @@ def bending_cylinder(
     gradient = np.array([0, 0, 0, x * x, 2 * x * y, y * y])
     variance = max(float(gradient @ inverse @ gradient), 0.0)
     curvature = float(values[steepest])  # lengths are in units of the reach
-    if not curvature**2 > _SIGNIFICANT**2 * variance * _residual_variance(*arguments, solution):
+    if not curvature**2 > CURVED_SD**2 * variance * _residual_variance(*arguments, solution):
         return None
     axis = vectors[:, 1 - steepest] @ frame[:2]
     radius = reach / curvature
@@ -75,7 +73,7 @@ def grow_cylinder(
     start: Cylinder,
     cluster: Cluster,
     free: BoolArray,
-    tiles: Tiles,
+    tiles: ImageTiles,
     observation: Observation,
     options: SegmentationOptions,
 ) -> Cluster | None:
@@ -109,7 +107,7 @@ def grow_cylinder(
 def _is_round(
     cylinder: Cylinder,
     members: BoolArray,
-    tiles: Tiles,
+    tiles: ImageTiles,
     observation: Observation,
     options: SegmentationOptions,
 ) -> bool:
@@ -118,10 +116,10 @@ def _is_round(
     sagitta = cylinder.radius * (1 - np.cos(min(arc / 2, np.pi)))
     reach = np.linalg.norm(tiles.centre[members], axis=1)
     stray = np.hypot(tiles.flatness_m, observation.noise.bias(reach).mean())
-    return bool(arc >= np.radians(options.min_arc_deg) and sagitta > _SAGITTA * stray)
+    return bool(arc >= np.radians(options.min_arc_deg) and sagitta > LEAST_SAGITTA * stray)
 
 
-def _explains_better(cluster: Cluster, plane: Cluster, tiles: Tiles) -> bool:
+def _explains_better(cluster: Cluster, plane: Cluster, tiles: ImageTiles) -> bool:
     """Whether the cylinder takes up the plane's tiles and deviates from them by significantly less.
 
     Where it takes up as many tiles again, those that the plane could not explain count too.
@@ -140,12 +138,12 @@ def _explains_better(cluster: Cluster, plane: Cluster, tiles: Tiles) -> bool:
     return float(flat.sum() - round_.sum()) > _CHI2_2 * noise
 
 
-def _sample(members: BoolArray, tiles: Tiles, observation: Observation) -> Beams:
+def _sample(members: BoolArray, tiles: ImageTiles, observation: Observation) -> LabelledBeams:
     """Beams of the tiles, thinned evenly."""
     where = np.argwhere(members)
     step = max(1, int(np.sqrt(len(where) * tiles.side**2 / _N_FIT)))
     pixel = _pixels(where, tiles.side, step, tiles.ranges)
-    return Beams.at(observation, pixel)
+    return LabelledBeams.at(observation, pixel)
 
 
 @compiled

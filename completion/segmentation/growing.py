@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.observe.packed_surfaces import pack_plane, tangent_plane
-from completion.observe.tiles import Tiles, solve_plane
+from completion.observe.tiles import ImageTiles, solve_plane
+from completion.segmentation.limits import MOST_MISFIT, SEED_CUT
 from completion.segmentation.regions import SegmentationOptions
 from scenes.checks import BoolArray, FloatArray
 from texture.engine.compiled import compiled, inlined
@@ -34,7 +35,7 @@ def tile_cut(options: SegmentationOptions) -> float:
 
 
 def grow_plane(
-    seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, max_angle: float
+    seed: tuple[int, int], free: BoolArray, tiles: ImageTiles, cut: float, max_angle: float
 ) -> Cluster | None:
     """Grow and refit in turn until the plane's tiles stand still.
 
@@ -70,7 +71,13 @@ def grow_plane(
 
 
 def flood(
-    model: FloatArray, seed: tuple[int, int], free: BoolArray, tiles: Tiles, cut: float, *, max_angle: float
+    model: FloatArray,
+    seed: tuple[int, int],
+    free: BoolArray,
+    tiles: ImageTiles,
+    cut: float,
+    *,
+    max_angle: float,
 ) -> tuple[BoolArray, FloatArray, FloatArray, int]:
     """Return the free tiles (rows, columns) connected with `seed` that lie on the model; see `grow_plane`.
 
@@ -85,7 +92,7 @@ def flood(
     return members, matrix, vector, int(count)
 
 
-def with_smooth_ring(members: BoolArray, free: BoolArray, tiles: Tiles, max_angle: float) -> BoolArray:
+def with_smooth_ring(members: BoolArray, free: BoolArray, tiles: ImageTiles, max_angle: float) -> BoolArray:
     """The members, and those of the free tiles (rows, columns) that go on from them with no crease or jump.
 
     The normals of neighbouring tiles differ by at most `max_angle`, radians, beside their error.
@@ -215,8 +222,6 @@ def _with_smooth_ring(
     return grown
 
 
-_MAX_MISFIT = 3.0  # of a tile that an edge may not cross
-_SEED_CUT = 0.25  # excess of the plane through 3 x 3 tiles below which they are one surface
 _ACROSS, _ASLANT = 62_587, 89_738  # of a step, 1 / 65,536: Borgefors' best for steps to eight neighbours
 _UNIT = 65_536
 
@@ -229,9 +234,9 @@ class Seeds:
     coherent: BoolArray  # (rows, columns) those that lie on one plane with the tiles around
 
 
-def find_seeds(tiles: Tiles) -> Seeds:
+def find_seeds(tiles: ImageTiles) -> Seeds:
     """Tell which tiles lie inside one surface, alone and with their neighbours."""
-    flat: BoolArray = tiles.misfit <= _MAX_MISFIT * (1 + 3 * np.sqrt(2 / np.maximum(tiles.count - 3, 1)))
+    flat: BoolArray = tiles.misfit <= MOST_MISFIT * (1 + 3 * np.sqrt(2 / np.maximum(tiles.count - 3, 1)))
     return Seeds(flat, _coherent(flat, tiles.count, tiles.matrix, tiles.vector, tiles.plane, tiles.misfit))
 
 
@@ -336,5 +341,5 @@ def _coherent(
                             matrix[k, m], w[0] - members[0], w[1] - members[1], w[2] - members[2]
                         )
                         worst = max(worst, misfit[k, m])
-            result[i, j] = excess <= (_SEED_CUT * n_pixels + CHI2_3 * n) * worst
+            result[i, j] = excess <= (SEED_CUT * n_pixels + CHI2_3 * n) * worst
     return result

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.observe.observation import Beams, Observation, PixelSet
+from completion.observe.observation import LabelledBeams, Observation, PixelSet
 from completion.observe.packed_surfaces import pack
 from completion.observe.refitting import improve, refit
-from completion.observe.tiles import LEAST_TILE, Tiles, cut_tiles, spread_over_pixels, tile_side
+from completion.observe.tiles import LEAST_TILE, ImageTiles, cut_tiles, spread_over_pixels, tile_side
 from completion.segmentation.competition import absorb, compete, sharpen_creases
 from completion.segmentation.curvature import bending_cylinder, grow_cylinder
 from completion.segmentation.growing import (
@@ -22,13 +22,12 @@ from completion.segmentation.growing import (
     next_seed,
     tile_cut,
 )
+from completion.segmentation.limits import FEWEST_TILES, MOST_BULGE
 from completion.segmentation.regions import Region, SegmentationOptions, split_parts
 from completion.segmentation.relief import join_relief
 from scenes.checks import FloatArray
 
 _THINNING = 3  # of the pixels that surfaces are first refitted to
-_LEAST_TILES = 3  # in a row or corner: fewer show neither plane nor cylinder
-_BULGE = 0.1  # pixel footprints that a tile on a cylinder of a few pixels' radius strays from its plane
 
 
 def segment(observation: Observation, options: SegmentationOptions) -> list[Region]:
@@ -43,7 +42,9 @@ def segment(observation: Observation, options: SegmentationOptions) -> list[Regi
     """
     labels, models, tiles = _grow(observation, options)
     labels, surfaces = split_parts(labels, models, observation, options)
-    placed = improve(surfaces, [Beams.of(observation, labels).thinned(_THINNING)], options.least_flatness_m)
+    placed = improve(
+        surfaces, [LabelledBeams.of(observation, labels).subsample(_THINNING)], options.least_flatness_m
+    )
     surfaces = [new or old for new, old in zip(placed, surfaces, strict=True)]
     models = np.array([pack(surface, observation.scan.origin) for surface in surfaces]).reshape(-1, 9)
     labels = absorb(labels, models, surfaces, observation, options)
@@ -58,11 +59,11 @@ def segment(observation: Observation, options: SegmentationOptions) -> list[Regi
 
 def _grow(
     observation: Observation, options: SegmentationOptions
-) -> tuple[NDArray[np.int32], FloatArray, Tiles]:
+) -> tuple[NDArray[np.int32], FloatArray, ImageTiles]:
     """Labels of the pixels, from 1, and the packed surfaces, by coarse tiles and then by finer ones."""
     scan, spacing = observation.scan, observation.scan.projection.pixel_angle
     side = tile_side(scan.ranges, observation.noise.numbers(), spacing)
-    noise = observation.noise.numbers(bulge=_BULGE * spacing)
+    noise = observation.noise.numbers(bulge=MOST_BULGE * spacing)
     labels, models = np.zeros(scan.shape, np.int32), np.zeros((0, 9))
     tiles = cut_tiles(scan.ranges, observation.rays, noise, options.least_flatness_m, side)
     fine = tiles
@@ -72,14 +73,14 @@ def _grow(
             half = max(LEAST_TILE, side // 2)
             fine = cut_tiles(left, observation.rays, noise, options.least_flatness_m, half)
         clusters = find_clusters(fine, observation, options, thorough=thorough)
-        labels = _numbered(labels, clusters, fine, len(models))
+        labels = _number_clusters(labels, clusters, fine, len(models))
         models = np.concatenate([models, *(cluster.model[None] for cluster in clusters)])
         labels = compete(labels, models, observation, tiles, options)
     return labels, models, tiles
 
 
-def _numbered(
-    labels: NDArray[np.int32], clusters: Sequence[Cluster], tiles: Tiles, n_before: int
+def _number_clusters(
+    labels: NDArray[np.int32], clusters: Sequence[Cluster], tiles: ImageTiles, n_before: int
 ) -> NDArray[np.int32]:
     """The labels with the clusters' pixels numbered on from `n_before`, where there was none."""
     numbers = np.zeros(tiles.shape, np.int32)
@@ -89,7 +90,7 @@ def _numbered(
 
 
 def find_clusters(
-    tiles: Tiles, observation: Observation, options: SegmentationOptions, *, thorough: bool
+    tiles: ImageTiles, observation: Observation, options: SegmentationOptions, *, thorough: bool
 ) -> list[Cluster]:
     """Grow planes and cylinders over the tiles until no seed is left.
 
@@ -108,7 +109,7 @@ def find_clusters(
             untried[seed] = False
             if cluster is None:
                 continue
-            if np.count_nonzero(cluster.tiles) < _LEAST_TILES:
+            if np.count_nonzero(cluster.tiles) < FEWEST_TILES:
                 untried &= ~cluster.tiles
                 continue
             start = bending_cylinder(cluster, free, tiles, observation, angle)

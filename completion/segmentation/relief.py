@@ -14,6 +14,15 @@ from completion.fitting.result import allow_for_warp
 from completion.observe.observation import Observation, PixelSet, ScanPixels
 from completion.observe.refitting import refit_each
 from completion.observe.tolerance import FLATNESS_M
+from completion.segmentation.limits import (
+    BLURRED_SD,
+    CONTACT_PIXELS,
+    FEWEST_CONTACTS,
+    FEWEST_PAIRS,
+    MEET_SD,
+    SAME_COSINE,
+    STRAY,
+)
 from completion.segmentation.regions import Groups, Region, SegmentationOptions
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane, Surface
@@ -22,7 +31,7 @@ _SAMPLE = 1000  # points of a piece that are looked at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plate:
+class PlateSample:
     """Some points of a plane piece, or of several together."""
 
     plane: Plane
@@ -42,17 +51,17 @@ class Plate:
         return float(np.sqrt(max(square, 0.0)))
 
 
-def plate_of(plane: Plane, pixels: PixelSet, observation: Observation) -> Plate:
+def plate_of(plane: Plane, pixels: PixelSet, observation: Observation) -> PlateSample:
     """Return a piece by its plane and its pixels."""
     flat = pixels.flat[np.linspace(0, len(pixels) - 1, min(_SAMPLE, len(pixels))).astype(np.int64)]
     ranges = observation.scan.ranges.ravel()[flat]
     cosine = np.abs(observation.rays_at(flat) @ plane.normal_direction)
     noise = observation.noise.sigma(ranges) * cosine
     bias = float(observation.noise.bias(np.array([np.median(ranges)]))[0])
-    return Plate(plane, len(pixels), observation.points_at(flat), noise, bias)
+    return PlateSample(plane, len(pixels), observation.points_at(flat), noise, bias)
 
 
-def together(plates: Sequence[Plate]) -> Plate:
+def together(plates: Sequence[PlateSample]) -> PlateSample:
     """Return several plates as one, each by as many points as its pixels are worth, on their common plane."""
     most = max(plate.n_pixels / len(plate.points) for plate in plates)
     steps = [max(1, round(most * len(plate.points) / plate.n_pixels)) for plate in plates]
@@ -62,17 +71,13 @@ def together(plates: Sequence[Plate]) -> Plate:
     normal = np.linalg.eigh((points - centre).T @ (points - centre))[1][:, 0]
     facing = float(normal @ max(plates, key=lambda plate: plate.n_pixels).plane.normal_direction)
     weights = [plate.n_pixels for plate in plates]
-    return Plate(
+    return PlateSample(
         plane=Plane(centre, normal if facing >= 0 else -normal),
         n_pixels=sum(weights),
         points=points,
         noise=noise,
         bias=float(np.average([plate.bias for plate in plates], weights=weights)),
     )
-
-
-_WIDTH = 4  # pixels that lie between two pieces that touch at most
-_LEAST_CONTACT = 8  # pairs of pixels by which pieces touch
 
 
 def find_seams(pixels: Sequence[PixelSet], observation: Observation) -> dict[tuple[int, int], FloatArray]:
@@ -86,7 +91,7 @@ def find_seams(pixels: Sequence[PixelSet], observation: Observation) -> dict[tup
     )
     label_of = np.zeros(int(nearest.max()) + 1, np.int32)
     label_of[nearest[labels > 0]] = labels[labels > 0]
-    grown = np.where(away <= (_WIDTH + 1) / 2, label_of[nearest], 0)
+    grown = np.where(away <= (CONTACT_PIXELS + 1) / 2, label_of[nearest], 0)
     flat = np.arange(rows * columns).reshape(rows, columns)
     below, right = (slice(1, None), slice(None)), (slice(None), slice(1, None))
     keys, places = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
@@ -110,17 +115,11 @@ def _by_pair(
         return {}
     seams = {}
     for number, sample in zip(numbers.tolist(), np.split(place, starts[1:]), strict=True):
-        if len(sample) >= _LEAST_CONTACT:
+        if len(sample) >= FEWEST_CONTACTS:
             sample = sample[observation.valid.ravel()[sample]]
             seams[divmod(number, n)] = observation.points_at(sample)
     return seams
 
-
-_MEET = 3.0 * np.sqrt(2.0)  # times their relief, by which two planes differ at a seam at most: both within 3
-_BLURRED = 2.0  # times the noise, within which single ranges hardly tell two planes apart
-_TILT = np.cos(np.radians(5.0))  # of pieces that tell how uneven a plane is
-_LEAST_PAIRS = 3  # of them; fewer may be a ramp
-_STRAY = 2.0  # times what is expected, by which any piece may stray from the common plane
 
 Pair = tuple[int, int]
 
@@ -157,15 +156,15 @@ def join_relief(
         flags = {pair: is_met for pair, is_met in meets.items() if sheet.issuperset(pair)}
         _join(groups, plates, flags, relief if options.flatness_m is None else 0.0, least)
     return [
-        _joined(
+        _join_regions(
             [regions[k] for k in numbers], [plates[k] for k in numbers if k in plates], observation, least
         )
         for numbers in groups.all()
     ]
 
 
-def _joined(
-    regions: Sequence[Region], plates: Sequence[Plate], observation: Observation, flatness_m: float
+def _join_regions(
+    regions: Sequence[Region], plates: Sequence[PlateSample], observation: Observation, flatness_m: float
 ) -> Region:
     """Some regions as one; a plane's relief told."""
     if not plates:
@@ -181,17 +180,19 @@ def _joined(
     return Region(allow_for_warp(fit, whole.points, relief), pixels, relief)
 
 
-def _meets(first: Plate, second: Plate, seam: FloatArray, flatness_m: float) -> bool:
+def _meets(first: PlateSample, second: PlateSample, seam: FloatArray, flatness_m: float) -> bool:
     """Tell whether the planes of two pieces are one and the same at the points (n, 3) between them."""
-    if first.plane.normal_direction @ second.plane.normal_direction < _TILT or not len(seam):
+    if first.plane.normal_direction @ second.plane.normal_direction < SAME_COSINE or not len(seam):
         return False
     relief = max(first.relief(first.plane), second.relief(second.plane), flatness_m)
     noise = max(float(np.sqrt(np.mean(np.square(plate.noise)))) for plate in (first, second))
     apart = np.mean(np.square(first.plane.distance(seam) - second.plane.distance(seam)))
-    return bool(np.sqrt(apart) <= max(_MEET * relief, _BLURRED * noise))
+    return bool(np.sqrt(apart) <= max(MEET_SD * relief, BLURRED_SD * noise))
 
 
-def _sheets(n: int, plates: Mapping[int, Plate], pairs: Sequence[Pair]) -> list[tuple[frozenset[int], float]]:
+def _sheets(
+    n: int, plates: Mapping[int, PlateSample], pairs: Sequence[Pair]
+) -> list[tuple[frozenset[int], float]]:
     """The pieces of each sheet of several that meet in pairs, and its relief over the root of the size."""
     groups = Groups(n)
     for i, j in pairs:
@@ -203,11 +204,11 @@ def _sheets(n: int, plates: Mapping[int, Plate], pairs: Sequence[Pair]) -> list[
         strays = [_strays([plates[i], plates[j]]) for i, j in pairs if i in sheet]
         if strays:
             values = [stray / np.sqrt(size) for stray, size in strays]
-            sheets.append((sheet, float(np.median(values)) if len(values) >= _LEAST_PAIRS else 0.0))
+            sheets.append((sheet, float(np.median(values)) if len(values) >= FEWEST_PAIRS else 0.0))
     return sheets
 
 
-def _strays(plates: Sequence[Plate]) -> tuple[float, float]:
+def _strays(plates: Sequence[PlateSample]) -> tuple[float, float]:
     """How far the worst of some pieces strays from the plane of all, and their size, metres."""
     whole = together(plates)
     return max(plate.relief(whole.plane) for plate in plates), whole.size
@@ -215,7 +216,7 @@ def _strays(plates: Sequence[Plate]) -> tuple[float, float]:
 
 def _join(
     groups: Groups,
-    plates: Mapping[int, Plate],
+    plates: Mapping[int, PlateSample],
     meets: Mapping[Pair, bool],
     relief: float,
     flatness_m: float,
@@ -235,14 +236,14 @@ def _join(
                     (together([plates[k] for k in numbers]) for numbers in (first, second)), key=_size
                 )
                 per_root = max(relief, larger.relief(larger.plane) / np.sqrt(larger.size))
-                rated[first, second] = stray / (_STRAY * max(per_root * np.sqrt(size), flatness_m))
+                rated[first, second] = stray / (STRAY * max(per_root * np.sqrt(size), flatness_m))
         best = min(((rated[pair], pair) for pair, is_met in touching.items() if is_met), default=None)
         if best is None or best[0] > 1:
             return
         groups.join(best[1][0][0], best[1][1][0])
 
 
-def _size(plate: Plate) -> float:
+def _size(plate: PlateSample) -> float:
     return plate.size
 
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.evidence.chart_grid import ChartGrid
+from completion.texturing.limits import DOUBTFUL
 from scenes.checks import BoolArray, FloatArray
 
 GREY = 158  # of a texel of which nothing is known
 _MARGIN = 2  # texels around what is coloured that repeat its colour
-_DOUBTFUL = 0.5  # mean confidence below which a fill is called garbage
 _PADDING = 4  # texels around each texture, so that coarser levels of a viewer mix no two of them
 _PAGE_TEXELS = 3000 * 3000  # of the textures on one page; with gaps between them it stays within 4096 x 4096
 _TRIALS = 30
@@ -69,7 +69,7 @@ class ChartTexture:
     @property
     def is_doubtful(self) -> bool:
         """Whether the surroundings of what was synthesised agree less than half as well as copies do."""
-        return self.confidence < _DOUBTFUL
+        return self.confidence < DOUBTFUL
 
     def texels(self, uv: FloatArray) -> FloatArray:
         """Fractional rows and columns (n, 2) of chart coordinates (n, 2); integers are texel corners."""
@@ -159,7 +159,7 @@ def make_atlas(textures: Sequence[ChartTexture | None]) -> Atlas:
     for members in _groups(textures):
         from trimesh.path.packing import rectangles  # loads networkx and scipy.stats: only to pack
 
-        padded = [_padded(texture) for k in members if (texture := textures[k]) is not None]
+        padded = [_pad_texture(texture) for k in members if (texture := textures[k]) is not None]
         extents = np.array([image.shape[1::-1] for image in padded], dtype=np.float64)
         bounds, _ = rectangles(extents, rotate=False, iterations=_TRIALS, seed=0)
         low = np.rint(bounds[:, 0]).astype(np.int64)  # column, row
@@ -188,7 +188,7 @@ def _groups(textures: Sequence[ChartTexture | None]) -> list[list[int]]:
     return groups
 
 
-def _padded(texture: ChartTexture) -> NDArray[np.uint8]:
+def _pad_texture(texture: ChartTexture) -> NDArray[np.uint8]:
     """The texture, upwards, with what lies beyond its edges: its other side where it closes."""
     rows, columns = ((_PADDING, _PADDING), (0, 0), (0, 0)), ((0, 0), (_PADDING, _PADDING), (0, 0))
     image = np.pad(texture.image[::-1], rows, mode="edge")

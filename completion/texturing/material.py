@@ -15,22 +15,27 @@ from scipy import ndimage
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
 from completion.observe.observation import Observation
+from completion.texturing.limits import (
+    BIN,
+    COARSEST_TEXELS,
+    COMMON_SHARE,
+    EDGE_LUMINANCE,
+    FEWEST_SHARE,
+    FEWEST_TEXELS,
+    LEAST_COSINE,
+    MATERIALS_SHARE,
+    RARE_SHARE,
+    SAME_CHROMA,
+    SHADOW_LUMINANCE,
+    SPECK_TEXELS,
+)
 from scenes.checks import BoolArray, FloatArray
 from scenes.scan.colour import colour_bytes, unit_colour
 from texture.reflectance import fit_shading
 
 NEIGHBOURHOOD = 31  # texels: side of the square whose median colour is a material's
-FEWEST = 400  # texels: fewer are no texture
-_BIN = 4.0  # CIELAB units: colours closer than about this pass for one
-_RARE = 0.002  # share of the texels below which a colour is no material's
-_SPECK = 5  # texels: side of the smallest spot that is another material's
-_MOST = 2 / 3  # of what borders the hidden area: the materials that make it are its
-_SHAPE = (int(100 / _BIN) + 4, int(256 / _BIN) + 4, int(256 / _BIN) + 4)  # bins of colours, one around them
-_COMMON = 0.25  # share of a material's neighbourhoods in which a colour of its own is found
-_SHADOW = 0.6  # of the usual luminance
-_EDGE = 0.75  # luminance just within a shadow over that just outside it, at most: shading has no edge
+_SHAPE = (int(100 / BIN) + 4, int(256 / BIN) + 4, int(256 / BIN) + 4)  # bins of colours, one around them
 _EDGE_TEXELS = 3
-_SAME_HUE = 8.0  # CIELAB units of chroma between a material in light and in shadow
 
 
 def median_colour(image: NDArray[np.uint8], members: BoolArray, wraps: bool) -> NDArray[np.uint8]:
@@ -56,22 +61,24 @@ def same_material(
     texel, texels.
     """
     beside = members & (distance <= NEIGHBOURHOOD)
-    if np.count_nonzero(members) < FEWEST or not beside.any():
+    if np.count_nonzero(members) < FEWEST_TEXELS or not beside.any():
         return np.ones_like(members)
     even = _without_shading(image, members, wraps)
     bins = _bins(to_lab(median_colour(even, members, wraps)))
     count = _histogram(bins, members)
-    number, n_materials = ndimage.label(count >= max(1.0, _RARE * count.sum()), np.ones((3, 3, 3)))
+    number, n_materials = ndimage.label(count >= max(1.0, RARE_SHARE * count.sum()), np.ones((3, 3, 3)))
     share = np.bincount(number[tuple(bins[beside].T)], minlength=n_materials + 1)
     share[0] = 0  # of colours too rare for a material
     ranked = np.argsort(-share, kind="stable")
-    n_kept = 1 + int(np.searchsorted(np.cumsum(share[ranked]), _MOST * share.sum()))
+    n_kept = 1 + int(np.searchsorted(np.cumsum(share[ranked]), MATERIALS_SHARE * share.sum()))
     kept = np.zeros(n_materials + 1, dtype=np.bool_)
     kept[ranked[:n_kept]] = True
-    its_colours = _dilated(kept[number]) & (kept[number] | (number == 0))
-    alike = np.asarray(its_colours[tuple(np.moveaxis(bins, -1, 0))], dtype=np.bool_)
-    strange = alike & ~_is_common(_bins(to_lab(even)), alike & members)
-    return alike & ~np.asarray(ndimage.binary_opening(strange, np.ones((_SPECK, _SPECK))), dtype=np.bool_)
+    its_colours = _dilate_bins(kept[number]) & (kept[number] | (number == 0))
+    is_same = np.asarray(its_colours[tuple(np.moveaxis(bins, -1, 0))], dtype=np.bool_)
+    strange = is_same & ~_is_common(_bins(to_lab(even)), is_same & members)
+    return is_same & ~np.asarray(
+        ndimage.binary_opening(strange, np.ones((SPECK_TEXELS, SPECK_TEXELS))), dtype=np.bool_
+    )
 
 
 def _without_shading(image: NDArray[np.uint8], members: BoolArray, wraps: bool) -> NDArray[np.uint8]:
@@ -96,13 +103,13 @@ def _is_common(bins: NDArray[np.int32], among: BoolArray) -> BoolArray:
     )
     near = np.unique((pairs[:, None] + steps).ravel())
     share = np.bincount(near % n_bins, minlength=n_bins) / n_blocks
-    return np.asarray(share.reshape(_SHAPE)[tuple(np.moveaxis(bins, -1, 0))] >= _COMMON, dtype=np.bool_)
+    return np.asarray(share.reshape(_SHAPE)[tuple(np.moveaxis(bins, -1, 0))] >= COMMON_SHARE, dtype=np.bool_)
 
 
 def is_among(image: NDArray[np.uint8], among: BoolArray) -> BoolArray:
     """Tell which texels of an image (rows, columns, 3) nearly have a colour of the texels `among`."""
     bins = _bins(to_lab(image))
-    near = _dilated(_histogram(bins, among) > 0)
+    near = _dilate_bins(_histogram(bins, among) > 0)
     return np.asarray(near[tuple(np.moveaxis(bins, -1, 0))], dtype=np.bool_)
 
 
@@ -114,7 +121,7 @@ def to_lab(image: NDArray[np.uint8]) -> FloatArray:
 
 def _bins(lab: FloatArray) -> NDArray[np.int32]:
     """Bin (rows, columns, 3) of each colour."""
-    return np.asarray(np.floor((lab + np.array([0, 128, 128])) / _BIN) + 1, dtype=np.int32)
+    return np.asarray(np.floor((lab + np.array([0, 128, 128])) / BIN) + 1, dtype=np.int32)
 
 
 def _histogram(bins: NDArray[np.int32], texels: BoolArray) -> NDArray[np.int64]:
@@ -123,7 +130,7 @@ def _histogram(bins: NDArray[np.int32], texels: BoolArray) -> NDArray[np.int64]:
     return np.bincount(flat, minlength=int(np.prod(_SHAPE))).reshape(_SHAPE)
 
 
-def _dilated(bins: BoolArray) -> BoolArray:
+def _dilate_bins(bins: BoolArray) -> BoolArray:
     """The bins and their neighbours along the three axes in turn."""
     for axis in range(3):
         bins = bins | np.roll(bins, 1, axis) | np.roll(bins, -1, axis)
@@ -139,12 +146,12 @@ def cast_shadows(image: NDArray[np.uint8], members: BoolArray, wraps: bool) -> F
     `wraps`: columns close.
     """
     gain = np.ones((*members.shape, 3))
-    if np.count_nonzero(members) < FEWEST:
+    if np.count_nonzero(members) < FEWEST_TEXELS:
         return gain
     material = to_lab(median_colour(image, members, wraps))
     luminance, usual = _luminance(material), np.median(material[members], axis=0)
     hue = np.hypot(*np.moveaxis(material[..., 1:] - usual[1:], -1, 0))
-    dark = members & (luminance < _SHADOW * _luminance(usual)) & (hue <= _SAME_HUE)
+    dark = members & (luminance < SHADOW_LUMINANCE * _luminance(usual)) & (hue <= SAME_CHROMA)
     if not dark.any():
         return gain
     luminance = _luminance(to_lab(image))
@@ -157,7 +164,7 @@ def cast_shadows(image: NDArray[np.uint8], members: BoolArray, wraps: bool) -> F
         inside = number == shadow
         if _has_edge(inside, members, luminance):
             gain[inside] = np.clip(np.median(image[inside], axis=0) / np.maximum(in_light, 1), 1 / 255, 1)
-    return np.where(members[..., None], gain, np.exp(_carried(np.log(gain), members)))
+    return np.where(members[..., None], gain, np.exp(_fill_from_pyramid(np.log(gain), members)))
 
 
 def _to_edges(dark: BoolArray, members: BoolArray, luminance: FloatArray) -> BoolArray:
@@ -171,17 +178,17 @@ def _to_edges(dark: BoolArray, members: BoolArray, luminance: FloatArray) -> Boo
 
 def _has_edge(dark: BoolArray, members: BoolArray, luminance: FloatArray) -> bool:
     """Whether brightness jumps at the border of a dark part that is large enough for a shadow."""
-    if np.count_nonzero(dark) < FEWEST:
+    if np.count_nonzero(dark) < FEWEST_TEXELS:
         return False
     square = np.ones((3, 3))
     inside = dark & ~ndimage.binary_erosion(dark | ~members, square, iterations=_EDGE_TEXELS)
     outside = members & ~dark & ndimage.binary_dilation(dark, square, iterations=_EDGE_TEXELS)
     if not inside.any() or not outside.any():
         return False
-    return bool(np.median(luminance[inside]) < _EDGE * np.median(luminance[outside]))
+    return bool(np.median(luminance[inside]) < EDGE_LUMINANCE * np.median(luminance[outside]))
 
 
-def _carried(values: FloatArray, members: BoolArray) -> FloatArray:
+def _fill_from_pyramid(values: FloatArray, members: BoolArray) -> FloatArray:
     """Carry values (rows, columns, 3) into what is not own: by a pyramid, each level from the next coarser.
 
     References
@@ -195,7 +202,7 @@ def _carried(values: FloatArray, members: BoolArray) -> FloatArray:
     total = cv2.resize(
         np.where(members[..., None], values, 0.0), (columns, rows), interpolation=cv2.INTER_AREA
     )
-    coarse = _carried(total / np.maximum(weight, 1e-9)[..., None], weight > 0)
+    coarse = _fill_from_pyramid(total / np.maximum(weight, 1e-9)[..., None], weight > 0)
     finer = cv2.resize(coarse, members.shape[::-1], interpolation=cv2.INTER_LINEAR)
     return np.where(members[..., None], values, finer)
 
@@ -207,7 +214,6 @@ def _luminance(lab: FloatArray) -> FloatArray:
 
 LARGEST_SIDE = 4096  # texels: what viewers take for one image
 _MOST_PIXELS = 1_000_000  # that a texel's size is read from
-_LEAST_COSINE = 0.05  # more oblique pixels say nothing of detail
 _Any = TypeVar("_Any", bound=np.generic)
 
 
@@ -237,7 +243,7 @@ class TexelRaster:
 def lay_texels(patch: Patch, observations: Sequence[Observation], max_texels: int) -> TexelRaster:
     """Texels as large as a quarter of the pixels on a measured surface at most are; or within the bound."""
     cells = patch.grid
-    rows, columns = _used(patch)
+    rows, columns = _window_of_cells(patch)
     extent = np.array([len(columns), len(rows)]) * cells.cell
     texel = max(_texel_size(patch, observations), float(np.sqrt(extent.prod() / max_texels)))
     texel = max(texel, float(extent.max()) / LARGEST_SIDE)
@@ -254,7 +260,7 @@ def footprint(
     ray = points - observation.scan.origin
     distance = np.linalg.norm(ray, axis=1)
     cosine = np.abs(np.einsum("ij,ij->i", ray, normals)) / np.maximum(distance, 1e-12)
-    cosine = np.maximum(cosine, _LEAST_COSINE)
+    cosine = np.maximum(cosine, LEAST_COSINE)
     side = distance * observation.scan.projection.pixel_angle
     return side / np.sqrt(cosine), side / cosine
 
@@ -268,7 +274,7 @@ def _texel_size(patch: Patch, observations: Sequence[Observation]) -> float:
     return float(np.quantile(np.concatenate(sizes), 0.25))
 
 
-def _used(patch: Patch) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _window_of_cells(patch: Patch) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The rows and columns of cells that hold something; all columns where they close."""
     used = patch.observed | patch.hypothesised
     rows, columns = np.flatnonzero(used.any(axis=1)), np.flatnonzero(used.any(axis=0))
@@ -281,8 +287,6 @@ def _share(n_cells: int, n_texels: int) -> NDArray[np.int64]:
     return np.minimum(((np.arange(n_texels) + 0.5) * n_cells / n_texels).astype(np.int64), n_cells - 1)
 
 
-_COARSEST = 2.0  # texels: longest side of a pixel whose colour shows a texture as fine as the chart's
-_FEWEST = 0.25  # share of a surface's own texels that are sampled, however coarse
 _CHUNK = 30_000  # places that cv2.remap takes in one row
 
 
@@ -327,10 +331,10 @@ def measure_colour(patch: Patch, raster: TexelRaster, observations: Sequence[Obs
         nearest = np.rint(position).astype(np.int64)
         pure[here] = within[nearest[:, 0], nearest[:, 1]] > 0
         length[here] = footprint(observation, points, patch.grid.surface.normal(points))[1]
-    pure = pure if pure.any() else known & raster.of_cells(patch.evidence.own)
-    longest = _COARSEST * raster.texel_m
+    pure = pure if pure.any() else known & raster.of_cells(patch.evidence.is_own)
+    longest = COARSEST_TEXELS * raster.texel_m
     if pure.any():
-        longest = max(longest, float(np.quantile(length[pure], _FEWEST)))
+        longest = max(longest, float(np.quantile(length[pure], FEWEST_SHARE)))
     return MeasuredColour(image, known, pure, pure & (length <= longest))
 
 

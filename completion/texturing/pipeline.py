@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from completion.extension.patch import Patch
 from completion.observe.observation import Observation
 from completion.texturing.chart_texture import ChartTexture, spread_colour
+from completion.texturing.limits import BEYOND_CELLS, FEWEST_TEXELS, FULL_SHARE, MOSTLY, RIM_TEXELS
 from completion.texturing.material import (
-    FEWEST,
     MeasuredColour,
     TexelRaster,
     cast_shadows,
@@ -31,11 +31,8 @@ from scenes.checks import BoolArray, FloatArray, InputError, check_options
 from texture import fill_surface, measure_verbatim_share
 from texture.sampling.arguments import SearchName
 
-_MOSTLY = 0.5  # share of a coarser texel that makes it one of the same
 _USUAL_WINDOW = 23  # that a budget counts with when the window is chosen later
 _BLOCK = 48  # texels: side of the blocks that samples are taken in
-_FULL = 0.75  # share of a block that makes it a good one
-RIM = 4  # texels from the hidden area within which colour may be the occluder's
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -119,20 +116,22 @@ def set_task(
     distance = distance_to(wanted, wraps)
     n_samples, coarseness = options.share_out(int(np.count_nonzero(wanted)))
     samples, known = choose_samples(lit, (light == 1).all(axis=2), distance, wraps, n_samples)
-    hole = wanted | (measured.known & ~known & (distance <= RIM))  # these keep their colour all the same
+    hole = wanted | (
+        measured.known & ~known & (distance <= RIM_TEXELS)
+    )  # these keep their colour all the same
     if coarseness == 1.0:
         return Task(lit.image, hole, known, samples, coarseness)
     rows, columns = (max(1, round(size / coarseness)) for size in wanted.shape)
-    weight = resized(known.astype(np.float32), (rows, columns))
-    colour = resized(np.where(known[..., None], lit.image, 0).astype(np.float32), (rows, columns))
+    weight = resize_image(known.astype(np.float32), (rows, columns))
+    colour = resize_image(np.where(known[..., None], lit.image, 0).astype(np.float32), (rows, columns))
     image = np.rint(colour / np.maximum(weight, 1e-6)[..., None]).clip(0, 255).astype(np.uint8)
-    known = weight >= min(_MOSTLY, float(weight.max()))
-    unknown = (resized(hole.astype(np.float32), (rows, columns)) > 0) & ~known
-    share = np.where(known, resized(samples.astype(np.float32), (rows, columns)), 0.0)
-    return Task(image, unknown, known, share >= min(_MOSTLY, float(share.max())), coarseness)
+    known = weight >= min(MOSTLY, float(weight.max()))
+    unknown = (resize_image(hole.astype(np.float32), (rows, columns)) > 0) & ~known
+    share = np.where(known, resize_image(samples.astype(np.float32), (rows, columns)), 0.0)
+    return Task(image, unknown, known, share >= min(MOSTLY, float(share.max())), coarseness)
 
 
-def resized(image: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+def resize_image(image: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     """Return an image (rows, columns, ...) of another shape: means over coarser texels, else interpolated."""
     if image.shape[:2] == shape:
         return image
@@ -146,9 +145,9 @@ def find_foreign(measured: MeasuredColour, distance: FloatArray) -> BoolArray:
     Cameras blur colour across a jump edge, and depth and colour never agree to the pixel: these texels may
     show the occluder. `distance` (rows, columns) is that to the nearest hidden texel, texels.
     """
-    rim = measured.known & (distance <= RIM)
-    inner = measured.pure & (distance > RIM)
-    if not rim.any() or np.count_nonzero(inner) < FEWEST:
+    rim = measured.known & (distance <= RIM_TEXELS)
+    inner = measured.pure & (distance > RIM_TEXELS)
+    if not rim.any() or np.count_nonzero(inner) < FEWEST_TEXELS:
         return rim & ~measured.pure
     return np.asarray(rim & ~is_among(measured.image, inner), dtype=np.bool_)
 
@@ -180,10 +179,10 @@ def choose_samples(
     """
     genuine = ~find_foreign(measured, distance)
     fine = measured.fine if measured.fine.any() else measured.known
-    lit_fine = _kept(_kept(fine, genuine), lit)
-    alike = same_material(measured.image, lit_fine, distance, wraps)
-    chosen = _kept(lit_fine, alike)
-    return _near_blocks(chosen, distance, max_samples), measured.known & genuine & alike | chosen
+    lit_fine = _likely_samples(_likely_samples(fine, genuine), lit)
+    is_same = same_material(measured.image, lit_fine, distance, wraps)
+    chosen = _likely_samples(lit_fine, is_same)
+    return _near_blocks(chosen, distance, max_samples), measured.known & genuine & is_same | chosen
 
 
 def distance_to(wanted: BoolArray, wraps: bool) -> FloatArray:
@@ -206,7 +205,7 @@ def _near_blocks(texels: BoolArray, distance: FloatArray, most: int) -> BoolArra
     count = np.bincount(block, minlength=rows * columns)
     nearest = np.full(rows * columns, np.inf)
     np.minimum.at(nearest, block, distance[texels])
-    order = np.lexsort((nearest, count < _FULL * _BLOCK**2))
+    order = np.lexsort((nearest, count < FULL_SHARE * _BLOCK**2))
     n_blocks = 1 + int(np.searchsorted(np.cumsum(count[order]), most))
     kept = np.zeros(rows * columns, dtype=np.bool_)
     kept[order[:n_blocks]] = True
@@ -215,16 +214,13 @@ def _near_blocks(texels: BoolArray, distance: FloatArray, most: int) -> BoolArra
     return chosen
 
 
-def _kept(texels: BoolArray, likely: BoolArray) -> BoolArray:
+def _likely_samples(texels: BoolArray, likely: BoolArray) -> BoolArray:
     """Those of the texels that are likely samples, or all if hardly any are."""
     both = texels & likely
-    return both if np.count_nonzero(both) >= FEWEST else texels
+    return both if np.count_nonzero(both) >= FEWEST_TEXELS else texels
 
 
-_BEYOND = 5.0  # cells beyond what is covered that facets may reach, up to the fold where they end
-
-
-def settled(
+def choose_search(
     options: TexturingOptions, patches: Sequence[Patch], observations: Sequence[Observation]
 ) -> TexturingOptions:
     """Return the options with the search that serves for these patches: by how many texels are hidden."""
@@ -255,7 +251,7 @@ def texture_patch(
     observations : sequence of Observation
         All scans.
     options : TexturingOptions
-        Budgets, the search settled (`settled`).
+        Budgets, the search settled (`choose_search`).
     seed : int
         Seed of the sampling.
 
@@ -269,7 +265,7 @@ def texture_patch(
     raster = lay_texels(patch, observations, options.max_texels)
     measured = measure_colour(patch, raster, observations)
     wanted = raster.of_cells(patch.hypothesised)
-    reach = int(np.ceil(_BEYOND * patch.grid.cell.max() / raster.texel_m))
+    reach = int(np.ceil(BEYOND_CELLS * patch.grid.cell.max() / raster.texel_m))
     if not wanted.any() or not measured.known.any():
         image = spread_colour(measured.image, measured.known, raster.grid.wraps, reach)
         return ChartTexture(image, raster.grid, measured.known, np.zeros_like(measured.known))
@@ -289,7 +285,7 @@ def texture_patch(
     )
     made = filled.synthesis
     image = measured.image.copy()
-    image[wanted] = np.rint(resized(filled.image, wanted.shape)[wanted] * light[wanted])
+    image[wanted] = np.rint(resize_image(filled.image, wanted.shape)[wanted] * light[wanted])
     return ChartTexture(
         image=spread_colour(image, measured.known | wanted, raster.grid.wraps, reach),
         grid=raster.grid,

@@ -83,7 +83,7 @@ class JointErrors:
 
     Attributes
     ----------
-    own : tuple of (k, k) float
+    separate : tuple of (k, k) float
         Covariance of each surface by all its errors.
     shared : SharedErrors
         What surfaces share, before relations.
@@ -102,7 +102,7 @@ class JointErrors:
         Whether anything is known of how wrong the scans are. Of a mesh that somebody else made it is not.
     """
 
-    own: tuple[FloatArray, ...]
+    separate: tuple[FloatArray, ...]
     shared: SharedErrors
     related: RelatedErrors
     ranges: tuple[FloatArray, ...]
@@ -123,11 +123,11 @@ class JointErrors:
             what the error of a scan's place does; those of one scan shift together.
         """
         numbers = sorted(contrast)
-        total = sum(float(contrast[k] @ self.own[k] @ contrast[k]) for k in numbers)
+        total = sum(float(contrast[k] @ self.separate[k] @ contrast[k]) for k in numbers)
         for first, second in combinations(numbers, 2):
             among = self._among(first, second)
             if among is None:  # not known: as bad as it can be
-                spread = [float(contrast[k] @ self.own[k] @ contrast[k]) for k in (first, second)]
+                spread = [float(contrast[k] @ self.separate[k] @ contrast[k]) for k in (first, second)]
                 total += 2.0 * float(np.sqrt(max(spread[0], 0.0) * max(spread[1], 0.0)))
             else:
                 total += 2.0 * float(contrast[first] @ among @ contrast[second])
@@ -154,14 +154,14 @@ class JointErrors:
     def only(self, chosen: Sequence[bool] | BoolArray) -> JointErrors:
         """Return it for the surfaces (n,) that are `chosen` alone, counted anew."""
         kept = np.flatnonzero(np.asarray(chosen, dtype=np.bool_))
-        if len(kept) == len(self.own):
+        if len(kept) == len(self.separate):
             return self
         anew = {int(old): new for new, old in enumerate(kept)}
         shifts = [{anew[k]: by for k, by in shift.items() if k in anew} for shift in self.shared.shifts]
         numbers = tuple(anew.get(k, -1) for k in self.related.numbers)
         return replace(
             self,
-            own=tuple(self.own[k] for k in kept),
+            separate=tuple(self.separate[k] for k in kept),
             shared=SharedErrors(tuple(self.shared.sizes[k] for k in kept), tuple(shifts)),
             related=replace(self.related, numbers=numbers),
             ranges=tuple(self.ranges[k] for k in kept),
@@ -176,7 +176,7 @@ class JointErrors:
         sizes = tuple(len(covariance) for covariance in covariances)
         return replace(
             self,
-            own=(*self.own, *covariances),
+            separate=(*self.separate, *covariances),
             shared=replace(self.shared, sizes=(*self.shared.sizes, *sizes)),
             ranges=(*self.ranges, *(np.zeros((size, 2)) for size in sizes)),
             freedom=(*self.freedom, *(np.inf for _ in sizes)),
@@ -189,7 +189,7 @@ class JointErrors:
         place = [related.numbers.index(k) if k in related.numbers else None for k in (first, second)]
         moved = [at is not None and related.is_moved[at] for at in place]
         if not any(moved):
-            size = len(self.own[first])
+            size = len(self.separate[first])
             return self.shared.covariance_of([first, second])[:size, size:]
         if place[0] is None or place[1] is None:
             return None
@@ -198,7 +198,7 @@ class JointErrors:
 
 
 NO_ERRORS = JointErrors(
-    own=(),
+    separate=(),
     shared=SharedErrors((), ()),
     related=UNRELATED,
     ranges=(),

@@ -32,13 +32,13 @@ from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.sensor_modes import displacements
 from completion.uncertainty.joint_errors import SharedErrors
+from completion.uncertainty.limits import FEWEST_PIXELS, LEAST_COSINE, LEAST_WEIGHT, STUDENT_FREEDOM
 from scenes.checks import FloatArray, IntArray
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 N_SHAPES = 7  # of second and third order over a surface
 _CHUNK = 1 << 17  # pixels at a time
-_LEAST_COSINE = 0.05  # of incidence, below which a beam tells nothing of a surface
 _N_FRAME = 4_000  # pixels that tell where a surface was measured
 _N_SAMPLE = 400  # pixels over which smooth fields are integrated
 _SINGULAR = 1e-10  # of a column's own mean square
@@ -94,7 +94,7 @@ def find_modes(
     """
     size = len(fit.covariance)
     sample = seen.points_at(pixels[:: max(1, len(pixels) // _N_FRAME)])
-    frame = _Whitened(fit, seen, flatness_m, *_frame_of(_places(fit.surface, sample)))
+    frame = _WhitenedColumns(fit, seen, flatness_m, *_frame_of(_places(fit.surface, sample)))
     moments, n = np.zeros((size + N_SHAPES + 1,) * 2), 0
     for first in range(0, len(pixels), _CHUNK):
         columns, _, _ = frame.columns(pixels[first : first + _CHUNK])
@@ -124,7 +124,7 @@ def find_modes(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Whitened:
+class _WhitenedColumns:
     """The columns of a surface's fit, of the shapes beyond, and its residuals, in deviations."""
 
     fit: SurfaceFit
@@ -137,7 +137,7 @@ class _Whitened:
         """The columns (n, k + 8) at flat pixels, without those that graze; which are left, and their gain."""
         surface, points = self.fit.surface, self.seen.points_at(pixels)
         cosine = np.abs(np.einsum("ij,ij->i", surface.normal(points), self.seen.rays_at(pixels)))
-        kept = cosine > _LEAST_COSINE
+        kept = cosine > LEAST_COSINE
         pixels, points = pixels[kept], points[kept]
         along = self.seen.sigma_at(pixels) * cosine[kept]
         sigma = np.sqrt(np.square(along) + self.flatness_m**2 + 1e-30)
@@ -190,8 +190,6 @@ LENGTHS = (0.2, 0.35, 0.6, 1.0, 2.0)
 """Correlation lengths, in half longer sides of the image; shorter ones show in blocks of pixels."""
 
 _SQUARES = np.geomspace(1e-6, 100.0, 73)  # mean squares that are tried, in squared deviations of the range
-_STUDENT = 30.0  # degrees of freedom of a surface's residuals: one that is bent by itself says little
-_LEAST_WEIGHT = 1e-3  # of a length's probability
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,7 +241,7 @@ def fit_field(modes: Sequence[ResidualModes]) -> ImageField:
     if not modes:
         return NO_FIELD
     square = np.repeat([mode.square for mode in modes], [len(mode.beyond) for mode in modes])
-    tried = {length: _Tried.of(modes, length, square) for length in LENGTHS}
+    tried = {length: _LengthTrial.of(modes, length, square) for length in LENGTHS}
     top = max(float(trial.log_posterior.max()) for trial in tried.values())
     weights = {length: np.exp(trial.log_posterior - top) for length, trial in tried.items()}
     total = sum(float(weight.sum()) for weight in weights.values())
@@ -251,7 +249,7 @@ def fit_field(modes: Sequence[ResidualModes]) -> ImageField:
     squares = {
         length: float(weight @ _SQUARES) / total
         for length, weight in weights.items()
-        if share[length] >= _LEAST_WEIGHT
+        if share[length] >= LEAST_WEIGHT
     }
     freedom = sum(share[length] * trial.freedom for length, trial in tried.items())
     return ImageField(squares, max(freedom, 1.0))
@@ -270,14 +268,14 @@ def mean_field(fields: Sequence[ImageField]) -> ImageField:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Tried:
+class _LengthTrial:
     """How probable each mean square (k,) of a field of one length is, and from how many components."""
 
     log_posterior: FloatArray
     freedom: float
 
     @classmethod
-    def of(cls, modes: Sequence[ResidualModes], length: float, square: FloatArray) -> _Tried:
+    def of(cls, modes: Sequence[ResidualModes], length: float, square: FloatArray) -> _LengthTrial:
         """Try a length on surfaces, whose residuals' mean squares are repeated for each component (c,)."""
         taken = [mode.taken_on(bumps(mode.places, length))[len(mode.factor) :] for mode in modes]
         every = np.concatenate(taken)
@@ -289,13 +287,13 @@ class _Tried:
             variance = square[stretch, None] + explained[stretch, None] * _SQUARES
             fit = (np.square(mode.beyond)[:, None] / variance).sum(axis=0)
             log_likelihood -= 0.5 * np.log(variance).sum(axis=0)
-            log_likelihood -= (_STUDENT + len(mode.beyond)) / 2 * np.log1p(fit / _STUDENT)
+            log_likelihood -= (STUDENT_FREEDOM + len(mode.beyond)) / 2 * np.log1p(fit / STUDENT_FREEDOM)
             first = stretch.stop
         log_posterior = log_likelihood - np.log1p(_SQUARES)
         best = _SQUARES[int(np.argmax(log_posterior))]
         weight = 1.0 / np.sqrt(square + best * explained)
-        alike = (every @ every.T) * np.outer(weight, weight)
-        return cls(log_posterior, float(np.trace(alike) ** 2 / np.square(alike).sum()))
+        weighted = (every @ every.T) * np.outer(weight, weight)
+        return cls(log_posterior, float(np.trace(weighted) ** 2 / np.square(weighted).sum()))
 
 
 Modes = Callable[[Observation, FloatArray], FloatArray]
@@ -326,7 +324,6 @@ def shift_by_sensors(
     return np.asarray(np.linalg.pinv(moment, rcond=1e-12, hermitian=True) @ pull)
 
 
-_LEAST_PIXELS = 1_500  # of a surface in a scan, from which on it tells anything of smooth errors
 _MOST_SCANS = 8  # of a surface, those that measured most of it, which tell what smooth errors do to it
 _MOST_FIELDS = 32  # scans whose own smooth errors are estimated: those that measured most
 
@@ -418,7 +415,7 @@ def _fields_of(modes: Sequence[dict[int, ResidualModes]]) -> dict[int, ImageFiel
     telling: dict[int, list[ResidualModes]] = {}
     for mode in modes:
         for scan, residual_modes in mode.items():
-            if residual_modes.n >= _LEAST_PIXELS:
+            if residual_modes.n >= FEWEST_PIXELS:
                 telling.setdefault(scan, []).append(residual_modes)
     size = {scan: sum(modes.n for modes in modes) for scan, modes in telling.items()}
     chosen = sorted(telling, key=lambda scan: (-size[scan], scan))[:_MOST_FIELDS]

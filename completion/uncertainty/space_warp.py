@@ -15,12 +15,10 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
+from completion.uncertainty.limits import FEWEST_POINTS, LEAST_LOG_EVIDENCE
 from scenes.checks import FloatArray
 
 N_MODES = 24  # six terms of second order along each of three axes, and six strains
-LEAST_EVIDENCE = 5.0
-"""Nats by which a warp must be more probable than none; else there is none."""
-_LEAST_POINTS = 60  # of a surface that tells of a warp
 _MOST_POINTS = 1_500
 _SIZES = np.geomspace(1e-3, 1e3, 61)  # of displacements that are tried, in deviations of a point
 
@@ -60,7 +58,7 @@ def find_warp(fits: Sequence[SurfaceFit], points: Sequence[FloatArray]) -> Space
         Those of each fit.
     """
     samples = [point[:: max(1, len(point) // _MOST_POINTS)] for point in points]
-    telling = [k for k, points_used in enumerate(samples) if len(points_used) >= _LEAST_POINTS]
+    telling = [k for k, points_used in enumerate(samples) if len(points_used) >= FEWEST_POINTS]
     if not telling:
         return None
     every = np.concatenate([samples[k] for k in telling])
@@ -76,7 +74,7 @@ def find_warp(fits: Sequence[SurfaceFit], points: Sequence[FloatArray]) -> Space
         gradient = fit.gradient(at)
         pull = np.linalg.lstsq(gradient, along, rcond=1e-10)[0]
         pulls.append(pull)
-        if len(points_used) >= _LEAST_POINTS:
+        if len(points_used) >= FEWEST_POINTS:
             left = along - gradient @ pull
             normal += left.T @ left / fit.inflation
             right += left.T @ off / fit.inflation
@@ -86,7 +84,7 @@ def find_warp(fits: Sequence[SurfaceFit], points: Sequence[FloatArray]) -> Space
     if variance <= 0:
         return None
     size, evidence = _most_probable(normal / variance, right / variance, np.sqrt(variance))
-    if evidence < LEAST_EVIDENCE:
+    if evidence < LEAST_LOG_EVIDENCE:
         return None
     precision = normal / variance + np.eye(N_MODES) / size**2
     covariance = np.linalg.inv(precision)

@@ -21,7 +21,7 @@ from completion.options import CompletionOptions
 from completion.pipeline import complete, verify_first
 from completion.registration.facets import count_agreement
 from completion.relations.options import BUILT
-from completion.relations.relation import Status, read_scan_relations
+from completion.relations.relation import RelationStatus, read_scan_relations
 from completion.result.completion import Completion, write_model
 from completion.result.flat_scans import whole_flattening
 from completion.result.record import completion_record
@@ -190,7 +190,7 @@ def _relations_of(completion: Completion) -> dict[str, Any]:
     if completion.relations is None:
         return {}
     graph = completion.relations.graph
-    return {"relations": {status.value: graph.numbered(status) for status in Status}}
+    return {"relations": {status.value: graph.count_with(status) for status in RelationStatus}}
 
 
 def _poses_of(completion: Completion) -> dict[str, Any]:
@@ -239,7 +239,8 @@ def _lines_of_relations(completion: Completion) -> list[str]:
         return []
     graph = completion.relations.graph
     holding = sum(relation.holds for relation in graph.relations)
-    others = f"{graph.numbered(Status.REJECTED)} rejected, {graph.numbered(Status.UNDECIDED)} undecided"
+    n_rejected, n_undecided = map(graph.count_with, (RelationStatus.REJECTED, RelationStatus.UNDECIDED))
+    others = f"{n_rejected} rejected, {n_undecided} undecided"
     return [f"{count(holding, 'relation holds', 'relations hold')} of {len(graph.fits)} surfaces; {others}"]
 
 

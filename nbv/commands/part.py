@@ -19,7 +19,7 @@ from completion.parts.flat_part import FlatPart, flatten_part
 from completion.parts.part import Part, kinds_text
 from completion.parts.pipeline import MACHINED, divide_part, relate_part
 from completion.parts.step_export import outcome_lines, step_model
-from completion.relations.relation import StatedRelation, Status, read_part_relations
+from completion.relations.relation import RelationStatus, StatedRelation, read_part_relations
 from nbv.commands.options import PartOptions, Shared
 from nbv.commands.process import start_run
 from nbv.run.wording import count
@@ -132,8 +132,10 @@ def lines_of(part: Part, flat: FlatPart | None = None) -> list[str]:
     if graph is None:
         return lines
     holding = sum(relation.holds for relation in graph.relations)
-    counts = {status: part.count_relations(status) for status in (Status.REJECTED, Status.UNDECIDED)}
-    others = f"{counts[Status.REJECTED]} rejected, {counts[Status.UNDECIDED]} undecided"
+    counts = {
+        status: part.count_relations(status) for status in (RelationStatus.REJECTED, RelationStatus.UNDECIDED)
+    }
+    others = f"{counts[RelationStatus.REJECTED]} rejected, {counts[RelationStatus.UNDECIDED]} undecided"
     lines.append(f"relations  {count(holding, 'holds', 'hold')}; {others}")
     lines.append(f"free       {graph.free} of {graph.unknowns} parameters")
     return lines

@@ -14,7 +14,7 @@ from completion.fitting.result import SurfaceFit
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part, kinds_text
 from completion.relations.graph import RelationGraph, shared_directions
-from completion.relations.relation import Relation, RelationKind, Status
+from completion.relations.relation import Relation, RelationKind, RelationStatus
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, PageSection, Table, Text
 from nbv.report.blocks.surface_tables import FlatRow, flattening_blocks, relation_section
 from nbv.report.figures.drawing import MeshDrawing, SeenFaces
@@ -157,7 +157,9 @@ def relation_graph(graph: RelationGraph, names: Sequence[int], places: Sequence[
                 round_ = np.linspace(angle[numbers[0]], angle[numbers[-1]], 40)
                 axes.plot(1.2 * np.sin(round_), 1.2 * np.cos(round_), color=theme.faint, linewidth=3,
                           solid_capstyle="round")  # fmt: skip
-        for relation in sorted(graph.relations, key=lambda relation: relation.status is Status.ACCEPTED):
+        for relation in sorted(
+            graph.relations, key=lambda relation: relation.status is RelationStatus.ACCEPTED
+        ):
             colour = _colour(relation, theme)
             if colour:
                 for index, two in _lines(relation):
@@ -192,9 +194,9 @@ def _lines(relation: Relation) -> Iterator[tuple[int, int]]:
 
 def _colour(relation: Relation, theme: Theme) -> str:
     """The colour of a relation's lines; none of what is not drawn."""
-    if relation.status is Status.UNDECIDED:
+    if relation.status is RelationStatus.UNDECIDED:
         return ""
-    if relation.status is Status.REJECTED:
+    if relation.status is RelationStatus.REJECTED:
         return _REJECTED
     return next((_of(name, theme) for _, name, kinds in _FAMILIES if relation.kind in kinds), "")
 
@@ -204,12 +206,12 @@ def _of(name: str, theme: Theme) -> str:
     return name if name.startswith("#") else str(getattr(theme, name))
 
 
-def _connect(axes: Axes, first: FloatArray, two: FloatArray, colour: str, status: Status) -> None:
+def _connect(axes: Axes, first: FloatArray, two: FloatArray, colour: str, status: RelationStatus) -> None:
     """A line that bends towards the middle."""
     share = np.linspace(0, 1, 30)[:, None]
     middle = (1 - _PULL) * (first + two) / 2
     way = (1 - share) ** 2 * first + 2 * share * (1 - share) * middle + share**2 * two
-    is_accepted, is_rejected = status is Status.ACCEPTED, status is Status.REJECTED
+    is_accepted, is_rejected = status is RelationStatus.ACCEPTED, status is RelationStatus.REJECTED
     axes.plot(
         *way.T,
         color=colour,
@@ -244,7 +246,9 @@ def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
     ]
     if graph is not None:
         headlines.append(Headline(str(holding), "", "relations hold"))
-        headlines.append(Headline(str(part.count_relations(Status.REJECTED)), "", "relations rejected"))
+        headlines.append(
+            Headline(str(part.count_relations(RelationStatus.REJECTED)), "", "relations rejected")
+        )
         headlines.append(Headline(str(graph.free), "", f"of {graph.unknowns} parameters free"))
     related = [part.measured[place] for place in part.related]
     names = [part.labels[place] for place in part.related]

@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 
 from scenes.checks import FloatArray
-from scenes.limits import ACROSS, AXIS_LEAD, ENCLOSED, OPEN_FLOOR, ROOM_HEIGHT_M, ROOM_SIDE_M, WALLED
+from scenes.inclination import LEVEL_COSINE
+from scenes.limits import AXIS_LEAD, ENCLOSED, OPEN_FLOOR, ROOM_HEIGHT_M, ROOM_SIDE_M, WALLED
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
@@ -91,7 +92,7 @@ def _floor_share(caster: RayCaster, normals: FloatArray, low: FloatArray, extent
     above = _grid(low, extent, (1.01,))
     hits = caster.first_hit(above, np.broadcast_to(np.array([0.0, 0.0, -1.0]), above.shape))
     height = above[:, 2] - hits.ranges - low[2]
-    return float((hits.hit & (height <= 0.15 * extent[2]) & (normals[hits.face, 2] > ACROSS)).mean())
+    return float((hits.hit & (height <= 0.15 * extent[2]) & (normals[hits.face, 2] > LEVEL_COSINE)).mean())
 
 
 def suggest_up(mesh: LabelledMesh, mode: Literal["room", "object"]) -> Axis | None:
@@ -107,7 +108,9 @@ def suggest_up(mesh: LabelledMesh, mode: Literal["room", "object"]) -> Axis | No
     extent = np.diff(mesh.bounds(), axis=0)[0]
     if areas.sum() == 0 or not (extent > 0).all():
         return None
-    scores = np.array([areas[np.abs(normals[:, axis]) > ACROSS].sum() for axis in range(3)]) / areas.sum()
+    scores = (
+        np.array([areas[np.abs(normals[:, axis]) > LEVEL_COSINE].sum() for axis in range(3)]) / areas.sum()
+    )
     if mode == "room":
         scores = scores / extent
     else:

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.inclination import LEVEL_COSINE
 from scenes.limits import (
     ABOVE_FLOOR_M,
     ALIKE,
@@ -18,7 +19,6 @@ from scenes.limits import (
     FLAT,
     HELD,
     LEAST_LEVEL,
-    LEVEL,
     PLANAR,
     UPSIDE,
     WALL_WEIGHT,
@@ -99,12 +99,12 @@ def _of_cameras(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
     facets = _facets(scans)
     z = np.array([0.0, 0.0, 1.0])
     whole = max(float(facets.area.sum()), 1e-12)
-    if held @ z > HELD or (held @ z > UPSIDE and _level_area(facets, z, LEVEL) >= LEAST_LEVEL * whole):
+    if held @ z > HELD or (held @ z > UPSIDE and _level_area(facets, z, LEVEL_COSINE) >= LEAST_LEVEL * whole):
         return Pose.identity(), ""
     level = _largest_level(facets, held)
     if level is None:
         return _turn_to_z(held), _word(held, "as the camera was held; no level surface confirms it")
-    if level @ z >= LEVEL:
+    if level @ z >= LEVEL_COSINE:
         return Pose.identity(), ""
     nearest = int(np.argmax(np.abs(level)))
     if abs(level[nearest]) >= EXACT:
@@ -125,7 +125,7 @@ def _of_points(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
     if not len(points) or not len(facets.area):
         return Pose.identity(), ""
     extent = np.diff(np.quantile(points, [0.02, 0.98], axis=0), axis=0)[0]
-    across = np.abs(facets.normal) >= LEVEL
+    across = np.abs(facets.normal) >= LEVEL_COSINE
     score = (facets.area @ across) / np.maximum(extent, 1e-9)
     best = int(np.argmax(score))
     if best == 2 or not score[best] > CLEAR_LEAD * score[2]:

@@ -22,7 +22,7 @@ def places_at(onward, distance, known, probability, rng):
     n, none = len(onward), np.zeros(len(onward), dtype=np.bool_)
     width, past_end = rng.uniform(0, 1, n), rng.normal(0.5, 2, (n, len(KNOWN_PAST_END)))
     base = np.where(onward == Onward.PAST_END, rng.uniform(0.5, 1, n), 1.0)
-    given = Prospects(base, onward, distance, width, known, past_end=past_end, is_said=none)
+    given = Prospects(base, onward, distance, width, known, end_features=past_end, is_said=none)
     right = rng.random(n) < probability(given)
     return confidence.Places(given, right, np.ones(n))
 
@@ -56,17 +56,17 @@ def test_known_weights_past_ends_come_out_of_what_they_make():
     rng, n = np.random.default_rng(0), 60_000
     true = rng.normal(0, 0.5, len(PAST_END))
     onward, known = np.full(n, Onward.PAST_END, np.int8), np.zeros((n, len(KNOWN)))
-    places = places_at(onward, np.zeros(n), known, lambda one: one.probability(past_end=true), rng)
+    places = places_at(onward, np.zeros(n), known, lambda one: one.probability(end_weights=true), rng)
     fitted = confidence.most_likely_past_ends(places)
     np.testing.assert_allclose(fitted, true, atol=0.15)  # the ridge pulls them in
-    both = [places.prospects.probability(past_end=one) for one in (fitted, true)]
+    both = [places.prospects.probability(end_weights=one) for one in (fitted, true)]
     assert np.corrcoef(*both)[0, 1] > 0.99
 
 
 def test_without_evidence_the_constants_in_use_stay():
     nothing = Prospects(
         np.zeros(4), np.full(4, Onward.CYLINDER, np.int8), np.ones(4), np.zeros(4),
-        np.zeros((4, len(KNOWN))), past_end=np.zeros((4, len(KNOWN_PAST_END))),
+        np.zeros((4, len(KNOWN))), end_features=np.zeros((4, len(KNOWN_PAST_END))),
         is_said=np.zeros(4, dtype=np.bool_),
     )  # fmt: skip
     fitted, even_m = confidence.most_likely(

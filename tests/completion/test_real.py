@@ -54,7 +54,7 @@ def test_pump_room_pipes_end_where_beams_passed():
     assert sum(p.hypothesised_m2 for p in pipes) > 1.0
     for pipe in pipes:
         passed = np.count_nonzero(pipe.evidence.labels == Label.FREE, axis=1)
-        through = passed > np.count_nonzero(pipe.evidence.own, axis=1)
+        through = passed > np.count_nonzero(pipe.evidence.is_own, axis=1)
         assert not pipe.hypothesised[through].any()
 
 

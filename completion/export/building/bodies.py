@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.free_space import free_cells
 from completion.evidence.reach import Reach
-from completion.evidence.sight import Sight, sight_of
+from completion.evidence.sight import ScanSight, sight_of
 from completion.export.building.faces import (
     FaceFrame,
     PlaneFace,
@@ -54,7 +54,7 @@ class ScanBeams:
         From the working frame to the world.
     """
 
-    sights: Sequence[Sight]
+    sights: Sequence[ScanSight]
     reaches: Sequence[Reach]
     world: Pose
 

@@ -13,6 +13,7 @@ import shapely
 
 from completion.export.building.model import REST, BuildingModel, OpeningOutline
 from scenes.checks import FloatArray
+from scenes.inclination import LEVEL_COSINE
 
 _CUT_ABOVE_M = 1.1  # the lowest floor: windows are cut there, and tables are not
 _STRAIGHT_M, _STRAIGHT_REST_M = 1e-5, 2e-3  # by which a corner may be off its neighbours' line and go
@@ -176,7 +177,6 @@ def _straight(points: FloatArray, slack_m: float) -> FloatArray:
     return np.asarray(np.array(kept)[np.append(True, moves > 0)])
 
 
-_LEVEL = float(np.cos(np.radians(10.0)))
 _RAGGED_M, _LEAST_M = 0.02, 0.3  # to which outlines are simplified; length of those that are drawn
 
 
@@ -188,7 +188,7 @@ def seen_below(model: BuildingModel, height_m: float) -> list[FloatArray]:
     corners = model.vertices[model.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
-    is_level = (normal[:, 2] > _LEVEL * length) & (model.surface > 0)
+    is_level = (normal[:, 2] > LEVEL_COSINE * length) & (model.surface > 0)
     is_member = is_level & (corners[:, :, 2].max(axis=1) < height_m)
     faces = model.faces[is_member]
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)

@@ -12,6 +12,7 @@ import shapely
 
 from completion.export.building.model import BuildingModel, OpeningOutline, PlaneElement
 from scenes.checks import BoolArray, FloatArray
+from scenes.inclination import LEVEL_COSINE, Inclination
 
 _LEAST_M2 = 1e-6  # of a polygon; what is smaller came of rounding
 _MITRE = 1.5
@@ -89,11 +90,6 @@ def _clean(area: Any) -> Any:
     return shapely.MultiPolygon(polygons(area))
 
 
-LEVEL = float(np.cos(np.radians(10.0)))
-UPRIGHT = float(np.sin(np.radians(10.0)))
-"""Planes within 10 degrees of level or upright are called so, as in `completion.extension.claims`."""
-
-
 @dataclass(frozen=True, slots=True)
 class FaceFrame:
     """Coordinates on a plane: u to the right seen from the normal's side, v upwards, w along the normal.
@@ -109,7 +105,7 @@ class FaceFrame:
     @classmethod
     def on(cls, point: FloatArray, normal: FloatArray) -> FaceFrame:
         """Return the frame of the plane through a point (3,) with a unit normal (3,), world coordinates."""
-        upwards = np.array([0.0, 0.0, 1.0] if abs(normal[2]) < LEVEL else [0.0, 1.0, 0.0])
+        upwards = np.array([0.0, 0.0, 1.0] if abs(normal[2]) < LEVEL_COSINE else [0.0, 1.0, 0.0])
         right = np.cross(upwards, normal)
         right /= np.linalg.norm(right)
         return cls(np.array(point), right, np.cross(normal, right), np.array(normal))
@@ -143,6 +139,8 @@ class PlaneFace:
         What its facets cover, and all of it; coordinates of the frame, metres.
     openings : tuple of OpeningOutline
         Its openings.
+    inclination : Inclination
+        Angle with the horizontal.
     """
 
     element: PlaneElement
@@ -151,6 +149,7 @@ class PlaneFace:
     inferred: Any
     area: Any
     openings: tuple[OpeningOutline, ...]
+    inclination: Inclination
 
     @property
     def number(self) -> int:
@@ -169,13 +168,13 @@ class PlaneFace:
 
     @property
     def is_upright(self) -> bool:
-        """Whether it is within 10 degrees of upright."""
-        return bool(abs(self.frame.normal[2]) <= UPRIGHT)
+        """Whether it stands upright."""
+        return self.inclination.is_upright
 
     @property
     def is_level(self) -> bool:
-        """Whether it is within 10 degrees of level."""
-        return bool(abs(self.frame.normal[2]) >= LEVEL)
+        """Whether it lies level."""
+        return self.inclination.is_level
 
     def laid_on(self, frame: FaceFrame) -> tuple[Any, Any]:
         """Measured and inferred area seen along another frame's normal, in its coordinates."""
@@ -199,7 +198,17 @@ def faces_of(model: BuildingModel) -> tuple[PlaneFace, ...]:
                 _covered_area(model, frame, is_member & chosen)
                 for chosen in (seen, ~seen, np.ones_like(seen))
             )
-            faces.append(PlaneFace(element, frame, measured, inferred, area=area, openings=openings))
+            faces.append(
+                PlaneFace(
+                    element,
+                    frame,
+                    measured,
+                    inferred,
+                    area=area,
+                    openings=openings,
+                    inclination=element.inclination,
+                )
+            )
     return tuple(faces)
 
 

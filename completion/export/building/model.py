@@ -15,6 +15,7 @@ from completion.extension.patch import Patch
 from completion.panels.model import PanelModel
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import BoolArray, FloatArray
+from scenes.inclination import Inclination
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder
 
@@ -65,6 +66,11 @@ class BuildingElement:
         """Share of its area that was measured."""
         whole = self.patch.observed_m2 + self.patch.hypothesised_m2
         return self.patch.observed_m2 / whole if whole else 0.0
+
+    @property
+    def inclination(self) -> Inclination:
+        """Its angle with the horizontal."""
+        return self.patch.source.fit.inclination(self.world.matrix[2, :3])
 
     def _local(self, place: FloatArray) -> FloatArray:
         return self.world.inverse().apply(np.asarray(place)[None])

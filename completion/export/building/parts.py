@@ -19,7 +19,6 @@ import shapely
 
 from completion.export.building.bodies import Body, ScanBeams, find_bodies
 from completion.export.building.faces import (
-    LEVEL,
     FaceFrame,
     PlaneFace,
     common,
@@ -248,7 +247,7 @@ def find_pipes(
 def _is_upright(element: CylinderElement) -> bool:
     if not element.is_solid or element.radius_m < _LEAST_RADIUS_M or element.length_m <= 0:
         return False
-    return abs(float(element.ends[1, 2] - element.ends[0, 2])) >= LEVEL * element.length_m
+    return element.inclination.is_upright
 
 
 def _round(element: CylinderElement) -> BuildingColumn:

@@ -125,10 +125,8 @@ BESIDE_M = 0.5
 """Round what was measured of a wall, where openings are sought. By eye."""
 LEAST_WALL_M = 0.4
 """Width and height of a wall: an opening and what stands beside it."""
-SIDEWAYS = 0.26
-"""Of a wall's normal along up: planes that lean by more than 15 deg have no doors. By eye."""
-LEVEL_COSINE = 0.98
-"""Between a floor's normal and up: 11.5 deg. By eye."""
+SAME_WAY = 0.98
+"""Cosine, 11 deg: least between the directions into two refused or found holes that are one. By choice."""
 LEAST_WALL_POINTS = 500
 """Points of a plane in which openings are sought. By eye."""
 LEAST_LEVEL_POINTS = 200

@@ -37,12 +37,11 @@ from completion.features.openings.limits import (
     LEAST_NICHE_M,
     LEAST_WALL_M,
     LEAST_WALL_POINTS,
-    LEVEL_COSINE,
     MOSTLY,
     ON_FACE_SD,
     SAME_M,
+    SAME_WAY,
     SHARED_AREA,
-    SIDEWAYS,
 )
 from completion.features.openings.recess import Recess, SideEstimate
 from completion.features.openings.rectangles import WallChart, propose
@@ -120,7 +119,7 @@ def find_openings_in(
     """
     # 1. Frame: u to the right as seen from the room, v up, y into the wall.
     plane = wall.fit.surface
-    if not isinstance(plane, Plane) or abs(float(plane.normal_direction @ up)) > SIDEWAYS:
+    if not isinstance(plane, Plane) or not wall.fit.inclination(up).is_upright:
         return
     before = np.mean([seen.scan.origin for seen in observations], axis=0)
     frame = WallFrame.of(plane, before, up)
@@ -302,7 +301,7 @@ def walls_of(surfaces: Sequence[MergedSurface], up: FloatArray) -> list[tuple[in
         for number, surface in enumerate(surfaces)
         if surface.n_pixels >= LEAST_WALL_POINTS
         and isinstance(surface.fit.surface, Plane)
-        and abs(float(surface.fit.surface.normal_direction @ up)) <= SIDEWAYS
+        and surface.fit.inclination(up).is_upright
     ]
 
 
@@ -356,7 +355,8 @@ def _share_within(plan: FloatArray, other: FloatArray) -> float:
 
 def _is_level(surface: MergedSurface, up: FloatArray) -> bool:
     plane = surface.fit.surface
-    return isinstance(plane, Plane) and float(plane.normal_direction @ up) > LEVEL_COSINE
+    faces_up = isinstance(plane, Plane) and float(plane.normal_direction @ up) > 0
+    return faces_up and surface.fit.inclination(up).is_level
 
 
 def _each_once(fits: Sequence[TemplateFit]) -> list[TemplateFit]:
@@ -379,7 +379,7 @@ def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
     if other.status is FeatureStatus.NONE and fit.status is not FeatureStatus.NONE:
         return False
     into, beyond = np.asarray(fit.geometry["into"]), np.asarray(other.geometry["into"])
-    if float(into @ beyond) < LEVEL_COSINE:
+    if float(into @ beyond) < SAME_WAY:
         return False
     corners_here, corners = np.asarray(fit.geometry["corners"]), np.asarray(other.geometry["corners"])
     if abs(float((corners_here.mean(axis=0) - corners.mean(axis=0)) @ beyond)) >= SAME_M:

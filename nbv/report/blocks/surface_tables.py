@@ -14,7 +14,7 @@ import numpy as np
 from completion.fitting.result import SurfaceFit
 from completion.flattening.flat import FlatRegion, FlatSurface, RegionKind
 from completion.relations.graph import Misfit, RelationGraph, misfit_of
-from completion.relations.relation import Relation, Status
+from completion.relations.relation import Relation, RelationStatus
 from nbv.report.blocks.page import Block, Cell, PageSection, Table, Text
 from nbv.run.wording import count
 from scenes.scan.colour import surface_colour
@@ -23,7 +23,13 @@ _MOST_ROWS = 40  # of each kind of status
 FAULT_SD = 3.0
 """Standard deviations by which no surface should be moved: more is a fault of covariances or relations."""
 
-_ORDER = (Status.ACCEPTED, Status.REJECTED, Status.UNDECIDED, Status.IMPLIED, Status.REDUNDANT)
+_ORDER = (
+    RelationStatus.ACCEPTED,
+    RelationStatus.REJECTED,
+    RelationStatus.UNDECIDED,
+    RelationStatus.IMPLIED,
+    RelationStatus.REDUNDANT,
+)
 _WORDS = {
     "parallel": "parallel",
     "perpendicular": "at right angles",
@@ -96,9 +102,10 @@ def _tolerance_text(graph: RelationGraph) -> str:
 def _summary(graph: RelationGraph, numbers: Sequence[int], stayed: int) -> str:
     """How many hold, how far surfaces were moved for it, and what is free."""
     holding = sum(relation.holds for relation in graph.relations)
+    n_rejected, n_undecided = map(graph.count_with, (RelationStatus.REJECTED, RelationStatus.UNDECIDED))
     text = (
         f"{count(holding, 'relation holds', 'relations hold')} among {count(len(graph.fits), 'surface')}; "
-        f"{graph.numbered(Status.REJECTED)} rejected, {graph.numbered(Status.UNDECIDED)} undecided. "
+        f"{n_rejected} rejected, {n_undecided} undecided. "
         f"{graph.free} of {graph.unknowns} parameters are still free."
     )
     if graph.moved_sd and max(graph.moved_sd) > 0:

@@ -6,7 +6,7 @@ import pytest
 
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.boundary.continuation import ALL_CUES, Cue, continue_edges
-from completion.boundary.edges import Circle, Edge, Line, find_edges, meeting_line
+from completion.boundary.edges import BoundaryEdge, ChartLine, Circle, find_edges, meeting_line
 from completion.boundary.hidden_regions import divide_hidden, label_regions
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.confidence import Onward, Prospects, distance_to
@@ -34,7 +34,7 @@ def _stairs(angle, n=60):
 def test_a_line_is_found_to_a_fraction_of_a_pixel(angle_deg):
     uv, _ = _stairs(np.radians(angle_deg))
     best = find_edges(_rim(uv, (0.0, STEP)))[0]
-    assert isinstance(best.curve, Line)
+    assert isinstance(best.curve, ChartLine)
     turn = np.degrees(np.arctan2(best.curve.direction[1], best.curve.direction[0]))
     assert (turn - angle_deg + 90) % 180 - 90 == pytest.approx(0.0, abs=0.6)
     middle = np.array([[0.3, np.tan(np.radians(angle_deg)) * 0.3 + 0.3]])
@@ -69,9 +69,17 @@ def _corner():
     measured = (row < 60) & (column < 60) & ~hidden
     open_ = ~measured & ~hidden
     edges = [
-        Edge(Line(np.array([0.6, 0.0]), np.array([0.0, 1.0])), np.array([[0.0, 0.4]]), np.array([1.0]), 1e-4),
-        Edge(
-            Line(np.array([0.0, 0.6]), np.array([1.0, 0.0])), np.array([[0.0, 0.4]]), np.array([-1.0]), 1e-4
+        BoundaryEdge(
+            ChartLine(np.array([0.6, 0.0]), np.array([0.0, 1.0])),
+            np.array([[0.0, 0.4]]),
+            np.array([1.0]),
+            1e-4,
+        ),
+        BoundaryEdge(
+            ChartLine(np.array([0.0, 0.6]), np.array([1.0, 0.0])),
+            np.array([[0.0, 0.4]]),
+            np.array([-1.0]),
+            1e-4,
         ),
     ]
     return hidden, measured, open_, edges
@@ -113,9 +121,11 @@ def test_what_touches_nothing_known_is_no_surface():
 def test_an_edge_seen_on_both_sides_is_one_stretch():
     row, column = np.mgrid[:100, :100]
     hidden = (column >= 40) & (column < 60) & (row > 20) & (row < 80)
-    line = Line(np.array([0.0, 0.5]), np.array([1.0, 0.0]))
-    (both,) = continue_edges([Edge(line, np.array([[0.0, 0.4], [0.6, 1.0]]), np.ones(2), 1e-4)], GRID, hidden)
-    (once,) = continue_edges([Edge(line, np.array([[0.0, 0.4]]), np.ones(1), 1e-4)], GRID, hidden)
+    line = ChartLine(np.array([0.0, 0.5]), np.array([1.0, 0.0]))
+    (both,) = continue_edges(
+        [BoundaryEdge(line, np.array([[0.0, 0.4], [0.6, 1.0]]), np.ones(2), 1e-4)], GRID, hidden
+    )
+    (once,) = continue_edges([BoundaryEdge(line, np.array([[0.0, 0.4]]), np.ones(1), 1e-4)], GRID, hidden)
     assert both.provenance == "collinear"
     assert once.provenance == "convergent"
 
@@ -140,7 +150,7 @@ def test_rim_points_keep_their_place_in_another_chart():
     other = Plane((0.3, 0.2, 0), (0, 0, 1), (1, 1, 0))
     uv = np.random.default_rng(0).uniform(0, 1, (20, 2))
     boundary = _rim(uv, (0.01, 0.002))
-    moved = boundary.recharted(WALL, other)
+    moved = boundary.in_chart(WALL, other)
     np.testing.assert_allclose(other.from_uv(moved.uv), WALL.from_uv(uv), atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(moved.step, axis=1), np.hypot(0.01, 0.002), atol=1e-12)
 
@@ -150,7 +160,13 @@ def test_confidence_falls_with_distance():
     for onward in (Onward.WALL_WITHIN, Onward.OBJECT_WITHIN, Onward.CYLINDER):
         kind = np.full(3, onward, np.int8)
         found = Prospects(
-            np.ones(3), kind, away, np.zeros(3), np.zeros((3, 11)), past_end=np.zeros((3, 4)), is_said=none
+            np.ones(3),
+            kind,
+            away,
+            np.zeros(3),
+            np.zeros((3, 11)),
+            end_features=np.zeros((3, 4)),
+            is_said=none,
         )
         assert (np.diff(found.probability()) < 0).all()
     cells = np.zeros(GRID.shape, dtype=np.bool_)
@@ -166,10 +182,10 @@ def test_an_edge_parts_surface_from_opening_only_on_the_side_it_was_seen_on():
     row, column = np.mgrid[:100, :100]
     hidden = (column >= 40) & (column < 60) & (row < 50)
     measured, open_ = (column >= 60) & (row < 50), (column < 40) & (row < 50)
-    line = Line(np.array([0.5, 0.0]), np.array([0.0, 1.0]))
+    line = ChartLine(np.array([0.5, 0.0]), np.array([0.0, 1.0]))
     pieces = {}
     for side in (-1.0, 1.0):  # `across` grows to the left
-        edge = Edge(line, np.array([[0.5, 0.9]]), np.array([side]), 1e-4)
+        edge = BoundaryEdge(line, np.array([[0.5, 0.9]]), np.array([side]), 1e-4)
         regions = divide_hidden(GRID, hidden, measured, open_, continue_edges([edge], GRID, hidden))
         assert regions.n_regions == 2
         pieces[side] = label_regions(regions).margin[regions.region[25, [41, 58]]]
@@ -196,13 +212,13 @@ def test_runs_on_one_line_with_the_surface_on_different_sides_stay_apart():
 def test_a_cue_that_is_left_out_continues_no_edge(cue):
     row, column = np.mgrid[:100, :100]
     hidden = (column >= 40) & (column < 60) & (row > 20) & (row < 80)
-    line = Line(np.array([0.0, 0.5]), np.array([1.0, 0.0]))
+    line = ChartLine(np.array([0.0, 0.5]), np.array([1.0, 0.0]))
     runs = {
         Cue.COLLINEAR: [[0.0, 0.4], [0.6, 1.0]], Cue.CONVERGENT: [[0.0, 0.4]], Cue.CLOSURE: [[0.7, 0.9]],
     }[cue]  # fmt: skip
     if cue == Cue.CLOSURE:
-        line, hidden = Line(np.array([0.39, 0.0]), np.array([0.0, 1.0])), hidden & (row > 40)
-    edge = Edge(line, np.array(runs), np.ones(len(runs)), 1e-4)
+        line, hidden = ChartLine(np.array([0.39, 0.0]), np.array([0.0, 1.0])), hidden & (row > 40)
+    edge = BoundaryEdge(line, np.array(runs), np.ones(len(runs)), 1e-4)
     others = tuple(other for other in ALL_CUES if other != cue)
     assert {edge.provenance for edge in continue_edges([edge], GRID, hidden)} == {cue}
     assert continue_edges([edge], GRID, hidden, others) == []

@@ -4,16 +4,8 @@
 import numpy as np
 import pytest
 
-from completion.boundary.edges import (
-    GAP,
-    MIN_POINTS,
-    SLACK,
-    Line,
-    best_line,
-    in_runs,
-    line_through,
-    near_line,
-)
+from completion.boundary.edges import ChartLine, best_line, in_runs, line_through, near_line
+from completion.boundary.limits import GAP, MIN_POINTS, SLACK
 
 
 def _cloud(seed: int, n: int = 120):
@@ -28,7 +20,7 @@ def _cloud(seed: int, n: int = 120):
     step = 0.01 * rng.choice([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]], n) + rng.normal(
         0, 1e-4, (n, 2)
     )
-    return uv, step, Line(at, along)
+    return uv, step, ChartLine(at, along)
 
 
 def _slack(line, step):
@@ -52,7 +44,7 @@ def test_a_line_is_that_of_least_squares_with_the_weights_it_gives_itself(seed):
     for _ in range(3):
         mean = np.average(uv[chosen], axis=0, weights=weight)
         offset = uv[chosen] - mean
-        fitted = Line(mean, np.linalg.eigh((weight[:, None] * offset).T @ offset)[1][:, 1])
+        fitted = ChartLine(mean, np.linalg.eigh((weight[:, None] * offset).T @ offset)[1][:, 1])
         weight = 1 / _slack(fitted, step[chosen]) ** 2
     found = line_through(uv, step, chosen)
     np.testing.assert_allclose(found[:2], fitted.point, atol=1e-12)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import shapely
 
-from completion.boundary.edges import Circle, Line
+from completion.boundary.edges import ChartLine, Circle
 from completion.boundary.meshing import Trim, mesh_cells
 from completion.boundary.range_mesh import mesh_range_image
 from completion.evidence.chart_grid import ChartGrid
@@ -27,7 +27,7 @@ def random_cells(seed: int, shape: tuple[int, int] = (24, 31)) -> tuple[ChartGri
 def random_trims(seed: int, shape: tuple[int, int]) -> tuple[Trim, ...]:
     """A line and a circle, each through some of the cells."""
     rng = np.random.default_rng(seed)
-    line = Line(np.array([0.7, 0.6]), np.array([0.6, 0.8]))
+    line = ChartLine(np.array([0.7, 0.6]), np.array([0.6, 0.8]))
     half = rng.random((2, *shape)) < 0.5
     return Trim(line, 1.0, half[0]), Trim(Circle(np.array([0.8, 0.7]), 0.5), -1.0, half[1])
 
@@ -40,7 +40,7 @@ def kept_area(grid: ChartGrid, cells: np.ndarray, trims: tuple[Trim, ...]) -> fl
         for cut in CUTS:
             cell = cell.intersection(half_plane(cut))
         for trim in trims:
-            if trim.cells[row, column] and isinstance(trim.curve, Line):
+            if trim.cells[row, column] and isinstance(trim.curve, ChartLine):
                 along, across = BEYOND * trim.curve.direction, BEYOND * trim.curve.normal
                 ends = trim.curve.point + along, trim.curve.point - along
                 cell = cell.intersection(shapely.Polygon([*ends, ends[1] + across, ends[0] + across]))

@@ -67,13 +67,13 @@ def test_other_frames_vote_and_colour_only_what_no_key_frame_measured():
     owners = tuple((np.abs(one.scan.points()[..., 2] - 3) < 0.01).astype(np.int32) for one in seen)
     both, first = (weigh(GRID, EXACT, Scans(seen, owners, USUAL, keys), 1) for keys in (None, (0,)))
     alone = weigh(GRID, EXACT, Scans(seen[:1], owners[:1], USUAL), 1)
-    for name in ("labels", "observed", "own", "through", "limb"):
+    for name in ("labels", "observed", "is_own", "through", "limb"):
         np.testing.assert_array_equal(getattr(first, name), getattr(both, name))
     assert (both.labels != alone.labels).any()
-    np.testing.assert_array_equal(first.scan[alone.own], 0)
-    np.testing.assert_array_equal(first.pixel[alone.own], alone.pixel[alone.own])
-    assert (both.scan[alone.own] == 1).any()
-    assert (first.scan[first.own & ~alone.own] == 1).all()
+    np.testing.assert_array_equal(first.scan[alone.is_own], 0)
+    np.testing.assert_array_equal(first.pixel[alone.is_own], alone.pixel[alone.is_own])
+    assert (both.scan[alone.is_own] == 1).any()
+    assert (first.scan[first.is_own & ~alone.is_own] == 1).all()
 
 
 def label_at(found, x: float, y: float) -> int:
@@ -135,7 +135,7 @@ def test_two_scans_are_weighed_whatever_their_order(one, other, label, is_measur
     found = weigh(GRID, EXACT, Scans(tuple(observations), tuple(owners), USUAL), 1)
     assert label_at(found, 0.02, 0.02) == label
     _, cell = GRID.cells_of(np.array([[0.02, 0.02, 3.0]]))
-    assert found.observed.ravel()[cell[0]] == found.own.ravel()[cell[0]] == is_measured
+    assert found.observed.ravel()[cell[0]] == found.is_own.ravel()[cell[0]] == is_measured
     assert (found.pixel.ravel()[cell[0]] >= 0) == is_measured or one == other == "nobody's"
     assert (found.occluder.ravel()[cell[0]] == 2) == (label == Label.OCCLUDED)
 

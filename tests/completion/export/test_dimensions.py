@@ -78,7 +78,7 @@ def test_errors_that_surfaces_share_add_up_or_cancel():
     one = np.array([[1.0], [0.0], [0.0]])
     errors = replace(
         NO_ERRORS,
-        own=(np.diag([1.0, 0, 0]),) * 2,
+        separate=(np.diag([1.0, 0, 0]),) * 2,
         shared=SharedErrors((3, 3), ({0: one, 1: one},)),
         ranges=(np.zeros((3, 2)),) * 2,
         freedom=(np.inf,) * 2,
@@ -102,7 +102,7 @@ def test_relations_tell_of_surfaces_that_they_moved_and_of_others_the_worst():
     covariance[0, 3] = covariance[3, 0] = -0.5
     errors = replace(
         NO_ERRORS,
-        own=(np.diag([1.0, 0, 0]),) * 3,
+        separate=(np.diag([1.0, 0, 0]),) * 3,
         shared=SharedErrors((3, 3, 3), ()),
         related=RelatedErrors((0, 1), (0, 3, 6), covariance, (True, False)),
         ranges=(np.zeros((3, 2)),) * 3,

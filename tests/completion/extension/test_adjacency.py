@@ -6,7 +6,7 @@ import pytest
 
 from completion.boundary.boundary_pixels import find_boundary_pixels
 from completion.evidence.evidence import Scans
-from completion.extension.adjacency import Adjacency, find_adjacency, is_upright
+from completion.extension.adjacency import Adjacency, find_adjacency, stands_upright
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import PixelSet, ScanPixels, observe
@@ -75,6 +75,15 @@ def test_what_is_seen_says_what_encloses_meets_and_stands(law):
     assert (found.standing[~found.encloses] == 0).all()
 
 
+def fit_of(surface, sd=1e-4):
+    return SurfaceFit(surface, 0.001, sd**2 * np.eye(5 if isinstance(surface, Cylinder) else 3), 1000)
+
+
+def leaning(degrees):
+    """A cylinder that leans out of the vertical."""
+    return Cylinder((0, 0, 0), (np.sin(np.radians(degrees)), 0, np.cos(np.radians(degrees))), 0.1)
+
+
 @pytest.mark.parametrize(
     ("surface", "expected"),
     [
@@ -84,7 +93,9 @@ def test_what_is_seen_says_what_encloses_meets_and_stands(law):
         (Plane((0, 0, 0), (0, -1, 0.2)), False),
         (Cylinder((0, 0, 0), (0, 0, 1), 0.1), True),
         (Cylinder((0, 0, 0), (0, 1, 0), 0.1), False),
+        (leaning(9), True),
+        (leaning(20), False),
     ],
 )
-def test_upright_is_at_right_angles_to_within_six_degrees(surface, expected):
-    assert is_upright(surface, FLOOR) == expected
+def test_planes_and_cylinders_stand_upright_within_one_limit(surface, expected):
+    assert stands_upright(fit_of(surface), fit_of(FLOOR)) == expected

@@ -7,6 +7,7 @@ import pytest
 from completion import CompletionOptions, complete
 from completion.edits.edit import Anchor, Edit
 from completion.extension.claims import is_chosen, role_of
+from completion.fitting.result import SurfaceFit
 from completion.observe.user_options import KINDS
 from completion.result.record import polygons_record
 from scenes.checks import InputError
@@ -17,6 +18,11 @@ UP = np.array([0.0, 0.0, 1.0])
 FLOOR, WALL, CEILING = (Plane((0, 0, 0), normal) for normal in ((0, 0, 1), (1, 0, 0), (0, 0.1, -1)))
 SLOPE, BALL = Plane((0, 0, 0), (0, 1, 1)), Sphere((0, 0, 0), 1.0)
 PIPE, VAULT = (Cylinder((0, 0, 0), (1, 0, 0), 0.1, None, concave) for concave in (False, True))
+
+
+def fit_of(surface):
+    size = {Plane: 3, Cylinder: 5, Sphere: 4}[type(surface)]
+    return SurfaceFit(surface, 0.001, 1e-8 * np.eye(size), 1000)
 
 
 @pytest.mark.parametrize(
@@ -32,15 +38,16 @@ PIPE, VAULT = (Cylinder((0, 0, 0), (1, 0, 0), 0.1, None, concave) for concave in
     ],
 )
 def test_kinds_are_roles_and_shapes(surface, kinds):
-    chosen = {kind for kind in KINDS if is_chosen(surface, (kind,), encloses=True, up=UP)}
+    chosen = {kind for kind in KINDS if is_chosen(fit_of(surface), (kind,), encloses=True, up=UP)}
     assert chosen == kinds
-    assert is_chosen(surface, (), encloses=False, up=UP)
-    inside = {kind for kind in KINDS if is_chosen(surface, (kind,), encloses=False, up=UP)}
+    assert is_chosen(fit_of(surface), (), encloses=False, up=UP)
+    inside = {kind for kind in KINDS if is_chosen(fit_of(surface), (kind,), encloses=False, up=UP)}
     assert inside == kinds - {"walls", "floors", "ceilings"}
 
 
 def test_a_plane_that_does_not_enclose_has_no_role():
-    assert role_of(UP, encloses=False) == role_of(SLOPE.normal_direction, encloses=True) == "surface"
+    assert role_of(fit_of(FLOOR), encloses=False, up=UP) == "surface"
+    assert role_of(fit_of(SLOPE), encloses=True, up=UP) == "surface"
 
 
 def test_unknown_kinds_are_refused_by_name():
@@ -55,7 +62,8 @@ def test_what_is_left_out_is_measured_and_bounds_the_rest():
     roles = [surface["role"] for surface in polygons_record(walls)["surfaces"]]
     assert set(roles) <= {"wall", "floor"}
     assert walls.choice.n_left_out == len(every.patches) - len(walls.patches) > 0
-    kept = [p for p in every.patches if role_of(_normal(every, p), encloses=p.limits.encloses) != "surface"]
+    up = every.world_from_reference.matrix[2, :3]
+    kept = [p for p in every.patches if role_of(p.source.fit, encloses=p.limits.encloses, up=up) != "surface"]
     area = {round(patch.observed_m2, 9): patch.hypothesised_m2 for patch in kept}
     assert all(area[round(patch.observed_m2, 9)] == patch.hypothesised_m2 for patch in walls.patches)
     owner, before = walls.owners[0], every.owners[0]
@@ -66,13 +74,6 @@ def test_what_is_left_out_is_measured_and_bounds_the_rest():
     assert len(rest.faces) > len(less.faces)
     occluders = np.concatenate([patch.evidence.occluder.ravel() for patch in walls.patches])
     assert occluders.max() <= len(walls.patches)
-
-
-def _normal(completion, patch):
-    surface = patch.grid.surface
-    if not isinstance(surface, Plane):
-        return np.zeros(3)
-    return completion.world_from_reference.rotate(surface.normal_direction[None])[0]
 
 
 @pytest.mark.long

@@ -14,7 +14,7 @@ from completion.extension.confidence import (
     WEIGHTS,
     Onward,
     Prospects,
-    Sides,
+    RectangleSides,
     as_far_as_probable,
     hidden_widths,
     known_beyond,
@@ -30,7 +30,7 @@ EXTENT = Extent(
     end_probability=np.array([[0.0, 0.25], [0.0, 0.0]]),
     ended=np.zeros((2, 2), dtype=np.bool_), full_turn=False, encloses=False,
 )  # fmt: skip
-SIDES = Sides(np.array([[0.1, 0.2], [0.3, 0.4]]), np.array([[0.5, 0.6], [0.7, 0.8]]), 0.15)
+SIDES = RectangleSides(np.array([[0.1, 0.2], [0.3, 0.4]]), np.array([[0.5, 0.6], [0.7, 0.8]]), 0.15)
 
 
 def known(uv, extent=EXTENT, base=0.5):
@@ -86,10 +86,10 @@ def test_past_its_reach_a_plane_is_improbable_whatever_is_seen(encloses, least):
     past = ((uv < low) | (uv > high)).any(axis=1)
     assert past.any()
     for passed, hidden, outline in ((0, 1, 0), (1, 1, 0), (0, 0, 1), (0.5, 0.5, 0.2)):
-        sides = Sides(np.full((2, 2), float(passed)), np.full((2, 2), float(hidden)), outline)
+        sides = RectangleSides(np.full((2, 2), float(passed)), np.full((2, 2), float(hidden)), outline)
         values, _ = known_beyond(uv, np.ones(len(uv)), shape, sides)
         assert probability_beyond(values)[past].max() <= least
-    best = Sides(np.zeros((2, 2)), np.ones((2, 2)), 0.0)
+    best = RectangleSides(np.zeros((2, 2)), np.ones((2, 2)), 0.0)
     nearer = np.tile((shape.own_low + shape.own_high) / 2, (2, 1))
     np.fill_diagonal(nearer, shape.own_high + (high - shape.own_high) / 2)
     values, _ = known_beyond(nearer, np.ones(2), shape, best)
@@ -112,7 +112,7 @@ def test_sides_are_looked_at_line_by_line():
     labels[rows[:2], right] = Label.FREE
     nothing, none = np.zeros(grid.shape, np.int32), np.zeros(grid.shape, dtype=np.bool_)
     evidence = Evidence(labels, observed, observed, nothing, nothing, nothing, none, none)
-    sides = Sides.of(grid, evidence, EXTENT)
+    sides = RectangleSides.of(grid, evidence, EXTENT)
     share = 2 / len(rows)
     np.testing.assert_allclose(sides.passed, [[0, 0], [share, 0]])
     np.testing.assert_allclose(sides.hidden, [[1, 1], [1 - share, 1]])
@@ -122,7 +122,7 @@ def test_sides_are_looked_at_line_by_line():
     shorter = observed.copy()
     shorter[rows[0], right - 5 :] = False
     evidence = Evidence(first, shorter, shorter, nothing, nothing, nothing, none, none)
-    assert Sides.of(grid, evidence, EXTENT).passed[1, 0] == pytest.approx(1 / len(rows))
+    assert RectangleSides.of(grid, evidence, EXTENT).passed[1, 0] == pytest.approx(1 / len(rows))
 
 
 def test_it_is_less_probable_farther_away_and_past_a_side_that_was_seen_to_end():
@@ -155,7 +155,7 @@ def test_a_wide_hidden_part_of_a_wall_may_hold_a_door():
         np.zeros(3),
         np.array([0, narrow, wide]),
         known,
-        past_end=np.zeros((3, 4)),
+        end_features=np.zeros((3, 4)),
         is_said=none,
     )
     bare, slit, door = found.probability()
@@ -174,7 +174,7 @@ def test_what_a_person_said_goes_on_does():
         np.ones(1),
         np.ones(1),
         row,
-        past_end=np.zeros((1, 4)),
+        end_features=np.zeros((1, 4)),
         is_said=np.ones(1, dtype=np.bool_),
     )
     assert one.probability() == 1

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from completion.fitting.result import SurfaceFit
-from completion.merging.agreement import NO_DOUBT, Part, PoseDoubt, compare, compare_all, lies_on
+from completion.merging.agreement import NO_DOUBT, FittedPart, PoseDoubt, compare, compare_all, lies_on
 from completion.merging.candidates import find_candidates, find_hosts
 from completion.observe.observation import observe
 from completion.segmentation.pipeline import segment
@@ -41,7 +41,7 @@ def random_parts(n, seed, n_scans=1):
         points = surface.from_uv(uv)
         points += rng.normal(0, scale, (50, 1)) * surface.normal(points)
         doubt = NO_DOUBT if n_scans == 1 else PoseDoubt(int(rng.integers(n_scans)), 0.01, 0.003)
-        parts.append(Part.of(fit, points, scale, 0.001, doubt))
+        parts.append(FittedPart.of(fit, points, scale, 0.001, doubt))
     return parts
 
 
@@ -49,7 +49,9 @@ def parts_of_scan(name):
     seen = observe(example(name, "gaussian-2mm"), Pose.identity())
     regions = segment(seen, SegmentationOptions(min_pixels=20))
     points = [seen.points_at(region.pixels.flat[::7]) for region in regions]
-    return [Part.of(region.fit, some, 0.002, 0.001) for region, some in zip(regions, points, strict=True)]
+    return [
+        FittedPart.of(region.fit, some, 0.002, 0.001) for region, some in zip(regions, points, strict=True)
+    ]
 
 
 PARTS = {
@@ -107,6 +109,6 @@ def test_a_wall_is_a_candidate_at_either_end_of_a_building():
     def wall(at):
         points = Plane((at, 0, 1), (0, -1, 0)).from_uv(np.random.default_rng(0).uniform(-1, 1, (100, 2)))
         fit = SurfaceFit(Plane((at, 0, 1), (0, -1, 0)), 0.002, np.diag([1e-8, 1e-8, 1e-8]), 100)
-        return Part.of(fit, points, 0.002, 0.0)
+        return FittedPart.of(fit, points, 0.002, 0.0)
 
     assert find_candidates([wall(0.0), wall(100.0)]).tolist() == [[0, 1]]

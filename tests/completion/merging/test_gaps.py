@@ -8,7 +8,7 @@ import pytest
 
 from completion.evidence.sight import sight_of
 from completion.fitting.result import SurfaceFit
-from completion.merging.agreement import Part
+from completion.merging.agreement import FittedPart
 from completion.merging.gaps import Sights, gap_is_hidden
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
@@ -44,7 +44,7 @@ def scans_of(surface, through, rng):
 def part_of(surface, middle, rng, n=120):
     points = surface.from_uv(rng.uniform(-0.4, 0.4, (n, 2)) + [middle, 0.0])
     fit = SurfaceFit(surface, 0.001, 1e-8 * np.eye(3 if surface is WALL else 5), n)
-    return Part.of(fit, points, 0.003, 0.001)
+    return FittedPart.of(fit, points, 0.003, 0.001)
 
 
 def nearest(points, others):

@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from completion.observe.observation import Beams, PixelSet, ScanPixels, observe
+from completion.observe.observation import LabelledBeams, PixelSet, ScanPixels, observe
 from completion.observe.refitting import block_sums, refit, refit_each
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
@@ -69,9 +69,9 @@ def test_blocks_are_the_dark_squares_of_a_chessboard(whole):
     (seen,), (labels,) = observations(n_scans=1)
     pixel = np.flatnonzero(labels).astype(np.int32)
     beams = (
-        Beams.of(seen, labels)
+        LabelledBeams.of(seen, labels)
         if whole
-        else Beams(seen.rays, seen.noise.numbers(), seen.scan.ranges, pixel, labels.ravel()[pixel])
+        else LabelledBeams(seen.rays, seen.noise.numbers(), seen.scan.ranges, pixel, labels.ravel()[pixel])
     )
     expected, points = np.zeros((3, 4)), seen.scan.points()
     rays = (points - seen.scan.origin) / seen.scan.ranges[..., None]

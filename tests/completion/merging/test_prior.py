@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from completion.fitting.result import SurfaceFit
-from completion.merging.agreement import Part, Prior, compare
+from completion.merging.agreement import FittedPart, Prior, compare
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 STRONG = np.log(20.0)
@@ -19,7 +19,7 @@ def part(surface, low, high, sd=(1e-3, 1e-2, 1e-2)):
     points = surface.from_uv(np.stack([u.ravel(), v.ravel()], axis=1))
     corners = surface.from_uv(np.array([low, [high[0], low[1]], high, [low[0], high[1]]]))
     fit = SurfaceFit(surface, 1e-3, np.diag(np.square(sd)), 225)
-    return Part.of(fit, np.concatenate([corners, points]), 1e-3, 1e-3)
+    return FittedPart.of(fit, np.concatenate([corners, points]), 1e-3, 1e-3)
 
 
 CYLINDER_SD = (1e-3, 1e-3, 1e-2, 1e-2, 1e-3)

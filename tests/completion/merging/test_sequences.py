@@ -8,7 +8,7 @@ import pytest
 
 from completion.evidence.sight import sight_of
 from completion.merging import pipeline
-from completion.merging.pieces import Piece, Unconfirmed, confirmed
+from completion.merging.pieces import SurfacePiece, UnconfirmedRegions, drop_unconfirmed
 from completion.observe.observation import PixelSet, observe
 from completion.observe.tolerance import EvidenceOptions
 from completion.segmentation.pipeline import segment
@@ -51,9 +51,9 @@ def test_blocks_of_scans_come_to_what_all_scans_come_to(frames, monkeypatch, mos
     monkeypatch.setattr(pipeline, "_BLOCK", block)
     apart = pipeline.merge(observations, regions, tolerance)
     assert len(apart) == len(together) == 6
-    assert Unconfirmed.of(regions, apart) == Unconfirmed.of(regions, together) == (0, 0)
+    assert UnconfirmedRegions.of(regions, apart) == UnconfirmedRegions.of(regions, together) == (0, 0)
     left_out = apart[1:]
-    assert Unconfirmed.of(regions, left_out) == (apart[0].n_parts, apart[0].n_pixels)
+    assert UnconfirmedRegions.of(regions, left_out) == (apart[0].n_parts, apart[0].n_pixels)
     for one, other in zip(apart, together, strict=True):
         assert one.n_parts == other.n_parts
         for own, expected in zip(one.pixels, other.pixels, strict=True):
@@ -101,6 +101,6 @@ def test_what_five_other_frames_do_not_find_is_no_surface(law):
     (wall, *_) = segment(seen[0], SegmentationOptions())
     rows, columns = np.divmod(wall.pixels.flat, 64)
     amid = wall.pixels.flat[(np.abs(rows - 32) < 6) & (np.abs(columns - 32) < 6)]
-    piece = Piece.of_region(3, replace(wall, pixels=PixelSet(amid, (64, 64))), seen[0], tolerance)
-    found = confirmed([[piece], [piece, piece]], [sight_of(one, tolerance) for one in seen], 3)
+    piece = SurfacePiece.of_region(3, replace(wall, pixels=PixelSet(amid, (64, 64))), seen[0], tolerance)
+    found = drop_unconfirmed([[piece], [piece, piece]], [sight_of(one, tolerance) for one in seen], 3)
     assert found == ([[piece]] if is_left else []) + [[piece, piece]]

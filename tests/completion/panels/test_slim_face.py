@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from completion.boundary.edges import Edge, Line
+from completion.boundary.edges import BoundaryEdge, ChartLine
 from completion.panels.pipeline import NO_SURFACE, slim_folds
 from scenes.surfaces.catalogue import Plane
 
@@ -17,8 +17,8 @@ RUN = np.array([[-0.5, 0.5]])
 
 def board(deviation=0.001):
     """A sheet with one straight edge, as far as slim faces look at it."""
-    line = Line(np.zeros(2), np.array([1.0, 0.0]))
-    edge = Edge(line, RUN, np.array([-1.0]), deviation)
+    line = ChartLine(np.zeros(2), np.array([1.0, 0.0]))
+    edge = BoundaryEdge(line, RUN, np.array([-1.0]), deviation)
     fit = SimpleNamespace(rms=0.0005, standard_deviation=lambda points: np.full(len(points), 0.001))
     patch = SimpleNamespace(
         edges=(edge,), source=SimpleNamespace(fit=fit), stated=fit, grid=SimpleNamespace(surface=BOARD)

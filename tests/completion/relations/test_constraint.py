@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from completion.relations.constraint import constrain
-from completion.relations.equations import Frame, moved, place
+from completion.relations.equations import RelationFrame, move_surface, place
 from completion.relations.relation import Relation
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cone, Cylinder, EllipticCylinder, Plane, Sphere, Torus
@@ -91,7 +91,9 @@ def placed(surfaces, changes):
 )
 def test_derivatives_are_those_of_finite_differences(relation, surfaces):
     changes = [1e-2 * RNG.normal(size=size(surface)) for surface in surfaces]
-    frame = Frame({k: place(surface, np.zeros(size(surface))) for k, surface in enumerate(surfaces)}, UP)
+    frame = RelationFrame(
+        {k: place(surface, np.zeros(size(surface))) for k, surface in enumerate(surfaces)}, UP
+    )
     found = constrain(relation, placed(surfaces, changes), frame)
     for number, surface in enumerate(surfaces):
         for k in range(size(surface)):
@@ -108,12 +110,12 @@ def test_derivatives_are_those_of_finite_differences(relation, surfaces):
 @pytest.mark.parametrize("surface", [PLANE, PIPE, CONE, BALL, RING])
 def test_a_moved_surface_is_where_it_was_placed(surface):
     change = 1e-2 * RNG.normal(size=size(surface))
-    there, again = place(surface, change), place(moved(surface, change), np.zeros(size(surface)))
+    there, again = place(surface, change), place(move_surface(surface, change), np.zeros(size(surface)))
     np.testing.assert_allclose(there.direction, again.direction, atol=1e-14)
     np.testing.assert_allclose(there.point, again.point, atol=1e-14)
     sizes = [(one.radius, one.half_angle, one.ring_radius) for one in (there, again)]
     assert sizes[0] == pytest.approx(sizes[1], abs=1e-14)
-    assert moved(surface, 0 * change) is surface
+    assert move_surface(surface, 0 * change) is surface
 
 
 def test_what_holds_is_zero():
@@ -130,7 +132,7 @@ def test_what_holds_is_zero():
     surfaces = [flat, above, pipe, cone, lying, ball, ring, hoop, third, fourth, *row]
     surfaces += [*slopes, *legs, *balls]
     at = placed(surfaces, [np.zeros(size(surface)) for surface in surfaces])
-    frame = Frame(at, np.array([0, 0, 1.0]))
+    frame = RelationFrame(at, np.array([0, 0, 1.0]))
     for kind, numbers, value in [
         ("parallel", (0, 1), None),
         ("parallel", (0, 2), None),
@@ -187,14 +189,14 @@ def test_what_surfaces_cannot_have_is_refused():
         ("symmetric", (4, 5, 6, 7), None, "symmetric: no pair tells where the mirror is"),
     ]:
         with pytest.raises(InputError, match=words):
-            constrain(Relation(kind=kind, surfaces=numbers, value=value), at, Frame(at, UP))
+            constrain(Relation(kind=kind, surfaces=numbers, value=value), at, RelationFrame(at, UP))
     with pytest.raises(InputError, match="vertical needs to know which way is up"):
-        constrain(Relation(kind="vertical", surfaces=(0,)), at, Frame(at))
+        constrain(Relation(kind="vertical", surfaces=(0,)), at, RelationFrame(at))
     elliptic = EllipticCylinder((0, 0, 0), (0, 0, 1), (0.5, 0.4))
     with pytest.raises(InputError, match="EllipticCylinder: relations are known of planes"):
         place(elliptic, np.zeros(7))
     with pytest.raises(InputError, match="EllipticCylinder: relations are known of planes"):
-        moved(elliptic, np.ones(7))
+        move_surface(elliptic, np.ones(7))
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,13 @@ import pytest
 
 from benchmarks.suites.relations_of_parts import mirror_part, random_part, row_part
 from completion.fitting.result import SurfaceFit
-from completion.relations.constraint import Frame, constrain
-from completion.relations.equations import place
+from completion.relations.constraint import constrain
+from completion.relations.equations import RelationFrame, place
 from completion.relations.evidence import CHOSEN
 from completion.relations.graph import RelationGraph, relation_records
 from completion.relations.options import BUILT, RelationOptions
 from completion.relations.pipeline import impose, infer
-from completion.relations.relation import Relation, Status
+from completion.relations.relation import Relation, RelationStatus
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.long_cases import first_in_gate
@@ -23,7 +23,7 @@ from tests.helpers.part_examples import exact, flipped, scaled, transformed, wal
 SIGMA = 0.02  # mm
 
 
-def patterns(graph: RelationGraph) -> dict[tuple[str, frozenset[int]], Status]:
+def patterns(graph: RelationGraph) -> dict[tuple[str, frozenset[int]], RelationStatus]:
     return {(one.kind, frozenset(one.surfaces)): one.status for one in graph.relations if one.kind in CHOSEN}
 
 
@@ -34,7 +34,7 @@ def made(make, seed: int, sigma: float = SIGMA) -> tuple[list[SurfaceFit], list[
 def misfit(relation: Relation, fits) -> float:
     at = {number: place(fits[number].surface, np.zeros(len(fits[number].covariance)))
           for number in relation.surfaces}  # fmt: skip
-    return float(np.abs(constrain(relation, at, Frame(at)).value).max())
+    return float(np.abs(constrain(relation, at, RelationFrame(at)).value).max())
 
 
 @pytest.fixture(scope="module", params=[row_part, mirror_part], ids=["rows", "mirror"])
@@ -48,14 +48,14 @@ def test_what_was_made_so_is_found_and_holds_exactly(part):
     for relation in meant:
         assert misfit(relation, fits) > 1e-6
         assert misfit(relation, graph.fits) < 1e-9
-    assert graph.numbered(Status.REJECTED) == 0
+    assert graph.count_with(RelationStatus.REJECTED) == 0
     assert max(graph.moved_sd) < 4.0
 
 
 @pytest.mark.parametrize("sigma", [0.02, 0.5])
 @pytest.mark.parametrize("seed", first_in_gate(1, range(3)))
 def test_nothing_is_made_of_surfaces_at_random(seed, sigma):
-    assert Status.ACCEPTED not in patterns(infer(made(random_part, seed, sigma)[0])).values()
+    assert RelationStatus.ACCEPTED not in patterns(infer(made(random_part, seed, sigma)[0])).values()
 
 
 @pytest.mark.long
@@ -86,7 +86,11 @@ def test_what_is_stated_of_walls_is_tested():
     uneven = Relation(kind="regular", surfaces=(1, 2, 3, 4))
     pairs = Relation(kind="symmetric", surfaces=(0, 3, 1, 2))
     found = impose(fits, [row, uneven, pairs]).relations
-    assert [one.status for one in found] == [Status.ACCEPTED, Status.REJECTED, Status.REDUNDANT]
+    assert [one.status for one in found] == [
+        RelationStatus.ACCEPTED,
+        RelationStatus.REJECTED,
+        RelationStatus.REDUNDANT,
+    ]
     assert found[0].rank == 3 * 2 + 2  # all parallel, and two second differences
     assert "off" in found[1].reason
     assert impose(fits, [pairs]).rank == 3  # two pairs, three of six less than nothing
@@ -96,7 +100,7 @@ def test_what_is_forbidden_is_not_found():
     fits = walls(4, (0.0, 2.0, 4.0, 6.0))
     options = RelationOptions(kinds=("parallel", "regular"))
     (row,) = [one for one in infer(fits, options=options).relations if one.kind == "regular"]
-    assert row.status is Status.ACCEPTED
+    assert row.status is RelationStatus.ACCEPTED
     assert row.log_evidence > np.log(100)
     never = Relation(kind="regular", surfaces=row.surfaces[::-1], is_forbidden=True)
     assert not patterns(infer(fits, [never], options))
@@ -105,7 +109,9 @@ def test_what_is_forbidden_is_not_found():
 def test_three_columns_in_line_are_a_row_and_three_walls_are_not():
     columns = [exact(Cylinder((4.0 * k, 0.5 * k, 0), (0, 0, 1), 0.3)) for k in range(3)]
     options = RelationOptions(kinds=("parallel", "regular"))
-    assert patterns(infer(columns, options=options)) == {("regular", frozenset(range(3))): Status.ACCEPTED}
+    assert patterns(infer(columns, options=options)) == {
+        ("regular", frozenset(range(3))): RelationStatus.ACCEPTED
+    }
     assert not patterns(infer(walls(1, (0.0, 2.0, 4.0)), options=options))
 
 
@@ -113,7 +119,7 @@ def test_balls_may_be_stated_to_be_images():
     balls = [exact(Sphere((side * x, x, 0.3 * x), 0.2 * x)) for x in (1.0, 2.0) for side in (-1, 1)]
     pairs = Relation(kind="symmetric", surfaces=(0, 1, 2, 3))
     (stated,) = impose(balls, [pairs]).relations
-    assert (stated.status, stated.rank) == (Status.ACCEPTED, 8 - 3)
+    assert (stated.status, stated.rank) == (RelationStatus.ACCEPTED, 8 - 3)
 
 
 def test_files_say_the_spacing_and_the_mirror(part):

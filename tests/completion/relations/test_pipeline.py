@@ -12,12 +12,12 @@ from benchmarks.cases.planes import BASE, BORE, SIDE, WIDE, figure_one
 from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.result import SurfaceFit
 from completion.relations.constraint import constrain
-from completion.relations.equations import Frame, place
+from completion.relations.equations import RelationFrame, place
 from completion.relations.estimate import Doubt
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import impose, infer
-from completion.relations.relation import Relation, Status
+from completion.relations.relation import Relation, RelationStatus
 from scenes.checks import InputError
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cylinder, EllipticCylinder, Plane, Torus
@@ -26,7 +26,7 @@ from tests.helpers.part_examples import exact, flipped, scaled, transformed, wal
 SIGMA = 0.2  # mm
 
 
-def statuses(graph: RelationGraph) -> dict[tuple[object, ...], Status]:
+def statuses(graph: RelationGraph) -> dict[tuple[object, ...], RelationStatus]:
     return {(one.kind, frozenset(one.surfaces)): one.status for one in graph.relations}
 
 
@@ -47,14 +47,14 @@ def graph(part):
 
 def test_the_part_of_figure_one_keeps_thirteen_degrees_of_freedom(graph):
     assert (graph.unknowns, graph.rank, graph.free) == (31, 18, 13)
-    assert graph.numbered(Status.REJECTED) == 0
+    assert graph.count_with(RelationStatus.REJECTED) == 0
     assert max(graph.moved_sd) < 3.5
     assert "13 of 31 free" in repr(graph)
 
 
 def test_what_is_accepted_holds_exactly(graph):
     at = {number: place(fit.surface, np.zeros(len(fit.covariance))) for number, fit in enumerate(graph.fits)}
-    frame = Frame(at)
+    frame = RelationFrame(at)
     for relation in graph.relations:
         assert np.abs(constrain(relation, at, frame).value).max() <= 1e-10
 
@@ -88,14 +88,14 @@ def test_a_radius_of_which_little_is_seen_is_known_by_its_axis():
 def test_what_is_stated_wrongly_is_rejected_with_its_reason(part, wrong):
     found = infer(part, [wrong])
     stated = only(found)
-    assert stated.status is Status.REJECTED
+    assert stated.status is RelationStatus.REJECTED
     assert "off" in stated.reason
     assert found.rank == 18
 
 
 def test_what_is_stated_rightly_is_accepted_and_helps(part, graph):
     found = infer(part, [Relation(kind="radius", surfaces=(WIDE,), value=60.0)])
-    assert only(found).status is Status.ACCEPTED
+    assert only(found).status is RelationStatus.ACCEPTED
     assert found.fits[WIDE].surface.radius == pytest.approx(60.0, abs=1e-9)
     assert found.free == graph.free - 1
 
@@ -109,9 +109,9 @@ def test_what_others_say_already_is_redundant_and_moves_nothing(part, graph):
     stated = [Relation(kind="parallel", surfaces=pair) for pair in ((0, 1), (1, 6), (0, 6))]
     found = infer(part, stated)
     assert [one.status for one in found.relations if one.is_given] == [
-        Status.ACCEPTED,
-        Status.ACCEPTED,
-        Status.REDUNDANT,
+        RelationStatus.ACCEPTED,
+        RelationStatus.ACCEPTED,
+        RelationStatus.REDUNDANT,
     ]
     assert found.rank == graph.rank
     for one, two in zip(found.fits, graph.fits, strict=True):
@@ -130,7 +130,7 @@ def test_of_three_distances_the_wrong_one_goes_whatever_its_place():
         held = {one.surfaces for one in found.relations if one.holds}
         assert len(held) == 2  # which of them is wrong nobody can tell at .4 mm
         lost = [one for one in found.relations if not one.holds]
-        assert lost[0].status is Status.REJECTED
+        assert lost[0].status is RelationStatus.REJECTED
 
 
 def test_the_wrong_one_of_a_conflict_is_told_by_the_fits():
@@ -148,15 +148,18 @@ def test_the_wrong_one_of_a_conflict_is_told_by_the_fits():
 def test_a_wall_that_is_off_square_is_not_imposed():
     found = infer(walls(1, (0.0, 3.0, 6.0), turns_deg=(0.0, 0.0, 0.3)))
     state = statuses(found)
-    assert state["parallel", frozenset((0, 1))] is Status.ACCEPTED
-    assert {state.get(("parallel", frozenset(pair))) for pair in ((0, 2), (1, 2))} == {None, Status.REJECTED}
+    assert state["parallel", frozenset((0, 1))] is RelationStatus.ACCEPTED
+    assert {state.get(("parallel", frozenset(pair))) for pair in ((0, 2), (1, 2))} == {
+        None,
+        RelationStatus.REJECTED,
+    }
 
 
 def test_of_walls_built_within_a_tolerance_the_wall_is_pulled_no_more_than_that():
     fits = walls(1, (0.0, 3.0, 6.0, 9.0), turns_deg=(0.0, 0.0, 0.1, 0.0))
     hard, soft = infer(fits), infer(fits, options=RelationOptions(tolerance_deg=0.15, tolerance_m=5e-3))
-    assert hard.numbered(Status.REJECTED) >= 1
-    assert soft.numbered(Status.REJECTED) == 0
+    assert hard.count_with(RelationStatus.REJECTED) >= 1
+    assert soft.count_with(RelationStatus.REJECTED) == 0
     turned = soft.fits[2].surface.normal_direction @ fits[2].surface.normal_direction
     assert np.degrees(np.arccos(min(1.0, turned))) < 0.03  # it is seen better than things are built
 
@@ -186,7 +189,7 @@ def test_few_surfaces_met_by_chance_are_left_undecided():
     ]
     found = infer(pair)
     assert found.rank == 0
-    assert {one.status for one in found.relations} == {Status.UNDECIDED}
+    assert {one.status for one in found.relations} == {RelationStatus.UNDECIDED}
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -294,13 +297,13 @@ def rings(seed: int, sigma: float = 2e-5) -> list[SurfaceFit]:
 @pytest.mark.parametrize("seed", range(4))
 def test_tori_are_coaxial_and_share_radii(seed):
     found = infer(rings(seed))
-    held = [one.kind for one in found.relations if one.status is Status.ACCEPTED]
+    held = [one.kind for one in found.relations if one.status is RelationStatus.ACCEPTED]
     assert [held.count(kind) for kind in ("coaxial", "equal_radius", "equal_ring_radius")] == [2, 2, 1]
     shaft, *fillets, edge = (one.surface for one in found.fits)
     for torus in fillets:
         assert torus.tube_radius == pytest.approx(edge.radius, abs=1e-12)
         assert np.linalg.norm(np.cross(torus.direction, shaft.direction)) < 1e-10
-    assert found.numbered(Status.REJECTED) == 0
+    assert found.count_with(RelationStatus.REJECTED) == 0
 
 
 @pytest.mark.long

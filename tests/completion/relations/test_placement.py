@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from completion.fitting.result import SurfaceFit
-from completion.relations.equations import moved
+from completion.relations.equations import move_surface
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
 STEP = 1e-6
@@ -24,6 +24,8 @@ def test_gradients_are_derivatives_of_distances_by_the_parameters(surface) -> No
     k = {"plane": 3, "sphere": 4, "cylinder": 5, "cone": 6, "torus": 7}[surface.kind]
     points = surface.from_uv(np.random.default_rng(0).uniform(-0.3, 0.3, (20, 2)))
     fit = SurfaceFit(surface, 1e-3, np.eye(k), 20)
-    ends = [[moved(surface, way * STEP * unit).distance(points) for way in (1, -1)] for unit in np.eye(k)]
+    ends = [
+        [move_surface(surface, way * STEP * unit).distance(points) for way in (1, -1)] for unit in np.eye(k)
+    ]
     slopes = np.stack([(ahead - behind) / (2 * STEP) for ahead, behind in ends], axis=1)
     np.testing.assert_allclose(fit.gradient(points), slopes, atol=1e-6)

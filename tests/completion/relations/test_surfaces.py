@@ -13,7 +13,12 @@ from completion import CompletionOptions, complete
 from completion.edits.edit import Anchor
 from completion.relations.graph import misfit_of
 from completion.relations.options import BUILT
-from completion.relations.relation import StatedRelation, Status, read_part_relations, read_scan_relations
+from completion.relations.relation import (
+    RelationStatus,
+    StatedRelation,
+    read_part_relations,
+    read_scan_relations,
+)
 from completion.result.record import completion_record
 from scenes.checks import InputError
 from scenes.pose import Pose
@@ -72,7 +77,9 @@ def test_walls_of_a_square_room_are_square(related):
     graph = related.relations.graph
     holding = {one.kind for one in graph.relations if one.holds}
     assert {"parallel", "perpendicular"} <= holding
-    assert {one.kind for one in graph.relations if one.status is Status.REJECTED} <= {"angle"}  # of the board
+    assert {one.kind for one in graph.relations if one.status is RelationStatus.REJECTED} <= {
+        "angle"
+    }  # of the board
     assert max(graph.moved_sd) < 3.0
     for one in graph.accepted:
         assert misfit_of(one, graph.fits).angle_deg < 0.02
@@ -127,7 +134,7 @@ def test_what_a_person_states_is_imposed_or_rejected_and_told():
     says = StatedRelation(kind="parallel", surfaces=walls, source="here")
     found = complete(scan, replace(PLAIN, stated_relations=(says,)), rng=0)
     stated = [one for one in found.relations.graph.relations if one.is_given]
-    assert [one.status for one in stated] == [Status.REJECTED]
+    assert [one.status for one in stated] == [RelationStatus.REJECTED]
     assert any("it was stated that parallel holds of surface" in text for text in found.warnings)
     never = StatedRelation(kind="perpendicular", surfaces=walls, is_forbidden=True)
     found = complete(scan, replace(PLAIN, stated_relations=(never,)), rng=0)
@@ -141,7 +148,7 @@ def test_what_a_person_states_is_imposed_or_rejected_and_told():
 
 def test_the_record_lists_relations_that_can_be_stated_again(related, tmp_path):
     record = completion_record(related)
-    assert {one["status"] for one in record["relations"]} <= {status.value for status in Status}
+    assert {one["status"] for one in record["relations"]} <= {status.value for status in RelationStatus}
     assert record["degrees_of_freedom"]["free"] == related.relations.graph.free
     assert len(record["moved_by_relations"]) == len(related.relations.graph.fits)
     file = tmp_path / "completion.json"

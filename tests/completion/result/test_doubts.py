@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from completion import CompletionOptions, SegmentationOptions, complete
-from completion.merging.pieces import Unconfirmed
+from completion.merging.pieces import UnconfirmedRegions
 from completion.observe.observation import PixelSet
 from completion.result.record import completion_record
 from nbv.cli import app
@@ -45,7 +45,7 @@ def test_a_surface_whose_points_miss_it_by_centimetres_is_told_unless_the_noise_
 
 def test_what_single_frames_took_for_surfaces_is_counted():
     seen = complete(wall(0.002, 0.002), CompletionOptions(texture=False), rng=0)
-    assert seen.unconfirmed == Unconfirmed(0, 0)
+    assert seen.unconfirmed == UnconfirmedRegions(0, 0)
     assert "unconfirmed" not in completion_record(seen)
     (plane,) = seen.measured_surfaces.regions[0]
     noise = replace(plane, pixels=PixelSet(np.arange(300, dtype=np.int32), plane.pixels.shape))

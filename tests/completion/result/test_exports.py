@@ -10,7 +10,7 @@ import shapely
 import trimesh
 from shapely import Polygon
 
-from completion.boundary.edges import Line
+from completion.boundary.edges import ChartLine
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
 from completion.panels.outline import GuideLine, straighten_polygon
@@ -92,7 +92,7 @@ def test_an_outline_that_guides_fold_keeps_its_parts(seed):
     area, guides = Polygon(np.concatenate([top, bottom])), []
     for run in ([2, 5], [8, 11]):
         height, slope = rng.uniform(-0.3, 0.3), rng.uniform(-0.1, 0.1)
-        line = Line(np.array([0, height]), np.array([1.0, slope]) / np.hypot(1, slope))
+        line = ChartLine(np.array([0, height]), np.array([1.0, slope]) / np.hypot(1, slope))
         guides.append(GuideLine(line, np.array([run], float), 1.0))
     assert straighten_polygon(area, guides, 0.1).area > 0.5 * area.area
 
@@ -100,7 +100,7 @@ def test_an_outline_that_guides_fold_keeps_its_parts(seed):
 def test_a_hole_that_is_laid_on_the_outline_stays_open():
     """A door whose sill is a row of cells: both edges of the row follow the floor."""
     wall = Polygon([(0, 0.02), (4, 0.02), (4, 3), (0, 3)], [[(1, 0.05), (2, 0.05), (2, 2), (1, 2)]])
-    floor = GuideLine(Line(np.zeros(2), np.array([1.0, 0.0])), np.array([[-np.inf, np.inf]]), 0.1)
+    floor = GuideLine(ChartLine(np.zeros(2), np.array([1.0, 0.0])), np.array([[-np.inf, np.inf]]), 0.1)
     assert straighten_polygon(wall, [floor], 0.03).area == pytest.approx(12 - 2, rel=0.02)
 
 
@@ -243,15 +243,15 @@ def test_a_saw_along_a_guide_becomes_its_line():
     saw = np.column_stack([x, 1 + 0.03 * (np.arange(len(x)) % 3 == 0)])
     polygon = Polygon([(0, 0), (2, 0), *saw[::-1]])
     everywhere = np.array([[-np.inf, np.inf]])
-    top = GuideLine(Line(np.array([0.0, 1.05]), np.array([1.0, 0.0])), everywhere, 0.1)
-    side = GuideLine(Line(np.array([2.05, 0.0]), np.array([0.0, 1.0])), everywhere, 0.1)
+    top = GuideLine(ChartLine(np.array([0.0, 1.05]), np.array([1.0, 0.0])), everywhere, 0.1)
+    side = GuideLine(ChartLine(np.array([2.05, 0.0]), np.array([0.0, 1.0])), everywhere, 0.1)
     found = straighten_polygon(polygon, [top, side], 0.02)
     assert shapely.get_coordinates(found).max(axis=0) == pytest.approx([2.05, 1.05])
     assert len(shapely.get_coordinates(found)) <= 8
     part = GuideLine(top.line, np.array([[0.0, 1.0]]), 0.1)  # beyond its run it says nothing
     assert straighten_polygon(polygon, [part], 0.02).area < found.area
     assert straighten_polygon(polygon, [], 0.02).area == pytest.approx(polygon.area, rel=0.02)
-    parallel = GuideLine(Line(np.array([0.0, 1.06]), np.array([1.0, 0.001])), everywhere, 0.1)
+    parallel = GuideLine(ChartLine(np.array([0.0, 1.06]), np.array([1.0, 0.001])), everywhere, 0.1)
     assert straighten_polygon(polygon, [top, parallel], 0.02).is_valid
 
 
@@ -259,7 +259,7 @@ def test_a_side_that_folds_on_its_guide_leaves_no_slivers():
     """Cells with a ragged end beside a slanted line: moved onto it, their corners go back and forth."""
     rng = np.random.default_rng(0)
     rows, columns = 120, 90
-    line = Line(np.array([0.0, 1.6]), np.array([np.cos(0.3), np.sin(0.3)]))
+    line = ChartLine(np.array([0.0, 1.6]), np.array([np.cos(0.3), np.sin(0.3)]))
     end = np.array([line.at(np.array(0.02 * k / np.cos(0.3)))[1] for k in range(columns)]) / 0.02
     cells = np.arange(rows)[:, None] < np.rint(end + rng.uniform(-2, 2, columns))
     polygon = shapely.transform(polygons_of_cells(cells, np.zeros((0, 3, 2))).geoms[0], lambda xy: 0.02 * xy)

@@ -231,6 +231,6 @@ def test_surfaces_are_followed_into_the_joint_model(alone, both, other):
         world = alone.world_from_reference.apply(measured)
         here = both.world_from_reference.inverse().apply(world)
         assert np.median(np.abs(found.distance(here))) < 4 * 0.002
-    nobody = both.completed.scans.numbered([np.zeros_like(owners) for owners in both.owners])
+    nobody = both.completed.scans.with_owners([np.zeros_like(owners) for owners in both.owners])
     without = replace(both, completed=replace(both.completed, scans=nobody))
     assert counterpart(surfaces[0], without) == 0

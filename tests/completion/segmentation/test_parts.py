@@ -10,7 +10,7 @@ from skimage.measure import label as slow_parts
 
 from completion.fitting.euclidean import fit_cylinder, fit_plane
 from completion.merging.agreement import (
-    Part,
+    FittedPart,
     PoseDoubt,
     compare,
     compare_at_points,
@@ -145,13 +145,13 @@ def test_connected_parts_are_those_of_scikit_image(shape, n_labels):
         assert n_parts == parts.max()
 
 
-def half_planes(step: float, sigma: float, seed: int) -> tuple[Part, Part]:
+def half_planes(step: float, sigma: float, seed: int) -> tuple[FittedPart, FittedPart]:
     """Two patches of a plane a metre apart, one of them raised by a step."""
     rng = np.random.default_rng(seed)
     uv = rng.uniform(0, 0.5, (2, 400, 2)) + np.array([[[0, 0]], [[1.5, 0.0]]])
     heights = rng.normal(0, sigma, (2, 400, 1)) + np.array([0, step])[:, None, None]
     clouds = np.concatenate([uv, heights], axis=2)
-    return tuple(Part.of(fit_plane(c, np.array([0, 0, 9.0])), c, sigma, 0.001) for c in clouds)
+    return tuple(FittedPart.of(fit_plane(c, np.array([0, 0, 9.0])), c, sigma, 0.001) for c in clouds)
 
 
 def test_parts_of_one_plane_agree_and_a_step_tells_them_apart():
@@ -167,7 +167,7 @@ def test_parts_of_one_plane_agree_and_a_step_tells_them_apart():
 def test_planes_compare_in_closed_form_as_by_least_squares(seed):
     one, other = half_planes(0.02, 0.002, seed)
     turned = Plane(other.fit.surface.point + [0.1, -0.2, 0.0], other.fit.surface.normal_direction, (1, 3, 0))
-    other = Part.of(replace(other.fit, surface=turned), other.points, other.scale, 0.001)
+    other = FittedPart.of(replace(other.fit, surface=turned), other.points, other.scale, 0.001)
     found, expected = compare(one, other), compare_at_points(one, other)
     assert found.chi2 == pytest.approx(expected.chi2, rel=1e-7)
     assert found.log_evidence == pytest.approx(expected.log_evidence, rel=1e-7)
@@ -176,7 +176,7 @@ def test_planes_compare_in_closed_form_as_by_least_squares(seed):
 def test_agreement_is_symmetric_and_sees_the_side():
     one, other = half_planes(0.003, 0.002, 0)
     assert compare(one, other).chi2 == pytest.approx(compare(other, one).chi2, rel=0.02)
-    back = Part.of(fit_plane(other.points, np.array([0, 0, -9.0])), other.points, 0.002, 0.001)
+    back = FittedPart.of(fit_plane(other.points, np.array([0, 0, -9.0])), other.points, 0.002, 0.001)
     assert compare(one, back).chi2 == np.inf
     assert not lies_on(back, one)
     assert lies_on(other, one) or compare(one, other).chi2 > 0
@@ -202,10 +202,12 @@ def test_a_pose_that_is_off_lets_scans_lie_apart_but_small_parts_tilt_no_more():
     one, other = half_planes(0.0, 0.002, 0)
     lean = np.tan(np.radians(13.0))
     points = other.points + np.outer(lean * (other.points[:, 1] - 0.25), [0, 0, 1.0])
-    tilted = Part.of(fit_plane(points, np.array([0, 0, 9.0])), points, 0.002, 0.001)
+    tilted = FittedPart.of(fit_plane(points, np.array([0, 0, 9.0])), points, 0.002, 0.001)
     for shift in (0.005, 0.02, 0.05):
         assert compare(*of_scans((one, tilted), 0, 1, shift)).chi2 > 1
-    warped = Part.of(tilted.fit, points, 0.002, 0.05)  # as if each part were warped by what the pose is off
+    warped = FittedPart.of(
+        tilted.fit, points, 0.002, 0.05
+    )  # as if each part were warped by what the pose is off
     assert compare(one, warped).chi2 < 1
 
 
@@ -215,10 +217,10 @@ def test_the_height_of_a_small_part_is_evidence_where_the_surface_is_known_and_n
     def crumb(x, height):
         rng = np.random.default_rng(1)
         points = np.concatenate([rng.uniform(0, 0.1, (60, 2)) + [x, 0.2], np.full((60, 1), height)], axis=1)
-        return Part.of(fit_plane(points, np.array([0, 0, 9.0])), points, 0.002, 0.001)
+        return FittedPart.of(fit_plane(points, np.array([0, 0, 9.0])), points, 0.002, 0.001)
 
     patch, _ = half_planes(0.0, 0.002, 0)
-    wide = Part.of(patch.fit, patch.points, patch.scale, 0.01)  # half a metre, known by a warp of 1 cm
+    wide = FittedPart.of(patch.fit, patch.points, patch.scale, 0.01)  # half a metre, known by a warp of 1 cm
     assert log_evidence_of_height(crumb(0.6, 0.0), patch) > np.log(20)
     assert log_evidence_of_height(crumb(0.6, 0.05), patch) < 0
     assert log_evidence_of_height(crumb(10.0, 0.0), wide) < log_evidence_of_height(crumb(0.6, 0.0), patch)
@@ -235,7 +237,7 @@ def test_two_sides_of_a_cylinder_agree_and_another_radius_does_not():
         )
         points = cylinder.from_uv(uv)
         points += rng.normal(0, 0.001, (600, 1)) * cylinder.normal(points)
-        return Part.of(fit_cylinder(points, cylinder), points, 0.001, 0.001)
+        return FittedPart.of(fit_cylinder(points, cylinder), points, 0.001, 0.001)
 
     wide = Cylinder(PIPE.point, PIPE.direction, 0.7)
     left, right, other = side(PIPE, -0.9), side(PIPE, 0.9), side(wide, 0.9)

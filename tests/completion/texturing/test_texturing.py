@@ -13,7 +13,7 @@ from completion import Completion, CompletionOptions, TexturingOptions, complete
 from completion.result.meshes import model_parts
 from completion.texturing.chart_texture import make_atlas, spread_colour
 from completion.texturing.material import MeasuredColour, cast_shadows, same_material
-from completion.texturing.pipeline import choose_samples, distance_to, settled
+from completion.texturing.pipeline import choose_samples, choose_search, distance_to
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError
@@ -279,9 +279,9 @@ def test_the_search_follows_from_how_much_is_hidden_and_a_budget_coarsens_nothin
     completion = wall(-0.25)
     scans, n_hidden = [seen.scan for seen in completion.observations], completion.textures[0].n_synthesised
     few, many = TexturingOptions(exact_texels=n_hidden), TexturingOptions(exact_texels=n_hidden - 1)
-    assert settled(few, completion.patches, completion.observations).search == "exact"
-    assert settled(many, completion.patches, completion.observations).search == "budget"
-    assert settled(replace(few, search="budget"), (), ()).search == "budget"
+    assert choose_search(few, completion.patches, completion.observations).search == "exact"
+    assert choose_search(many, completion.patches, completion.observations).search == "budget"
+    assert choose_search(replace(few, search="budget"), (), ()).search == "budget"
     quick = replace(OPTIONS, texturing=replace(many, window=5, max_comparisons=1))
     texture = complete(scans, quick, rng=0).textures[0]
     assert texture.search == "budget"

@@ -8,7 +8,7 @@ from benchmarks.cases.planes import figure_one
 from benchmarks.suites.relations import warped
 from completion.parts.pipeline import doubt_of_warp, model_part
 from completion.relations.pipeline import infer
-from completion.relations.relation import Status
+from completion.relations.relation import RelationStatus
 from completion.uncertainty.space_warp import N_MODES, find_warp
 
 NOISE = 0.1
@@ -33,9 +33,9 @@ def test_a_warp_is_found_and_no_true_relation_is_rejected_for_it() -> None:
         assert 6 < warp.freedom <= N_MODES
         before = infer(fits)
         after = infer(fits, doubt=doubt_of_warp(warp, len(fits)))
-        assert before.numbered(Status.REJECTED) > 5
-        assert after.numbered(Status.REJECTED) == 0
-        assert after.numbered(Status.ACCEPTED) > before.numbered(Status.ACCEPTED)
+        assert before.count_with(RelationStatus.REJECTED) > 5
+        assert after.count_with(RelationStatus.REJECTED) == 0
+        assert after.count_with(RelationStatus.ACCEPTED) > before.count_with(RelationStatus.ACCEPTED)
 
 
 def test_it_is_the_same_where_the_part_stands() -> None:

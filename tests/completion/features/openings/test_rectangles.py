@@ -19,6 +19,7 @@ from completion.features.openings.decision import (
 from completion.features.openings.pipeline import floors_of
 from completion.features.openings.recess import Recess, SideEstimate, fit_depth
 from completion.features.openings.rectangles import WallChart, propose
+from completion.fitting.result import SurfaceFit
 from scenes.surfaces.plane import Plane
 from tests.completion.features.openings.test_openings import NICHE, beams_at, expected_of
 
@@ -93,7 +94,7 @@ def test_reveals_without_a_back_are_an_opening() -> None:
 def level(low, high, height, n=3000):
     rng = np.random.default_rng(8)
     places = np.column_stack([rng.uniform(low, high, (n, 2)), np.full(n, height)])
-    fit = SimpleNamespace(surface=Plane((0.0, 0.0, height), (0.0, 0.0, 1.0)))
+    fit = SurfaceFit(Plane((0.0, 0.0, height), (0.0, 0.0, 1.0)), 0.001, 1e-6 * np.eye(3), n)
     return SimpleNamespace(fit=fit, points=lambda _seen, _most: places)
 
 

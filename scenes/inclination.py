@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: MIT
+"""Inclination: the angle of a plane or an axis with the horizontal; which are level and which upright."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.checks import FloatArray
+
+LIMIT_DEG = 10.0
+"""Largest angle, degrees, from the horizontal or the vertical of what is called level or upright.
+
+The benchmark counts a normal as right within the same angle. Planes of more than 0.1 m2 in pcl/office1.pcd
+and open3d_redwood#1, whose up was estimated, lie within 9.5 deg of level or upright.
+"""
+LEVEL_COSINE = float(np.cos(np.radians(LIMIT_DEG)))
+"""|cosine| between up and the normals of level planes, for many normals at once whose errors are unknown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inclination:
+    """Angle of a plane or an axis with the horizontal, and how well it is known.
+
+    Attributes
+    ----------
+    angle_deg : float
+        Degrees, 0 (level) to 90 (upright); NaN of a surface that has neither a normal nor an axis.
+    sd_deg : float
+        Its standard deviation, degrees.
+    """
+
+    angle_deg: float
+    sd_deg: float = 0.0
+
+    @classmethod
+    def of_plane(
+        cls, normal: FloatArray, up: FloatArray, covariance: FloatArray | None = None, up_sd_deg: float = 0.0
+    ) -> Inclination:
+        """Return that of a plane.
+
+        Parameters
+        ----------
+        normal, up : (3,) float
+            Unit vectors in one frame; their signs do not matter.
+        covariance : (3, 3) float, optional
+            Of the normal; not finite, or None, where it is unknown.
+        up_sd_deg : float
+            Standard deviation of `up`, degrees.
+        """
+        angle = np.arctan2(np.linalg.norm(np.cross(normal, up)), abs(float(normal @ up)))
+        return cls(float(np.degrees(angle)), float(np.hypot(_direction_sd_deg(covariance), up_sd_deg)))
+
+    @classmethod
+    def of_axis(
+        cls, axis: FloatArray, up: FloatArray, covariance: FloatArray | None = None, up_sd_deg: float = 0.0
+    ) -> Inclination:
+        """Return that of an axis (3,), such as a cylinder's; parameters as of `of_plane`."""
+        across = cls.of_plane(axis, up, covariance, up_sd_deg)
+        return cls(90.0 - across.angle_deg, across.sd_deg)
+
+    @property
+    def limit_deg(self) -> float:
+        """`LIMIT_DEG` widened by one standard deviation, degrees; at most to twice as much."""
+        return LIMIT_DEG + min(self.sd_deg, LIMIT_DEG)
+
+    @property
+    def is_level(self) -> bool:
+        """Whether it lies within the limit of the horizontal."""
+        return self.angle_deg <= self.limit_deg
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether it stands within the limit of the vertical."""
+        return 90.0 - self.angle_deg <= self.limit_deg
+
+
+def _direction_sd_deg(covariance: FloatArray | None) -> float:
+    """Standard deviation of a direction across itself, where it is greatest, degrees; 0 where unknown."""
+    if covariance is None or not np.isfinite(covariance).all():
+        return 0.0
+    return float(np.degrees(np.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))))
