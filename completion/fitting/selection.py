@@ -49,6 +49,8 @@ class Selection:
             raise FitError(f"{self.summary()}; name the shape")
         return self.shape
 
+    decided = decide  # earlier name
+
     def summary(self) -> str:
         """One line: the shapes with their evidence ratios."""
         ratios = ", ".join(f"{shape} 1 : {ratio:.3g}" for shape, ratio in list(self.evidence.items())[1:])

@@ -84,6 +84,10 @@ class Measurements:
         )
 
 
+Measured = Measurements
+"""The earlier name."""
+
+
 class FeatureStatus(StrEnum):
     """What became of a feature."""
 

@@ -169,6 +169,8 @@ class SplinePatch:
         """Return it made larger by a factor, then moved by (3,)."""
         return SplinePatch(self.controls * factor + offset, self.degree)
 
+    moved = scale_and_shift  # earlier name
+
 
 def products(bases: tuple[Basis, Basis], uv: FloatArray, order: tuple[int, int] = (0, 0)) -> csr_array:
     """Return the products (k, n m) of the bases' derivatives at parameters (k, 2), as a sparse matrix."""
