@@ -16,6 +16,7 @@ from typing import Literal
 
 import numpy as np
 
+from completion.export.building.limits import ENDS_IT, LEAST_ARC, MAJORITY, NEAR_CELLS, NEARLY_ALL
 from completion.export.building.model import BuildingModel, CylinderElement, PlaneElement
 from completion.export.building.parts import BuildingParts
 from completion.export.dimension import (
@@ -31,12 +32,7 @@ from completion.export.room_dimensions import opening_sizes, room_heights, room_
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
 
-_ENDS_IT = 0.5  # cosine between a plane's normal and an axis, from which on the plane ends a cylinder
-_MOST = 0.95  # of a cylinder's measured cells, beyond which the plane that ends it may cut off some
-_NEAR_CELLS = 3.0  # between measured cells and the plane that they were measured up to
 _AROUND, _WITHIN, _BEYOND = 1.3, 0.6, 1.5  # radii from an axis: beside a cylinder, in its lid, beyond that
-_SHARE_FREE = 0.5  # of the last measured cells, beyond which beams went by
-_LEAST_ARC = np.pi / 2  # of a cylinder, measured
 
 
 def cylinder_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
@@ -75,7 +71,7 @@ def _is_round(cylinder: CylinderElement) -> bool:
     """Whether enough of its turn was measured to tell that it is round."""
     seen = cylinder.patch.observed.any(axis=0)
     arc = float(seen.sum() * cylinder.patch.grid.cell[0]) / cylinder.radius_m
-    return arc >= _LEAST_ARC
+    return arc >= LEAST_ARC
 
 
 def _own(cylinder: CylinderElement, model: BuildingModel, what: Literal["column", "pipe"]) -> list[Dimension]:
@@ -139,11 +135,11 @@ class _End:
 def _end(cylinder: CylinderElement, which: int, model: BuildingModel) -> _End | None:
     """Where the axis ends; None where that is hidden, or behind a plate seen from its other side."""
     outwards = _direction(cylinder) * (2 * which - 1)
-    start, last = (_measured_end(cylinder, which, share) for share in (_MOST, 1.0))
+    start, last = (_measured_end(cylinder, which, share) for share in (NEARLY_ALL, 1.0))
     met = sorted(_meetings(start, outwards, model), key=lambda pair: pair[0])
     reach = next((off for off, plane in met if plane.kind != "plane"), None)
     cell = float(cylinder.patch.grid.cell[1])
-    near = _NEAR_CELLS * cell + float((last - start) @ outwards)
+    near = NEAR_CELLS * cell + float((last - start) @ outwards)
     for off, plane in met[:1]:
         at, slope = start + off * outwards, float(plane.normal @ outwards)
         if off > near or not _is_solid(plane, at, cylinder):
@@ -183,7 +179,7 @@ def _meetings(
     """The planes that an axis comes to, and how far they are from a place (3,) on it."""
     for plane in model.planes:
         slope = float(plane.normal @ outwards)
-        if abs(slope) < _ENDS_IT:
+        if abs(slope) < ENDS_IT:
             continue
         off = float((plane.point - start) @ plane.normal) / slope
         if off >= 0 and plane.covers(start + off * outwards):
@@ -208,7 +204,7 @@ def _is_free(cylinder: CylinderElement, which: int) -> bool:
     if not beyond:
         return False
     passed = np.asarray(went[beyond].any(axis=0))
-    return float(np.mean(passed[observed[last]])) > _SHARE_FREE
+    return float(np.mean(passed[observed[last]])) > MAJORITY
 
 
 def _column_spacing(

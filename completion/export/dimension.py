@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from completion.export.building.limits import LEAST_EXISTENCE, MAJORITY
 from completion.export.building.model import BuildingElement, PlaneElement
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
@@ -153,7 +154,6 @@ TOLERANCE_M = 0.010
 """Half an interval up to which dimensions are relied on where nobody says how exact they must be, metres."""
 
 UNKNOWN = "A mesh does not say how wrong it is: no interval is known unless --sigma M says so."
-_LEAST_MEASURED, _LEAST_EXISTENCE = 0.5, 0.8
 
 
 def advice(dimension: Dimension, tolerance_m: float = TOLERANCE_M) -> Advice:
@@ -164,10 +164,10 @@ def advice(dimension: Dimension, tolerance_m: float = TOLERANCE_M) -> Advice:
     tolerance of an area is what its perimeter makes of it, each side off by half; that of a volume, what its
     surface does.
     """
-    if dimension.existence < _LEAST_EXISTENCE:
+    if dimension.existence < LEAST_EXISTENCE:
         return "do not build"
     is_exact = dimension.half <= tolerance_m * dimension.across_m
-    return "rely" if is_exact and dimension.measured_share >= _LEAST_MEASURED else "check"
+    return "rely" if is_exact and dimension.measured_share >= MAJORITY else "check"
 
 
 def told_rule(tolerance_m: float) -> str:

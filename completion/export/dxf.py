@@ -14,6 +14,7 @@ from ezdxf.layouts import Modelspace
 from numpy.typing import NDArray
 
 from completion.export.building.cut import CutLine, UprightCut, plan_of, sections_of
+from completion.export.building.limits import NEARLY_ALL
 from completion.export.building.model import BuildingModel
 from scenes.checks import FloatArray
 
@@ -22,7 +23,6 @@ _APP = "UNSEEN"  # name of the extended data: what a program that does not know 
 _WHITE, _BLUE, _RED, _GREEN, _GREY, _MAGENTA = 7, 5, 1, 3, 8, 6  # colours by index
 _DASH = 0.2  # of the line type's own length, 0.6 m
 _TEXT_M, _GAP_M = 0.15, 1.0  # height of titles; between the plan and the sections beside it
-_FOLD_SHARE = 0.95  # of a fold that must have been measured on both sides
 _INVISIBLE = (1, 2, 8)  # flags of the edges of a 3DFACE whose fourth corner is the third again
 
 
@@ -74,7 +74,7 @@ def _add_facets(space: Modelspace, model: BuildingModel) -> None:
 
 def _add_folds(space: Modelspace, model: BuildingModel) -> None:
     for fold in model.folds:
-        state = "MEASURED" if fold.measured_share >= _FOLD_SHARE else "INFERRED"
+        state = "MEASURED" if fold.measured_share >= NEARLY_ALL else "INFERRED"
         entity = space.add_polyline3d(fold.points.tolist(), dxfattribs={"layer": f"FOLD-{state}"})
         numbers = [(1071, number) for number in fold.surfaces]
         entity.set_xdata(_APP, [*numbers, (1040, fold.measured_share), (1040, fold.sd_m)])

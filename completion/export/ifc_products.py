@@ -9,13 +9,13 @@ from typing import Literal
 
 import numpy as np
 
+from completion.export.building.limits import MEASURED_SHARE
 from completion.export.building.model import BuildingElement, OpeningOutline
 from completion.export.ifc_entities import Ref, Shapes, StepText, TypedValue, Word
 from scenes.checks import FloatArray
 
 State = Literal["measured", "inferred", "partly"]
 _RATIO = "IfcNormalisedRatioMeasure"
-_ALL = 0.999  # share from which on something is called measured
 MEASURES = {"Length": "IfcQuantityLength", "Area": "IfcQuantityArea", "Volume": "IfcQuantityVolume"}
 
 
@@ -56,7 +56,7 @@ class Quantity:
 
 def state_of(share: float) -> State:
     """Return what a measured share is called."""
-    return "measured" if share >= _ALL else "inferred" if share <= 1 - _ALL else "partly"
+    return "measured" if share >= MEASURED_SHARE else "inferred" if share <= 1 - MEASURED_SHARE else "partly"
 
 
 def mean_confidence(element: BuildingElement) -> float:

@@ -11,6 +11,16 @@ import numpy as np
 import shapely
 
 from completion.export.building.cut import CutLine, LevelCut, plan_of
+from completion.export.building.limits import (
+    HEADROOM_M,
+    LEAST_LEVEL_M2,
+    LEAST_OPENING_M,
+    LEAST_ROOM_M,
+    PARALLEL,
+    SAME_SIDE,
+    SQUARE,
+    THIN_M,
+)
 from completion.export.building.model import REST, BuildingModel, OpeningOutline, PlaneElement
 from completion.export.building.parts import BuildingParts
 from completion.export.building.rooms import BuildingRoom, Storey
@@ -18,8 +28,6 @@ from completion.export.dimension import Dimension, Kind, Support, half_interval,
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
 
-_ON_LINE_M = 0.02  # between a side of an outline and the wall that it is of
-_SAME = float(np.cos(np.radians(5.0)))
 _KINDS: dict[str, Kind] = {"wall": "wall thickness", "slab": "slab thickness"}
 _SHARES = (0.5, 0.25, 0.75)  # of a side, where it is asked whether its wall is there
 
@@ -78,10 +86,10 @@ def _wall_at(middle: FloatArray, along: FloatArray, walls: list[PlaneElement]) -
     near = [
         (abs(float((middle - wall.point) @ wall.normal)), wall.number, wall)
         for wall in walls
-        if abs(float(wall.normal[:2] @ square)) >= _SAME
+        if abs(float(wall.normal[:2] @ square)) >= PARALLEL
     ]
     best = min(near, key=lambda triple: triple[:2], default=None)
-    return best[2] if best is not None and best[0] <= _ON_LINE_M else None
+    return best[2] if best is not None and best[0] <= THIN_M else None
 
 
 def _there(wall: PlaneElement, start: FloatArray, end: FloatArray, height: float) -> FloatArray:
@@ -146,11 +154,7 @@ def _middle(room: BuildingRoom) -> FloatArray:
     return np.array([point.x, point.y, room.floor_m + (room.height_m or 2.0) / 2])
 
 
-_PARALLEL = float(np.cos(np.radians(5.0)))  # how far walls may be from parallel and have a width between them
-_HEADROOM_M = 1.8  # above a floor, up to which a surface reaches that may part what is before and behind it
-_LEAST_M = 0.3  # of a width, and of the stretch along which two walls face each other
 _PLACES = np.linspace(0.1, 0.9, 17)[np.argsort(np.abs(np.linspace(0.1, 0.9, 17) - 0.5), kind="stable")]
-_AT_WALL_M = 0.02  # from its ends, where what a dimension meets is its own wall
 
 
 def widths_of(building: BuildingParts) -> tuple[Dimension, ...]:
@@ -201,7 +205,7 @@ def room_widths(
             > 0
             > float((second.point - first.point) @ second.normal)
         )
-        if facing and float(first.normal @ second.normal) <= -_PARALLEL:
+        if facing and float(first.normal @ second.normal) <= -PARALLEL:
             ends = _ends(
                 (first, second), (entries[first.number], entries[second.number]), plan.height_m, obstacles
             )
@@ -211,7 +215,7 @@ def room_widths(
 
 def _barriers(building: BuildingParts, storey: Storey) -> set[int]:
     """Numbers of the upright surfaces that may part a storey: those as high as people need."""
-    least = storey.elevation_m + _HEADROOM_M
+    least = storey.elevation_m + HEADROOM_M
     return {face.number for face in building.faces if face.is_upright and face.highest_m >= least}
 
 
@@ -227,7 +231,7 @@ def _ends(
     along = np.array([-square[1], square[0], 0.0])
     reach = [np.concatenate([line.points @ along for line in cut_line]) for cut_line in lines]
     low, high = max(r.min() for r in reach), min(r.max() for r in reach)
-    if high - low < _LEAST_M:
+    if high - low < LEAST_ROOM_M:
         return None
     best, least = None, (3, 3)
     for share in _PLACES:
@@ -235,9 +239,9 @@ def _ends(
         ends = np.array([_wall_crossing(wall, start * along, square, height_m) for wall in walls])
         value = float((ends[1] - ends[0]) @ square)
         states = tuple(_state(line, start, along) for line in lines)
-        inner = ends[:, :2] + np.array([[_AT_WALL_M], [-_AT_WALL_M]]) * square[:2]
+        inner = ends[:, :2] + np.array([[THIN_M], [-THIN_M]]) * square[:2]
         sight = shapely.LineString(inner)
-        if value < _LEAST_M or None in states or sight.intersects(obstacles[0]):
+        if value < LEAST_ROOM_M or None in states or sight.intersects(obstacles[0]):
             continue
         cost = (sum(not state for state in states), int(sight.intersects(obstacles[1])))
         if cost < least:
@@ -263,9 +267,7 @@ def _state(lines: Sequence[CutLine], start: float, along: FloatArray) -> bool | 
     return all(states) if states else None
 
 
-_LEAST_M2 = 0.25  # of floor below ceiling, below which there is no height
 _PER_SIDE = 12  # places along each side of what they share, at which a height may be taken
-_APART_M = 0.3  # from floor to ceiling at least
 
 
 def room_heights(storey: Storey, errors: JointErrors) -> tuple[Dimension, ...]:
@@ -279,7 +281,7 @@ def room_heights(storey: Storey, errors: JointErrors) -> tuple[Dimension, ...]:
     heights = []
     for floor, ceiling in product(floors, ceilings):
         shared = level[floor.number].intersection(level[ceiling.number])
-        if shared.area < _LEAST_M2:
+        if shared.area < LEAST_LEVEL_M2:
             continue
         others = [element for element in (*floors, *ceilings) if element not in (floor, ceiling)]
         ends = _ends_of_height(
@@ -327,7 +329,7 @@ def _ends_of_height(
             continue
         ends = np.array([level_at(plane, place) for plane in (floor, ceiling)])
         heights = [level_at(element, place)[2] for element, area in others if area.contains(point)]
-        if ends[1, 2] - ends[0, 2] < _APART_M or any(ends[0, 2] < h < ends[1, 2] for h in heights):
+        if ends[1, 2] - ends[0, 2] < LEAST_ROOM_M or any(ends[0, 2] < h < ends[1, 2] for h in heights):
             continue
         cost = sum(plane.provenance(end) != 0 for plane, end in zip((floor, ceiling), ends, strict=True))
         if cost < least:
@@ -335,10 +337,7 @@ def _ends_of_height(
     return best
 
 
-_LEAST_OPENING_M = 0.2  # of an opening's width and height
 _OF_SIDES = ("sd_m", "inwards_m", "outwards_m")
-_SAME_SIDE = 0.05  # of the extent, within which short sides are parts of the longest one there
-_SQUARE = float(np.cos(np.radians(20.0)))  # of a side, to the direction that it ends an opening in
 
 
 def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
@@ -357,7 +356,7 @@ def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
         for face in building.faces
         if face.is_upright
         for opening in face.openings
-        if len(opening.points) and min(opening.width_m, opening.height_m) >= _LEAST_OPENING_M
+        if len(opening.points) and min(opening.width_m, opening.height_m) >= LEAST_OPENING_M
     ]
     for wall, outline in within:
         level = np.cross([0.0, 0.0, 1.0], wall.normal)
@@ -374,7 +373,7 @@ def _opening_size(
     points, following = opening.points, np.roll(opening.points, -1, axis=0)
     side, middle = following - points, (points + following) / 2
     length = np.linalg.norm(side, axis=1)
-    is_end = np.abs(side @ along) <= np.sqrt(1 - _SQUARE**2) * length
+    is_end = np.abs(side @ along) <= np.sqrt(1 - SQUARE**2) * length
     centre = points.mean(axis=0)
     at, reach = middle @ along, points @ along
     ends, sides = [], []
@@ -382,7 +381,7 @@ def _opening_size(
         beyond = np.flatnonzero(is_end & (sign * (at - centre @ along) > 0))
         if len(beyond):
             main = at[beyond[int(np.argmax(length[beyond]))]]
-            beyond = beyond[np.abs(at[beyond] - main) <= _SAME_SIDE * np.ptp(reach)]
+            beyond = beyond[np.abs(at[beyond] - main) <= SAME_SIDE * np.ptp(reach)]
             ends.append(float(length[beyond] @ at[beyond] / length[beyond].sum()))
         else:
             ends.append(float(reach.max() if sign > 0 else reach.min()))

@@ -11,14 +11,27 @@ from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from completion.flattening.limits import (
+    BORDER_ERROR,
+    EVIDENCE,
+    FLAT,
+    KNOWN_LEVEL,
+    LEAST_RIM_CELLS,
+    LEVEL_PRIOR,
+    NEAR_PLANE,
+    PIECE,
+    PLANE_SHARE,
+    PRICE,
+    RIM_CELLS,
+    SHARED_BORDER,
+    USUAL_SD,
+)
 from completion.flattening.ripple import Ripple
 from scenes.checks import BoolArray, FloatArray
 from texture.engine.compiled import compiled
 
 Labels = NDArray[np.int64]
 
-_FLAT = 1 / 15  # of the step that pays for its border: less is none
-_EVIDENCE = 0.5  # nats a cell of border, up to which two pieces are one
 _MOST_PIECES = 250
 _RISES = np.concatenate([np.geomspace(1e-3, 1, 8), 2.0 ** np.arange(1, 200)])
 CROSSED = np.pi / 4
@@ -33,7 +46,7 @@ def cut_pieces(steps: FloatArray, ripple: Ripple) -> Labels:
     bounded by that of the smaller piece's cells.
     """
     energy, noise = ripple.step_energy(), ripple.noise_power()
-    labels = flat_zones(steps, _FLAT * np.sqrt(2 / energy))
+    labels = flat_zones(steps, FLAT * np.sqrt(2 / energy))
     area = np.bincount(labels.ravel()).astype(np.float64)
     total = np.bincount(labels.ravel(), steps.ravel())
     soft: FloatArray = np.bincount(labels.ravel(), ripple.strength.ravel()) / area
@@ -49,7 +62,7 @@ def cut_pieces(steps: FloatArray, ripple: Ripple) -> Labels:
                 np.minimum(energy * border, both / noise)
                 * (step / np.maximum(soft[first], soft[second])) ** 2
             )
-            price = square / 2 / (_EVIDENCE * border + 1)
+            price = square / 2 / (EVIDENCE * border + 1)
             cheap = np.flatnonzero(price < most)
             if not len(cheap):
                 break
@@ -112,7 +125,6 @@ def label_components(first: Labels, second: Labels, n: int) -> tuple[int, Labels
 
 _PASSES = 3
 _CHUNK = 8_192  # cells at a time
-_USUAL = 3.0  # sd
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +155,7 @@ class Levels:
             if turn + 1 == _PASSES:
                 break
             residual = white - level.astype(np.float32) @ columns
-            weight = np.minimum(1, (_USUAL / np.maximum(np.abs(residual), 1e-6)) ** 2).astype(np.float32)
+            weight = np.minimum(1, (USUAL_SD / np.maximum(np.abs(residual), 1e-6)) ** 2).astype(np.float32)
             heights = level[labels] + ripple.extrapolate(heights - level[labels], known)
             white = ripple.whiten(heights)[known].astype(np.float32)
         return cls(np.asarray(level, dtype=np.float64), np.asarray(covariance, dtype=np.float64))
@@ -187,20 +199,6 @@ def _normal_equations(
         sample = columns[:, first : first + _CHUNK]
         normal += (sample * weight[first : first + _CHUNK]) @ sample.T
     return normal.astype(np.float64), (columns @ (weight * white)).astype(np.float64)
-
-
-PRICE = 2.0  # nats a cell of border: what a border may take where there is none
-PIECE = 2.0  # nats for a piece
-_EQUAL = (
-    4.5  # nats by which another area is more probably level with the plane than not, before it is measured
-)
-_LARGE = 0.2  # of the largest area: smaller ones are not the plane
-_APART = 0.05  # of its border: an area that shares no more of it with the plane is apart from it
-_MISPLACED = 0.1  # of the ripple's sd
-_KNOWN = 0.3  # of the ripple's sd: levels that are known less well say nothing
-_NEAR = 0.5  # of the ripple's sd: how far the mean of the plane may lie from zero
-_RIM = 3  # cells beside a border that are not as high as their area: the border slopes, or is a cell off
-_LEAST_RIM = 8  # cells of border
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -266,7 +264,7 @@ def _join_plane(levels: Levels, areas: Labels, plane: int, ripple_m: float) -> l
     around, joins = border.sum(axis=1), list[PieceJoin]()
     left = np.ones(len(border), np.bool_)
     left[plane] = False
-    while len(others := np.flatnonzero(left & (border[plane] <= _APART * around))):
+    while len(others := np.flatnonzero(left & (border[plane] <= SHARED_BORDER * around))):
         above = _above_level(levels, np.full(len(others), plane), others, ripple_m)
         least = int(np.argmin(above))
         if above[least] > 0:
@@ -274,7 +272,7 @@ def _join_plane(levels: Levels, areas: Labels, plane: int, ripple_m: float) -> l
         other = int(others[least])
         step = float(levels.height_m[other] - levels.height_m[plane])
         variance = (
-            levels.variance_between(np.array([plane]), others[[least]])[0] + (_MISPLACED * ripple_m) ** 2
+            levels.variance_between(np.array([plane]), others[[least]])[0] + (BORDER_ERROR * ripple_m) ** 2
         )
         worth = step**2 / variance / 2 - PRICE * around[other] - PIECE
         joins.append(PieceJoin((other,), step, float(np.sqrt(variance)), float(worth)))
@@ -327,14 +325,14 @@ def _with_rims(areas: Labels) -> Labels:
     out, n = areas.copy(), int(areas.max()) + 1
     first, second, length = borders_of(areas)
     new = n
-    long = length >= _LEAST_RIM
+    long = length >= LEAST_RIM_CELLS
     pairs = np.concatenate([np.stack([first, second], 1), np.stack([second, first], 1)])[np.r_[long, long]]
     boxes = ndimage.find_objects(areas + 1)
     deepest = _depths(areas, n)
     for area_a, other in pairs:
-        box = tuple(slice(max(side.start - _RIM, 0), side.stop + _RIM) for side in boxes[other])
+        box = tuple(slice(max(side.start - RIM_CELLS, 0), side.stop + RIM_CELLS) for side in boxes[other])
         inside, near = areas[box] == area_a, areas[box] == other
-        for _ in range(min(_RIM, deepest[area_a] - 1)):
+        for _ in range(min(RIM_CELLS, deepest[area_a] - 1)):
             near = ndimage.binary_dilation(near, np.ones((3, 3)))
             rim = near & inside & (out[box] == area_a)
             if rim.any():
@@ -346,7 +344,7 @@ def _with_rims(areas: Labels) -> Labels:
 def _depths(areas: Labels, n: int) -> Labels:
     """How many cells (n,) lie between the border of each area and its inmost one, counted to `_RIM` + 1."""
     depth = np.zeros(n, np.int64)
-    for k in range(_RIM + 1):
+    for k in range(RIM_CELLS + 1):
         size = 2 * k + 1
         whole = ndimage.maximum_filter(areas, size) == ndimage.minimum_filter(areas, size)
         depth[np.unique(areas[whole])] = k + 1
@@ -361,15 +359,15 @@ def _plane_of(levels: Levels, areas: Labels, heights: FloatArray, ripple_m: floa
     first, second = np.divmod(np.arange(n * n), n)
     level = _above_level(levels, first, second, ripple_m).reshape(n, n) <= 0
     together, sums = level @ size, level @ total
-    near = (sums / np.maximum(together, 1) / (_NEAR * ripple_m)) ** 2
+    near = (sums / np.maximum(together, 1) / (NEAR_PLANE * ripple_m)) ** 2
     score = np.log(np.maximum(together, 1e-9)) - near / 2
-    score[size < _LARGE * size.max()] = -np.inf
+    score[size < PLANE_SHARE * size.max()] = -np.inf
     return int(np.argmax(score))
 
 
 def _above_level(levels: Levels, first: Labels, second: Labels, ripple_m: float) -> FloatArray:
     """Nats by which areas are more probably as high over others as the ripple than level with them."""
     step = levels.height_m[second] - levels.height_m[first]
-    variance = levels.variance_between(first, second) + (_MISPLACED * ripple_m) ** 2
-    above = step**2 / variance / 2 - np.log1p(ripple_m**2 / variance) / 2 - _EQUAL
-    return np.where(variance <= (_KNOWN * ripple_m) ** 2, above, np.inf)
+    variance = levels.variance_between(first, second) + (BORDER_ERROR * ripple_m) ** 2
+    above = step**2 / variance / 2 - np.log1p(ripple_m**2 / variance) / 2 - LEVEL_PRIOR
+    return np.where(variance <= (KNOWN_LEVEL * ripple_m) ** 2, above, np.inf)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from completion.flattening.limits import GRAZING_COSINE, USUAL_SD
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Plane
 from texture.engine.compiled import compiled, inlined
@@ -124,10 +125,6 @@ def _volume(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> float
     return volume if abs(volume) > 1e-12 * scale else 0.0
 
 
-_GRAZING = 0.05  # cosine of the angle of incidence: rays that run flatter are not moved along
-_NEAR = 3.0  # sd of the other plane's residuals within which a vertex beside it lies on it too
-
-
 def move_onto(
     vertices: FloatArray, plane: Plane, height: FloatArray, origin: FloatArray | None
 ) -> FloatArray:
@@ -139,7 +136,7 @@ def move_onto(
     reach = np.maximum(np.linalg.norm(rays, axis=1), 1e-30)
     rays = rays / reach[:, None]
     along = rays @ plane.normal_direction
-    steep = np.abs(along) >= _GRAZING
+    steep = np.abs(along) >= GRAZING_COSINE
     length = np.where(steep, rise / np.where(steep, along, 1.0), 0.0)
     length[length <= -reach] = 0.0  # the plane is behind the sensor
     out: FloatArray = vertices + length[:, None] * rays
@@ -190,7 +187,8 @@ def _off_others(
     for label, (plane, rms) in planes.items():
         pairs_here = np.flatnonzero(flat[pairs[:, 1]] == label)
         reach = [
-            _NEAR * max(rms, planes[int(surface_number)][1]) for surface_number in flat[pairs[pairs_here, 0]]
+            USUAL_SD * max(rms, planes[int(surface_number)][1])
+            for surface_number in flat[pairs[pairs_here, 0]]
         ]
         off[pairs_here] = np.abs(plane.distance(vertices[pairs[pairs_here, 0]])) / np.maximum(reach, 1e-300)
     return off

@@ -19,6 +19,17 @@ from completion.flattening.flat import (
     FlatteningOptions,
     RegionKind,
 )
+from completion.flattening.limits import (
+    CLEAN_LEVEL,
+    CLEAR_EVIDENCE,
+    FARTHEST_SD,
+    LEAST_AREA_CELLS,
+    LEAST_RELIEF_CELLS,
+    LEAST_SCALE,
+    LEAST_SIDE_CELLS,
+    OWN_SHAPE,
+    RIM_CELLS,
+)
 from completion.flattening.mesh_movement import (
     HeightGrid,
     grid_of,
@@ -35,11 +46,7 @@ from scenes.surfaces.catalogue import Plane
 _WALLS = (4, 8)  # without relief, least and most
 _SIDE, _CELLS = 160, 50_000  # the longest side of one; cells of all
 _TAIL = 5  # regions of each that make the tail
-_LEAST_SCALE = 1.0  # nats: half a chi-square of one freedom falls no faster
-_CLEAR = 10.0  # nats: what is as evident as this is left out of the error from which walls are drawn
-_RIM = 3  # cells around it too
 _EXACT = 1e-3  # of the sd: a smaller middle error is none
-_FARTHEST = 5.0  # sd: what is farther is no noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,21 +99,27 @@ def learn_null(parts: Separation, rng: np.random.Generator) -> NullModel:
     n_cells = n_walls * shape[0] * shape[1]
     largest = np.sort(evidence)[::-1][: _TAIL * n_walls + 1]
     if len(largest) < 3:
-        return NullModel(0.0, 1 / n_cells, _LEAST_SCALE, np.inf)
+        return NullModel(0.0, 1 / n_cells, LEAST_SCALE, np.inf)
     start = float(largest[-1])
     n = len(largest) - 1
-    return NullModel(start, n / n_cells, max(float(np.mean(largest[:-1] - start)), _LEAST_SCALE), n)
+    return NullModel(start, n / n_cells, max(float(np.mean(largest[:-1] - start)), LEAST_SCALE), n)
 
 
 def _white_noise(parts: Separation) -> FloatArray:
     """Whitened errors (n,) of unit sd, where there is no evident relief."""
     evident = tuple(
-        candidate for candidate in parts.candidates if candidate.stands_out and candidate.evidence > _CLEAR
+        candidate
+        for candidate in parts.candidates
+        if candidate.stands_out and candidate.evidence > CLEAR_EVIDENCE
     )
     used = parts.known.copy()
     for candidate in evident:
         used &= ~parts.cells(candidate)
-    used = ndimage.binary_erosion(used, np.ones((3, 3)), iterations=_RIM, border_value=1) if evident else used
+    used = (
+        ndimage.binary_erosion(used, np.ones((3, 3)), iterations=RIM_CELLS, border_value=1)
+        if evident
+        else used
+    )
     if used.sum() < 0.1 * parts.known.sum():
         used = parts.known
     error = parts.ripple.extrapolate(parts.heights - parts.levels(evident), parts.known)
@@ -115,7 +128,7 @@ def _white_noise(parts: Separation) -> FloatArray:
     sd = 1.4826 * float(np.median(np.abs(white)))
     if sd <= _EXACT * float(white.std()):  # most cells are exactly flat
         sd = max(float(white.std()), 1e-30)
-    unit: FloatArray = np.clip(white / sd, -_FARTHEST, _FARTHEST)
+    unit: FloatArray = np.clip(white / sd, -FARTHEST_SD, FARTHEST_SD)
     return unit
 
 
@@ -123,12 +136,6 @@ def _extent(known: BoolArray) -> tuple[int, int]:
     """Rows and columns between the first known ones and the last."""
     rows, columns = np.nonzero(known.any(axis=1))[0], np.nonzero(known.any(axis=0))[0]
     return int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1
-
-
-_LEAST_SIDE, _LEAST_CELLS = 24, 1000  # cells: of fewer no ripple is learned
-_LEAST = 4  # cells: errors of fewer are no relief, however evident
-_CLEAN = 0.25  # of the ripple's sd: how well the level of relief is known from which ripple is taken
-_USUAL = 2.0  # times the ripple's sd: relief that varies by more has a shape of its own
 
 
 def flatten_heights(
@@ -165,18 +172,20 @@ def flatten_heights(
     if not 0 < cell_m < np.inf:
         raise InputError(f"the side of a cell is a length above 0, not {cell_m} m")
     known = np.isfinite(heights)
-    if min(heights.shape) < _LEAST_SIDE or known.sum() < _LEAST_CELLS:
+    if min(heights.shape) < LEAST_SIDE_CELLS or known.sum() < LEAST_AREA_CELLS:
         rows, columns = heights.shape
         return _unchanged_heights(
             heights,
             f"{known.sum()} cells of {1000 * cell_m:.3g} mm on {rows} x {columns} are too few to tell ripple "
-            f"from relief; {_LEAST_CELLS} on {_LEAST_SIDE} x {_LEAST_SIDE} are needed",
+            f"from relief; {LEAST_AREA_CELLS} on {LEAST_SIDE_CELLS} x {LEAST_SIDE_CELLS} are needed",
         )
 
     # 1. Separate heights into levels and ripple, and learn what the ripple alone may look like.
     parts = separate(np.where(known, heights, 0.0), known)
     could_stay = [
-        candidate.stands_out and candidate.n_cells >= _LEAST and abs(candidate.height_m) > options.rounding_m
+        candidate.stands_out
+        and candidate.n_cells >= LEAST_RELIEF_CELLS
+        and abs(candidate.height_m) > options.rounding_m
         for candidate in parts.candidates
     ]
     hidden_by_steps = options.rounding_m > 0 and not any(could_stay)
@@ -204,7 +213,9 @@ def flatten_heights(
             cells = parts.cells(candidate)[: heights.shape[0], : heights.shape[1]] & known
             size = float(np.sqrt(np.mean(ripple[cells] ** 2)))
             clear = (
-                options.clears_relief and candidate.sd_m <= _CLEAN * ripple_sd and size <= _USUAL * ripple_sd
+                options.clears_relief
+                and candidate.sd_m <= CLEAN_LEVEL * ripple_sd
+                and size <= OWN_SHAPE * ripple_sd
             )
             if clear:
                 flat[cells] -= ripple[cells]

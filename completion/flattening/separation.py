@@ -8,16 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from completion.flattening.areas import (
-    PIECE,
-    PRICE,
-    Areas,
-    Labels,
-    borders_of,
-    cut_pieces,
-    join_pieces,
-    label_components,
-)
+from completion.flattening.areas import Areas, Labels, borders_of, cut_pieces, join_pieces, label_components
+from completion.flattening.limits import FIRST_PRICE, PIECE, PRICE
 from completion.flattening.ripple import (
     Ripple,
     estimate_spectrum,
@@ -31,7 +23,6 @@ from texture.engine.compiled import compiled
 
 _NEIGHBOURS = ((0, 1, 0.41), (1, 0, 0.41), (1, 1, 0.29), (1, -1, 0.29))
 """Rows and columns to a neighbour, and its share in the length of a border (Cauchy-Crofton)."""
-_FIRST = 0.9  # of the root of a step's energy: the first, convex price of a step for each cell of its border
 
 
 def find_steps(
@@ -51,12 +42,14 @@ def find_steps(
     seen = inverse * fft.rfft2(heights)
     rows, columns = fft.fftfreq(shape[0])[:, None], fft.rfftfreq(shape[1])[None]
     both = sum(2 - 2 * np.cos(2 * np.pi * (a * rows + b * columns)) for a, b, _ in _NEIGHBOURS)
-    penalty = 0.5 * _FIRST * energy / np.sqrt(2)
+    penalty = 0.5 * FIRST_PRICE * energy / np.sqrt(2)
     solved = 1 / (inverse + penalty * both + 1e-12 * inverse.max())
     steps = np.zeros((len(_NEIGHBOURS), *shape))
     if start is None:
         field = np.zeros(shape)
-        price = np.stack([_FIRST * np.sqrt(energy) * share * ripple.strength for *_, share in _NEIGHBOURS])
+        price = np.stack(
+            [FIRST_PRICE * np.sqrt(energy) * share * ripple.strength for *_, share in _NEIGHBOURS]
+        )
     else:
         field = start
         for step, (a, b, _) in zip(steps, _NEIGHBOURS, strict=True):

@@ -12,14 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from completion.panels.limits import (
+    BRIDGED_CELLS,
+    CHANGE_CELLS,
+    CHORD_M,
+    FOLD_CELLS,
+    FOLD_REACH_CELLS,
+    LEAST_SINE,
+    STEEP_COSINE,
+)
 from completion.panels.sheet import Sheet
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from scenes.surfaces.surface import cross
-
-CHORD_M = 0.002  # that a facet of a cylinder is off it, at most
-_LEAST_SINE = float(np.sin(np.radians(12.0)))  # of the angle between two planes that meet
-_STEEP = 0.15  # cosine between a plane's normal and an axis, below which the section runs along the axis
 
 
 class FoldCurve(Protocol):
@@ -150,7 +155,7 @@ def facet_lines(cylinder: Cylinder, low: float, high: float) -> FloatArray:
 def _of_planes(first: Plane, second: Plane) -> list[FoldCurve]:
     across = cross(first.normal_direction, second.normal_direction)
     sine = float(np.linalg.norm(across))
-    if sine < _LEAST_SINE:
+    if sine < LEAST_SINE:
         return []
     direction, middle = across / sine, (first.point + second.point) / 2
     normals = np.stack([first.normal_direction, second.normal_direction, direction])
@@ -160,7 +165,7 @@ def _of_planes(first: Plane, second: Plane) -> list[FoldCurve]:
 
 def _of_plane_and_cylinder(plane: Plane, cylinder: Cylinder) -> list[FoldCurve]:
     rise = float(plane.normal_direction @ cylinder.direction)
-    if abs(rise) > _STEEP:
+    if abs(rise) > STEEP_COSINE:
         return [RoundFold(cylinder, plane)]
     away, across, _ = _lengthwise(cylinder, plane)
     reach = cylinder.radius * across
@@ -189,14 +194,14 @@ def _lengthwise(cylinder: Cylinder, plane: Plane) -> tuple[float, float, float]:
     return -float(plane.distance(cylinder.point[None])[0]), float(np.linalg.norm(across)), float(middle)
 
 
-_REACH = 2.0  # cells between a surface's outline and a fold that it reaches
-_ACROSS = (0.5, 1.0, 1.5, _REACH)  # cells beside a fold at which a surface that reaches it is looked for
+_ACROSS = (
+    0.5,
+    1.0,
+    1.5,
+    FOLD_REACH_CELLS,
+)  # cells beside a fold at which a surface that reaches it is looked for
 _FARTHER = (3.0, 4.0)  # the same, where nothing was seen to be free between
-_BESIDE = 3.0  # cells beside a fold at which a surface goes on
-_BRIDGED = 4.0  # cells of a fold along which only one of the two is there
-_LEAST = 3.0  # cells of a fold
 _SMOOTH = 15  # samples over which a side is decided
-_LEAST_CHANGE = 5.0  # cells along which a surface goes on, or ends, otherwise than before
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,7 +258,7 @@ def find_folds(sheets: Sequence[Sheet]) -> list[Fold]:
     n_curves = 0
     for i, first_sheet in enumerate(sheets):
         for j in range(i + 1, len(sheets)):
-            slack = _REACH * max(first_sheet.cell_m, sheets[j].cell_m)
+            slack = FOLD_REACH_CELLS * max(first_sheet.cell_m, sheets[j].cell_m)
             low = np.maximum(boxes[i][0], boxes[j][0]) - slack
             high = np.minimum(boxes[i][1], boxes[j][1]) + slack
             if (low > high).any():
@@ -287,17 +292,17 @@ def _of_curve(first_sheet: Sheet, other: Sheet, curve: FoldCurve, number: int, b
         near[held] = _reaches(sheet, uv[held], left[held])
     if not near.any():
         return []
-    bridged = 2 * int(_BRIDGED * cell / step / 2) + 1
+    bridged = 2 * int(BRIDGED_CELLS * cell / step / 2) + 1
     padded = np.pad(near, bridged)
     near = ndimage.binary_closing(padded, np.ones(bridged))[bridged:-bridged]
     run, n_runs = ndimage.label(near)
     folds = []
     for first, last in (np.flatnonzero(run == k)[[0, -1]] for k in range(1, n_runs + 1)):
-        if t[last] - t[first] < _LEAST * cell:
+        if t[last] - t[first] < FOLD_CELLS * cell:
             continue
         stretch = t[first : last + 1]
         sides = np.stack([sides_along(sheet, curve, stretch) for sheet in (first_sheet, other)], axis=1)
-        for begin, stop in _pieces(sides, int(np.ceil(_LEAST_CHANGE * cell / step))):
+        for begin, stop in _pieces(sides, int(np.ceil(CHANGE_CELLS * cell / step))):
             start, end = float(stretch[begin]), float(stretch[min(stop, len(stretch) - 1)])
             on = sides[begin:stop].mean(axis=0) > 0.5
             if not on.any(axis=1).all() or _sd_across(first_sheet, other, curve, (start + end) / 2) > cell:
@@ -357,7 +362,7 @@ def sides_along(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> BoolArray:
     """
     uv, left = sheet.along(curve.at(t))
     result = np.zeros((len(t), 2), np.bool_)
-    for beside in (_BESIDE, _FARTHER[-1] + 0.5, *_ACROSS[::-1]):
+    for beside in (FOLD_CELLS, _FARTHER[-1] + 0.5, *_ACROSS[::-1]):
         open_ = np.flatnonzero(~result.any(axis=1))
         for column, sign in enumerate((1.0, -1.0)):
             place = uv[open_] + sign * beside * sheet.cell_m * left[open_]

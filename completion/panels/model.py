@@ -14,17 +14,21 @@ from numpy.typing import NDArray
 
 from completion.extension.patch import Provenance
 from completion.panels.fold import Fold
+from completion.panels.limits import (
+    BESIDE_CELLS,
+    COLLINEAR_M,
+    EDGE_REACH_CELLS,
+    FOLD_CELLS,
+    LEAST_SINE,
+    PRECISION_M,
+)
 from completion.panels.sheet import Sheet
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 from scenes.surfaces.surface import cross
 
-_REACH = 4.0  # cells between a fold's end and the corner that it is moved to
-_PRESENT = 3.0  # cells between a corner and the third surface's outline
 _STEPS = 32  # in which a crossing is looked for
 _HALVINGS = 50
-_SAME_M = 1e-4  # that two corners of the same surfaces are apart
-_FLATTEST = float(np.sin(np.radians(12.0)))  # volume of three unit normals that meet in a corner
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +70,7 @@ def _same_pair(first: Fold, second: Fold) -> bool:
 
 def _nearest_crossing(fold: Fold, end: float, sheets: Sequence[Sheet]) -> tuple[float, int] | None:
     """The parameter nearest to an end of a fold at which a third surface crosses it, and that surface."""
-    reach = _REACH * fold.cell_m
+    reach = EDGE_REACH_CELLS * fold.cell_m
     t = np.linspace(end - reach, end + reach, _STEPS + 1)
     points = fold.curve.at(t)
     best: tuple[float, int] | None = None
@@ -79,9 +83,9 @@ def _nearest_crossing(fold: Fold, end: float, sheets: Sequence[Sheet]) -> tuple[
             place = fold.curve.at(np.array([root]))
             if best is not None and abs(root - end) >= abs(best[0] - end):
                 continue
-            if _volume(fold, sheets, sheet.surface, place) < _FLATTEST:
+            if _volume(fold, sheets, sheet.surface, place) < LEAST_SINE:
                 continue
-            if sheet.is_within(sheet.surface.to_uv(place), _PRESENT * sheet.cell_m)[0]:
+            if sheet.is_within(sheet.surface.to_uv(place), FOLD_CELLS * sheet.cell_m)[0]:
                 best = (root, sheet.number)
     return best
 
@@ -110,13 +114,12 @@ def _distinct(corners: Sequence[FoldCorner]) -> list[FoldCorner]:
     kept: list[FoldCorner] = []
     for new_corner in sorted(corners, key=lambda corner: corner.surfaces):
         same = (other for other in kept if other.surfaces == new_corner.surfaces)
-        if not any(float(np.linalg.norm(new_corner.point - other.point)) < _SAME_M for other in same):
+        if not any(float(np.linalg.norm(new_corner.point - other.point)) < PRECISION_M for other in same):
             kept.append(new_corner)
     return kept
 
 
 _PAIR = 2  # surfaces of a fold
-_BESIDE = 1.5  # cells beside a fold at which a surface was measured up to it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +190,7 @@ def fold_edge(fold: Fold, sheets: Sequence[Sheet]) -> FoldEdge:
         uv, left = sheet.along(fold.curve.at(fine))
         mask = np.zeros(len(fine), np.bool_)
         for sign in np.array([1.0, -1.0])[sides]:
-            beside = uv + sign * _BESIDE * sheet.cell_m * left
+            beside = uv + sign * BESIDE_CELLS * sheet.cell_m * left
             mask |= sheet.provenance_at(beside) == Provenance.MEASURED
         measured &= mask
     return FoldEdge(
@@ -252,9 +255,6 @@ def _dihedral(fold: Fold, sheets: Sequence[Sheet]) -> float:
     uv, left = sheet.along(fold.curve.at(t))
     inside = sheet.surface.from_uv(uv[:1] + (1e-3 if sides[0] else -1e-3) * left[:1])
     return 180.0 - turn if float((inside - middle)[0] @ facing) > 0 else 180.0 + turn
-
-
-_SAME_UV_M = 1e-3  # in a chart that one vertex may be at twice, at the seam of a cylinder
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -329,7 +329,7 @@ class PanelModel:
     def part(self, kept: BoolArray) -> PanelPart:
         """Return some facets (m,) of one surface by themselves."""
         corner, uv = self.faces[kept].ravel(), self.corner_uv[kept].reshape(-1, 2)
-        fine = np.rint(uv / _SAME_UV_M).astype(np.int64)
+        fine = np.rint(uv / COLLINEAR_M).astype(np.int64)
         _, first, index = np.unique(
             np.column_stack([corner, fine]), axis=0, return_index=True, return_inverse=True
         )

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from completion.extension.patch import Patch, Provenance
+from completion.panels.limits import LEAST_CELLS
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled, inlined
 
 _AROUND = 12  # cells beyond what is covered, as far as an outline may be laid
-_LEAST_CELLS = 9  # of a measured part of its own
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +178,7 @@ def _large_parts(cells: BoolArray) -> BoolArray:
     part, n_parts = ndimage.label(cells)
     sizes = np.bincount(part.ravel(), minlength=n_parts + 1)
     sizes[0] = 0
-    return np.asarray((sizes >= _LEAST_CELLS)[part], dtype=np.bool_)
+    return np.asarray((sizes >= LEAST_CELLS)[part], dtype=np.bool_)
 
 
 _PARTS = 10_000  # of a cell's side, to which corners are rounded

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from completion.panels.limits import SAME_PLACE
 from completion.panels.model import PanelModel
 from completion.panels.welding import edges_of
 from scenes.checks import FloatArray
@@ -152,9 +153,6 @@ def edge_key(corner: _Corners, k: int) -> tuple[int, int]:
     return (first, second) if first < second else (second, first)
 
 
-_SAME = 0.25  # of the reach, within which places on a border are one node
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Nodes:
     """The light model with further nodes on its borders.
@@ -188,7 +186,7 @@ def with_nodes(
     begin, end = panels.vertices[ends[:, 0]], panels.vertices[ends[:, 1]]
     length = np.linalg.norm(end - begin, axis=1)
     along = place.share[on] * length
-    apart = _SAME * reach_m[owner[on] - 1]
+    apart = SAME_PLACE * reach_m[owner[on] - 1]
     first, second = along <= apart, along >= length - apart
     nearer = np.where(along < length / 2, ends[:, 0], ends[:, 1])
     vertex[on[first | second]] = nearer[first | second]

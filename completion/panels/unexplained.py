@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from completion.panels.arrangement import PRECISION_M
+from completion.panels.limits import PRECISION_M, WITHIN_BOUND
 from completion.panels.model import PanelModel, RemainderFacets
 from completion.panels.stitching import Border, along_border, with_nodes
 from completion.panels.welding import edges_of, heal
@@ -23,7 +23,6 @@ from scenes.mesh.triangle_distance import TriangleTree, distances
 from scenes.rays.raycast import RayCaster
 from scenes.surfaces.catalogue import Surface
 
-_SHARE = 0.95  # of the places that are measured, whose deviation stays within the bound
 _FIRST = 0.2  # share of the triangles that is tried first
 _FEWEST = 1 / 256  # share of them that is left at least
 _ROUNDS, _CLOSE = 6, 0.05  # of the search, which ends where the number of triangles is known to 5 %
@@ -87,11 +86,11 @@ def _deviation(vertices: FloatArray, tree: TriangleTree, few: Mesh, bound_m: flo
     places, corners = few
     if not len(corners):
         return float("inf")
-    off = float(np.quantile(distances(_some(vertices), places[corners]), _SHARE))
+    off = float(np.quantile(distances(_some(vertices), places[corners]), WITHIN_BOUND))
     if off > bound_m:
         return off
     back = (_some(points) for points in (places[np.unique(corners)], places[corners].mean(axis=1)))
-    return max(off, *(float(np.quantile(tree.distances(points), _SHARE)) for points in back))
+    return max(off, *(float(np.quantile(tree.distances(points), WITHIN_BOUND)) for points in back))
 
 
 def _some(points: FloatArray) -> FloatArray:

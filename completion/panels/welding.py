@@ -14,7 +14,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from completion.panels.arrangement import PRECISION_M, Arrangement, Trace
+from completion.panels.arrangement import Arrangement, Trace
+from completion.panels.limits import PRECISION_M, SAME_NODE_M, SAME_VERTEX_M
 from completion.panels.model import PanelModel
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder
@@ -101,8 +102,6 @@ def heal(
 
 
 _ON_M = 1.5 * PRECISION_M  # between a place and the fold that it is on
-_SAME_T_M = 4e-4  # between the places of two charts that are one node of a fold
-_SAME_M = 6e-4  # between nodes of several folds that are one vertex
 
 
 def weld(charts: Sequence[Arrangement]) -> PanelModel:
@@ -171,7 +170,7 @@ def _merge_parameters(t: FloatArray) -> FloatArray:
     ordered = np.unique(t)
     kept: list[float] = []
     for value in ordered.tolist():
-        if not kept or value - kept[-1] > _SAME_T_M:
+        if not kept or value - kept[-1] > SAME_NODE_M:
             kept.append(value)
     return np.array(kept)
 
@@ -301,7 +300,7 @@ def _weld_vertices(vertices: FloatArray, on_fold: NDArray[np.bool_]) -> tuple[Fl
     """Vertices with those on folds that are within .6 mm of one another as one, and which each became."""
     fold = np.flatnonzero(on_fold)
     pairs = (
-        cKDTree(vertices[fold]).query_pairs(_SAME_M, output_type="ndarray")
+        cKDTree(vertices[fold]).query_pairs(SAME_VERTEX_M, output_type="ndarray")
         if len(fold)
         else np.zeros((0, 2), int)
     )

@@ -15,12 +15,11 @@ import numpy as np
 import shapely
 from scipy.spatial import Delaunay, cKDTree
 
+from completion.parts.division.limits import NEARLY_ALL, WIDEST_HOLE
 from completion.parts.part import Part
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 
-_MOST = 0.95  # of the triangles beside a hole that must be of one surface
-_WIDEST = 0.5  # of a turn that a hole in a cylinder may take
 _LEFT = {
     "several": "border on several surfaces",
     "kind": "lie on a surface that is neither plane nor cylinder",
@@ -155,7 +154,7 @@ def _close_hole(
     holds the part's points. Numbers below zero in the result count the further points, from -1.
     """
     label, n = Counter(beside.tolist()).most_common(1)[0]
-    if label == 0 or n < _MOST * len(beside):
+    if label == 0 or n < NEARLY_ALL * len(beside):
         return "several"
     surface = part.fits[part.labels.index(label)].surface
     if not isinstance(surface, Plane | Cylinder):
@@ -167,7 +166,7 @@ def _close_hole(
         if abs(step.sum()) > surface.period / 2:
             return "outside"  # it runs around the axis
         uv[:, 0] = uv[0, 0] + np.append(0.0, np.cumsum(step)[:-1])
-        if np.ptp(uv[:, 0]) > _WIDEST * surface.period:
+        if np.ptp(uv[:, 0]) > WIDEST_HOLE * surface.period:
             return "outside"
     turned = _runs_clockwise(surface, corners)
     polygon = shapely.Polygon(uv)

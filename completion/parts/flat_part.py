@@ -14,11 +14,11 @@ from scipy.spatial import cKDTree
 from completion.fitting.result import SurfaceFit
 from completion.flattening.flat import FlatSurface, FlatteningOptions
 from completion.flattening.pipeline import flatten_mesh
+from completion.parts.division.limits import NEAR_RMS
 from completion.parts.part import Part, kinds_text
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.surfaces.catalogue import Plane
 
-_NEAR = 6.0  # rms of a plane's points within which those on no surface count as its own
 _MOST_TOLD = 3  # planes that are named
 _N_BESIDE = 8  # points that are beside one, where there are no triangles
 
@@ -159,7 +159,7 @@ def _with_those_between(part: Part, points: FloatArray, faces: IntArray, place: 
     piece_at[free] = piece
     plane_of = np.where(single, touched.argmax(axis=1), 0)
     single &= _faces_alike(part.fits, points[faces], place[faces], piece_at[faces], plane_of)
-    taken = only[piece] & ((off.min(axis=1) <= _NEAR) | single[piece])
+    taken = only[piece] & ((off.min(axis=1) <= NEAR_RMS) | single[piece])
     out = place.copy()
     out[free[taken]] = best[taken]
     return out

@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 
 from completion.edits.file import edit_record
+from completion.export.building.limits import DOOR_M
 from completion.extension.claims import role_of
 from completion.extension.patch import Patch
 from completion.features.engine.template import feature_record, moved_geometry
@@ -277,7 +278,6 @@ def _texture_record(completion: CompletedModel, number: int) -> dict[str, Any] |
 FORMAT = "unseen polygons 1"
 _OF_SIDES = ("sd_m", "inwards_m", "outwards_m", "measured")
 _SHORT = 3  # samples, a cell apart: what is shorter takes after what comes before it
-_DOOR_M = 0.1  # how far above a wall's lower edge a door may begin
 
 
 def polygons_record(completion: CompletedModel) -> dict[str, Any]:
@@ -391,7 +391,7 @@ def _opening_record(
     kind = "opening"
     if is_wall:
         all_points = completion.world_from_reference.apply(patch.grid.centres()[patch.observed.ravel()])
-        kind = "door" if points[:, 2].min() < all_points[:, 2].min() + _DOOR_M else "window"
+        kind = "door" if points[:, 2].min() < all_points[:, 2].min() + DOOR_M else "window"
     return {
         "kind": kind,
         "width_m": extent[0],

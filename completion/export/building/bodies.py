@@ -32,6 +32,18 @@ from completion.export.building.faces import (
     union,
     wide,
 )
+from completion.export.building.limits import (
+    ALONG_DEG,
+    LEAST_OVERLAP_M2,
+    LEAST_WIDE_M,
+    MOST_THICKNESS_M,
+    N_SIGMA,
+    PARALLEL_DEG,
+    SLAB_M2,
+    SLACK_M,
+    STANDING_M,
+    THIN_M,
+)
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
 from scenes.checks import FloatArray
@@ -39,7 +51,6 @@ from scenes.pose import Pose
 from scenes.surfaces.catalogue import Plane
 
 _CELL_M, _MOST_CELLS = 0.03, 200_000  # side of a cell; how many there are at most
-_LEAST_PASSAGE_M = 0.1  # of what counts as gone through: outlines of openings are off by a cell or two
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +95,7 @@ class ScanBeams:
         is_free = free_cells(grid, np.zeros(grid.shape[0] * grid.shape[1]), self.sights, self.reaches)
         free_area = union(self._cells(grid, np.flatnonzero(is_free), frame))
         free_area = grow(grow(free_area, cell), -cell)
-        return wide(common(area, free_area), max(_LEAST_PASSAGE_M, 3 * cell))
+        return wide(common(area, free_area), max(LEAST_WIDE_M, 3 * cell))
 
     def _cells(self, grid: ChartGrid, chosen: NDArray[np.int64], frame: FaceFrame) -> list[Any]:
         """Squares of some cells in the coordinates of a frame."""
@@ -95,18 +106,7 @@ class ScanBeams:
         return list(shapely.polygons(frame.flat(places).reshape(-1, 4, 2)))
 
 
-MOST_M = 0.6
-"""Greatest thickness that is called a wall or a slab.
-
-Outer walls of brick, block and insulation are .3 to .5 m thick (DIN 4172 has 49 cm as its thickest wall of
-usual bricks); what is farther apart back to back is a shaft, a cupboard or a room that was not scanned.
-"""
-_LEAST_M = 0.02  # of a thickness
-_PARALLEL_DEG, _MOST_DEG, _N_SIGMA = 1.0, 5.0, 3.0
-_LEAST_M2, _LEAST_WIDE_M = 0.05, 0.1  # of an overlap
-_WALL_HIGH_M, _SLAB_M2 = 1.5, 2.0  # of what encloses no room, to be a wall or a slab and no furniture
 _LEVELS = (0.25, 0.5, 0.75)  # of the thickness, at which beams are looked for
-_SLACK_M = 0.01  # from either face, within which another surface is that face
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,11 +179,11 @@ def _back_to_back(first: PlaneFace, second: PlaneFace) -> Iterator[tuple[float, 
         return
     if first.is_level and first.frame.normal[2] < 0:
         first, second = second, first
-    if first.frame.normal @ second.frame.normal > -np.cos(np.radians(_MOST_DEG)):
+    if first.frame.normal @ second.frame.normal > -np.cos(np.radians(ALONG_DEG)):
         return
     middle = second.frame.place(shapely.get_coordinates(second.area).mean(axis=0)[None])
     depth = -float(first.frame.height(middle)[0])
-    if _LEAST_M / 2 < depth < 2 * MOST_M:
+    if THIN_M / 2 < depth < 2 * MOST_THICKNESS_M:
         yield depth, first, second
 
 
@@ -199,18 +199,18 @@ def _body(
     sides = second.laid_on(frame)
     both = _known_area(first, sides)
     both = less(both, (*taken[first.number], *_laid(taken, second, frame)))
-    both = wide(both, _LEAST_WIDE_M)
-    if both.area < _LEAST_M2 or not _is_seen(first, second, both, frame):
+    both = wide(both, LEAST_WIDE_M)
+    if both.area < LEAST_OVERLAP_M2 or not _is_seen(first, second, both, frame):
         return None
     depth = _depth(both, first, second)
-    if not _LEAST_M <= depth <= MOST_M or not _is_parallel(first, second, both):
+    if not THIN_M <= depth <= MOST_THICKNESS_M or not _is_parallel(first, second, both):
         return None
     both = less(both, _others_between(both, (first, second), faces, depth))
     for level in _LEVELS:
         both = less(both, [beams.free(both, frame, level * depth)])
-    both = wide(both, max(_LEAST_WIDE_M, depth))  # else it is the end of a wall, beside a door
+    both = wide(both, max(LEAST_WIDE_M, depth))  # else it is the end of a wall, beside a door
     measured = common(both, common(first.measured, sides[0]))
-    if both.area < _LEAST_M2 or measured.area < _LEAST_M2 or not _is_large(first, second, both):
+    if both.area < LEAST_OVERLAP_M2 or measured.area < LEAST_OVERLAP_M2 or not _is_large(first, second, both):
         return None
     uv = inside(measured)
     place = frame.place(uv)
@@ -243,16 +243,14 @@ def _laid(taken: dict[int, list[Any]], other: PlaneFace, frame: FaceFrame) -> li
 def _is_seen(first: PlaneFace, second: PlaneFace, both: Any, frame: FaceFrame) -> bool:
     """Whether both faces were measured somewhere in the area that they share."""
     sides = first.measured, second.laid_on(frame)[0]
-    return all(common(side, both).area >= _LEAST_M2 for side in sides)
+    return all(common(side, both).area >= LEAST_OVERLAP_M2 for side in sides)
 
 
 def _is_large(first: PlaneFace, second: PlaneFace, both: Any) -> bool:
     """Whether it is no board: the faces of furniture enclose nothing, and are neither high nor large."""
     if {"wall", "floor", "ceiling"} & {first.element.kind, second.element.kind}:
         return True
-    return bool(
-        both.bounds[3] - both.bounds[1] >= _WALL_HIGH_M if first.is_upright else both.area >= _SLAB_M2
-    )
+    return bool(both.bounds[3] - both.bounds[1] >= STANDING_M if first.is_upright else both.area >= SLAB_M2)
 
 
 def _others_between(
@@ -261,12 +259,12 @@ def _others_between(
     """Where another plane along the faces lies between them."""
     frame, bodies_between = pair[0].frame, []
     for face in faces:
-        if face in pair or abs(face.frame.normal @ frame.normal) < np.cos(np.radians(_MOST_DEG)):
+        if face in pair or abs(face.frame.normal @ frame.normal) < np.cos(np.radians(ALONG_DEG)):
             continue
         area = common(project_area(face.area, face.frame, frame), both)
-        if area.area < _LEAST_M2:
+        if area.area < LEAST_OVERLAP_M2:
             continue
-        if _SLACK_M < _depth_at(frame.place(inside(area)), pair[0], face) < depth - _SLACK_M:
+        if SLACK_M < _depth_at(frame.place(inside(area)), pair[0], face) < depth - SLACK_M:
             bodies_between.append(area)
     return bodies_between
 
@@ -295,10 +293,10 @@ def _is_parallel(first: PlaneFace, second: PlaneFace, both: Any) -> bool:
     """Whether the planes are parallel to 1 degree, or within three deviations of the angle between them."""
     low, high = np.reshape(both.bounds, (2, 2))
     far = first.frame.place(np.array([low, high]))
-    apart = max(float(np.linalg.norm(far[1] - far[0])), _LEAST_M)
+    apart = max(float(np.linalg.norm(far[1] - far[0])), THIN_M)
     spread = 0.0
     for face in (first, second):
         slope = face.element.gradient(far[1]) - face.element.gradient(far[0])
         variance = float(slope @ face.element.patch.stated.covariance @ slope)
         spread += float(np.sqrt(max(variance, 0.0))) / apart
-    return _angle_deg(first, second) <= max(_PARALLEL_DEG, _N_SIGMA * float(np.degrees(spread)))
+    return _angle_deg(first, second) <= max(PARALLEL_DEG, N_SIGMA * float(np.degrees(spread)))

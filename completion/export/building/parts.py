@@ -28,19 +28,27 @@ from completion.export.building.faces import (
     union,
     wide,
 )
+from completion.export.building.limits import (
+    BESIDE_CELLS,
+    DOOR_M,
+    FINE_M,
+    FOOT_M,
+    LEAST_OPENING_M,
+    LEAST_OPENING_M2,
+    MAJORITY,
+    NEAR_FACE_M,
+    PIPE_M,
+    RECTANGLE,
+    SAME_POST,
+    SLENDER,
+    STANDING_M,
+    THIN_M,
+)
 from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline
 from completion.export.building.rooms import BuildingRoom, RoomSide, Storey, find_rooms, find_storeys
 from scenes.checks import FloatArray
 
-_LEAST_WIDE_M, _LEAST_M2 = 0.2, 0.2  # of an opening
-_THROUGH = 0.5  # share of it that beams must have gone through
-_BEHIND_M = 0.05  # a wall's face, where they are looked for
-_RECTANGLE = 0.85  # of the rectangle around it that it must fill to be one
 _LINES = (0.1, 0.9, 41)  # where lines run through it, as shares of its size
-_BESIDE_CELLS = 2.0  # between a side and what was measured of its wall
-_DOOR_M = 0.1  # how far above the floor a door may begin
-_BEFORE_M = 0.02  # a wall, where a room must be
-_MARGIN_M = 0.002  # by which surfaces may go on beyond a room: its outline is that of fitted planes
 
 
 def with_gaps(
@@ -63,16 +71,16 @@ def _gaps(side: RoomSide, room: BuildingRoom, known: Any, beams: ScanBeams) -> I
         return
     face, frame = side.face, side.face.frame
     band = side.band(room.floor_m, room.floor_m + room.height_m)
-    gap = wide(less(band, [face.area, known]), _LEAST_WIDE_M)
-    for part in polygons(gap, _LEAST_M2):
-        if beams.free(part, frame, _BEHIND_M).area < _THROUGH * part.area:
+    gap = wide(less(band, [face.area, known]), LEAST_OPENING_M)
+    for part in polygons(gap, LEAST_OPENING_M2):
+        if beams.free(part, frame, NEAR_FACE_M).area < MAJORITY * part.area:
             continue
         around = _rectangle(part)
-        ring = around if part.area >= _RECTANGLE * around.area else part
+        ring = around if part.area >= RECTANGLE * around.area else part
         left, low, right, high = ring.bounds
         corners = shapely.get_coordinates(ring.exterior)
         points = frame.place(corners[:-1])
-        kind = "door" if points[:, 2].min() < room.floor_m + _DOOR_M else "window"
+        kind = "door" if points[:, 2].min() < room.floor_m + DOOR_M else "window"
         yield OpeningOutline(
             surface=face.number,
             kind=kind,
@@ -88,7 +96,7 @@ def _side(face: PlaneFace, start: FloatArray, end: FloatArray) -> dict[str, floa
     """How well a side, from a corner (2,) to the next, is known: to a cell, where its wall was measured."""
     cell = float(face.element.patch.grid.cell.max())
     places = shapely.points(start + np.linspace(0.05, 0.95, 19)[:, None] * (end - start))
-    beside = shapely.distance(face.measured, places) <= _BESIDE_CELLS * cell
+    beside = shapely.distance(face.measured, places) <= BESIDE_CELLS * cell
     known = {"inwards_m": 0.0, "outwards_m": 0.0, "measured_share": float(np.mean(beside))}
     return {"sd_m": cell, **known}
 
@@ -134,13 +142,13 @@ def _areas_in_rooms(
         level = face in storey.floors or face in storey.ceilings
         for room in (room for room in rooms if room.storey == k):
             if level and face.number in room.surfaces:
-                outline = shapely.buffer(room.outline, _MARGIN_M, join_style="mitre")
+                outline = shapely.buffer(room.outline, FINE_M, join_style="mitre")
                 yield union([shapely.transform(outline, lambda xy: face.frame.flat(_on(face.frame, xy)))])
             elif face in storey.walls and room.closed:
                 top = face.highest_m if room.height_m is None else room.floor_m + room.height_m
                 for ends in _before(face, room):
                     band = RoomSide(ends, face, faces_in=True).band(room.floor_m, top)
-                    yield shapely.buffer(band, _MARGIN_M, join_style="mitre")
+                    yield shapely.buffer(band, FINE_M, join_style="mitre")
 
 
 def _before(face: PlaneFace, room: BuildingRoom) -> Iterator[FloatArray]:
@@ -148,10 +156,10 @@ def _before(face: PlaneFace, room: BuildingRoom) -> Iterator[FloatArray]:
     left, _, right, _ = face.area.bounds
     v = (room.floor_m + (room.height_m or 0.0) / 2 - face.frame.origin[2]) / face.frame.up[2]
     ends = face.frame.place(np.array([[left, v], [right, v]]))[:, :2]
-    line = shapely.LineString(ends + _BEFORE_M * face.frame.normal[:2])
+    line = shapely.LineString(ends + THIN_M * face.frame.normal[:2])
     for part in shapely.get_parts(shapely.intersection(line, room.outline)).tolist():
         if part.geom_type == "LineString" and not part.is_empty:
-            yield shapely.get_coordinates(part) - _BEFORE_M * face.frame.normal[:2]
+            yield shapely.get_coordinates(part) - THIN_M * face.frame.normal[:2]
 
 
 def _on(frame: FaceFrame, xy: Any) -> Any:
@@ -171,12 +179,6 @@ def trimmed_bodies(bodies: Sequence[Body], faces: Sequence[PlaneFace]) -> tuple[
             body = replace(body, inferred=common(body.inferred, left))
         trimmed.append(body)
     return tuple(trimmed)
-
-
-_LEAST_RADIUS_M, _LEAST_HIGH_M = 0.05, 1.5  # of a column
-_FOOT_M = 0.15  # between a column and the floor that it stands on
-_PIPE_RADIUS_M, _PIPE_LONG_M, _SLENDER = 0.3, 0.3, 2.0  # of a pipe at most, at least; diameters in its length
-_SAME = 0.7  # of the footprint of two walls across each other, which are the sides of one post then
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,8 +226,8 @@ def find_columns(
         column
         for column in columns
         if floors
-        and column.top_m - column.bottom_m >= _LEAST_HIGH_M
-        and min(abs(column.bottom_m - level) for level in levels) < _FOOT_M
+        and column.top_m - column.bottom_m >= STANDING_M
+        and min(abs(column.bottom_m - level) for level in levels) < FOOT_M
     )
 
 
@@ -239,13 +241,13 @@ def find_pipes(
         for cylinder in cylinders
         if cylinder.number not in taken
         and cylinder.is_solid
-        and cylinder.radius_m <= _PIPE_RADIUS_M
-        and cylinder.length_m >= max(_PIPE_LONG_M, 2 * _SLENDER * cylinder.radius_m)
+        and cylinder.radius_m <= PIPE_M
+        and cylinder.length_m >= max(PIPE_M, 2 * SLENDER * cylinder.radius_m)
     )
 
 
 def _is_upright(element: CylinderElement) -> bool:
-    if not element.is_solid or element.radius_m < _LEAST_RADIUS_M or element.length_m <= 0:
+    if not element.is_solid or element.radius_m < NEAR_FACE_M or element.length_m <= 0:
         return False
     return element.inclination.is_upright
 
@@ -267,7 +269,7 @@ def _post(first: Body, second: Body) -> BuildingColumn | None:
     """The post whose four sides two bodies are, across each other; None where they are not."""
     prints = [_footprint(body) for body in (first, second)]
     shared = common(*prints)
-    if shared.is_empty or shared.area < _SAME * max(part.area for part in prints):
+    if shared.is_empty or shared.area < SAME_POST * max(part.area for part in prints):
         return None
     if abs(float(first.frame.normal @ second.frame.normal)) > np.sin(np.radians(10.0)):
         return None

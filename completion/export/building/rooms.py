@@ -16,16 +16,17 @@ import shapely
 
 from completion.export.building.bodies import Body
 from completion.export.building.faces import FaceFrame, PlaneFace, common, less, polygons, union, wide
+from completion.export.building.limits import (
+    HEADROOM_M,
+    LEAST_LEVEL_M2,
+    LEAST_PART_M,
+    LEAST_ROOM_M,
+    LEAST_ROOM_M2,
+    MAJORITY,
+    SAME_STOREY_M,
+)
 from completion.export.building.model import BuildingModel
 from scenes.checks import FloatArray
-
-_HEADROOM_M = 1.8  # that people need above a floor, and from one storey to the next
-_LEAST_FLOOR_M2 = 1.0  # of a floor, and of a ceiling
-_LARGE_M2 = 0.25  # of what was measured below a level plane, which is no floor then
-_COVERED = 0.5  # of a level plane that another one lies below, which makes it a table top
-_SAME_M = 0.2  # by which floors of one storey may differ and be none on another
-_LEAST_HIGH_M = 0.5  # of the part of a wall in a storey
-_AT_MOST_M = 0.3  # between a wall and the floor or the ceiling that it ends at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +75,7 @@ def find_storeys(faces: Sequence[PlaneFace], bodies: Sequence[Body]) -> tuple[St
     floors = sorted((face for face in faces if _is_floor(face, faces)), key=level_of)
     groups: list[list[PlaneFace]] = []
     for floor in floors:
-        if groups and level_of(floor) < level_of(groups[-1][0]) + _HEADROOM_M:
+        if groups and level_of(floor) < level_of(groups[-1][0]) + HEADROOM_M:
             groups[-1].append(floor)
         else:
             groups.append([floor])
@@ -111,7 +112,7 @@ def bands(
     numbers = [
         k
         for k, (storey, top) in enumerate(zip(storeys, tops, strict=True))
-        if min(top, heights.max()) - max(storey.elevation_m, heights.min()) >= _LEAST_HIGH_M
+        if min(top, heights.max()) - max(storey.elevation_m, heights.min()) >= LEAST_PART_M
     ]
     if len(numbers) < 2:
         return [(numbers[0] if numbers else storey_at(storeys, begin_m), area)]
@@ -130,7 +131,7 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
     What does not enclose the room, as the floor of a house of several rooms, is no floor where anything large
     was measured further down, unless that is another storey: seats and tables are level, too.
     """
-    if face.frame.normal[2] < 0 or not face.is_level or face.area.area < _LEAST_FLOOR_M2:
+    if face.frame.normal[2] < 0 or not face.is_level or face.area.area < LEAST_ROOM_M2:
         return False
     if face.element.kind == "floor":
         return True
@@ -140,16 +141,20 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
         for other in faces
         if other.is_level
         and other.frame.normal[2] > 0
-        and level - _HEADROOM_M < level_of(other) < level - _SAME_M
+        and level - HEADROOM_M < level_of(other) < level - SAME_STOREY_M
     ]
-    if any(common(outline, other.plan()).area >= _COVERED * outline.area for other in below):
+    if any(common(outline, other.plan()).area >= MAJORITY * outline.area for other in below):
         return False
-    lower = [face for face in faces if face.lowest_m < level - _SAME_M and face.measured.area >= _LARGE_M2]
+    lower = [
+        face
+        for face in faces
+        if face.lowest_m < level - SAME_STOREY_M and face.measured.area >= LEAST_LEVEL_M2
+    ]
     storey_below = any(
         face.is_level
         and face.frame.normal[2] > 0
-        and level_of(face) <= level - _HEADROOM_M
-        and face.area.area >= _LEAST_FLOOR_M2
+        and level_of(face) <= level - HEADROOM_M
+        and face.area.area >= LEAST_ROOM_M2
         for face in lower
     )
     return storey_below or not lower
@@ -157,30 +162,27 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
 
 def _is_ceiling(face: PlaneFace, level: float, above: float, *, has_floor: bool) -> bool:
     """Whether a face hangs over people of a storey."""
-    if face.frame.normal[2] > 0 or not face.is_level or face.area.area < _LEAST_FLOOR_M2:
+    if face.frame.normal[2] > 0 or not face.is_level or face.area.area < LEAST_ROOM_M2:
         return False
     if not has_floor:
         return face.element.kind == "ceiling"
-    return level + _HEADROOM_M <= level_of(face) < above
+    return level + HEADROOM_M <= level_of(face) < above
 
 
 def _is_wall(face: PlaneFace, storey: Storey, above: float, bodies: Sequence[Body]) -> bool:
     """Whether a face is a wall of a storey: seen from both sides, or from the floor to the ceiling."""
     lowest, highest, floor_m = face.lowest_m, face.highest_m, storey.elevation_m
-    if not face.is_upright or highest < floor_m + _AT_MOST_M or lowest > above - _AT_MOST_M:
+    if not face.is_upright or highest < floor_m + LEAST_ROOM_M or lowest > above - LEAST_ROOM_M:
         return False
     if any(face.number in body.surfaces for body in bodies if body.kind == "wall"):
         return True
     top = storey.ceiling_m
-    high = floor_m + _HEADROOM_M if top is None else top - _AT_MOST_M
-    is_whole = highest >= high and lowest <= floor_m + _AT_MOST_M
+    high = floor_m + HEADROOM_M if top is None else top - LEAST_ROOM_M
+    is_whole = highest >= high and lowest <= floor_m + LEAST_ROOM_M
     return is_whole or face.element.kind == "wall"
 
 
-_EXTENDED_M = 0.2  # by which a wall is continued to the next one in the plan
-_LEAST_M2, _LEAST_WIDE_M = 1.0, 0.5  # of a room
 _ON_LINE_M = 1e-6  # between the line of a wall and the middle of a side that is on it
-_MOST = 0.5  # of an outline whose walls must face inwards, else it is the inside of a wall; of floor, ceiling
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -263,7 +265,7 @@ class _WallLine:
     def extended(self) -> Any:
         """The line between its ends, and somewhat beyond."""
         along = self.ends[1] - self.ends[0]
-        along = _EXTENDED_M * along / max(float(np.linalg.norm(along)), 1e-9)
+        along = SAME_STOREY_M * along / max(float(np.linalg.norm(along)), 1e-9)
         return shapely.LineString([self.ends[0] - along, self.ends[1] + along])
 
 
@@ -287,11 +289,11 @@ def _cells(storey: Storey) -> Iterator[tuple[Any, list[RoomSide]]]:
         return
     floor = union(face.plan() for face in storey.floors)
     noded = shapely.union_all([line.extended for line in lines])
-    for cell in polygons(shapely.polygonize([noded]), _LEAST_M2):
+    for cell in polygons(shapely.polygonize([noded]), LEAST_ROOM_M2):
         sides = list(_sides(cell, lines))
         facing = sum(side.length_m for side in sides if side.faces_in)
-        is_floor = common(floor, cell).area >= _MOST * cell.area
-        if is_floor and facing >= _MOST * cell.length and wide(cell, _LEAST_WIDE_M).area >= _LEAST_M2:
+        is_floor = common(floor, cell).area >= MAJORITY * cell.area
+        if is_floor and facing >= MAJORITY * cell.length and wide(cell, LEAST_PART_M).area >= LEAST_ROOM_M2:
             yield cell, sides
 
 
@@ -302,7 +304,7 @@ def _lines(face: PlaneFace, storey: Storey) -> Iterator[_WallLine]:
         uv = shapely.get_coordinates(polygon)
         z = face.frame.place(uv)[:, 2]
         top = float(z.max()) if high is None else min(high, float(z.max()))
-        if top <= low + _EXTENDED_M or (high is not None and z.min() >= high - _EXTENDED_M / 2):
+        if top <= low + SAME_STOREY_M or (high is not None and z.min() >= high - SAME_STOREY_M / 2):
             continue
         middle = ((low + top) / 2 - face.frame.origin[2]) / face.frame.up[2]
         ends = np.array([[uv[:, 0].min(), middle], [uv[:, 0].max(), middle]])
@@ -331,7 +333,7 @@ def _room(
 ) -> BuildingRoom:
     floors, ceilings = (_over(faces, cell) for faces in (storey.floors, storey.ceilings))
     roof = union(part for _, part in ceilings)
-    has_roof = roof.area >= _MOST * cell.area
+    has_roof = roof.area >= MAJORITY * cell.area
     floor_m = _mean_height(floors)
     height = _mean_height(ceilings) - floor_m if has_roof else None
     walls = sorted({side.face.number for side in sides if side.faces_in})
@@ -400,12 +402,12 @@ def _measured_share(
 def _open_rooms(storey: Storey, number: int, closed: Sequence[BuildingRoom]) -> Iterator[BuildingRoom]:
     """Floor that walls do not stand all around."""
     floor = union(face.plan() for face in storey.floors)
-    outlines = [shapely.buffer(room.outline, _EXTENDED_M, join_style="mitre") for room in closed]
-    for part in polygons(wide(less(floor, outlines), _LEAST_WIDE_M), _LEAST_M2):
+    outlines = [shapely.buffer(room.outline, SAME_STOREY_M, join_style="mitre") for room in closed]
+    for part in polygons(wide(less(floor, outlines), LEAST_PART_M), LEAST_ROOM_M2):
         floors, ceilings = (_over(faces, part) for faces in (storey.floors, storey.ceilings))
         roof = union(ceiling_area for _, ceiling_area in ceilings)
         floor_m = _mean_height(floors)
-        height = _mean_height(ceilings) - floor_m if roof.area >= _MOST * part.area else None
+        height = _mean_height(ceilings) - floor_m if roof.area >= MAJORITY * part.area else None
         yield BuildingRoom(
             storey=number,
             outline=part,

@@ -31,16 +31,13 @@ from completion.export.step.kernel import (
     turns_of,
     winding_number,
 )
+from completion.export.step.limits import END_QUANTILE, FAR_REACH, MAJORITY, SEAM_ANGLE, SECTOR_ANGLE
 from completion.export.step.pieces import CurveCorner, CurvePiece, LoopSide, RegionLoops, loop_points
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import cross
 
 _N_POINTS = 25  # of an added edge
-_NEAR = 4.0  # sampling distances of an added edge from points
-_MEASURED = 0.5  # share of it that must be as near
-_END = 0.005  # quantile of heights at which a region ends
-_TIP = 4.0  # sampling distances from a cone's tip, within which it belongs to the region
 
 
 class OpenEnds:
@@ -111,7 +108,7 @@ class OpenEnds:
         best, least = None, np.inf
         for path in _paths(surface, start, end):
             apart = tree.query(path)[0]
-            if np.mean(apart <= _NEAR * self.spacing) >= _MEASURED and apart.mean() < least:
+            if np.mean(apart <= FAR_REACH * self.spacing) >= MAJORITY and apart.mean() < least:
                 best, least = path, float(apart.mean())
         if best is None or np.linalg.norm(best[-1] - best[0]) < 1e-6:
             return None
@@ -135,7 +132,7 @@ class OpenEnds:
         height = (points - middle) @ axis
         rims = list[list[LoopSide]]()
         for level in wanted if not loops else [1 if sense * sum(turns) > 0 else -1]:
-            at = float(np.quantile(height, 1 - _END if level > 0 else _END))
+            at = float(np.quantile(height, 1 - END_QUANTILE if level > 0 else END_QUANTILE))
             if isinstance(surface, Cone) and level < 0 and self._has_tip(surface, points):
                 continue
             radius = surface.radius if isinstance(surface, Cylinder) else _radius(surface, at)
@@ -146,7 +143,7 @@ class OpenEnds:
         return rims
 
     def _has_tip(self, cone: Cone, points: FloatArray) -> bool:
-        return bool(np.linalg.norm(points - cone.apex, axis=1).min() <= _TIP * self.spacing)
+        return bool(np.linalg.norm(points - cone.apex, axis=1).min() <= FAR_REACH * self.spacing)
 
 
 def _outward(surface: Cylinder | Cone, point: FloatArray) -> FloatArray:
@@ -201,8 +198,6 @@ def _paths(surface: Surface, start: FloatArray, end: FloatArray) -> list[FloatAr
     return [path]
 
 
-_CLEAR = np.radians(8.0)  # between the points of a sphere and its seam
-_SECTOR = np.radians(3.0)  # least free sector
 _N_SAMPLES = 48
 
 
@@ -316,7 +311,7 @@ def _free_side(place: FloatArray, axis: FloatArray, points: FloatArray) -> Float
     gap = np.diff(np.append(angle, angle[0] + 2 * np.pi))
     widest = int(gap.argmax())
     usual = float(np.median(gap))
-    if gap[widest] < max(_SECTOR, 20 * usual):
+    if gap[widest] < max(SECTOR_ANGLE, 20 * usual):
         return None
     middle = angle[widest] + gap[widest] / 2
     return np.asarray(np.cos(middle) * first + np.sin(middle) * second)
@@ -346,4 +341,4 @@ def _meridian(
         clear = float(np.arccos(np.clip(near, -1, 1)).min())
         if clear > best + 1e-9:
             best, chosen = clear, turned
-    return (chosen, zero) if best > _CLEAR else (plain, plain_zero(plain))
+    return (chosen, zero) if best > SEAM_ANGLE else (plain, plain_zero(plain))

@@ -11,6 +11,14 @@ from scipy.spatial import cKDTree
 
 from completion.export.step.folds import ContactCurve
 from completion.export.step.kernel import kernel, kernel_errors, kernel_point, winding_number
+from completion.export.step.limits import (
+    FAR_REACH,
+    MAJORITY,
+    MEASURED,
+    MEASURED_REACH,
+    TOLERANCE,
+    TRACING_EXACT,
+)
 from completion.export.step.pieces import (
     CurveCorner,
     CurvePiece,
@@ -23,7 +31,6 @@ from completion.export.step.regions import PartRegions
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Cone, Sphere, Surface, Torus
 
-_NEAR = 2.5  # sampling distances from a point that was measured
 _MOST_SAMPLES = 20_000
 _TURN = 0.3  # radians between triangles
 
@@ -41,8 +48,8 @@ def shares_of(face: Any, points: FloatArray, spacing: float) -> FaceShares:
     if not len(triangles):
         return FaceShares(0.0, 0.0)
     samples = _sample_triangles(corners[triangles], spacing)
-    near = cKDTree(points).query(samples)[0] <= _NEAR * spacing
-    held = cKDTree(samples).query(points)[0] <= _NEAR * spacing
+    near = cKDTree(points).query(samples)[0] <= MEASURED_REACH * spacing
+    held = cKDTree(samples).query(points)[0] <= MEASURED_REACH * spacing
     return FaceShares(float(near.mean()), float(held.mean()))
 
 
@@ -96,9 +103,6 @@ def edges_of(shape: Any, n: int = 30) -> list[FloatArray]:
     return edges
 
 
-_STRAIGHT = 1e-9  # radians or mm that a seam may leave its parameter
-
-
 def plain_seams(face: Any) -> None:
     """Give the seam edges of a face the surface's own lines and circles, in place."""
     modules = kernel()
@@ -128,7 +132,7 @@ def _straighten_edge(edge: Any, face: Any) -> None:
         return
     begin, end = (np.array(sides[0].Value(at).Coord()) for at in (first, last))
     other = np.array(sides[1].Value(first).Coord())
-    still = np.flatnonzero(np.abs(end - begin) < _STRAIGHT)
+    still = np.flatnonzero(np.abs(end - begin) < TRACING_EXACT)
     if len(still) != 1:
         return
     held, runs = int(still[0]), 1 - int(still[0])
@@ -162,7 +166,6 @@ def _line(held: int, value: float, origin: float, sense: float) -> Any:
     return kernel().Geom2d.Geom2d_Line(gp.gp_Pnt2d(*place), gp.gp_Dir2d(*along))
 
 
-_LEAST_TOLERANCE = 1e-6  # mm
 _N_CHECKED = 23  # points of an edge at which its distance from the surfaces is taken
 
 
@@ -203,7 +206,7 @@ class EdgeMaker:
 
     def _make_edge(self, piece: CurvePiece) -> Any:
         curve, build = self.curves[piece.curve], kernel().BRep.BRep_Builder()
-        tolerance = max(1.5 * self.off(piece), _LEAST_TOLERANCE)
+        tolerance = max(1.5 * self.off(piece), TOLERANCE)
         edge = kernel().TopoDS.TopoDS_Edge()
         build.MakeEdge(edge, curve.geometry, tolerance)
         ends = curve.at(np.array([piece.low, piece.high]))
@@ -299,12 +302,6 @@ def is_valid(shape: Any) -> bool:
     return bool(kernel().BRepCheck.BRepCheck_Analyzer(shape).IsValid())
 
 
-HELD = 0.5  # share of a region's points that its face must hold
-LEAST = 0.5  # share of a face that must have been measured
-MEASURED = 0.95  # share of a face from which on it counts as measured
-_ROUND = 4.0  # sampling distances, from which radius on points tell a whole surface
-
-
 class RegionFaces(NamedTuple):
     """The faces of a region, the share of them that was measured, and why there are none."""
 
@@ -345,7 +342,7 @@ class FaceMaker:
         make = self.make
         if not loops.closed:
             size = getattr(surface, "tube_radius", getattr(surface, "radius", 0.0))
-            if not isinstance(surface, Sphere | Torus) or size < _ROUND * self.spacing:
+            if not isinstance(surface, Sphere | Torus) or size < FAR_REACH * self.spacing:
                 return RegionFaces([], reason="no fold with a neighbour bounds it")
             return RegionFaces([trimmed_face(shape, [], make).face])
         if isinstance(surface, Cone) and len(loops.closed) == 1:
@@ -374,11 +371,11 @@ class FaceMaker:
             return RegionFaces([], reason="the kernel finds its trimmed face invalid")
         shares = [shares_of(face, points, self.spacing) for face in made.faces]
         held = sum(share.held for share in shares)
-        if held < HELD:
+        if held < MAJORITY:
             return RegionFaces([], reason=f"its loops enclose only {100 * held:.0f} % of its points")
         areas = [area_of(face) for face in made.faces]
         measured = float(np.average([share.measured for share in shares], weights=areas))
-        if measured < (LEAST if is_bounded else MEASURED):
+        if measured < (MAJORITY if is_bounded else MEASURED):
             where = "within its loops" if is_bounded else "of it, which no neighbour bounds,"
             return RegionFaces([], reason=f"only {100 * measured:.0f} % {where} was measured")
         return RegionFaces(made.faces, measured)

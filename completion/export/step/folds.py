@@ -24,6 +24,15 @@ from completion.export.step.kernel import (
     kernel_point,
     line_through,
 )
+from completion.export.step.limits import (
+    CONTACT_REACH,
+    MOST_TURN,
+    SAME_REACH,
+    SMOOTH_ANGLE,
+    SPLINE_EXACT,
+    TOUCH_REACH,
+    TRACING_EXACT,
+)
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 
@@ -120,9 +129,7 @@ def tabulate(
 
 
 _N_TRACING_STEPS = 12
-_TRACING_EXACT = 1e-9  # mm
 _MOST_STEPS = 4000
-_MOST_TURN = np.radians(12.0)  # between steps
 
 
 class CurvePoints(NamedTuple):
@@ -150,7 +157,7 @@ def _project_on_crossing(surface: Surface, two: Surface, points: FloatArray) -> 
         sine2 = np.maximum(1 - c**2, 1e-12)
         step = ((d - c * e) / sine2)[:, None] * a + ((e - c * d) / sine2)[:, None] * b
         x = x - step
-        if np.abs(step).max(initial=0.0) < _TRACING_EXACT:
+        if np.abs(step).max(initial=0.0) < TRACING_EXACT:
             break
     along = np.cross(surface.normal(x), two.normal(x))
     size = np.linalg.norm(along, axis=1)
@@ -184,7 +191,7 @@ def _project_on_contact(surface: Surface, two: Surface, points: FloatArray) -> C
         away = np.where(s[:, 0] > 1e-9, turn / np.maximum(s[:, 0], 1e-9), 0.0)
         step = away[:, None] * across + middle[:, None] * up
         x = x - step
-        if np.abs(step).max(initial=0.0) < _TRACING_EXACT:
+        if np.abs(step).max(initial=0.0) < TRACING_EXACT:
             break
     a, b = surface.normal(x), side[:, None] * two.normal(x)
     along = np.cross(a + b, across)
@@ -244,7 +251,7 @@ class _Follower(NamedTuple):
             ahead = next_.along[0] * np.sign(next_.along[0] @ way)
             moved = float(np.linalg.norm(next_.points[0] - here))
             fine = bool(next_.holds[0]) and 0.3 * step < moved < 1.7 * step
-            if not fine or ahead @ way < np.cos(_MOST_TURN):
+            if not fine or ahead @ way < np.cos(MOST_TURN):
                 step /= 2
                 if step < 1e-3 * self.spacing:
                     break
@@ -268,12 +275,7 @@ class _Follower(NamedTuple):
 
 _CONICS = ("Geom_Line", "Geom_Circle", "Geom_Ellipse", "Geom_Hyperbola", "Geom_Parabola")
 _CLOSED = ("Geom_Circle", "Geom_Ellipse")
-_NEAR = 1.6  # sampling distances between a contact and its curve
-_FAR = 3.0  # the same where surfaces part so slowly that noise blurs the fold
-_SAME = 0.5  # sampling distances between curves that are one
 _MOST_CURVES = 12
-_SMOOTH = np.radians(30.0)  # below which surfaces may be meant to touch
-_EXACT = 2e-6  # mm that splines may be off
 _MOST_KNOTS = 600
 
 
@@ -293,7 +295,7 @@ class FoldFinder:
             curve = self._trim_curve(pair, geometry, left, is_tangent=False)
             if curve is None:
                 continue
-            near = curve.tree.query(left)[0] < _NEAR * self.spacing
+            near = curve.tree.query(left)[0] < TOUCH_REACH * self.spacing
             if near.sum() < 2:
                 continue
             touching = self._instead(curve, left[near])
@@ -309,10 +311,12 @@ class FoldFinder:
 
     def _add(self, folds: list[ContactCurve], curve: ContactCurve, left: FloatArray) -> FloatArray:
         """Add a curve, unless it is there already; return the contacts (n, 3) that are not near it."""
-        same = [fold for fold in folds if np.median(fold.tree.query(curve.points)[0]) < _SAME * self.spacing]
+        same = [
+            fold for fold in folds if np.median(fold.tree.query(curve.points)[0]) < SAME_REACH * self.spacing
+        ]
         if not same:
             folds.append(curve)
-        reach = _FAR if same or curve.is_tangent else _NEAR
+        reach = CONTACT_REACH if same or curve.is_tangent else TOUCH_REACH
         return np.asarray(left[curve.tree.query(left)[0] >= reach * self.spacing])
 
     def _conics(self, pair: tuple[int, int]) -> Iterator[Any]:
@@ -361,7 +365,7 @@ class FoldFinder:
         feet = list[float]()
         for point in sample:
             foot = project(kernel_point(point), geometry)
-            if foot.NbPoints() and foot.LowerDistance() < _NEAR * self.spacing:
+            if foot.NbPoints() and foot.LowerDistance() < TOUCH_REACH * self.spacing:
                 feet.append(float(foot.LowerDistanceParameter()))
         if len(feet) < 2:
             return None
@@ -377,7 +381,7 @@ class FoldFinder:
         near = curve.points[np.unique(curve.tree.query(contacts)[1])]
         turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", surface.normal(near), two.normal(near))), 0, 1))
         flat = float(np.median(turn))
-        if flat > _SMOOTH:
+        if flat > SMOOTH_ANGLE:
             return None
         return self._tangent_curve(curve.pair, contacts, flat)
 
@@ -424,7 +428,7 @@ class FoldFinder:
             between = curve_points(geometry, (knots[1:] + knots[:-1]) / 2)
             there = project_on_curve(surface, two, between, touching=touching)
             off = np.linalg.norm(there.points - between, axis=1)
-            if not there.holds.all() or off.max() <= (_EXACT if not touching else 1e-4):
+            if not there.holds.all() or off.max() <= (SPLINE_EXACT if not touching else 1e-4):
                 break
             n = len(points)
             finer = np.empty((n + len(between), 3))

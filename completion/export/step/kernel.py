@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from completion.export.step.limits import TOLERANCE
 from completion.fitting.patches.spline import SplinePatch
 from scenes.checks import FloatArray, InputError
 from scenes.io.guard import import_extra
@@ -252,7 +253,6 @@ def _write_document(document: Any, name: str) -> bytes:
 
 
 _MM = 1000.0
-_TOLERANCE = 1e-6  # mm
 
 
 def patch_step(patch: SplinePatch, name: str = "patch") -> bytes:
@@ -264,7 +264,7 @@ def patch_step(patch: SplinePatch, name: str = "patch") -> bytes:
         OCP is not installed (the message names the cure), or the kernel cannot write it.
     """
     surface = spline_surface(patch.scale_and_shift(_MM, np.zeros(3)))
-    face = kernel().BRepBuilderAPI.BRepBuilderAPI_MakeFace(surface, _TOLERANCE).Face()
+    face = kernel().BRepBuilderAPI.BRepBuilderAPI_MakeFace(surface, TOLERANCE).Face()
     red, green, blue = surface_bytes(np.array([1]))[0].tolist()
     return step_bytes(face, [NamedFace(face, name, "MEASURED", (red, green, blue))], name)
 

@@ -25,14 +25,20 @@ from scipy.spatial import cKDTree
 from shapely import Point, Polygon
 
 from completion.export.step.folds import ContactCurve
+from completion.export.step.limits import (
+    COINCIDENT_REACH,
+    CONTACT_REACH,
+    CORNER_REACH,
+    OPEN_COST,
+    SAME_REACH,
+    STEEP,
+    STUB,
+    TOUCH_REACH,
+)
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Plane, Surface
 
 _N_STEPS = 25
-_MERGED = 0.35  # sampling distances: corners that are nearer are one
-_STEEP = 0.2  # sine of the angle between curves, from which on they cross well
-_COINCIDE = 0.05  # sampling distances
-_MEET = 0.5  # sampling distances that curves may be apart where they meet
 
 
 @dataclass(slots=True, eq=False)
@@ -71,7 +77,7 @@ def corners_of(curves: Sequence[ContactCurve], spacing: float) -> list[CurveCorn
         for crossing in _crossings(a, b, curves, spacing)
     ]
     corners = list[CurveCorner]()
-    for group in _groups(crossings, _MERGED * spacing):
+    for group in _groups(crossings, CORNER_REACH * spacing):
         best = min(group, key=lambda crossing: crossing.rank)
         candidates = [crossing for crossing in group if crossing.is_steep == best.is_steep]
         exact = [crossing.point for crossing in candidates if crossing.gap <= max(1e-7, 1.5 * best.gap)]
@@ -95,21 +101,21 @@ def _crossings(a: int, b: int, curves: Sequence[ContactCurve], spacing: float) -
     """Where two curves are nearest to each other, and near enough."""
     fold, two = curves[a], curves[b]
     apart, nearest = two.tree.query(fold.points)
-    if (apart < _COINCIDE * spacing + 1e-9).sum() > max(5, 0.1 * len(apart)):
+    if (apart < COINCIDENT_REACH * spacing + 1e-9).sum() > max(5, 0.1 * len(apart)):
         return  # one curve twice, between faces of one surface
     step = np.linalg.norm(np.diff(fold.points, axis=0), axis=1).max(initial=0.0)
     other = np.linalg.norm(np.diff(two.points, axis=0), axis=1).max(initial=0.0)
-    reach = step + other + _MEET * spacing
+    reach = step + other + SAME_REACH * spacing
     before, after = np.roll(apart, 1), np.roll(apart, -1)
     if not fold.is_closed:
         before[0] = after[-1] = np.inf
     least = np.flatnonzero((apart <= before) & (apart <= after) & (apart <= reach))
     for place in least:
         t, s, gap = _nearest(fold, two, float(fold.t[place]), float(two.t[nearest[place]]))
-        if gap <= _MEET * spacing:
+        if gap <= SAME_REACH * spacing:
             point = (fold.at(np.array([t]))[0] + two.at(np.array([s]))[0]) / 2
             if np.linalg.norm(point - fold.points[place]) <= 2 * reach:
-                yield _Crossing((a, b), point, gap, _sine(fold, t, two, s) > _STEEP)
+                yield _Crossing((a, b), point, gap, _sine(fold, t, two, s) > STEEP)
 
 
 def _nearest(fold: ContactCurve, two: ContactCurve, t: float, s: float) -> tuple[float, float, float]:
@@ -150,12 +156,6 @@ def _groups(crossings: Sequence[_Crossing], near: float) -> list[list[_Crossing]
         heads.append(crossing.point)
         groups.append([crossing])
     return groups
-
-
-_TOUCH = 1.6  # sampling distances from a contact
-_SAMPLED = 0.5  # sampling distances between the places that are asked
-_OPEN = 2.0  # sampling distances of unmeasured fold that are worth less than a region that stays open
-_STUB = 1.5  # sampling distances: no end without a corner is shorter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,9 +222,9 @@ class _CurveSplitter:
         """Parameters (n,) between, whether they touch (n,), and the length."""
         coarse = self.curve.at(np.linspace(low, high, 33))
         length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
-        n = int(np.clip(np.ceil(length / (_SAMPLED * self.step)), 5, 2000))
+        n = int(np.clip(np.ceil(length / (SAME_REACH * self.step)), 5, 2000))
         t = low + (np.arange(n) + 0.5) / n * (high - low)
-        return t, self.contacts.query(self.curve.at(t))[0] <= _TOUCH * self.step, length
+        return t, self.contacts.query(self.curve.at(t))[0] <= TOUCH_REACH * self.step, length
 
     def piece(self, low: float, high: float, ends: tuple[int, int]) -> CurvePiece:
         """The piece of a range."""
@@ -249,7 +249,7 @@ class _CurveSplitter:
         if last <= first:
             return []
         piece = self.piece(first, last, ends)
-        if piece.length < _STUB * self.step or piece.support <= 0.5:
+        if piece.length < STUB * self.step or piece.support <= 0.5:
             return []
         known = tuple(
             corner if corner >= 0 else self._free(t) for corner, t in zip(ends, (first, last), strict=True)
@@ -279,7 +279,7 @@ def choose_pieces(
     m = len(rows)
     entries += [(row, n + row, -2.0) for row in range(m)] + [(row, n + m + row, -1.0) for row in range(m)]
     worth = np.array([(1 - 2 * piece.support) * piece.length / step + 1e-3 for piece in pieces])
-    cost = np.concatenate([worth, np.zeros(m), np.full(m, _OPEN)])
+    cost = np.concatenate([worth, np.zeros(m), np.full(m, OPEN_COST)])
     upper = np.concatenate([np.ones(n), np.full(m, 20.0), np.ones(m)])
     constraints = []
     if m:
@@ -332,7 +332,6 @@ def _through(pieces: list[CurvePiece], curves: Sequence[ContactCurve]) -> list[C
 
 
 _N_SAMPLES = 24  # of a piece, for telling the side
-_ASIDE = 3.0  # sampling distances within which points tell it
 
 
 class LoopSide(NamedTuple):
@@ -444,7 +443,7 @@ class RegionPoints:
         for t_at in t:
             place, along = curve.slope(float(t_at))
             leftward = np.cross(surface.normal(place[None])[0], along / np.linalg.norm(along))
-            near = self.tree.query_ball_point(place, _ASIDE * self.spacing)
+            near = self.tree.query_ball_point(place, CONTACT_REACH * self.spacing)
             if near:
                 side = np.clip((self.points[near] - place) @ leftward / self.spacing, -1, 1)
                 value += weight * float(side.mean())

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from completion.export.step.boundaries import OpenEnds, Seams
-from completion.export.step.faces import MEASURED, EdgeMaker, FaceMaker, is_valid, volume_of
+from completion.export.step.faces import EdgeMaker, FaceMaker, is_valid, volume_of
 from completion.export.step.folds import FoldFinder
 from completion.export.step.kernel import NamedFace, kernel, kernel_errors, kernel_surface, step_bytes
+from completion.export.step.limits import MEASURED, SEWING_REACH, SMALL_SHARE
 from completion.export.step.pieces import RegionPoints, choose_pieces, corners_of, loops_of, pieces_of
 from completion.export.step.regions import MM, PartRegions, drop_regions, in_millimetres, join_regions
 from scenes.checks import InputError
@@ -105,9 +106,6 @@ class StepModel:
         }
 
 
-_SEWN = 0.02  # sampling distances within which edges are one
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SewnShape:
     """A part's shape: solids where it closes, else open shells, mm.
@@ -140,7 +138,7 @@ def sewn(faces: Sequence[Any], spacing: float, gap: float) -> SewnShape:
     Edges may be `gap` off their surfaces, mm. A shell within another one is a cavity of that.
     """
     modules = kernel()
-    sewing = modules.BRepBuilderAPI.BRepBuilderAPI_Sewing(max(_SEWN * spacing, 4 * gap))
+    sewing = modules.BRepBuilderAPI.BRepBuilderAPI_Sewing(max(SEWING_REACH * spacing, 4 * gap))
     for face in faces:
         sewing.Add(face)
     sewing.Perform()
@@ -232,7 +230,7 @@ def _is_within(shell: Any, solid: Any) -> bool:
 
 
 _MOST_TOLD = 3
-_SMALL, _SMALL_SHARE = (12, 30, 100), 0.02  # points, and share of all, of a region that may be left out
+_SMALL = (12, 30, 100)  # points, and share of all, of a region that may be left out
 _FAULTS = "the geometry kernel finds faults in the shape"
 _CROSSED = "too small to be trimmed: its neighbours were extended across it"
 
@@ -367,7 +365,7 @@ def _attempt(parts: PartRegions) -> _Attempt:
 def _small_failures(parts: PartRegions, outcomes: Sequence[FaceOutcome], most: int) -> list[int]:
     """Places of regions without a face that are so small that their neighbours may be extended across."""
     size = np.bincount(parts.region, minlength=len(parts.regions))
-    least = min(most, _SMALL_SHARE * size.sum())
+    least = min(most, SMALL_SHARE * size.sum())
     return [k for k, outcome in enumerate(outcomes) if outcome.reason and size[k] <= least]
 
 

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from completion.export.step.limits import CONTACT_REACH, LEAST_POINTS
 from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 
 KINDS = (Plane, Cylinder, Cone, Sphere, Torus)
 MM = 1000.0  # in a metre: CAD works in millimetres
 _N_LINKED = 10  # neighbours among which a point finds those of other regions
-_APART = 3.0  # sampling distances, beyond which points do not touch
-_LEAST = 6  # points of a region
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,13 +123,13 @@ def part_regions(
 
 def _contacts(points: FloatArray, members: IntArray, spacing_m: float) -> tuple[FloatArray, IntArray]:
     """Middles (m, 3) of near points of two regions, and these regions (m, 2)."""
-    if len(points) < _LEAST:
+    if len(points) < LEAST_POINTS:
         return np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
     tree = cKDTree(points)
     apart, near = tree.query(points, k=min(_N_LINKED + 1, len(points)))
     point_index = np.repeat(np.arange(len(points)), near.shape[1])
     two, length = near.ravel(), apart.ravel()
-    kept = (members[point_index] != members[two]) & (length <= _APART * spacing_m)
+    kept = (members[point_index] != members[two]) & (length <= CONTACT_REACH * spacing_m)
     point_index, two = point_index[kept], two[kept]
     pairs = np.unique(np.sort(np.column_stack([point_index, two]), axis=1), axis=0)
     between = members[pairs]

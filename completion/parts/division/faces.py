@@ -11,8 +11,9 @@ from scipy.spatial import cKDTree
 
 from completion.fitting.euclidean import fit_euclidean, fit_plane
 from completion.fitting.result import FitError, SurfaceFit, inflated
-from completion.parts.division.growing import CUT, N_PARAMETERS
+from completion.parts.division.growing import N_PARAMETERS
 from completion.parts.division.labelling import pieces_of
+from completion.parts.division.limits import CUT, NEARLY_ALL
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.surfaces.catalogue import Plane, Surface
@@ -22,7 +23,6 @@ _CHUNK = 65_536
 _N_BESIDE = 9  # points, itself among them, whose faces a point may have
 _MOST_ROUNDS = 40  # by each of which labels move on by a neighbour
 _MOST_COMPARED = 500
-_NEARLY_ALL = 0.95
 
 
 def numbered_faces(
@@ -150,7 +150,7 @@ def groups_of(
                 continue
             deviation = fits[large].standard_deviation(sample)
             near = np.abs(fits[large].surface.distance(sample)) <= CUT * np.hypot(tolerance, deviation)
-            if near.mean() >= _NEARLY_ALL and np.median(deviation) <= 2 * tolerance:
+            if near.mean() >= NEARLY_ALL and np.median(deviation) <= 2 * tolerance:
                 group[small] = large
                 break
     return tuple(group)

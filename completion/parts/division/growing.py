@@ -24,6 +24,14 @@ from completion.fitting.euclidean import ScaledCloud, normal_equations, polish_c
 from completion.fitting.kinds import chart_of
 from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.starts import rotation_axes, torus_about
+from completion.parts.division.limits import (
+    CUT,
+    LEAST_ANGLE,
+    MOST_DEVIATION,
+    MOST_OF_FACE,
+    PLANE_RADIUS,
+    STILL_SHARE,
+)
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface
@@ -34,7 +42,6 @@ N_PARAMETERS = {"plane": 3, "sphere": 4, "cylinder": 5, "cone": 6, "torus": 7}
 _MOST_POINTS = 800  # that a surface is polished on
 _N_STEPS = 3  # of Gauss and Newton; what calls this repeats it
 _CUT = 4.685  # deviations, Tukey's
-_FAR = 1e4  # radii beyond so many extents of the points are planes
 
 
 def hypotheses(kind: str, points: FloatArray, normals: FloatArray) -> list[Surface]:
@@ -80,7 +87,7 @@ def refine_surface(
         covariance = tolerance**2 / stride * normal.inverse() * np.outer(units, units)
     except (FitError, InputError, np.linalg.LinAlgError):
         return None
-    if not np.isfinite(covariance).all() or chart.size() > _FAR:
+    if not np.isfinite(covariance).all() or chart.size() > PLANE_RADIUS:
         return None
     return adjusted_surface, covariance
 
@@ -192,13 +199,8 @@ def reachable(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntA
     return mask
 
 
-CUT = 3.5  # deviations, within which a point is explained
 GAIN = CUT**2 / 2  # what it is worth to explain a point, in logarithms of likelihood
-_MOST_DEVIATION = 2.0  # tolerances: where a surface is known worse, it does not grow
-LEAST_ANGLE = np.radians(15.0)  # between normals, below which points are told apart by their places
 _N_ROUNDS = 40
-_STILL = 0.01
-_NEARLY_ALL = 0.85
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,7 +244,7 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
         changed = len(np.setxor1d(new, members, assume_unique=True))
         members = new
         mark = hash(new.tobytes())
-        if changed <= _STILL * len(new) or mark in seen:
+        if changed <= STILL_SHARE * len(new) or mark in seen:
             break
         seen.add(mark)
     indices = members[free[members]]
@@ -253,14 +255,14 @@ def _explained_points(about: Neighbourhoods, surface: Surface, covariance: Float
     """Which points (n,) are near enough to the surface where it is known, and turned as it is."""
     tolerance = about.tolerance_m
     distance = np.abs(surface.distance(about.points))
-    near = np.flatnonzero(distance <= CUT * tolerance * np.hypot(1, _MOST_DEVIATION))
+    near = np.flatnonzero(distance <= CUT * tolerance * np.hypot(1, MOST_DEVIATION))
     explained = np.zeros(len(about.points), dtype=np.bool_)
     if not len(near):
         return explained
     places = about.points[near]
     deviation = SurfaceFit(surface, tolerance, covariance, len(places)).standard_deviation(places)
     fits = distance[near] <= CUT * np.hypot(tolerance, deviation)
-    fits &= deviation <= _MOST_DEVIATION * tolerance
+    fits &= deviation <= MOST_DEVIATION * tolerance
     aligned = np.abs(np.einsum("ij,ij->i", surface.normal(places), about.normals[near]))
     turned = aligned < np.cos(np.minimum(np.maximum(CUT * about.normal_sd[near], LEAST_ANGLE), np.pi / 2))
     fits &= ~(turned & about.is_smooth[near])
@@ -292,7 +294,7 @@ def joint(about: Neighbourhoods, both: IntArray) -> GrownRegion | None:
     best: GrownRegion | None = None
     everything = np.ones(len(about.points), dtype=np.bool_)
     for kind in KINDS:
-        for surface in likely(about, kind, both, _NEARLY_ALL):
+        for surface in likely(about, kind, both, MOST_OF_FACE):
             region = grown(about, surface, both, everything)
             if region is not None and (best is None or region.score > best.score):
                 best = region

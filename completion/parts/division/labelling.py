@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 from completion.parts.division.growing import (
     GAIN,
     KINDS,
-    LEAST_ANGLE,
     GrownRegion,
     best_grown,
     joint,
@@ -25,18 +24,15 @@ from completion.parts.division.growing import (
     refine_surface,
     score_of,
 )
+from completion.parts.division.limits import EXPLAINED_COST, ISLAND, LEAST_ANGLE, LEAST_POINTS, STEP
 from completion.parts.division.neighbourhoods import Neighbourhoods
-from completion.parts.division.result import LEAST
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.run.steps import Progress
 from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled
 
-_STEP = 0.5  # cost of two neighbours that differ: alone among ten, a point needs 3.2 deviations
 _N_SWEEPS = 20
-_ALIKE = 0.5  # cost of a deviation of one: what is less is explained
 _N_ROUNDS = 6
-_ISLAND = 5
 
 
 def first_labels(about: Neighbourhoods, regions: Sequence[GrownRegion]) -> IntArray:
@@ -46,7 +42,7 @@ def first_labels(about: Neighbourhoods, regions: Sequence[GrownRegion]) -> IntAr
     for number, region in sorted(enumerate(regions, start=1), key=lambda pair: len(pair[1].members)):
         share = region.surface.distance(about.points[region.members]) / about.tolerance_m
         cost = share * share / 2
-        nearer = cost < least[region.members] - _ALIKE
+        nearer = cost < least[region.members] - EXPLAINED_COST
         labels[region.members[nearer]] = number
         least[region.members[nearer]] = cost[nearer]
     return labels
@@ -73,7 +69,7 @@ def with_rims(about: Neighbourhoods, cost: FloatArray, labels: IntArray) -> IntA
     """
     size = np.bincount(labels, minlength=cost.shape[1])
     new = labels.copy()
-    _give_rims(about.links.indptr, about.links.indices, cost, labels, size, new, _ALIKE)
+    _give_rims(about.links.indptr, about.links.indices, cost, labels, size, new, EXPLAINED_COST)
     return new
 
 
@@ -131,7 +127,7 @@ def misfits(about: Neighbourhoods, surfaces: Sequence[Surface]) -> FloatArray:
 def _swept(about: Neighbourhoods, cost: FloatArray, labels: IntArray) -> IntArray:
     new = labels.copy()
     for _ in range(_N_SWEEPS):
-        if _sweep(about.links.indptr, about.links.indices, cost, new, _STEP) == 0:
+        if _sweep(about.links.indptr, about.links.indices, cost, new, STEP) == 0:
             break
     return new
 
@@ -180,7 +176,7 @@ def _refit(
     return kept, new
 
 
-def without_islands(about: Neighbourhoods, labels: IntArray, least: int = _ISLAND) -> IntArray:
+def without_islands(about: Neighbourhoods, labels: IntArray, least: int = ISLAND) -> IntArray:
     """Labels (n,) less the connected pieces of a label that have fewer than `least` points."""
     _, piece = pieces_of(about, labels)
     count = np.bincount(piece)
@@ -220,10 +216,10 @@ def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Pr
         if not (untried[seed] and free[seed]):
             continue
         near = np.atleast_1d(tree.query(about.points[seed], k=int(about.reach[seed]))[1])
-        inner = near[: max(LEAST, len(near) // 2)]  # what does not fit lies at the border
+        inner = near[: max(LEAST_POINTS, len(near) // 2)]  # what does not fit lies at the border
         untried[inner] = False
         patch = inner[free[inner]]
-        if len(patch) < max(LEAST, len(inner) // 2):
+        if len(patch) < max(LEAST_POINTS, len(inner) // 2):
             continue
         best = best_grown(about, patch, free)
         if best is not None:
@@ -333,7 +329,7 @@ def _pieces(about: Neighbourhoods, free: BoolArray) -> list[IntArray]:
     bounds = np.cumsum(np.bincount(label, minlength=n))[:-1]
     pieces = [places[group] for group in np.split(order, bounds)]
     return sorted(
-        (piece for piece in pieces if len(piece) >= LEAST), key=lambda piece: (-len(piece), piece[0])
+        (piece for piece in pieces if len(piece) >= LEAST_POINTS), key=lambda piece: (-len(piece), piece[0])
     )
 
 

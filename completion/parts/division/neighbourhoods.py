@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 from scipy.special import chdtri
 
+from completion.parts.division.limits import CHANCE, RESOLUTION
 from scenes.checks import BoolArray, FloatArray, IntArray
 from texture.engine.compiled import compiled, inlined
 
@@ -134,8 +135,6 @@ N_LINKS = 10  # nearest neighbours that count as beside a point
 SIZES = (12, 18, 27, 40, 60, 90, 135)  # neighbours of the paraboloids
 _NOISE_SIZE = 18
 _LEAST, _N_TURNS = 0.05, 20
-_CHANCE = 0.01  # that noise makes a paraboloid look wrong
-_RESOLUTION = 0.01  # of the sampling distance: no difference of surfaces shows below it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,13 +185,13 @@ def look_around(
     shapes = [paraboloids(points, nearest[:, :size]) for size in sizes]
     plain = sizes.index(_NOISE_SIZE) if _NOISE_SIZE in sizes else 0
     noise = _noise(shapes[plain].rms, max(sizes[plain] - N_TERMS, 1)) if noise_m is None else noise_m
-    tolerance = max(noise, _RESOLUTION * spacing)
+    tolerance = max(noise, RESOLUTION * spacing)
     n = len(points)
     chosen, smooth = np.zeros(n, dtype=np.int64), np.ones(n, dtype=np.bool_)
     explained = np.ones(n, dtype=np.bool_)
     for place, (size, shape) in enumerate(zip(sizes, shapes, strict=True)):
         freedom = max(size - N_TERMS, 1)
-        explained &= shape.rms**2 * freedom <= tolerance**2 * float(chdtri(freedom, _CHANCE))
+        explained &= shape.rms**2 * freedom <= tolerance**2 * float(chdtri(freedom, CHANCE))
         chosen[explained] = place
         if place == 0:
             smooth = explained.copy()

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.parts.division.faces import fit_labels, groups_of, numbered_faces, settle, spread
-from completion.parts.division.growing import CUT, GAIN, LEAST_ANGLE
+from completion.parts.division.growing import GAIN
 from completion.parts.division.labelling import (
     best_of_kinds,
     first_labels,
@@ -26,6 +26,18 @@ from completion.parts.division.labelling import (
     proposals,
     relabel,
     without_islands,
+)
+from completion.parts.division.limits import (
+    CLEAR_GAIN,
+    CREASE,
+    CUT,
+    FLAT_ANGLE,
+    LEAST_ANGLE,
+    LEAST_KEPT,
+    LEAST_VERTICES,
+    RESOLUTION,
+    SAGGING,
+    VERTICES_COVER,
 )
 from completion.parts.division.neighbourhoods import look_around
 from completion.parts.division.result import (
@@ -189,11 +201,6 @@ def fit_labelled(
 
 _SAMPLES = (4_000, 30_000)  # least and most
 _ACROSS = 8  # samples across the narrowest triangle: no face is narrower
-_COVERED = 0.5  # share of the area that vertices stand for, from which on they are enough
-_LEAST_VERTICES = 1_000
-_CREASE = np.radians(40.0)  # between triangles, beyond which a surface has an edge there
-_FLAT = 1e-3  # radians, below which triangles are one plane
-_SAGGING = 0.9  # quantile of what triangles are off the surface
 
 
 def segment_mesh(
@@ -279,7 +286,7 @@ def _is_dense(mesh: LabelledMesh, area: float, n_used: int) -> bool:
     """Whether the vertices stand for most of the area: each for a hexagon of the usual edge."""
     edges = mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)]
     usual = float(np.median(np.linalg.norm(edges, axis=2)))
-    return n_used >= _LEAST_VERTICES and n_used * usual**2 * np.sqrt(3) / 2 >= _COVERED * area
+    return n_used >= LEAST_VERTICES and n_used * usual**2 * np.sqrt(3) / 2 >= VERTICES_COVER * area
 
 
 def _sample_mesh(mesh: LabelledMesh, areas: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -316,12 +323,12 @@ def _sag(mesh: LabelledMesh) -> float:
     first, two, ends = triangle[twice], triangle[twice + 1], mesh.vertices[edges[twice]]
     normals, areas = mesh.face_normals(), mesh.face_areas()
     turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", normals[first], normals[two])), 0, 1))
-    bent = (turn > _FLAT) & (turn < _CREASE)
+    bent = (turn > FLAT_ANGLE) & (turn < CREASE)
     if not bent.any():
         return 0.0
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[bent]
     width = (areas[first] + areas[two])[bent] / np.maximum(length, 1e-300)
-    return float(np.quantile(width * turn[bent] / 8, _SAGGING))
+    return float(np.quantile(width * turn[bent] / 8, SAGGING))
 
 
 def _of_triangles(
@@ -358,10 +365,7 @@ def _of_vertices(mesh: LabelledMesh, triangles: IntArray, areas: FloatArray, n_f
 
 
 _SPARSER = (16, 64, 256)  # of how many points one is kept
-_LEAST_KEPT = 40
-_CLEARLY = 0.5  # nats a point: of fewer points less is known, but for ripple
 _N_NEAR = 18  # neighbours whose plane tells the roughness
-_RESOLUTION = 0.01  # of the sampling distance: no difference of surfaces shows below it
 
 
 def segment_rippled(
@@ -409,7 +413,7 @@ def segment_rippled(
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     every, most = min(len(np.unique(points, axis=0)), MOST_POINTS), said_by_planes(best, size)
     for sparser in _SPARSER:
-        if every // sparser < _LEAST_KEPT:
+        if every // sparser < LEAST_KEPT:
             break
         sample = points[kept := thin_points(points, every // sparser)]
         rough = max(_roughness(sample), noise_m or 0.0)
@@ -421,7 +425,7 @@ def segment_rippled(
         except InputError:
             continue
         value = said_by_planes(coarse, size)
-        if value > most + _CLEARLY:
+        if value > most + CLEAR_GAIN:
             best, most = _of_all(points, sample, coarse, given), value
     return best
 
@@ -439,7 +443,7 @@ def said_by_planes(segmentation: PartSegmentation, size_m: float) -> float:
 
     A plane's side is that share of the whole size, metres, whose square is its share of the points.
     """
-    deviation = max(segmentation.noise_m, _RESOLUTION * segmentation.spacing_m, 1e-300)
+    deviation = max(segmentation.noise_m, RESOLUTION * segmentation.spacing_m, 1e-300)
     number = np.bincount(segmentation.labels, minlength=len(segmentation.fits) + 1)[1:]
     planar = (
         number[[isinstance(fit.surface, Plane) for fit in segmentation.fits]]
@@ -454,7 +458,7 @@ def _of_all(
     points: FloatArray, sample: FloatArray, coarse: PartSegmentation, given: IntArray | None
 ) -> PartSegmentation:
     """The division of all points (n, 3) by that of some of them (m, 3), or by the labels given (n,)."""
-    tolerance = max(coarse.noise_m, _RESOLUTION * coarse.spacing_m)
+    tolerance = max(coarse.noise_m, RESOLUTION * coarse.spacing_m)
     surfaces = [fit.surface for fit in coarse.fits]
     if given is None:
         labels = spread(points, sample, surfaces, coarse.labels.astype(np.int64), tolerance)

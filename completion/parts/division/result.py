@@ -11,6 +11,7 @@ import numpy as np
 from completion.fitting.degeneracy import check_spread, principal
 from completion.fitting.moments import centroid
 from completion.fitting.result import FitError, SurfaceFit
+from completion.parts.division.limits import LEAST_POINTS
 from scenes.checks import FloatArray, InputError, IntArray, check_points, frozen_copy
 
 
@@ -78,7 +79,6 @@ def no_faces(n: int, reason: str) -> PartSegmentation:
     return PartSegmentation(np.zeros(n, np.int32), (), (), noise_m=0.0, spacing_m=0.0, warnings=(reason,))
 
 
-LEAST = 8  # points of a surface
 MOST_POINTS = 30_000  # that surfaces are sought in; all others find their face afterwards
 _N_HALVINGS = 40
 
@@ -109,8 +109,9 @@ def checked_cloud(
 
 def too_little(points: FloatArray) -> str:
     """Why places (n, 3) can hold no surface, a sentence; empty where they may."""
-    if len(points) < LEAST:
-        return f"the points lie in {len(points)} places; a surface needs {LEAST}, so that none was looked for"
+    if len(points) < LEAST_POINTS:
+        few = f"the points lie in {len(points)} places; a surface needs {LEAST_POINTS}"
+        return f"{few}, so that none was looked for"
     middle = centroid(points)
     try:
         check_spread(len(points), principal(points, middle)[0], middle, 1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from completion.export.building.bodies import MOST_M, ScanBeams, find_bodies
+from completion.export.building.bodies import ScanBeams, find_bodies
 from completion.export.building.faces import (
     FaceFrame,
     common,
@@ -22,6 +22,7 @@ from completion.export.building.faces import (
     union,
     wide,
 )
+from completion.export.building.limits import MOST_THICKNESS_M
 from completion.export.building.parts import building_parts, find_columns, find_pipes, with_gaps, within_rooms
 from completion.export.building.rooms import bands, find_storeys, shut_volume, storey_at
 from completion.observe.tolerance import EvidenceOptions
@@ -102,7 +103,7 @@ def _axes(frame):
     return frame.right, frame.up, frame.normal
 
 
-@pytest.mark.parametrize("apart", [MOST_M + 0.05, -0.1])
+@pytest.mark.parametrize("apart", [MOST_THICKNESS_M + 0.05, -0.1])
 def test_faces_too_far_apart_or_face_to_face_are_no_wall(parts, apart):
     wall = next(body for body in parts.bodies if body.kind == "wall")
     one, other = (next(face for face in parts.faces if face.number == k) for k in wall.surfaces)

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: MIT
+"""Limits of dividing and closing parts: each with its unit and where it comes from.
+
+Counts of points, rounds and samples stay where they are used: time grows with them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Which points a surface explains
+CUT = 3.5
+"""Standard deviations within which a point is explained: 1 in 2150 is farther by chance."""
+MOST_DEVIATION = 2.0
+"""Tolerances: where a surface is known worse, it does not grow. Chosen by eye."""
+LEAST_ANGLE = np.radians(15.0)
+"""Radians between normals, below which points are distinguished by their places. Chosen by eye."""
+PLANE_RADIUS = 1e4
+"""Extents of the points: surfaces of larger radii are planes. Chosen by eye."""
+STILL_SHARE = 0.01
+"""Share of the points that change, below which a surface has grown. Chosen by eye."""
+MOST_OF_FACE = 0.85
+"""Share of the points of a face that a surface explains to be grown from it. Chosen by eye."""
+LEAST_POINTS = 8
+"""Points of a surface: one more than a torus has parameters. Chosen by eye."""
+
+# Labels
+STEP = 0.5
+"""Cost of two neighbours that differ: alone among ten, a point needs 3.2 deviations."""
+EXPLAINED_COST = 0.5
+"""Cost of a deviation of one, 1 / 2: what costs less is explained."""
+ISLAND = 5
+"""Points: smaller islands of a label take that around them. Chosen by eye."""
+NEARLY_ALL = 0.95
+"""Share of triangles beside a hole, or of points of a face, that must be of one surface. Chosen by eye."""
+CLEAR_GAIN = 0.5
+"""Nats a point by which one kind of surface is better than another: of fewer points less is known, but for
+ripple."""
+LEAST_KEPT = 40
+"""Points that are kept of a thinned part. Chosen by eye."""
+
+# Noise
+CHANCE = 0.01
+"""Probability that noise makes a paraboloid look wrong. Chosen by eye."""
+RESOLUTION = 0.01
+"""Of the sampling distance: no difference of surfaces shows below it."""
+NEAR_RMS = 6.0
+"""Rms of a plane's points, within which those on no surface count as its own. Chosen by eye."""
+
+# Meshes
+CREASE = np.radians(40.0)
+"""Radians between triangles, beyond which a surface has an edge there. Chosen by eye."""
+FLAT_ANGLE = 1e-3
+"""Radians, below which triangles are one plane. Chosen by eye."""
+SAGGING = 0.9
+"""Quantile of what triangles are off their surface that counts as their error. Chosen by eye."""
+VERTICES_COVER = 0.5
+"""Share of the area that vertices stand for, from which on they are enough: more than half."""
+LEAST_VERTICES = 1_000
+"""Vertices, below which a mesh is sampled. Chosen by eye."""
+WIDEST_HOLE = 0.5
+"""Of a turn that a hole in a cylinder may take: beyond it the other side could be meant."""
