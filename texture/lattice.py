@@ -13,18 +13,7 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import ArrayLike, NDArray
 
-from texture.limits import (
-    ASIDE_DEG,
-    IN_STEP,
-    LEAST_OVERLAP,
-    LEAST_SPREAD,
-    N_REPETITIONS,
-    NEARLY_AS_GOOD,
-    NEIGHBOURHOOD,
-    REPEATED,
-    TILES_PER_SIDE,
-    VALLEY,
-)
+from texture import limits
 from texture.quality import read_levels
 from texture.sampling.arguments import check_known, check_mask
 from texture.sampling.sample import HIGHEST_LEVEL, BoolArray, FloatArray, IntArray
@@ -98,7 +87,7 @@ class Correlator:
         covariance = products - (theirs * ours).sum(axis=0) / n
         their_spread = their_squares - (theirs**2).sum(axis=0) / n
         our_spread = our_squares - (ours**2).sum(axis=0) / n
-        least = LEAST_SPREAD * n
+        least = limits.LEAST_SPREAD * n
         varies = (their_spread > least) & (our_spread > least)
         scale = np.sqrt(np.where(varies, their_spread * our_spread, 1))
         return np.where(varies, covariance / scale, 0), n_pairs
@@ -121,7 +110,7 @@ def cut_tiles(within: BoolArray, periods: FloatArray) -> list[BoolArray]:
     spans = [np.linspace(0, 0, 1)] * 2
     for axis, places in enumerate((rows, columns)):
         first, size = int(places.min()), int(np.ptp(places)) + 1
-        least = max(float(np.hypot(*periods.T).max()), size / TILES_PER_SIDE)
+        least = max(float(np.hypot(*periods.T).max()), size / limits.TILES_PER_SIDE)
         spans[axis] = np.linspace(first, first + size, max(1, int(size / least)) + 1).round().astype(int)
     tiles = []
     for (top, bottom), (left, right) in product(*(pairwise(span) for span in spans)):
@@ -161,7 +150,7 @@ def _measure_tile(correlator: Correlator, values: FloatArray, tile: BoolArray, p
             total += np.where(meets, scipy.ndimage.map_coordinates(correlation, places, order=1), 0)
             weight += meets
             n_used += 1
-        if n_used == N_REPETITIONS:
+        if n_used == limits.N_REPETITIONS:
             break
     if not n_used:
         return float("nan")
@@ -255,7 +244,7 @@ def find_lattice(image: ArrayLike, mask: ArrayLike | None = None) -> Lattice:
         return Lattice(np.empty((0, 2)), 0.0)
     reach = (within.shape[0] // 3, within.shape[1] // 3)
     correlation, counts = Correlator(values, within, reach).correlate_itself()
-    is_believed = counts >= LEAST_OVERLAP * np.count_nonzero(within)
+    is_believed = counts >= limits.LEAST_OVERLAP * np.count_nonzero(within)
     correlation = np.where(is_believed, correlation.round(6), -1.0)  # what is equal shall be so
     choices = _list_choices(correlation, reach)
     if not choices:
@@ -263,7 +252,7 @@ def find_lattice(image: ArrayLike, mask: ArrayLike | None = None) -> Lattice:
     correlator = Correlator(values, within)
     for chosen in choices:
         periods = np.array([_refine(correlation, reach, period) for period in chosen])
-        if measure_tiles(correlator, values, cut_tiles(within, periods)[::2], periods) <= IN_STEP:
+        if measure_tiles(correlator, values, cut_tiles(within, periods)[::2], periods) <= limits.IN_STEP:
             at = tuple(chosen[0] + np.array(reach))
             return Lattice(periods, float(correlation[at]))
     return Lattice(np.empty((0, 2)), 0.0)
@@ -318,7 +307,7 @@ def measure_phase_error(
     if not within.any():
         return float("nan")
     if lattice is None:
-        near = _box_around(within, max(NEIGHBOURHOOD, *np.ptp(np.argwhere(within), axis=0)))
+        near = _box_around(within, max(limits.NEIGHBOURHOOD, *np.ptp(np.argwhere(within), axis=0)))
         lattice = find_lattice(np.clip(values[near] / HIGHEST_LEVEL, 0, 1), around[near])
     if not len(lattice.periods):
         return float("nan")
@@ -349,7 +338,7 @@ def _list_choices(correlation: FloatArray, reach: tuple[int, int]) -> list[tuple
 def _list_peaks(correlation: FloatArray, reach: tuple[int, int]) -> IntArray:
     """Return displacements at maxima beyond a valley, one of each pair of opposites, the shortest first."""
     inner = correlation[1:-1, 1:-1]
-    is_peak = inner >= REPEATED
+    is_peak = inner >= limits.REPEATED
     for down, right in product((-1, 0, 1), repeat=2):
         height, width = correlation.shape
         is_peak &= inner >= correlation[1 + down : height - 1 + down, 1 + right : width - 1 + right]
@@ -360,7 +349,7 @@ def _list_peaks(correlation: FloatArray, reach: tuple[int, int]) -> IntArray:
     beyond = np.array([_is_beyond_valley(correlation, reach, place) for place in places], dtype=np.bool_)
     places = places[beyond] if len(places) else places
     heights = correlation[places[:, 0] + reach[0], places[:, 1] + reach[1]]
-    return np.asarray(places[heights >= NEARLY_AS_GOOD * heights.max(initial=0)])
+    return np.asarray(places[heights >= limits.NEARLY_AS_GOOD * heights.max(initial=0)])
 
 
 def _is_beyond_valley(correlation: FloatArray, reach: tuple[int, int], place: IntArray) -> bool:
@@ -368,12 +357,12 @@ def _is_beyond_valley(correlation: FloatArray, reach: tuple[int, int], place: In
     steps = np.linspace(0, 1, 2 * int(np.abs(place).max()) + 1)
     places = np.outer(place, steps) + np.array(reach)[:, None]
     way = scipy.ndimage.map_coordinates(correlation, places, order=1)
-    return bool(way.min() <= way[-1] - VALLEY)
+    return bool(way.min() <= way[-1] - limits.VALLEY)
 
 
 def _is_aside(first: IntArray, other: IntArray) -> bool:
     turn = abs(int(first[0] * other[1] - first[1] * other[0]))
-    return bool(turn > np.sin(np.deg2rad(ASIDE_DEG)) * np.hypot(*first) * np.hypot(*other))
+    return bool(turn > np.sin(np.deg2rad(limits.ASIDE_DEG)) * np.hypot(*first) * np.hypot(*other))
 
 
 def _shortest_repetition(place: IntArray, period: IntArray) -> IntArray:
@@ -392,7 +381,7 @@ def _refine(correlation: FloatArray, reach: tuple[int, int], period: IntArray) -
         expected = np.rint((n + 1) * refined).astype(np.int64) + np.array(reach)
         around = np.array([correlation[tuple(expected + step)] for step in _BESIDE])
         position = (expected - np.array(reach) + _BESIDE[int(np.argmax(around))]) / (n + 1)
-        if around.max() < REPEATED or np.abs(position - period).max() > 1:
+        if around.max() < limits.REPEATED or np.abs(position - period).max() > 1:
             break
         refined, n = position, n + 1
     return refined

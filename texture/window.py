@@ -8,16 +8,8 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
+from texture import limits
 from texture.lattice import Lattice, find_lattice, measure_phase_error
-from texture.limits import (
-    CLEARLY_BETTER,
-    FEATURE_END,
-    FEATURE_RETURN,
-    LARGEST_CHOICE,
-    OUT_OF_STEP_PENALTY,
-    PER_PERIOD,
-    SMALLEST_CHOICE,
-)
 from texture.quality import measure_distance
 from texture.sampling.sample import BoolArray, FloatArray, IntArray
 
@@ -63,7 +55,11 @@ def choose_window(levels: IntArray, usable: BoolArray) -> int:
     if not feature:
         weight = np.maximum(_smooth(usable.astype(np.float64)), 1e-9)
         feature = _find_feature(np.where(usable, centred - _smooth(centred) / weight, 0.0), usable)
-    return int(np.clip((feature or LARGEST_CHOICE) // 2 * 2 + 1, SMALLEST_CHOICE, LARGEST_CHOICE))
+    return int(
+        np.clip(
+            (feature or limits.LARGEST_CHOICE) // 2 * 2 + 1, limits.SMALLEST_CHOICE, limits.LARGEST_CHOICE
+        )
+    )
 
 
 def _find_feature(centred: FloatArray, usable: BoolArray) -> int:
@@ -73,13 +69,13 @@ def _find_feature(centred: FloatArray, usable: BoolArray) -> int:
 
 
 def _smooth(values: FloatArray) -> FloatArray:
-    side = 2 * LARGEST_CHOICE + 1
+    side = 2 * limits.LARGEST_CHOICE + 1
     return np.asarray(scipy.ndimage.uniform_filter(values, side, mode="constant"), dtype=np.float64)
 
 
 def _autocorrelate(centred: FloatArray, usable: BoolArray) -> FloatArray:
     """Return the autocorrelation along the columns at lags 0, 1, ..., 23 or less; 0 where nothing varies."""
-    lags = range(min(LARGEST_CHOICE + 1, centred.shape[1]))
+    lags = range(min(limits.LARGEST_CHOICE + 1, centred.shape[1]))
     correlations = np.zeros(len(lags))
     for lag in lags:
         first, second = np.s_[:, : centred.shape[1] - lag], np.s_[:, lag:]
@@ -92,14 +88,14 @@ def _autocorrelate(centred: FloatArray, usable: BoolArray) -> FloatArray:
 
 def _measure_feature(correlations: FloatArray) -> int:
     """Return the length in pixels of the feature that an autocorrelation shows; 0 if it never ends."""
-    below = np.flatnonzero(correlations < FEATURE_END)
+    below = np.flatnonzero(correlations < limits.FEATURE_END)
     if not below.size:
         return 0
     inner = np.arange(below[0] + 1, correlations.size - 1)
     is_peak = (correlations[inner] >= correlations[inner - 1]) & (
         correlations[inner] >= correlations[inner + 1]
     )
-    peaks = inner[is_peak & (correlations[inner] > FEATURE_RETURN)]
+    peaks = inner[is_peak & (correlations[inner] > limits.FEATURE_RETURN)]
     return int(peaks[0]) if peaks.size else int(2 * below[0] + 1)
 
 
@@ -163,7 +159,7 @@ def check_windows(levels: IntArray, usable: BoolArray, fill_piece: FillPiece | N
             if penalties[-1] >= to_beat:
                 break
         else:
-            if np.mean(penalties) <= CLEARLY_BETTER * np.mean(lowest):
+            if np.mean(penalties) <= limits.CLEARLY_BETTER * np.mean(lowest):
                 chosen, lowest = window, penalties
         distances[window] = float(np.mean(penalties))
     return WindowCheck(chosen, distances)
@@ -180,7 +176,7 @@ def choose_first(levels: IntArray, usable: BoolArray, lattice: Lattice) -> int:
     period = float(np.abs(lattice.periods).max(initial=0))
     if period > WINDOWS[-1]:
         return feature
-    return max(feature, min(2 * int(PER_PERIOD * period / 2) + 1, WINDOWS[-1]))
+    return max(feature, min(2 * int(limits.PER_PERIOD * period / 2) + 1, WINDOWS[-1]))
 
 
 def find_fullest_part(usable: BoolArray) -> tuple[slice, slice]:
@@ -230,4 +226,4 @@ def _penalise(filled: NDArray[np.uint8], piece: SampleCut, lattice: Lattice) -> 
     """Return how far a fill is from what was cut out, more if it is out of step."""
     distance = measure_distance(filled, piece.image, piece.hole, piece.hole, n_levels=2)
     phase_error = measure_phase_error(filled, piece.hole, piece.known, lattice)
-    return distance * (1 + OUT_OF_STEP_PENALTY * float(np.nan_to_num(phase_error)))
+    return distance * (1 + limits.OUT_OF_STEP_PENALTY * float(np.nan_to_num(phase_error)))

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from completion.export.building import limits
 from completion.export.building.bodies import Body
 from completion.export.building.faces import (
     FaceFrame,
@@ -25,14 +26,6 @@ from completion.export.building.faces import (
     smooth,
     union,
     wide,
-)
-from completion.export.building.limits import (
-    FINE_M,
-    LEAST_ELEMENT_M2,
-    LEAST_PART_M,
-    MAJORITY,
-    NEAR_FACE_M,
-    THIN_M,
 )
 from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline
 from completion.export.building.parts import BuildingColumn, BuildingParts
@@ -68,9 +61,9 @@ def body_product(shapes: Shapes, parts: BuildingParts, body: Body, part: Any, ke
     face, other = (next(face for face in parts.faces if face.number == number) for number in body.surfaces)
     holes = [(outline, area) for outline, area in _through(body, face, other) if _is_beside(area, part)]
     open_area = union(area for _, area in holes)
-    whole = smooth(union((common(body.area, part), open_area)), THIN_M)
-    inferred = common(smooth(less(common(body.inferred, part), [open_area]), THIN_M), whole)
-    measured, inferred = smooth(less(whole, [inferred]), FINE_M), smooth(inferred, FINE_M)
+    whole = smooth(union((common(body.area, part), open_area)), limits.THIN_M)
+    inferred = common(smooth(less(common(body.inferred, part), [open_area]), limits.THIN_M), whole)
+    measured, inferred = smooth(less(whole, [inferred]), limits.FINE_M), smooth(inferred, limits.FINE_M)
     net = less(union((measured, inferred)), [open_area])
     depth = body.thickness_m
     entity = "IfcWall" if body.kind == "wall" else "IfcSlab"
@@ -123,8 +116,8 @@ def sheet_product(
 ) -> Product:
     """Return part of a face that is in no body, as a surface without thickness; `named` is class and key."""
     entity, key = named
-    measured = smooth(common(remainder, face.measured), FINE_M)
-    inferred = smooth(less(remainder, [measured]), FINE_M)
+    measured = smooth(common(remainder, face.measured), limits.FINE_M)
+    inferred = smooth(less(remainder, [measured]), limits.FINE_M)
     area = float(measured.area + inferred.area)
     place = face.frame.place(inside(remainder))
     evidence = ProductEvidence(
@@ -164,7 +157,7 @@ def sheet_product(
 def rest_of(parts: BuildingParts, face: PlaneFace) -> Any:
     """What of a face is in no body."""
     taken = list(_laid_on(parts, face))
-    return wide(less(face.area, taken), NEAR_FACE_M) if taken else face.area
+    return wide(less(face.area, taken), limits.NEAR_FACE_M) if taken else face.area
 
 
 def _laid_on(parts: BuildingParts, face: PlaneFace) -> Iterator[Any]:
@@ -194,11 +187,13 @@ def _outline(opening: OpeningOutline, frame: FaceFrame) -> Any:
 def _is_beside(opening: Any, part: Any) -> bool:
     """Whether an opening is in a part of a wall, rather than in that of another storey."""
     around = shapely.box(*part.bounds)
-    return not opening.is_empty and bool(shapely.contains(around.buffer(NEAR_FACE_M), opening.centroid))
+    return not opening.is_empty and bool(
+        shapely.contains(around.buffer(limits.NEAR_FACE_M), opening.centroid)
+    )
 
 
 def _is_within(area: Any, other: Any) -> bool:
-    return bool(common(area, other).area > MAJORITY * area.area)
+    return bool(common(area, other).area > limits.MAJORITY * area.area)
 
 
 def _lengths(entity: str, area: Any) -> Sequence[Quantity]:
@@ -423,7 +418,7 @@ def _products(parts: BuildingParts, levels: Sequence[_Level]) -> Iterator[tuple[
     posts = {number for column in parts.columns for number in column.surfaces}
     for face in parts.faces:
         remainder = rest_of(parts, face)
-        if face.number in posts or not polygons(remainder, LEAST_ELEMENT_M2):
+        if face.number in posts or not polygons(remainder, limits.LEAST_ELEMENT_M2):
             continue
         k, entity = _place_and_class(parts, face)
         split = (
@@ -434,10 +429,10 @@ def _products(parts: BuildingParts, levels: Sequence[_Level]) -> Iterator[tuple[
     cylinders = {cylinder.number: cylinder for cylinder in model.cylinders}
     for column in parts.columns:
         known = [cylinders.get(number) or face_of[number].element for number in column.surfaces]
-        k = storey_at(storeys, column.bottom_m + LEAST_PART_M)
+        k = storey_at(storeys, column.bottom_m + limits.LEAST_PART_M)
         yield k, column_product(levels[k].shapes, column, min(map(mean_confidence, known)))
     for number, cylinder in cylinders.items():
-        k = storey_at(storeys, float(cylinder.ends[:, 2].min()) + LEAST_PART_M)
+        k = storey_at(storeys, float(cylinder.ends[:, 2].min()) + limits.LEAST_PART_M)
         if number in posts:
             continue
         if cylinder in parts.pipes:
@@ -449,7 +444,7 @@ def _products(parts: BuildingParts, levels: Sequence[_Level]) -> Iterator[tuple[
 def _with_keys(split: Sequence[tuple[int, Any]], key: str) -> Iterator[tuple[int, Any, str]]:
     """Parts by storey, each with a key of its own; what is too small to be written is left out."""
     for k, part in split:
-        if polygons(part, LEAST_ELEMENT_M2):
+        if polygons(part, limits.LEAST_ELEMENT_M2):
             yield k, part, key if len(split) == 1 else f"{key} storey {k}"
 
 
@@ -469,7 +464,7 @@ def _place_and_class(parts: BuildingParts, face: PlaneFace) -> tuple[int, str]:
 
 def _begin(face: PlaneFace) -> float:
     """Height by which a face belongs to a storey."""
-    return face.lowest_m + LEAST_PART_M
+    return face.lowest_m + limits.LEAST_PART_M
 
 
 def _levels(file: StepText, parts: BuildingParts, origin: FloatArray, above: Ref) -> Iterator[_Level]:

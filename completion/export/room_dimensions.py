@@ -10,17 +10,8 @@ from itertools import combinations, pairwise, product
 import numpy as np
 import shapely
 
+from completion.export.building import limits
 from completion.export.building.cut import CutLine, LevelCut, plan_of
-from completion.export.building.limits import (
-    HEADROOM_M,
-    LEAST_LEVEL_M2,
-    LEAST_OPENING_M,
-    LEAST_ROOM_M,
-    PARALLEL,
-    SAME_SIDE,
-    SQUARE,
-    THIN_M,
-)
 from completion.export.building.model import REST, BuildingModel, OpeningOutline, PlaneElement
 from completion.export.building.parts import BuildingParts
 from completion.export.building.rooms import BuildingRoom, Storey
@@ -86,10 +77,10 @@ def _wall_at(middle: FloatArray, along: FloatArray, walls: list[PlaneElement]) -
     near = [
         (abs(float((middle - wall.point) @ wall.normal)), wall.number, wall)
         for wall in walls
-        if abs(float(wall.normal[:2] @ square)) >= PARALLEL
+        if abs(float(wall.normal[:2] @ square)) >= limits.PARALLEL
     ]
     best = min(near, key=lambda triple: triple[:2], default=None)
-    return best[2] if best is not None and best[0] <= THIN_M else None
+    return best[2] if best is not None and best[0] <= limits.THIN_M else None
 
 
 def _there(wall: PlaneElement, start: FloatArray, end: FloatArray, height: float) -> FloatArray:
@@ -205,7 +196,7 @@ def room_widths(
             > 0
             > float((second.point - first.point) @ second.normal)
         )
-        if facing and float(first.normal @ second.normal) <= -PARALLEL:
+        if facing and float(first.normal @ second.normal) <= -limits.PARALLEL:
             ends = _ends(
                 (first, second), (entries[first.number], entries[second.number]), plan.height_m, obstacles
             )
@@ -215,7 +206,7 @@ def room_widths(
 
 def _barriers(building: BuildingParts, storey: Storey) -> set[int]:
     """Numbers of the upright surfaces that may part a storey: those as high as people need."""
-    least = storey.elevation_m + HEADROOM_M
+    least = storey.elevation_m + limits.HEADROOM_M
     return {face.number for face in building.faces if face.is_upright and face.highest_m >= least}
 
 
@@ -231,7 +222,7 @@ def _ends(
     along = np.array([-square[1], square[0], 0.0])
     reach = [np.concatenate([line.points @ along for line in cut_line]) for cut_line in lines]
     low, high = max(r.min() for r in reach), min(r.max() for r in reach)
-    if high - low < LEAST_ROOM_M:
+    if high - low < limits.LEAST_ROOM_M:
         return None
     best, least = None, (3, 3)
     for share in _PLACES:
@@ -239,9 +230,9 @@ def _ends(
         ends = np.array([_wall_crossing(wall, start * along, square, height_m) for wall in walls])
         value = float((ends[1] - ends[0]) @ square)
         states = tuple(_state(line, start, along) for line in lines)
-        inner = ends[:, :2] + np.array([[THIN_M], [-THIN_M]]) * square[:2]
+        inner = ends[:, :2] + np.array([[limits.THIN_M], [-limits.THIN_M]]) * square[:2]
         sight = shapely.LineString(inner)
-        if value < LEAST_ROOM_M or None in states or sight.intersects(obstacles[0]):
+        if value < limits.LEAST_ROOM_M or None in states or sight.intersects(obstacles[0]):
             continue
         cost = (sum(not state for state in states), int(sight.intersects(obstacles[1])))
         if cost < least:
@@ -281,7 +272,7 @@ def room_heights(storey: Storey, errors: JointErrors) -> tuple[Dimension, ...]:
     heights = []
     for floor, ceiling in product(floors, ceilings):
         shared = level[floor.number].intersection(level[ceiling.number])
-        if shared.area < LEAST_LEVEL_M2:
+        if shared.area < limits.LEAST_LEVEL_M2:
             continue
         others = [element for element in (*floors, *ceilings) if element not in (floor, ceiling)]
         ends = _ends_of_height(
@@ -329,7 +320,7 @@ def _ends_of_height(
             continue
         ends = np.array([level_at(plane, place) for plane in (floor, ceiling)])
         heights = [level_at(element, place)[2] for element, area in others if area.contains(point)]
-        if ends[1, 2] - ends[0, 2] < LEAST_ROOM_M or any(ends[0, 2] < h < ends[1, 2] for h in heights):
+        if ends[1, 2] - ends[0, 2] < limits.LEAST_ROOM_M or any(ends[0, 2] < h < ends[1, 2] for h in heights):
             continue
         cost = sum(plane.provenance(end) != 0 for plane, end in zip((floor, ceiling), ends, strict=True))
         if cost < least:
@@ -356,7 +347,7 @@ def opening_sizes(building: BuildingParts) -> tuple[Dimension, ...]:
         for face in building.faces
         if face.is_upright
         for opening in face.openings
-        if len(opening.points) and min(opening.width_m, opening.height_m) >= LEAST_OPENING_M
+        if len(opening.points) and min(opening.width_m, opening.height_m) >= limits.LEAST_OPENING_M
     ]
     for wall, outline in within:
         level = np.cross([0.0, 0.0, 1.0], wall.normal)
@@ -373,7 +364,7 @@ def _opening_size(
     points, following = opening.points, np.roll(opening.points, -1, axis=0)
     side, middle = following - points, (points + following) / 2
     length = np.linalg.norm(side, axis=1)
-    is_end = np.abs(side @ along) <= np.sqrt(1 - SQUARE**2) * length
+    is_end = np.abs(side @ along) <= np.sqrt(1 - limits.SQUARE**2) * length
     centre = points.mean(axis=0)
     at, reach = middle @ along, points @ along
     ends, sides = [], []
@@ -381,7 +372,7 @@ def _opening_size(
         beyond = np.flatnonzero(is_end & (sign * (at - centre @ along) > 0))
         if len(beyond):
             main = at[beyond[int(np.argmax(length[beyond]))]]
-            beyond = beyond[np.abs(at[beyond] - main) <= SAME_SIDE * np.ptp(reach)]
+            beyond = beyond[np.abs(at[beyond] - main) <= limits.SAME_SIDE * np.ptp(reach)]
             ends.append(float(length[beyond] @ at[beyond] / length[beyond].sum()))
         else:
             ends.append(float(reach.max() if sign > 0 else reach.min()))

@@ -13,17 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels
 from completion.evidence.evidence import Scans
-from completion.extension.limits import (
-    APART_SD,
-    DEEPEST_M,
-    FURNITURE_M,
-    INNER_SHARE,
-    LEAST_PIXELS,
-    MEETING_PAIRS,
-    PARALLEL_COSINE,
-    STANDING,
-    THROUGH_SHARE,
-)
+from completion.extension import limits
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation, ScanPixels
@@ -74,13 +64,13 @@ def find_insets(
     ])  # fmt: skip
     for at, (origins, points) in enumerate(beams):
         behind = -np.einsum("ij,ij->i", normals, middles[at] - middles)
-        candidates = (normals @ normals[at] >= PARALLEL_COSINE) & (behind <= DEEPEST_M)
-        candidates &= behind > APART_SD * np.hypot(sd[at], sd)
+        candidates = (normals @ normals[at] >= limits.PARALLEL_COSINE) & (behind <= limits.DEEPEST_M)
+        candidates &= behind > limits.APART_SD * np.hypot(sd[at], sd)
         for other in np.flatnonzero(candidates)[np.argsort(behind[candidates], kind="stable")]:
             wall, plane = planes[other]
-            if _share_inside(planes[at][1], points, beams[other][1]) >= THROUGH_SHARE:
+            if _share_inside(planes[at][1], points, beams[other][1]) >= limits.THROUGH_SHARE:
                 continue  # a thing on it: a wall with a hole lies around what is seen through it
-            if _share_through(plane, beams[other][1], origins, points) >= THROUGH_SHARE:
+            if _share_through(plane, beams[other][1], origins, points) >= limits.THROUGH_SHARE:
                 hosts[planes[at][0]] = wall
                 break
     return hosts
@@ -174,7 +164,7 @@ def _standing_probability(
             and stands_upright(surfaces[other].fit, base.fit)
             and (meets[number, other] or _ends_above(surfaces[other], boundaries[other], plane))
         ]
-        standing[number] = (sum(ending) + STANDING[0]) / (len(ending) + sum(STANDING))
+        standing[number] = (sum(ending) + limits.STANDING[0]) / (len(ending) + sum(limits.STANDING))
     return standing
 
 
@@ -216,7 +206,7 @@ def _meets(
                 near &= gap <= np.quantile(gap, 0.9)
                 meetings[i, j] += int(near.sum())
     both = meetings + meetings.T
-    return np.asarray(both[1:, 1:] >= MEETING_PAIRS, dtype=np.bool_)
+    return np.asarray(both[1:, 1:] >= limits.MEETING_PAIRS, dtype=np.bool_)
 
 
 def find_enclosing(
@@ -237,7 +227,7 @@ def find_enclosing(
     sigma = np.concatenate(sigmas)
     scale = float(np.median(np.hypot(sigma, flatness_m))) if len(sigma) else 0.0
     sizes = [surface.n_pixels for surface in surfaces]
-    least = LEAST_PIXELS * sum(sizes)
+    least = limits.LEAST_PIXELS * sum(sizes)
     flags = [
         size >= least and _holds(surface, observations, beams, scale)
         for surface, size in zip(surfaces, sizes, strict=True)
@@ -250,7 +240,7 @@ def _above_floor(surfaces: Sequence[MergedSurface], up: FloatArray) -> BoolArray
 
     Only planes that face up and have their share of the measured points count.
     """
-    least = LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
+    least = limits.LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
     planes = {
         number: surface.fit.surface
         for number, surface in enumerate(surfaces)
@@ -262,7 +252,7 @@ def _above_floor(surfaces: Sequence[MergedSurface], up: FloatArray) -> BoolArray
     above = np.zeros(len(surfaces), dtype=np.bool_)
     for number, plane in planes.items():
         heights = [float(other.distance(plane.point[None])[0]) for other in planes.values()]
-        above[number] = any(FURNITURE_M[0] <= height <= FURNITURE_M[1] for height in heights)
+        above[number] = any(limits.FURNITURE_M[0] <= height <= limits.FURNITURE_M[1] for height in heights)
     return above
 
 
@@ -293,11 +283,11 @@ def _holds(
     beyond = [surface.distance(points) <= -slack for _, points, _ in beams]
     n_inner = sum(len(outer) - int(np.count_nonzero(outer)) for outer in beyond)
     n_outer = sum(int(np.count_nonzero(outer)) for outer in beyond)
-    if isinstance(surface, Plane) and n_inner < INNER_SHARE * (n_inner + n_outer):
+    if isinstance(surface, Plane) and n_inner < limits.INNER_SHARE * (n_inner + n_outer):
         outline = _outline(surface, merged.pixels, observations)
         for (origin, _, rays), outer in zip(beams, beyond, strict=True):
             n_outer -= int(np.count_nonzero(_passes_inside(surface, outline, origin, rays[outer])))
-    return n_inner >= INNER_SHARE * max(n_inner + n_outer, 1)
+    return n_inner >= limits.INNER_SHARE * max(n_inner + n_outer, 1)
 
 
 def _outline(plane: Plane, pixels: ScanPixels, observations: Sequence[Observation]) -> BaseGeometry:

@@ -13,14 +13,8 @@ from numpy.typing import NDArray
 from completion.boundary.boundary_pixels import BoundaryKind, BoundaryPixels, ended_sides, seen_ends
 from completion.boundary.continuation import ALL_CUES, Cue
 from completion.boundary.edges import ChartLine, find_edges
+from completion.extension import limits
 from completion.extension.adjacency import Adjacency, stands_upright
-from completion.extension.limits import (
-    FULL_TURN_ARC,
-    INNER_POINTS,
-    MOST_RADIUS_SD,
-    OUTLYING_SHARE,
-    SIDEWAYS_COSINE,
-)
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.user_options import UserOptions
@@ -192,7 +186,7 @@ def find_extent(
         raise TypeError(f"no extent is known for a {type(surface).__name__}")
 
     # 3. Rectangle: of what was measured, and on to the sides at which it was seen to end.
-    low, high = np.quantile(chart.to_uv(points), (OUTLYING_SHARE, 1 - OUTLYING_SHARE), axis=0)
+    low, high = np.quantile(chart.to_uv(points), (limits.OUTLYING_SHARE, 1 - limits.OUTLYING_SHARE), axis=0)
     boundary = boundaries[index].in_chart(surface, chart)
     sides = ended_sides(boundary, low, high)
     ended = np.isfinite(sides) | adjacency.is_inset[index]
@@ -241,8 +235,8 @@ def _tilt(chart: Surface, closing: Sequence[Plane]) -> float:
 
 def _may_close(cylinder: Cylinder, radius_sd: float, points: FloatArray) -> bool:
     """Tell whether a cylinder may be closed around its back: seen from outside, far round, and well known."""
-    known = radius_sd < MOST_RADIUS_SD
-    return bool(not cylinder.concave and observed_arc(cylinder, points) >= FULL_TURN_ARC and known)
+    known = radius_sd < limits.MOST_RADIUS_SD
+    return bool(not cylinder.concave and observed_arc(cylinder, points) >= limits.FULL_TURN_ARC and known)
 
 
 def with_ends(extent: Extent, planes: Sequence[Plane]) -> Extent:
@@ -328,7 +322,7 @@ def enclosing_cuts(
             continue
         distance = candidate.fit.surface.distance(points)
         slack = 3 * candidate.fit.rms + 0.02 * float(np.ptp(distance))
-        if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= INNER_POINTS:
+        if np.abs(distance).max() > 2 * slack and np.mean(distance > -slack) >= limits.INNER_POINTS:
             cuts.append((other, candidate.fit.surface))
     return cuts
 
@@ -367,7 +361,7 @@ def _end_along(
     here = centre if isinstance(chart, Plane) else np.array([0.0, centre[1]])
     pair = cut.distance(chart.from_uv(np.stack([here - step, here + step])))
     slope = float(pair[1] - pair[0]) / (2 * float(step[axis]))
-    if sign * slope > -SIDEWAYS_COSINE:
+    if sign * slope > -limits.SIDEWAYS_COSINE:
         return None
     corners = np.array([low, high])  # of the side
     corners[:, axis] = (high if sign > 0 else low)[axis]

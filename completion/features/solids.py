@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from completion.features import limits
 from completion.features.engine.template import (
     FeatureStatus,
     Given,
@@ -17,14 +18,6 @@ from completion.features.engine.template import (
     best_first,
 )
 from completion.features.engine.template_fit import NOTHING, fit_template
-from completion.features.limits import (
-    BASE_RADII,
-    BELOW_TREAD,
-    BEYOND_RADII,
-    LEAST_STEPS,
-    ON_SHAFT_SD,
-    SHAFT_POINTS,
-)
 from completion.features.upright_structure import (
     Flight,
     Shaft,
@@ -218,7 +211,7 @@ def _stairs(
         "centres": frame.outside(np.column_stack([flat, height + steps * rise])),
     }
     treads = sum(side.is_seen for side in fit.sides[:count])
-    if fit.status is FeatureStatus.FOUND and treads < LEAST_STEPS:
+    if fit.status is FeatureStatus.FOUND and treads < limits.LEAST_STEPS:
         fit = replace(fit, status=FeatureStatus.AMBIGUOUS, reason=f"only {treads} treads were seen")
     return replace(fit, geometry=geometry)
 
@@ -230,7 +223,7 @@ def _about_flight(local: FloatArray, flight: Flight) -> BoolArray:
     across = local[:, :2] @ [-np.sin(heading), np.cos(heading)]
     up = local[:, 2] - height
     inside = (along > -going) & (along < (flight.n_steps + 1) * going)
-    inside &= (up > -BELOW_TREAD * rise) & (up < (flight.n_steps + 0.5) * rise)
+    inside &= (up > -limits.BELOW_TREAD * rise) & (up < (flight.n_steps + 0.5) * rise)
     return np.asarray(inside & (across > flight.sides[0]) & (across < flight.sides[1]))
 
 
@@ -259,10 +252,10 @@ def _column(
 def _about_shaft(local: FloatArray, shaft: Shaft, sample: UprightSample, measured: Measurements) -> BoolArray:
     """Which points (n, 3) lie about a shaft, without floors and ceilings, which go on beyond."""
     out = np.hypot(*(sample.flat[:, :2] - shaft[:2]).T) / shaft.radius
-    beyond = sample.flat[(out > BASE_RADII) & (out < BEYOND_RADII), 2]
-    width = max(ON_SHAFT_SD * measured.noise, measured.spacing)
-    near: BoolArray = np.hypot(*(local[:, :2] - shaft[:2]).T) < BASE_RADII * shaft.radius
-    for height in levels(beyond, width, SHAFT_POINTS):
+    beyond = sample.flat[(out > limits.BASE_RADII) & (out < limits.BEYOND_RADII), 2]
+    width = max(limits.ON_SHAFT_SD * measured.noise, measured.spacing)
+    near: BoolArray = np.hypot(*(local[:, :2] - shaft[:2]).T) < limits.BASE_RADII * shaft.radius
+    for height in levels(beyond, width, limits.SHAFT_POINTS):
         near &= np.abs(local[:, 2] - height) > width
     return near
 

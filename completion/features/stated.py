@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from completion.edits.application import EditedSurface
 from completion.edits.edit import FittedHole, FittedJoint, FittedOpening, KnownFace
+from completion.features import limits
 from completion.features.engine.options import OPENINGS
 from completion.features.engine.template import (
     FeatureSide,
@@ -21,17 +22,6 @@ from completion.features.engine.template import (
     SideState,
     TemplateFit,
     moved_geometry,
-)
-from completion.features.limits import (
-    ALONG,
-    FACE_POINTS,
-    LEAST_CORNER_M,
-    LEAST_REVEAL_M,
-    NEAR_WALL_M,
-    OFF_JOINT,
-    ON_PLATE,
-    ONE_SIDE,
-    TILT,
 )
 from completion.features.openings.limits import ON_FACE_SD
 from completion.features.openings.recess import SIDES
@@ -129,7 +119,7 @@ def _outlines(fit: TemplateFit, number: int, surfaces: Sequence[MergedSurface]) 
     """The reveals of one opening whose sides were seen."""
     depth = float(str(fit.geometry.get("depth_m", np.nan)))
     off = float(str(fit.geometry.get("depth_sd_m", 0.0)))
-    if not (np.isfinite(depth) and np.isfinite(off)) or depth < max(LEAST_REVEAL_M, ON_FACE_SD * off):
+    if not (np.isfinite(depth) and np.isfinite(off)) or depth < max(limits.LEAST_REVEAL_M, ON_FACE_SD * off):
         return
     wall = surfaces[int(str(fit.geometry["surface"])) - 1].fit.surface
     if not isinstance(wall, Plane):
@@ -154,14 +144,14 @@ def _is_on(
     plane = surface.fit.surface
     if not isinstance(plane, Plane):
         return False
-    if float(plane.normal_direction @ outline.plane.normal_direction) < np.cos(TILT):
+    if float(plane.normal_direction @ outline.plane.normal_direction) < np.cos(limits.TILT):
         return False
     middle = outline.plane.from_uv(outline.size / 2)
     allowed = ON_FACE_SD * float(np.hypot(np.hypot(surface.fit.rms, outline.deviation), flatness_m))
-    if abs(float(plane.distance(middle[None])[0])) > allowed + TILT * float(outline.size.max()) / 2:
+    if abs(float(plane.distance(middle[None])[0])) > allowed + limits.TILT * float(outline.size.max()) / 2:
         return False
     points = surface.points(observations, _MOST_POINTS)
-    return int(np.count_nonzero(outline.holds(points, allowed))) >= FACE_POINTS
+    return int(np.count_nonzero(outline.holds(points, allowed))) >= limits.FACE_POINTS
 
 
 PATTERNS = ("hole-row", "hole-grid", "bolt-circle")
@@ -195,7 +185,7 @@ def _read_opening(source: str, entry: Mapping[str, Any]) -> TemplateFit:
     places = _places(source, "corners", corners)
     if places.shape != (4, 3):
         raise InputError(f"{source}: corners must be four points, got {len(places)}; {_CURE}")
-    if (np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1) < LEAST_CORNER_M).any():
+    if (np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1) < limits.LEAST_CORNER_M).any():
         raise InputError(f"{source}: two corners lie at one place; {_CURE}")
     stated_sd = entry.get("standard_deviation")
     sd = stated_sd.get("depth") if isinstance(stated_sd, Mapping) else None
@@ -222,7 +212,7 @@ def _read_joint(source: str, entry: Mapping[str, Any]) -> TemplateFit:
     ends, axis = entry.get("joint"), _axis(source, entry)
     geometry = {"joint": _places(source, "joint", ends), "axis": axis}
     joint = geometry["joint"]
-    if joint.shape != (2, 3) or np.linalg.norm(joint[1] - joint[0]) < LEAST_CORNER_M:
+    if joint.shape != (2, 3) or np.linalg.norm(joint[1] - joint[0]) < limits.LEAST_CORNER_M:
         raise InputError(f"{source}: joint must be two places; {_CURE}")
     if entry["kind"] == "elbow":
         radii = entry.get("radii")
@@ -231,7 +221,7 @@ def _read_joint(source: str, entry: Mapping[str, Any]) -> TemplateFit:
         geometry["radii"] = np.array([_number(source, "radii", radius) for radius in radii])
         geometry["centres"] = _places(source, "centres", entry.get("centres"))
         away = np.linalg.norm(np.cross(axis, joint - geometry["centres"][:1]), axis=1)
-        if len(geometry["centres"]) != 1 or (away < LEAST_CORNER_M).any():
+        if len(geometry["centres"]) != 1 or (away < limits.LEAST_CORNER_M).any():
             raise InputError(f"{source}: centres must be the middle of the bend, off its joint; {_CURE}")
     return _fit(source, entry, {}, geometry)
 
@@ -325,9 +315,9 @@ def ends_of(
             continue
         points = surfaces[index].points(observations, _MOST_POINTS)
         sides = plane.distance(points)
-        if np.mean(sides > 0) >= ONE_SIDE:
+        if np.mean(sides > 0) >= limits.ONE_SIDE:
             ends.append((index + 1, plane))
-        elif fit.kind != "elbow" and np.mean(sides < 0) >= ONE_SIDE:
+        elif fit.kind != "elbow" and np.mean(sides < 0) >= limits.ONE_SIDE:
             ends.append((index + 1, plane.flip()))
     return ends
 
@@ -344,12 +334,12 @@ def _tubes(fit: TemplateFit) -> Iterator[tuple[int | None, Plane]]:
 def _tube_at(end: Plane, fit: TemplateFit, surfaces: Sequence[MergedSurface]) -> int | None:
     """The cylinder of a tube's radius whose axis passes an end's middle along its normal."""
     radius = float(np.asarray(fit.geometry["radii"])[1])
-    best, least = None, OFF_JOINT * radius
+    best, least = None, limits.OFF_JOINT * radius
     for number, surface in enumerate(surfaces):
         tube = surface.fit.surface
-        if not isinstance(tube, Cylinder) or abs(tube.radius - radius) > OFF_JOINT * radius:
+        if not isinstance(tube, Cylinder) or abs(tube.radius - radius) > limits.OFF_JOINT * radius:
             continue
-        if abs(float(tube.direction @ end.normal_direction)) < ALONG:
+        if abs(float(tube.direction @ end.normal_direction)) < limits.ALONG:
             continue
         across = end.point - tube.point
         off = float(np.linalg.norm(across - (across @ tube.direction) * tube.direction))
@@ -361,14 +351,14 @@ def _tube_at(end: Plane, fit: TemplateFit, surfaces: Sequence[MergedSurface]) ->
 def _seams(fit: TemplateFit, surfaces: Sequence[MergedSurface]) -> Iterator[tuple[int | None, Plane]]:
     """Surfaces on which the line of a tangent junction lies, and the planes across them there."""
     joint, axis = np.asarray(fit.geometry["joint"]), np.asarray(fit.geometry["axis"])
-    allowed = OFF_JOINT * float(np.linalg.norm(joint[1] - joint[0]))
+    allowed = limits.OFF_JOINT * float(np.linalg.norm(joint[1] - joint[0]))
     for number, surface in enumerate(surfaces):
         shape = surface.fit.surface
         if isinstance(shape, Cylinder):
-            runs_along = abs(float(shape.direction @ axis)) >= ALONG
-            allowed_here = min(allowed, OFF_JOINT * shape.radius)
+            runs_along = abs(float(shape.direction @ axis)) >= limits.ALONG
+            allowed_here = min(allowed, limits.OFF_JOINT * shape.radius)
         elif isinstance(shape, Plane):
-            runs_along = abs(float(shape.normal_direction @ axis)) <= np.sqrt(1 - ALONG**2)
+            runs_along = abs(float(shape.normal_direction @ axis)) <= np.sqrt(1 - limits.ALONG**2)
             allowed_here = allowed
         else:
             continue
@@ -399,7 +389,9 @@ def place_features(
             out.append(replace(fit, geometry={**geometry, "ends": ends}))
             continue
         places = np.asarray(geometry["centres" if fit.kind in PATTERNS else "corners"])
-        allowed = ON_PLATE * float(str(geometry["radius"])) if fit.kind in PATTERNS else NEAR_WALL_M
+        allowed = (
+            limits.ON_PLATE * float(str(geometry["radius"])) if fit.kind in PATTERNS else limits.NEAR_WALL_M
+        )
         away = [_away(surface, places, observations, allowed) for surface in surfaces]
         nearest = int(np.argmin(away)) if away else 0
         if not away or away[nearest] > allowed:

@@ -12,26 +12,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from completion.features import limits
 from completion.features.engine.template import Measurements
-from completion.features.limits import (
-    AROUND_SHAFT,
-    ASIDE_GOING,
-    FLAT_COSINE,
-    LEAST_BINS,
-    LEAST_STEPS,
-    MOST_MISSED,
-    NEAR_POINTS,
-    ON_SHAFT,
-    ON_SHAFT_SD,
-    PATCH_POINTS,
-    ROUND_SHARE,
-    SAME_RISE,
-    SHAFT_POINTS,
-    SHAFT_SIZE,
-    SHAFT_SPACINGS,
-    STEEP_SINE,
-    TREAD_DEPTHS,
-)
 from scenes.checks import FloatArray
 
 _SHARE, _N_SAMPLE = 0.05, (20_000, 100_000)  # of all points, that are looked at; at least and at most
@@ -92,12 +74,12 @@ class UprightSample:
     @property
     def flat(self) -> FloatArray:
         """Points (m, 3) of surfaces that lie flat."""
-        return np.asarray(self.points[np.abs(self.normals[:, 2]) > FLAT_COSINE])
+        return np.asarray(self.points[np.abs(self.normals[:, 2]) > limits.FLAT_COSINE])
 
     @property
     def steep(self) -> tuple[FloatArray, FloatArray]:
         """Points (m, 3) of surfaces that stand upright, and their normals (m, 3)."""
-        which = np.abs(self.normals[:, 2]) < STEEP_SINE
+        which = np.abs(self.normals[:, 2]) < limits.STEEP_SINE
         return self.points[which], self.normals[which]
 
 
@@ -161,14 +143,14 @@ def find_flight(sample: UprightSample, noise: float, spacing: float, given: dict
         "rise" and "going", if they are known.
     """
     patches = _patches(sample.flat, max(4 * noise, 0.7 * spacing))
-    if len(patches) < LEAST_STEPS:
-        return f"{len(patches)} level patches; a flight has {LEAST_STEPS}"
+    if len(patches) < limits.LEAST_STEPS:
+        return f"{len(patches)} level patches; a flight has {limits.LEAST_STEPS}"
     heights = np.array([float(np.median(patch[:, 2])) for patch in patches])
     middles = np.array([(patch[:, :2].min(axis=0) + patch[:, :2].max(axis=0)) / 2 for patch in patches])
     row = _longest_row(patches, heights, middles, max(4 * noise, 0.7 * spacing), given)
-    if len(row) < LEAST_STEPS:
+    if len(row) < limits.LEAST_STEPS:
         sentence = f"{len(patches)} level patches, of which {len(row)} rise and move on equally"
-        return f"{sentence}; a flight has {LEAST_STEPS}"
+        return f"{sentence}; a flight has {limits.LEAST_STEPS}"
     number, step = (np.array(columns) for columns in zip(*row, strict=True))
     rise = given.get("rise", float(np.median(np.diff(heights[number]) / np.diff(step))))
     move = np.median(np.diff(middles[number], axis=0) / np.diff(step)[:, None], axis=0)
@@ -196,14 +178,14 @@ def _patches(flat: FloatArray, thick: float) -> list[FloatArray]:
     if len(flat) <= _NEIGHBOURS:
         return []
     away, _ = cKDTree(flat[:, :2]).query(flat[:, :2], k=_NEIGHBOURS + 1)
-    reach = max(NEAR_POINTS * float(np.median(away[:, -1])), 1e-12)
+    reach = max(limits.NEAR_POINTS * float(np.median(away[:, -1])), 1e-12)
     tree = cKDTree(flat * [1 / reach, 1 / reach, 1 / thick])
     pairs = tree.query_pairs(1.0, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (len(flat),) * 2)
     _, part = connected_components(graph, directed=False)
     order = np.argsort(part, kind="stable")
     groups = np.split(flat[order], np.flatnonzero(np.diff(part[order])) + 1)
-    return [group for group in groups if len(group) >= PATCH_POINTS]
+    return [group for group in groups if len(group) >= limits.PATCH_POINTS]
 
 
 def _longest_row(
@@ -230,13 +212,15 @@ def _longest_row(
 def _agrees(rise: float, going: float, given: dict[str, float]) -> bool:
     """Whether a step is as large as it is known to be."""
     agrees = {"rise": rise, "going": going}
-    return all(abs(agrees[name] - given[name]) < SAME_RISE * given[name] for name in agrees if name in given)
+    return all(
+        abs(agrees[name] - given[name]) < limits.SAME_RISE * given[name] for name in agrees if name in given
+    )
 
 
 def _is_deep(patch: FloatArray, move: FloatArray, going: float) -> bool:
     """Whether a patch is about as deep along a move as that is long."""
     low, high = np.percentile(patch[:, :2] @ move / going, _SIDES)
-    return bool(TREAD_DEPTHS[0] * going <= high - low <= TREAD_DEPTHS[1] * going)
+    return bool(limits.TREAD_DEPTHS[0] * going <= high - low <= limits.TREAD_DEPTHS[1] * going)
 
 
 def _members(
@@ -245,11 +229,13 @@ def _members(
     """Patches that lie where a rise and a move lead up from a first one, and their steps."""
     members, step = [(first, 0)], 0
     going, way = float(np.linalg.norm(move)), move / np.linalg.norm(move)
-    while step - members[-1][1] <= MOST_MISSED:
+    while step - members[-1][1] <= limits.MOST_MISSED:
         step += 1
         last, before = members[-1]
-        off = np.abs(heights - heights[last] - (step - before) * rise) / (SAME_RISE * rise)
-        along = np.abs((middles - middles[last] - (step - before) * move) @ way) / (ASIDE_GOING * going)
+        off = np.abs(heights - heights[last] - (step - before) * rise) / (limits.SAME_RISE * rise)
+        along = np.abs((middles - middles[last] - (step - before) * move) @ way) / (
+            limits.ASIDE_GOING * going
+        )
         near = np.maximum(off, along)
         k = int(np.argmin(near))
         if near[k] < 1.0:
@@ -293,11 +279,11 @@ def find_shafts(
         If it is known.
     """
     points, normals = sample.steep
-    if len(points) < SHAFT_POINTS:
+    if len(points) < limits.SHAFT_POINTS:
         return []
     flat, way = points[:, :2], normals[:, :2] / np.linalg.norm(normals[:, :2], axis=1, keepdims=True)
     size = float(np.ptp(flat, axis=0).max())
-    low, high = SHAFT_SPACINGS * spacing, SHAFT_SIZE * size
+    low, high = limits.SHAFT_SPACINGS * spacing, limits.SHAFT_SIZE * size
     radii = np.array([radius]) if radius is not None else np.geomspace(low, max(high, low), _N_RADII)
     fitted = [
         _fit_shaft(flat, rough, noise, fixed=radius is not None)
@@ -322,7 +308,7 @@ def _peaks(flat: FloatArray, way: FloatArray, radius: float) -> Iterator[Shaft]:
         column, row = np.floor((centres - low) / (_CELL * radius) + shift).astype(np.int64).T
         _, member, count = np.unique(column * (row.max() + 1) + row, return_inverse=True, return_counts=True)
         for number in np.argsort(-count, kind="stable")[:_PEAKS]:
-            if count[number] >= SHAFT_POINTS:
+            if count[number] >= limits.SHAFT_POINTS:
                 middle = centres[member == number].mean(axis=0)
                 yield Shaft(float(middle[0]), float(middle[1]), radius)
 
@@ -330,11 +316,11 @@ def _peaks(flat: FloatArray, way: FloatArray, radius: float) -> Iterator[Shaft]:
 def _fit_shaft(flat: FloatArray, rough: Shaft, noise: float, *, fixed: bool) -> Shaft:
     """The circle through the points (n, 2) about a rough one by least squares; of no points if it is none."""
     shaft = rough
-    for width in (AROUND_SHAFT, AROUND_SHAFT, ON_SHAFT, ON_SHAFT):
+    for width in (limits.AROUND_SHAFT, limits.AROUND_SHAFT, limits.ON_SHAFT, limits.ON_SHAFT):
         away = flat - [shaft.x, shaft.y]
         out = np.hypot(*away.T)
-        near = np.abs(out - shaft.radius) < max(width * shaft.radius, ON_SHAFT_SD * noise)
-        if near.sum() < SHAFT_POINTS:
+        near = np.abs(out - shaft.radius) < max(width * shaft.radius, limits.ON_SHAFT_SD * noise)
+        if near.sum() < limits.SHAFT_POINTS:
             return rough
         unit = away[near] / out[near, None]
         slopes = np.column_stack([unit, np.ones(len(unit))])[:, : 2 if fixed else 3]
@@ -345,8 +331,8 @@ def _fit_shaft(flat: FloatArray, rough: Shaft, noise: float, *, fixed: bool) -> 
         shaft = Shaft(float(x), float(y), float(radius))
     away = flat - [shaft.x, shaft.y]
     off = np.abs(np.hypot(*away.T) - shaft.radius)
-    on = off < max(ON_SHAFT * shaft.radius, ON_SHAFT_SD * noise)
-    about = off < max(AROUND_SHAFT * shaft.radius, ON_SHAFT_SD * noise)
+    on = off < max(limits.ON_SHAFT * shaft.radius, limits.ON_SHAFT_SD * noise)
+    about = off < max(limits.AROUND_SHAFT * shaft.radius, limits.ON_SHAFT_SD * noise)
     turn = np.floor((np.arctan2(away[on, 1], away[on, 0]) / (2 * np.pi) + 0.5) * _N_BINS)
-    is_round = len(np.unique(turn)) >= LEAST_BINS and on.sum() >= ROUND_SHARE * about.sum()
-    return shaft._replace(n=int(on.sum()) if is_round and on.sum() >= SHAFT_POINTS else 0)
+    is_round = len(np.unique(turn)) >= limits.LEAST_BINS and on.sum() >= limits.ROUND_SHARE * about.sum()
+    return shaft._replace(n=int(on.sum()) if is_round and on.sum() >= limits.SHAFT_POINTS else 0)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from completion.fitting.result import SurfaceFit
+from completion.flattening import limits
 from completion.flattening.flat import (
     FlatHeights,
     FlatRegion,
@@ -18,17 +19,6 @@ from completion.flattening.flat import (
     FlattenedMesh,
     FlatteningOptions,
     RegionKind,
-)
-from completion.flattening.limits import (
-    CLEAN_LEVEL,
-    CLEAR_EVIDENCE,
-    FARTHEST_SD,
-    LEAST_AREA_CELLS,
-    LEAST_RELIEF_CELLS,
-    LEAST_SCALE,
-    LEAST_SIDE_CELLS,
-    OWN_SHAPE,
-    RIM_CELLS,
 )
 from completion.flattening.mesh_movement import (
     HeightGrid,
@@ -99,10 +89,10 @@ def learn_null(parts: Separation, rng: np.random.Generator) -> NullModel:
     n_cells = n_walls * shape[0] * shape[1]
     largest = np.sort(evidence)[::-1][: _TAIL * n_walls + 1]
     if len(largest) < 3:
-        return NullModel(0.0, 1 / n_cells, LEAST_SCALE, np.inf)
+        return NullModel(0.0, 1 / n_cells, limits.LEAST_SCALE, np.inf)
     start = float(largest[-1])
     n = len(largest) - 1
-    return NullModel(start, n / n_cells, max(float(np.mean(largest[:-1] - start)), LEAST_SCALE), n)
+    return NullModel(start, n / n_cells, max(float(np.mean(largest[:-1] - start)), limits.LEAST_SCALE), n)
 
 
 def _white_noise(parts: Separation) -> FloatArray:
@@ -110,13 +100,13 @@ def _white_noise(parts: Separation) -> FloatArray:
     evident = tuple(
         candidate
         for candidate in parts.candidates
-        if candidate.stands_out and candidate.evidence > CLEAR_EVIDENCE
+        if candidate.stands_out and candidate.evidence > limits.CLEAR_EVIDENCE
     )
     used = parts.known.copy()
     for candidate in evident:
         used &= ~parts.cells(candidate)
     used = (
-        ndimage.binary_erosion(used, np.ones((3, 3)), iterations=RIM_CELLS, border_value=1)
+        ndimage.binary_erosion(used, np.ones((3, 3)), iterations=limits.RIM_CELLS, border_value=1)
         if evident
         else used
     )
@@ -128,7 +118,7 @@ def _white_noise(parts: Separation) -> FloatArray:
     sd = 1.4826 * float(np.median(np.abs(white)))
     if sd <= _EXACT * float(white.std()):  # most cells are exactly flat
         sd = max(float(white.std()), 1e-30)
-    unit: FloatArray = np.clip(white / sd, -FARTHEST_SD, FARTHEST_SD)
+    unit: FloatArray = np.clip(white / sd, -limits.FARTHEST_SD, limits.FARTHEST_SD)
     return unit
 
 
@@ -172,19 +162,20 @@ def flatten_heights(
     if not 0 < cell_m < np.inf:
         raise InputError(f"the side of a cell is a length above 0, not {cell_m} m")
     known = np.isfinite(heights)
-    if min(heights.shape) < LEAST_SIDE_CELLS or known.sum() < LEAST_AREA_CELLS:
+    if min(heights.shape) < limits.LEAST_SIDE_CELLS or known.sum() < limits.LEAST_AREA_CELLS:
         rows, columns = heights.shape
         return _unchanged_heights(
             heights,
             f"{known.sum()} cells of {1000 * cell_m:.3g} mm on {rows} x {columns} are too few to tell ripple "
-            f"from relief; {LEAST_AREA_CELLS} on {LEAST_SIDE_CELLS} x {LEAST_SIDE_CELLS} are needed",
+            f"from relief; {limits.LEAST_AREA_CELLS} on {limits.LEAST_SIDE_CELLS} x {limits.LEAST_SIDE_CELLS} "
+            "are needed",
         )
 
     # 1. Separate heights into levels and ripple, and learn what the ripple alone may look like.
     parts = separate(np.where(known, heights, 0.0), known)
     could_stay = [
         candidate.stands_out
-        and candidate.n_cells >= LEAST_RELIEF_CELLS
+        and candidate.n_cells >= limits.LEAST_RELIEF_CELLS
         and abs(candidate.height_m) > options.rounding_m
         for candidate in parts.candidates
     ]
@@ -214,8 +205,8 @@ def flatten_heights(
             size = float(np.sqrt(np.mean(ripple[cells] ** 2)))
             clear = (
                 options.clears_relief
-                and candidate.sd_m <= CLEAN_LEVEL * ripple_sd
-                and size <= OWN_SHAPE * ripple_sd
+                and candidate.sd_m <= limits.CLEAN_LEVEL * ripple_sd
+                and size <= limits.OWN_SHAPE * ripple_sd
             )
             if clear:
                 flat[cells] -= ripple[cells]

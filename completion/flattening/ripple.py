@@ -9,15 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
-from completion.flattening.limits import (
-    ENOUGH_KNOWN,
-    JUMP_OUTLIER,
-    LEAST_STRENGTH,
-    MOST_KNOWN,
-    MOST_WINDOW,
-    OUTLIER,
-    SPIKE,
-)
+from completion.flattening import limits
 from scenes.checks import BoolArray, FloatArray
 
 _HOP = 8  # cells from one window to the next
@@ -66,7 +58,7 @@ def estimate_spectrum(heights: FloatArray, known: BoolArray, quantile: float, wi
     rows, columns = (np.unique(np.r_[0 : n - size : _HOP, n - size]) for n in heights.shape)
     seen = ndimage.uniform_filter(known.astype(np.float64), size, mode="constant")
     half = size // 2
-    corners = [(i, j) for i in rows for j in columns if seen[i + half, j + half] >= MOST_KNOWN]
+    corners = [(i, j) for i in rows for j in columns if seen[i + half, j + half] >= limits.MOST_KNOWN]
     if not corners:
         best = np.unravel_index(np.argmax(seen[rows + half][:, columns + half]), (len(rows), len(columns)))
         corners = [(rows[best[0]], columns[best[1]])]
@@ -153,7 +145,7 @@ class Ripple:
         for number, (column, box) in enumerate(zip(columns, boxes, strict=True)):
             inside = labels[box] == number
             shape = _window(inside.shape)
-            if np.prod(shape) > MOST_WINDOW * labels.size:
+            if np.prod(shape) > limits.MOST_WINDOW * labels.size:
                 field = self.apply_gain((labels == number).astype(np.float64), 1 / np.sqrt(self.power))
                 column[:] = (field * weak)[known]
                 continue
@@ -205,12 +197,12 @@ class Ripple:
     def with_local_strength(self, error: FloatArray, known: BoolArray) -> Ripple:
         """The ripple, with its strength from place to place in a field of error (rows, columns)."""
         size = np.abs(self.apply_gain(error, 1 / np.sqrt(self.power)))
-        size = np.where(known, np.sqrt(np.minimum(size, OUTLIER * np.median(size[known]))), 0.0)
+        size = np.where(known, np.sqrt(np.minimum(size, limits.OUTLIER * np.median(size[known]))), 0.0)
         share = ndimage.uniform_filter(known.astype(np.float64), _NEIGHBOURHOOD, mode="wrap")
         mean = ndimage.uniform_filter(size, _NEIGHBOURHOOD, mode="wrap") / np.maximum(share, 1e-3)
         middle = float(np.median(mean[known]))
         strength = np.where((share > 0.05) & (middle > 0), (mean / max(middle, 1e-30)) ** 2, 1.0)
-        return Ripple(self.spectrum, self.power, np.maximum(strength, LEAST_STRENGTH))
+        return Ripple(self.spectrum, self.power, np.maximum(strength, limits.LEAST_STRENGTH))
 
 
 def _step_energy(power: FloatArray) -> float:
@@ -257,7 +249,9 @@ def _mirror(index: FloatArray, n: int) -> FloatArray:
 def fill_gaps(heights: FloatArray, known: BoolArray) -> FloatArray:
     """Heights (rows, columns) with gaps filled smoothly, from the finest scale that reaches them."""
     values, weights = np.where(known, heights, 0.0), known.astype(np.float64)
-    enough = min(ENOUGH_KNOWN, 0.5 * float(weights.mean()))  # at the coarsest scale it is the mean everywhere
+    enough = min(
+        limits.ENOUGH_KNOWN, 0.5 * float(weights.mean())
+    )  # at the coarsest scale it is the mean everywhere
     filled, left = values.copy(), ~known
     scale = 1.0
     while left.any():
@@ -280,7 +274,7 @@ def without_jumps(heights: FloatArray) -> FloatArray:
     down, right = np.diff(heights, axis=0), np.diff(heights, axis=1)
     sources = np.zeros(heights.shape)
     for difference, axis in ((down, 0), (right, 1)):
-        usual = JUMP_OUTLIER * 1.4826 * np.median(np.abs(difference - np.median(difference)))
+        usual = limits.JUMP_OUTLIER * 1.4826 * np.median(np.abs(difference - np.median(difference)))
         kept = np.where(np.abs(difference) <= usual, difference, 0.0)
         wide = np.pad(kept, [(1, 1) if k == axis else (0, 0) for k in range(2)])
         sources += np.diff(wide, axis=axis)
@@ -310,6 +304,6 @@ def find_spikes(heights: FloatArray, known: BoolArray) -> BoolArray:
     differ = differ[differ > 0]  # exactly flat cells say nothing of the noise
     if not len(differ):
         return np.zeros_like(known)
-    near = np.sum(away <= SPIKE * np.median(differ), axis=0)
+    near = np.sum(away <= limits.SPIKE * np.median(differ), axis=0)
     is_member: BoolArray = known & (near <= 1) & (np.sum(np.isfinite(away), axis=0) >= 3)
     return is_member

@@ -11,15 +11,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from completion.panels import limits
 from completion.panels.fold import Fold, FoldCurve, facet_lines
-from completion.panels.limits import (
-    COLLINEAR_M,
-    CORNER_CELLS,
-    LEAST_CELLS,
-    PRECISION_M,
-    SLIVER_CELLS,
-    STRIP_CELLS,
-)
 from completion.panels.outline import polygon_parts
 from completion.panels.sheet import Sheet, left_of, polygons_of_cells
 from scenes.checks import FloatArray
@@ -148,7 +141,7 @@ def _seams(sheet: Sheet) -> tuple[Trace, ...]:
 
 def _fit_area(sheet: Sheet, folds: Sequence[Fold], traces: Sequence[Trace]) -> Any:
     """The area, filled up to the folds at which the sheet ends and cut off beyond."""
-    width, inside, outside = STRIP_CELLS * sheet.cell_m, [], []
+    width, inside, outside = limits.STRIP_CELLS * sheet.cell_m, [], []
     for fold, fold_trace in zip(folds, traces, strict=True):
         left, right = fold.sides[0 if fold.first == sheet.number else 1]
         if left == right:
@@ -156,12 +149,12 @@ def _fit_area(sheet: Sheet, folds: Sequence[Fold], traces: Sequence[Trace]) -> A
         sign = 1.0 if left else -1.0
         inside.append(_strip(fold_trace.uv, sign * width))
         outside.append(_strip(fold_trace.uv, -sign * width))
-    plain = shapely.coverage_simplify(polygon_parts(sheet.area), CORNER_CELLS * sheet.cell_m)
+    plain = shapely.coverage_simplify(polygon_parts(sheet.area), limits.CORNER_CELLS * sheet.cell_m)
     area = shapely.union_all(plain)
     if inside:
-        area = shapely.union_all([area, *inside], grid_size=PRECISION_M)
-        area = shapely.difference(area, shapely.union_all(outside), grid_size=PRECISION_M)
-    least = LEAST_CELLS * sheet.patch.grid.cell_area
+        area = shapely.union_all([area, *inside], grid_size=limits.PRECISION_M)
+        area = shapely.difference(area, shapely.union_all(outside), grid_size=limits.PRECISION_M)
+    least = limits.LEAST_CELLS * sheet.patch.grid.cell_area
     parts = [part for part in polygon_parts(shapely.make_valid(area)) if part.area >= least]
     if sheet.wraps:
         half, (low, high) = sheet.surface.period / 2, shapely.total_bounds(parts)[[1, 3]] if parts else (0, 1)
@@ -188,11 +181,11 @@ def _labelled_area(sheet: Sheet, area: Any, lines: Sequence[Any]) -> NDArray[Any
     if not len(faces):
         return np.zeros(0, object)
     labels = sheet.provenance_at(shapely.get_coordinates(inner)).astype(np.int64)
-    small = np.flatnonzero(shapely.area(faces) < SLIVER_CELLS * sheet.patch.grid.cell_area)
+    small = np.flatnonzero(shapely.area(faces) < limits.SLIVER_CELLS * sheet.patch.grid.cell_area)
     _absorb(faces, labels, small)
     union = [shapely.coverage_union_all(faces[labels == label]) for label in np.unique(labels)]
     parts = np.array([part for area in union for part in polygon_parts(area)], dtype=object)
-    return np.asarray(shapely.coverage_simplify(parts, COLLINEAR_M))
+    return np.asarray(shapely.coverage_simplify(parts, limits.COLLINEAR_M))
 
 
 def _absorb(faces: NDArray[Any], labels: NDArray[np.int64], small: NDArray[np.int64]) -> None:
@@ -222,12 +215,14 @@ def _zones(sheet: Sheet) -> NDArray[Any]:
     if len(zones) < 2:
         return np.zeros(0, object)
     parts = np.array([part for zone in zones for part in polygon_parts(zone)], dtype=object)
-    return np.asarray(shapely.coverage_simplify(parts, CORNER_CELLS * sheet.cell_m, simplify_boundary=False))
+    return np.asarray(
+        shapely.coverage_simplify(parts, limits.CORNER_CELLS * sheet.cell_m, simplify_boundary=False)
+    )
 
 
 def _polygonize(lines: Sequence[Any]) -> NDArray[Any]:
     """The faces between lines, noded to the precision of a chart; (n,) shapely polygons."""
-    noded = shapely.union_all([shapely.GeometryCollection(list(lines))], grid_size=PRECISION_M)
+    noded = shapely.union_all([shapely.GeometryCollection(list(lines))], grid_size=limits.PRECISION_M)
     faces = shapely.get_parts(shapely.polygonize([noded]))
     return np.asarray(faces[shapely.area(faces) > 0], dtype=object)
 

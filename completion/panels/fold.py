@@ -12,15 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from completion.panels.limits import (
-    BRIDGED_CELLS,
-    CHANGE_CELLS,
-    CHORD_M,
-    FOLD_CELLS,
-    FOLD_REACH_CELLS,
-    LEAST_SINE,
-    STEEP_COSINE,
-)
+from completion.panels import limits
 from completion.panels.sheet import Sheet
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
@@ -137,7 +129,7 @@ def fold_curves(first: Surface, second: Surface) -> list[FoldCurve]:
 
 def facet_width(radius_m: float) -> float:
     """Arc length of a facet of a cylinder whose chord is off it by `CHORD_M`, or by a tenth of the radius."""
-    sagitta = min(CHORD_M, radius_m / 10)
+    sagitta = min(limits.CHORD_M, radius_m / 10)
     return float(2 * radius_m * np.arccos(1 - sagitta / radius_m))
 
 
@@ -155,7 +147,7 @@ def facet_lines(cylinder: Cylinder, low: float, high: float) -> FloatArray:
 def _of_planes(first: Plane, second: Plane) -> list[FoldCurve]:
     across = cross(first.normal_direction, second.normal_direction)
     sine = float(np.linalg.norm(across))
-    if sine < LEAST_SINE:
+    if sine < limits.LEAST_SINE:
         return []
     direction, middle = across / sine, (first.point + second.point) / 2
     normals = np.stack([first.normal_direction, second.normal_direction, direction])
@@ -165,7 +157,7 @@ def _of_planes(first: Plane, second: Plane) -> list[FoldCurve]:
 
 def _of_plane_and_cylinder(plane: Plane, cylinder: Cylinder) -> list[FoldCurve]:
     rise = float(plane.normal_direction @ cylinder.direction)
-    if abs(rise) > STEEP_COSINE:
+    if abs(rise) > limits.STEEP_COSINE:
         return [RoundFold(cylinder, plane)]
     away, across, _ = _lengthwise(cylinder, plane)
     reach = cylinder.radius * across
@@ -198,7 +190,7 @@ _ACROSS = (
     0.5,
     1.0,
     1.5,
-    FOLD_REACH_CELLS,
+    limits.FOLD_REACH_CELLS,
 )  # cells beside a fold at which a surface that reaches it is looked for
 _FARTHER = (3.0, 4.0)  # the same, where nothing was seen to be free between
 _SMOOTH = 15  # samples over which a side is decided
@@ -258,7 +250,7 @@ def find_folds(sheets: Sequence[Sheet]) -> list[Fold]:
     n_curves = 0
     for i, first_sheet in enumerate(sheets):
         for j in range(i + 1, len(sheets)):
-            slack = FOLD_REACH_CELLS * max(first_sheet.cell_m, sheets[j].cell_m)
+            slack = limits.FOLD_REACH_CELLS * max(first_sheet.cell_m, sheets[j].cell_m)
             low = np.maximum(boxes[i][0], boxes[j][0]) - slack
             high = np.minimum(boxes[i][1], boxes[j][1]) + slack
             if (low > high).any():
@@ -292,17 +284,17 @@ def _of_curve(first_sheet: Sheet, other: Sheet, curve: FoldCurve, number: int, b
         near[held] = _reaches(sheet, uv[held], left[held])
     if not near.any():
         return []
-    bridged = 2 * int(BRIDGED_CELLS * cell / step / 2) + 1
+    bridged = 2 * int(limits.BRIDGED_CELLS * cell / step / 2) + 1
     padded = np.pad(near, bridged)
     near = ndimage.binary_closing(padded, np.ones(bridged))[bridged:-bridged]
     run, n_runs = ndimage.label(near)
     folds = []
     for first, last in (np.flatnonzero(run == k)[[0, -1]] for k in range(1, n_runs + 1)):
-        if t[last] - t[first] < FOLD_CELLS * cell:
+        if t[last] - t[first] < limits.FOLD_CELLS * cell:
             continue
         stretch = t[first : last + 1]
         sides = np.stack([sides_along(sheet, curve, stretch) for sheet in (first_sheet, other)], axis=1)
-        for begin, stop in _pieces(sides, int(np.ceil(CHANGE_CELLS * cell / step))):
+        for begin, stop in _pieces(sides, int(np.ceil(limits.CHANGE_CELLS * cell / step))):
             start, end = float(stretch[begin]), float(stretch[min(stop, len(stretch) - 1)])
             on = sides[begin:stop].mean(axis=0) > 0.5
             if not on.any(axis=1).all() or _sd_across(first_sheet, other, curve, (start + end) / 2) > cell:
@@ -362,7 +354,7 @@ def sides_along(sheet: Sheet, curve: FoldCurve, t: FloatArray) -> BoolArray:
     """
     uv, left = sheet.along(curve.at(t))
     result = np.zeros((len(t), 2), np.bool_)
-    for beside in (FOLD_CELLS, _FARTHER[-1] + 0.5, *_ACROSS[::-1]):
+    for beside in (limits.FOLD_CELLS, _FARTHER[-1] + 0.5, *_ACROSS[::-1]):
         open_ = np.flatnonzero(~result.any(axis=1))
         for column, sign in enumerate((1.0, -1.0)):
             place = uv[open_] + sign * beside * sheet.cell_m * left[open_]

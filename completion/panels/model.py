@@ -13,15 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.extension.patch import Provenance
+from completion.panels import limits
 from completion.panels.fold import Fold
-from completion.panels.limits import (
-    BESIDE_CELLS,
-    COLLINEAR_M,
-    EDGE_REACH_CELLS,
-    FOLD_CELLS,
-    LEAST_SINE,
-    PRECISION_M,
-)
 from completion.panels.sheet import Sheet
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
@@ -70,7 +63,7 @@ def _same_pair(first: Fold, second: Fold) -> bool:
 
 def _nearest_crossing(fold: Fold, end: float, sheets: Sequence[Sheet]) -> tuple[float, int] | None:
     """The parameter nearest to an end of a fold at which a third surface crosses it, and that surface."""
-    reach = EDGE_REACH_CELLS * fold.cell_m
+    reach = limits.EDGE_REACH_CELLS * fold.cell_m
     t = np.linspace(end - reach, end + reach, _STEPS + 1)
     points = fold.curve.at(t)
     best: tuple[float, int] | None = None
@@ -83,9 +76,9 @@ def _nearest_crossing(fold: Fold, end: float, sheets: Sequence[Sheet]) -> tuple[
             place = fold.curve.at(np.array([root]))
             if best is not None and abs(root - end) >= abs(best[0] - end):
                 continue
-            if _volume(fold, sheets, sheet.surface, place) < LEAST_SINE:
+            if _volume(fold, sheets, sheet.surface, place) < limits.LEAST_SINE:
                 continue
-            if sheet.is_within(sheet.surface.to_uv(place), FOLD_CELLS * sheet.cell_m)[0]:
+            if sheet.is_within(sheet.surface.to_uv(place), limits.FOLD_CELLS * sheet.cell_m)[0]:
                 best = (root, sheet.number)
     return best
 
@@ -114,7 +107,9 @@ def _distinct(corners: Sequence[FoldCorner]) -> list[FoldCorner]:
     kept: list[FoldCorner] = []
     for new_corner in sorted(corners, key=lambda corner: corner.surfaces):
         same = (other for other in kept if other.surfaces == new_corner.surfaces)
-        if not any(float(np.linalg.norm(new_corner.point - other.point)) < PRECISION_M for other in same):
+        if not any(
+            float(np.linalg.norm(new_corner.point - other.point)) < limits.PRECISION_M for other in same
+        ):
             kept.append(new_corner)
     return kept
 
@@ -190,7 +185,7 @@ def fold_edge(fold: Fold, sheets: Sequence[Sheet]) -> FoldEdge:
         uv, left = sheet.along(fold.curve.at(fine))
         mask = np.zeros(len(fine), np.bool_)
         for sign in np.array([1.0, -1.0])[sides]:
-            beside = uv + sign * BESIDE_CELLS * sheet.cell_m * left
+            beside = uv + sign * limits.BESIDE_CELLS * sheet.cell_m * left
             mask |= sheet.provenance_at(beside) == Provenance.MEASURED
         measured &= mask
     return FoldEdge(
@@ -329,7 +324,7 @@ class PanelModel:
     def part(self, kept: BoolArray) -> PanelPart:
         """Return some facets (m,) of one surface by themselves."""
         corner, uv = self.faces[kept].ravel(), self.corner_uv[kept].reshape(-1, 2)
-        fine = np.rint(uv / COLLINEAR_M).astype(np.int64)
+        fine = np.rint(uv / limits.COLLINEAR_M).astype(np.int64)
         _, first, index = np.unique(
             np.column_stack([corner, fine]), axis=0, return_index=True, return_inverse=True
         )

@@ -24,16 +24,7 @@ from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Label
 from completion.extension.patch import Patch
-from completion.panels.limits import (
-    BESIDE_CELLS,
-    EDGE_REACH_CELLS,
-    FOLD_REACH_CELLS,
-    GUIDE_SINE,
-    LEAST_CELLS,
-    LEAST_CHAIN_CELLS,
-    MEETING_REACH_CELLS,
-    OUTLINE_ERROR_CELLS,
-)
+from completion.panels import limits
 from completion.panels.sheet import polygons_of_cells
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
@@ -136,7 +127,7 @@ def trace_boundary(grid: ChartGrid, cells: OutlineCells) -> list[BoundarySegment
     """Return the outline of the measured and inferred cells, cut where its kind or provenance changes."""
     segments = []
     for chain in trace_cells(cells.inside):
-        if len(chain) < LEAST_CHAIN_CELLS:
+        if len(chain) < limits.LEAST_CHAIN_CELLS:
             continue
         number = cells.numbers(chain)
         code = list(zip(cells.kinds[number].tolist(), cells.provenances[number].tolist(), strict=True))
@@ -184,7 +175,7 @@ def _provenances(
 ) -> NDArray[np.str_]:
     """Provenance of cells (n, 2) on the outline with their centres (n, 2), some at what was found to cut."""
     row, column = cells.T
-    beside = BESIDE_CELLS * float(patch.grid.cell.max())
+    beside = limits.BESIDE_CELLS * float(patch.grid.cell.max())
     result = np.full(len(cells), "shadow-limit", dtype="<U16")
     for stretch in patch.stretches:
         progress = stretch.progress(uv)
@@ -213,7 +204,7 @@ def _near(patch: Patch, uv: FloatArray, others: Sequence[Surface]) -> BoolArray:
     points = patch.grid.surface.from_uv(uv)
     near = np.zeros(len(uv), dtype=np.bool_)
     for cut in others:
-        near |= cut.distance(points) <= BESIDE_CELLS * float(patch.grid.cell.max())
+        near |= cut.distance(points) <= limits.BESIDE_CELLS * float(patch.grid.cell.max())
     return near
 
 
@@ -260,7 +251,7 @@ def surface_polygon(patch: Patch, mesh: ChartMesh) -> Any:
     whole = patch.observed | (covered > (1 - 1e-6) * grid.cell_area)
     cut = mesh.cells[mesh.faces[~whole.ravel()[mesh.face_cell]]]
     area = shapely.transform(polygons_of_cells(whole, cut), lambda xy: grid.uv_of(xy[:, 1], xy[:, 0]))
-    size, least = float(grid.cell.max()), LEAST_CELLS * grid.cell_area
+    size, least = float(grid.cell.max()), limits.LEAST_CELLS * grid.cell_area
     guides, straight = guides_of(patch), []
     declined = (patch.evidence.labels == Label.OCCLUDED) & patch.is_within & ~whole & ~patch.hypothesised
     low, high = patch.limits.window()
@@ -301,11 +292,13 @@ def guides_of(patch: Patch) -> list[GuideLine]:
     cell = float(patch.grid.cell.max())
     always = np.array([[-np.inf, np.inf]])
     meetings = [meeting_line(patch.grid.surface, cut) for cut in patch.limits.cuts]
-    guides = [GuideLine(line, always, MEETING_REACH_CELLS * cell) for line in meetings if line is not None]
+    guides = [
+        GuideLine(line, always, limits.MEETING_REACH_CELLS * cell) for line in meetings if line is not None
+    ]
     for edge in patch.edges:
         if isinstance(edge.curve, ChartLine):
-            slack = FOLD_REACH_CELLS * cell * np.array([-1.0, 1.0])
-            guides.append(GuideLine(edge.curve, edge.runs + slack, EDGE_REACH_CELLS * cell))
+            slack = limits.FOLD_REACH_CELLS * cell * np.array([-1.0, 1.0])
+            guides.append(GuideLine(edge.curve, edge.runs + slack, limits.EDGE_REACH_CELLS * cell))
     return guides
 
 
@@ -328,14 +321,14 @@ def straighten_polygon(
         moved = _on_guides(uv, guides)
         if is_declined is not None:
             stays = is_declined((uv + moved) / 2) & (
-                np.linalg.norm(moved - uv, axis=1) > EDGE_REACH_CELLS * cell_m
+                np.linalg.norm(moved - uv, axis=1) > limits.EDGE_REACH_CELLS * cell_m
             )
             moved[stays] = uv[stays]
         return moved
 
     laid = shapely.transform(dense, lay) if guides else dense
     corners = _from_corners(laid, _STRAIGHT * cell_m)
-    return _from_corners(_put_right(corners)).simplify(OUTLINE_ERROR_CELLS * cell_m)
+    return _from_corners(_put_right(corners)).simplify(limits.OUTLINE_ERROR_CELLS * cell_m)
 
 
 def _put_right(polygons: Any) -> Any:
@@ -404,7 +397,7 @@ def _follows(uv: FloatArray, guide: GuideLine) -> Any:
 def intersect_lines(first: ChartLine, second: ChartLine) -> FloatArray | None:
     """Return where two lines of a chart cross (2,); None where the angle between them is below 10 degrees."""
     across = float(second.normal @ first.direction)
-    if abs(across) < GUIDE_SINE:
+    if abs(across) < limits.GUIDE_SINE:
         return None
     along = float(second.normal @ (second.point - first.point)) / across
     return np.asarray(first.at(np.array(along)), dtype=np.float64)

@@ -17,22 +17,9 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from completion.boundary.edges import BoundaryEdge, ChartLine
+from completion.panels import limits
 from completion.panels.arrangement import arrange
 from completion.panels.fold import find_folds, fold_curves
-from completion.panels.limits import (
-    EDGE_REACH_CELLS,
-    FOLD_REACH_CELLS,
-    SLIM_BRIDGED_CELLS,
-    SLIM_FLAT_CELLS,
-    SLIM_LEAST_DEG,
-    SLIM_LENGTH_CELLS,
-    SLIM_MEETS_CELLS,
-    SLIM_POINTS,
-    SLIM_REACH_CELLS,
-    SLIM_SD_DEG,
-    SLIM_SHARE,
-    SLIM_WIDTH_CELLS,
-)
 from completion.panels.model import FoldEdge, PanelModel, close_corners, corner_point, fold_edge
 from completion.panels.outline import NearOutline, OutlineCells
 from completion.panels.sheet import Sheet
@@ -112,7 +99,7 @@ def slim_folds(sheets: Sequence[Sheet], unexplained: FloatArray, known: Sequence
             middles = _along(fold.points, face.sheet.cell_m)
             if (
                 taken is None
-                or (taken.query(middles)[0] < FOLD_REACH_CELLS * face.sheet.cell_m).mean() <= 0.5
+                or (taken.query(middles)[0] < limits.FOLD_REACH_CELLS * face.sheet.cell_m).mean() <= 0.5
             ):
                 folds.append(fold)
     return folds
@@ -128,12 +115,12 @@ def _faces(sheet: Sheet, unexplained: FloatArray, tree: cKDTree) -> Iterator[Sli
         if not isinstance(line, ChartLine):
             continue
         for (low, high), sign in zip(edge.runs.tolist(), edge.sides.tolist(), strict=True):
-            if high - low < SLIM_LENGTH_CELLS * cell:
+            if high - low < limits.SLIM_LENGTH_CELLS * cell:
                 continue
             places = surface.from_uv(line.at(np.arange(low, high + cell, cell)))
-            near = tree.query_ball_point(places, (SLIM_REACH_CELLS + 1) * cell)
+            near = tree.query_ball_point(places, (limits.SLIM_REACH_CELLS + 1) * cell)
             index = sorted({k for group in near for k in group})
-            if len(index) >= SLIM_POINTS:
+            if len(index) >= limits.SLIM_POINTS:
                 section = _EdgeSection.of(surface, line, sign, unexplained[index])
                 yield from _along_run(sheet, edge, section, (low, high))
 
@@ -144,16 +131,16 @@ def _along_run(
     """The slim faces along one run of an edge: where there are points beside it, and they lie on a plane."""
     cell, (along, outward, above) = sheet.cell_m, section.local.T
     reach = np.hypot(outward, above)
-    held = np.flatnonzero((along >= run[0]) & (along <= run[1]) & (reach <= SLIM_REACH_CELLS * cell))
-    for stretch in _stretches(held, along, SLIM_BRIDGED_CELLS * cell):
+    held = np.flatnonzero((along >= run[0]) & (along <= run[1]) & (reach <= limits.SLIM_REACH_CELLS * cell))
+    for stretch in _stretches(held, along, limits.SLIM_BRIDGED_CELLS * cell):
         low, high = float(along[stretch].min()), float(along[stretch].max())
         line = _line_through(
             section.local[stretch, 1:], cell, max(edge.deviation, sheet.patch.source.fit.rms)
         )
         if (
-            high - low < SLIM_LENGTH_CELLS * cell
+            high - low < limits.SLIM_LENGTH_CELLS * cell
             or line is None
-            or np.quantile(reach[stretch], 0.1) > EDGE_REACH_CELLS * cell
+            or np.quantile(reach[stretch], 0.1) > limits.EDGE_REACH_CELLS * cell
         ):
             continue
         radians = np.radians(line.degrees)
@@ -191,7 +178,7 @@ class _SectionLine:
 def _line_through(points: FloatArray, cell: float, deviation: float) -> _SectionLine | None:
     """The line of points (n, 2) of a section, outward and above; None where there is none."""
     far = np.hypot(*points.T) > cell
-    if np.count_nonzero(far) < SLIM_POINTS:
+    if np.count_nonzero(far) < limits.SLIM_POINTS:
         return None
     turn = (np.arctan2(points[far, 1], points[far, 0]) + np.pi) / (2 * np.pi) * _VOTES
     votes = np.bincount(turn.astype(np.int64) % _VOTES, minlength=_VOTES)
@@ -199,11 +186,11 @@ def _line_through(points: FloatArray, cell: float, deviation: float) -> _Section
         int((votes + np.roll(votes, 1) + np.roll(votes, -1)).argmax()) + 0.5
     ) / _VOTES * 2 * np.pi - np.pi
     direction, middle = np.array([np.cos(towards), np.sin(towards)]), np.zeros(2)
-    slack, kept = SLIM_FLAT_CELLS * cell + 3 * deviation, far
+    slack, kept = limits.SLIM_FLAT_CELLS * cell + 3 * deviation, far
     for _ in range(4):
         off = (points - middle) @ np.array([-direction[1], direction[0]])
         kept = (np.abs(off) <= slack) & (points @ direction > -cell)
-        if np.count_nonzero(kept) < SLIM_POINTS:
+        if np.count_nonzero(kept) < limits.SLIM_POINTS:
             return None
         middle = points[kept].mean(axis=0)
         along = np.linalg.svd(points[kept] - middle, full_matrices=False)[2][0]
@@ -211,16 +198,16 @@ def _line_through(points: FloatArray, cell: float, deviation: float) -> _Section
     reached = points[kept] @ direction
     steep = abs(float(direction[1]))
     if (
-        kept.mean() < SLIM_SHARE
-        or np.ptp(reached) < SLIM_WIDTH_CELLS * cell
-        or steep < np.sin(np.radians(SLIM_LEAST_DEG))
+        kept.mean() < limits.SLIM_SHARE
+        or np.ptp(reached) < limits.SLIM_WIDTH_CELLS * cell
+        or steep < np.sin(np.radians(limits.SLIM_LEAST_DEG))
     ):
         return None
     off = (points[kept] - middle) @ np.array([-direction[1], direction[0]])
     spread = np.sqrt(np.square(off).mean() + np.square(cell / 12))
     sd = float(np.degrees(spread / (np.sqrt(len(reached)) * np.std(reached))))
     shift = float(middle[0] - middle[1] * direction[0] / direction[1])
-    if sd > SLIM_SD_DEG or abs(shift) > 2 * cell:
+    if sd > limits.SLIM_SD_DEG or abs(shift) > 2 * cell:
         return None
     return _SectionLine(shift, float(np.degrees(np.arctan2(direction[1], direction[0]))), sd, kept)
 
@@ -238,24 +225,28 @@ def _at_its_far_side(face: SlimFace, sheets: Sequence[Sheet]) -> Iterator[FoldEd
     for other in sheets:
         if other is face.sheet or not isinstance(other.surface, Plane):
             continue
-        if np.abs(other.surface.distance(face.points)).min() > SLIM_MEETS_CELLS * cell:
+        if np.abs(other.surface.distance(face.points)).min() > limits.SLIM_MEETS_CELLS * cell:
             continue
         for curve in fold_curves(face.plane, other.surface):
             low, high = curve.span(np.stack([face.points.min(axis=0) - cell, face.points.max(axis=0) + cell]))
             t = np.arange(low, high, cell)
-            if len(t) < SLIM_LENGTH_CELLS:
+            if len(t) < limits.SLIM_LENGTH_CELLS:
                 continue
             places = curve.at(t)
-            near = (tree.query(places)[0] < SLIM_MEETS_CELLS * cell) & other.is_within(
+            near = (tree.query(places)[0] < limits.SLIM_MEETS_CELLS * cell) & other.is_within(
                 other.surface.to_uv(places), 2 * cell
             )
-            near = ndimage.binary_closing(np.pad(near, SLIM_BRIDGED_CELLS), np.ones(SLIM_BRIDGED_CELLS))[
-                SLIM_BRIDGED_CELLS:-SLIM_BRIDGED_CELLS
-            ]
+            near = ndimage.binary_closing(
+                np.pad(near, limits.SLIM_BRIDGED_CELLS), np.ones(limits.SLIM_BRIDGED_CELLS)
+            )[limits.SLIM_BRIDGED_CELLS : -limits.SLIM_BRIDGED_CELLS]
             held = np.flatnonzero(near)
             direction = places[1] - places[0]
             is_along = abs(float(direction @ along)) > 0.9 * np.linalg.norm(direction) * np.linalg.norm(along)
-            if len(held) < SLIM_LENGTH_CELLS or not is_along or len(held) < 0.8 * (held[-1] - held[0] + 1):
+            if (
+                len(held) < limits.SLIM_LENGTH_CELLS
+                or not is_along
+                or len(held) < 0.8 * (held[-1] - held[0] + 1)
+            ):
                 continue
             facing = float(other.surface.normal_direction @ face.plane.normal_direction)
             turn = float(np.degrees(np.arccos(np.clip(facing, -1, 1))))

@@ -15,20 +15,8 @@ from completion.evidence.sight import Ball, ScanSight, Views, sight_of
 from completion.observe.observation import Observation
 from completion.observe.rays import rays_of, triple
 from completion.observe.tolerance import EvidenceOptions
+from completion.registration import limits
 from completion.registration.facets import Meetings, ScanFacets, count_agreement, facets_of, meet
-from completion.registration.limits import (
-    BOUND,
-    FINE_M,
-    LEAST_MEETINGS,
-    LEAST_SCORE,
-    MAD_TO_SD,
-    N_PARTNERS,
-    N_TOGETHER,
-    NOTICED_M,
-    SURE,
-    THINNED,
-    VIOLATION,
-)
 from completion.registration.motions import STILL
 from completion.registration.prior import FacetLinks, Pair, PoseCorrections, link, meet_all, settle
 from completion.registration.station_view import sample_of
@@ -188,9 +176,9 @@ def scan_pairs(
         used = dict(meet_all(facets, sights, both, corrections.motions))
         links = [link(pair, given[pair], facets, still, corrections.pivots) for pair in both]
         after = [link(pair, used[pair], facets, corrections.motions, corrections.pivots) for pair in both]
-        if sum(len(links.offset) for links in after) < LEAST_MEETINGS:
+        if sum(len(links.offset) for links in after) < limits.LEAST_MEETINGS:
             continue
-        if sum(len(scan_links.offset) for scan_links in links) < LEAST_MEETINGS:
+        if sum(len(scan_links.offset) for scan_links in links) < limits.LEAST_MEETINGS:
             links = after
         offset, sd = _spread(both, links, corrections)
         known = float(np.hypot(sd, _excess(after)))
@@ -227,7 +215,7 @@ def _excess(links: Sequence[FacetLinks]) -> float:
     """By how much offsets are larger than noise makes them, robust, metres."""
     offset = np.concatenate([scan_links.offset for scan_links in links])
     deviation = np.concatenate([scan_links.deviation for scan_links in links])
-    spread = MAD_TO_SD * float(np.median(np.abs(offset)))
+    spread = limits.MAD_TO_SD * float(np.median(np.abs(offset)))
     return float(np.sqrt(max(spread**2 - float(np.mean(np.square(deviation))), 0.0)))
 
 
@@ -263,7 +251,9 @@ class AdjustedScans:
     @property
     def is_off(self) -> bool:
         """Whether the poses as they came are off by more than the flatness of surfaces and chance explain."""
-        return any(pair.offset_m > max(NOTICED_M, SURE * pair.offset_sd_m) for pair in self.pairs)
+        return any(
+            pair.offset_m > max(limits.NOTICED_M, limits.SURE * pair.offset_sd_m) for pair in self.pairs
+        )
 
 
 def deviations_left(pairs: Sequence[ScanPair], n: int) -> FloatArray:
@@ -275,7 +265,7 @@ def deviations_left(pairs: Sequence[ScanPair], n: int) -> FloatArray:
     left = np.full(n, np.nan)
     for pair in pairs:
         for number in (pair.first, pair.second):
-            left[number] = np.fmin(left[number], BOUND * pair.left_m)
+            left[number] = np.fmin(left[number], limits.BOUND * pair.left_m)
     return left
 
 
@@ -309,7 +299,9 @@ class PosedScans:
         Up to 64 of the `keys` settle together, and all other scans, each by itself, among these.
         """
         n = len(self.facets)
-        together = tuple(range(n)) if n <= N_TOGETHER else tuple(keys)[:: -(-len(keys) // N_TOGETHER)]
+        together = (
+            tuple(range(n)) if n <= limits.N_TOGETHER else tuple(keys)[:: -(-len(keys) // limits.N_TOGETHER)]
+        )
         alone = ((number,) for number in range(n) if number not in together)
         return [(scans, self._partners(scans, together)) for scans in (together, *alone)]
 
@@ -341,11 +333,11 @@ class PosedScans:
         before, after = (self._scores(numbers, motions, samples) for motions in (still, adjusted.motions))
         losses = {pair: before[pair] - after[pair] for pair in numbers}
         by_scan = [sum(loss for pair, loss in losses.items() if k in pair) for k in range(len(self.facets))]
-        worse = {k for k, loss in enumerate(by_scan) if loss > LEAST_SCORE}
+        worse = {k for k, loss in enumerate(by_scan) if loss > limits.LEAST_SCORE}
         if not worse:
             return set()
         among = {pair: loss for pair, loss in losses.items() if worse & {*pair}}
-        return {pair for pair, loss in among.items() if loss > LEAST_SCORE} or {
+        return {pair for pair, loss in among.items() if loss > limits.LEAST_SCORE} or {
             max(among, key=among.__getitem__)
         }
 
@@ -358,9 +350,9 @@ class PosedScans:
             for i, j in (pair, pair[::-1]):
                 motion = np.ascontiguousarray((back[i] @ motions[j])[None, :3])
                 agree, violated, _ = count_agreement(
-                    self.facets[j], samples[j], motion, self.sights[i], self.facets[i], FINE_M
+                    self.facets[j], samples[j], motion, self.sights[i], self.facets[i], limits.FINE_M
                 )[0]
-                scores[pair] += float(agree - VIOLATION * violated) / max(len(samples[j]), 1)
+                scores[pair] += float(agree - limits.VIOLATION * violated) / max(len(samples[j]), 1)
         return scores
 
     def _settle(self, scans: Sequence[int], pairs: Sequence[Pair], motions: FloatArray) -> _CorrectionGroup:
@@ -395,9 +387,13 @@ class PosedScans:
             ball = Ball(triple((low + high) / 2), float(np.linalg.norm(high - low)) / 2)
             for other in (others[k] for k in np.flatnonzero(views.may_see(ball)).tolist()):
                 if other != scan:
-                    met = meet(facets, STILL, self.sights[other], self.facets[other], THINNED).met
-                    shared.append((-THINNED * int(met.sum()), other))
-            best = [other for count, other in sorted(shared)[:N_PARTNERS] if -count >= LEAST_MEETINGS]
+                    met = meet(facets, STILL, self.sights[other], self.facets[other], limits.THINNED).met
+                    shared.append((-limits.THINNED * int(met.sum()), other))
+            best = [
+                other
+                for count, other in sorted(shared)[: limits.N_PARTNERS]
+                if -count >= limits.LEAST_MEETINGS
+            ]
             partners |= {pair for other in best for pair in ((scan, other), (other, scan))}
         return sorted(partners)
 

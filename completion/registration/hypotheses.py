@@ -13,33 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from completion.registration import limits
 from completion.registration.facets import AGREES, ask_facets, count_agreement
-from completion.registration.limits import (
-    ALONG,
-    BETTER,
-    COARSE_M,
-    COARSE_VIOLATION,
-    DISTINCT_SHARE,
-    DISTINCT_TURN,
-    FINE_M,
-    FULL,
-    LAST,
-    LAST_GATE_M,
-    MIDDLE_M,
-    N_FREE_PLANES,
-    N_JUDGES,
-    N_KEPT,
-    N_SAMPLES,
-    N_SCREENS,
-    N_SEEDS,
-    N_SLIDES,
-    OF_OBJECTS,
-    OF_ROOMS,
-    SAME_DIRECTION,
-    SHORT,
-    SLIDES_M,
-    VIOLATION,
-)
 from completion.registration.motions import STILL, angle_between, compose, inverse, inverses, perturb
 from completion.registration.pose_candidates import form_candidates, plane_candidates, turn_candidates
 from completion.registration.refinement import PlacedScan, equations_of, refine, stiffness
@@ -58,7 +33,7 @@ def surplus_of(a: StationView, b: StationView, motion: FloatArray, within_m: flo
 def _share(view: StationView, other: StationView, motion: FloatArray, within_m: float) -> float:
     facets = ask_facets(view.facets, view.sample, motion, other.sight, other.facets, within_m)
     left = view.sample[facets == AGREES]
-    for _ in range(N_FREE_PLANES):
+    for _ in range(limits.N_FREE_PLANES):
         left = _without_largest(view.facets.normal[left], view.facets.centre[left], left)
     return len(left) / max(len(view.sample), 1)
 
@@ -67,10 +42,10 @@ def _without_largest(normals: FloatArray, places: FloatArray, facets: IntArray) 
     """The facets (m,) that do not lie in the plane in which most of them lie."""
     if not len(facets):
         return facets
-    seeds = slice(None, None, max(1, len(facets) // N_SEEDS))
+    seeds = slice(None, None, max(1, len(facets) // limits.N_SEEDS))
     height = np.einsum("ij,ij->i", places[seeds], normals[seeds])
-    together = normals @ normals[seeds].T > ALONG
-    together &= np.abs(places @ normals[seeds].T - height) < MIDDLE_M
+    together = normals @ normals[seeds].T > limits.ALONG
+    together &= np.abs(places @ normals[seeds].T - height) < limits.MIDDLE_M
     return np.asarray(facets[~together[:, together.sum(axis=0).argmax()]])
 
 
@@ -120,19 +95,24 @@ def find_hypotheses(
     if not len(a.sample) or not len(b.sample):
         return []
     first, second = [PlacedScan(a, STILL)], [PlacedScan(b, STILL)]
-    n_screened, n_short, n_full = OF_OBJECTS if are_objects else OF_ROOMS
+    n_screened, n_short, n_full = limits.OF_OBJECTS if are_objects else limits.OF_ROOMS
     planes = plane_candidates(a.directions, b.directions, 2 * max(a.radius_m, b.radius_m))
     motions = np.concatenate([planes, turn_candidates(a, b), form_candidates(a, b)])
     if a.up is not None and b.up is not None:
-        motions = motions[motions[:, :, :3] @ b.up @ a.up > SAME_DIRECTION]
+        motions = motions[motions[:, :, :3] @ b.up @ a.up > limits.SAME_DIRECTION]
     if len(motions) > n_screened:
-        scores = scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=N_SCREENS)
+        scores = scores_of(
+            first, second, motions, limits.COARSE_M, limits.COARSE_VIOLATION, n=limits.N_SCREENS
+        )
         motions = motions[np.argsort(-scores, kind="stable")[:n_screened]]
     motions = distinct(
-        motions, scores_of(first, second, motions, COARSE_M, COARSE_VIOLATION, n=N_JUDGES), second, n_short
+        motions,
+        scores_of(first, second, motions, limits.COARSE_M, limits.COARSE_VIOLATION, n=limits.N_JUDGES),
+        second,
+        n_short,
     )
-    motions = np.array([refine(first, second, motion, *SHORT) for motion in motions]).reshape(-1, 3, 4)
-    scores = scores_of(first, second, motions, MIDDLE_M, VIOLATION, n=N_JUDGES)
+    motions = np.array([refine(first, second, motion, *limits.SHORT) for motion in motions]).reshape(-1, 3, 4)
+    scores = scores_of(first, second, motions, limits.MIDDLE_M, limits.VIOLATION, n=limits.N_JUDGES)
     motions = distinct(motions, scores, second, n_full)
     if start is not None:
         motions = np.concatenate([motions, start[None]])
@@ -144,19 +124,23 @@ def best_of(stay: Sequence[PlacedScan], move: Sequence[PlacedScan], motions: Flo
 
     Curved things creep into place: the best are refined once more, until they stand still.
     """
-    slid = [_slid(stay, move, refine(stay, move, motion, *FULL)) for motion in motions]
+    slid = [_slid(stay, move, refine(stay, move, motion, *limits.FULL)) for motion in motions]
     motions = np.array(slid).reshape(-1, 3, 4)
-    motions = distinct(motions, scores_of(stay, move, motions, MIDDLE_M, VIOLATION), move, N_KEPT)
-    motions = np.array([refine(stay, move, motion, *LAST) for motion in motions]).reshape(-1, 3, 4)
-    kept = distinct(motions, scores_of(stay, move, motions, FINE_M, VIOLATION), move, N_KEPT)
+    motions = distinct(
+        motions, scores_of(stay, move, motions, limits.MIDDLE_M, limits.VIOLATION), move, limits.N_KEPT
+    )
+    motions = np.array([refine(stay, move, motion, *limits.LAST) for motion in motions]).reshape(-1, 3, 4)
+    kept = distinct(
+        motions, scores_of(stay, move, motions, limits.FINE_M, limits.VIOLATION), move, limits.N_KEPT
+    )
     return [judge_motion(stay, move, motion) for motion in kept]
 
 
 def judge_motion(stay: Sequence[PlacedScan], move: Sequence[PlacedScan], motion: FloatArray) -> Hypothesis:
     """Return a motion (3, 4) with what speaks for it."""
-    counts = np.sum([count for count, _ in _counts(stay, move, motion[None], FINE_M)], axis=0)[0]
-    score = float(scores_of(stay, move, motion[None], FINE_M, VIOLATION)[0])
-    equations, _ = equations_of(stay, move, motion, LAST_GATE_M)
+    counts = np.sum([count for count, _ in _counts(stay, move, motion[None], limits.FINE_M)], axis=0)[0]
+    score = float(scores_of(stay, move, motion[None], limits.FINE_M, limits.VIOLATION)[0])
+    equations, _ = equations_of(stay, move, motion, limits.LAST_GATE_M)
     stiff = stiffness(equations)
     seen = max(int(counts[2]), 1)
     return Hypothesis(
@@ -166,7 +150,7 @@ def judge_motion(stay: Sequence[PlacedScan], move: Sequence[PlacedScan], motion:
         violate=float(counts[1] / seen),
         stiffness=stiff.least,
         beyond_planes=sum(
-            surplus_of(a.view, b.view, compose(compose(inverse(a.pose), motion), b.pose), FINE_M)
+            surplus_of(a.view, b.view, compose(compose(inverse(a.pose), motion), b.pose), limits.FINE_M)
             for a in stay
             for b in move
         ),
@@ -181,7 +165,7 @@ def scores_of(
     within_m: float,
     violation: float,
     *,
-    n: int = N_SAMPLES,
+    n: int = limits.N_SAMPLES,
 ) -> FloatArray:
     """Return the scores (n,) of motions (n, 3, 4) of some scans into the frame of others.
 
@@ -198,7 +182,7 @@ def _counts(
     move: Sequence[PlacedScan],
     motions: FloatArray,
     within_m: float,
-    n: int = N_SAMPLES,
+    n: int = limits.N_SAMPLES,
 ) -> list[tuple[IntArray, int]]:
     """What each scan says of each other one across (n, 3), and the size of the sample it was asked of."""
     pairs = []
@@ -224,8 +208,8 @@ def distinct(motions: FloatArray, scores: FloatArray, move: Sequence[PlacedScan]
     places = motions[:, :, :3] @ middle + motions[:, :, 3]
     kept: list[int] = []
     for k in np.argsort(-scores, kind="stable").tolist():
-        near = angle_between(motions[k], motions[kept]) < DISTINCT_TURN
-        near &= np.linalg.norm(places[kept] - places[k], axis=1) < DISTINCT_SHARE * spread
+        near = angle_between(motions[k], motions[kept]) < limits.DISTINCT_TURN
+        near &= np.linalg.norm(places[kept] - places[k], axis=1) < limits.DISTINCT_SHARE * spread
         if not near.any():
             kept.append(k)
             if len(kept) == n:
@@ -238,16 +222,20 @@ def _slid(stay: Sequence[PlacedScan], move: Sequence[PlacedScan], motion: FloatA
 
     Facets of a bare wall meet wherever it is slid; what stands before it and where it ends does not.
     """
-    best = float(scores_of(stay, move, motion[None], MIDDLE_M, VIOLATION, n=N_JUDGES)[0])
-    for _ in range(N_SLIDES):
-        sentence = stiffness(equations_of(stay, move, motion, LAST_GATE_M)[0])
+    best = float(scores_of(stay, move, motion[None], limits.MIDDLE_M, limits.VIOLATION, n=limits.N_JUDGES)[0])
+    for _ in range(limits.N_SLIDES):
+        sentence = stiffness(equations_of(stay, move, motion, limits.LAST_GATE_M)[0])
         if not sentence.free.any():
             break
-        tried = np.array([perturb(motion, step * sentence.change, sentence.middle) for step in SLIDES_M])
-        scores = scores_of(stay, move, tried, MIDDLE_M, VIOLATION, n=N_JUDGES)
-        again = refine(stay, move, tried[int(scores.argmax())], *FULL)
-        score = float(scores_of(stay, move, again[None], MIDDLE_M, VIOLATION, n=N_JUDGES)[0])
-        if score <= best + BETTER:
+        tried = np.array(
+            [perturb(motion, step * sentence.change, sentence.middle) for step in limits.SLIDES_M]
+        )
+        scores = scores_of(stay, move, tried, limits.MIDDLE_M, limits.VIOLATION, n=limits.N_JUDGES)
+        again = refine(stay, move, tried[int(scores.argmax())], *limits.FULL)
+        score = float(
+            scores_of(stay, move, again[None], limits.MIDDLE_M, limits.VIOLATION, n=limits.N_JUDGES)[0]
+        )
+        if score <= best + limits.BETTER:
             break
         motion, best = again, score
     return motion

@@ -21,21 +21,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from completion.observe.sensor_modes import N_MODES, displacements
+from completion.registration import limits
 from completion.registration.hypotheses import Hypothesis, best_of, distinct, scores_of
-from completion.registration.limits import (
-    INDEPENDENT,
-    LEAST_FOR_MOTION,
-    MIDDLE_M,
-    N_JOINT,
-    N_ROUNDS,
-    N_ROUNDS_PLANES,
-    NETWORK_GATES_M,
-    PARALLEL,
-    SAME_PLANE_M,
-    SMALL_STEP,
-    STILL_PLANES,
-    VIOLATION,
-)
 from completion.registration.motions import STILL, compose, in_units, inverse, perturb
 from completion.registration.refinement import (
     Link,
@@ -147,8 +134,8 @@ def _joint(
         best: Sequence[Hypothesis] = pairs[a, b]
     else:
         several = np.array(motions)
-        scores = scores_of(stay, move, several, MIDDLE_M, VIOLATION)
-        best = best_of(stay, move, distinct(several, scores, move, N_JOINT))
+        scores = scores_of(stay, move, several, limits.MIDDLE_M, limits.VIOLATION)
+        best = best_of(stay, move, distinct(several, scores, move, limits.N_JOINT))
         images = [
             compose(compose(pose_a, motion), inverse(pose_b))
             for a, pose_a in group.poses.items()
@@ -214,7 +201,7 @@ def adjust_poses(
     ]
     fixed, pull = normal_equations(besides, len(poses))
     now, change = list(poses), np.zeros(6 * len(poses))
-    for _ in range(N_ROUNDS_PLANES):
+    for _ in range(limits.N_ROUNDS_PLANES):
         matrix, vector = fixed.copy(), pull + fixed @ change
         for several in surfaces:
             _add(matrix, vector, several, now, views)
@@ -222,7 +209,7 @@ def adjust_poses(
         change[6:] += step
         for k, values in enumerate(step.reshape(-1, 6), start=1):
             now[k] = perturb(now[k], values, now[k][:, 3])
-        if np.abs(step).max(initial=0.0) < STILL_PLANES:
+        if np.abs(step).max(initial=0.0) < limits.STILL_PLANES:
             break
     return now
 
@@ -235,12 +222,12 @@ def _labels(link: Link, poses: Sequence[FloatArray], views: Sequence[StationView
         places = (link.equations.places - pose[:, 3]) @ pose[:, :3]
         normals = link.equations.growth[:, 3:] @ pose[:, :3]
         off = np.abs(places @ planes.normals.T - planes.heights)
-        off[np.abs(normals @ planes.normals.T) < PARALLEL] = np.inf
+        off[np.abs(normals @ planes.normals.T) < limits.PARALLEL] = np.inf
         if not off.shape[1]:
             labels.append(np.full(len(places), -1))
             continue
         best = off.argmin(axis=1)
-        labels.append(np.where(off[np.arange(len(off)), best] < SAME_PLANE_M, best, -1))
+        labels.append(np.where(off[np.arange(len(off)), best] < limits.SAME_PLANE_M, best, -1))
     return np.array(labels)
 
 
@@ -252,7 +239,7 @@ def _surfaces(links: Sequence[Link], labels: Sequence[IntArray]) -> list[Surface
             np.stack([first, two])[:, (first >= 0) & (two >= 0)], axis=1, return_counts=True
         )
         for (p, q), count in zip(pairs.T.tolist(), counts.tolist(), strict=True):
-            if count >= LEAST_FOR_MOTION:
+            if count >= limits.LEAST_FOR_MOTION:
                 met[(link.first, p), (link.second, q)] += count
     nodes = sorted({node for pair in met for node in pair})
     number = {node: k for k, node in enumerate(nodes)}
@@ -293,7 +280,7 @@ def _add(
     for k, plane in several:
         lift = np.eye(4)
         lift[:3] = poses[k]
-        share = min(1.0, INDEPENDENT / max(views[k].planes.n_pixels, 1))
+        share = min(1.0, limits.INDEPENDENT / max(views[k].planes.n_pixels, 1))
         scatters[k, plane] = share * lift @ views[k].planes.scatter[plane] @ lift.T
     total = np.sum(list(scatters.values()), axis=0)
     middle = total[:3, 3] / total[3, 3]
@@ -377,14 +364,14 @@ def settle_group(group: ScanGroup, views: Sequence[StationView], *, by_planes: b
     n = len(numbers)
     matrix: FloatArray = np.zeros((6 * n, 6 * n))
     links: list[Link] = []
-    for number in range(N_ROUNDS):
-        gate = NETWORK_GATES_M[min(number, len(NETWORK_GATES_M) - 1)]
+    for number in range(limits.N_ROUNDS):
+        gate = limits.NETWORK_GATES_M[min(number, len(limits.NETWORK_GATES_M) - 1)]
         links = links_of(numbers, poses, views, gate)
         matrix, vector = normal_equations(links, n)
         change = -solve_ridge(matrix[6:, 6:], vector[6:]).reshape(-1, 6)
         for k, step in enumerate(change, start=1):
             poses[k] = perturb(poses[k], step, poses[k][:, 3])
-        if number >= len(NETWORK_GATES_M) and np.abs(change).max(initial=0.0) < SMALL_STEP:
+        if number >= len(limits.NETWORK_GATES_M) and np.abs(change).max(initial=0.0) < limits.SMALL_STEP:
             break
     if by_planes and n > 1:
         poses = _if_alike(adjust_poses(poses, [views[k] for k in numbers], links), poses, matrix)

@@ -11,19 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from completion.evidence.sight import ScanSight
+from completion.registration import limits
 from completion.registration.facets import Meetings, ScanFacets, meet
-from completion.registration.limits import (
-    FIRST_M,
-    INDEPENDENT,
-    KNOWN_M,
-    LEAST_MEETINGS,
-    LEAST_SCALE_M,
-    MOST_SCALE_M,
-    N_PRIORS,
-    N_ROUNDS_PRIOR,
-    ROBUST_PRIOR,
-    STILL_PRIOR_M,
-)
 from scenes.checks import FloatArray
 
 Pair = tuple[int, int]
@@ -105,27 +94,27 @@ def settle(
     n = len(facets)
     pivots = np.array([_middle(facet, sight) for facet, sight in zip(facets, sights, strict=True)])
     moments = np.array([_moment(facet, pivot) for facet, pivot in zip(facets, pivots, strict=True)])
-    reach = np.sqrt(np.maximum(np.trace(moments[:, :3, :3], axis1=1, axis2=2), LEAST_SCALE_M))
+    reach = np.sqrt(np.maximum(np.trace(moments[:, :3, :3], axis1=1, axis2=2), limits.LEAST_SCALE_M))
     vectors: FloatArray = np.zeros((n, 6))
     covariance: FloatArray = np.zeros((6 * n, 6 * n))
-    scale: FloatArray = np.full(n, FIRST_M)
-    scale[[*held]] = KNOWN_M
+    scale: FloatArray = np.full(n, limits.FIRST_M)
+    scale[[*held]] = limits.KNOWN_M
     motions: FloatArray = np.array([held.get(k, np.eye(4)) for k in range(n)])
-    for _ in range(N_ROUNDS_PRIOR):
+    for _ in range(limits.N_ROUNDS_PRIOR):
         matrix, vector = _equations(link_all(facets, sights, pairs, motions, pivots), n)
         vector += matrix @ vectors.ravel()
         before = vectors
-        for _ in range(N_PRIORS):
+        for _ in range(limits.N_PRIORS):
             prior = np.repeat(1.0 / np.square(np.stack([scale / reach, scale], axis=1)), 3, axis=1).ravel()
             covariance = np.asarray(np.linalg.inv(matrix + np.diag(prior)), dtype=np.float64)
             vectors = (covariance @ vector).reshape(n, 6)
             learned = _scales(moments, vectors, covariance)
-            learned[[*held]] = KNOWN_M
+            learned[[*held]] = limits.KNOWN_M
             if np.allclose(learned, scale, rtol=0.05):
                 break
             scale = learned
         motions = np.asarray([held.get(k, _motion(vectors[k], pivots[k])) for k in range(n)])
-        if _shifts(moments, vectors - before).max() < STILL_PRIOR_M:
+        if _shifts(moments, vectors - before).max() < limits.STILL_PRIOR_M:
             break
     return PoseCorrections(motions, vectors, covariance, pivots, _shifts(moments, vectors))
 
@@ -177,7 +166,7 @@ def _equations(links: Iterable[tuple[Pair, FacetLinks]], n: int) -> tuple[FloatA
     """Normal equations (6 n, 6 n), (6 n,) of the pairs that tell anything."""
     matrix, vector = np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
     for (i, j), scan_links in links:
-        if len(scan_links.offset) < LEAST_MEETINGS:
+        if len(scan_links.offset) < limits.LEAST_MEETINGS:
             continue
         weight = _weights(scan_links)[:, None]
         here, there = slice(6 * i, 6 * i + 6), slice(6 * j, 6 * j + 6)
@@ -195,8 +184,8 @@ def _weights(links: FacetLinks) -> FloatArray:
     """Inverse variances (n,) of offsets, 1 / metres squared, robust, of all as of some independent ones."""
     ratio = links.offset / links.deviation
     spread = max(1.0, 1.4826 * float(np.median(np.abs(ratio))))
-    robust = np.square(1.0 / (1.0 + np.square(ratio / (ROBUST_PRIOR * spread))))
-    share = min(1.0, INDEPENDENT / len(ratio))
+    robust = np.square(1.0 / (1.0 + np.square(ratio / (limits.ROBUST_PRIOR * spread))))
+    share = min(1.0, limits.INDEPENDENT / len(ratio))
     return np.asarray(share * robust / np.square(spread * links.deviation))
 
 
@@ -216,7 +205,7 @@ def _scales(moments: FloatArray, vectors: FloatArray, covariance: FloatArray) ->
     n = len(vectors)
     members = covariance.reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n)]
     square = np.square(_shifts(moments, vectors)) + np.einsum("nij,nji->n", moments, members)
-    return np.asarray(np.sqrt(np.clip(square, LEAST_SCALE_M**2, MOST_SCALE_M**2)))
+    return np.asarray(np.sqrt(np.clip(square, limits.LEAST_SCALE_M**2, limits.MOST_SCALE_M**2)))
 
 
 def _motion(vector: FloatArray, pivot: FloatArray) -> FloatArray:

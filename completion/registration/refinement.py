@@ -9,19 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from completion.registration import limits
 from completion.registration.facets import Meetings, meet
-from completion.registration.limits import (
-    GATES_M,
-    INDEPENDENT,
-    LEAST_FOR_MOTION,
-    LEAST_MEETINGS,
-    MAD_TO_SD,
-    OF_SD,
-    RIDGE,
-    RIDGE_OF_GROUP,
-    SMALL_STEP,
-    SURE,
-)
 from completion.registration.motions import STILL, compose, inverse, perturb
 from completion.registration.station_view import StationView
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -51,8 +40,8 @@ class MotionEquations(NamedTuple):
     def weight(self) -> FloatArray:
         """Inverse variances (n,), robust (Geman & McClure 1987)."""
         ratio = self.offset / self.deviation
-        spread = max(1.0, MAD_TO_SD * float(np.median(np.abs(ratio))))
-        robust = np.square(1.0 / (1.0 + np.square(ratio / (SURE * spread))))
+        spread = max(1.0, limits.MAD_TO_SD * float(np.median(np.abs(ratio))))
+        robust = np.square(1.0 / (1.0 + np.square(ratio / (limits.SURE * spread))))
         return np.asarray(self.share * robust / np.square(spread * self.deviation))
 
 
@@ -67,25 +56,25 @@ def refine(
     reach = max(placement.view.radius_m for placement in move)
     scale = np.array([reach] * 3 + [1.0] * 3)
     for number in range(n_rounds):
-        gate = GATES_M[min(number, len(GATES_M) - 1)]
+        gate = limits.GATES_M[min(number, len(limits.GATES_M) - 1)]
         equations, middle = equations_of(stay, move, motion, gate, step)
-        if len(equations.offset) < LEAST_FOR_MOTION:
+        if len(equations.offset) < limits.LEAST_FOR_MOTION:
             return motion
         weight = equations.weight
         matrix = equations.growth.T @ (weight[:, None] * equations.growth)
-        ridge = RIDGE * np.trace(matrix / np.outer(scale, scale)) / 6 * np.square(scale)
+        ridge = limits.RIDGE * np.trace(matrix / np.outer(scale, scale)) / 6 * np.square(scale)
         gradient = equations.growth.T @ (weight * equations.offset)
         change: FloatArray = -np.linalg.solve(matrix + np.diag(ridge), gradient).astype(np.float64)
         motion = perturb(motion, change, middle)
-        if number >= len(GATES_M) and _is_settled(change, matrix, scale, reach):
+        if number >= len(limits.GATES_M) and _is_settled(change, matrix, scale, reach):
             break
     return motion
 
 
 def _is_settled(change: FloatArray, matrix: FloatArray, scale: FloatArray, reach: float) -> bool:
     """Tell whether a step (6,) is small beside what `matrix` (6, 6), the inverse covariance, leaves open."""
-    is_small = float(change @ matrix @ change) < OF_SD**2
-    return is_small or bool(np.abs(change * scale).max() < SMALL_STEP * reach)
+    is_small = float(change @ matrix @ change) < limits.OF_SD**2
+    return is_small or bool(np.abs(change * scale).max() < limits.SMALL_STEP * reach)
 
 
 def equations_of(
@@ -122,7 +111,7 @@ def _equations(
     places: FloatArray, middle: FloatArray, normals: FloatArray, met: Meetings, chosen: BoolArray
 ) -> MotionEquations:
     growth = np.concatenate([np.cross(places - middle, normals), normals], axis=1)
-    share = np.full(len(places), min(1.0, INDEPENDENT / max(len(chosen), 1)))
+    share = np.full(len(places), min(1.0, limits.INDEPENDENT / max(len(chosen), 1)))
     return MotionEquations(growth, met.offset[chosen], met.deviation[chosen], share, places)
 
 
@@ -141,7 +130,7 @@ class Stiffness(NamedTuple):
     @property
     def change(self) -> FloatArray:
         """The motion (6,) that they tell least: a turn about the middle, radians, and a shift, metres."""
-        return np.asarray(self.free / np.array([max(self.reach_m, SMALL_STEP)] * 3 + [1.0] * 3))
+        return np.asarray(self.free / np.array([max(self.reach_m, limits.SMALL_STEP)] * 3 + [1.0] * 3))
 
 
 def stiffness(equations: MotionEquations) -> Stiffness:
@@ -151,7 +140,7 @@ def stiffness(equations: MotionEquations) -> Stiffness:
     middle = equations.places.mean(axis=0)
     arms, normals = equations.places - middle, equations.growth[:, 3:]
     reach = float(np.sqrt(np.square(arms).sum(axis=1).mean()))
-    members = np.concatenate([np.cross(arms, normals) / max(reach, SMALL_STEP), normals], axis=1)
+    members = np.concatenate([np.cross(arms, normals) / max(reach, limits.SMALL_STEP), normals], axis=1)
     values, vectors = np.linalg.eigh(members.T @ members / len(members))
     return Stiffness(max(float(values[0]), 0.0), np.asarray(vectors[:, 0]), middle, reach)
 
@@ -180,7 +169,7 @@ def links_of(
     for i, j in combinations(range(len(numbers)), 2):
         a, b = PlacedScan(views[numbers[i]], poses[i]), PlacedScan(views[numbers[j]], poses[j])
         equations, middle = equations_of([a], [b], STILL, gate_m)
-        if len(equations.offset) < LEAST_MEETINGS:
+        if len(equations.offset) < limits.LEAST_MEETINGS:
             continue
         growth = equations.growth
         both = np.concatenate([-_about(growth, poses[i][:, 3] - middle), growth], axis=1)
@@ -211,5 +200,5 @@ def solve_ridge(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     """Return the solution (m,) of equations some of whose directions may be told by nothing; these stay."""
     if not len(vector):
         return np.zeros(0)
-    ridge = RIDGE_OF_GROUP * float(np.trace(matrix)) / len(vector)
+    ridge = limits.RIDGE_OF_GROUP * float(np.trace(matrix)) / len(vector)
     return np.asarray(np.linalg.solve(matrix + max(ridge, 1e-12) * np.eye(len(vector)), vector))

@@ -10,16 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from completion.registration import limits
 from completion.registration.correction import Registration
 from completion.registration.hypotheses import Hypothesis, judge_motion
-from completion.registration.limits import (
-    CONTRADICTED_M2,
-    CONTRADICTED_SHARE,
-    LEAST_SCORE,
-    MOST_VIOLATED,
-    NETWORK_GATES_M,
-    SURE,
-)
 from completion.registration.motions import STILL, compose, in_units, inverse
 from completion.registration.network import Hypotheses, Network, NetworkEdge, ScanGroup
 from completion.registration.refinement import PlacedScan, equations_of
@@ -151,7 +144,9 @@ class Registered:
             for number, pose in network.group.poses.items()
         }
         met = [
-            equations_of([placed[edge.scans[0]]], [placed[edge.scans[1]]], STILL, NETWORK_GATES_M[0])[0]
+            equations_of([placed[edge.scans[0]]], [placed[edge.scans[1]]], STILL, limits.NETWORK_GATES_M[0])[
+                0
+            ]
             for edge in network.edges
         ]
         if not met:
@@ -239,13 +234,13 @@ def held_poses(
         motion = compose(inverse(poses[i]), poses[j])
         held = judge_motion([PlacedScan(views[i], STILL)], [PlacedScan(views[j], STILL)], motion)
         verdict, reason = Verdict.REGISTERED, "beams hardly contradict the poses"
-        if held.violate >= MOST_VIOLATED:
+        if held.violate >= limits.MOST_VIOLATED:
             verdict = Verdict.AMBIGUOUS
             reason = f"beams contradict {100 * held.violate:.1f} % of what these poses put in view"
         elif (i, j) in checked.refused:
             verdict = Verdict.AMBIGUOUS
             reason = "what both measured lies apart, and beams approve no motion that brings it together"
-        elif held.score <= LEAST_SCORE:
+        elif held.score <= limits.LEAST_SCORE:
             verdict, reason = Verdict.NO_OVERLAP, "in these poses they share too little to tell"
         else:
             edges.append(NetworkEdge((i, j), 0, float("nan")))
@@ -269,7 +264,7 @@ def pose_doubts(
     Scans have `names`, or numbers from 1. `way_out` follows in brackets where scans were moved.
     """
     doubts, stated = [], registration.stated_m
-    off = [pair for pair in registration.pairs if pair.offset_m > max(stated, SURE * pair.offset_sd_m)]
+    off = [pair for pair in registration.pairs if pair.offset_m > max(stated, limits.SURE * pair.offset_sd_m)]
     if off:
         worst = max(off, key=lambda pair: pair.offset_m)
         more = (
@@ -285,7 +280,8 @@ def pose_doubts(
     passed = [
         pair
         for pair in registration.pairs
-        if pair.still_contradicted_m2 > max(CONTRADICTED_M2, CONTRADICTED_SHARE * pair.overlap_m2)
+        if pair.still_contradicted_m2
+        > max(limits.CONTRADICTED_M2, limits.CONTRADICTED_SHARE * pair.overlap_m2)
         and (pair.first, pair.second) not in registration.refused
     ]
     if passed:

@@ -11,17 +11,8 @@ import numpy as np
 from completion.evidence.sight import ScanSight, sight_of
 from completion.observe.observation import Observation, observe
 from completion.observe.tolerance import FLATNESS_M, EvidenceOptions
+from completion.registration import limits
 from completion.registration.facets import ScanFacets, facets_of
-from completion.registration.limits import (
-    CELLS,
-    LEAST_COSINE,
-    LEAST_SPREAD_M,
-    N_DIRECTIONS,
-    N_POINTS,
-    N_SAMPLES,
-    PARALLEL,
-    STAND,
-)
 from completion.segmentation.pipeline import segment
 from completion.segmentation.regions import Region, SegmentationOptions
 from scenes.checks import FloatArray, IntArray
@@ -69,7 +60,7 @@ class PlaneSums:
             points = seen.points_at(pixels.flat)
             distance = np.linalg.norm(points, axis=1)
             cosine = np.abs(points @ normal) / distance
-            areas[k] = float((np.square(distance * angle) / np.maximum(cosine, LEAST_COSINE)).sum())
+            areas[k] = float((np.square(distance * angle) / np.maximum(cosine, limits.LEAST_COSINE)).sum())
             along = np.square(seen.noise.sigma(distance) / side) + np.square(seen.noise.bias(distance))
             weight = 1.0 / (along * np.square(cosine) + FLATNESS_M**2)
             whole = np.concatenate([points, np.ones((len(points), 1))], axis=1)
@@ -150,7 +141,7 @@ class StationView:
         planes = PlaneSums.of(segment(seen, SegmentationOptions()), seen, facets.side)
         distance = np.linalg.norm(facets.centre, axis=1)
         radius = float(np.quantile(distance, 0.9)) if len(distance) else 1.0
-        apart = np.flatnonzero(distance > STAND * radius)
+        apart = np.flatnonzero(distance > limits.STAND * radius)
         return cls(
             seen=seen,
             facets=facets,
@@ -173,10 +164,10 @@ def unit_of(scans: Sequence[RangeImage]) -> float:
     spreads = []
     for scan in scans:
         points = scan.points()[scan.valid]
-        points = points[:: max(1, len(points) // N_POINTS)]
+        points = points[:: max(1, len(points) // limits.N_POINTS)]
         if len(points):
             spreads.append(float(np.sqrt(points.var(axis=0).sum())))
-    return min(1.0, float(np.median(spreads)) / LEAST_SPREAD_M) if spreads else 1.0
+    return min(1.0, float(np.median(spreads)) / limits.LEAST_SPREAD_M) if spreads else 1.0
 
 
 def sample_of(normals: FloatArray) -> IntArray:
@@ -184,7 +175,7 @@ def sample_of(normals: FloatArray) -> IntArray:
 
     The first see what most of the scan is, the second let furniture have its say against walls.
     """
-    half = N_SAMPLES // 2
+    half = limits.N_SAMPLES // 2
     over_image = np.linspace(0, len(normals) - 1, min(half, len(normals))).astype(np.int64)
     return np.concatenate([_even_sample(normals, half), over_image])
 
@@ -194,8 +185,8 @@ def _even_sample(normals: FloatArray, n: int) -> IntArray:
     axis = np.abs(normals).argmax(axis=1)
     rows = np.arange(len(normals))
     most = normals[rows, axis]
-    across = [np.floor((normals[rows, (axis + k) % 3] / np.abs(most) + 1) / 2 * CELLS) for k in (1, 2)]
-    cell = ((axis + 3 * (most < 0)) * (CELLS + 1) + across[0]) * (CELLS + 1) + across[1]
+    across = [np.floor((normals[rows, (axis + k) % 3] / np.abs(most) + 1) / 2 * limits.CELLS) for k in (1, 2)]
+    cell = ((axis + 3 * (most < 0)) * (limits.CELLS + 1) + across[0]) * (limits.CELLS + 1) + across[1]
     _, cell, count = np.unique(cell, return_inverse=True, return_counts=True)
     # as many of each cell as fit: the least cap that lets n through
     cap = 1
@@ -215,13 +206,13 @@ def _directions(planes: PlaneSums) -> Directions:
     directions: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     left = np.argsort(-areas, kind="stable")
     while len(left):
-        is_parallel = normals[left] @ normals[left[0]] > PARALLEL
+        is_parallel = normals[left] @ normals[left[0]] > limits.PARALLEL
         members = left[is_parallel]
         mean = (normals[members] * areas[members, None]).sum(axis=0)
         directions.append((mean / np.linalg.norm(mean), heights[members], areas[members]))
         left = left[~is_parallel]
     directions.sort(key=lambda families: -float(families[2].sum()))
-    directions = directions[:N_DIRECTIONS]
+    directions = directions[: limits.N_DIRECTIONS]
     return Directions(
         np.array([family[0] for family in directions]).reshape(-1, 3),
         tuple(family[1] for family in directions),

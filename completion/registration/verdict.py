@@ -9,33 +9,8 @@ from enum import StrEnum
 
 import numpy as np
 
+from completion.registration import limits
 from completion.registration.hypotheses import Hypothesis, distinct, judge_motion, scores_of
-from completion.registration.limits import (
-    ALONG,
-    BY_BEYOND_PLANES,
-    BY_RIVAL,
-    BY_VIOLATION,
-    CLAIMABLE,
-    CLAIMED_FROM,
-    COARSE_M,
-    COARSE_VIOLATION,
-    FINE_M,
-    FULL,
-    LEAST_BEYOND_PLANES,
-    LEAST_SCORE,
-    LEAST_SHIFT_M,
-    LEAST_STIFFNESS,
-    LEAST_TURN,
-    MIDDLE_M,
-    MOST_VIOLATED,
-    N_KEPT,
-    N_SCREENS,
-    N_SHIFTS,
-    N_SHIFTS_REFINED,
-    RIVAL,
-    TRUST,
-    VIOLATION,
-)
 from completion.registration.motions import STILL, angle_between, compose, inverses
 from completion.registration.pose_candidates import places_of
 from completion.registration.refinement import PlacedScan, refine
@@ -76,25 +51,25 @@ def judge(hypotheses: Sequence[Hypothesis], level: float) -> Judgement:
             f"the best pose has score {best.score:.2f}, beams contradict {100 * best.violate:.1f} % of it"
         )
         return Judgement(Verdict.NO_OVERLAP, sentence)
-    rivals = [hypothesis for hypothesis in hypotheses[1:] if hypothesis.score > RIVAL * best.score]
+    rivals = [hypothesis for hypothesis in hypotheses[1:] if hypothesis.score > limits.RIVAL * best.score]
     direction = _slide(best, rivals)
     if direction is not None:
         reason = "facets tell nothing of a shift along one direction"
         return Judgement(Verdict.SLIDES, reason, direction)
-    if best.stiffness < LEAST_STIFFNESS:
+    if best.stiffness < limits.LEAST_STIFFNESS:
         return Judgement(Verdict.AMBIGUOUS, "facets tell too little of one of its motions")
     trust, asked = trust_of(hypotheses), trust_for(level)
     if trust >= asked:
         return Judgement(Verdict.REGISTERED, f"right with probability {trust:.2f}")
     sentence = f"right with probability {trust:.2f}, where {asked:.2f} is asked"
     if rivals:
-        sentence += f"; {len(rivals)} others come within {100 * RIVAL:.0f} % of the best score"
+        sentence += f"; {len(rivals)} others come within {100 * limits.RIVAL:.0f} % of the best score"
     return Judgement(Verdict.AMBIGUOUS, sentence)
 
 
 def is_approved(hypothesis: Hypothesis) -> bool:
     """Tell whether beams say nothing against a pose that is worth a word."""
-    return hypothesis.score > LEAST_SCORE and hypothesis.violate < MOST_VIOLATED
+    return hypothesis.score > limits.LEAST_SCORE and hypothesis.violate < limits.MOST_VIOLATED
 
 
 def trust_of(hypotheses: Sequence[Hypothesis]) -> float:
@@ -108,7 +83,7 @@ def trust_of(hypotheses: Sequence[Hypothesis]) -> float:
     """
     best, *others = hypotheses
     second = max((hypothesis.score for hypothesis in others), default=0.0)
-    odds = _odds_alone(best) + BY_RIVAL * max(second, 0.0) / max(best.score, 1e-9)
+    odds = _odds_alone(best) + limits.BY_RIVAL * max(second, 0.0) / max(best.score, 1e-9)
     odds = min(
         [
             odds,
@@ -123,15 +98,18 @@ def trust_of(hypotheses: Sequence[Hypothesis]) -> float:
 def _odds_alone(hypothesis: Hypothesis) -> float:
     """Log odds of a pose without any other one beside it."""
     return float(
-        TRUST
-        + BY_VIOLATION * hypothesis.violate
-        + BY_BEYOND_PLANES * np.log(hypothesis.beyond_planes + LEAST_BEYOND_PLANES)
+        limits.TRUST
+        + limits.BY_VIOLATION * hypothesis.violate
+        + limits.BY_BEYOND_PLANES * np.log(hypothesis.beyond_planes + limits.LEAST_BEYOND_PLANES)
     )
 
 
 def trust_for(level: float) -> float:
     """Return the probability from which on a pose is claimed where `level` of the claims may be false."""
-    levels, asked = np.log([value for value, _ in CLAIMED_FROM]), [value for _, value in CLAIMED_FROM]
+    levels, asked = (
+        np.log([value for value, _ in limits.CLAIMED_FROM]),
+        [value for _, value in limits.CLAIMED_FROM],
+    )
     return float(np.interp(np.log(max(level, 1e-12)), levels, asked))
 
 
@@ -142,11 +120,11 @@ def _slide(best: Hypothesis, rivals: Sequence[Hypothesis]) -> FloatArray | None:
         return None
     for rival in rivals:
         apart = rival.motion[:, 3] - best.motion[:, 3]
-        is_along = abs(float(apart @ direction)) >= ALONG * np.linalg.norm(apart)
-        if is_along and angle_between(best.motion, rival.motion[None])[0] <= LEAST_TURN:
+        is_along = abs(float(apart @ direction)) >= limits.ALONG * np.linalg.norm(apart)
+        if is_along and angle_between(best.motion, rival.motion[None])[0] <= limits.LEAST_TURN:
             continue
         free_shift = _free_shift(rival)
-        if free_shift is None or abs(float(free_shift @ direction)) < ALONG:
+        if free_shift is None or abs(float(free_shift @ direction)) < limits.ALONG:
             return None
     return direction
 
@@ -154,7 +132,7 @@ def _slide(best: Hypothesis, rivals: Sequence[Hypothesis]) -> FloatArray | None:
 def _free_shift(hypothesis: Hypothesis) -> FloatArray | None:
     """The direction (3,) of a shift of which facets tell nothing; None where they do, or of a turn."""
     turn, shift = hypothesis.free[:3], hypothesis.free[3:]
-    if hypothesis.stiffness >= LEAST_STIFFNESS or np.linalg.norm(shift) < np.linalg.norm(turn):
+    if hypothesis.stiffness >= limits.LEAST_STIFFNESS or np.linalg.norm(shift) < np.linalg.norm(turn):
         return None
     return np.asarray(shift / np.linalg.norm(shift))
 
@@ -165,17 +143,21 @@ def with_images(hypotheses: Sequence[Hypothesis], a: StationView, b: StationView
     Images come of shifts under which either scan fits itself. They are looked for where a claim is near.
     """
     hypothesis = list(hypotheses)
-    if not hypothesis or trust_of(hypothesis) < CLAIMABLE:
+    if not hypothesis or trust_of(hypothesis) < limits.CLAIMABLE:
         return hypothesis
     best = hypothesis[0].motion
     motions = np.concatenate(
         [compose(shifts_onto_itself(a), best), compose(best, shifts_onto_itself(b))]
     ).reshape(-1, 3, 4)
     first, second = [PlacedScan(a, STILL)], [PlacedScan(b, STILL)]
-    motions = np.array([refine(first, second, motion, FULL[0]) for motion in motions]).reshape(-1, 3, 4)
-    apart = np.linalg.norm(motions[:, :, 3] - best[:, 3], axis=1) > LEAST_SHIFT_M
+    motions = np.array([refine(first, second, motion, limits.FULL[0]) for motion in motions]).reshape(
+        -1, 3, 4
+    )
+    apart = np.linalg.norm(motions[:, :, 3] - best[:, 3], axis=1) > limits.LEAST_SHIFT_M
     motions = motions[apart]
-    motions = distinct(motions, scores_of(first, second, motions, FINE_M, VIOLATION), second, N_KEPT)
+    motions = distinct(
+        motions, scores_of(first, second, motions, limits.FINE_M, limits.VIOLATION), second, limits.N_KEPT
+    )
     images = [judge_motion(first, second, motion) for motion in motions]
     return hypothesis + [replace(image, is_image=True) for image in images if is_approved(image)]
 
@@ -184,16 +166,16 @@ def shifts_onto_itself(view: StationView) -> FloatArray:
     """Return motions (n, 3, 4), shifts nearly, under which a scan's beams approve of the scan itself."""
     reach = 2 * view.radius_m
     places = places_of(view.directions, view.directions, np.eye(3), reach)
-    places = places[np.linalg.norm(places, axis=1) > LEAST_SHIFT_M]
+    places = places[np.linalg.norm(places, axis=1) > limits.LEAST_SHIFT_M]
     motions = np.concatenate([np.repeat(np.eye(3)[None], len(places), axis=0), places[:, :, None]], axis=2)
     pairs = [PlacedScan(view, STILL)]
-    scores = scores_of(pairs, pairs, motions, COARSE_M, COARSE_VIOLATION, n=N_SCREENS)
-    motions = motions[np.argsort(-scores, kind="stable")[:N_SHIFTS]]
-    scores = scores_of(pairs, pairs, motions, MIDDLE_M, COARSE_VIOLATION)
-    motions = distinct(motions, scores, pairs, N_SHIFTS_REFINED)
-    motions = np.array([refine(pairs, pairs, motion, FULL[0]) for motion in motions]).reshape(-1, 3, 4)
-    chosen = np.linalg.norm(motions[:, :, 3], axis=1) > LEAST_SHIFT_M
-    chosen &= angle_between(STILL, motions) < LEAST_TURN
+    scores = scores_of(pairs, pairs, motions, limits.COARSE_M, limits.COARSE_VIOLATION, n=limits.N_SCREENS)
+    motions = motions[np.argsort(-scores, kind="stable")[: limits.N_SHIFTS]]
+    scores = scores_of(pairs, pairs, motions, limits.MIDDLE_M, limits.COARSE_VIOLATION)
+    motions = distinct(motions, scores, pairs, limits.N_SHIFTS_REFINED)
+    motions = np.array([refine(pairs, pairs, motion, limits.FULL[0]) for motion in motions]).reshape(-1, 3, 4)
+    chosen = np.linalg.norm(motions[:, :, 3], axis=1) > limits.LEAST_SHIFT_M
+    chosen &= angle_between(STILL, motions) < limits.LEAST_TURN
     kept = [motion for motion in motions[chosen] if _fits(judge_motion(pairs, pairs, motion))]
     shifts = np.array(kept).reshape(-1, 3, 4)
     return np.concatenate([shifts, inverses(shifts)])
@@ -201,4 +183,4 @@ def shifts_onto_itself(view: StationView) -> FloatArray:
 
 def _fits(hypothesis: Hypothesis) -> bool:
     """Whether a scan fits itself, and not because it slides along what is bare."""
-    return is_approved(hypothesis) and hypothesis.stiffness >= LEAST_STIFFNESS
+    return is_approved(hypothesis) and hypothesis.stiffness >= limits.LEAST_STIFFNESS

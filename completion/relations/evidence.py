@@ -10,17 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
+from completion.relations import limits
 from completion.relations.constraint import spacing_of
 from completion.relations.equations import LENGTH, RADIUS, Placement, place
 from completion.relations.estimate import JointEstimate, WaldTest, wald_test
-from completion.relations.limits import (
-    ASIDE,
-    DIRECTION_GATE,
-    FAR_SD,
-    GATE_SD,
-    MOST_DIRECTION_SD,
-    SHARE,
-)
 from completion.relations.options import RelationOptions
 from completion.relations.relation import Relation, RelationKind
 from scenes.checks import FloatArray
@@ -72,7 +65,7 @@ def judge(
 ) -> JudgedRelation | None:
     """Return what there is to say of a relation where the surfaces are; None where it is far off."""
     test = wald_test(relation, estimate)
-    if not test.is_met or test.chi2 > FAR_SD**2 * len(test.rows):
+    if not test.is_met or test.chi2 > limits.FAR_SD**2 * len(test.rows):
         return None
     return JudgedRelation(relation, test, log_evidence(relation, test, estimate, options, size_m))
 
@@ -91,8 +84,8 @@ def _extent(
         placed = [estimate.at[number] for number in relation.surfaces]
         is_ring = relation.kind == "equal_ring_radius"
         radii = [placement.ring_radius if is_ring else placement.radius for placement in placed]
-        return 2 * SHARE * max(radii)
-    return 2 * SHARE * size_m if what == LENGTH else float(2 * ASIDE)
+        return 2 * limits.SHARE * max(radii)
+    return 2 * limits.SHARE * size_m if what == LENGTH else float(2 * limits.ASIDE)
 
 
 def _point(fit: SurfaceFit) -> FloatArray:
@@ -108,7 +101,7 @@ def direction_classes(estimate: JointEstimate) -> list[list[int]]:
     deviation = {number: direction_sd(estimate, number) for number in directed}
     classes: list[list[int]] = []
     for number in sorted(directed, key=lambda number: (deviation[number], number)):
-        if deviation[number] > MOST_DIRECTION_SD:
+        if deviation[number] > limits.MOST_DIRECTION_SD:
             continue
         angles = [angle_between(estimate.at[number], estimate.at[kind[0]]) for kind in classes]
         nearest = int(np.argmin(angles)) if angles else -1
@@ -132,7 +125,7 @@ def near(relation: Relation, estimate: JointEstimate) -> Iterator[Relation]:
     """The relation, where it is not far off in the deviations of each of its equations."""
     constraint = estimate.constraint(relation)
     variance = np.diag(estimate.variance(constraint)) + estimate.built_within(constraint)
-    if (np.square(constraint.value) <= FAR_SD**2 * np.maximum(variance, 1e-24)).all():
+    if (np.square(constraint.value) <= limits.FAR_SD**2 * np.maximum(variance, 1e-24)).all():
         yield relation
 
 
@@ -175,4 +168,4 @@ def angle_allowed(estimate: JointEstimate, *numbers: int) -> float:
 
 
 def _angle_limit(*deviations: float) -> float:
-    return max(DIRECTION_GATE, GATE_SD * math.hypot(*deviations))
+    return max(limits.DIRECTION_GATE, limits.GATE_SD * math.hypot(*deviations))

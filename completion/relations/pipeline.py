@@ -16,6 +16,7 @@ from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.sensor_modes import range_displacements
 from completion.observe.tolerance import POSE_BOUND
+from completion.relations import limits
 from completion.relations.equations import ANGLE
 from completion.relations.estimate import (
     NO_DOUBT,
@@ -29,18 +30,6 @@ from completion.relations.estimate import (
 )
 from completion.relations.evidence import CHOSEN, log_evidence, size_of
 from completion.relations.graph import RelationGraph, is_settled
-from completion.relations.limits import (
-    ASIDE,
-    HARDLY,
-    LEAST_ALONE,
-    LEAST_GROUP,
-    LEAST_LOG_EVIDENCE,
-    MEANT_SHARE,
-    MOST_OFF,
-    OFF_QUANTILE,
-    TOLERANCE_SPREAD,
-    USUAL_TOLERANCE,
-)
 from completion.relations.options import RelationOptions
 from completion.relations.proposals import STAGES, propose
 from completion.relations.relation import Relation, RelationStatus, StatedRelation
@@ -87,9 +76,9 @@ def examine(
     if test.p < level:
         reason = f"{_misfit(test)} off, which is {np.sqrt(test.chi2):.1f} standard deviations"
         return replace(tested, status=RelationStatus.REJECTED, reason=reason)
-    least = LEAST_ALONE if relation.kind in CHOSEN else LEAST_LOG_EVIDENCE
+    least = limits.LEAST_ALONE if relation.kind in CHOSEN else limits.LEAST_LOG_EVIDENCE
     if not relation.is_given and evidence < least:
-        word = "it hardly holds" if test.p < HARDLY else "that well it may be met by chance"
+        word = "it hardly holds" if test.p < limits.HARDLY else "that well it may be met by chance"
         reason = f"{_misfit(test)} off: {word}, and the evidence is weak"
         return replace(tested, status=RelationStatus.UNDECIDED, reason=reason)
     accepted = replace(tested, status=RelationStatus.ACCEPTED)
@@ -142,7 +131,7 @@ def without_evidence(relations: Sequence[Relation]) -> list[Relation]:
         gain = np.inf if relation.is_given else relation.log_evidence
         key = id(group[relation.surfaces[0]])
         total[key] = total.get(key, 0.0) + gain
-    return [relation for relation in relations if total[id(group[relation.surfaces[0]])] < LEAST_GROUP]
+    return [relation for relation in relations if total[id(group[relation.surfaces[0]])] < limits.LEAST_GROUP]
 
 
 def _misfit(test: WaldTest) -> str:
@@ -176,7 +165,7 @@ def with_tolerance(
     """
     if options.tolerance_deg is not None:
         return options
-    log_posterior = -0.5 * np.square(np.log(_TRIED / USUAL_TOLERANCE) / TOLERANCE_SPREAD)
+    log_posterior = -0.5 * np.square(np.log(_TRIED / limits.USUAL_TOLERANCE) / limits.TOLERANCE_SPREAD)
     for relation in relations:
         constraint = estimate.constraint(relation)
         log_posterior = log_posterior + _log_likelihood(
@@ -191,8 +180,10 @@ def _log_likelihood(misfit: FloatArray, variance: FloatArray) -> FloatArray:
     """Of a relation's misfits (m,) with these variances (m,), for each tolerance that is tried (k,)."""
     total = variance[:, None] + np.square(_TRIED)
     log_meant = -0.5 * (np.log(2 * np.pi * total) + np.square(misfit)[:, None] / total).sum(axis=0)
-    log_chance = -len(misfit) * np.log(2 * ASIDE)
-    return np.asarray(np.logaddexp(np.log(MEANT_SHARE) + log_meant, np.log(1 - MEANT_SHARE) + log_chance))
+    log_chance = -len(misfit) * np.log(2 * limits.ASIDE)
+    return np.asarray(
+        np.logaddexp(np.log(limits.MEANT_SHARE) + log_meant, np.log(1 - limits.MEANT_SHARE) + log_chance)
+    )
 
 
 def infer(
@@ -455,7 +446,9 @@ def relate_surfaces(
     graph = infer([stated.fits[number] for number in numbers], relations, options, doubt=doubt)
     short = _short_covariances([edited[number].surface.fit for number in numbers], graph)
     off = [_off(edited[k].surface, fit, observations) for k, fit in zip(numbers, graph.fits, strict=True)]
-    is_moved = [far <= MOST_OFF * edited[k].surface.fit.rms for k, far in zip(numbers, off, strict=True)]
+    is_moved = [
+        far <= limits.MOST_OFF * edited[k].surface.fit.rms for k, far in zip(numbers, off, strict=True)
+    ]
     before, surfaces = tuple(fits[k] for k in numbers), list(edited)
     for number, fit, covariance, moves in zip(numbers, graph.fits, short, is_moved, strict=True):
         if moves:
@@ -514,4 +507,4 @@ def _short_covariances(fits: Sequence[SurfaceFit], graph: RelationGraph) -> list
 def _off(before: MergedSurface, after: SurfaceFit, observations: Sequence[Observation]) -> float:
     points = before.points(observations, _N_SAMPLE)
     apart = after.surface.distance(points) - before.fit.surface.distance(points)
-    return float(np.quantile(np.abs(apart), OFF_QUANTILE)) if len(points) else 0.0
+    return float(np.quantile(np.abs(apart), limits.OFF_QUANTILE)) if len(points) else 0.0

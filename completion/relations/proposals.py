@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from completion.relations import limits
 from completion.relations.equations import mirrors_between
 from completion.relations.estimate import JointEstimate
 from completion.relations.evidence import (
@@ -24,16 +25,6 @@ from completion.relations.evidence import (
     near,
     parallel_now,
     size_of,
-)
-from completion.relations.limits import (
-    ASIDE,
-    FAR_SD,
-    FLAT_ANGLE,
-    LEAST_ALONE,
-    MOST_DIRECTION_SD,
-    MOST_SPACING_SHARE,
-    SAME_SD,
-    SHARE,
 )
 from completion.relations.options import RelationOptions
 from completion.relations.relation import Relation, RelationKind
@@ -71,7 +62,7 @@ def _best(mirror: _MirrorPairs, estimate: JointEstimate, options: RelationOption
     """The two pairs that tell most of a mirror; where these do not tell enough, all pairs together."""
     best, *others = sorted(mirror.judged, key=lambda judgement: -judgement.evidence)
     evidence = best.evidence - float(np.log(mirror.n_pairs))
-    if evidence < LEAST_ALONE and others:
+    if evidence < limits.LEAST_ALONE and others:
         hub = best.relation.surfaces[:2]
         pairs = [number for judgement in mirror.judged for number in judgement.relation.surfaces[2:]]
         n_tried = mirror.n_pairs * mirror.n_near ** len(others)
@@ -98,10 +89,10 @@ def _mirrors_of_several(estimate: JointEstimate, options: RelationOptions) -> It
     size_m, n_left = size_of(estimate.fits), _MOST_RELATIONS
     turned, off = mirrors.apart()
     apart = mirrors.disjoint()
-    by_chance = apart & (turned <= ASIDE) & (off <= SHARE * size_m / 2)
+    by_chance = apart & (turned <= limits.ASIDE) & (off <= limits.SHARE * size_m / 2)
     n_pairs = max(1.0, float(by_chance.sum()) / 2)
     angle, length = (
-        SAME_SD * np.hypot(sd[:, None], sd[None]) for sd in (mirrors.angle_sd, mirrors.length_sd)
+        limits.SAME_SD * np.hypot(sd[:, None], sd[None]) for sd in (mirrors.angle_sd, mirrors.length_sd)
     )
     is_one = apart & (turned <= angle + _ANGLE_ROUNDING) & (off <= length)
     taken = np.zeros(len(mirrors.pairs), dtype=bool)
@@ -126,7 +117,8 @@ def _members(estimate: JointEstimate) -> list[int]:
     deviation = {
         number: direction_sd(estimate, number, by_fit_alone=True)  # of parallel ones all are alike
         for number, fit in enumerate(estimate.fits)
-        if isinstance(fit.surface, Plane | Cylinder) and direction_sd(estimate, number) <= MOST_DIRECTION_SD
+        if isinstance(fit.surface, Plane | Cylinder)
+        and direction_sd(estimate, number) <= limits.MOST_DIRECTION_SD
     }
     known = sorted(deviation, key=lambda number: (deviation[number], number))
     return [first for first, *_ in group_by_relation(known, estimate, ("coplanar",))][:_MOST_MIRRORED]
@@ -204,8 +196,8 @@ def _may_be_images(estimate: JointEstimate, number: int, two: int) -> bool:
     apart, step = _place_sd(estimate, number) + _place_sd(estimate, two), second.point - first.point
     across = np.cross(first.direction, second.direction)
     if angle_between(first, second) <= angle_allowed(estimate, number, two):
-        return float(np.linalg.norm(np.cross(first.direction, step))) > FAR_SD * apart
-    return float(np.abs(across @ step) / np.linalg.norm(across)) <= FAR_SD * apart
+        return float(np.linalg.norm(np.cross(first.direction, step))) > limits.FAR_SD * apart
+    return float(np.abs(across @ step) / np.linalg.norm(across)) <= limits.FAR_SD * apart
 
 
 def _place_sd(estimate: JointEstimate, number: int) -> float:
@@ -284,7 +276,7 @@ def _distinct(place: FloatArray, deviation: FloatArray) -> list[int]:
     kept: list[int] = []
     for k in range(len(place)):
         far = np.linalg.norm(place[kept] - place[k], axis=1)
-        if not (far <= FAR_SD * (deviation[kept] + deviation[k])).any():
+        if not (far <= limits.FAR_SD * (deviation[kept] + deviation[k])).any():
             kept.append(k)
     return kept
 
@@ -294,10 +286,10 @@ def _progressions(place: FloatArray, deviation: FloatArray) -> Iterator[list[int
     n, tree = len(place), cKDTree(place)
     row_step, two = (steps.ravel() for steps in np.mgrid[:n, :n])
     away = np.linalg.norm(place[two] - place[row_step], axis=1)
-    allowed = SAME_SD * np.sqrt(np.square(deviation[row_step]) + 4 * np.square(deviation[two]))
+    allowed = limits.SAME_SD * np.sqrt(np.square(deviation[row_step]) + 4 * np.square(deviation[two]))
     far, third = tree.query(2 * place[two] - place[row_step])
-    goes_on = (far <= np.hypot(allowed, SAME_SD * deviation[third])) & (row_step != two)
-    goes_on &= (allowed <= MOST_SPACING_SHARE * away) & (third != two)
+    goes_on = (far <= np.hypot(allowed, limits.SAME_SD * deviation[third])) & (row_step != two)
+    goes_on &= (allowed <= limits.MOST_SPACING_SHARE * away) & (third != two)
     after = {
         (int(a), int(b)): int(c)
         for a, b, c in zip(*(x[goes_on] for x in (row_step, two, third)), strict=True)
@@ -379,7 +371,7 @@ def _angles(estimate: JointEstimate, options: RelationOptions) -> Iterator[Relat
     for index, two in combinations([numbers[0] for numbers in parallel_now(estimate)], 2):
         angle = angle_between(estimate.at[index], estimate.at[two])
         value = float(np.rint(angle / step) * step)
-        is_own = min(value, abs(np.pi / 2 - value)) < FLAT_ANGLE or frozenset((index, two)) in held
+        is_own = min(value, abs(np.pi / 2 - value)) < limits.FLAT_ANGLE or frozenset((index, two)) in held
         if not is_own and abs(angle - value) <= min(angle_allowed(estimate, index, two), step / 2):
             yield Relation(kind="angle", surfaces=(index, two), value=value)
     for number, fit in enumerate(estimate.fits):
@@ -445,7 +437,7 @@ def _distances(estimate: JointEstimate, options: RelationOptions) -> Iterator[Re
     firsts: list[tuple[int, int]] = []
     for pair in steps:
         for first in firsts:
-            if abs(known[first][0] - known[pair][0]) > FAR_SD * (known[first][1] + known[pair][1]):
+            if abs(known[first][0] - known[pair][0]) > limits.FAR_SD * (known[first][1] + known[pair][1]):
                 continue  # whatever errors they share, they are too far off
             relations = list(near(Relation(kind="equal_distance", surfaces=(*first, *pair)), estimate))
             if relations:

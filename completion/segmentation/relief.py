@@ -14,15 +14,7 @@ from completion.fitting.result import allow_for_warp
 from completion.observe.observation import Observation, PixelSet, ScanPixels
 from completion.observe.refitting import refit_each
 from completion.observe.tolerance import FLATNESS_M
-from completion.segmentation.limits import (
-    BLURRED_SD,
-    CONTACT_PIXELS,
-    FEWEST_CONTACTS,
-    FEWEST_PAIRS,
-    MEET_SD,
-    SAME_COSINE,
-    STRAY,
-)
+from completion.segmentation import limits
 from completion.segmentation.regions import Groups, Region, SegmentationOptions
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane, Surface
@@ -91,7 +83,7 @@ def find_seams(pixels: Sequence[PixelSet], observation: Observation) -> dict[tup
     )
     label_of = np.zeros(int(nearest.max()) + 1, np.int32)
     label_of[nearest[labels > 0]] = labels[labels > 0]
-    grown = np.where(away <= (CONTACT_PIXELS + 1) / 2, label_of[nearest], 0)
+    grown = np.where(away <= (limits.CONTACT_PIXELS + 1) / 2, label_of[nearest], 0)
     flat = np.arange(rows * columns).reshape(rows, columns)
     below, right = (slice(1, None), slice(None)), (slice(None), slice(1, None))
     keys, places = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
@@ -115,7 +107,7 @@ def _by_pair(
         return {}
     seams = {}
     for number, sample in zip(numbers.tolist(), np.split(place, starts[1:]), strict=True):
-        if len(sample) >= FEWEST_CONTACTS:
+        if len(sample) >= limits.FEWEST_CONTACTS:
             sample = sample[observation.valid.ravel()[sample]]
             seams[divmod(number, n)] = observation.points_at(sample)
     return seams
@@ -182,12 +174,12 @@ def _join_regions(
 
 def _meets(first: PlateSample, second: PlateSample, seam: FloatArray, flatness_m: float) -> bool:
     """Tell whether the planes of two pieces are one and the same at the points (n, 3) between them."""
-    if first.plane.normal_direction @ second.plane.normal_direction < SAME_COSINE or not len(seam):
+    if first.plane.normal_direction @ second.plane.normal_direction < limits.SAME_COSINE or not len(seam):
         return False
     relief = max(first.relief(first.plane), second.relief(second.plane), flatness_m)
     noise = max(float(np.sqrt(np.mean(np.square(plate.noise)))) for plate in (first, second))
     apart = np.mean(np.square(first.plane.distance(seam) - second.plane.distance(seam)))
-    return bool(np.sqrt(apart) <= max(MEET_SD * relief, BLURRED_SD * noise))
+    return bool(np.sqrt(apart) <= max(limits.MEET_SD * relief, limits.BLURRED_SD * noise))
 
 
 def _sheets(
@@ -204,7 +196,7 @@ def _sheets(
         strays = [_strays([plates[i], plates[j]]) for i, j in pairs if i in sheet]
         if strays:
             values = [stray / np.sqrt(size) for stray, size in strays]
-            sheets.append((sheet, float(np.median(values)) if len(values) >= FEWEST_PAIRS else 0.0))
+            sheets.append((sheet, float(np.median(values)) if len(values) >= limits.FEWEST_PAIRS else 0.0))
     return sheets
 
 
@@ -236,7 +228,7 @@ def _join(
                     (together([plates[k] for k in numbers]) for numbers in (first, second)), key=_size
                 )
                 per_root = max(relief, larger.relief(larger.plane) / np.sqrt(larger.size))
-                rated[first, second] = stray / (STRAY * max(per_root * np.sqrt(size), flatness_m))
+                rated[first, second] = stray / (limits.STRAY * max(per_root * np.sqrt(size), flatness_m))
         best = min(((rated[pair], pair) for pair, is_met in touching.items() if is_met), default=None)
         if best is None or best[0] > 1:
             return

@@ -15,26 +15,17 @@ from scipy import ndimage
 from completion.evidence.chart_grid import ChartGrid
 from completion.extension.patch import Patch
 from completion.observe.observation import Observation
-from completion.texturing.limits import (
-    BIN,
-    COARSEST_TEXELS,
-    COMMON_SHARE,
-    EDGE_LUMINANCE,
-    FEWEST_SHARE,
-    FEWEST_TEXELS,
-    LEAST_COSINE,
-    MATERIALS_SHARE,
-    RARE_SHARE,
-    SAME_CHROMA,
-    SHADOW_LUMINANCE,
-    SPECK_TEXELS,
-)
+from completion.texturing import limits
 from scenes.checks import BoolArray, FloatArray
 from scenes.scan.colour import colour_bytes, unit_colour
 from texture.reflectance import fit_shading
 
 NEIGHBOURHOOD = 31  # texels: side of the square whose median colour is a material's
-_SHAPE = (int(100 / BIN) + 4, int(256 / BIN) + 4, int(256 / BIN) + 4)  # bins of colours, one around them
+_SHAPE = (
+    int(100 / limits.BIN) + 4,
+    int(256 / limits.BIN) + 4,
+    int(256 / limits.BIN) + 4,
+)  # bins of colours, one around them
 _EDGE_TEXELS = 3
 
 
@@ -61,23 +52,25 @@ def same_material(
     texel, texels.
     """
     beside = members & (distance <= NEIGHBOURHOOD)
-    if np.count_nonzero(members) < FEWEST_TEXELS or not beside.any():
+    if np.count_nonzero(members) < limits.FEWEST_TEXELS or not beside.any():
         return np.ones_like(members)
     even = _without_shading(image, members, wraps)
     bins = _bins(to_lab(median_colour(even, members, wraps)))
     count = _histogram(bins, members)
-    number, n_materials = ndimage.label(count >= max(1.0, RARE_SHARE * count.sum()), np.ones((3, 3, 3)))
+    number, n_materials = ndimage.label(
+        count >= max(1.0, limits.RARE_SHARE * count.sum()), np.ones((3, 3, 3))
+    )
     share = np.bincount(number[tuple(bins[beside].T)], minlength=n_materials + 1)
     share[0] = 0  # of colours too rare for a material
     ranked = np.argsort(-share, kind="stable")
-    n_kept = 1 + int(np.searchsorted(np.cumsum(share[ranked]), MATERIALS_SHARE * share.sum()))
+    n_kept = 1 + int(np.searchsorted(np.cumsum(share[ranked]), limits.MATERIALS_SHARE * share.sum()))
     kept = np.zeros(n_materials + 1, dtype=np.bool_)
     kept[ranked[:n_kept]] = True
     its_colours = _dilate_bins(kept[number]) & (kept[number] | (number == 0))
     is_same = np.asarray(its_colours[tuple(np.moveaxis(bins, -1, 0))], dtype=np.bool_)
     strange = is_same & ~_is_common(_bins(to_lab(even)), is_same & members)
     return is_same & ~np.asarray(
-        ndimage.binary_opening(strange, np.ones((SPECK_TEXELS, SPECK_TEXELS))), dtype=np.bool_
+        ndimage.binary_opening(strange, np.ones((limits.SPECK_TEXELS, limits.SPECK_TEXELS))), dtype=np.bool_
     )
 
 
@@ -103,7 +96,9 @@ def _is_common(bins: NDArray[np.int32], among: BoolArray) -> BoolArray:
     )
     near = np.unique((pairs[:, None] + steps).ravel())
     share = np.bincount(near % n_bins, minlength=n_bins) / n_blocks
-    return np.asarray(share.reshape(_SHAPE)[tuple(np.moveaxis(bins, -1, 0))] >= COMMON_SHARE, dtype=np.bool_)
+    return np.asarray(
+        share.reshape(_SHAPE)[tuple(np.moveaxis(bins, -1, 0))] >= limits.COMMON_SHARE, dtype=np.bool_
+    )
 
 
 def is_among(image: NDArray[np.uint8], among: BoolArray) -> BoolArray:
@@ -121,7 +116,7 @@ def to_lab(image: NDArray[np.uint8]) -> FloatArray:
 
 def _bins(lab: FloatArray) -> NDArray[np.int32]:
     """Bin (rows, columns, 3) of each colour."""
-    return np.asarray(np.floor((lab + np.array([0, 128, 128])) / BIN) + 1, dtype=np.int32)
+    return np.asarray(np.floor((lab + np.array([0, 128, 128])) / limits.BIN) + 1, dtype=np.int32)
 
 
 def _histogram(bins: NDArray[np.int32], texels: BoolArray) -> NDArray[np.int64]:
@@ -146,12 +141,12 @@ def cast_shadows(image: NDArray[np.uint8], members: BoolArray, wraps: bool) -> F
     `wraps`: columns close.
     """
     gain = np.ones((*members.shape, 3))
-    if np.count_nonzero(members) < FEWEST_TEXELS:
+    if np.count_nonzero(members) < limits.FEWEST_TEXELS:
         return gain
     material = to_lab(median_colour(image, members, wraps))
     luminance, usual = _luminance(material), np.median(material[members], axis=0)
     hue = np.hypot(*np.moveaxis(material[..., 1:] - usual[1:], -1, 0))
-    dark = members & (luminance < SHADOW_LUMINANCE * _luminance(usual)) & (hue <= SAME_CHROMA)
+    dark = members & (luminance < limits.SHADOW_LUMINANCE * _luminance(usual)) & (hue <= limits.SAME_CHROMA)
     if not dark.any():
         return gain
     luminance = _luminance(to_lab(image))
@@ -178,14 +173,14 @@ def _to_edges(dark: BoolArray, members: BoolArray, luminance: FloatArray) -> Boo
 
 def _has_edge(dark: BoolArray, members: BoolArray, luminance: FloatArray) -> bool:
     """Whether brightness jumps at the border of a dark part that is large enough for a shadow."""
-    if np.count_nonzero(dark) < FEWEST_TEXELS:
+    if np.count_nonzero(dark) < limits.FEWEST_TEXELS:
         return False
     square = np.ones((3, 3))
     inside = dark & ~ndimage.binary_erosion(dark | ~members, square, iterations=_EDGE_TEXELS)
     outside = members & ~dark & ndimage.binary_dilation(dark, square, iterations=_EDGE_TEXELS)
     if not inside.any() or not outside.any():
         return False
-    return bool(np.median(luminance[inside]) < EDGE_LUMINANCE * np.median(luminance[outside]))
+    return bool(np.median(luminance[inside]) < limits.EDGE_LUMINANCE * np.median(luminance[outside]))
 
 
 def _fill_from_pyramid(values: FloatArray, members: BoolArray) -> FloatArray:
@@ -260,7 +255,7 @@ def footprint(
     ray = points - observation.scan.origin
     distance = np.linalg.norm(ray, axis=1)
     cosine = np.abs(np.einsum("ij,ij->i", ray, normals)) / np.maximum(distance, 1e-12)
-    cosine = np.maximum(cosine, LEAST_COSINE)
+    cosine = np.maximum(cosine, limits.LEAST_COSINE)
     side = distance * observation.scan.projection.pixel_angle
     return side / np.sqrt(cosine), side / cosine
 
@@ -332,9 +327,9 @@ def measure_colour(patch: Patch, raster: TexelRaster, observations: Sequence[Obs
         pure[here] = within[nearest[:, 0], nearest[:, 1]] > 0
         length[here] = footprint(observation, points, patch.grid.surface.normal(points))[1]
     pure = pure if pure.any() else known & raster.of_cells(patch.evidence.is_own)
-    longest = COARSEST_TEXELS * raster.texel_m
+    longest = limits.COARSEST_TEXELS * raster.texel_m
     if pure.any():
-        longest = max(longest, float(np.quantile(length[pure], FEWEST_SHARE)))
+        longest = max(longest, float(np.quantile(length[pure], limits.FEWEST_SHARE)))
     return MeasuredColour(image, known, pure, pure & (length <= longest))
 
 

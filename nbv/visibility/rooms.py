@@ -15,28 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from skimage.segmentation import watershed
 
 from nbv.run.wording import count
+from nbv.visibility import limits
 from nbv.visibility.floors import FloorColumns, Floors
-from nbv.visibility.limits import (
-    ALMOST_ALL,
-    DOOR_HEAD_M,
-    GATE_HEAD_M,
-    LINTEL_M,
-    MAJORITY,
-    MOST_HEADROOM_M,
-    NARROW_M,
-    NEAR_FLOOR_M,
-    OPEN_SIDE,
-    ORDERLY,
-    OVER_FURNITURE_M,
-    PASSAGE_CELLS,
-    ROOFED,
-    ROOM_M2,
-    STOREY_M,
-    STOREY_M2,
-    WALL_M,
-    WIDE_DOOR_M,
-    WIDER,
-)
 from scenes.checks import BoolArray, FloatArray
 from scenes.rays.raycast import RayCaster
 
@@ -182,12 +162,12 @@ class _StoreyGrid:
             np.isnan(known), sampling=columns.cell_m, return_indices=True
         )
         height = known[tuple(nearest)]
-        self.height: FloatArray = np.where(away <= NEAR_FLOOR_M, height, np.nan)
-        eye = (self.height.ravel() + OVER_FURNITURE_M)[columns.cell]
+        self.height: FloatArray = np.where(away <= limits.NEAR_FLOOR_M, height, np.nan)
+        eye = (self.height.ravel() + limits.OVER_FURNITURE_M)[columns.cell]
         holds = (columns.bottom < eye) & (columns.top > eye + 0.05)
         headroom = np.zeros(columns.shape)
-        room = np.minimum(columns.top, eye + MOST_HEADROOM_M) - (eye - OVER_FURNITURE_M)
-        headroom.ravel()[columns.cell[holds]] = np.minimum(room[holds], MOST_HEADROOM_M)
+        room = np.minimum(columns.top, eye + limits.MOST_HEADROOM_M) - (eye - limits.OVER_FURNITURE_M)
+        headroom.ravel()[columns.cell[holds]] = np.minimum(room[holds], limits.MOST_HEADROOM_M)
         if columns.is_partial:
             unseen = np.diff(columns.start) == 0
             unseen[columns.cell[holds & np.isinf(columns.top)]] = True
@@ -205,7 +185,7 @@ class _StoreyGrid:
     def air(self, caster: RayCaster) -> BoolArray:
         """Tell which cells (x, y) are open at eye height, and have no wall to a cell beside."""
         air = self.headroom > 0
-        return air & ~self._find_stops(air, np.full(air.shape, OVER_FURNITURE_M), caster)
+        return air & ~self._find_stops(air, np.full(air.shape, limits.OVER_FURNITURE_M), caster)
 
     def under_sheets(self, air: BoolArray, caster: RayCaster) -> FloatArray:
         """Return the headroom (x, y), lower under a head of a doorway that is thinner than a cell.
@@ -213,11 +193,11 @@ class _StoreyGrid:
         It hangs at least as low as the highest of doors, or as the ceiling less what makes a lintel.
         """
         headroom = self.headroom
-        for head in (DOOR_HEAD_M, GATE_HEAD_M):
-            level = np.minimum(self.headroom - LINTEL_M / 2, head)
-            under = self._find_stops(air & (level > OVER_FURNITURE_M), level, caster)
+        for head in (limits.DOOR_HEAD_M, limits.GATE_HEAD_M):
+            level = np.minimum(self.headroom - limits.LINTEL_M / 2, head)
+            under = self._find_stops(air & (level > limits.OVER_FURNITURE_M), level, caster)
             headroom = np.where(
-                under, np.minimum(headroom, np.minimum(self.headroom - LINTEL_M, head)), headroom
+                under, np.minimum(headroom, np.minimum(self.headroom - limits.LINTEL_M, head)), headroom
             )
         return headroom
 
@@ -239,20 +219,22 @@ class _StoreyGrid:
 def _under_lintels(headroom: FloatArray, air: BoolArray, cell_m: float) -> BoolArray:
     """Tell the cells (x, y) under the heads of doorways."""
     lintels = np.zeros(air.shape, np.bool_)
-    reach = int(np.ceil(WALL_M / cell_m)) + 1
+    reach = int(np.ceil(limits.WALL_M / cell_m)) + 1
     for axis in range(2):
         before, after = (
             ndimage.maximum_filter1d(headroom, reach + 1, axis=axis, origin=shift, mode="constant")
             for shift in (reach // 2, -(reach // 2))
         )
-        lower = np.minimum(before, after) - headroom >= LINTEL_M
-        lintels |= air & lower & (headroom <= DOOR_HEAD_M)
+        lower = np.minimum(before, after) - headroom >= limits.LINTEL_M
+        lintels |= air & lower & (headroom <= limits.DOOR_HEAD_M)
     label, _ = ndimage.label(lintels, np.ones((3, 3)))
     for number, box in enumerate(ndimage.find_objects(label), start=1):
         sides = sorted((side.stop - side.start) * cell_m for side in box)
         inside = label[box] == number
         head = float(np.median(headroom[box][inside]))
-        if sides[0] > WALL_M + 2 * cell_m or (sides[1] > WIDE_DOOR_M and head > GATE_HEAD_M):
+        if sides[0] > limits.WALL_M + 2 * cell_m or (
+            sides[1] > limits.WIDE_DOOR_M and head > limits.GATE_HEAD_M
+        ):
             lintels[box][inside] = False
     return lintels
 
@@ -287,7 +269,7 @@ def _merge_basins(basin: NDArray[np.int64], clear: FloatArray) -> NDArray[np.int
 
     for (a, b), least in sorted(passes.items(), key=lambda item: (-item[1], item[0])):
         one_root, other_root = sorted((root(a), root(b)))
-        narrow = least <= NARROW_M and min(peak[one_root], peak[other_root]) >= WIDER * least
+        narrow = least <= limits.NARROW_M and min(peak[one_root], peak[other_root]) >= limits.WIDER * least
         if one_root != other_root and not narrow:
             parent[other_root] = one_root
             peak[one_root] = max(peak[one_root], peak[other_root])
@@ -343,8 +325,8 @@ def _is_solid(walk: NDArray[np.int64], shows_back: BoolArray) -> BoolArray:
     backs = np.bincount(walk, shows_back) / n_cells
     largest = np.argsort(-n_cells, kind="stable")
     half = largest[: int(np.searchsorted(np.cumsum(n_cells[largest]), n_cells.sum() / 2)) + 1]
-    is_orderly = len(half) > 0 and float(np.average(backs[half], weights=n_cells[half])) <= ORDERLY
-    return np.asarray(backs >= (MAJORITY if is_orderly else ALMOST_ALL))
+    is_orderly = len(half) > 0 and float(np.average(backs[half], weights=n_cells[half])) <= limits.ORDERLY
+    return np.asarray(backs >= (limits.MAJORITY if is_orderly else limits.ALMOST_ALL))
 
 
 def _storeys(floors: Floors, inner: BoolArray) -> NDArray[np.int64]:
@@ -355,11 +337,11 @@ def _storeys(floors: Floors, inner: BoolArray) -> NDArray[np.int64]:
     spans = np.flatnonzero(inner)
     area = np.bincount(floors.patch[spans], minlength=n) * cell_m2
     level = np.bincount(floors.patch[spans], columns.bottom[spans], n) / np.maximum(area / cell_m2, 1)
-    large = np.flatnonzero(area >= STOREY_M2)
+    large = np.flatnonzero(area >= limits.STOREY_M2)
     of_patch = np.zeros(n, np.int64)
     base, number = -np.inf, 0
     for patch in large[np.argsort(level[large], kind="stable")]:
-        if level[patch] > base + STOREY_M:
+        if level[patch] > base + limits.STOREY_M:
             base, number = level[patch], number + 1
         of_patch[patch] = number
     storey = np.zeros(len(inner), np.int64)
@@ -399,17 +381,17 @@ def _describe_rooms(
     of = np.zeros(n, np.int64)
     np.maximum.at(of, region, storey)
     holds = np.bincount(region, floors.can_stand, n) > 0
-    large = np.flatnonzero((area >= ROOM_M2) & holds)
+    large = np.flatnonzero((area >= limits.ROOM_M2) & holds)
     order = large[np.lexsort((large, -area[large], of[large]))]
     number = np.zeros(n, np.int32)
     number[order] = np.arange(1, len(order) + 1)
     room = number[region]
     outside = _outside(floors, room, len(order))
     whole = area[order]
-    if len(order) and whole[~outside].sum() < ROOFED * whole.sum():
+    if len(order) and whole[~outside].sum() < limits.ROOFED * whole.sum():
         unwalled = _find_unwalled(floors, room, len(order), caster)
         bare = outside & ~unwalled
-        if bare.any() and whole[~outside].sum() < ROOFED * whole[~unwalled].sum():
+        if bare.any() and whole[~outside].sum() < limits.ROOFED * whole[~unwalled].sum():
             outside, walled = unwalled, int((~unwalled).sum())
             floor = count(walled, "floor with walls around is", "floors with walls around are")
             doubts = [
@@ -440,14 +422,14 @@ def _outside(floors: Floors, room: NDArray[np.int32], n_rooms: int) -> BoolArray
     """Tell which rooms (n_rooms,) lie under the sky, or are wide open to what does."""
     sky = np.isinf(floors.columns.top)
     size = np.maximum(np.bincount(room, minlength=n_rooms + 1), 1)
-    outside = np.bincount(room, sky, n_rooms + 1) / size >= MAJORITY
+    outside = np.bincount(room, sky, n_rooms + 1) / size >= limits.MAJORITY
     outline = 4.0 * size - np.bincount(room[floors.links].ravel(), minlength=n_rooms + 1)
     while True:
         first, second = room[floors.links].T
         crossing = first != second
         open_ = np.bincount(first[crossing], outside[second[crossing]], n_rooms + 1)
         open_ += np.bincount(second[crossing], outside[first[crossing]], n_rooms + 1)
-        wide = outside | (open_ / np.maximum(outline, 1) >= OPEN_SIDE)
+        wide = outside | (open_ / np.maximum(outline, 1) >= limits.OPEN_SIDE)
         wide[0] = False
         if (wide == outside).all():
             return np.asarray(outside[1:])
@@ -464,7 +446,7 @@ def _find_unwalled(floors: Floors, room: NDArray[np.int32], n_rooms: int, caster
         spans = spans[:: -(-len(spans) // _MOST_PLACES)]
         origins = np.column_stack([columns.places(columns.cell[spans]), columns.bottom[spans] + _EYE_M])
         hits = caster.first_hit(np.repeat(origins, _RAYS, axis=0), np.tile(around, (len(origins), 1)))
-        outside[number - 1] = float(hits.hit.mean()) < 1 - MAJORITY
+        outside[number - 1] = float(hits.hit.mean()) < 1 - limits.MAJORITY
     return outside
 
 
@@ -478,7 +460,7 @@ def _ways(
     key = np.sort(np.column_stack([room_a, other])[(room_a != other) & (room_a > 0) & (other > 0)], axis=1)
     pairs, times = np.unique(key, axis=0, return_counts=True)
     for (first, second), n in zip(pairs.tolist(), times.tolist(), strict=True):
-        if n >= PASSAGE_CELLS:
+        if n >= limits.PASSAGE_CELLS:
             joined[first].add(second)
             joined[second].add(first)
     tread = floors.is_floor & (room == 0)

@@ -15,17 +15,9 @@ from numpy.typing import NDArray
 
 from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor, View
+from nbv.visibility import limits
 from nbv.visibility.clearance import Clearance
 from nbv.visibility.floors import Platform, cut_columns, find_floors
-from nbv.visibility.limits import (
-    BELOW_CEILING_M,
-    HEADROOM_M,
-    LARGE_M2,
-    MOST_SITE_POSITIONS,
-    SPACING_M,
-    STEP_M,
-    WIDE_SPACING_M,
-)
 from nbv.visibility.rooms import Rooms, SiteRoom, find_rooms
 from nbv.visibility.site_options import CLEARANCE_M, SiteOptions
 from nbv.visibility.viewpoints import Candidates, line_positions, sensor_directions
@@ -81,11 +73,13 @@ def lattice_spacing(
         A spacing that makes more than 50,000 positions, or more than fit into memory.
     """
     floor_m2, n_heights = sum(room.floor_m2 for room in asked), len(options.heights_above_floor_m)
-    wished = options.spacing_m or (SPACING_M if turns or floor_m2 <= LARGE_M2 else WIDE_SPACING_M)
+    wished = options.spacing_m or (
+        limits.SPACING_M if turns or floor_m2 <= limits.LARGE_M2 else limits.WIDE_SPACING_M
+    )
     n_positions = floor_m2 * n_heights / wished**2
-    finest = float(np.ceil(1000 * np.sqrt(floor_m2 * n_heights / MOST_SITE_POSITIONS)) / 1000)
+    finest = float(np.ceil(1000 * np.sqrt(floor_m2 * n_heights / limits.MOST_SITE_POSITIONS)) / 1000)
     on_floor = f"{floor_m2:.1f} m2 of floor at {count(n_heights, 'height')}"
-    if n_positions <= MOST_SITE_POSITIONS:
+    if n_positions <= limits.MOST_SITE_POSITIONS:
         require(
             n_positions * _BYTES_A_POSITION,
             f"what about {n_positions:.0f} positions see, {wished:g} m apart on {on_floor},",
@@ -95,13 +89,13 @@ def lattice_spacing(
     if options.spacing_m is not None:
         raise InputError(
             f"--spacing {wished:g} puts about {n_positions:.0f} positions on {on_floor}, and at most "
-            f"{MOST_SITE_POSITIONS} can be tried; give --spacing {finest:g} or more, fewer --heights or some "
-            "--rooms"
+            f"{limits.MOST_SITE_POSITIONS} can be tried; give --spacing {finest:g} or more, fewer --heights or "
+            "some --rooms"
         )
     return finest, [
         f"places for stations are {finest:g} m apart, not {wished:g} m: that would be about "
-        f"{n_positions:.0f} positions on {on_floor}, and at most {MOST_SITE_POSITIONS} can be tried; fewer "
-        "--heights or some --rooms allow a smaller --spacing"
+        f"{n_positions:.0f} positions on {on_floor}, and at most {limits.MOST_SITE_POSITIONS} can be tried; "
+        "fewer --heights or some --rooms allow a smaller --spacing"
     ]
 
 
@@ -165,7 +159,7 @@ def _start(
     spot = np.array([place[:2]])
     if len(place) == 2:
         positions, of = _over(spot, heights, rooms, stands, clear)
-        lowest = positions[:, 2] < positions[:, 2].min(initial=np.inf) + HEADROOM_M + heights.max()
+        lowest = positions[:, 2] < positions[:, 2].min(initial=np.inf) + limits.HEADROOM_M + heights.max()
         same = of == of[0] if len(of) else lowest
         return positions[lowest & same], of[lowest & same]
     span = rooms.span_of(np.array([place]))
@@ -266,7 +260,7 @@ class Site:
         }
         best = max(floor, key=lambda storey: (floor[storey], -storey), default=None)
         ceilings = [room.ceiling_m for room in rooms if room.storey == best and room.ceiling_m is not None]
-        return float(np.median(ceilings)) - BELOW_CEILING_M if ceilings else None
+        return float(np.median(ceilings)) - limits.BELOW_CEILING_M if ceilings else None
 
     def entries(self, views: Sequence[View]) -> tuple[dict[str, Any], ...]:
         """Return what `plan.json` says of each room: whether it is asked for, and its stations, from 1."""
@@ -305,7 +299,7 @@ class Site:
         outdoors = any(self.rooms.rooms[number - 1].is_outside for number in self.chosen)
         sky = outdoors or not self.is_roofed
         mine = np.isin(of, self.chosen) | ((of == 0) & (np.isfinite(top) | sky))
-        return np.asarray(~known | (mine & (bottom >= level_m - STEP_M)))
+        return np.asarray(~known | (mine & (bottom >= level_m - limits.STEP_M)))
 
     @property
     def is_roofed(self) -> bool:

@@ -10,24 +10,9 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
+from scenes import limits
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError, check_point, check_points
 from scenes.io.guard import check_size
-from scenes.limits import (
-    APART,
-    FEWEST_POINTS,
-    FILLED,
-    FUNDAMENTAL,
-    LEVEL_ANGLE,
-    MOST_APART,
-    NARROW,
-    NARROWEST_STEP,
-    NEARLY_ALL,
-    RANGES_APART,
-    SHARP,
-    SPARSE,
-    SPARSE_PIXELS,
-    WIDEST_STEP,
-)
 from scenes.pose import Pose
 from scenes.scan.colour import colour_type
 from scenes.scan.projection import SphericalProjection
@@ -79,7 +64,7 @@ def find_grid(rays: FloatArray, poles: Sequence[FloatArray]) -> AngleGrid | None
     """
     grids = [grid for grid in (_grid_about(rays, pole) for pole in poles) if grid is not None]
     best = max(grids, key=lambda grid: grid.kept, default=None)
-    return best if best is not None and best.kept >= NEARLY_ALL else None
+    return best if best is not None and best.kept >= limits.NEARLY_ALL else None
 
 
 def swept_poles(rays: FloatArray) -> list[FloatArray]:
@@ -91,8 +76,8 @@ def swept_poles(rays: FloatArray) -> list[FloatArray]:
     poles = []
     for across in (np.cross(rays[:-1], rays[1:]), np.diff(rays, axis=0)):
         length = np.linalg.norm(across, axis=1)
-        near = (length > 1e-9) & (length < APART)
-        if near.sum() >= FEWEST_POINTS:
+        near = (length > 1e-9) & (length < limits.APART)
+        if near.sum() >= limits.FEWEST_POINTS:
             unit = across[near] / length[near, None]
             pole = np.linalg.eigh(unit.T @ unit)[1][:, 0]
             poles.append(np.asarray(pole * np.copysign(1.0, pole[int(np.argmax(np.abs(pole)))])))
@@ -130,8 +115,8 @@ def _grid_about(rays: FloatArray, pole: FloatArray) -> AngleGrid | None:
     forward = forward / np.linalg.norm(forward)
     azimuth = np.arctan2(rays @ np.cross(forward, pole), rays @ forward)
     elevation = np.arcsin(np.clip(rays @ pole, -1.0, 1.0))
-    level = np.abs(elevation) < LEVEL_ANGLE
-    if level.sum() < FEWEST_POINTS:
+    level = np.abs(elevation) < limits.LEVEL_ANGLE
+    if level.sum() < limits.FEWEST_POINTS:
         return None
     wide, high = neighbour_steps(np.column_stack([azimuth, elevation])[level])
     across, up = _comb(azimuth[level], wide), _comb(elevation, high)
@@ -149,7 +134,7 @@ def _grid_about(rays: FloatArray, pole: FloatArray) -> AngleGrid | None:
         return None
     filled = np.zeros((len(elevations), len(azimuths)), np.bool_)
     filled[row, column] = True
-    if not is_filled(filled, FILLED):
+    if not is_filled(filled, limits.FILLED):
         return None
     projection = SphericalProjection(azimuths, elevations[::-1])
     return AngleGrid(pole, projection, forward, len(elevations) - 1 - row, column)
@@ -173,11 +158,11 @@ def _comb(angles: FloatArray, near: float) -> tuple[float, float] | None:
         return None
     count, _ = np.histogram(angles - angles.min(), bins=_BINS, range=(0.0, length))
     strength = np.abs(np.fft.rfft(count)) / len(angles)
-    low, high = int(length / (WIDEST_STEP * near)), int(length / (NARROWEST_STEP * near))
+    low, high = int(length / (limits.WIDEST_STEP * near)), int(length / (limits.NARROWEST_STEP * near))
     waves = np.arange(max(low, 8), min(high, len(strength) - 1))
-    if not len(waves) or strength[waves].max() < SHARP:
+    if not len(waves) or strength[waves].max() < limits.SHARP:
         return None
-    first = int(waves[np.argmax(strength[waves] >= FUNDAMENTAL * strength[waves].max())])
+    first = int(waves[np.argmax(strength[waves] >= limits.FUNDAMENTAL * strength[waves].max())])
     peak = first + int(np.argmax(strength[first : first + 5]))  # up the slope of the first strong one
     sample = angles[:: max(1, len(angles) // (2 * _N_SAMPLE))]
 
@@ -250,7 +235,7 @@ def scan_from_station(
     chosen[bins.row[kept], bins.column[kept]] = kept
     if grid is None:
         filled = _fill_single(chosen, bins, rays)
-        if len(kept) < NEARLY_ALL * len(cloud):
+        if len(kept) < limits.NEARLY_ALL * len(cloud):
             sentences.append(
                 f"{len(kept)} of {len(cloud)} points were kept ({len(kept) / len(cloud):.0%}), one a pixel, "
                 f"and {filled} single empty pixels took the nearest: the points lie on no grid of angles "
@@ -271,8 +256,10 @@ def scan_from_station(
 
 
 def _check_number(n_points: int) -> None:
-    if n_points < FEWEST_POINTS:
-        raise InputError(f"{n_points} points are too few for a scan; at least {FEWEST_POINTS} are needed")
+    if n_points < limits.FEWEST_POINTS:
+        raise InputError(
+            f"{n_points} points are too few for a scan; at least {limits.FEWEST_POINTS} are needed"
+        )
 
 
 def _angles(bins: AngleGrid, rays: FloatArray) -> FloatArray:
@@ -313,7 +300,7 @@ def _pole(rays: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Upright, and level towards the points; straight at them where all are on one side."""
     middle, upward = rays.mean(axis=0), np.array([0.0, 0.0, 1.0])
     length = float(np.linalg.norm(middle))
-    if not (length > 1e-6 and (rays @ middle).min() > NARROW * length):
+    if not (length > 1e-6 and (rays @ middle).min() > limits.NARROW * length):
         middle = np.array([middle[0], middle[1], 0.0])
         middle = middle if np.linalg.norm(middle) > 1e-6 else np.eye(3)[0]
     turned = Pose.looking_at(np.zeros(3), middle, upward).rotation
@@ -328,13 +315,13 @@ def _bin_pixels(rays: FloatArray) -> AngleGrid:
     angles = _angles(whole, rays)
     step = neighbour_steps(angles)
     sides = np.ptp(angles, axis=0)
-    while np.prod(np.maximum(sides / step, 1)) > SPARSE * len(angles) + SPARSE_PIXELS:
+    while np.prod(np.maximum(sides / step, 1)) > limits.SPARSE * len(angles) + limits.SPARSE_PIXELS:
         step = step * _WIDER  # most of so many pixels would be empty
     while True:
         bins = _bins(whole, angles, step)
         filled = np.zeros(bins.projection.shape, dtype=np.bool_)
         filled[bins.row, bins.column] = True
-        if is_filled(filled, NEARLY_ALL) or min(filled.shape) < 8:
+        if is_filled(filled, limits.NEARLY_ALL) or min(filled.shape) < 8:
             return bins
         step = step * _WIDER
 
@@ -356,8 +343,8 @@ def _check_single(pixel: NDArray[np.int64], ranges: FloatArray, stood: FloatArra
     start = np.flatnonzero(np.diff(pixel[order], prepend=-1))
     near = np.minimum.reduceat(ranges[order], start)
     far = np.maximum.reduceat(ranges[order], start)
-    share = float(np.mean(far > (1 + RANGES_APART) * near))
-    if share > MOST_APART:
+    share = float(np.mean(far > (1 + limits.RANGES_APART) * near))
+    if share > limits.MOST_APART:
         x, y, z = stood
         raise InputError(
             f"{100 * share:.0f} % of the directions from ({x:.10g}, {y:.10g}, {z:.10g}) meet points behind "

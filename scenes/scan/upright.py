@@ -8,21 +8,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from scenes import limits
 from scenes.checks import BoolArray, FloatArray, InputError
 from scenes.inclination import LEVEL_COSINE
-from scenes.limits import (
-    ABOVE_FLOOR_M,
-    ALIKE,
-    CEILING_WEIGHT,
-    CLEAR_LEAD,
-    EXACT,
-    FLAT,
-    HELD,
-    LEAST_LEVEL,
-    PLANAR,
-    UPSIDE,
-    WALL_WEIGHT,
-)
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -99,7 +87,9 @@ def _of_cameras(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
     facets = _facets(scans)
     z = np.array([0.0, 0.0, 1.0])
     whole = max(float(facets.area.sum()), 1e-12)
-    if held @ z > HELD or (held @ z > UPSIDE and _level_area(facets, z, LEVEL_COSINE) >= LEAST_LEVEL * whole):
+    if held @ z > limits.HELD or (
+        held @ z > limits.UPSIDE and _level_area(facets, z, LEVEL_COSINE) >= limits.LEAST_LEVEL * whole
+    ):
         return Pose.identity(), ""
     level = _largest_level(facets, held)
     if level is None:
@@ -107,7 +97,7 @@ def _of_cameras(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
     if level @ z >= LEVEL_COSINE:
         return Pose.identity(), ""
     nearest = int(np.argmax(np.abs(level)))
-    if abs(level[nearest]) >= EXACT:
+    if abs(level[nearest]) >= limits.EXACT:
         level = np.sign(level[nearest]) * np.eye(3)[nearest]
     return _turn_to_z(level), _word(level, "the normal of the largest level surface, and the camera's up")
 
@@ -128,7 +118,7 @@ def _of_points(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
     across = np.abs(facets.normal) >= LEVEL_COSINE
     score = (facets.area @ across) / np.maximum(extent, 1e-9)
     best = int(np.argmax(score))
-    if best == 2 or not score[best] > CLEAR_LEAD * score[2]:
+    if best == 2 or not score[best] > limits.CLEAR_LEAD * score[2]:
         return Pose.identity(), ""
     below, above = (_tops(facets, sign * np.eye(3)[best]) for sign in (1.0, -1.0))
     axis = np.eye(3)[best] * (-1.0 if above > below else 1.0)
@@ -137,11 +127,11 @@ def _of_points(scans: Sequence[RangeImage]) -> tuple[Pose, str]:
 
 def _tops(facets: _PlanarPieces, up: FloatArray) -> float:
     """Level area that faces `up` above the lowest: tops of what stands on a floor, if this is up."""
-    facing = facets.normal @ up >= FLAT
+    facing = facets.normal @ up >= limits.FLAT
     height = facets.place[facing] @ up
     if not len(height):
         return 0.0
-    return float(facets.area[facing][height > np.quantile(height, 0.02) + ABOVE_FLOOR_M].sum())
+    return float(facets.area[facing][height > np.quantile(height, 0.02) + limits.ABOVE_FLOOR_M].sum())
 
 
 def _word(up: FloatArray, why: str) -> str:
@@ -172,29 +162,29 @@ def _level_area(facets: _PlanarPieces, up: FloatArray, cosine: float) -> float:
 def _largest_level(facets: _PlanarPieces, held: FloatArray) -> FloatArray | None:
     """The upward normal within 50 degrees of `held` that most area shares or stands on; None without any."""
     able = facets.normal @ held
-    tried = np.flatnonzero(np.abs(able) >= HELD)
+    tried = np.flatnonzero(np.abs(able) >= limits.HELD)
     tried = tried[:: max(1, len(tried) // _TRIED)]
     if not len(tried):
         return None
     ups = facets.normal[tried] * np.sign(able[tried])[:, None]
     best = ups[int(np.argmax([_support(facets, up) for up in ups]))]
-    for narrow in (ALIKE, *_NARROWER):
+    for narrow in (limits.ALIKE, *_NARROWER):
         lean = facets.normal @ best
         is_level = np.abs(lean) >= narrow
         if not is_level.any():
             break
         best = (np.sign(lean[is_level]) * facets.area[is_level]) @ facets.normal[is_level]
         best = best / np.linalg.norm(best)
-    level = np.abs(facets.normal @ best) >= ALIKE
-    return np.asarray(best) if facets.area[level].sum() >= LEAST_LEVEL * facets.area.sum() else None
+    level = np.abs(facets.normal @ best) >= limits.ALIKE
+    return np.asarray(best) if facets.area[level].sum() >= limits.LEAST_LEVEL * facets.area.sum() else None
 
 
 def _support(facets: _PlanarPieces, up: FloatArray) -> float:
     lean = facets.normal @ up
     parts: tuple[tuple[float, BoolArray], ...] = (
-        (1.0, lean >= ALIKE),
-        (CEILING_WEIGHT, lean <= -ALIKE),
-        (WALL_WEIGHT, np.abs(lean) <= _SIDE),
+        (1.0, lean >= limits.ALIKE),
+        (limits.CEILING_WEIGHT, lean <= -limits.ALIKE),
+        (limits.WALL_WEIGHT, np.abs(lean) <= _SIDE),
     )
     return float(sum(weight * facets.area[chosen].sum() for weight, chosen in parts))
 
@@ -218,7 +208,7 @@ def _facets_of(scan: RangeImage) -> _PlanarPieces:
         side = np.sqrt(area)
         off = np.abs(np.einsum("ij,ij->i", normal, (d - a).reshape(-1, 3)))
         usual = np.linalg.norm(a.reshape(-1, 3) - scan.origin, axis=1) * scan.projection.pixel_angle * step
-        good = (off < PLANAR * side) & (area > 0) & (area < 100 * usual**2)
+        good = (off < limits.PLANAR * side) & (area > 0) & (area < 100 * usual**2)
     place = a.reshape(-1, 3)[good]
     normal = normal[good]
     scan.release()

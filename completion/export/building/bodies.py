@@ -20,6 +20,7 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.free_space import free_cells
 from completion.evidence.reach import Reach
 from completion.evidence.sight import ScanSight, sight_of
+from completion.export.building import limits
 from completion.export.building.faces import (
     FaceFrame,
     PlaneFace,
@@ -31,18 +32,6 @@ from completion.export.building.faces import (
     project_area,
     union,
     wide,
-)
-from completion.export.building.limits import (
-    ALONG_DEG,
-    LEAST_OVERLAP_M2,
-    LEAST_WIDE_M,
-    MOST_THICKNESS_M,
-    N_SIGMA,
-    PARALLEL_DEG,
-    SLAB_M2,
-    SLACK_M,
-    STANDING_M,
-    THIN_M,
 )
 from completion.observe.observation import Observation
 from completion.observe.tolerance import Tolerance
@@ -95,7 +84,7 @@ class ScanBeams:
         is_free = free_cells(grid, np.zeros(grid.shape[0] * grid.shape[1]), self.sights, self.reaches)
         free_area = union(self._cells(grid, np.flatnonzero(is_free), frame))
         free_area = grow(grow(free_area, cell), -cell)
-        return wide(common(area, free_area), max(LEAST_WIDE_M, 3 * cell))
+        return wide(common(area, free_area), max(limits.LEAST_WIDE_M, 3 * cell))
 
     def _cells(self, grid: ChartGrid, chosen: NDArray[np.int64], frame: FaceFrame) -> list[Any]:
         """Squares of some cells in the coordinates of a frame."""
@@ -179,11 +168,11 @@ def _back_to_back(first: PlaneFace, second: PlaneFace) -> Iterator[tuple[float, 
         return
     if first.is_level and first.frame.normal[2] < 0:
         first, second = second, first
-    if first.frame.normal @ second.frame.normal > -np.cos(np.radians(ALONG_DEG)):
+    if first.frame.normal @ second.frame.normal > -np.cos(np.radians(limits.ALONG_DEG)):
         return
     middle = second.frame.place(shapely.get_coordinates(second.area).mean(axis=0)[None])
     depth = -float(first.frame.height(middle)[0])
-    if THIN_M / 2 < depth < 2 * MOST_THICKNESS_M:
+    if limits.THIN_M / 2 < depth < 2 * limits.MOST_THICKNESS_M:
         yield depth, first, second
 
 
@@ -199,18 +188,22 @@ def _body(
     sides = second.laid_on(frame)
     both = _known_area(first, sides)
     both = less(both, (*taken[first.number], *_laid(taken, second, frame)))
-    both = wide(both, LEAST_WIDE_M)
-    if both.area < LEAST_OVERLAP_M2 or not _is_seen(first, second, both, frame):
+    both = wide(both, limits.LEAST_WIDE_M)
+    if both.area < limits.LEAST_OVERLAP_M2 or not _is_seen(first, second, both, frame):
         return None
     depth = _depth(both, first, second)
-    if not THIN_M <= depth <= MOST_THICKNESS_M or not _is_parallel(first, second, both):
+    if not limits.THIN_M <= depth <= limits.MOST_THICKNESS_M or not _is_parallel(first, second, both):
         return None
     both = less(both, _others_between(both, (first, second), faces, depth))
     for level in _LEVELS:
         both = less(both, [beams.free(both, frame, level * depth)])
-    both = wide(both, max(LEAST_WIDE_M, depth))  # else it is the end of a wall, beside a door
+    both = wide(both, max(limits.LEAST_WIDE_M, depth))  # else it is the end of a wall, beside a door
     measured = common(both, common(first.measured, sides[0]))
-    if both.area < LEAST_OVERLAP_M2 or measured.area < LEAST_OVERLAP_M2 or not _is_large(first, second, both):
+    if (
+        both.area < limits.LEAST_OVERLAP_M2
+        or measured.area < limits.LEAST_OVERLAP_M2
+        or not _is_large(first, second, both)
+    ):
         return None
     uv = inside(measured)
     place = frame.place(uv)
@@ -243,14 +236,18 @@ def _laid(taken: dict[int, list[Any]], other: PlaneFace, frame: FaceFrame) -> li
 def _is_seen(first: PlaneFace, second: PlaneFace, both: Any, frame: FaceFrame) -> bool:
     """Whether both faces were measured somewhere in the area that they share."""
     sides = first.measured, second.laid_on(frame)[0]
-    return all(common(side, both).area >= LEAST_OVERLAP_M2 for side in sides)
+    return all(common(side, both).area >= limits.LEAST_OVERLAP_M2 for side in sides)
 
 
 def _is_large(first: PlaneFace, second: PlaneFace, both: Any) -> bool:
     """Whether it is no board: the faces of furniture enclose nothing, and are neither high nor large."""
     if {"wall", "floor", "ceiling"} & {first.element.kind, second.element.kind}:
         return True
-    return bool(both.bounds[3] - both.bounds[1] >= STANDING_M if first.is_upright else both.area >= SLAB_M2)
+    return bool(
+        both.bounds[3] - both.bounds[1] >= limits.STANDING_M
+        if first.is_upright
+        else both.area >= limits.SLAB_M2
+    )
 
 
 def _others_between(
@@ -259,12 +256,12 @@ def _others_between(
     """Where another plane along the faces lies between them."""
     frame, bodies_between = pair[0].frame, []
     for face in faces:
-        if face in pair or abs(face.frame.normal @ frame.normal) < np.cos(np.radians(ALONG_DEG)):
+        if face in pair or abs(face.frame.normal @ frame.normal) < np.cos(np.radians(limits.ALONG_DEG)):
             continue
         area = common(project_area(face.area, face.frame, frame), both)
-        if area.area < LEAST_OVERLAP_M2:
+        if area.area < limits.LEAST_OVERLAP_M2:
             continue
-        if SLACK_M < _depth_at(frame.place(inside(area)), pair[0], face) < depth - SLACK_M:
+        if limits.SLACK_M < _depth_at(frame.place(inside(area)), pair[0], face) < depth - limits.SLACK_M:
             bodies_between.append(area)
     return bodies_between
 
@@ -293,10 +290,10 @@ def _is_parallel(first: PlaneFace, second: PlaneFace, both: Any) -> bool:
     """Whether the planes are parallel to 1 degree, or within three deviations of the angle between them."""
     low, high = np.reshape(both.bounds, (2, 2))
     far = first.frame.place(np.array([low, high]))
-    apart = max(float(np.linalg.norm(far[1] - far[0])), THIN_M)
+    apart = max(float(np.linalg.norm(far[1] - far[0])), limits.THIN_M)
     spread = 0.0
     for face in (first, second):
         slope = face.element.gradient(far[1]) - face.element.gradient(far[0])
         variance = float(slope @ face.element.patch.stated.covariance @ slope)
         spread += float(np.sqrt(max(variance, 0.0))) / apart
-    return _angle_deg(first, second) <= max(PARALLEL_DEG, N_SIGMA * float(np.degrees(spread)))
+    return _angle_deg(first, second) <= max(limits.PARALLEL_DEG, limits.N_SIGMA * float(np.degrees(spread)))

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from completion.export.building import limits
 from completion.export.building.bodies import Body, ScanBeams, find_bodies
 from completion.export.building.faces import (
     FaceFrame,
@@ -27,22 +28,6 @@ from completion.export.building.faces import (
     polygons,
     union,
     wide,
-)
-from completion.export.building.limits import (
-    BESIDE_CELLS,
-    DOOR_M,
-    FINE_M,
-    FOOT_M,
-    LEAST_OPENING_M,
-    LEAST_OPENING_M2,
-    MAJORITY,
-    NEAR_FACE_M,
-    PIPE_M,
-    RECTANGLE,
-    SAME_POST,
-    SLENDER,
-    STANDING_M,
-    THIN_M,
 )
 from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline
 from completion.export.building.rooms import BuildingRoom, RoomSide, Storey, find_rooms, find_storeys
@@ -71,16 +56,16 @@ def _gaps(side: RoomSide, room: BuildingRoom, known: Any, beams: ScanBeams) -> I
         return
     face, frame = side.face, side.face.frame
     band = side.band(room.floor_m, room.floor_m + room.height_m)
-    gap = wide(less(band, [face.area, known]), LEAST_OPENING_M)
-    for part in polygons(gap, LEAST_OPENING_M2):
-        if beams.free(part, frame, NEAR_FACE_M).area < MAJORITY * part.area:
+    gap = wide(less(band, [face.area, known]), limits.LEAST_OPENING_M)
+    for part in polygons(gap, limits.LEAST_OPENING_M2):
+        if beams.free(part, frame, limits.NEAR_FACE_M).area < limits.MAJORITY * part.area:
             continue
         around = _rectangle(part)
-        ring = around if part.area >= RECTANGLE * around.area else part
+        ring = around if part.area >= limits.RECTANGLE * around.area else part
         left, low, right, high = ring.bounds
         corners = shapely.get_coordinates(ring.exterior)
         points = frame.place(corners[:-1])
-        kind = "door" if points[:, 2].min() < room.floor_m + DOOR_M else "window"
+        kind = "door" if points[:, 2].min() < room.floor_m + limits.DOOR_M else "window"
         yield OpeningOutline(
             surface=face.number,
             kind=kind,
@@ -96,7 +81,7 @@ def _side(face: PlaneFace, start: FloatArray, end: FloatArray) -> dict[str, floa
     """How well a side, from a corner (2,) to the next, is known: to a cell, where its wall was measured."""
     cell = float(face.element.patch.grid.cell.max())
     places = shapely.points(start + np.linspace(0.05, 0.95, 19)[:, None] * (end - start))
-    beside = shapely.distance(face.measured, places) <= BESIDE_CELLS * cell
+    beside = shapely.distance(face.measured, places) <= limits.BESIDE_CELLS * cell
     known = {"inwards_m": 0.0, "outwards_m": 0.0, "measured_share": float(np.mean(beside))}
     return {"sd_m": cell, **known}
 
@@ -142,13 +127,13 @@ def _areas_in_rooms(
         level = face in storey.floors or face in storey.ceilings
         for room in (room for room in rooms if room.storey == k):
             if level and face.number in room.surfaces:
-                outline = shapely.buffer(room.outline, FINE_M, join_style="mitre")
+                outline = shapely.buffer(room.outline, limits.FINE_M, join_style="mitre")
                 yield union([shapely.transform(outline, lambda xy: face.frame.flat(_on(face.frame, xy)))])
             elif face in storey.walls and room.closed:
                 top = face.highest_m if room.height_m is None else room.floor_m + room.height_m
                 for ends in _before(face, room):
                     band = RoomSide(ends, face, faces_in=True).band(room.floor_m, top)
-                    yield shapely.buffer(band, FINE_M, join_style="mitre")
+                    yield shapely.buffer(band, limits.FINE_M, join_style="mitre")
 
 
 def _before(face: PlaneFace, room: BuildingRoom) -> Iterator[FloatArray]:
@@ -156,10 +141,10 @@ def _before(face: PlaneFace, room: BuildingRoom) -> Iterator[FloatArray]:
     left, _, right, _ = face.area.bounds
     v = (room.floor_m + (room.height_m or 0.0) / 2 - face.frame.origin[2]) / face.frame.up[2]
     ends = face.frame.place(np.array([[left, v], [right, v]]))[:, :2]
-    line = shapely.LineString(ends + THIN_M * face.frame.normal[:2])
+    line = shapely.LineString(ends + limits.THIN_M * face.frame.normal[:2])
     for part in shapely.get_parts(shapely.intersection(line, room.outline)).tolist():
         if part.geom_type == "LineString" and not part.is_empty:
-            yield shapely.get_coordinates(part) - THIN_M * face.frame.normal[:2]
+            yield shapely.get_coordinates(part) - limits.THIN_M * face.frame.normal[:2]
 
 
 def _on(frame: FaceFrame, xy: Any) -> Any:
@@ -226,8 +211,8 @@ def find_columns(
         column
         for column in columns
         if floors
-        and column.top_m - column.bottom_m >= STANDING_M
-        and min(abs(column.bottom_m - level) for level in levels) < FOOT_M
+        and column.top_m - column.bottom_m >= limits.STANDING_M
+        and min(abs(column.bottom_m - level) for level in levels) < limits.FOOT_M
     )
 
 
@@ -241,13 +226,13 @@ def find_pipes(
         for cylinder in cylinders
         if cylinder.number not in taken
         and cylinder.is_solid
-        and cylinder.radius_m <= PIPE_M
-        and cylinder.length_m >= max(PIPE_M, 2 * SLENDER * cylinder.radius_m)
+        and cylinder.radius_m <= limits.PIPE_M
+        and cylinder.length_m >= max(limits.PIPE_M, 2 * limits.SLENDER * cylinder.radius_m)
     )
 
 
 def _is_upright(element: CylinderElement) -> bool:
-    if not element.is_solid or element.radius_m < NEAR_FACE_M or element.length_m <= 0:
+    if not element.is_solid or element.radius_m < limits.NEAR_FACE_M or element.length_m <= 0:
         return False
     return element.inclination.is_upright
 
@@ -269,7 +254,7 @@ def _post(first: Body, second: Body) -> BuildingColumn | None:
     """The post whose four sides two bodies are, across each other; None where they are not."""
     prints = [_footprint(body) for body in (first, second)]
     shared = common(*prints)
-    if shared.is_empty or shared.area < SAME_POST * max(part.area for part in prints):
+    if shared.is_empty or shared.area < limits.SAME_POST * max(part.area for part in prints):
         return None
     if abs(float(first.frame.normal @ second.frame.normal)) > np.sin(np.radians(10.0)):
         return None

@@ -14,17 +14,9 @@ from typing import Any
 import numpy as np
 import shapely
 
+from completion.export.building import limits
 from completion.export.building.bodies import Body
 from completion.export.building.faces import FaceFrame, PlaneFace, common, less, polygons, union, wide
-from completion.export.building.limits import (
-    HEADROOM_M,
-    LEAST_LEVEL_M2,
-    LEAST_PART_M,
-    LEAST_ROOM_M,
-    LEAST_ROOM_M2,
-    MAJORITY,
-    SAME_STOREY_M,
-)
 from completion.export.building.model import BuildingModel
 from scenes.checks import FloatArray
 
@@ -75,7 +67,7 @@ def find_storeys(faces: Sequence[PlaneFace], bodies: Sequence[Body]) -> tuple[St
     floors = sorted((face for face in faces if _is_floor(face, faces)), key=level_of)
     groups: list[list[PlaneFace]] = []
     for floor in floors:
-        if groups and level_of(floor) < level_of(groups[-1][0]) + HEADROOM_M:
+        if groups and level_of(floor) < level_of(groups[-1][0]) + limits.HEADROOM_M:
             groups[-1].append(floor)
         else:
             groups.append([floor])
@@ -112,7 +104,7 @@ def bands(
     numbers = [
         k
         for k, (storey, top) in enumerate(zip(storeys, tops, strict=True))
-        if min(top, heights.max()) - max(storey.elevation_m, heights.min()) >= LEAST_PART_M
+        if min(top, heights.max()) - max(storey.elevation_m, heights.min()) >= limits.LEAST_PART_M
     ]
     if len(numbers) < 2:
         return [(numbers[0] if numbers else storey_at(storeys, begin_m), area)]
@@ -131,7 +123,7 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
     What does not enclose the room, as the floor of a house of several rooms, is no floor where anything large
     was measured further down, unless that is another storey: seats and tables are level, too.
     """
-    if face.frame.normal[2] < 0 or not face.is_level or face.area.area < LEAST_ROOM_M2:
+    if face.frame.normal[2] < 0 or not face.is_level or face.area.area < limits.LEAST_ROOM_M2:
         return False
     if face.element.kind == "floor":
         return True
@@ -141,20 +133,20 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
         for other in faces
         if other.is_level
         and other.frame.normal[2] > 0
-        and level - HEADROOM_M < level_of(other) < level - SAME_STOREY_M
+        and level - limits.HEADROOM_M < level_of(other) < level - limits.SAME_STOREY_M
     ]
-    if any(common(outline, other.plan()).area >= MAJORITY * outline.area for other in below):
+    if any(common(outline, other.plan()).area >= limits.MAJORITY * outline.area for other in below):
         return False
     lower = [
         face
         for face in faces
-        if face.lowest_m < level - SAME_STOREY_M and face.measured.area >= LEAST_LEVEL_M2
+        if face.lowest_m < level - limits.SAME_STOREY_M and face.measured.area >= limits.LEAST_LEVEL_M2
     ]
     storey_below = any(
         face.is_level
         and face.frame.normal[2] > 0
-        and level_of(face) <= level - HEADROOM_M
-        and face.area.area >= LEAST_ROOM_M2
+        and level_of(face) <= level - limits.HEADROOM_M
+        and face.area.area >= limits.LEAST_ROOM_M2
         for face in lower
     )
     return storey_below or not lower
@@ -162,23 +154,23 @@ def _is_floor(face: PlaneFace, faces: Sequence[PlaneFace]) -> bool:
 
 def _is_ceiling(face: PlaneFace, level: float, above: float, *, has_floor: bool) -> bool:
     """Whether a face hangs over people of a storey."""
-    if face.frame.normal[2] > 0 or not face.is_level or face.area.area < LEAST_ROOM_M2:
+    if face.frame.normal[2] > 0 or not face.is_level or face.area.area < limits.LEAST_ROOM_M2:
         return False
     if not has_floor:
         return face.element.kind == "ceiling"
-    return level + HEADROOM_M <= level_of(face) < above
+    return level + limits.HEADROOM_M <= level_of(face) < above
 
 
 def _is_wall(face: PlaneFace, storey: Storey, above: float, bodies: Sequence[Body]) -> bool:
     """Whether a face is a wall of a storey: seen from both sides, or from the floor to the ceiling."""
     lowest, highest, floor_m = face.lowest_m, face.highest_m, storey.elevation_m
-    if not face.is_upright or highest < floor_m + LEAST_ROOM_M or lowest > above - LEAST_ROOM_M:
+    if not face.is_upright or highest < floor_m + limits.LEAST_ROOM_M or lowest > above - limits.LEAST_ROOM_M:
         return False
     if any(face.number in body.surfaces for body in bodies if body.kind == "wall"):
         return True
     top = storey.ceiling_m
-    high = floor_m + HEADROOM_M if top is None else top - LEAST_ROOM_M
-    is_whole = highest >= high and lowest <= floor_m + LEAST_ROOM_M
+    high = floor_m + limits.HEADROOM_M if top is None else top - limits.LEAST_ROOM_M
+    is_whole = highest >= high and lowest <= floor_m + limits.LEAST_ROOM_M
     return is_whole or face.element.kind == "wall"
 
 
@@ -265,7 +257,7 @@ class _WallLine:
     def extended(self) -> Any:
         """The line between its ends, and somewhat beyond."""
         along = self.ends[1] - self.ends[0]
-        along = SAME_STOREY_M * along / max(float(np.linalg.norm(along)), 1e-9)
+        along = limits.SAME_STOREY_M * along / max(float(np.linalg.norm(along)), 1e-9)
         return shapely.LineString([self.ends[0] - along, self.ends[1] + along])
 
 
@@ -289,11 +281,15 @@ def _cells(storey: Storey) -> Iterator[tuple[Any, list[RoomSide]]]:
         return
     floor = union(face.plan() for face in storey.floors)
     noded = shapely.union_all([line.extended for line in lines])
-    for cell in polygons(shapely.polygonize([noded]), LEAST_ROOM_M2):
+    for cell in polygons(shapely.polygonize([noded]), limits.LEAST_ROOM_M2):
         sides = list(_sides(cell, lines))
         facing = sum(side.length_m for side in sides if side.faces_in)
-        is_floor = common(floor, cell).area >= MAJORITY * cell.area
-        if is_floor and facing >= MAJORITY * cell.length and wide(cell, LEAST_PART_M).area >= LEAST_ROOM_M2:
+        is_floor = common(floor, cell).area >= limits.MAJORITY * cell.area
+        if (
+            is_floor
+            and facing >= limits.MAJORITY * cell.length
+            and wide(cell, limits.LEAST_PART_M).area >= limits.LEAST_ROOM_M2
+        ):
             yield cell, sides
 
 
@@ -304,7 +300,9 @@ def _lines(face: PlaneFace, storey: Storey) -> Iterator[_WallLine]:
         uv = shapely.get_coordinates(polygon)
         z = face.frame.place(uv)[:, 2]
         top = float(z.max()) if high is None else min(high, float(z.max()))
-        if top <= low + SAME_STOREY_M or (high is not None and z.min() >= high - SAME_STOREY_M / 2):
+        if top <= low + limits.SAME_STOREY_M or (
+            high is not None and z.min() >= high - limits.SAME_STOREY_M / 2
+        ):
             continue
         middle = ((low + top) / 2 - face.frame.origin[2]) / face.frame.up[2]
         ends = np.array([[uv[:, 0].min(), middle], [uv[:, 0].max(), middle]])
@@ -333,7 +331,7 @@ def _room(
 ) -> BuildingRoom:
     floors, ceilings = (_over(faces, cell) for faces in (storey.floors, storey.ceilings))
     roof = union(part for _, part in ceilings)
-    has_roof = roof.area >= MAJORITY * cell.area
+    has_roof = roof.area >= limits.MAJORITY * cell.area
     floor_m = _mean_height(floors)
     height = _mean_height(ceilings) - floor_m if has_roof else None
     walls = sorted({side.face.number for side in sides if side.faces_in})
@@ -402,12 +400,12 @@ def _measured_share(
 def _open_rooms(storey: Storey, number: int, closed: Sequence[BuildingRoom]) -> Iterator[BuildingRoom]:
     """Floor that walls do not stand all around."""
     floor = union(face.plan() for face in storey.floors)
-    outlines = [shapely.buffer(room.outline, SAME_STOREY_M, join_style="mitre") for room in closed]
-    for part in polygons(wide(less(floor, outlines), LEAST_PART_M), LEAST_ROOM_M2):
+    outlines = [shapely.buffer(room.outline, limits.SAME_STOREY_M, join_style="mitre") for room in closed]
+    for part in polygons(wide(less(floor, outlines), limits.LEAST_PART_M), limits.LEAST_ROOM_M2):
         floors, ceilings = (_over(faces, part) for faces in (storey.floors, storey.ceilings))
         roof = union(ceiling_area for _, ceiling_area in ceilings)
         floor_m = _mean_height(floors)
-        height = _mean_height(ceilings) - floor_m if roof.area >= MAJORITY * part.area else None
+        height = _mean_height(ceilings) - floor_m if roof.area >= limits.MAJORITY * part.area else None
         yield BuildingRoom(
             storey=number,
             outline=part,

@@ -9,16 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from completion.export.step import limits
 from completion.export.step.folds import ContactCurve
 from completion.export.step.kernel import kernel, kernel_errors, kernel_point, winding_number
-from completion.export.step.limits import (
-    FAR_REACH,
-    MAJORITY,
-    MEASURED,
-    MEASURED_REACH,
-    TOLERANCE,
-    TRACING_EXACT,
-)
 from completion.export.step.pieces import (
     CurveCorner,
     CurvePiece,
@@ -48,8 +41,8 @@ def shares_of(face: Any, points: FloatArray, spacing: float) -> FaceShares:
     if not len(triangles):
         return FaceShares(0.0, 0.0)
     samples = _sample_triangles(corners[triangles], spacing)
-    near = cKDTree(points).query(samples)[0] <= MEASURED_REACH * spacing
-    held = cKDTree(samples).query(points)[0] <= MEASURED_REACH * spacing
+    near = cKDTree(points).query(samples)[0] <= limits.MEASURED_REACH * spacing
+    held = cKDTree(samples).query(points)[0] <= limits.MEASURED_REACH * spacing
     return FaceShares(float(near.mean()), float(held.mean()))
 
 
@@ -132,7 +125,7 @@ def _straighten_edge(edge: Any, face: Any) -> None:
         return
     begin, end = (np.array(sides[0].Value(at).Coord()) for at in (first, last))
     other = np.array(sides[1].Value(first).Coord())
-    still = np.flatnonzero(np.abs(end - begin) < TRACING_EXACT)
+    still = np.flatnonzero(np.abs(end - begin) < limits.TRACING_EXACT)
     if len(still) != 1:
         return
     held, runs = int(still[0]), 1 - int(still[0])
@@ -206,7 +199,7 @@ class EdgeMaker:
 
     def _make_edge(self, piece: CurvePiece) -> Any:
         curve, build = self.curves[piece.curve], kernel().BRep.BRep_Builder()
-        tolerance = max(1.5 * self.off(piece), TOLERANCE)
+        tolerance = max(1.5 * self.off(piece), limits.TOLERANCE)
         edge = kernel().TopoDS.TopoDS_Edge()
         build.MakeEdge(edge, curve.geometry, tolerance)
         ends = curve.at(np.array([piece.low, piece.high]))
@@ -342,7 +335,7 @@ class FaceMaker:
         make = self.make
         if not loops.closed:
             size = getattr(surface, "tube_radius", getattr(surface, "radius", 0.0))
-            if not isinstance(surface, Sphere | Torus) or size < FAR_REACH * self.spacing:
+            if not isinstance(surface, Sphere | Torus) or size < limits.FAR_REACH * self.spacing:
                 return RegionFaces([], reason="no fold with a neighbour bounds it")
             return RegionFaces([trimmed_face(shape, [], make).face])
         if isinstance(surface, Cone) and len(loops.closed) == 1:
@@ -371,11 +364,11 @@ class FaceMaker:
             return RegionFaces([], reason="the kernel finds its trimmed face invalid")
         shares = [shares_of(face, points, self.spacing) for face in made.faces]
         held = sum(share.held for share in shares)
-        if held < MAJORITY:
+        if held < limits.MAJORITY:
             return RegionFaces([], reason=f"its loops enclose only {100 * held:.0f} % of its points")
         areas = [area_of(face) for face in made.faces]
         measured = float(np.average([share.measured for share in shares], weights=areas))
-        if measured < (MAJORITY if is_bounded else MEASURED):
+        if measured < (limits.MAJORITY if is_bounded else limits.MEASURED):
             where = "within its loops" if is_bounded else "of it, which no neighbour bounds,"
             return RegionFaces([], reason=f"only {100 * measured:.0f} % {where} was measured")
         return RegionFaces(made.faces, measured)

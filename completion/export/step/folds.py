@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from completion.export.step import limits
 from completion.export.step.kernel import (
     chord_lengths,
     circle_through,
@@ -23,15 +24,6 @@ from completion.export.step.kernel import (
     kernel_errors,
     kernel_point,
     line_through,
-)
-from completion.export.step.limits import (
-    CONTACT_REACH,
-    MOST_TURN,
-    SAME_REACH,
-    SMOOTH_ANGLE,
-    SPLINE_EXACT,
-    TOUCH_REACH,
-    TRACING_EXACT,
 )
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
@@ -157,7 +149,7 @@ def _project_on_crossing(surface: Surface, two: Surface, points: FloatArray) -> 
         sine2 = np.maximum(1 - c**2, 1e-12)
         step = ((d - c * e) / sine2)[:, None] * a + ((e - c * d) / sine2)[:, None] * b
         x = x - step
-        if np.abs(step).max(initial=0.0) < TRACING_EXACT:
+        if np.abs(step).max(initial=0.0) < limits.TRACING_EXACT:
             break
     along = np.cross(surface.normal(x), two.normal(x))
     size = np.linalg.norm(along, axis=1)
@@ -191,7 +183,7 @@ def _project_on_contact(surface: Surface, two: Surface, points: FloatArray) -> C
         away = np.where(s[:, 0] > 1e-9, turn / np.maximum(s[:, 0], 1e-9), 0.0)
         step = away[:, None] * across + middle[:, None] * up
         x = x - step
-        if np.abs(step).max(initial=0.0) < TRACING_EXACT:
+        if np.abs(step).max(initial=0.0) < limits.TRACING_EXACT:
             break
     a, b = surface.normal(x), side[:, None] * two.normal(x)
     along = np.cross(a + b, across)
@@ -251,7 +243,7 @@ class _Follower(NamedTuple):
             ahead = next_.along[0] * np.sign(next_.along[0] @ way)
             moved = float(np.linalg.norm(next_.points[0] - here))
             fine = bool(next_.holds[0]) and 0.3 * step < moved < 1.7 * step
-            if not fine or ahead @ way < np.cos(MOST_TURN):
+            if not fine or ahead @ way < np.cos(limits.MOST_TURN):
                 step /= 2
                 if step < 1e-3 * self.spacing:
                     break
@@ -295,7 +287,7 @@ class FoldFinder:
             curve = self._trim_curve(pair, geometry, left, is_tangent=False)
             if curve is None:
                 continue
-            near = curve.tree.query(left)[0] < TOUCH_REACH * self.spacing
+            near = curve.tree.query(left)[0] < limits.TOUCH_REACH * self.spacing
             if near.sum() < 2:
                 continue
             touching = self._instead(curve, left[near])
@@ -312,11 +304,13 @@ class FoldFinder:
     def _add(self, folds: list[ContactCurve], curve: ContactCurve, left: FloatArray) -> FloatArray:
         """Add a curve, unless it is there already; return the contacts (n, 3) that are not near it."""
         same = [
-            fold for fold in folds if np.median(fold.tree.query(curve.points)[0]) < SAME_REACH * self.spacing
+            fold
+            for fold in folds
+            if np.median(fold.tree.query(curve.points)[0]) < limits.SAME_REACH * self.spacing
         ]
         if not same:
             folds.append(curve)
-        reach = CONTACT_REACH if same or curve.is_tangent else TOUCH_REACH
+        reach = limits.CONTACT_REACH if same or curve.is_tangent else limits.TOUCH_REACH
         return np.asarray(left[curve.tree.query(left)[0] >= reach * self.spacing])
 
     def _conics(self, pair: tuple[int, int]) -> Iterator[Any]:
@@ -365,7 +359,7 @@ class FoldFinder:
         feet = list[float]()
         for point in sample:
             foot = project(kernel_point(point), geometry)
-            if foot.NbPoints() and foot.LowerDistance() < TOUCH_REACH * self.spacing:
+            if foot.NbPoints() and foot.LowerDistance() < limits.TOUCH_REACH * self.spacing:
                 feet.append(float(foot.LowerDistanceParameter()))
         if len(feet) < 2:
             return None
@@ -381,7 +375,7 @@ class FoldFinder:
         near = curve.points[np.unique(curve.tree.query(contacts)[1])]
         turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", surface.normal(near), two.normal(near))), 0, 1))
         flat = float(np.median(turn))
-        if flat > SMOOTH_ANGLE:
+        if flat > limits.SMOOTH_ANGLE:
             return None
         return self._tangent_curve(curve.pair, contacts, flat)
 
@@ -428,7 +422,7 @@ class FoldFinder:
             between = curve_points(geometry, (knots[1:] + knots[:-1]) / 2)
             there = project_on_curve(surface, two, between, touching=touching)
             off = np.linalg.norm(there.points - between, axis=1)
-            if not there.holds.all() or off.max() <= (SPLINE_EXACT if not touching else 1e-4):
+            if not there.holds.all() or off.max() <= (limits.SPLINE_EXACT if not touching else 1e-4):
                 break
             n = len(points)
             finer = np.empty((n + len(between), 3))

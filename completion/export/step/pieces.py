@@ -24,17 +24,8 @@ from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 from shapely import Point, Polygon
 
+from completion.export.step import limits
 from completion.export.step.folds import ContactCurve
-from completion.export.step.limits import (
-    COINCIDENT_REACH,
-    CONTACT_REACH,
-    CORNER_REACH,
-    OPEN_COST,
-    SAME_REACH,
-    STEEP,
-    STUB,
-    TOUCH_REACH,
-)
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Plane, Surface
 
@@ -77,7 +68,7 @@ def corners_of(curves: Sequence[ContactCurve], spacing: float) -> list[CurveCorn
         for crossing in _crossings(a, b, curves, spacing)
     ]
     corners = list[CurveCorner]()
-    for group in _groups(crossings, CORNER_REACH * spacing):
+    for group in _groups(crossings, limits.CORNER_REACH * spacing):
         best = min(group, key=lambda crossing: crossing.rank)
         candidates = [crossing for crossing in group if crossing.is_steep == best.is_steep]
         exact = [crossing.point for crossing in candidates if crossing.gap <= max(1e-7, 1.5 * best.gap)]
@@ -101,21 +92,21 @@ def _crossings(a: int, b: int, curves: Sequence[ContactCurve], spacing: float) -
     """Where two curves are nearest to each other, and near enough."""
     fold, two = curves[a], curves[b]
     apart, nearest = two.tree.query(fold.points)
-    if (apart < COINCIDENT_REACH * spacing + 1e-9).sum() > max(5, 0.1 * len(apart)):
+    if (apart < limits.COINCIDENT_REACH * spacing + 1e-9).sum() > max(5, 0.1 * len(apart)):
         return  # one curve twice, between faces of one surface
     step = np.linalg.norm(np.diff(fold.points, axis=0), axis=1).max(initial=0.0)
     other = np.linalg.norm(np.diff(two.points, axis=0), axis=1).max(initial=0.0)
-    reach = step + other + SAME_REACH * spacing
+    reach = step + other + limits.SAME_REACH * spacing
     before, after = np.roll(apart, 1), np.roll(apart, -1)
     if not fold.is_closed:
         before[0] = after[-1] = np.inf
     least = np.flatnonzero((apart <= before) & (apart <= after) & (apart <= reach))
     for place in least:
         t, s, gap = _nearest(fold, two, float(fold.t[place]), float(two.t[nearest[place]]))
-        if gap <= SAME_REACH * spacing:
+        if gap <= limits.SAME_REACH * spacing:
             point = (fold.at(np.array([t]))[0] + two.at(np.array([s]))[0]) / 2
             if np.linalg.norm(point - fold.points[place]) <= 2 * reach:
-                yield _Crossing((a, b), point, gap, _sine(fold, t, two, s) > STEEP)
+                yield _Crossing((a, b), point, gap, _sine(fold, t, two, s) > limits.STEEP)
 
 
 def _nearest(fold: ContactCurve, two: ContactCurve, t: float, s: float) -> tuple[float, float, float]:
@@ -222,9 +213,9 @@ class _CurveSplitter:
         """Parameters (n,) between, whether they touch (n,), and the length."""
         coarse = self.curve.at(np.linspace(low, high, 33))
         length = float(np.linalg.norm(np.diff(coarse, axis=0), axis=1).sum())
-        n = int(np.clip(np.ceil(length / (SAME_REACH * self.step)), 5, 2000))
+        n = int(np.clip(np.ceil(length / (limits.SAME_REACH * self.step)), 5, 2000))
         t = low + (np.arange(n) + 0.5) / n * (high - low)
-        return t, self.contacts.query(self.curve.at(t))[0] <= TOUCH_REACH * self.step, length
+        return t, self.contacts.query(self.curve.at(t))[0] <= limits.TOUCH_REACH * self.step, length
 
     def piece(self, low: float, high: float, ends: tuple[int, int]) -> CurvePiece:
         """The piece of a range."""
@@ -249,7 +240,7 @@ class _CurveSplitter:
         if last <= first:
             return []
         piece = self.piece(first, last, ends)
-        if piece.length < STUB * self.step or piece.support <= 0.5:
+        if piece.length < limits.STUB * self.step or piece.support <= 0.5:
             return []
         known = tuple(
             corner if corner >= 0 else self._free(t) for corner, t in zip(ends, (first, last), strict=True)
@@ -279,7 +270,7 @@ def choose_pieces(
     m = len(rows)
     entries += [(row, n + row, -2.0) for row in range(m)] + [(row, n + m + row, -1.0) for row in range(m)]
     worth = np.array([(1 - 2 * piece.support) * piece.length / step + 1e-3 for piece in pieces])
-    cost = np.concatenate([worth, np.zeros(m), np.full(m, OPEN_COST)])
+    cost = np.concatenate([worth, np.zeros(m), np.full(m, limits.OPEN_COST)])
     upper = np.concatenate([np.ones(n), np.full(m, 20.0), np.ones(m)])
     constraints = []
     if m:
@@ -443,7 +434,7 @@ class RegionPoints:
         for t_at in t:
             place, along = curve.slope(float(t_at))
             leftward = np.cross(surface.normal(place[None])[0], along / np.linalg.norm(along))
-            near = self.tree.query_ball_point(place, CONTACT_REACH * self.spacing)
+            near = self.tree.query_ball_point(place, limits.CONTACT_REACH * self.spacing)
             if near:
                 side = np.clip((self.points[near] - place) @ leftward / self.spacing, -1, 1)
                 value += weight * float(side.mean())

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from completion.features.engine import limits
 from completion.features.engine.least_squares import (
     PRIOR_VARIANCE,
     Refinement,
@@ -16,16 +17,6 @@ from completion.features.engine.least_squares import (
     inflation,
     neighbour_cells,
     refine,
-)
-from completion.features.engine.limits import (
-    FEWEST_POINTS,
-    FORM_ERROR,
-    LEAST_EVIDENCE,
-    OPEN_VARIANCE,
-    REACH,
-    SCATTER_SD,
-    TILE_POINTS,
-    TILE_SPACINGS,
 )
 from completion.features.engine.search import Gate, SoughtParameters, breach, equations, explore
 from completion.features.engine.template import (
@@ -126,8 +117,10 @@ def face_sides(
     sides = []
     for number, name in enumerate(names, start=1):
         points = measured.points[faces == number]
-        side = max(TILE_SPACINGS * max(measured.spacing, _typical_spacing(points)), 4 * tolerance, 1e-12)
-        confirmed = _tiles(points, side, TILE_POINTS)
+        side = max(
+            limits.TILE_SPACINGS * max(measured.spacing, _typical_spacing(points)), 4 * tolerance, 1e-12
+        )
+        confirmed = _tiles(points, side, limits.TILE_POINTS)
         crossed = _tiles(through[through_faces == number], side, 1) - confirmed
         n = len(confirmed) + len(crossed)
         deviation = float(deviations[number - 1])
@@ -137,11 +130,11 @@ def face_sides(
 
 def _typical_spacing(points: FloatArray) -> float:
     """Typical distance between the points (n, 3) of a face: where beams graze it they lie farther apart."""
-    if len(points) < TILE_POINTS:
+    if len(points) < limits.TILE_POINTS:
         return 0.0
     sample = points[:: max(1, len(points) // _N_SAMPLE)]
-    away, _ = cKDTree(points).query(sample, k=TILE_POINTS)
-    return float(np.median(away[:, -1]) / np.sqrt(TILE_POINTS - 1))
+    away, _ = cKDTree(points).query(sample, k=limits.TILE_POINTS)
+    return float(np.median(away[:, -1]) / np.sqrt(limits.TILE_POINTS - 1))
 
 
 def _tiles(points: FloatArray, side: float, least: int) -> set[tuple[int, ...]]:
@@ -222,7 +215,7 @@ def knowledge(
         tolerance=max(3 * refined.sigma, measured.noise),
     )
     covariance = sought.spread @ box @ sought.spread.T
-    open_ = np.flatnonzero(np.diag(box) > OPEN_VARIANCE * PRIOR_VARIANCE)
+    open_ = np.flatnonzero(np.diag(box) > limits.OPEN_VARIANCE * PRIOR_VARIANCE)
     lost = (sought.spread[:, open_] != 0).any(axis=1)
     covariance[lost], covariance[:, lost] = 0.0, 0.0
     covariance[lost, lost] = np.inf
@@ -256,7 +249,7 @@ def misfit(measured: Measurements, refined: Refinement) -> str:
     A template that follows the bulk of a scene beats any plain surface, and is still not there.
     """
     size = float(np.linalg.norm(np.ptp(measured.points[refined.inliers], axis=0)))
-    if refined.sigma <= max(SCATTER_SD * measured.noise, FORM_ERROR * size):
+    if refined.sigma <= max(limits.SCATTER_SD * measured.noise, limits.FORM_ERROR * size):
         return ""
     times = f", {refined.sigma / measured.noise:.0f} times their noise" if measured.noise > 0 else ""
     return f"points scatter by {refined.sigma:.3g} about its faces{times}"
@@ -281,7 +274,7 @@ def judge_fit(
         return FeatureStatus.NONE, "no face has points on two tiles"
     if len(against) > len(seen):
         return FeatureStatus.NONE, f"beams went through {', '.join(side.name for side in against)}"
-    if evidence < LEAST_EVIDENCE:
+    if evidence < limits.LEAST_EVIDENCE:
         return FeatureStatus.AMBIGUOUS, f"{plain} explains the points nearly as well ({evidence:.1f} nats)"
     if len(seen) == 1 < len(template.faces):
         return FeatureStatus.AMBIGUOUS, f"only {seen[0].name} was seen: it may be a part of anything"
@@ -341,8 +334,8 @@ def fit_template(
         Fewer than eight points; a given or equal parameter that there is not; bounds that are not finite.
     """
     points = measured.points
-    if len(points) < FEWEST_POINTS:
-        raise InputError(f"a template needs {FEWEST_POINTS} points, got {len(points)}")
+    if len(points) < limits.FEWEST_POINTS:
+        raise InputError(f"a template needs {limits.FEWEST_POINTS} points, got {len(points)}")
     bounds = template.bounds(measured)
     sought = equations(template.names, bounds, given, equal)
 
@@ -364,7 +357,7 @@ def fit_template(
 
     least = 1e-9 * measured.diagonal
     size = np.abs(distance(find.place))
-    near = size[size < REACH * measured.diagonal]
+    near = size[size < limits.REACH * measured.diagonal]
     sigma = max(1.4826 * float(np.median(near)) if len(near) else 0.0, least)
     refined = refine(distance, find.place, sigma, least_sigma=least, most=budget - find.evaluations)
     if breach(gates, sought.full(refined.place)) > find.violation:  # least squares knows of no gates

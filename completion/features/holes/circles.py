@@ -9,17 +9,7 @@ import numpy as np
 from scipy import fft, ndimage
 from scipy.special import ndtr
 
-from completion.features.holes.limits import (
-    BEYOND_RIM,
-    EMPTY_SHARE,
-    LARGE_RADIUS,
-    LEAST_RADIUS,
-    LOST_SHARE,
-    MET_SHARE,
-    MOST_RADIUS,
-    RIM_BAND,
-    SURE_NATS,
-)
+from completion.features.holes import limits
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
 
@@ -72,7 +62,7 @@ def _scores(
     survey: PlateSurvey, centres: FloatArray, radii: FloatArray, soft: FloatArray, *, level: int
 ) -> RimScores:
     """The same of circles for which a fourth of the points, or of these, suffices."""
-    m, beyond = len(centres), BEYOND_RIM * survey.spacing * 2**level
+    m, beyond = len(centres), limits.BEYOND_RIM * survey.spacing * 2**level
     owner, offset = survey.near(centres, radii + beyond, level)
     far = np.hypot(*offset.T)
     sector = ((np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) % 1.0) * N_SECTORS).astype(np.int64)
@@ -87,9 +77,9 @@ def _scores(
     begun = np.bincount(wedge, rising, minlength=m * N_SECTORS).reshape(m, N_SECTORS)
     at_rim = begun + (rate * (radii**2 + soft**2))[:, None]
     patch, lost = _anywhere(log_l, grid)
-    begins, ends = np.log(1 - LOST_SHARE) + at_rim, np.log(LOST_SHARE) + lost
+    begins, ends = np.log(1 - limits.LOST_SHARE) + at_rim, np.log(limits.LOST_SHARE) + lost
     hole, patch = np.logaddexp(begins, ends).sum(axis=1), patch.sum(axis=1)
-    none = np.logaddexp(np.log(LOST_SHARE) + patch, np.log(1 - LOST_SHARE))
+    none = np.logaddexp(np.log(limits.LOST_SHARE) + patch, np.log(1 - limits.LOST_SHARE))
     inside = before[:, :, _INNER - 2].sum(axis=1) * np.log(eps) + expected[:, _INNER - 2] * N_SECTORS
     return RimScores(hole - none, hole - patch, np.asarray(begins > ends, dtype=np.bool_), -inside)
 
@@ -117,7 +107,7 @@ def _anywhere(log_l: FloatArray, grid: FloatArray) -> tuple[FloatArray, FloatArr
     middle = (likely[:, :, 1:] + likely[:, :, :-1]) / 2
     share = np.diff(grid, axis=1) / grid[:, -1:]
     last = likely[:, :, -1]
-    patch = (1 - LOST_SHARE) * np.einsum("mkr,mr->mk", middle, share) + LOST_SHARE * last
+    patch = (1 - limits.LOST_SHARE) * np.einsum("mkr,mr->mk", middle, share) + limits.LOST_SHARE * last
     lost = (middle[:, :, _INNER:].mean(axis=2) + last) / 2
     with np.errstate(divide="ignore"):
         return top + np.log(patch), top + np.log(lost)
@@ -177,8 +167,8 @@ def candidates(survey: PlateSurvey, opened: Openings, radius: float | None = Non
 def _radii(survey: PlateSurvey) -> FloatArray:
     """Radii to try, closer together than the spacing where they are small."""
     extent = np.array(survey.counts.shape) * survey.cell
-    radii, radius = list[float](), LEAST_RADIUS * survey.spacing
-    while radius < MOST_RADIUS * extent.max():
+    radii, radius = list[float](), limits.LEAST_RADIUS * survey.spacing
+    while radius < limits.MOST_RADIUS * extent.max():
         radii.append(radius)
         radius = max(radius + _STEP * survey.spacing, min(radius * _RATIO, radius + 2 * survey.spacing))
     return np.array(radii)
@@ -187,7 +177,7 @@ def _radii(survey: PlateSurvey) -> FloatArray:
 def _places(survey: PlateSurvey, radius: float) -> tuple[FloatArray, FloatArray]:
     """Centres (m, 2) of circles of one radius, and how much of the ring less of the disc is filled (m,)."""
     cell, counts, densities = _coarser(survey, radius)
-    ring, disc = radius + max(RIM_BAND * survey.spacing, 1.5 * cell), radius - 0.5 * cell
+    ring, disc = radius + max(limits.RIM_BAND * survey.spacing, 1.5 * cell), radius - 0.5 * cell
     half = int(np.ceil(ring / cell)) + 1
     padded = np.pad(counts, half)
     expected = np.pad(densities, half, mode="edge") * np.pi
@@ -204,7 +194,7 @@ def _places(survey: PlateSurvey, radius: float) -> tuple[FloatArray, FloatArray]
     around = count(((far > disc) & (far <= ring)).astype(np.float64)) / (expected * (ring**2 - disc**2))
     score = around - 3 * inside
     top = ndimage.maximum_filter(score, size=3) == score
-    cells = np.argwhere(top & (inside < EMPTY_SHARE) & (around > MET_SHARE))
+    cells = np.argwhere(top & (inside < limits.EMPTY_SHARE) & (around > limits.MET_SHARE))
     centres = survey.corner + (cells - half + 0.5) * cell
     return centres, score[tuple(cells.T)] * np.sqrt(radius / survey.spacing)
 
@@ -242,7 +232,7 @@ def _grown(survey: PlateSurvey, begun: HoleCandidates) -> HoleCandidates:
     A circle in a larger one, which it touches, can neither be moved nor widened by more than its rim is
     soft, which is little against a large one.
     """
-    large = np.flatnonzero(begun.radii > LARGE_RADIUS * survey.spacing)
+    large = np.flatnonzero(begun.radii > limits.LARGE_RADIUS * survey.spacing)
     if not len(large):
         return begun
     circles = HoleCandidates(begun.centres[large], begun.radii[large], begun.evidence[large])
@@ -267,7 +257,8 @@ def _ascend(survey: PlateSurvey, begun: HoleCandidates, moves: FloatArray, step:
     for _ in range(_N_ROUNDS):
         tried = centres[active, None] + moves[None, :, :2] * length[active, None, None]
         sizes = np.maximum(
-            radii[active, None] + moves[None, :, 2] * length[active, None], LEAST_RADIUS * survey.spacing
+            radii[active, None] + moves[None, :, 2] * length[active, None],
+            limits.LEAST_RADIUS * survey.spacing,
         )
         each = np.repeat(soft[active], len(moves))
         flat = rim_scores(survey, tried.reshape(-1, 2), sizes.ravel(), each)
@@ -287,7 +278,7 @@ def _distinct(circles: HoleCandidates, most: int = _MOST) -> HoleCandidates:
     order = np.argsort(-circles.evidence, kind="stable")
     kept = list[int]()
     for k in order:
-        if circles.evidence[k] < SURE_NATS or len(kept) == most:
+        if circles.evidence[k] < limits.SURE_NATS or len(kept) == most:
             break
         gap = np.hypot(*(circles.centres[kept] - circles.centres[k]).T) if kept else np.zeros(0)
         nearly = (gap < 0.25 * circles.radii[k]) & (

@@ -15,18 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import gammaln
 
+from completion.features.holes import limits
 from completion.features.holes.circles import HoleCandidates, rim_scores
-from completion.features.holes.limits import (
-    ALIKE,
-    EXACT_CANDIDATE,
-    LEAST_HOLES,
-    MOST_IN_LINE,
-    N_COUNTS,
-    NEARBY,
-    RIM_GAP,
-    SINGULAR,
-    SOFT_PLACE,
-)
 from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, SYMMETRIES, Pattern, fit_pattern
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -71,16 +61,16 @@ def log_chance(
     slopes = pattern.slopes[places].reshape(2 * n, p)
     sign, determinant = np.linalg.slogdet(slopes.T @ slopes)
     alone = np.einsum("ij,ij->j", slopes, slopes)
-    if sign <= 0 or determinant < SINGULAR + np.log(np.maximum(alone, 1e-300)).sum():
+    if sign <= 0 or determinant < limits.SINGULAR + np.log(np.maximum(alone, 1e-300)).sum():
         return np.inf  # these holes do not tell where the others are
     measure = 0.5 * determinant + _log_room(pattern, area)
     off = candidates.centres[chosen] - pattern.centres[places]
     freedom = 2 * n - p
-    square = float(np.einsum("ij,ij->", off, off)) + freedom * (EXACT_CANDIDATE * spacing) ** 2
+    square = float(np.einsum("ij,ij->", off, off)) + freedom * (limits.EXACT_CANDIDATE * spacing) ** 2
     tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1) if freedom else 0.0
     at_places = ways - np.log(symmetry) + measure + tube - n * np.log(area)
     skipped = gammaln(pattern.count + 1) - gammaln(n + 1) - gammaln(pattern.count - n + 1)
-    return float(at_places + _log_alike(candidates, chosen, spacing) + skipped + np.log(N_COUNTS))
+    return float(at_places + _log_alike(candidates, chosen, spacing) + skipped + np.log(limits.N_COUNTS))
 
 
 def _log_room(pattern: Pattern, area: float) -> float:
@@ -96,8 +86,8 @@ def _log_alike(candidates: HoleCandidates, chosen: IntArray, spacing: float) -> 
     """Log of the probability that radii are as equal as those chosen (n,), of candidates as they are."""
     radii: FloatArray = candidates.radii[chosen]
     freedom = len(radii) - 1
-    wide = 2 * np.sqrt(np.pi) * max(float(candidates.radii.std()), EXACT_CANDIDATE * spacing)
-    square = float(((radii - radii.mean()) ** 2).sum()) + freedom * (EXACT_CANDIDATE * spacing) ** 2
+    wide = 2 * np.sqrt(np.pi) * max(float(candidates.radii.std()), limits.EXACT_CANDIDATE * spacing)
+    square = float(((radii - radii.mean()) ** 2).sum()) + freedom * (limits.EXACT_CANDIDATE * spacing) ** 2
     tube = freedom / 2 * np.log(np.pi * square) - gammaln(freedom / 2 + 1) + 0.5 * np.log(freedom + 1)
     return float(min(tube - freedom * np.log(wide), 0.0))
 
@@ -113,7 +103,9 @@ def looks(radius: float, survey: PlateSurvey, opened: Openings) -> FloatArray:
     places = corner + extent * rng.uniform(size=(_N_THROWN, 2))
     places = places[~survey.is_no_hole(places, np.full(_N_THROWN, radius))]
     radii = np.full(len(places), radius)
-    thrown = rim_scores(survey, places, radii, np.full(len(places), SOFT_PLACE * survey.spacing)).evidence
+    thrown = rim_scores(
+        survey, places, radii, np.full(len(places), limits.SOFT_PLACE * survey.spacing)
+    ).evidence
     return np.asarray(np.sort(thrown + opened.evidence(places, radii, survey.spacing)))
 
 
@@ -157,7 +149,7 @@ class Search:
     def alike(self, first: IntArray | int, two: IntArray) -> BoolArray:
         """Whether radii of candidates (n,), or of one, and of others (n,) are alike."""
         radii = self.candidates.radii
-        least = ALIKE[0] * self.spacing + ALIKE[1] * np.minimum(radii[first], radii[two])
+        least = limits.ALIKE[0] * self.spacing + limits.ALIKE[1] * np.minimum(radii[first], radii[two])
         return np.asarray(np.abs(radii[first] - radii[two]) < least)
 
 
@@ -170,7 +162,7 @@ def proposals(
     a turn (triples, on a circle); all candidates near the other places of the lattice are matched, and the
     pattern is fitted to them.
     """
-    if len(candidates) < LEAST_HOLES:
+    if len(candidates) < limits.LEAST_HOLES:
         return []
     search = Search.of(candidates, area, spacing, given)
     begun = {ROW: _rows, GRID: _grids, CIRCLE: _circles}[kind](search)
@@ -198,7 +190,7 @@ def _promise(search: Search, pattern: Pattern, places: IntArray) -> float:
     n = len(places)
     window = pattern.count if pattern.kind == CIRCLE else (np.ptp(i) + 1) * (np.ptp(j) + 1)
     ways = gammaln(window + 1) - gammaln(n + 1) - gammaln(window - n + 1)
-    by_chance = len(search.candidates) * np.pi * (NEARBY * search.spacing) ** 2 / search.area
+    by_chance = len(search.candidates) * np.pi * (limits.NEARBY * search.spacing) ** 2 / search.area
     return float(-n * np.log(by_chance) - ways)
 
 
@@ -219,7 +211,7 @@ def _fit_proposal(search: Search, begun: Pattern, places: IntArray, chosen: IntA
         if best is not None and chance >= best.log_chance:
             break
         best = Proposal(pattern, places, chosen, chance)
-        if len(chosen) <= LEAST_HOLES + (begun.kind == GRID):
+        if len(chosen) <= limits.LEAST_HOLES + (begun.kind == GRID):
             break
         off = np.hypot(*(candidates.centres[chosen] - pattern.centres[places]).T)
         off = off + np.abs(candidates.radii[chosen] - pattern.radius)
@@ -234,8 +226,10 @@ def _fits(pattern: Pattern, spacing: float) -> bool:
         apart = 2 * pattern.x[3] * np.sin(np.pi / pattern.count)
     else:
         apart = pattern.x[3:].min()
-    least = (2, 2) if pattern.kind == GRID else (LEAST_HOLES, 1)
-    return bool(apart > 2 * pattern.radius + RIM_GAP * spacing and min(np.array(pattern.shape) - least) >= 0)
+    least = (2, 2) if pattern.kind == GRID else (limits.LEAST_HOLES, 1)
+    return bool(
+        apart > 2 * pattern.radius + limits.RIM_GAP * spacing and min(np.array(pattern.shape) - least) >= 0
+    )
 
 
 def _trim_pattern(pattern: Pattern, places: IntArray) -> tuple[Pattern, IntArray]:
@@ -256,7 +250,7 @@ def pairs(search: Search) -> tuple[IntArray, IntArray, FloatArray]:
     length = np.hypot(*pitch.T)
     fits = length > 2 * search.candidates.radii[first]
     if "pitch" in search.given:
-        fits &= np.abs(length - search.given["pitch"]) < NEARBY * search.spacing
+        fits &= np.abs(length - search.given["pitch"]) < limits.NEARBY * search.spacing
     return first[fits], two[fits], pitch[fits]
 
 
@@ -282,17 +276,17 @@ def _rows(search: Search) -> _Begun:
     first, _, pitch = pairs(search)
     if not len(first):
         return
-    number = np.arange(-MOST_IN_LINE, MOST_IN_LINE + 1)
+    number = np.arange(-limits.MOST_IN_LINE, limits.MOST_IN_LINE + 1)
     places = search.candidates.centres[first][:, None] + number[None, :, None] * pitch[:, None]
-    reach = NEARBY * search.spacing * (1 + 0.25 * np.abs(number))
+    reach = limits.NEARBY * search.spacing * (1 + 0.25 * np.abs(number))
     reach = np.minimum(reach[None, :], 0.3 * np.hypot(*pitch.T)[:, None])
     match = _match_candidates(search, places, first, reach)
-    for row in np.flatnonzero((match >= 0).sum(axis=1) >= LEAST_HOLES):
+    for row in np.flatnonzero((match >= 0).sum(axis=1) >= limits.LEAST_HOLES):
         at = np.flatnonzero(match[row] >= 0)
         angle, length = np.arctan2(pitch[row, 1], pitch[row, 0]), float(np.hypot(*pitch[row]))
         for run in _runs(number[at]):
             kept = at[run]
-            if len(kept) < LEAST_HOLES:
+            if len(kept) < limits.LEAST_HOLES:
                 continue
             x = np.array([*search.candidates.centres[first[row]], angle, search.given.get("pitch", length)])
             pattern = Pattern(ROW, (len(number), 1), x, 0.0)
@@ -317,14 +311,16 @@ def _grids(search: Search) -> _Begun:
         across = np.array([-along[1], along[0]])
         offset = (candidates.centres - candidates.centres[first[row]]) @ np.stack([along, across], axis=1)
         steps = np.round(offset[:, 0] / length)
-        near = np.abs(offset[:, 0] - steps * length) < NEARBY * search.spacing * (1 + 0.25 * np.abs(steps))
+        near = np.abs(offset[:, 0] - steps * length) < limits.NEARBY * search.spacing * (
+            1 + 0.25 * np.abs(steps)
+        )
         near &= (offset[:, 1] > 2 * candidates.radii[first[row]]) & search.alike(
             first[row], np.arange(len(candidates))
         )
         widths = np.unique(np.round([offset[k, 1] / m for k in np.flatnonzero(near) for m in (1, 2)], 9))
         widths = widths[widths > 2 * candidates.radii[first[row]]]
         if "pitch_2" in search.given:
-            widths = widths[np.abs(widths - search.given["pitch_2"]) < 2 * NEARBY * search.spacing]
+            widths = widths[np.abs(widths - search.given["pitch_2"]) < 2 * limits.NEARBY * search.spacing]
         if not len(widths):
             continue
         places = (
@@ -332,7 +328,7 @@ def _grids(search: Search) -> _Begun:
             + i[:, None] * pitch[row]
             + widths[:, None, None] * j[:, None] * across
         )
-        reach = NEARBY * search.spacing * (1 + 0.25 * (np.abs(i) + np.abs(j)))
+        reach = limits.NEARBY * search.spacing * (1 + 0.25 * (np.abs(i) + np.abs(j)))
         reach = np.minimum(reach[None], 0.3 * np.minimum(length, widths)[:, None])
         match = _match_candidates(search, places, np.full(len(widths), first[row]), reach)
         for number in np.flatnonzero((match >= 0).sum(axis=1) >= 4):
@@ -349,7 +345,7 @@ def _grids(search: Search) -> _Begun:
 def _circles(search: Search) -> _Begun:
     """Bolt circles through triples whose angles are shares of a turn."""
     candidates, longest = search.candidates, np.sqrt(search.area)
-    counts = np.arange(3, MOST_IN_LINE + 1)
+    counts = np.arange(3, limits.MOST_IN_LINE + 1)
     if "count" in search.given:
         counts = counts[counts == round(search.given["count"])]
     number = np.arange(len(candidates))
@@ -360,7 +356,7 @@ def _circles(search: Search) -> _Begun:
         middle, radius = _through(candidates.centres[a], candidates.centres[b], candidates.centres[c])
         fits = (radius > 2 * candidates.radii[a] / np.sqrt(3)) & (radius < longest)
         if "circle_radius" in search.given:
-            fits &= np.abs(radius - search.given["circle_radius"]) < 2 * NEARBY * search.spacing
+            fits &= np.abs(radius - search.given["circle_radius"]) < 2 * limits.NEARBY * search.spacing
         b, c, middle, radius = b[fits], c[fits], middle[fits], radius[fits]
         turn = [_turn(candidates.centres[k] - middle) for k in (np.full(len(b), a), b, c)]
         for n in counts:
@@ -368,7 +364,7 @@ def _circles(search: Search) -> _Begun:
                 np.abs((share := (angles - turn[0]) * n / (2 * np.pi)) - np.round(share))
                 for angles in turn[1:]
             ]
-            tolerance = 1.5 * NEARBY * search.spacing / radius * n / (2 * np.pi)
+            tolerance = 1.5 * limits.NEARBY * search.spacing / radius * n / (2 * np.pi)
             good = (off[0] < tolerance) & (off[1] < tolerance) & (tolerance < 0.25)
             good &= 2 * radius * np.sin(np.pi / n) > 2 * candidates.radii[a]
             rows = np.flatnonzero(good)
@@ -378,9 +374,9 @@ def _circles(search: Search) -> _Begun:
             ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
             places = middle[rows, None] + radius[rows, None, None] * ring
             match = _match_candidates(
-                search, places, np.full(len(rows), a), np.array(1.5 * NEARBY * search.spacing)
+                search, places, np.full(len(rows), a), np.array(1.5 * limits.NEARBY * search.spacing)
             )
-            enough = np.maximum(LEAST_HOLES, np.ceil(0.5 * n))
+            enough = np.maximum(limits.LEAST_HOLES, np.ceil(0.5 * n))
             for k in np.flatnonzero((match >= 0).sum(axis=1) >= enough):
                 at = np.flatnonzero(match[k] >= 0)
                 if match[k, at].min() < a:
@@ -432,7 +428,9 @@ def matches(pattern: Pattern, candidates: HoleCandidates, spacing: float) -> tup
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     off = np.linalg.norm(pattern.centres[:, None] - candidates.centres, axis=2)
     apart = np.abs(candidates.radii - pattern.radius)
-    unlike = (off > NEARBY * spacing) | (apart > ALIKE[0] * spacing + ALIKE[1] * pattern.radius)
+    unlike = (off > limits.NEARBY * spacing) | (
+        apart > limits.ALIKE[0] * spacing + limits.ALIKE[1] * pattern.radius
+    )
     cost = np.where(unlike, np.inf, off + apart)
     places = np.flatnonzero(np.isfinite(cost.min(axis=1)))
     return places, cost[places].argmin(axis=1)
@@ -464,7 +462,7 @@ def _steps(search: Search, survey: PlateSurvey) -> tuple[IntArray, IntArray, Flo
     """Pairs (m,) of like candidates, the pitch (m, 2) and the radius (m,), with room for holes between."""
     first, two, pitch = pairs(search)
     radius = (search.candidates.radii[first] + search.candidates.radii[two]) / 2
-    room = np.hypot(*pitch.T) > 2 * radius + RIM_GAP * search.spacing
+    room = np.hypot(*pitch.T) > 2 * radius + limits.RIM_GAP * search.spacing
     for place in (search.candidates.centres[first] + pitch, search.candidates.centres[two] - pitch):
         room &= ~survey.is_no_hole(place, radius)
     return first[room], two[room], pitch[room], radius[room]
@@ -499,8 +497,10 @@ def _grid_lattices(search: Search, survey: PlateSurvey) -> Iterator[Pattern]:
         n_along = int(
             np.rint(np.hypot(*(candidates.centres[two[k]] - candidates.centres[first[k]])) / length[k])
         )
-        least = 2 * radius[k] + RIM_GAP * search.spacing
-        near = np.abs(offset[:, 0] - steps * length[k]) < NEARBY * search.spacing * (1 + 0.25 * np.abs(steps))
+        least = 2 * radius[k] + limits.RIM_GAP * search.spacing
+        near = np.abs(offset[:, 0] - steps * length[k]) < limits.NEARBY * search.spacing * (
+            1 + 0.25 * np.abs(steps)
+        )
         near &= (np.abs(offset[:, 1]) > least) & search.alike(first[k], np.arange(len(candidates)))
         near &= (steps >= -_MOST_WIDE) & (steps <= n_along + _MOST_WIDE)
         for third in np.flatnonzero(near):
@@ -532,9 +532,11 @@ def _circle_lattices(search: Search, survey: PlateSurvey) -> Iterator[Pattern]:
     for n in _CIRCLE_COUNTS if "count" not in search.given else [round(search.given["count"])]:
         for step in range(1, n // 2 + 1):
             size = half / np.sin(np.pi * step / n)
-            fits = (2 * size * np.sin(np.pi / n) > 2 * radius + RIM_GAP * search.spacing) & (size < longest)
+            fits = (2 * size * np.sin(np.pi / n) > 2 * radius + limits.RIM_GAP * search.spacing) & (
+                size < longest
+            )
             if "circle_radius" in search.given:
-                fits &= np.abs(size - search.given["circle_radius"]) < 2 * NEARBY * search.spacing
+                fits &= np.abs(size - search.given["circle_radius"]) < 2 * limits.NEARBY * search.spacing
             high = np.sqrt(np.maximum(size**2 - half**2, 0.0))
             for side in (1, -1) if 2 * step != n else (1,):
                 k = np.flatnonzero(fits)

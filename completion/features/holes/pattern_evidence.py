@@ -8,21 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from completion.features.holes import limits
 from completion.features.holes.circles import HoleCandidates, rim_scores
 from completion.features.holes.lattices import Proposal, log_chance, log_rarity, looks, matches
-from completion.features.holes.limits import (
-    LARGE_RADIUS,
-    MOST_HOLE_NATS,
-    OPEN_ALIKE,
-    OPEN_SECTORS,
-    RADIUS_STEP,
-    SEEN_NATS,
-    SOFT_WINDOW,
-    SURE_NATS,
-    UNSEEN_NATS,
-    WEB_POINTS,
-    WEB_WIDTH,
-)
 from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, Pattern, centres_of
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -32,7 +20,7 @@ def are_joined(pattern: Pattern, survey: PlateSurvey) -> bool:
     """Whether along one direction of a pattern nothing was measured between any two neighbours: slots."""
     for neighbours in _neighbours(pattern):
         counted, expected = _on_webs(pattern, neighbours, survey)
-        telling = expected > WEB_POINTS
+        telling = expected > limits.WEB_POINTS
         if telling.any() and (counted[telling] == 0).all():
             return True
     return False
@@ -40,7 +28,7 @@ def are_joined(pattern: Pattern, survey: PlateSurvey) -> bool:
 
 def open_sides(rims: BoolArray) -> BoolArray:
     """Tell of which holes a whole side is open, by the sectors (n, k) in which they have a rim."""
-    return _gaps(rims, OPEN_SECTORS)
+    return _gaps(rims, limits.OPEN_SECTORS)
 
 
 def are_notches(pattern: Pattern, rims: BoolArray, seen: BoolArray) -> bool:
@@ -58,7 +46,7 @@ def are_notches(pattern: Pattern, rims: BoolArray, seen: BoolArray) -> bool:
     )
     inward_too = [rims, turned] if pattern.shape[1] > 1 or pattern.kind == CIRCLE else [rims]
     common = np.stack([np.asarray(frame[seen]).any(axis=0) for frame in inward_too])
-    return bool(_gaps(common, OPEN_ALIKE).any())
+    return bool(_gaps(common, limits.OPEN_ALIKE).any())
 
 
 def _gaps(rims: BoolArray, size: int) -> BoolArray:
@@ -90,12 +78,12 @@ def _on_webs(pattern: Pattern, pairs: IntArray, survey: PlateSurvey) -> tuple[In
     along = step / length[:, None]
     u = np.einsum("ij,ij->i", offset, along[owner])
     v = offset[:, 1] * along[owner, 0] - offset[:, 0] * along[owner, 1]
-    inside = np.abs(v) < WEB_WIDTH * radius
+    inside = np.abs(v) < limits.WEB_WIDTH * radius
     for sign in (-1, 1):
         inside &= np.hypot(u - sign * length[owner] / 2, v) > radius
     counted = np.bincount(owner[inside], minlength=len(pairs))
     # a rectangle less two segments of circles
-    half = WEB_WIDTH * radius
+    half = limits.WEB_WIDTH * radius
     caps = half * np.sqrt(radius**2 - half**2) + radius**2 * np.arcsin(half / radius)
     area = np.maximum(2 * half * length - 2 * caps, 0.0)
     return counted, survey.density_at((first + two) / 2) * area
@@ -143,7 +131,7 @@ class WeighedPattern:
     @property
     def seen(self) -> BoolArray:
         """Return which holes (count,) were seen."""
-        return np.asarray((self.holes > SEEN_NATS) & (self.rims.sum(axis=1) >= 3) & ~self.filled)
+        return np.asarray((self.holes > limits.SEEN_NATS) & (self.rims.sum(axis=1) >= 3) & ~self.filled)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,22 +184,24 @@ class Ground:
         more = self._rarities(holes[other], pattern.radius).sum()
         freedom = 3 * len(places) - len(pattern.x) - 1
         alone = candidates.evidence[chosen]
-        if pattern.radius > LARGE_RADIUS * self.survey.spacing:
+        if pattern.radius > limits.LARGE_RADIUS * self.survey.spacing:
             # many points on a rim: by how much depends on how exactly it is placed, so like with like
-            alone = np.minimum(alone, holes[places] + freedom / max(len(places), 1) + SURE_NATS)
+            alone = np.minimum(alone, holes[places] + freedom / max(len(places), 1) + limits.SURE_NATS)
         loss = float(np.maximum(alone - holes[places], 0.0).sum()) - freedom
         return float(more - chance - max(loss, 0.0))
 
     def _rarities(self, holes: FloatArray, radius: float) -> FloatArray:
         """What holes (n,) that were no candidates add: by how rare they are on this plate, once seen."""
-        if not (holes > SEEN_NATS).any():
-            return np.clip(holes, -MOST_HOLE_NATS, 0.0)
-        size = round(float(np.log(radius / self.survey.spacing)) / RADIUS_STEP)
+        if not (holes > limits.SEEN_NATS).any():
+            return np.clip(holes, -limits.MOST_HOLE_NATS, 0.0)
+        size = round(float(np.log(radius / self.survey.spacing)) / limits.RADIUS_STEP)
         if size not in self.looks:
-            as_large = self.survey.spacing * float(np.exp(size * RADIUS_STEP))
+            as_large = self.survey.spacing * float(np.exp(size * limits.RADIUS_STEP))
             self.looks[size] = looks(as_large, self.survey, self.opened)
         rare = log_rarity(holes, self.looks[size]) - _LOOKS
-        return np.where(holes > SEEN_NATS, np.maximum(rare, 0.0), np.clip(holes, -MOST_HOLE_NATS, 0.0))
+        return np.where(
+            holes > limits.SEEN_NATS, np.maximum(rare, 0.0), np.clip(holes, -limits.MOST_HOLE_NATS, 0.0)
+        )
 
     def holes(self, pattern: Pattern, soft: float) -> tuple[FloatArray, BoolArray, BoolArray]:
         """Log odds, sectors with a rim, and whether filled, of each hole (count,) of a pattern."""
@@ -222,7 +212,7 @@ class Ground:
         inner = np.maximum(radii - width, 0.5 * radii)
         scores = rim_scores(survey, centres, inner, np.full(pattern.count, width))
         more = self.opened.evidence(centres, radii, survey.spacing)
-        return scores.evidence + more, scores.seen, scores.filled > SURE_NATS
+        return scores.evidence + more, scores.seen, scores.filled > limits.SURE_NATS
 
 
 def best_window(
@@ -235,14 +225,17 @@ def best_window(
     """
     pattern, margin = proposal.pattern, _MARGIN[proposal.pattern.kind]
     if pattern.kind == CIRCLE:
-        return ground.weigh(pattern, proposal, SOFT_WINDOW)
+        return ground.weigh(pattern, proposal, limits.SOFT_WINDOW)
     n_along, n_across = pattern.shape
     asked = (given.get("count"), given.get("count_2") if pattern.kind == GRID else 1)
     margins = [max(margin, int(n or 0) - size) for n, size in zip(asked, pattern.shape, strict=True)]
     margins = [margins[0], margins[1] if pattern.kind == GRID else 0]
     low = (-margins[0], -margins[1])
     wide = pattern.resize(low, (n_along + 2 * margins[0], n_across + 2 * margins[1]))
-    value = np.clip(ground.holes(wide, SOFT_WINDOW)[0], -MOST_HOLE_NATS, MOST_HOLE_NATS) + UNSEEN_NATS
+    value = (
+        np.clip(ground.holes(wide, limits.SOFT_WINDOW)[0], -limits.MOST_HOLE_NATS, limits.MOST_HOLE_NATS)
+        + limits.UNSEEN_NATS
+    )
     window = _best_window(value.reshape(wide.shape), pattern.kind, asked)
     if window is None:
         return None
@@ -253,7 +246,7 @@ def best_window(
     if inside.sum() < _least_seen(pattern):
         return None
     places = at[0, inside] * shape[1] + at[1, inside]
-    return ground.weigh(kept, Proposal(kept, places, proposal.chosen[inside], 0.0), SOFT_WINDOW)
+    return ground.weigh(kept, Proposal(kept, places, proposal.chosen[inside], 0.0), limits.SOFT_WINDOW)
 
 
 def climb_pattern(begun: WeighedPattern, ground: Ground, given: Mapping[str, float]) -> WeighedPattern:
@@ -288,7 +281,7 @@ def _together(pattern: Pattern, tried: FloatArray, ground: Ground, step: float) 
     radii = np.repeat(np.maximum(tried[:, -1], 1e-9), n)
     soft = np.full(len(radii), max(step * ground.survey.spacing, ground.survey.plate.noise))
     scores = rim_scores(ground.survey, centres.reshape(-1, 2), radii, soft).evidence
-    return np.asarray(np.clip(scores, -2 * MOST_HOLE_NATS, None).reshape(-1, n).sum(axis=1))
+    return np.asarray(np.clip(scores, -2 * limits.MOST_HOLE_NATS, None).reshape(-1, n).sum(axis=1))
 
 
 def _best_window(

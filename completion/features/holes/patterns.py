@@ -8,17 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr
 
+from completion.features.holes import limits
 from completion.features.holes.circles import N_SECTORS, rim_scores
-from completion.features.holes.limits import (
-    LEAST_RADIUS,
-    MOST_MOVE,
-    NO_WALL,
-    RIM_BAND,
-    SOFT_RIM,
-    WALL_DEPTH,
-    WALL_POINTS,
-    WALLED_SHARE,
-)
 from completion.features.holes.plates import HolePlate, Openings, PlateSurvey
 from completion.fitting.limits import TUKEY
 from completion.fitting.robust import scale_within, tukey_weights
@@ -163,9 +154,9 @@ class _Rims:
         out = np.stack([np.cos(turns), np.sin(turns)])
         reach = radii[:, None, None] + moved @ out
         area = np.einsum("wnk,nk,n->w", reach**2, self.seen, self.rate * np.pi / N_SECTORS)
-        gone = np.abs(radii - self.radius) > MOST_MOVE * self.spacing
-        gone |= radii < 0.8 * LEAST_RADIUS * self.spacing
-        gone |= np.linalg.norm(moved, axis=2).max(axis=1) > MOST_MOVE * self.spacing
+        gone = np.abs(radii - self.radius) > limits.MOST_MOVE * self.spacing
+        gone |= radii < 0.8 * limits.LEAST_RADIUS * self.spacing
+        gone |= np.linalg.norm(moved, axis=2).max(axis=1) > limits.MOST_MOVE * self.spacing
         return np.where(gone, -np.inf, points + (1 - self.stray) * area)
 
 
@@ -183,7 +174,9 @@ def refine(
     pattern, spent = begun, 0
     covariance = np.zeros((len(begun.x) + 1,) * 2)
     for last in (False, True):
-        rims = _rims(pattern, survey, used, SOFT_RIM * survey.spacing if not last else 0.05 * survey.spacing)
+        rims = _rims(
+            pattern, survey, used, limits.SOFT_RIM * survey.spacing if not last else 0.05 * survey.spacing
+        )
         spread = _first_spread(pattern, survey, held) if not last else _root(covariance)
         n = (_BURNT, _KEPT if last else _BURNT)
         drawn = _sample_posterior(pattern, rims, spread, held, rounds=n, rng=rng)
@@ -199,8 +192,8 @@ def _rims(pattern: Pattern, survey: PlateSurvey, used: BoolArray, soft: float) -
     centres, radii = pattern.centres, np.full(pattern.count, pattern.radius)
     soft = max(soft, survey.plate.noise)
     seen = rim_scores(survey, centres, radii, np.full(len(radii), soft)).seen
-    owner, offset = survey.near(centres, np.where(used, radii + RIM_BAND * survey.spacing, 0.0))
-    near = np.hypot(*offset.T) > pattern.radius - RIM_BAND * survey.spacing
+    owner, offset = survey.near(centres, np.where(used, radii + limits.RIM_BAND * survey.spacing, 0.0))
+    near = np.hypot(*offset.T) > pattern.radius - limits.RIM_BAND * survey.spacing
     owner, offset, seen = owner[near], offset[near], seen & used[:, None]
     noise = max(survey.plate.noise, 1e-3 * survey.spacing)
     rate = survey.density_at(centres)
@@ -216,7 +209,7 @@ def _first_spread(pattern: Pattern, survey: PlateSurvey, held: BoolArray) -> Flo
     root = np.zeros((len(held),) * 2)
     root[:-1, :-1] = _root(np.asarray(np.linalg.pinv(slopes.T @ slopes)))
     root[-1, -1] = 1.0
-    return SOFT_RIM * survey.spacing * root
+    return limits.SOFT_RIM * survey.spacing * root
 
 
 def _root(covariance: FloatArray) -> FloatArray:
@@ -297,7 +290,7 @@ def assign_faces(pattern: Pattern, plate: HolePlate, opened: Openings, points: F
 def _owners(pattern: Pattern, plate: HolePlate, opened: Openings, points: FloatArray) -> IntArray:
     """The hole (n,) on whose wall each of points (n, 3) is, -1 for none."""
     places, height = plate.chart(points)
-    deep = (np.abs(height) > 1.5 * plate.slab) & (np.abs(height) < WALL_DEPTH * pattern.radius)
+    deep = (np.abs(height) > 1.5 * plate.slab) & (np.abs(height) < limits.WALL_DEPTH * pattern.radius)
     if opened.outward:
         deep &= height * opened.outward < 0
     return _nearest_rim(pattern, places, deep, opened.reach)
@@ -332,7 +325,7 @@ def sharpen_pattern(
     """
     pattern, spacing = coarse.pattern, survey.spacing
     per_hole = np.bincount(bore_walls.owner, minlength=pattern.count)
-    if (per_hole[seen] >= WALL_POINTS).mean() < WALLED_SHARE if seen.any() else True:
+    if (per_hole[seen] >= limits.WALL_POINTS).mean() < limits.WALLED_SHARE if seen.any() else True:
         return None
     free, x = ~held, np.array([*pattern.x, pattern.radius])
     sigma, radii = 0.5 * spacing, pattern.radius
@@ -343,7 +336,7 @@ def sharpen_pattern(
         root = np.sqrt(weights)
         step = np.linalg.lstsq(root[:, None] * slopes[:, free], -root * residual, rcond=None)[0]
         x[free] += np.clip(step, -spacing, spacing)
-    if sigma > max(NO_WALL * spacing, 2 * survey.plate.noise):
+    if sigma > max(limits.NO_WALL * spacing, 2 * survey.plate.noise):
         return None
     normal = slopes[:, free].T @ (weights[:, None] * slopes[:, free])
     covariance = np.zeros((len(x),) * 2)

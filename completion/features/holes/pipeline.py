@@ -22,18 +22,9 @@ from completion.features.engine.template import (
     TemplateFit,
     best_first,
 )
+from completion.features.holes import limits
 from completion.features.holes.circles import N_SECTORS, candidates
 from completion.features.holes.lattices import count_range, lattices, proposals
-from completion.features.holes.limits import (
-    DOUBTFUL_FITS,
-    FALSE_FITS,
-    FURTHER_NATS,
-    HOPELESS_NATS,
-    LARGE_RADIUS,
-    PARALLEL,
-    SOFT_PLACE,
-    SOFT_REFINED,
-)
 from completion.features.holes.pattern_evidence import (
     Ground,
     WeighedPattern,
@@ -194,7 +185,7 @@ def _decision(
     least = LEAST_SEEN[weighed.pattern.kind]
     if seen < least:
         return FeatureStatus.NONE, f"only {seen} holes of the {what} were seen, {least} are needed"
-    if probability > DOUBTFUL_FITS:
+    if probability > limits.DOUBTFUL_FITS:
         return (
             FeatureStatus.NONE,
             f"lost patches make a {what} as regular on {probability:.0%} of blank plates",
@@ -206,7 +197,7 @@ def _decision(
             FeatureStatus.NONE,
             f"beams came back from behind the plate, but none through the {what}: lost data",
         )
-    if np.median(spread[weighed.seen]) > SOFT_PLACE * spacing:
+    if np.median(spread[weighed.seen]) > limits.SOFT_PLACE * spacing:
         return FeatureStatus.NONE, f"nothing holds the {what} in its place: its circles could slide"
     absent, unseen = weighed.filled, ~weighed.seen & ~weighed.filled
     if absent.sum() + unseen.sum() > seen:
@@ -218,7 +209,7 @@ def _decision(
             FeatureStatus.AMBIGUOUS,
             f"every hole of the {what} is open on a side: notches and slots look like it",
         )
-    if probability > FALSE_FITS:
+    if probability > limits.FALSE_FITS:
         return (
             FeatureStatus.AMBIGUOUS,
             f"lost patches make a {what} as regular on {probability:.0%} of blank plates",
@@ -252,7 +243,7 @@ def distinct(fits: Sequence[TemplateFit]) -> list[TemplateFit]:
 def _overlap(first: TemplateFit, second: TemplateFit) -> bool:
     """Whether holes of two patterns with one axis lie over one another."""
     axis, radius = np.asarray(second.geometry["axis"]), float(str(second.geometry["radius"]))
-    if abs(float(axis @ np.asarray(first.geometry["axis"]))) < PARALLEL:
+    if abs(float(axis @ np.asarray(first.geometry["axis"]))) < limits.PARALLEL:
         return False
     gap = np.asarray(first.geometry["centres"])[:, None] - np.asarray(second.geometry["centres"])
     gap = gap - (gap @ axis)[..., None] * axis
@@ -331,7 +322,7 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[WeighedPattern]:
     # two circles tell others less exactly than three: patterns through them are moved first
     promising = sorted(weighed[1], key=lambda weight: -weight.evidence)[:_MOST_CLIMBED]
     # ... and so are large circles, which many points hold
-    wide_from = LARGE_RADIUS * ground.survey.spacing
+    wide_from = limits.LARGE_RADIUS * ground.survey.spacing
     every = [
         climb_pattern(weight, ground, given) if weight.pattern.radius > wide_from else weight
         for weight in weighed[0]
@@ -340,7 +331,7 @@ def _lattices(kind: str, ground: Ground, given: Given) -> list[WeighedPattern]:
     best = list[WeighedPattern]()
     for weight in sorted(every, key=lambda weight: -weight.evidence):
         taken = {number for other in best for number in other.chosen.tolist()}
-        least = FURTHER_NATS if best else HOPELESS_NATS
+        least = limits.FURTHER_NATS if best else limits.HOPELESS_NATS
         if weight.evidence > least and not taken & set(weight.chosen.tolist()):
             best.append(weight)
     return best[:_MOST]
@@ -373,7 +364,7 @@ def _against_chance(
     coarse: WeighedPattern, refined: PatternRefinement, ground: Ground, measured: Measurements, given: Given
 ) -> TemplateFit:
     """Step 5: the pattern against as many as chance makes, what is known of each hole, and the decision."""
-    weighed = ground.weigh(refined.pattern, coarse, SOFT_REFINED)
+    weighed = ground.weigh(refined.pattern, coarse, limits.SOFT_REFINED)
     plate = ground.survey.plate
     faces = assign_faces(refined.pattern, plate, ground.opened, measured.points)
     return fit_of(ground.survey, weighed, refined, faces, given)

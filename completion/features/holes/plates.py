@@ -11,31 +11,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from completion.features.engine.template import Measurements, PixelBeams
-from completion.features.holes.limits import (
-    ALIGNED,
-    BORE_BAND,
-    BORE_DEPTH,
-    BOSS_FACTOR,
-    CHANCE_SECTORS,
-    COVERED,
-    DENSITY_WIDTH,
-    EXACT_PLATE,
-    EXACT_SPACING,
-    FEW_POINTS,
-    FULL_SHARE,
-    INNER_BORE,
-    INNER_SQUARE,
-    MOST_PASSED,
-    NONE_PASSED_NATS,
-    PLATE_POINTS,
-    PLATE_SHARE,
-    RIM_BAND,
-    RIM_GAP,
-    SEEN_NATS,
-    SIGN_NATS,
-    SLAB_SD,
-    WALLED_SHARE,
-)
+from completion.features.holes import limits
 from completion.fitting.robust import tukey_weights
 from completion.fitting.starts import orient_normals
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -75,7 +51,7 @@ class HolePlate:
     @property
     def slab(self) -> float:
         """Return the height within which a point is the plate's."""
-        return SLAB_SD * self.noise
+        return limits.SLAB_SD * self.noise
 
     def space(self, uv: FloatArray) -> FloatArray:
         """Return places (n, 2) of the chart in space (n, 3)."""
@@ -94,16 +70,18 @@ def plates(measured: Measurements, *, rng: np.random.Generator) -> Iterator[Hole
     each are taken out before the next is sought.
     """
     points = measured.points
-    if len(points) < PLATE_POINTS:
+    if len(points) < limits.PLATE_POINTS:
         return
-    noise = max(measured.noise, EXACT_PLATE * measured.diagonal, EXACT_SPACING * measured.spacing)
+    noise = max(
+        measured.noise, limits.EXACT_PLATE * measured.diagonal, limits.EXACT_SPACING * measured.spacing
+    )
     voters = rng.permutation(len(points))[:_N_SAMPLE]
     normals, _ = orient_normals(points[voters], points)
-    least = max(PLATE_POINTS, PLATE_SHARE * len(points))
+    least = max(limits.PLATE_POINTS, limits.PLATE_SHARE * len(points))
     free: BoolArray = np.ones(len(points), dtype=np.bool_)
     for _ in range(_MOST):
         left = free[voters]
-        consensus = _consensus(points[voters[left]], normals[left], SLAB_SD * noise, rng=rng)
+        consensus = _consensus(points[voters[left]], normals[left], limits.SLAB_SD * noise, rng=rng)
         if consensus is None:
             return
         plate = _refine_plate(points, free, *consensus, noise)
@@ -121,7 +99,7 @@ def _consensus(
         return None
     drawn = rng.integers(len(points), size=_N_DRAWN)
     heights = points @ normals[drawn].T - np.einsum("ij,ij->i", points[drawn], normals[drawn])
-    agrees = (np.abs(heights) < slab) & (np.abs(normals @ normals[drawn].T) > ALIGNED)
+    agrees = (np.abs(heights) < slab) & (np.abs(normals @ normals[drawn].T) > limits.ALIGNED)
     best = drawn[int(agrees.sum(axis=0).argmax())]
     return points[best], normals[best]
 
@@ -132,15 +110,15 @@ def _refine_plate(
     """The plate about a plane: Tukey's weights, its scale annealed to the noise."""
     near = points[free]
     for cut in np.geomspace(4.0, 1.0, _N_ROUNDS):
-        weights = tukey_weights((near - place) @ normal, cut * 1.2 * SLAB_SD * noise)
-        if np.count_nonzero(weights) < PLATE_POINTS:
+        weights = tukey_weights((near - place) @ normal, cut * 1.2 * limits.SLAB_SD * noise)
+        if np.count_nonzero(weights) < limits.PLATE_POINTS:
             return None
         place = weights @ near / weights.sum()
         offset = near - place
         normal = np.linalg.eigh((weights * offset.T) @ offset)[1][:, 0]
-    frame = _frame((np.abs((near - place) @ normal) < SLAB_SD * noise), near - place, normal)
+    frame = _frame((np.abs((near - place) @ normal) < limits.SLAB_SD * noise), near - place, normal)
     local = (points - place) @ frame.T
-    is_on = np.abs(local[:, 2]) < SLAB_SD * noise
+    is_on = np.abs(local[:, 2]) < limits.SLAB_SD * noise
     return HolePlate(origin=place, frame=frame, uv=local[:, :2], height=local[:, 2], is_on=is_on, noise=noise)
 
 
@@ -250,14 +228,16 @@ class PlateSurvey:
 
         Quick, by a square within the hole: a fourth of the plate's points in it are too many.
         """
-        half, shape = (INNER_SQUARE * radii)[..., None], np.array(self.counts.shape)
+        half, shape = (limits.INNER_SQUARE * radii)[..., None], np.array(self.counts.shape)
         low = np.clip(np.rint((centres - half - self.corner) / self.cell).astype(np.int64), 0, shape)
         high = np.clip(np.rint((centres + half - self.corner) / self.cell).astype(np.int64), 0, shape)
         (i, j), (k, m) = np.moveaxis(low, -1, 0), np.moveaxis(high, -1, 0)
         within = self.summed[k, m] - self.summed[i, m] - self.summed[k, j] + self.summed[i, j]
         expected = (high - low).prod(axis=-1) * (self.cell / self.spacing) ** 2
         beside = (centres < self.corner) | (centres > self.corner + shape * self.cell)
-        return np.asarray((within > np.maximum(FEW_POINTS, FULL_SHARE * expected)) | beside.any(axis=-1))
+        return np.asarray(
+            (within > np.maximum(limits.FEW_POINTS, limits.FULL_SHARE * expected)) | beside.any(axis=-1)
+        )
 
     def level(self, radii: FloatArray) -> IntArray:
         """Return how often a fourth of the points suffices for circles with radii (m,)."""
@@ -286,8 +266,8 @@ def survey(plate: HolePlate) -> PlateSurvey:
     shape = np.maximum(((high - low) / cell).astype(np.int64) + 1, 1)
     edges = [low[k] + cell * np.arange(shape[k] + 1) for k in range(2)]
     counts = np.histogram2d(uv[:, 0], uv[:, 1], bins=edges)[0]
-    covered = ndimage.distance_transform_edt(counts == 0) * cell < COVERED * spacing
-    wide = DENSITY_WIDTH * spacing / cell
+    covered = ndimage.distance_transform_edt(counts == 0) * cell < limits.COVERED * spacing
+    wide = limits.DENSITY_WIDTH * spacing / cell
     mean = ndimage.gaussian_filter(counts, wide), ndimage.gaussian_filter(covered * cell**2, wide)
     local = np.divide(mean[0], mean[1], out=np.full(counts.shape, overall), where=mean[1] > 0.02 * cell**2)
     area, stray = float(np.prod(high - low)), _stray(plate, uv)
@@ -355,32 +335,36 @@ class Openings:
     def _of_beams(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         if self.crossed is None:
             return np.zeros(len(radii))
-        passed = self.crossed.query_ball_point(centres, INNER_BORE * radii, return_length=True)
-        hoped = np.minimum(0.3 * np.pi * (INNER_BORE * radii / spacing) ** 2, 1.0)
-        none = np.where(passed == 0, -NONE_PASSED_NATS * self.behind * hoped, 0.0)
-        return np.asarray(SIGN_NATS * np.minimum(passed, MOST_PASSED) + none)
+        passed = self.crossed.query_ball_point(centres, limits.INNER_BORE * radii, return_length=True)
+        hoped = np.minimum(0.3 * np.pi * (limits.INNER_BORE * radii / spacing) ** 2, 1.0)
+        none = np.where(passed == 0, -limits.NONE_PASSED_NATS * self.behind * hoped, 0.0)
+        return np.asarray(limits.SIGN_NATS * np.minimum(passed, limits.MOST_PASSED) + none)
 
     def none_passed(self, centres: FloatArray, radius: float) -> bool:
         """Whether no beam went through any of circles (m, 2), though most that miss the plate come back."""
         if self.crossed is None or self.behind < 0.5:
             return False
-        return not np.any(self.crossed.query_ball_point(centres, INNER_BORE * radius, return_length=True))
+        return not np.any(
+            self.crossed.query_ball_point(centres, limits.INNER_BORE * radius, return_length=True)
+        )
 
     def _of_bores(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         up, down = self.walls(centres, radii, spacing)
-        gain = [SEEN_NATS * np.maximum(side.sum(axis=1) - CHANCE_SECTORS, 0) for side in (up, down)]
+        gain = [
+            limits.SEEN_NATS * np.maximum(side.sum(axis=1) - limits.CHANCE_SECTORS, 0) for side in (up, down)
+        ]
         if self.outward == 0:
             return np.asarray(np.maximum(*gain) - np.minimum(*gain))
         outer, inner = gain if self.outward > 0 else gain[::-1]
-        return np.asarray(inner - BOSS_FACTOR * outer)
+        return np.asarray(inner - limits.BOSS_FACTOR * outer)
 
     def _without_edge(self, centres: FloatArray, radii: FloatArray, spacing: float) -> FloatArray:
         """What tells against holes (m,) of a whole part: sectors of their rims from which no wall goes."""
-        owner, gap, height, sector = self._around(centres, radii, RIM_GAP * spacing)
-        near = (np.abs(gap) < RIM_GAP * spacing) & (np.abs(height) < RIM_BAND * spacing)
+        owner, gap, height, sector = self._around(centres, radii, limits.RIM_GAP * spacing)
+        near = (np.abs(gap) < limits.RIM_GAP * spacing) & (np.abs(height) < limits.RIM_BAND * spacing)
         counts = np.bincount((owner * N_SECTORS + sector)[near], minlength=len(radii) * N_SECTORS)
         bare = (counts.reshape(len(radii), N_SECTORS) == 0).sum(axis=1)
-        return np.asarray(SIGN_NATS * np.maximum(bare - CHANCE_SECTORS, 0))
+        return np.asarray(limits.SIGN_NATS * np.maximum(bare - limits.CHANCE_SECTORS, 0))
 
     def _around(
         self, centres: FloatArray, radii: FloatArray, beyond: float
@@ -401,7 +385,7 @@ class Openings:
         """Return in which of 8 sectors (m, 8) a wall stands on the rim above the plate, and below it."""
         shape = (len(radii), N_SECTORS)
         owner, gap, height, sector = self._around(centres, radii, 3 * self.reach)
-        near = np.abs(height) < BORE_DEPTH[0] * radii[owner] + BORE_DEPTH[1] * spacing
+        near = np.abs(height) < limits.BORE_DEPTH[0] * radii[owner] + limits.BORE_DEPTH[1] * spacing
         walls = []
         for side in (1, -1):
             chosen = near & (side * height > 0)
@@ -424,7 +408,7 @@ def openings(plate: HolePlate, measured: Measurements, spacing: float) -> Openin
     elif off.any():
         outward = _outer_side(plate, spacing)
     tree = cKDTree(plate.uv[off]) if off.any() else None
-    reach = max(BORE_BAND * spacing, 3 * plate.noise)
+    reach = max(limits.BORE_BAND * spacing, 3 * plate.noise)
     return Openings(
         outward=outward,
         off=tree,
@@ -438,7 +422,7 @@ def openings(plate: HolePlate, measured: Measurements, spacing: float) -> Openin
 
 def _has_walls(plate: HolePlate, spacing: float) -> bool:
     """Whether points near and off the plate stand along most of its edges."""
-    off = (np.abs(plate.height) > 1.5 * plate.slab) & (np.abs(plate.height) < RIM_BAND * spacing)
+    off = (np.abs(plate.height) > 1.5 * plate.slab) & (np.abs(plate.height) < limits.RIM_BAND * spacing)
     on = plate.uv[plate.is_on]
     if not off.any() or len(on) < 9:
         return False
@@ -448,7 +432,7 @@ def _has_walls(plate: HolePlate, spacing: float) -> bool:
     if not lopsided.any():
         return False
     far = cKDTree(plate.uv[off]).query(on[lopsided])[0]
-    return bool((far < spacing).mean() > WALLED_SHARE)
+    return bool((far < spacing).mean() > limits.WALLED_SHARE)
 
 
 def _through(plate: HolePlate, beams: PixelBeams) -> tuple[cKDTree | None, float]:
@@ -473,7 +457,7 @@ def _outer_side(plate: HolePlate, spacing: float) -> int:
     on = np.flatnonzero(plate.is_on)
     places = plate.uv[on[:: max(1, len(on) // _N_RAYS)]]
     off = np.abs(plate.height) > 1.5 * plate.slab
-    lists = cKDTree(plate.uv[off]).query_ball_point(places, COVERED * spacing)
+    lists = cKDTree(plate.uv[off]).query_ball_point(places, limits.COVERED * spacing)
     votes = np.zeros((2, 2))
     for near_points in lists:
         heights = plate.height[off][near_points]

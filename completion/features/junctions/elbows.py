@@ -10,6 +10,7 @@ import numpy as np
 
 from completion.features.engine.limits import LEAST_EVIDENCE
 from completion.features.engine.template import FeatureSide, FeatureStatus, Measurements, TemplateFit
+from completion.features.junctions import limits
 from completion.features.junctions.alternatives import (
     Alternative,
     WeighedFit,
@@ -17,17 +18,6 @@ from completion.features.junctions.alternatives import (
     parameter_covariance,
     sides_of,
     weigh,
-)
-from completion.features.junctions.limits import (
-    JOINT_POINTS,
-    LEAST_SIGMA,
-    LEAST_TURN,
-    LOOSE,
-    MISS_START,
-    OTHER_RADIUS,
-    SIDE_POINTS,
-    TIGHTEST,
-    WITHIN_SD,
 )
 from completion.features.junctions.models import (
     Descent,
@@ -63,15 +53,15 @@ def bend_starts(points: FloatArray, given: FloatArray) -> list[Model]:
     """
     sample = points[:: max(1, len(points) // _N_SAMPLE)]
     normals, roughness = orient_normals(sample, points)
-    tubes = _tubes(sample, normals, WITHIN_SD * roughness, given[2])
+    tubes = _tubes(sample, normals, limits.WITHIN_SD * roughness, given[2])
     starts = [model for pair in _pairs(tubes) for model in _elbows_between(*pair, given)]
     if starts:
         return starts
     try:
-        bend = cast(Torus, consensus_surface(sample, normals, "torus", WITHIN_SD * roughness))
+        bend = cast(Torus, consensus_surface(sample, normals, "torus", limits.WITHIN_SD * roughness))
     except FitError:
         return []
-    on = np.abs(bend.distance(sample)) < WITHIN_SD * roughness
+    on = np.abs(bend.distance(sample)) < limits.WITHIN_SD * roughness
     return _about(bend, sample[on], given)
 
 
@@ -82,7 +72,7 @@ def _tubes(
     held = given_of_shape("cylinder", float(radius), None) if np.isfinite(radius) else None
     tubes, left = [], np.ones(len(sample), dtype=np.bool_)
     for _ in range(3):
-        if left.sum() < SIDE_POINTS:
+        if left.sum() < limits.SIDE_POINTS:
             break
         try:
             tube = cast(Cylinder, consensus_surface(sample[left], normals[left], "cylinder", tolerance, held))
@@ -90,7 +80,7 @@ def _tubes(
             break
         across = np.abs(np.einsum("ij,j->i", normals, tube.direction)) < 0.35
         on: BoolArray = left & (np.abs(tube.distance(sample)) < tolerance) & across
-        if on.sum() < SIDE_POINTS // 2:
+        if on.sum() < limits.SIDE_POINTS // 2:
             break
         tubes.append((tube, sample[on]))
         left &= ~on
@@ -108,10 +98,10 @@ def _pairs(tubes: list[_Tube]) -> list[tuple[_Tube, _Tube]]:
             second = tubes[j][0]
             normal = np.cross(first.direction, second.direction)
             sine = float(np.linalg.norm(normal))
-            if sine < LEAST_TURN:
+            if sine < limits.LEAST_TURN:
                 continue
             miss = abs(float((first.point - second.point) @ normal)) / sine
-            if miss < MISS_START * max(first.radius, second.radius):
+            if miss < limits.MISS_START * max(first.radius, second.radius):
                 pairs.append((tubes[i], tubes[j]))
     return pairs
 
@@ -186,8 +176,10 @@ def fit_elbow(measured: Measurements, given: Mapping[str, float]) -> TemplateFit
         held exactly.
     """
     n = len(measured.points)
-    if n < JOINT_POINTS:
-        return TemplateFit.absent("elbow", NAMES, n, f"{n} points are too few for an elbow ({JOINT_POINTS})")
+    if n < limits.JOINT_POINTS:
+        return TemplateFit.absent(
+            "elbow", NAMES, n, f"{n} points are too few for an elbow ({limits.JOINT_POINTS})"
+        )
     unit = at_unit(measured)
     held = {name: value for name, value in given.items() if name in SHAPE}
     elbow = _fit_elbow(unit, held)
@@ -220,7 +212,7 @@ def _fit_elbow(unit: Unit, given: Mapping[str, float]) -> WeighedFit | str:
 def _is_bend(model: Model) -> bool:
     """Whether the shape is one: a bend that is no tighter than its tube, and less than half a turn."""
     half, bend, tube = model.shape
-    return bool(0.02 < half < 1.55 and tube > 0 and bend > TIGHTEST * tube)
+    return bool(0.02 < half < 1.55 and tube > 0 and bend > limits.TIGHTEST * tube)
 
 
 def _alternatives(points: FloatArray, best: Descent) -> list[Alternative]:
@@ -235,7 +227,7 @@ def _alternatives(points: FloatArray, best: Descent) -> list[Alternative]:
             distances = fit_robust(points, kind, start).surface.distance(points)
         except FitError:
             continue
-        members = Mixture.of(distances, mixture.reach, mixture.sigma, LEAST_SIGMA)
+        members = Mixture.of(distances, mixture.reach, mixture.sigma, limits.LEAST_SIGMA)
         name = _ARTICLE.get(kind, "a bend without tubes")
         alternatives.append(Alternative(name, float(members.log_densities(distances).sum()), n))
     return alternatives
@@ -246,7 +238,10 @@ def _rival(pairs: Sequence[Descent], factor: float, excess: float) -> str:
     first = pairs[0].model.shape
     for descent in pairs[1:]:
         behind = (pairs[0].log_likelihood - descent.log_likelihood) / excess
-        if behind < LEAST_EVIDENCE and (np.abs(descent.model.shape - first) > OTHER_RADIUS * first).any():
+        if (
+            behind < LEAST_EVIDENCE
+            and (np.abs(descent.model.shape - first) > limits.OTHER_RADIUS * first).any()
+        ):
             bend, tube = descent.model.shape[1:] / factor
             return (
                 f"a bend of {bend:.4g} of a tube of {tube:.4g} is nearly as likely ({behind:.1f} nats less)"
@@ -302,7 +297,7 @@ def _judge_elbow(
     if refusal:
         return refusal
     deviations = np.sqrt(np.diag(covariance)[:3])
-    vague = [name for name, value, sd in zip(SHAPE, x, deviations, strict=False) if sd > LOOSE * value]
+    vague = [name for name, value, sd in zip(SHAPE, x, deviations, strict=False) if sd > limits.LOOSE * value]
     if vague:
         return FeatureStatus.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
     return FeatureStatus.FOUND, ""

@@ -17,27 +17,9 @@ from scipy.spatial import cKDTree
 
 from completion.features.engine.template import FeatureStatus, Given, Measurements, TemplateFit, best_first
 from completion.features.engine.template_fit import NOTHING
+from completion.features.junctions import limits
 from completion.features.junctions.alternatives import one_arc
 from completion.features.junctions.elbows import fit_elbow
-from completion.features.junctions.limits import (
-    ACROSS,
-    ARM_RADII,
-    BEND_RADII,
-    CORNER_RADII,
-    FLAT_SHARE,
-    HALF,
-    JOINT_POINTS,
-    LEAST_TURN,
-    MISS_RADII,
-    PARALLEL,
-    PATCH_SD,
-    PATCH_TURN,
-    SAME_JOINT,
-    SAME_TUBE,
-    SIDE_POINTS,
-    TANGENT,
-    TOUCHING_PAIRS,
-)
 from completion.features.junctions.models import Descent, Unit, at_unit, descend_to_rest, thickness
 from completion.features.junctions.tangent import fit_junction
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
@@ -117,7 +99,7 @@ def find_patches(cloud: OrientedCloud) -> list[CloudPatch]:
     patches: list[CloudPatch] = []
     for _ in range(_N_SEEDS):
         open_ = order[(untried & free)[order]]
-        if len(open_) == 0 or free.sum() < SIDE_POINTS:
+        if len(open_) == 0 or free.sum() < limits.SIDE_POINTS:
             break
         seed = int(open_[0])
         patch = _grown(cloud, seed, free)
@@ -135,7 +117,7 @@ def _grown(cloud: OrientedCloud, seed: int, free: BoolArray) -> CloudPatch | Non
     """A patch about a seed, of free points."""
     for size in _BALLS:
         ball = _ball(cloud, seed, free, size)
-        if len(ball) < SIDE_POINTS:
+        if len(ball) < limits.SIDE_POINTS:
             return None
         patch = _from_ball(cloud, ball, free)
         if patch is not None:
@@ -152,11 +134,11 @@ def _from_ball(cloud: OrientedCloud, ball: IntArray, free: BoolArray) -> CloudPa
     for _ in range(_N_GROWTHS):
         section = fit.model.section(cloud.points)
         normal = section.slope @ fit.model.turn
-        agrees = np.abs(np.einsum("ij,ij->i", normal, cloud.normals)) > PATCH_TURN
-        band = PATCH_SD * max(fit.mixture.sigma, cloud.noise)
+        agrees = np.abs(np.einsum("ij,ij->i", normal, cloud.normals)) > limits.PATCH_TURN
+        band = limits.PATCH_SD * max(fit.mixture.sigma, cloud.noise)
         on = free & agrees & (np.abs(section.distance) < band)
         grown = _connected_part(cloud, on, ball)
-        if len(grown) < SIDE_POINTS:
+        if len(grown) < limits.SIDE_POINTS:
             return None
         if len(grown) == len(members) and (grown == members).all():
             break
@@ -164,7 +146,7 @@ def _from_ball(cloud: OrientedCloud, ball: IntArray, free: BoolArray) -> CloudPa
         fit = _refit(fit, cloud.points[members])
     size = float(np.ptp(fit.model.local(cloud.points[members])[:, 1]))
     sagitta = abs(fit.model.shape[0]) * size**2 / 8
-    return CloudPatch(members, fit, is_flat=bool(sagitta < max(FLAT_SHARE * size, 2 * cloud.noise)))
+    return CloudPatch(members, fit, is_flat=bool(sagitta < max(limits.FLAT_SHARE * size, 2 * cloud.noise)))
 
 
 def _fit_surface(cloud: OrientedCloud, members: IntArray) -> Descent:
@@ -229,12 +211,12 @@ def touching_patches(cloud: OrientedCloud, patches: list[CloudPatch]) -> list[Ju
     pairs = []
     for (i, j), border in _borders(cloud, label).items():
         first, second = patches[i], patches[j]
-        if len(border) < TOUCHING_PAIRS or (first.is_flat and second.is_flat):
+        if len(border) < limits.TOUCHING_PAIRS or (first.is_flat and second.is_flat):
             continue
         if not _are_tangent(first, second, cloud.points[border]):
             continue
         members = _about(cloud, first, second, border)
-        if len(members) >= JOINT_POINTS:
+        if len(members) >= limits.JOINT_POINTS:
             pairs.append(
                 JunctionCandidate("junction", members, float(min(len(first.members), len(second.members))))
             )
@@ -267,10 +249,10 @@ def _are_tangent(first: CloudPatch, second: CloudPatch, border: FloatArray) -> b
     agree = np.abs(np.einsum("ij,ij->i", *normals))
     if first.is_flat or second.is_flat:
         flat, round_ = (0, 1) if first.is_flat else (1, 0)
-        is_along = abs(float(np.median(normals[flat] @ axes[round_]))) < ACROSS
+        is_along = abs(float(np.median(normals[flat] @ axes[round_]))) < limits.ACROSS
     else:
-        is_along = abs(float(axes[0] @ axes[1])) > PARALLEL
-    return bool(is_along and np.median(agree) > TANGENT)
+        is_along = abs(float(axes[0] @ axes[1])) > limits.PARALLEL
+    return bool(is_along and np.median(agree) > limits.TANGENT)
 
 
 def _about(cloud: OrientedCloud, first: CloudPatch, second: CloudPatch, border: IntArray) -> IntArray:
@@ -284,14 +266,16 @@ def _about(cloud: OrientedCloud, first: CloudPatch, second: CloudPatch, border: 
 
 def crossing_tubes(cloud: OrientedCloud, patches: list[CloudPatch]) -> list[JunctionCandidate]:
     """Return pairs of tubes of like radii whose axes cross not far from both."""
-    tubes = [patch for patch in patches if not patch.is_flat and len(patch.members) >= JOINT_POINTS // 2]
+    tubes = [
+        patch for patch in patches if not patch.is_flat and len(patch.members) >= limits.JOINT_POINTS // 2
+    ]
     pairs = []
     for i, first in enumerate(tubes):
         for second in tubes[:i]:
-            if abs(first.radius - second.radius) > SAME_TUBE * max(first.radius, second.radius):
+            if abs(first.radius - second.radius) > limits.SAME_TUBE * max(first.radius, second.radius):
                 continue
             members = _pipe(cloud, first, second)
-            if len(members) >= JOINT_POINTS:
+            if len(members) >= limits.JOINT_POINTS:
                 worth = float(min(len(first.members), len(second.members)))
                 pairs.append(JunctionCandidate("elbow", members, worth))
     return sorted(pairs, key=lambda candidate: -candidate.worth)
@@ -304,7 +288,7 @@ def _pipe(cloud: OrientedCloud, first: CloudPatch, second: CloudPatch) -> IntArr
     axes = [_axis(patch) for patch in (first, second)]
     (p, a), (q, b) = axes
     sine = float(np.linalg.norm(np.cross(a, b)))
-    if sine < LEAST_TURN or abs(float((q - p) @ np.cross(a, b))) / sine > MISS_RADII * radius:
+    if sine < limits.LEAST_TURN or abs(float((q - p) @ np.cross(a, b))) / sine > limits.MISS_RADII * radius:
         return none
     along = float(a @ b)
     s, t = np.linalg.solve([[1.0, -along], [along, -1.0]], [(q - p) @ a, (q - p) @ b])
@@ -313,11 +297,13 @@ def _pipe(cloud: OrientedCloud, first: CloudPatch, second: CloudPatch) -> IntArr
     for patch, axis in ((first, a), (second, b)):
         reach = (cloud.points[patch.members] - corner) @ axis
         way = np.sign(np.median(reach)) * axis
-        if np.quantile(np.abs(reach), 0.05) > CORNER_RADII * radius or np.median(reach) == 0:
+        if np.quantile(np.abs(reach), 0.05) > limits.CORNER_RADII * radius or np.median(reach) == 0:
             return none
         local = cloud.points - corner
-        height = np.clip(local @ way, 0.0, max(ARM_RADII * radius, float(np.quantile(np.abs(reach), 0.5))))
-        on |= np.linalg.norm(local - height[:, None] * way, axis=1) < BEND_RADII * radius
+        height = np.clip(
+            local @ way, 0.0, max(limits.ARM_RADII * radius, float(np.quantile(np.abs(reach), 0.5)))
+        )
+        on |= np.linalg.norm(local - height[:, None] * way, axis=1) < limits.BEND_RADII * radius
     return np.flatnonzero(on)
 
 
@@ -371,7 +357,7 @@ def find_junctions(
     whole = [_fit(kind, measured, np.arange(len(measured.points)), given, rng=rng) for kind in kinds]
     # what all points leave open, some of them cannot decide: a patch hides what speaks against it
     template_fit = [fit for fit in whole if fit.status is not FeatureStatus.NONE]
-    at_once = [fit for fit in template_fit if (fit.assignment > 0).mean() > HALF]
+    at_once = [fit for fit in template_fit if (fit.assignment > 0).mean() > limits.HALF]
     if at_once:
         return best_first(at_once)
 
@@ -451,9 +437,9 @@ def _are_same(first: TemplateFit, second: TemplateFit) -> bool:
     size = min(float(r[np.isfinite(r)].min()) for r in radii)
     if first.kind == "elbow":
         middles = [fit.x[3:6] for fit in (first, second)]
-        return bool(np.linalg.norm(middles[0] - middles[1]) < 2 * SAME_JOINT * size)
+        return bool(np.linalg.norm(middles[0] - middles[1]) < 2 * limits.SAME_JOINT * size)
     axis = (ends[0][1] - ends[0][0]) / max(float(np.linalg.norm(ends[0][1] - ends[0][0])), 1e-300)
     gap = ends[1].mean(axis=0) - ends[0].mean(axis=0)
     across = float(np.linalg.norm(gap - (gap @ axis) * axis))
     length = float(np.linalg.norm(ends[0][1] - ends[0][0]) + np.linalg.norm(ends[1][1] - ends[1][0])) / 2
-    return bool(across < SAME_JOINT * size and abs(float(gap @ axis)) < length)
+    return bool(across < limits.SAME_JOINT * size and abs(float(gap @ axis)) < length)

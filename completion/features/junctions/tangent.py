@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from completion.features.engine.template import FeatureSide, FeatureStatus, Measurements, TemplateFit
+from completion.features.junctions import limits
 from completion.features.junctions.alternatives import (
     Certainty,
     WeighedFit,
@@ -18,16 +19,6 @@ from completion.features.junctions.alternatives import (
     parameter_covariance,
     sides_of,
     weigh,
-)
-from completion.features.junctions.limits import (
-    AHEAD_NATS,
-    LOOSE,
-    MANY_OUTLIERS,
-    OTHER_RADIUS,
-    OUTLIER_NATS,
-    SIDE_POINTS,
-    VAGUE,
-    WITHIN_SD,
 )
 from completion.features.junctions.models import (
     Descent,
@@ -66,9 +57,9 @@ def fit_junction(measured: Measurements, given: Mapping[str, float]) -> Template
         "radius_1", "radius_2": held exactly; inf for a plane. Without them the smaller is the first.
     """
     n = len(measured.points)
-    if n < SIDE_POINTS:
+    if n < limits.SIDE_POINTS:
         return TemplateFit.absent(
-            "junction", NAMES, n, f"{n} points are too few for a junction ({SIDE_POINTS})"
+            "junction", NAMES, n, f"{n} points are too few for a junction ({limits.SIDE_POINTS})"
         )
     unit = at_unit(measured)
     held = {name: value for name, value in given.items() if name in NAMES[:2]}
@@ -124,11 +115,11 @@ def _try_plane(descent: Descent, points: FloatArray, is_held: BoolArray) -> Desc
 def _rival(pairs: Sequence[Descent], factor: float, n: int, excess: float) -> str:
     """Another solution for n points that is nearly as likely and has other radii."""
     first = np.sort(np.abs(pairs[0].model.shape))
-    ahead = AHEAD_NATS + OUTLIER_NATS * pairs[0].mixture.share * n
+    ahead = limits.AHEAD_NATS + limits.OUTLIER_NATS * pairs[0].mixture.share * n
     for descent in pairs[1:]:
         second = np.sort(np.abs(descent.model.shape))
         behind = (pairs[0].log_likelihood - descent.log_likelihood) / excess
-        if behind < ahead and (np.abs(second - first) > OTHER_RADIUS * first.max()).any():
+        if behind < ahead and (np.abs(second - first) > limits.OTHER_RADIUS * first.max()).any():
             radii = " and ".join(f"{1 / max(k * factor, 1e-12):.4g}" for k in second[::-1])
             return f"radii {radii} are nearly as likely ({behind:.1f} nats less)"
     return ""
@@ -213,17 +204,19 @@ def _judge_junction(
         return refusal
     deviations = np.sqrt(np.diag(covariance)[:2])
     vague = [
-        name for name, r, sd in zip(NAMES, x, deviations, strict=False) if np.isfinite(r) and sd > VAGUE * r
+        name
+        for name, r, sd in zip(NAMES, x, deviations, strict=False)
+        if np.isfinite(r) and sd > limits.VAGUE * r
     ]
     if vague:
         return FeatureStatus.AMBIGUOUS, f"the points hardly tell {' and '.join(vague)}"
     shorter = min(float(np.quantile(local[:, 1], 0.99)), -float(np.quantile(local[:, 1], 0.01)))
-    if sides[2].deviation > LOOSE * shorter:
+    if sides[2].deviation > limits.LOOSE * shorter:
         return FeatureStatus.AMBIGUOUS, "the points hardly tell where the joint lies"
     model, mixture = junction.descent.model, junction.descent.mixture
     factor = 1 / (float(x[0]) * float(np.abs(model.shape).max()))
     apart = abs(float(model.shape[0] - model.shape[1])) * (factor * shorter) ** 2 / 2
-    if mixture.share > MANY_OUTLIERS and apart < WITHIN_SD * mixture.sigma:
+    if mixture.share > limits.MANY_OUTLIERS and apart < limits.WITHIN_SD * mixture.sigma:
         return (
             FeatureStatus.AMBIGUOUS,
             f"{mixture.share:.0%} outliers, and both sides bend too much alike for that",

@@ -16,32 +16,7 @@ import numpy as np
 from scipy.special import bdtrc
 
 from completion.features.engine.template import FeatureSide, FeatureStatus, Given, TemplateFit
-from completion.features.openings.limits import (
-    ABOUT_M,
-    AROUND_SHARE,
-    BAND_M,
-    BEYOND_M,
-    CELL_M,
-    CLOSED_M,
-    DECIDED_NATS,
-    DOOR_M,
-    FAR_SHARE,
-    FEWEST_SIDES,
-    FLOOR_M,
-    INFLATION,
-    LEAST_NICHE_M,
-    LEAST_SIDE_M,
-    MISTAKE_LEVEL,
-    MISTAKEN_SHARE,
-    MOST_BEAM_NATS,
-    MOSTLY,
-    ON_FACE_SD,
-    REFUTED_SHARE,
-    REVEALED,
-    SIDE_GAPS,
-    TILE_M,
-    TILE_NATS,
-)
+from completion.features.openings import limits
 from completion.features.openings.recess import (
     FACES,
     SIDES,
@@ -126,7 +101,7 @@ def decide(
         covariance[NAMES.index(name)] = covariance[:, NAMES.index(name)] = 0.0
     confirmed = sum(side.confirmed for side in opened.sides)
     contradicted = sum(side.contradicted for side in opened.sides)
-    evidence = TILE_NATS * (confirmed - contradicted)
+    evidence = limits.TILE_NATS * (confirmed - contradicted)
     return TemplateFit(
         kind=kind,
         status=status,
@@ -171,8 +146,8 @@ def _judge_opening(opened: FittedRecess, on_reveals: int) -> tuple[str, str, Fea
     kind, doubt = _kind(opened)
     width, height = opened.recess.size
     seen = [side.name for side in opened.sides if side.is_seen]
-    is_narrow = width < LEAST_SIDE_M and {"left", "right"} <= set(seen)
-    if is_narrow or (height < LEAST_SIDE_M and {"bottom", "top"} <= set(seen)):
+    is_narrow = width < limits.LEAST_SIDE_M and {"left", "right"} <= set(seen)
+    if is_narrow or (height < limits.LEAST_SIDE_M and {"bottom", "top"} <= set(seen)):
         return kind, f"it is {1000 * width:.0f} mm by {1000 * height:.0f} mm: too small", FeatureStatus.NONE
     has_floor = opened.floor is not None
     for side in [
@@ -183,18 +158,18 @@ def _judge_opening(opened: FittedRecess, on_reveals: int) -> tuple[str, str, Fea
         return kind, sentence, FeatureStatus.NONE
     if kind == "niche" and (sentence := _relief(opened)):
         return kind, sentence, FeatureStatus.NONE
-    if len(seen) < FEWEST_SIDES or not {"left", "right"} & set(seen):
+    if len(seen) < limits.FEWEST_SIDES or not {"left", "right"} & set(seen):
         sentence = f"only its {' and '.join(seen)} side was seen" if seen else "none of its sides was seen"
         return kind, sentence, FeatureStatus.NONE
     walled = {name for name in seen if name not in opened.bare}
     if opened.floor is not None:
         walled -= {"bottom"}
-    if opened.bare and (len(walled) < FEWEST_SIDES or not {"left", "right"} & walled):
+    if opened.bare and (len(walled) < limits.FEWEST_SIDES or not {"left", "right"} & walled):
         sentence = f"what bounds its {' and '.join(opened.bare)} side is a strip, no wall: beams go on beyond"
         return kind, sentence, FeatureStatus.NONE
-    may_be_image = on_reveals < REVEALED and not opened.recess.is_closed
+    may_be_image = on_reveals < limits.REVEALED and not opened.recess.is_closed
     share = opened.image_share() if may_be_image else 0.0
-    if share > MOSTLY:
+    if share > limits.MOSTLY:
         sentence = f"opening or mirror: {share:.0%} of what lies behind is the image of what stands"
         return kind, f"{sentence} before it, and no reveal was measured", FeatureStatus.AMBIGUOUS
     if np.isnan(share):
@@ -210,7 +185,7 @@ def refuted_sides(sides: Sequence[FeatureSide], *, has_floor: bool) -> list[Feat
         side
         for side in sides
         if side.contradicted > side.confirmed
-        and side.contradicted >= REFUTED_SHARE * side.total
+        and side.contradicted >= limits.REFUTED_SHARE * side.total
         and not (side.name == "bottom" and has_floor)
     ]
 
@@ -224,7 +199,8 @@ def _ending_sides(sides: Sequence[FeatureSide], *, has_floor: bool) -> list[Feat
         side
         for side in sides
         if side.contradicted
-        and bdtrc(side.contradicted - 1, side.contradicted + side.confirmed, MISTAKEN_SHARE) < MISTAKE_LEVEL
+        and bdtrc(side.contradicted - 1, side.contradicted + side.confirmed, limits.MISTAKEN_SHARE)
+        < limits.MISTAKE_LEVEL
         and not (side.name == "bottom" and has_floor)
         and side.is_seen
     ]
@@ -234,9 +210,9 @@ def _relief(opened: FittedRecess) -> str:
     """Why a niche is none: a picture's frame stands around it, or it is as shallow as relief."""
     recess, wall = opened.recess, 0.0 if opened.chart is None else opened.chart.wall_m2
     area = float(np.prod(recess.size))
-    if wall < AROUND_SHARE * area:
+    if wall < limits.AROUND_SHARE * area:
         return f"what stands around it is a frame: {wall:.2f} m2 around {area:.2f} m2"
-    shallow = recess.depth < LEAST_NICHE_M
+    shallow = recess.depth < limits.LEAST_NICHE_M
     return f"it is {1000 * recess.depth:.0f} mm deep: relief" if shallow else ""
 
 
@@ -244,7 +220,7 @@ def _kind(opened: FittedRecess) -> tuple[str, str]:
     """Doorway, window or niche, and what is doubtful of that."""
     recess, stands = opened.recess, opened.floor is not None
     if recess.is_closed:
-        if stands and recess.size[1] > DOOR_M and recess.depth <= CLOSED_M:
+        if stands and recess.size[1] > limits.DOOR_M and recess.depth <= limits.CLOSED_M:
             return "doorway", f"closed {1000 * recess.depth:.0f} mm behind the wall"
         return "niche", ""
     bottom = next(side for side in opened.sides if side.name == "bottom")
@@ -252,7 +228,9 @@ def _kind(opened: FittedRecess) -> tuple[str, str]:
         return "doorway", ""
     if bottom.is_seen:
         return "window", ""
-    return ("doorway" if recess.size[1] > DOOR_M else "window"), "its foot was not seen: doorway or window"
+    return (
+        "doorway" if recess.size[1] > limits.DOOR_M else "window"
+    ), "its foot was not seen: doorway or window"
 
 
 def _parameters(opened: FittedRecess) -> tuple[FloatArray, FloatArray]:
@@ -279,8 +257,8 @@ def _assign_faces(
     depth = np.array([recess.depth])
     expected, _, face = expect(beams, left, right, **held, depth=depth, is_closed=recess.is_closed)
     with np.errstate(invalid="ignore"):
-        on = np.abs(beams.ranges - expected[:, 0]) <= ON_FACE_SD * beams.deviation
-    past = beams.ranges - beams.wall_range > ON_FACE_SD * beams.deviation  # else it may be the wall
+        on = np.abs(beams.ranges - expected[:, 0]) <= limits.ON_FACE_SD * beams.deviation
+    past = beams.ranges - beams.wall_range > limits.ON_FACE_SD * beams.deviation  # else it may be the wall
     on &= (face[:, 0] > 0) & np.isfinite(beams.ranges)
     out[start[beams.scan[on]] + beams.pixel[on]] = face[on, 0]
     return out, int((on & past & (face[:, 0] <= 4)).sum())
@@ -304,9 +282,9 @@ def side_support(
     reaches down to the `floor`.
     """
     tiles = _tiles(beams, recess, side, known)
-    wall_outside, open_inside = tiles.outside < -DECIDED_NATS, tiles.inside > DECIDED_NATS
-    open_outside, wall_inside = tiles.outside > DECIDED_NATS, tiles.inside < -DECIDED_NATS
-    if side == "bottom" and floor is not None and abs(recess.bottom - floor) < BAND_M:
+    wall_outside, open_inside = tiles.outside < -limits.DECIDED_NATS, tiles.inside > limits.DECIDED_NATS
+    open_outside, wall_inside = tiles.outside > limits.DECIDED_NATS, tiles.inside < -limits.DECIDED_NATS
+    if side == "bottom" and floor is not None and abs(recess.bottom - floor) < limits.BAND_M:
         confirmed, contradicted = open_inside, wall_inside
     else:
         confirmed, contradicted = wall_outside & open_inside, open_outside | wall_inside
@@ -326,29 +304,31 @@ def is_strip(
     for other in others:
         of_others |= other.holds(beams.uv) & (beams.nats > 0)
     beyond = _tiles(beams.select(~of_others), recess, side, known).beyond
-    return int((beyond > DECIDED_NATS).sum()) > int((beyond < -DECIDED_NATS).sum())
+    return int((beyond > limits.DECIDED_NATS).sum()) > int((beyond < -limits.DECIDED_NATS).sum())
 
 
 def _tiles(beams: WallBeams, recess: Recess, side: str, known: SideEstimate) -> _SideTiles:
     axis = 0 if side in ("left", "right") else 1
     low, high = ((recess.bottom, recess.top), (recess.left, recess.right))[axis]
-    n = max(round((high - low) / TILE_M), 1)
+    n = max(round((high - low) / limits.TILE_M), 1)
     at = beams.uv[:, axis] - getattr(recess, side)
     outwards = at if side in ("right", "top") else -at
     tile = np.floor((beams.uv[:, 1 - axis] - low) / (high - low) * n).astype(np.int64)
     near = (tile >= 0) & (tile < n)
-    margin = min(3 * known.deviation, BAND_M / 2) if np.isfinite(known.deviation) else BAND_M / 2
-    beside = beams.gap[near & (np.abs(outwards) < BAND_M)]
-    gap = float(np.median(beside)) if len(beside) else BAND_M
-    band = max(BAND_M, 2.0 * (gap if np.isfinite(gap) else BAND_M))
-    odds = np.clip(beams.nats, -MOST_BEAM_NATS, MOST_BEAM_NATS)
+    margin = (
+        min(3 * known.deviation, limits.BAND_M / 2) if np.isfinite(known.deviation) else limits.BAND_M / 2
+    )
+    beside = beams.gap[near & (np.abs(outwards) < limits.BAND_M)]
+    gap = float(np.median(beside)) if len(beside) else limits.BAND_M
+    band = max(limits.BAND_M, 2.0 * (gap if np.isfinite(gap) else limits.BAND_M))
+    odds = np.clip(beams.nats, -limits.MOST_BEAM_NATS, limits.MOST_BEAM_NATS)
 
     def sums(first: float, last: float) -> FloatArray:
         where = near & (outwards > first) & (outwards < last)
         return np.asarray(np.bincount(tile[where], odds[where], minlength=n), dtype=np.float64)
 
     end = margin + band
-    return _SideTiles(sums(margin, end), sums(end, end + BEYOND_M), sums(-end, -margin))
+    return _SideTiles(sums(margin, end), sums(end, end + limits.BEYOND_M), sums(-end, -margin))
 
 
 def all_sides(
@@ -382,7 +362,7 @@ def fit_recess(
             known[side] = fit_side(beams, recess, side, reach[side])
             shift = abs(known[side].value - getattr(recess, side))
             recess = recess.move_side(side, known[side].value)
-            if shift < FAR_SHARE * reach[side]:  # else it may lie farther on
+            if shift < limits.FAR_SHARE * reach[side]:  # else it may lie farther on
                 break
     first = all_sides(beams, recess, known, None if floor is None else floor.value)
     if refuted_sides(first, has_floor=floor is not None):
@@ -390,10 +370,10 @@ def fit_recess(
     total = 0.0
     for _ in range(_ROUNDS):
         recess, known["depth"], _ = fit_depth(beams, recess, given.get("depth"))
-        known["turn"], recess = fit_turn(beams, recess, CELL_M)
+        known["turn"], recess = fit_turn(beams, recess, limits.CELL_M)
         beams, total = beams.turn(known["turn"].value), total + known["turn"].value
         for side in sides:
-            closer = CELL_M if reach[side] <= 2 * CELL_M else reach[side]
+            closer = limits.CELL_M if reach[side] <= 2 * limits.CELL_M else reach[side]
             known[side] = fit_side(beams, recess, side, closer)
             recess = recess.move_side(side, known[side].value)
     return recess, known, total
@@ -401,8 +381,12 @@ def fit_recess(
 
 def _reach(beams: WallBeams, recess: Recess, side: str) -> float:
     """How far to both ways a side is sought, metres: farther where beams are wider apart than cells."""
-    gaps = beams.gap[near_side(beams, recess, side, ABOUT_M)]
-    return max(2 * CELL_M, SIDE_GAPS * float(np.quantile(gaps, 0.9))) if len(gaps) else 2 * CELL_M
+    gaps = beams.gap[near_side(beams, recess, side, limits.ABOUT_M)]
+    return (
+        max(2 * limits.CELL_M, limits.SIDE_GAPS * float(np.quantile(gaps, 0.9)))
+        if len(gaps)
+        else 2 * limits.CELL_M
+    )
 
 
 def with_unseen(
@@ -438,14 +422,14 @@ def with_wall(
     out, centre = dict(known), recess.corners().mean(axis=0)
     for side in SIDES:
         axis = 0 if side in ("left", "right") else 1
-        near = near_side(beams, recess, side, CELL_M)
+        near = near_side(beams, recess, side, limits.CELL_M)
         if not near.any() or not np.isfinite(known[side].deviation):
             continue
         place = np.where(np.arange(2) == axis, getattr(recess, side), centre)
         off = wall.fit.standard_deviation(frame.points(place[None]))[0]
         by_wall = float(off * np.median(np.abs(beams.slope[near, axis])))
         by_turn = known["turn"].deviation * recess.size[1 - axis] / np.sqrt(12)
-        sd = INFLATION * float(np.sqrt(known[side].deviation ** 2 + by_wall**2 + by_turn**2))
+        sd = limits.INFLATION * float(np.sqrt(known[side].deviation ** 2 + by_wall**2 + by_turn**2))
         out[side] = SideEstimate(known[side].value, sd)
     return out
 
@@ -463,7 +447,7 @@ def height_of(frame: WallFrame, fit: SurfaceFit) -> SideEstimate:
 
 def floor_of(recess: Recess, levels: Sequence[SideEstimate]) -> SideEstimate | None:
     """Return the level that an opening stands on, None for none: what is lower than people stands on none."""
-    if recess.size[1] < DOOR_M:
+    if recess.size[1] < limits.DOOR_M:
         return None
-    near = [level for level in levels if abs(level.value - recess.bottom) <= FLOOR_M]
+    near = [level for level in levels if abs(level.value - recess.bottom) <= limits.FLOOR_M]
     return min(near, key=lambda level: abs(level.value - recess.bottom), default=None)

@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from completion.features.engine.options import OPENINGS
 from completion.features.engine.template import FeatureStatus, Given, TemplateFit, best_first, moved_geometry
+from completion.features.openings import limits
 from completion.features.openings.decision import (
     FittedRecess,
     all_sides,
@@ -24,24 +25,6 @@ from completion.features.openings.decision import (
     silent_feature,
     with_unseen,
     with_wall,
-)
-from completion.features.openings.limits import (
-    BESIDE_M,
-    DOOR_M,
-    FEWEST_IMAGES,
-    FEWEST_SILENT,
-    FLOOR_CELL_M,
-    FLOOR_M,
-    IMAGE_TOLERANCE,
-    LEAST_LEVEL_POINTS,
-    LEAST_NICHE_M,
-    LEAST_WALL_M,
-    LEAST_WALL_POINTS,
-    MOSTLY,
-    ON_FACE_SD,
-    SAME_M,
-    SAME_WAY,
-    SHARED_AREA,
 )
 from completion.features.openings.recess import Recess, SideEstimate
 from completion.features.openings.rectangles import WallChart, propose
@@ -72,7 +55,7 @@ def image_share(frame: WallFrame, beams: WallBeams, observations: Sequence[Obser
         for other in observations:
             numbers = _count_images(images, other)
             agrees, refutes = agrees + numbers[0], refutes + numbers[1]
-    return agrees / (agrees + refutes) if agrees + refutes >= FEWEST_IMAGES else np.nan
+    return agrees / (agrees + refutes) if agrees + refutes >= limits.FEWEST_IMAGES else np.nan
 
 
 def _count_images(images: FloatArray, seen: Observation) -> tuple[int, int]:
@@ -85,7 +68,9 @@ def _count_images(images: FloatArray, seen: Observation) -> tuple[int, int]:
     flat = (row[inside] * columns + column[inside]).astype(np.int64)
     away = np.linalg.norm(images[inside] - seen.scan.origin, axis=1)
     measured = seen.scan.ranges.ravel()[flat]
-    slack = IMAGE_TOLERANCE[0] * np.maximum(away, 1.0) + IMAGE_TOLERANCE[1] * seen.noise.deviation(away)
+    slack = limits.IMAGE_TOLERANCE[0] * np.maximum(away, 1.0) + limits.IMAGE_TOLERANCE[
+        1
+    ] * seen.noise.deviation(away)
     back = np.isfinite(measured)
     agrees = back & (np.abs(measured - away) <= slack)
     return int(agrees.sum()), int((back & (measured > away + slack)).sum())
@@ -124,9 +109,9 @@ def find_openings_in(
     before = np.mean([seen.scan.origin for seen in observations], axis=0)
     frame = WallFrame.of(plane, before, up)
     local = frame.local(wall.points)[:, [0, 2]]
-    if np.ptp(local, axis=0).min() < LEAST_WALL_M:
+    if np.ptp(local, axis=0).min() < limits.LEAST_WALL_M:
         return
-    low, high = local.min(axis=0) - BESIDE_M, local.max(axis=0) + BESIDE_M
+    low, high = local.min(axis=0) - limits.BESIDE_M, local.max(axis=0) + limits.BESIDE_M
     levels = [height_of(frame, floor.fit) for floor in floors]
     reached = [_meets(frame, floor) for floor in floors]
 
@@ -135,7 +120,7 @@ def find_openings_in(
 
     def closely(rough: Recess) -> WallBeams:
         corners = rough.corners()
-        low, high = corners.min(axis=0) - BESIDE_M, corners.max(axis=0) + BESIDE_M
+        low, high = corners.min(axis=0) - limits.BESIDE_M, corners.max(axis=0) + limits.BESIDE_M
         return wall_beams(frame, observations, low, high, wall, among=beams)
 
     def fit_and_decide(
@@ -166,7 +151,7 @@ def find_openings_in(
 
     # 4. Silence: rectangles from which nothing came back may be panes; they are told, and never claimed.
     silent = beams.is_silent
-    if silent.sum() < FEWEST_SILENT:
+    if silent.sum() < limits.FEWEST_SILENT:
         return
     as_open = beams.silent_as_open()
     chart = WallChart.of(as_open)
@@ -174,7 +159,7 @@ def find_openings_in(
     for rough in proposed:
         inside = rough.holds(beams.uv)
         share = float(silent[inside].mean()) if inside.any() else 0.0
-        if share > MOSTLY and not any(_overlaps(fit, frame, rough) for fit in fits):
+        if share > limits.MOSTLY and not any(_overlaps(fit, frame, rough) for fit in fits):
             yield silent_feature(fit_and_decide(rough, as_open, chart, _without(proposed, rough)), share)
 
 
@@ -185,7 +170,7 @@ def _without(proposed: Sequence[Recess], rough: Recess) -> list[Recess]:
 def _meets(frame: WallFrame, floor: Floor) -> FloatArray:
     """Where points of a floor that lie before a wall, close to it, meet its plane: u and v (n, 2)."""
     local = frame.local(floor.points)
-    return np.asarray(local[(local[:, 1] > -BESIDE_M) & (local[:, 1] < 0)][:, [0, 2]])
+    return np.asarray(local[(local[:, 1] > -limits.BESIDE_M) & (local[:, 1] < 0)][:, [0, 2]])
 
 
 def _fit_opening(
@@ -299,7 +284,7 @@ def walls_of(surfaces: Sequence[MergedSurface], up: FloatArray) -> list[tuple[in
     return [
         (number, surface)
         for number, surface in enumerate(surfaces)
-        if surface.n_pixels >= LEAST_WALL_POINTS
+        if surface.n_pixels >= limits.LEAST_WALL_POINTS
         and isinstance(surface.fit.surface, Plane)
         and surface.fit.inclination(up).is_upright
     ]
@@ -323,11 +308,11 @@ def floors_of(
     points = [floor_points for _, floor_points in wide]
     height = [float(np.median(point @ up)) for point in points]
     plans = [point @ frame.T for point in points]
-    few = [plan[:: max(1, len(plan) // LEAST_LEVEL_POINTS)] for plan in plans]
+    few = [plan[:: max(1, len(plan) // limits.LEAST_LEVEL_POINTS)] for plan in plans]
 
     def stands(k: int) -> bool:
         return any(
-            FLOOR_M < height[k] - height[j] < DOOR_M and _share_within(few[k], plans[j]) > 0.5
+            limits.FLOOR_M < height[k] - height[j] < limits.DOOR_M and _share_within(few[k], plans[j]) > 0.5
             for j in range(len(wide))
         )
 
@@ -338,7 +323,7 @@ def floors_of(
 
 def _is_wide(plan: FloatArray) -> bool:
     """Whether places (n, 2) fill a square of three cells somewhere."""
-    column, row = np.floor((plan - plan.min(axis=0)) / FLOOR_CELL_M).astype(np.int64).T
+    column, row = np.floor((plan - plan.min(axis=0)) / limits.FLOOR_CELL_M).astype(np.int64).T
     filled = np.zeros((row.max() + 1, column.max() + 1), dtype=np.bool_)
     filled[row, column] = True
     return bool(ndimage.binary_erosion(filled, np.ones((3, 3))).any())
@@ -379,10 +364,10 @@ def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
     if other.status is FeatureStatus.NONE and fit.status is not FeatureStatus.NONE:
         return False
     into, beyond = np.asarray(fit.geometry["into"]), np.asarray(other.geometry["into"])
-    if float(into @ beyond) < SAME_WAY:
+    if float(into @ beyond) < limits.SAME_WAY:
         return False
     corners_here, corners = np.asarray(fit.geometry["corners"]), np.asarray(other.geometry["corners"])
-    if abs(float((corners_here.mean(axis=0) - corners.mean(axis=0)) @ beyond)) >= SAME_M:
+    if abs(float((corners_here.mean(axis=0) - corners.mean(axis=0)) @ beyond)) >= limits.SAME_M:
         return False
     u, v = corners[1] - corners[0], corners[3] - corners[0]
     at = (corners_here - corners[0]) @ np.column_stack(
@@ -392,7 +377,7 @@ def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
         return bool((np.abs(at.mean(axis=0) - 0.5) < 0.5).all())
     low, high = at.min(axis=0), at.max(axis=0)
     shared = np.prod(np.clip(np.minimum(high, 1.0) - np.maximum(low, 0.0), 0.0, None))
-    return bool(shared > SHARED_AREA * min(1.0, float(np.prod(high - low))))
+    return bool(shared > limits.SHARED_AREA * min(1.0, float(np.prod(high - low))))
 
 
 def find_openings_of_scans(
@@ -466,7 +451,7 @@ def _why_none(surfaces: Sequence[MergedSurface], observations: Sequence[Observat
     )
     far = float(np.median(away[np.isfinite(away)]))
     sd = float(np.max([seen.noise.deviation(np.array([far]))[0] for seen in observations]))
-    shallow = 1000 * max(ON_FACE_SD * sd, LEAST_NICHE_M)
+    shallow = 1000 * max(limits.ON_FACE_SD * sd, limits.LEAST_NICHE_M)
     return (
         f"no opening was found in {len(walls)} upright planes, at {far:.1f} m in the median; a leaf less "
         f"than {shallow:.0f} mm behind its wall cannot be told from it there, nor a hole from which nothing "

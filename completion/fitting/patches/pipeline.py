@@ -10,16 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csc_array
 
-from completion.fitting.limits import (
-    BEYOND,
-    CYLINDER_SPAN,
-    FAR_SIZES,
-    MANY_BEYOND,
-    OFF_CYLINDER,
-    OFF_PLANE,
-    SMOOTHING,
-    WORSE_RMS,
-)
+from completion.fitting import limits
 from completion.fitting.patches.joins import (
     Boundaries,
     Boundary,
@@ -146,7 +137,7 @@ _GRID, _EDGE = 81, 0.02  # places along each side at which folds are looked for,
 def doubts_of(fit: PatchFit, beyond: float) -> tuple[str, ...]:
     """Return what is doubtful of a patch, of whose points a share lies `beyond` its boundaries."""
     doubts = list[str]()
-    if beyond > MANY_BEYOND:
+    if beyond > limits.MANY_BEYOND:
         doubts.append(
             f"{100 * beyond:.0f} % of the points lie beyond the boundaries: are the surfaces where they are "
             "said to be?"
@@ -155,13 +146,13 @@ def doubts_of(fit: PatchFit, beyond: float) -> tuple[str, ...]:
         doubts.append("the patch is folded: a surface cuts through the points, or they are no single sheet")
     for side, boundary in fit.boundaries.items():
         angle = fit.joins[side].angle
-        if isinstance(boundary.surface, Cylinder) and angle > OFF_CYLINDER:
+        if isinstance(boundary.surface, Cylinder) and angle > limits.OFF_CYLINDER:
             doubts.append(
                 f"{side} is {angle:.1e} rad off its cylinder: more controls along it follow it closer"
             )
-        elif isinstance(boundary.surface, Plane) and angle > OFF_PLANE:
+        elif isinstance(boundary.surface, Plane) and angle > limits.OFF_PLANE:
             doubts.append(f"{side} is {angle:.1e} rad off its plane: the patch has no width there")
-    if fit.ratio > WORSE_RMS:
+    if fit.ratio > limits.WORSE_RMS:
         doubts.append(
             f"the points' rms is {fit.ratio:.2f} times that of a patch joined to nothing: they contradict "
             "a join, or a surface is not where it is said to be"
@@ -191,7 +182,7 @@ def fit_patch(
     *,
     controls: tuple[int, int] | None = None,
     free: bool = False,
-    smoothing: float = SMOOTHING,
+    smoothing: float = limits.SMOOTHING,
 ) -> PatchFit:
     """Fit a free-form patch to points, joined along its boundaries to planes exactly, to cylinders nearly so.
 
@@ -274,7 +265,9 @@ def fit_patch(
         equations=equations_of(state.patch, state.around).independent(),
     )
     apart = np.linalg.norm(places - state.patch.at(feet.uv), axis=1)
-    return replace(fit, warnings=doubts_of(fit, float(np.mean(~feet.is_inside & (apart > BEYOND * rms)))))
+    return replace(
+        fit, warnings=doubts_of(fit, float(np.mean(~feet.is_inside & (apart > limits.BEYOND * rms))))
+    )
 
 
 def _check_points(points: object) -> FloatArray:
@@ -325,7 +318,7 @@ def _shape(
         for side, boundary in around.items():
             if isinstance(boundary.surface, Cylinder):
                 along = "v" if side[0] == "u" else "u"
-                spans = int(np.ceil(span_about(places, boundary.surface) / CYLINDER_SPAN))
+                spans = int(np.ceil(span_about(places, boundary.surface) / limits.CYLINDER_SPAN))
                 needed[along] = min(max(needed[along], 5 + spans), _MOST_SIDE)
         return max(needed["u"], degree[0] + 1), max(needed["v"], degree[1] + 1)
     for n, least, name in zip(controls, degree, "uv", strict=True):
@@ -338,7 +331,7 @@ def _shape(
 
 def _check_met(off: Mapping[SideName, float], boundaries: Boundaries, size: float) -> None:
     for side, far in off.items():
-        if far > FAR_SIZES:
+        if far > limits.FAR_SIZES:
             kind = boundaries[side].surface.kind
             raise FitError(
                 f"{side}: where the points end next to its {kind} they are {far * size:.4g} from it, and "

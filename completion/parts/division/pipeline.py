@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from completion.parts.division import limits
 from completion.parts.division.faces import fit_labels, groups_of, numbered_faces, settle, spread
 from completion.parts.division.growing import GAIN
 from completion.parts.division.labelling import (
@@ -26,18 +27,6 @@ from completion.parts.division.labelling import (
     proposals,
     relabel,
     without_islands,
-)
-from completion.parts.division.limits import (
-    CLEAR_GAIN,
-    CREASE,
-    CUT,
-    FLAT_ANGLE,
-    LEAST_ANGLE,
-    LEAST_KEPT,
-    LEAST_VERTICES,
-    RESOLUTION,
-    SAGGING,
-    VERTICES_COVER,
 )
 from completion.parts.division.neighbourhoods import look_around
 from completion.parts.division.result import (
@@ -275,9 +264,9 @@ def _by_corners(mesh: LabelledMesh, segmentation: PartSegmentation, labels: IntA
         near = np.flatnonzero(touched[mesh.faces].any(axis=1))
         off = np.abs(fit.surface.distance(mesh.corners[near].reshape(-1, 3))).reshape(-1, 3) / tolerance
         slope = np.einsum("ij,ij->i", fit.surface.normal(middle[near]), normals[near])
-        turn = np.arccos(np.clip(np.abs(slope), 0, 1)) / LEAST_ANGLE
+        turn = np.arccos(np.clip(np.abs(slope), 0, 1)) / limits.LEAST_ANGLE
         cost = np.minimum(off**2, 2 * GAIN).sum(axis=1) + turn**2
-        better = (cost < least[near]) & (off.max(axis=1) <= CUT)
+        better = (cost < least[near]) & (off.max(axis=1) <= limits.CUT)
         least[near[better]], best[near[better]] = cost[better], number
     return best
 
@@ -286,7 +275,9 @@ def _is_dense(mesh: LabelledMesh, area: float, n_used: int) -> bool:
     """Whether the vertices stand for most of the area: each for a hexagon of the usual edge."""
     edges = mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, axis=1)]
     usual = float(np.median(np.linalg.norm(edges, axis=2)))
-    return n_used >= LEAST_VERTICES and n_used * usual**2 * np.sqrt(3) / 2 >= VERTICES_COVER * area
+    return (
+        n_used >= limits.LEAST_VERTICES and n_used * usual**2 * np.sqrt(3) / 2 >= limits.VERTICES_COVER * area
+    )
 
 
 def _sample_mesh(mesh: LabelledMesh, areas: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -323,12 +314,12 @@ def _sag(mesh: LabelledMesh) -> float:
     first, two, ends = triangle[twice], triangle[twice + 1], mesh.vertices[edges[twice]]
     normals, areas = mesh.face_normals(), mesh.face_areas()
     turn = np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", normals[first], normals[two])), 0, 1))
-    bent = (turn > FLAT_ANGLE) & (turn < CREASE)
+    bent = (turn > limits.FLAT_ANGLE) & (turn < limits.CREASE)
     if not bent.any():
         return 0.0
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[bent]
     width = (areas[first] + areas[two])[bent] / np.maximum(length, 1e-300)
-    return float(np.quantile(width * turn[bent] / 8, SAGGING))
+    return float(np.quantile(width * turn[bent] / 8, limits.SAGGING))
 
 
 def _of_triangles(
@@ -413,7 +404,7 @@ def segment_rippled(
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     every, most = min(len(np.unique(points, axis=0)), MOST_POINTS), said_by_planes(best, size)
     for sparser in _SPARSER:
-        if every // sparser < LEAST_KEPT:
+        if every // sparser < limits.LEAST_KEPT:
             break
         sample = points[kept := thin_points(points, every // sparser)]
         rough = max(_roughness(sample), noise_m or 0.0)
@@ -425,7 +416,7 @@ def segment_rippled(
         except InputError:
             continue
         value = said_by_planes(coarse, size)
-        if value > most + CLEAR_GAIN:
+        if value > most + limits.CLEAR_GAIN:
             best, most = _of_all(points, sample, coarse, given), value
     return best
 
@@ -443,7 +434,7 @@ def said_by_planes(segmentation: PartSegmentation, size_m: float) -> float:
 
     A plane's side is that share of the whole size, metres, whose square is its share of the points.
     """
-    deviation = max(segmentation.noise_m, RESOLUTION * segmentation.spacing_m, 1e-300)
+    deviation = max(segmentation.noise_m, limits.RESOLUTION * segmentation.spacing_m, 1e-300)
     number = np.bincount(segmentation.labels, minlength=len(segmentation.fits) + 1)[1:]
     planar = (
         number[[isinstance(fit.surface, Plane) for fit in segmentation.fits]]
@@ -458,7 +449,7 @@ def _of_all(
     points: FloatArray, sample: FloatArray, coarse: PartSegmentation, given: IntArray | None
 ) -> PartSegmentation:
     """The division of all points (n, 3) by that of some of them (m, 3), or by the labels given (n,)."""
-    tolerance = max(coarse.noise_m, RESOLUTION * coarse.spacing_m)
+    tolerance = max(coarse.noise_m, limits.RESOLUTION * coarse.spacing_m)
     surfaces = [fit.surface for fit in coarse.fits]
     if given is None:
         labels = spread(points, sample, surfaces, coarse.labels.astype(np.int64), tolerance)
