@@ -16,7 +16,8 @@ from benchmarks.cases.sensors import SCANNERS, distorted
 from benchmarks.run import head, suite
 from benchmarks.store import each
 from completion import CompletionOptions, complete
-from completion.export.dimension import Dimension, advice
+from completion.export.decisions import advice
+from completion.export.dimension import Dimension
 from completion.fitting.result import SurfaceFit
 from completion.result.completed_model import CompletedModel
 from scenes import read_scan

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Decisions: from a building to a sheet of numbers that people order by.
+"""Decisions: from a building to a sheet of numbers that people order by, and which of them to rely on.
 
 Radii, lengths and distances of pipes and columns stand here; `room_dimensions` has those of rooms.
 """
@@ -16,16 +16,21 @@ from typing import Literal
 
 import numpy as np
 
-from completion.export.building.limits import ENDS_IT, LEAST_ARC, MAJORITY, NEAR_CELLS, NEARLY_ALL
+from completion.export.building.limits import (
+    ENDS_IT,
+    LEAST_ARC,
+    LEAST_EXISTENCE,
+    LEAST_MEASURED,
+    MAJORITY,
+    NEAR_CELLS,
+    NEARLY_ALL,
+)
 from completion.export.building.model import BuildingModel, CylinderElement, PlaneElement
 from completion.export.building.parts import BuildingParts
 from completion.export.dimension import (
-    TOLERANCE_M,
     UNKNOWN,
-    Advice,
     Dimension,
     Support,
-    advice,
     half_interval,
 )
 from completion.export.room_dimensions import opening_sizes, room_heights, room_sizes, thicknesses, widths_of
@@ -246,6 +251,36 @@ def _on_axis(cylinder: CylinderElement, place: FloatArray) -> FloatArray:
     """The place (3,) on a column's axis at the height of another."""
     along = _direction(cylinder)
     return np.asarray(cylinder.ends[0] + (place[2] - cylinder.ends[0][2]) / along[2] * along)
+
+
+Advice = Literal["rely", "check", "do not build"]
+
+TOLERANCE_M = 0.010
+"""Half an interval up to which dimensions are relied on where nobody says how exact they must be, metres."""
+
+
+def advice(dimension: Dimension, tolerance_m: float = TOLERANCE_M) -> Advice:
+    """Return whether to rely on a dimension, to check it on site, or not to build by it.
+
+    "do not build" where an end of it is there with a probability below 0.8. "rely" where half its 95 %
+    interval is within the tolerance and at least half of what it rests on was measured. Else "check". The
+    tolerance of an area is what its perimeter makes of it, each side off by half; that of a volume, what its
+    surface does.
+    """
+    if dimension.existence < LEAST_EXISTENCE:
+        return "do not build"
+    is_exact = dimension.half <= tolerance_m * dimension.across_m
+    return "rely" if is_exact and dimension.measured_share >= LEAST_MEASURED else "check"
+
+
+def told_rule(tolerance_m: float) -> str:
+    """The rule in plain words."""
+    return (
+        f"Rely: half the 95 % interval is at most {1000 * tolerance_m:g} mm, and at least half of what the "
+        "dimension rests on was measured. Do not build: an end of it is there with a probability below 0.8. "
+        "Check on site: all others. An area may be off by what the tolerance makes of its sides, half of it "
+        "on each, and a volume by what it makes of its faces."
+    )
 
 
 COLUMNS = ("dimension", "kind", "value_m", "low_m", "high_m", "measured_share", "advice", "unit")

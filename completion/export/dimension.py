@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from completion.export.building.limits import LEAST_EXISTENCE, MAJORITY
 from completion.export.building.model import BuildingElement, PlaneElement
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray
@@ -148,33 +147,4 @@ def length_between(
     )
 
 
-Advice = Literal["rely", "check", "do not build"]
-
-TOLERANCE_M = 0.010
-"""Half an interval up to which dimensions are relied on where nobody says how exact they must be, metres."""
-
 UNKNOWN = "A mesh does not say how wrong it is: no interval is known unless --sigma M says so."
-
-
-def advice(dimension: Dimension, tolerance_m: float = TOLERANCE_M) -> Advice:
-    """Return whether to rely on a dimension, to check it on site, or not to build by it.
-
-    "do not build" where an end of it is there with a probability below 0.8. "rely" where half its 95 %
-    interval is within the tolerance and at least half of what it rests on was measured. Else "check". The
-    tolerance of an area is what its perimeter makes of it, each side off by half; that of a volume, what its
-    surface does.
-    """
-    if dimension.existence < LEAST_EXISTENCE:
-        return "do not build"
-    is_exact = dimension.half <= tolerance_m * dimension.across_m
-    return "rely" if is_exact and dimension.measured_share >= MAJORITY else "check"
-
-
-def told_rule(tolerance_m: float) -> str:
-    """The rule in plain words."""
-    return (
-        f"Rely: half the 95 % interval is at most {1000 * tolerance_m:g} mm, and at least half of what the "
-        "dimension rests on was measured. Do not build: an end of it is there with a probability below 0.8. "
-        "Check on site: all others. An area may be off by what the tolerance makes of its sides, half of it "
-        "on each, and a volume by what it makes of its faces."
-    )

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from completion.export.building.bodies import ScanBeams
 from completion.export.building.model import building_model
 from completion.export.building.parts import BuildingParts, building_parts
-from completion.export.decisions import DecisionSheet, decision_sheet
-from completion.export.dimension import TOLERANCE_M
+from completion.export.decisions import TOLERANCE_M, DecisionSheet, decision_sheet
 from completion.export.ifc import ifc_of
 from completion.export.svg import svg_of
 from completion.observe.tolerance import REGISTRATION_M, EvidenceOptions

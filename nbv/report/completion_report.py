@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from completion.export.decisions import DecisionSheet
-from completion.export.dimension import Advice, Dimension, told_rule
+from completion.export.decisions import Advice, DecisionSheet, told_rule
+from completion.export.dimension import Dimension
 from completion.extension.patch import Patch
 from completion.features.engine.template import FeatureStatus
 from completion.registration.correction import Registration

@@ -89,8 +89,8 @@ def lattice_spacing(
     if options.spacing_m is not None:
         raise InputError(
             f"--spacing {wished:g} puts about {n_positions:.0f} positions on {on_floor}, and at most "
-            f"{limits.MOST_SITE_POSITIONS} can be tried; give --spacing {finest:g} or more, fewer --heights or "
-            "some --rooms"
+            f"{limits.MOST_SITE_POSITIONS} can be tried; give --spacing {finest:g} or more, fewer --heights "
+            "or some --rooms"
         )
     return finest, [
         f"places for stations are {finest:g} m apart, not {wished:g} m: that would be about "

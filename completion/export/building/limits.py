@@ -100,6 +100,8 @@ NEARLY_ALL = 0.95
 measured on both sides. Chosen by eye."""
 LEAST_EXISTENCE = 0.8
 """Probability that there is an element, from which on dimensions of it are relied on. Chosen by eye."""
+LEAST_MEASURED = 0.5
+"""Share of what a dimension rests on that must be measured to rely on it: most of it."""
 MEASURED_SHARE = 0.999
 """Share from which on an element is called measured: all of it but for rounding of outlines."""
 FINE_M = 0.002

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from completion.export.building.model import OpeningOutline
-from completion.export.decisions import COLUMNS, DecisionSheet, decision_sheet
-from completion.export.dimension import advice, told_rule
+from completion.export.decisions import COLUMNS, DecisionSheet, advice, decision_sheet, told_rule
 from completion.export.room_dimensions import opening_sizes
 from completion.uncertainty.joint_errors import NO_ERRORS, RelatedErrors, SharedErrors
 from scenes.checks import InputError

@@ -7,7 +7,7 @@ import pytest
 import typer.main
 from typer.testing import CliRunner
 
-from completion.export.dimension import TOLERANCE_M
+from completion.export.decisions import TOLERANCE_M
 from completion.observe.user_options import UserOptions
 from completion.options import CompletionOptions
 from nbv.cli import COMMANDS, app
