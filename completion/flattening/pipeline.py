@@ -166,9 +166,9 @@ def flatten_heights(
         rows, columns = heights.shape
         return _unchanged_heights(
             heights,
-            f"{known.sum()} cells of {1000 * cell_m:.3g} mm on {rows} x {columns} are too few to tell ripple from "
-            f"relief; {limits.LEAST_AREA_CELLS} on {limits.LEAST_SIDE_CELLS} x {limits.LEAST_SIDE_CELLS} "
-            "are needed",
+            f"{known.sum()} cells of {1000 * cell_m:.3g} mm on {rows} x {columns} are too few to tell ripple "
+            f"from relief; {limits.LEAST_AREA_CELLS} on {limits.LEAST_SIDE_CELLS} x "
+            f"{limits.LEAST_SIDE_CELLS} are needed",
         )
 
     # 1. Separate heights into levels and ripple, and learn what the ripple alone may look like.
