@@ -206,8 +206,6 @@ def free_cells(
         if crossing.any():
             _count_beams(sight, form, crossing, around, cells)
             trim()
-        if sight.mixed.pixels.size:
-            _count_mixed(sight, form, around, cells)
     vetoed = count > 0
     if any(max(sight.noise) > 0 for sight in sights):
         vetoed &= _around(count, grid.wraps) >= FEWEST_BEAMS
@@ -247,21 +245,11 @@ def _count_beams(sight: ScanSight, form: Form, crossing: BoolArray, around: Rect
             if crossing[i, j] and not _is_decided(sight, form, i, j, cells):
                 for row in range(i * TILE, min((i + 1) * TILE, rows)):
                     for column in range(j * TILE, min((j + 1) * TILE, columns)):
-                        measured = sight.ranges[row * columns + column]
+                        measured = sight.ends[row * columns + column]
                         if np.isfinite(measured):
                             ray = ray_at(sight.rays, row, column)
                             if form.is_curved or _crosses(sight.eye, form, around, ray, measured):
                                 _count_beam(sight, form, ray, measured, cells)
-
-
-@compiled
-def _count_mixed(sight: ScanSight, form: Form, around: Rectangle, cells: _Cells) -> None:
-    """Add to each cell the mixed beams that went through it."""
-    for k in range(sight.mixed.pixels.size):
-        row, column = divmod(sight.mixed.pixels[k], sight.eye.shape[1])
-        ray, passed = ray_at(sight.rays, row, column), sight.mixed.passed[k]
-        if form.is_curved or _crosses(sight.eye, form, around, ray, passed):
-            _count_beam(sight, form, ray, passed, cells)
 
 
 @inlined

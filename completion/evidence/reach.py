@@ -43,7 +43,7 @@ class Reach(NamedTuple):
 
 def reach_of(seen: Observation) -> Reach:
     """Return the reach of a scan."""
-    ranges, rays = seen.scan.ranges, seen.rays
+    ranges, rays = seen.beam_ends(), seen.rays
     rows, columns = -(-ranges.shape[0] // TILE), -(-ranges.shape[1] // TILE)
     part, stray = np.empty((rows * TILE // _PART, columns * TILE // _PART)), np.empty((rows, columns))
     scatter, boxes = np.empty((rows, columns, 3, 3)), np.empty((rows, columns, 4, 3))

@@ -11,7 +11,6 @@ from numba import int64
 
 from completion.evidence.form import Form, slope_at
 from completion.evidence.limits import LEAST_COSINE, MARGIN_CELLS, MARGIN_PIXELS
-from completion.observe.mixed_pixels import MixedBeams
 from completion.observe.observation import Observation
 from completion.observe.rays import Noise, Rays, Triple, dot, minus, triple
 from completion.observe.shadow import Devices
@@ -47,10 +46,10 @@ class ScanSight(NamedTuple):
     eye: Eye
     angles: FloatArray  # (rows + columns,) elevations and azimuths of a turning scanner, radians
     ranges: FloatArray  # (pixels,) metres
+    ends: FloatArray  # (pixels,) the same, and how far beams got that met two surfaces (`beam_ends`)
     noise: Noise  # their standard deviations
     rays: Rays
     devices: Devices
-    mixed: MixedBeams  # that are not among the ranges, since each met two surfaces
 
 
 class RangeVerdict(NamedTuple):
@@ -93,10 +92,10 @@ def sight_of(observation: Observation, tolerance: Tolerance) -> ScanSight:
         eye=eye,
         angles=angles,
         ranges=ranges,
+        ends=observation.beam_ends().ravel(),
         noise=noise,
         rays=observation.rays,
         devices=devices,
-        mixed=MixedBeams(observation.mixed.pixels.copy(), observation.mixed.passed.copy()),
     )
 
 

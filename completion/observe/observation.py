@@ -71,6 +71,15 @@ class Observation:
         pick_rays(self.rays, np.asarray(pixels, dtype=np.int64), out)
         return out
 
+    def beam_ends(self) -> FloatArray:
+        """How far beams got (rows, columns), metres: as measured, or before both surfaces; inf: unknown."""
+        if not len(self.mixed.pixels):
+            return self.scan.ranges
+        ends = self.scan.ranges.copy()
+        ends.ravel()[self.mixed.pixels] = self.mixed.passed
+        ends.setflags(write=False)
+        return ends
+
     def sigma_at(self, pixels: IntArray) -> FloatArray:
         """What ranges of flat pixels (n,) may stray by from a flat surface, metres; 0 for no return."""
         return self.noise.deviation(self.scan.ranges.ravel()[pixels])

@@ -6,7 +6,7 @@ It shares no code with the extension: it knows scans and triangles, neither char
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -55,12 +55,14 @@ class Bundles(NamedTuple):
     sine: FloatArray  # (n,)
     far: FloatArray  # (n,) its farthest range, metres; 0 where nothing came back
     around: FloatArray  # (5,) axis of a cone around all, its angle, and the farthest range; radians, metres
+    ends: FloatArray  # (rows, columns) how far each beam surely got, metres; inf where nothing came back
 
 
 def bundle(seen: Observation) -> Bundles:
     """Return the beams of a scan in bundles."""
-    axis, cosine, sine, far = _bundles(seen.rays, seen.scan.ranges)
-    return Bundles(axis, cosine, sine, far, _cone_around(axis[far > 0], cosine[far > 0], far))
+    ends = seen.beam_ends()
+    axis, cosine, sine, far = _bundles(seen.rays, ends)
+    return Bundles(axis, cosine, sine, far, _cone_around(axis[far > 0], cosine[far > 0], far), ends)
 
 
 def _cone_around(axis: FloatArray, cosine: FloatArray, far: FloatArray) -> FloatArray:
@@ -110,12 +112,13 @@ def audit(
     beams, noisy = np.zeros(len(faces), np.int64), any(seen.is_noisy for seen in observations)
     for number in _facing_scans(observations, bundles, vertices[np.unique(faces)]):
         seen, of_scan = observations[number], bundles[number]
-        within = tolerance.of_pose(seen.pose_error_m)
+        within, ends = tolerance.of_pose(seen.pose_error_m), of_scan.ends
         chosen = _towards(of_scan, seen.rays.origin, *spheres)
-        for pixels, ends in _beam_ends(seen, chosen):
+        for tile in np.array_split(chosen, -(-len(chosen) // _TILES)) if len(chosen) else ():
+            pixels = _returning_pixels(tile, ends)
             hits = caster.first_hit(seen.scan.origin[None], seen.rays_at(pixels), coherent=True)
             met = np.flatnonzero(hits.hit)
-            face, measured = hits.face[met], ends[met]
+            face, measured = hits.face[met], ends.ravel()[pixels[met]]
             sd = vertex_sd[faces[face]].max(axis=1)
             allowed = within.along_ray(seen.noise.deviation(measured), sd, hits.incidence_cosine[met])
             through = (measured - hits.ranges[met] > allowed) & (allowed <= tolerance.max_m)
@@ -127,18 +130,6 @@ def audit(
         convicted &= at_vertex[faces].max(axis=1) >= 2
     area = float(triangle_areas(vertices[faces[convicted]]).sum())
     return AuditResult(area, np.flatnonzero(convicted))
-
-
-def _beam_ends(
-    seen: Observation, squares: NDArray[np.int64]
-) -> Iterator[tuple[NDArray[np.integer], FloatArray]]:
-    """Flat pixels (n,) of some squares and where their beams ended (n,), metres; mixed ones last."""
-    ranges = seen.scan.ranges
-    for tile in np.array_split(squares, -(-len(squares) // _TILES)) if len(squares) else ():
-        pixels = _returning_pixels(tile, ranges)
-        yield pixels, ranges.ravel()[pixels]
-    if len(seen.mixed.pixels):
-        yield seen.mixed.pixels, seen.mixed.passed
 
 
 def _facing_scans(
