@@ -62,7 +62,8 @@ def bundle(seen: Observation) -> Bundles:
     """Return the beams of a scan in bundles."""
     ends = seen.beam_ends()
     axis, cosine, sine, far = _bundles(seen.rays, ends)
-    return Bundles(axis, cosine, sine, far, _cone_around(axis[far > 0], cosine[far > 0], far), ends)
+    around = _cone_around(axis[far > 0], cosine[far > 0], far)
+    return Bundles(axis, cosine, sine, far, around=around, ends=ends)
 
 
 def _cone_around(axis: FloatArray, cosine: FloatArray, far: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import pytest
 from completion.evidence.sight import sight_of
 from completion.observe.observation import observe
 from completion.observe.tolerance import EvidenceOptions
-from completion.registration import correction
+from completion.registration import limits
 from completion.registration.correction import Registration
 from completion.registration.facets import facets_of
 from completion.registration.pipeline import check_poses, correct_poses, register_scans
@@ -110,7 +110,7 @@ def test_scans_that_share_nothing_say_nothing():
 
 
 def test_scans_beyond_those_that_settle_together_settle_among_them(monkeypatch):
-    monkeypatch.setattr(correction, "N_TOGETHER", 3)
+    monkeypatch.setattr(limits, "N_TOGETHER", 3)
     bad = misplaced(scan(3), 0.5, 0.03, 2)
     scans = [scan(0), scan(1), scan(2), bad]
     registration = correct_poses([observe(view, WORLD) for view in scans], (0, 1, 2), stated_m=0.005)
