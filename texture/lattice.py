@@ -13,8 +13,8 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import ArrayLike, NDArray
 
-from texture import limits
 from texture.quality import read_levels
+from texture.sampling import limits
 from texture.sampling.arguments import check_known, check_mask
 from texture.sampling.sample import HIGHEST_LEVEL, BoolArray, FloatArray, IntArray
 

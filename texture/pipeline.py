@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from texture.engine.passes import Progress, Way, can_compile, count_threads, fill_coarse_to_fine, synthesise
-from texture.limits import SMALLEST_CHOICE
 from texture.reflectance import fill_plainly
 from texture.result import Synthesis, collect
 from texture.sampling.arguments import (
@@ -35,6 +34,7 @@ from texture.sampling.arguments import (
     check_wrap,
 )
 from texture.sampling.canvas import Canvas, OrderName, plant_seed
+from texture.sampling.limits import SMALLEST_CHOICE
 from texture.sampling.randomness import draw_key
 from texture.sampling.sample import BoolArray, IntArray, Sample, quantise
 from texture.window import WindowCheck, check_windows

@@ -17,8 +17,8 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
-from texture.limits import DARKEST, IRRELEVANT, UNUSUAL
 from texture.sampling.canvas import Canvas
+from texture.sampling.limits import DARKEST, IRRELEVANT, UNUSUAL
 from texture.sampling.randomness import Purpose, random_words
 from texture.sampling.sample import BoolArray, FloatArray, IntArray, Sample
 

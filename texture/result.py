@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from texture.engine.passes import Tally
 from texture.lattice import measure_phase_error
-from texture.limits import CLEARLY, MOSTLY, OUT_OF_STEP
 from texture.quality import measure_distance, measure_seam, measure_verbatim_share
 from texture.sampling.arguments import check_known, check_mask
 from texture.sampling.canvas import Canvas
+from texture.sampling.limits import CLEARLY, MOSTLY, OUT_OF_STEP
 from texture.sampling.sample import HIGHEST_LEVEL, BoolArray, Pixels, Sample
 from texture.window import WindowCheck
 

@@ -8,9 +8,9 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
-from texture import limits
 from texture.lattice import Lattice, find_lattice, measure_phase_error
 from texture.quality import measure_distance
+from texture.sampling import limits
 from texture.sampling.sample import BoolArray, FloatArray, IntArray
 
 WINDOWS = (11, 15, 23, 31)

@@ -14,6 +14,9 @@ JUMP_SD = 12.0
 """Standard deviations of a range from which on two surfaces are apart: a pixel in the middle half of such a
 jump lies three off either.
 """
+BEFORE_BOTH_M = 0.02
+"""Metres before the nearest range around it that a mixed beam is sure to have passed. By choice: twenty times
+the flatness of surfaces, so that the nearer one keeps its own edge; on small things no mixed beam speaks."""
 MIDDLE = 0.25
 """Share of a jump, to either side of its middle: its middle half."""
 STEEP = 4.0

@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
-from completion.observe.limits import CLEAR_SD, FEWEST_JUMPS, JUMP_SD, MIDDLE, STEEP, WIDE_SHARE
+from completion.observe.limits import (
+    BEFORE_BOTH_M,
+    CLEAR_SD,
+    FEWEST_JUMPS,
+    JUMP_SD,
+    MIDDLE,
+    STEEP,
+    WIDE_SHARE,
+)
 from completion.observe.rays import Noise, deviation_at
 from completion.observe.tolerance import FLATNESS_M
 from scenes.checks import BoolArray, FloatArray
@@ -23,10 +31,6 @@ _WIDEST = 8  # pixels between two surfaces that are looked at
 _BACK = 2  # pixels of a surface that tell how it goes on
 _LONGER = np.sqrt(2.0)  # than across an edge, the way along a row over one that is aslant
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
-
-MARGIN_M = 0.02
-"""How far before the nearest range around it a mixed beam is sure to have passed, metres. Chosen: twenty
-times the flatness of surfaces (`FLATNESS_M`), so that the nearer surface keeps its own edge."""
 
 
 class MixedBeams(NamedTuple):
@@ -45,7 +49,7 @@ class MixedBeams(NamedTuple):
         if not len(pixels):
             return NO_MIXED
         nearest = minimum_filter(ranges, 2 * _WIDEST + 1, mode="nearest")
-        return cls(pixels, np.maximum(nearest.ravel()[pixels] - MARGIN_M, 0.0))
+        return cls(pixels, np.maximum(nearest.ravel()[pixels] - BEFORE_BOTH_M, 0.0))
 
 
 NO_MIXED = MixedBeams(np.zeros(0, np.int64), np.zeros(0))

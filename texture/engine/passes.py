@@ -21,9 +21,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from texture.limits import EXACT_PIXELS, FEWEST_SAMPLES, MAX_ERROR_THRESHOLD, RELAXATION, SMALLEST_WINDOW
 from texture.sampling.arguments import EngineName
 from texture.sampling.canvas import NOWHERE, Canvas, Front, OrderName, draw_place, plant_seed
+from texture.sampling.limits import (
+    EXACT_PIXELS,
+    FEWEST_SAMPLES,
+    MAX_ERROR_THRESHOLD,
+    RELAXATION,
+    SMALLEST_WINDOW,
+)
 from texture.sampling.randomness import Purpose, pick, random_words
 from texture.sampling.sample import BoolArray, IntArray, Sample, find_candidates
 
