@@ -286,4 +286,4 @@ def chart_of(surface: Surface, centre: FloatArray, scale: float) -> Chart:
 def chart_origin(surface: Surface) -> FloatArray:
     """The surface's own point (3,): its centre, else the point on its plane or axis."""
     origin = getattr(surface, "centre", None)
-    return np.asarray(surface.point if origin is None else origin)  # type: ignore[attr-defined]
+    return np.asarray(surface.point if origin is None else origin)  # type: ignore[attr-defined]  # one or the other is there
