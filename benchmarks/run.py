@@ -85,7 +85,10 @@ def smallest(names: Annotated[list[str] | None, typer.Argument(help="Suites; all
         if name not in SUITES:
             raise InputError(f"there is no suite {name}; there are {', '.join(SUITES)}")
         print(f"\n{shlex.join([name, *SMALLEST[name]])}")
-        app(["run", "--fresh", name, *SMALLEST[name]], standalone_mode=False)
+        try:
+            app(["run", "--fresh", name, *SMALLEST[name]], standalone_mode=False)
+        except ModuleNotFoundError as lack:
+            print(f"not run to its end: {lack.name} is not installed (python -m pip install -e '.[bench]')")
 
 
 def _run(name: str, lines: Iterable[str]) -> None:
