@@ -18,6 +18,7 @@ from completion.relations.relation import StatedRelation
 from completion.segmentation.regions import SegmentationOptions
 from completion.texturing.pipeline import TexturingOptions
 from scenes.checks import FloatArray, InputError, check_number
+from scenes.inclination import Up
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,6 +43,8 @@ class CompletionOptions(UserOptions):
     flattening : FlatteningOptions, optional
         Removes ripple from measured planes in the meshes that are written and keeps their relief; no
         flattening when None. Inferred area and evidence never depend on it.
+    up : Up, optional
+        Which way is up in the world of the poses (`Up.along`); when None, it is estimated (`find_up`).
     segmentation, evidence, texturing : options
         Of the stages.
 
@@ -58,6 +61,7 @@ class CompletionOptions(UserOptions):
     features: FeatureOptions | None = FITTED
     stated_relations: tuple[StatedRelation[Anchor], ...] = ()
     flattening: FlatteningOptions | None = None
+    up: Up | None = None
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     evidence: EvidenceOptions = field(default_factory=EvidenceOptions)
     texturing: TexturingOptions = field(default_factory=TexturingOptions)

@@ -32,6 +32,7 @@ from completion.result.completed_model import CompletedSurfaces
 from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
 from completion.result.verification import Verification, compare_patches, unowned_scans
+from completion.room.up import find_up
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import choose_search, texture_patch
 from completion.uncertainty.pipeline import state_fits
@@ -137,7 +138,8 @@ def continue_surfaces(
         Where to run.
     """
     observations, flatness_m = scan_surfaces.observations, scan_surfaces.tolerance.flatness_m
-    up: FloatArray = world_from_reference.matrix[2, :3]
+    stated_up = options.up or find_up(scan_surfaces, world_from_reference)
+    up: FloatArray = stated_up.direction @ world_from_reference.rotation
 
     # 1. Edit and relate: join and part as a person says; infer relations of surfaces, and impose them.
     related = _edit_and_relate(scan_surfaces, world_from_reference, options)
@@ -146,7 +148,7 @@ def continue_surfaces(
 
     # 2. Features: fit doorways and windows whole, or take the openings, rows of holes and joints that a
     #    person states; a known hole is no surface, and its reveals are surfaces of their own.
-    features = _features(surfaces, scans, world_from_reference, options.features, steps)
+    features = _features(surfaces, scans, world_from_reference, options.features, up=up, steps=steps)
     known = with_features(related.surfaces, features)
     faces = reveals_of(features, surfaces, observations, scans.owners, flatness_m)
 
@@ -193,6 +195,7 @@ def continue_surfaces(
         choice=Choice(options.only, options.min_area_m2, len(every) - len(chosen)),
         mode=options.mode,
         edits=options.edits,
+        up=stated_up,
     )
 
 
@@ -229,6 +232,8 @@ def _features(
     scans: Scans,
     world_from_reference: Pose,
     options: FeatureOptions | None,
+    *,
+    up: FloatArray,
     steps: Steps,
 ) -> list[TemplateFit]:
     """The features of scans, working frame: as stated, else openings that are fitted."""
@@ -240,7 +245,7 @@ def _features(
         surfaces,
         scans.observations,
         owners=scans.owners,
-        up=world_from_reference.matrix[2, :3],
+        up=up,
         given=options.given,
         kinds=options.kinds,
         each=lambda work, numbers: steps.each("features", work, numbers),
@@ -294,7 +299,7 @@ def complete_first(
     journal: Journal = NO_JOURNAL,
 ) -> CompletedSurfaces:
     """Continue the surfaces that the first scan shows by itself, without what a person says."""
-    plain = replace(options, edits=(), stated_relations=())
+    plain = replace(options, edits=(), stated_relations=(), up=completion.up)
     size = completion.measured_surfaces.observations[0].scan.ranges.size
     with Steps.over([size], n_threads, None, journal) as steps:
         alone = completion.measured_surfaces.first(plain.of_surfaces, steps)

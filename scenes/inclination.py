@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""Inclination: the angle of a plane or an axis with the horizontal; which are level and which upright."""
+"""Inclination: which way is up, and the angle of planes and axes with the horizontal: level, upright."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, InputError, freeze_arrays
+from scenes.pose import Pose
+
+SignedAxis = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
+AXES: tuple[SignedAxis, ...] = ("x", "y", "z", "-x", "-y", "-z")
 
 LIMIT_DEG = 10.0
 """Largest angle, degrees, from the horizontal or the vertical of what is called level or upright.
@@ -17,6 +22,69 @@ and open3d_redwood#1, whose up was estimated, lie within 9.5 deg of level or upr
 """
 LEVEL_COSINE = float(np.cos(np.radians(LIMIT_DEG)))
 """|cosine| between up and the normals of level planes, for many normals at once whose errors are unknown."""
+
+
+def axis_direction(axis: str) -> FloatArray:
+    """Return the unit vector (3,) of an axis like "-y".
+
+    Raises InputError: another one.
+    """
+    if axis not in AXES:
+        raise InputError(f"up must be auto, {', '.join(AXES)}, got {axis!r}")
+    sign = -1.0 if axis.startswith("-") else 1.0
+    return np.asarray(sign * np.eye(3)["xyz".index(axis[-1])])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Up:
+    """Which way is up, and how well it is known; nothing is turned by it but drawings.
+
+    Attributes
+    ----------
+    direction : (3,) float
+        Unit vector, world coordinates.
+    sd_deg : float
+        Its standard deviation, degrees: of its angle in the direction in which it is known worst.
+    is_decided : bool
+        Whether no direction far from it is nearly as probable.
+    word : str
+        What to tell of it; "" of what was said, or is z as usual.
+    """
+
+    direction: FloatArray
+    sd_deg: float = 0.0
+    is_decided: bool = True
+    word: str = ""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @classmethod
+    def along(cls, axis: SignedAxis) -> Up | None:
+        """Return what an axis like "-y" says; None of "auto", which says nothing.
+
+        Raises InputError: another one.
+        """
+        return None if axis == "auto" else cls(axis_direction(axis))
+
+    @property
+    def drawing_from_world(self) -> Pose:
+        """The turn that makes it z, for drawings: the shortest, after a half turn about x if it is far."""
+        return _turn_to_z(self.direction)
+
+    def to_json(self) -> dict[str, object]:
+        """What records hold of it: `up`, `up_sd_deg`, and whether it is decided."""
+        return {"up": self.direction.tolist(), "up_sd_deg": self.sd_deg, "up_is_decided": self.is_decided}
+
+
+def _turn_to_z(up: FloatArray) -> Pose:
+    z = np.array([0.0, 0.0, 1.0])
+    if up @ z < -0.5:
+        half = Pose(np.diag([1.0, -1.0, -1.0, 1.0]))
+        return _turn_to_z(half.apply(up[None])[0]) @ half
+    axis, cosine = np.cross(up, z), float(up @ z)
+    skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return Pose.from_parts(np.eye(3) + skew + skew @ skew / (1 + cosine), np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True)

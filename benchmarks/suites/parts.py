@@ -452,6 +452,8 @@ def line(row: dict[str, Any]) -> str:
 def summary(rows: list[dict[str, Any]]) -> str:
     """All parts in words."""
     done = [row for row in rows if "seconds" in row]
+    if not done:
+        return f"none of {len(rows)} parts was exported: {'; '.join({row['reason'] for row in rows})}"
     errors = np.abs([row["error"] for row in rows if row.get("error") is not None])
     why = Counter(
         "no face at all"

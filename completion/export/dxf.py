@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from completion.export.building.cut import CutLine, UprightCut, plan_of, sections_of
 from completion.export.building.limits import NEARLY_ALL
-from completion.export.building.model import BuildingModel
+from completion.export.building.model import BuildingModel, matrix_text
 from scenes.checks import FloatArray
 
 _VERSION = "R2010"  # what current CAD programs and those of fifteen years ago read
@@ -34,7 +34,8 @@ def dxf_of(model: BuildingModel) -> bytes:
     measured on both sides; else FOLD-INFERRED), corners (points on CORNER), outlines of openings (OPENING)
     and the plan (PLAN-MEASURED, PLAN-INFERRED, PLAN-REST) at its height. Sections (SECTION-...) lie flat
     beside it. Extended data "UNSEEN" holds the surface and provenance of a facet, the surfaces, measured
-    share and deviation of a fold, the deviation of a corner, and the surface of a line.
+    share and deviation of a fold, the deviation of a corner, and the surface of a line. Where the drawing is
+    turned against the scans' world, the custom property `drawing_from_world` says how, row by row.
     """
     with _fixed_marks():
         document = ezdxf.new(_VERSION, setup=["linetypes"])
@@ -42,6 +43,8 @@ def dxf_of(model: BuildingModel) -> bytes:
         document.header["$MEASUREMENT"] = 1
         document.header["$LTSCALE"] = _DASH
         document.appids.add(_APP)
+        if matrix := matrix_text(model.drawing_from_world):
+            document.header.custom_vars.append("drawing_from_world", matrix)
         space = document.modelspace()
         _add_facets(space, model)
         _add_folds(space, model)

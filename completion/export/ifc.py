@@ -27,7 +27,7 @@ from completion.export.building.faces import (
     union,
     wide,
 )
-from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline
+from completion.export.building.model import BuildingModel, CylinderElement, OpeningOutline, told_turn
 from completion.export.building.parts import BuildingColumn, BuildingParts
 from completion.export.building.rooms import BuildingRoom, bands, storey_at
 from completion.export.ifc_entities import Ref, Shapes, StepText, Word, outlines
@@ -358,7 +358,8 @@ def ifc_of(parts: BuildingParts, name: str = "completed.ifc") -> str:
     floors and ceilings are surfaces. Rooms are spaces, columns and pipes are solids, other planes and
     cylinders proxies; what no surface explains is left out. Property sets `Unseen_Evidence` say what was
     measured and how well it is known. Where coordinates are large, the file has an origin of its own, and an
-    IfcMapConversion leads to the scans' coordinates.
+    IfcMapConversion leads to the scans' coordinates. Where up is not z in these, the project's description
+    says by which matrix they were turned first.
     """
     model = parts.model
     file = StepText(
@@ -374,7 +375,8 @@ def ifc_of(parts: BuildingParts, name: str = "completed.ifc") -> str:
         )
     ]])  # fmt: skip
     whole = contexts[1]
-    values = [file.guid("project"), None, "Completion", None, None, None, None, [whole], units]
+    turn = told_turn(model.drawing_from_world).strip("; ") or None
+    values = [file.guid("project"), None, "Completion", turn, None, None, None, [whole], units]
     project = file.add("IfcProject", values)
     ground = Shapes(file, origin)
     site_at = ground.placement(None)

@@ -12,7 +12,7 @@ import shapely
 from shapely import affinity
 
 from completion.export.building.cut import CutLine, LevelCut, opening_at, plan_of, seen_below
-from completion.export.building.model import BuildingModel
+from completion.export.building.model import BuildingModel, told_turn
 from completion.export.building.parts import BuildingParts
 from completion.export.dimension import Dimension
 from completion.export.room_dimensions import room_sizes, widths_of
@@ -166,7 +166,7 @@ def svg_of(building: BuildingParts) -> str:
             f'<svg xmlns="http://www.w3.org/2000/svg" {size} '
             f'viewBox="0 0 {_n(paper.width_mm)} {_n(paper.height_mm)}" data-scale="{paper.scale}">',
             f"<title>Floor plan, 1 : {paper.scale}</title>",
-            f"<desc>{escape(plan.caption)}</desc>",
+            f"<desc>{escape(plan.caption)}{told_turn(model.drawing_from_world)}</desc>",
             f"<style>{_STYLE}</style>",
             *body,
             "</svg>\n",

@@ -25,7 +25,9 @@ from completion.features.limits import FEWEST_POINTS
 from completion.features.openings.pipeline import find_openings_of_scans
 from completion.features.solids import KINDS as SOLIDS
 from completion.features.solids import find_solids
+from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
 from completion.observe.range_noise import estimate_noise
+from completion.room.up import find_up
 from scenes.checks import FloatArray, InputError, IntArray, check_points, check_rng
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress, Steps
@@ -122,7 +124,7 @@ def find_features(
     *,
     given: Mapping[str, Given] | None = None,
     evaluations: int = _BUDGET,
-    up: Sequence[float] = (0.0, 0.0, 1.0),
+    up: Sequence[float] | None = None,
     rng: np.random.Generator | int | None = None,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -145,8 +147,9 @@ def find_features(
         What a person knows of each kind, by name (`given.KNOWN`). It is held exactly.
     evaluations : int
         Of each search at most.
-    up : (3,) float
-        Up direction of points and meshes, for stairs and columns; scans are z up.
+    up : (3,) float, optional
+        The direction that is up, for openings, stairs and columns. When not given it is z of points and
+        meshes, and estimated of scans (`find_up`).
     rng : Generator, int or None
         Seed of the searches.
     n_threads, progress, journal
@@ -164,11 +167,19 @@ def find_features(
     others = [kind for kind in kinds if kind not in OPENINGS]
     try:
         # 1. Openings: doorways, windows and niches in every upright plane, by beams that go on or stop.
-        if openings and not isinstance(material, Measurements):
-            sizes = [scan.ranges.size for scan in material]
+        upward = np.array([0.0, 0.0, 1.0] if up is None else up)
+        if not isinstance(material, Measurements) and (openings or (up is None and set(kinds) & set(SOLIDS))):
+            sizes, pose = [scan.ranges.size for scan in material], material[0].world_from_sensor
             with Steps.over(sizes, n_threads, progress, journal) as steps:
-                fits, sentences = find_openings_of_scans(material, openings, known, steps)
-            features, doubts = [*features, *fits], [*doubts, *sentences]
+                surfaces = find_surfaces(material, SurfaceOptions(), steps)
+                if up is None:
+                    estimate = find_up(surfaces, pose)
+                    upward, doubts = estimate.direction, [estimate.word] if estimate.word else []
+                if openings:
+                    fits, sentences = find_openings_of_scans(
+                        material, surfaces, openings, known, steps=steps, up=upward
+                    )
+                    features, doubts = [*features, *fits], [*doubts, *sentences]
 
         # 2. Others: solids, patterns of holes and junctions, in the points of all scans together.
         if others:
@@ -176,7 +187,7 @@ def find_features(
         for done, (kind, *more) in enumerate(_searches(others, known)):
             if progress is not None:
                 progress("features", done, len(others))
-            search = partial(_FINDERS[kind], up=up) if kind in SOLIDS else _FINDERS[kind]
+            search = partial(_FINDERS[kind], up=upward) if kind in SOLIDS else _FINDERS[kind]
             budget = evaluations * (1 + len(more))
             features += search(measured, [kind, *more], known.get(kind, {}), rng=draws, budget=budget)
     except KeyboardInterrupt:

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from completion.edits.application import EditedSurface
-from completion.edits.edit import FittedHole, FittedJoint, FittedOpening, KnownFace
+from completion.edits.edit import FittedHole, FittedJoint, FittedOpening, KnownFace, outline_uv
 from completion.features import limits
 from completion.features.engine.options import OPENINGS
 from completion.features.engine.template import (
@@ -423,8 +424,9 @@ def _away(
 def with_features(surfaces: Sequence[EditedSurface], features: Sequence[TemplateFit]) -> list[EditedSurface]:
     """Return the surfaces with the openings, holes and joints that were found in them.
 
-    Features that are not found change nothing. A side that nobody saw lies where beams still went through,
-    and may lie farther out; holes of a pattern that nobody saw, or that are filled, are none.
+    Features that are not found change nothing, nor do openings where a person declared one. A side that
+    nobody saw lies where beams still went through, and may lie farther out; holes of a pattern that nobody
+    saw, or that are filled, are none.
     """
     edits = [surface.edits for surface in surfaces]
     for number, fit in enumerate(features, start=1):
@@ -441,9 +443,17 @@ def with_features(surfaces: Sequence[EditedSurface], features: Sequence[Template
         surface_edits = edits[index]
         if fit.kind in PATTERNS:
             edits[index] = replace(surface_edits, holes=(*surface_edits.holes, *_holes(fit, number)))
-        else:
-            edits[index] = replace(surface_edits, fitted=(*surface_edits.fitted, _opening_of(fit, number)))
+        elif not _is_declared(opening := _opening_of(fit, number), surfaces[index]):
+            edits[index] = replace(surface_edits, fitted=(*surface_edits.fitted, opening))
     return [replace(surface, edits=edit) for surface, edit in zip(surfaces, edits, strict=True)]
+
+
+def _is_declared(opening: FittedOpening, surface: EditedSurface) -> bool:
+    """Whether a person declared an opening where this one is."""
+    chart = surface.surface.fit.surface
+    fitted = shapely.Polygon(outline_uv(chart, opening.outline))
+    declared = (shapely.Polygon(outline_uv(chart, outline)) for outline in surface.edits.openings)
+    return any(fitted.intersects(outline) for outline in declared)
 
 
 def _holes(fit: TemplateFit, number: int) -> Iterator[FittedHole]:

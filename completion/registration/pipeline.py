@@ -17,7 +17,7 @@ from completion.registration.network import ScanGroup, group_scans, settle_group
 from completion.registration.registered import Registered, held_poses, verdicts_of
 from completion.registration.station_view import StationView, unit_of
 from completion.registration.verdict import with_images
-from scenes.checks import InputError
+from scenes.checks import FloatArray, InputError
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.mapping import NO_SPILL, NoSpill, Spill
 from scenes.run.steps import Progress, Steps
@@ -32,6 +32,7 @@ def register_scans(
     *,
     level: float = LEVEL,
     upright: bool = False,
+    up: FloatArray | None = None,
     started: bool = False,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -48,7 +49,9 @@ def register_scans(
     level : float
         Accepted probability of a false claim, above 0 and below 1.
     upright : bool
-        Whether the scans' own poses know what is up (z): levelled scanners. Only turns about it are tried.
+        Whether the scans' own poses know what is up: levelled scanners. Only turns about it are tried.
+    up : (3,) float, optional
+        The direction of their worlds that is up; z when not given.
     started : bool
         Whether the scans' own poses are tried too. What beams approve more is never given up for them.
     n_threads : int, optional
@@ -70,9 +73,10 @@ def register_scans(
     with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
         # 1. View: the facets and planes of each scan, in its own frame; small objects in smaller units.
         unit = unit_of(scans)
+        axis = (np.array([0.0, 0.0, 1.0]) if up is None else up) if upright else None
         views = steps.each(
             "facets",
-            lambda scan: StationView.of(scan, upright=upright, unit_m=unit),
+            lambda scan: StationView.of(scan, up=axis, unit_m=unit),
             scans,
             remember=False,
         )

@@ -127,8 +127,8 @@ class StationView:
     up: FloatArray | None = None
 
     @classmethod
-    def of(cls, scan: RangeImage, *, upright: bool = False, unit_m: float = 1.0) -> StationView:
-        """Return the view of a scan, whatever its pose says; of that its up alone counts where `upright`.
+    def of(cls, scan: RangeImage, *, up: FloatArray | None = None, unit_m: float = 1.0) -> StationView:
+        """Return the view of a scan, whatever its pose says; of that what is `up` (3,), world, where given.
 
         Lengths are then in units of `unit_m`.
         """
@@ -152,7 +152,7 @@ class StationView:
             radius_m=radius,
             middle=facets.centre.mean(axis=0) if len(distance) else np.zeros(3),
             spread_m=float(np.sqrt(facets.centre.var(axis=0).sum())) if len(distance) else 1.0,
-            up=scan.world_from_sensor.rotation[2] if upright else None,
+            up=None if up is None else up @ scan.world_from_sensor.rotation,
         )
 
 

@@ -55,6 +55,7 @@ from completion.result.openings import SurfaceOpening, find_openings
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray, InputError
+from scenes.inclination import Up
 from scenes.pose import Pose
 from scenes.run.mapping import NoSpill, Spill, spill_of, trim
 from scenes.scan.range_image import RangeImage
@@ -82,6 +83,8 @@ class CompletedSurfaces:
         How probable inferred area had to be.
     edits : tuple of Edit
         What a person says of the surfaces, world coordinates.
+    up : Up
+        Which way is up in the world.
     """
 
     patches: tuple[Patch, ...]
@@ -92,6 +95,7 @@ class CompletedSurfaces:
     choice: Choice
     mode: Mode
     edits: tuple[Edit, ...]
+    up: Up
 
 
 _MOST_SURFACES = 6  # that a card lists
@@ -268,6 +272,21 @@ class CompletedModel:
         return self.completed.edits
 
     @property
+    def up(self) -> Up:
+        """Which way is up in the world."""
+        return self.completed.up
+
+    @property
+    def up_in_reference(self) -> FloatArray:
+        """Which way is up, (3,), in the working frame."""
+        return np.asarray(self.up.direction @ self.world_from_reference.rotation)
+
+    @property
+    def drawing_from_reference(self) -> Pose:
+        """From the working frame to that of drawings: the world, turned so that z is up."""
+        return self.up.drawing_from_world @ self.world_from_reference
+
+    @property
     def relations(self) -> SurfaceRelations | None:
         """What its surfaces are to each other, working frame; None where not asked for."""
         return self.completed.relations
@@ -286,6 +305,11 @@ class CompletedModel:
     def scans(self) -> tuple[RangeImage, ...]:
         """The scans in world coordinates."""
         return tuple(seen.scan.transform(self.world_from_reference) for seen in self.observations)
+
+    @property
+    def drawn_scans(self) -> tuple[RangeImage, ...]:
+        """The same in coordinates of drawings, z up."""
+        return tuple(scan.transform(self.up.drawing_from_world) for scan in self.scans)
 
     @cached_property
     def atlas(self) -> Atlas:
@@ -390,7 +414,8 @@ class CompletedModel:
         doubts = doubts_of(
             self.observations, self.patches, self.registration, self.unconfirmed, self.relations
         )
-        return (*doubts, *flat_doubts(self.flattened))
+        told_of_up = (self.up.word,) if self.up.word else ()
+        return (*told_of_up, *doubts, *flat_doubts(self.flattened))
 
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.

@@ -33,7 +33,7 @@ from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_
 
 
 def building_of(completion: CompletedModel) -> BuildingParts:
-    """Return the light model in world coordinates with its walls, slabs, rooms, columns and pipes."""
+    """Return the light model with its walls, slabs, rooms, columns and pipes."""
     several = len(completion.observations) > 1
     tolerance = EvidenceOptions().tolerance(
         flatness_m=completion.flatness_m, registration_m=REGISTRATION_M if several else 0.0
@@ -41,16 +41,17 @@ def building_of(completion: CompletedModel) -> BuildingParts:
     model = building_model(
         completion.panels(),
         completion.patches,
-        polygons_record(completion),
+        polygons_record(completion, completion.drawing_from_reference),
         completion.errors,
-        world=completion.world_from_reference,
+        world=completion.drawing_from_reference,
+        drawing_from_world=completion.up.drawing_from_world,
     )
     return building_parts(
         model,
         ScanBeams.of(
             completion.observations,
             completion.measured_surfaces.reach,
-            completion.world_from_reference,
+            completion.drawing_from_reference,
             tolerance,
         ),
     )
@@ -90,10 +91,11 @@ class Completion(CompletedModel):
     ) -> None:
         """Write completed.glb, the .ply files, polygons.json, decisions.csv and completion.json.
 
-        All is in world coordinates. The files appear together once all are written; until then those of an
-        earlier run stay. With `verification`, completion.json also says what later scans say of what the
-        first one alone inferred. Of more than ten million points observed.ply holds those of every k-th row
-        and column, unless `observed` is "full"; completion.json has k as `observed_step`.
+        All is in world coordinates; glTF's y is up by the transforms of the nodes. The files appear together
+        once all are written; until then those of an earlier run stay. With `verification`, completion.json
+        also says what later scans say of what the first one alone inferred. Of more than ten million points
+        observed.ply holds those of every k-th row and column, unless `observed` is "full"; completion.json
+        has k as `observed_step`.
 
         Raises
         ------
@@ -105,7 +107,7 @@ class Completion(CompletedModel):
         write_model(self, folder, record, building=building, decisions=self.decisions(of=building))
 
     def building(self) -> BuildingParts:
-        """Return the light model in world coordinates with its walls, slabs, rooms, columns and pipes."""
+        """Return the light model with its walls, slabs, rooms, columns and pipes."""
         return building_of(self)
 
     def decisions(
@@ -132,7 +134,8 @@ class Completion(CompletedModel):
         `hypothesised ...`. `.dxf` is a drawing for CAD: facets, folds, a plan and sections; `.svg` a floor
         plan to scale with dimensions; `.ifc` walls, slabs, openings, rooms and columns for BIM (IFC4).
         `.e57` holds the scans as they are, with the poses used, and a cloud `inferred ...` for each surface,
-        whose points say surface, provenance, confidence and deviation. `.json` holds the polygons.
+        whose points say surface, provenance, confidence and deviation. `.json` holds the polygons. Where up
+        is not z, the drawings are turned so that it is, and say by which 4x4 matrix.
 
         Raises
         ------
@@ -228,7 +231,7 @@ def _export(completion: Completion, path: Path, building: BuildingParts | None) 
         case ".obj":
             return write_obj(model_parts(completion), path, _COMMENTS)
         case ".glb":
-            write_bytes(path, glb_of(model_parts(completion)))
+            write_bytes(path, glb_of(model_parts(completion), completion.up.drawing_from_world))
         case ".e57":
             scans = [scan for scan in completion.scans if scan.valid.any()]
             write_e57(scans, path, list(inferred_points(completion)))

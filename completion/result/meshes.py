@@ -73,7 +73,7 @@ def _plain(tint: tuple[float, float, float], n: int) -> ColourArray:
 def display_mesh(
     completion: CompletedModel, *, hypothesised: bool = True, mark: bool = False
 ) -> LabelledMesh:
-    """The model as one textured mesh in world coordinates, for pictures: surface 0 observed, 1 not.
+    """The model as one textured mesh, for pictures, z up: surface 0 observed, 1 not.
 
     Inferred area is shown if `hypothesised`; `mark` paints it in one colour instead of its texture.
     """
@@ -107,7 +107,7 @@ def display_mesh(
         np.concatenate(face_image) if has_pages else None,
         np.concatenate(corner_uv).astype(np.float32) if has_pages else None,
     )
-    vertices = completion.world_from_reference.apply(np.concatenate(places))
+    vertices = completion.drawing_from_reference.apply(np.concatenate(places))
     return LabelledMesh(vertices, np.concatenate(corners), np.concatenate(labels), look)
 
 

@@ -29,6 +29,7 @@ from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.result.openings import SurfaceOpening
 from completion.result.verification import Finding, Verification, counterpart
 from scenes.checks import FloatArray, InputError
+from scenes.pose import Pose
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Plane
 
@@ -113,6 +114,7 @@ def completion_record(
         "overlapping_claims_m2": completion.overlapping_claims_m2,
         **panels_record(completion),
         "mode": completion.mode,
+        **completion.up.to_json(),
         "n_scans": len(completion.observations),
         "range_noise": [
             {
@@ -280,8 +282,10 @@ _OF_SIDES = ("sd_m", "inwards_m", "outwards_m", "measured")
 _SHORT = 3  # samples, a cell apart: what is shorter takes after what comes before it
 
 
-def polygons_record(completion: CompletedModel) -> dict[str, Any]:
+def polygons_record(completion: CompletedModel, frame: Pose | None = None) -> dict[str, Any]:
     """Return what `polygons.json` holds: planes as polygons, world coordinates, metres.
+
+    `frame`: from the working frame to another one than the world, such as that of drawings.
 
     Rings run anticlockwise seen from the normal's side, holes clockwise; they do not repeat their first
     point, and edge k leads from point k to the next. An edge is "measured" where the surface was measured
@@ -289,22 +293,23 @@ def polygons_record(completion: CompletedModel) -> dict[str, Any]:
     cells, laid on the surface's straight edges and on where it meets what encloses the room (`guides_of`),
     elsewhere straightened to within a cell; parts and holes of fewer than nine cells are left out.
     """
+    world = completion.world_from_reference if frame is None else frame
     planes = [
-        _surface(completion, number, surface)
+        _surface(completion, number, surface, world)
         for number, surface in enumerate(completion.surfaces, start=1)
         if isinstance(surface.patch.grid.surface, Plane)
     ]
     return {"format": FORMAT, "unit": "m", "mode": completion.mode, "surfaces": planes}
 
 
-def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -> dict[str, Any]:
+def _surface(completion: CompletedModel, number: int, surface: DerivedSurface, world: Pose) -> dict[str, Any]:
     trim()
-    patch, world = surface.patch, completion.world_from_reference
+    patch = surface.patch
     normal = world.rotate(patch.grid.surface.normal(np.zeros((1, 3))))[0]
     area, boundary = surface.polygon, NearOutline.of(patch.grid, surface.outline)
     return {
         "id": number,
-        "role": role_of(patch.source.fit, encloses=patch.limits.encloses, up=world.matrix[2, :3]),
+        "role": role_of(patch.source.fit, encloses=patch.limits.encloses, up=completion.up_in_reference),
         "plane": {
             "point": world.apply(patch.grid.surface.from_uv(np.zeros((1, 2))))[0].tolist(),
             "normal": normal.tolist(),
@@ -315,20 +320,22 @@ def _surface(completion: CompletedModel, number: int, surface: DerivedSurface) -
         "area_m2": float(area.area),
         "polygons": [
             {
-                "outer": _ring_record(completion, patch, boundary, polygon.exterior, anticlockwise=True),
+                "outer": _ring_record(world, patch, boundary, polygon.exterior, anticlockwise=True),
                 "holes": [
-                    _ring_record(completion, patch, boundary, hole, anticlockwise=False)
+                    _ring_record(world, patch, boundary, hole, anticlockwise=False)
                     for hole in polygon.interiors
                 ],
             }
             for polygon in polygon_parts(area)
         ],
-        "openings": [_opening_record(completion, patch, normal, opening) for opening in surface.openings],
+        "openings": [
+            _opening_record(completion, patch, normal, opening, world) for opening in surface.openings
+        ],
     }
 
 
 def _ring_record(
-    completion: CompletedModel, patch: Patch, boundary: NearOutline, ring: Any, *, anticlockwise: bool
+    world: Pose, patch: Patch, boundary: NearOutline, ring: Any, *, anticlockwise: bool
 ) -> dict[str, Any]:
     """Points of a ring, more where its state changes, and what is said of each edge."""
     uv = np.asarray(shapely.get_coordinates(ring), dtype=np.float64)[:-1]
@@ -342,7 +349,7 @@ def _ring_record(
     sd = patch.stated.standard_deviation(local)
     for k, edge in enumerate(edges):
         edge["sd_m"] = float(max(sd[k], sd[(k + 1) % len(sd)]))
-    return {"points": completion.world_from_reference.apply(local).tolist(), "edges": edges}
+    return {"points": world.apply(local).tolist(), "edges": edges}
 
 
 def _stretches(
@@ -373,25 +380,23 @@ def _stretches(
 
 
 def _opening_record(
-    completion: CompletedModel, patch: Patch, normal: FloatArray, opening: SurfaceOpening
+    completion: CompletedModel, patch: Patch, normal: FloatArray, opening: SurfaceOpening, world: Pose
 ) -> dict[str, Any]:
     """An opening with its kind and its size along the level and upwards, metres."""
-    points, up = (
-        completion.world_from_reference.apply(opening.points),
-        completion.world_from_reference.matrix[2, :3],
-    )
+    points, here = world.apply(opening.points), completion.up_in_reference
+    up = world.rotate(here[None])[0]
     is_wall = (
-        opening.feature > 0 or role_of(patch.source.fit, encloses=patch.limits.encloses, up=up) == "wall"
+        opening.feature > 0 or role_of(patch.source.fit, encloses=patch.limits.encloses, up=here) == "wall"
     )
     farthest = np.linalg.svd(points - points.mean(axis=0))[2][0]  # the direction in which it reaches most
-    across = np.cross([0.0, 0, 1], normal) if is_wall else farthest
+    across = np.cross(up, normal) if is_wall else farthest
     across /= np.linalg.norm(across)
     other = np.cross(normal, across)
     extent = [float(np.ptp(points @ direction)) for direction in (across, other)]
     kind = "opening"
     if is_wall:
-        all_points = completion.world_from_reference.apply(patch.grid.centres()[patch.observed.ravel()])
-        kind = "door" if points[:, 2].min() < all_points[:, 2].min() + DOOR_M else "window"
+        lowest = float((patch.grid.centres()[patch.observed.ravel()] @ here).min())
+        kind = "door" if float((opening.points @ here).min()) < lowest + DOOR_M else "window"
     return {
         "kind": kind,
         "width_m": extent[0],

@@ -33,6 +33,7 @@ from nbv.commands.process import Run, start_run
 from nbv.run.wording import count, square_metres
 from nbv.scans.registering import placed_of, register_request
 from nbv.scans.remote_completion import complete_by_workers
+from scenes.inclination import Up
 from scenes.io.scan_request import GivenScans, ScanRequest, read_request
 from scenes.run.journal import FileJournal
 from scenes.scan.range_image import RangeImage
@@ -55,6 +56,7 @@ def completion_options(asked: CompleteOptions) -> CompletionOptions:
         stated_relations=tuple(entry for file in asked.stated for entry in read_scan_relations(file)),
         features=features,
         flattening=FlatteningOptions() if asked.flatten else None,
+        up=Up.along(asked.up),
     )
 
 
@@ -122,9 +124,7 @@ def _load_scans(
         return read_request(request), options, []
     run.will_call(count_agreement, 20)
     part = journal.part("register")
-    placed = register_request(
-        request, request.up, n_threads=shared.threads, progress=run.progress, journal=part
-    )
+    placed = register_request(request, n_threads=shared.threads, progress=run.progress, journal=part)
     return placed.given, replace(options, pose_deviations_m=placed.deviations_m), [placed.summary]
 
 

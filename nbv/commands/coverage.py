@@ -36,6 +36,7 @@ from nbv.visibility.candidates import Standing, find_standing, samples_that_coun
 from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.visibility import REASONS, select_facing
+from scenes.inclination import Up
 from scenes.io.ply import write_mesh_ply
 from scenes.io.scan_request import read_request
 from scenes.io.scene_files import open_scene
@@ -143,7 +144,7 @@ def _measure(run: Run, world: Scene, request: CoverageOptions) -> _MeasuredCover
         )  # fmt: skip
         coverage = replace(coverage, apart_m2=apart)
         return _MeasuredCoverage(coverage, views, _history(coverage), sensor, [])
-    given = read_request(request.request())
+    given = read_request(request.request()).with_z_up(request.up)
     run.warn(given.doubts)
     sensor = load_sensor(request.sensor)
     run.will_call(select_facing, 10)
@@ -238,15 +239,17 @@ def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
         run.read([request.sensor, *request.request().inputs])
         requirement, scan_request = Requirement.of(request.requirement), request.request()
         sensor = load_sensor(request.sensor)
-        options, placement = CompletionOptions(mode=request.inference, texture=False), []
+        options = CompletionOptions(mode=request.inference, texture=False, up=Up.along("z"))
+        placement = []
         if request.register:
-            placed = register_request(
-                scan_request, request.up, n_threads=shared.threads, progress=run.progress
+            placed = register_request(scan_request, n_threads=shared.threads, progress=run.progress)
+            given, options = (
+                placed.given.with_z_up(request.up),
+                replace(options, pose_deviations_m=placed.deviations_m),
             )
-            given, options = placed.given, replace(options, pose_deviations_m=placed.deviations_m)
             placement = [placed.summary]
         else:
-            given = read_request(scan_request, request.up)
+            given = read_request(scan_request).with_z_up(request.up)
         run.warn(given.doubts)
         run.watch.enter("voxels")
         scans = [with_known_noise(scan) for scan in given.scans]

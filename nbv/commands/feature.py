@@ -18,6 +18,7 @@ from completion.features.pipeline import find_features, of_points
 from nbv.commands.options import FeatureCommandOptions, Shared
 from nbv.commands.process import Run, start_run
 from scenes.checks import FloatArray, InputError, IntArray
+from scenes.inclination import Up
 from scenes.io.mesh_file import is_mesh
 from scenes.io.ply import write_mesh_ply
 from scenes.io.point_files import read_part_file
@@ -25,7 +26,6 @@ from scenes.io.scan_request import ScanRequest, read_request
 from scenes.run.atomic import write_json
 from scenes.scan.colour import surface_bytes
 from scenes.scan.range_image import RangeImage
-from scenes.scan.upright import axis_direction
 
 _LEGEND = ("unseen: feature and face number what features.json lists, from 1; 0 for none",)
 
@@ -39,7 +39,7 @@ class _Input:
     rows: IntArray | None = None
     n_rows: int = 0
     warnings: tuple[str, ...] = field(default=())
-    up: tuple[float, ...] = (0.0, 0.0, 1.0)
+    up: tuple[float, ...] | None = None
 
     @property
     def scans(self) -> tuple[RangeImage, ...]:
@@ -110,17 +110,22 @@ def _read(request: ScanRequest, kinds: Sequence[str]) -> _Input:
         else:
             points = np.concatenate([scan.points()[scan.valid] for scan in given.scans])
             scans = tuple(given.scans)
-            return _Input(points, scans, n_rows=len(points), warnings=tuple(given.doubts))
+            return _Input(points, scans, n_rows=len(points), warnings=tuple(given.doubts), up=_up(request))
     file = read_part_file(paths[0], request.units)
     faces = None if file.mesh is None else file.mesh.faces
     try:
         measured = of_points(file.points, faces=faces)
     except InputError as error:
         raise InputError(f"{paths[0]}: {error}") from None
-    up = axis_direction("z" if request.up == "auto" else request.up)
     return _Input(
-        file.points, measured, file.rows, n_rows=file.n_rows, warnings=file.warnings, up=tuple(up.tolist())
+        file.points, measured, file.rows, n_rows=file.n_rows, warnings=file.warnings, up=_up(request)
     )
+
+
+def _up(request: ScanRequest) -> tuple[float, ...] | None:
+    """The direction that was said to be up; None where it is to be estimated."""
+    said = Up.along(request.up)
+    return None if said is None else tuple(said.direction.tolist())
 
 
 def _write(run: Run, features: Features, held: _Input, how: FeatureCommandOptions) -> None:

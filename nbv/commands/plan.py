@@ -91,7 +91,7 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         search = request.search
-        given = read_request(request.request()) if request.scans else GivenScans.of(())
+        given = read_request(request.request()).with_z_up(request.up) if request.scans else GivenScans.of(())
         scans = given.scans
         run.warn(given.doubts)
         journal = run.journal(options_record(request))
@@ -243,7 +243,7 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         site, scan_request = request.site, request.request()
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
-        given = read_request(scan_request, request.up)
+        given = read_request(scan_request).with_z_up(request.up)
         run.warn(given.doubts)
         predictions = _earlier_predictions(before, given.scans, is_asked_for=request.plan is not None)
         run.watch.enter("complete")

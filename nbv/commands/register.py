@@ -16,6 +16,7 @@ from nbv.commands.options import RegisterOptions, Shared
 from nbv.commands.process import start_run
 from nbv.run.wording import count
 from nbv.scans.registering import copies_of, copies_told, doubts_of_poses
+from scenes.inclination import axis_direction
 from scenes.io.format import written_suffixes
 from scenes.io.scan_files import split_index, write_scan, write_scans
 from scenes.io.scan_request import GivenScans, read_request
@@ -41,6 +42,7 @@ def run_register(shared: Shared, how: RegisterOptions) -> None:
                 given.scans,
                 level=how.level,
                 upright=how.upright,
+                up=axis_direction(how.up),
                 started=request.poses is not None,
                 n_threads=shared.threads,
                 progress=run.progress,

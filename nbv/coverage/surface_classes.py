@@ -22,6 +22,7 @@ from completion.result.completion import Completion
 from nbv.visibility.limits import CLOSE_M, SAME_WAY
 from nbv.visibility.samples import SurfaceSamples
 from scenes.checks import BoolArray, FloatArray
+from scenes.inclination import Up
 from scenes.mesh.labelled_mesh import LabelledMesh, triangle_areas
 from scenes.mesh.triangle_distance import distances
 from scenes.scan.range_image import RangeImage
@@ -48,12 +49,14 @@ class KnownSurfaces:
         relates: bool = True,
         n_threads: int | None = None,
     ) -> KnownSurfaces:
-        """Complete `scans`, without texture; `max_sd_m` is completion's own when not given.
+        """Complete `scans` of a world whose z is up, without texture.
 
+        `max_sd_m` is completion's own when not given.
         What surfaces are to each other is left out where nothing is to be related: it takes longer than all
         else of a few scans.
         """
-        options = CompletionOptions(texture=False, evidence=EvidenceOptions(max_cells=_MAX_CELLS))
+        evidence = EvidenceOptions(max_cells=_MAX_CELLS)
+        options = CompletionOptions(texture=False, up=Up.along("z"), evidence=evidence)
         options = options if relates else replace(options, relations=None)
         options = replace(options, max_sd_m=max_sd_m or options.max_sd_m)
         return cls(complete(scans, options, rng=0, n_threads=n_threads), options.max_sd_m)

@@ -135,7 +135,7 @@ def _gallery(completion: Completion, scan: int) -> Block:
         moved = points + flat.shift_m.ravel()[pixel, None] * seen.rays_at(pixel)
         after.ravel()[pixel] = plane.distance(moved)
         trim()
-    pose = completion.world_from_reference @ seen.scan.world_from_sensor
+    pose = completion.drawing_from_reference @ seen.scan.world_from_sensor
     view = partial(turn_upright, projection=seen.scan.projection, pose=pose)
     name = f"{seen.scan.name}: " if len(completion.flattened) > 1 else ""
     scale = (
@@ -246,7 +246,7 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
     pairs = list(zip(completion.observations, completion.owners, strict=True))
     for seen, owner in pairs[:_MOST_SCANS]:
         pictures = []
-        pose = completion.world_from_reference @ seen.scan.world_from_sensor
+        pose = completion.drawing_from_reference @ seen.scan.world_from_sensor
         view = partial(turn_upright, projection=seen.scan.projection, pose=pose)
         name = "" if len(pairs) == 1 else f"{seen.scan.name}: "
         if seen.scan.colour is not None:

@@ -18,16 +18,15 @@ from completion.registration.verdict import Verdict
 from nbv.online.limits import NOTICED_SHARE
 from nbv.run.wording import count
 from scenes.checks import FloatArray, InputError
-from scenes.io.scan_request import GivenScans, ScanRequest, read_request, turn_to_z
+from scenes.io.scan_request import GivenScans, ScanRequest, read_request
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress
 from scenes.scan.range_image import RangeImage
-from scenes.scan.upright import SignedAxis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedScans:
-    """Scans that were placed to each other, in a world whose z is up, and how well each pose is known.
+    """Scans that were placed to each other, in the world of the first, and how well each pose is known.
 
     Attributes
     ----------
@@ -46,7 +45,6 @@ class PlacedScans:
 
 def register_request(
     request: ScanRequest,
-    up: SignedAxis,
     *,
     n_threads: int | None = None,
     progress: Progress | None = None,
@@ -62,12 +60,10 @@ def register_request(
     InputError
         No two scans can be placed to each other.
     """
-    given, told_of = without_copies(read_request(request, "z", posed=False))
+    given, told_of = without_copies(read_request(request, posed=False))
     if told_of and len(given.scans) == 1:
-        turn, sentence = turn_to_z(given.scans, up, of_points=bool(request.origins))
-        doubts = (*given.doubts, *told_of, *([sentence] if sentence else []))
-        scans = tuple(scan.transform(turn) for scan in given.scans)
-        return PlacedScans(replace(given, scans=scans, doubts=doubts), (), "placed    1 scan, by itself")
+        given = replace(given, doubts=(*given.doubts, *told_of))
+        return PlacedScans(given, (), "placed    1 scan, by itself")
     registration = register_scans(
         given.scans,
         started=request.poses is not None,
@@ -85,12 +81,6 @@ def register_request(
     group = max(registration.groups, key=lambda network: len(network.group.poses))
     kept = list(group.group.poses)
     poses = registration.world_poses(given.scans)
-    turn, sentence = turn_to_z(
-        [given.scans[k].with_facts(world_from_sensor=poses[k]) for k in kept],
-        up,
-        of_points=bool(request.origins),
-    )
-    told_of += [sentence] if sentence else []
     others = [names[k] for k in range(len(names)) if k not in group.group.poses]
     if others:
         told_of.append(
@@ -99,7 +89,7 @@ def register_request(
         )
     placed = replace(
         given,
-        scans=tuple(given.scans[k].with_facts(world_from_sensor=poses[k]).transform(turn) for k in kept),
+        scans=tuple(given.scans[k].with_facts(world_from_sensor=poses[k]) for k in kept),
         doubts=(*given.doubts, *doubts_of_poses(registration, names), *told_of),
         paths=tuple(given.paths[k] for k in kept),
     )

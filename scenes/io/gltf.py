@@ -27,6 +27,7 @@ from scenes.io.image import check_image
 from scenes.io.limits import check_limit, check_unpacked
 from scenes.mesh.appearance import linear_from_srgb
 from scenes.mesh.mesh_parts import MeshPart, local_origin
+from scenes.pose import Pose
 
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942  # what a chunk of a GLB holds
 Content = Mapping[str, Any]
@@ -365,18 +366,18 @@ def _pixels(data: Callable[[], bytes], what: str) -> int:
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # z up to glTF's y up
 
 
-def glb_of(parts: Sequence[MeshPart]) -> bytes:
+def glb_of(parts: Sequence[MeshPart], z_up: Pose | None = None) -> bytes:
     """Return parts as binary glTF, a node for each, y up and moved to its place by the node's transform.
 
-    Parts that name a block of space hang from the node of that block.
+    `z_up` turns their coordinates to z up. Parts that name a block of space hang from the node of that block.
     """
     if not any(len(part.faces) for part in parts):
         return empty_glb()
     import trimesh  # slow to load: only where a mesh is written
 
     scene = trimesh.Scene(base_frame="world")
-    transform = node_transform(np.vstack([part.vertices for part in parts]))
-    origin = (np.linalg.inv(_Y_UP) @ transform)[:3, 3]
+    origin = local_origin(np.vstack([part.vertices for part in parts]))
+    transform = _Y_UP @ (np.eye(4) if z_up is None else z_up.matrix) @ _moved_by(origin)
     for block in dict.fromkeys(part.block for part in parts if part.block):
         scene.graph.update(frame_to=block, frame_from="world", matrix=np.eye(4))
     pages: dict[int, tuple[str, Image.Image]] = {}
@@ -400,12 +401,10 @@ def glb_of(parts: Sequence[MeshPart]) -> bytes:
     return data
 
 
-def node_transform(vertices: FloatArray) -> FloatArray:
-    """Return the (4, 4) transform to glTF's y up of vertices written less `local_origin(vertices)`."""
+def _moved_by(shift: FloatArray) -> FloatArray:
     placed = np.eye(4)
-    placed[:3, 3] = local_origin(vertices)
-    transform: FloatArray = _Y_UP @ placed
-    return transform
+    placed[:3, 3] = shift
+    return placed
 
 
 def empty_glb() -> bytes:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError, check_point
+from scenes.inclination import SignedAxis
 from scenes.io.describe import scan_warnings
 from scenes.io.format import Units
 from scenes.io.mesh_file import is_mesh
@@ -26,7 +27,6 @@ from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import MESH_SENSOR, RangeImage
-from scenes.scan.upright import SignedAxis, upright
 from scenes.world.scene import Scene
 
 _WIDTH, _HEIGHT = 1800, 900  # pixels all round, a fifth of a degree
@@ -106,7 +106,7 @@ class ScanRequest:
         Where the scanner stood for each path, metres; when given, files are read as mere points, and a mesh
         is seen from all these places.
     up : str
-        The axis of the files that is up, "x" to "-z", or "auto": estimated (`scenes.scan.upright`).
+        The axis of the files that is up, "x" to "-z", or "auto": estimated. Nothing is turned by it.
     """
 
     paths: tuple[str, ...]
@@ -183,23 +183,26 @@ class GivenScans:
             tuple(sorted(text or "not known" for text in instruments)),
         )
 
+    def with_z_up(self, up: Axis) -> GivenScans:
+        """Return the scans in the world of a scene, or for planners, in which axis `up` of theirs is z."""
+        turn = world_from_file_up(up)
+        return self if up == "z" else replace(self, scans=tuple(scan.transform(turn) for scan in self.scans))
 
-def read_request(request: ScanRequest, up: SignedAxis | None = None, *, posed: bool = True) -> GivenScans:
-    """Return all scans of a request, each file opened once, in a world whose z is up.
+
+def read_request(request: ScanRequest, *, posed: bool = True) -> GivenScans:
+    """Return all scans of a request, each file opened once, in the world of their poses.
 
     Parameters
     ----------
     request : ScanRequest
         The files, and how to read them.
-    up : "auto" or an axis, "x" to "-z", optional
-        The axis of the files that is up, instead of what the request says.
     posed : bool
         Whether several scans must have poses; without, each is in a world of its own.
 
     Raises
     ------
     InputError
-        Unusable files; several scans whose poses are not known, unless `posed` is off; no such axis.
+        Unusable files; several scans whose poses are not known, unless `posed` is off.
     """
     scene = next((path for path in request.paths if path.startswith("builtin:")), None)
     if scene is not None:
@@ -212,18 +215,7 @@ def read_request(request: ScanRequest, up: SignedAxis | None = None, *, posed: b
         paths = list(request.paths) * (len(scans) // len(request.paths))
     else:
         scans, paths = _read_scans(request, posed=posed)
-    turn, sentence = turn_to_z(scans, request.up if up is None else up, of_points=bool(request.origins))
-    stays = np.array_equal(turn.matrix, np.eye(4))
-    given = GivenScans.of(scans if stays else [scan.transform(turn) for scan in scans])
-    given = replace(given, paths=tuple(paths))
-    return replace(given, doubts=(*given.doubts, sentence)) if sentence else given
-
-
-def turn_to_z(scans: Sequence[RangeImage], up: SignedAxis, *, of_points: bool) -> tuple[Pose, str]:
-    """Return the turn of a world of scans after which z is up, and a word about it where it was estimated."""
-    if up in ("x", "y", "z"):
-        return world_from_file_up(up), ""
-    return upright(scans, up, of_points=of_points)
+    return replace(GivenScans.of(scans), paths=tuple(paths))
 
 
 def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage], list[str]]:

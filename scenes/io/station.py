@@ -16,7 +16,7 @@ from scenes.io.guard import check_size
 from scenes.pose import Pose
 from scenes.scan.colour import colour_type
 from scenes.scan.projection import SphericalProjection
-from scenes.scan.range_image import RangeImage, saturation_start, saturation_warning
+from scenes.scan.range_image import POINTS_SENSOR, RangeImage, saturation_start, saturation_warning
 
 _N_SAMPLE = 20_000  # points whose neighbours are looked at
 _BINS = 1 << 19  # of angles, whose spectrum shows the steps
@@ -248,10 +248,7 @@ def scan_from_station(
         painted = np.where((chosen < 0)[..., None], 0, members[chosen]).astype(colour_type(colour))
     scan = RangeImage.from_points(image, bins.projection, pose, painted, name)
     x, y, z = stood
-    sensor = (
-        f"points projected to a spherical image from ({x:.10g}, {y:.10g}, {z:.10g}), {len(kept)} of "
-        f"{len(cloud)} kept"
-    )
+    sensor = f"{POINTS_SENSOR} from ({x:.10g}, {y:.10g}, {z:.10g}), {len(kept)} of {len(cloud)} kept"
     return scan.with_facts(sensor=sensor, warnings=tuple(sentences))
 
 

@@ -40,6 +40,8 @@ _FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name", "warnings")
 
 MESH_SENSOR = "cast at a mesh"
 """What `RangeImage.sensor` says of a scan that nobody took: it was cast at a mesh."""
+POINTS_SENSOR = "points projected to a spherical image"
+"""How the same begins of points that lost their grid, from the place where the scanner stood."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

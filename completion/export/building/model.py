@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -177,6 +177,19 @@ def cylinder_element(number: int, patch: Patch, surface: Cylinder, world: Pose) 
     )
 
 
+def matrix_text(drawing_from_world: Pose) -> str:
+    """Return the sixteen numbers of a turn of drawings, row by row; "" of none."""
+    matrix = drawing_from_world.matrix
+    is_turned = not np.array_equal(matrix, np.eye(4))
+    return " ".join(f"{number:.12g}" for number in matrix.ravel()) if is_turned else ""
+
+
+def told_turn(drawing_from_world: Pose) -> str:
+    """Return what a drawing says of its turn against the scans' world; "" of none."""
+    text = matrix_text(drawing_from_world)
+    return f"; z is up in the drawing: drawing_from_world {text}" if text else ""
+
+
 REST = "rest"
 """What no surface explains, which is surface 0."""
 
@@ -223,7 +236,7 @@ class OpeningOutline:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BuildingModel:
-    """What is drawn, in world coordinates.
+    """What is drawn, in coordinates whose z is up: the world's where its own is.
 
     Attributes
     ----------
@@ -253,6 +266,8 @@ class BuildingModel:
         Height of the lowest floor; None where none was found.
     errors : JointErrors
         How well the surfaces are known, jointly.
+    drawing_from_world : Pose
+        The turn from the world of the scans to this one, in which z is up.
     """
 
     vertices: FloatArray
@@ -268,6 +283,7 @@ class BuildingModel:
     cylinders: tuple[CylinderElement, ...]
     floor_m: float | None
     errors: JointErrors
+    drawing_from_world: Pose = field(default_factory=Pose.identity)
 
     @property
     def walls(self) -> tuple[PlaneElement, ...]:
@@ -292,6 +308,7 @@ def building_model(
     errors: JointErrors,
     *,
     world: Pose,
+    drawing_from_world: Pose,
 ) -> BuildingModel:
     """Return what drawings show of a completed model.
 
@@ -306,7 +323,9 @@ def building_model(
     errors : JointErrors
         How well the surfaces are known.
     world : Pose
-        From the working frame to the world.
+        From the working frame to that of drawings, z up; so are the polygons.
+    drawing_from_world : Pose
+        From the scans' world to it.
     """
     planes = [
         plane_element(int(surface["id"]), surface, patches[int(surface["id"]) - 1], world)
@@ -354,6 +373,7 @@ def building_model(
         cylinders=tuple(cylinders),
         floor_m=_lowest_floor(planes),
         errors=errors,
+        drawing_from_world=drawing_from_world,
     )
 
 

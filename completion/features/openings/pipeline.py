@@ -30,7 +30,7 @@ from completion.features.openings.recess import Recess, SideEstimate
 from completion.features.openings.rectangles import WallChart, propose
 from completion.features.openings.walls import Floor, Wall, WallBeams, WallFrame, wall_beams
 from completion.merging.merged_surface import MergedSurface
-from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
+from completion.merging.scan_surfaces import ScanSurfaces
 from completion.observe.observation import Observation
 from completion.registration.registered import pose_doubts
 from scenes.checks import FloatArray
@@ -381,30 +381,36 @@ def _is_same(fit: TemplateFit, other: TemplateFit) -> bool:
 
 
 def find_openings_of_scans(
-    scans: Sequence[RangeImage], kinds: Sequence[str], given: Mapping[str, Given], steps: Steps
+    scans: Sequence[RangeImage],
+    openings: ScanSurfaces,
+    kinds: Sequence[str],
+    given: Mapping[str, Given],
+    *,
+    steps: Steps,
+    up: FloatArray,
 ) -> tuple[list[TemplateFit], list[str]]:
     """Return the openings of registered scans, and doubts about poses and recesses; world coordinates.
-
-    Poses that contradict what was measured are corrected as in `complete`, in the world of the poses given.
 
     Parameters
     ----------
     scans : sequence of RangeImage
         Registered.
+    openings : ScanSurfaces
+        Their surfaces, those of completion.
     kinds : sequence of str
         Of "doorway", "window", "niche". What nobody saw the foot of may be a doorway or a window.
     given : mapping
         What a person knows of each kind.
     steps : Steps
         Where to run.
+    up : (3,) float
+        The direction that is up in their world.
     """
-    # 1. Surfaces: those of completion.
-    openings = find_surfaces(scans, SurfaceOptions(), steps)
     surfaces, observations, owners = openings.surfaces, openings.observations, openings.evidence(steps).owners
     world_from_reference = scans[0].world_from_sensor
 
-    # 2. Find: what is known of a kind holds for all that are sought with it.
-    up = world_from_reference.matrix[2, :3]
+    # 1. Find: what is known of a kind holds for all that are sought with it.
+    up = up @ world_from_reference.rotation
     fits: list[TemplateFit] = []
     for asked_kinds, known in _alike(kinds, given):
 
@@ -413,7 +419,7 @@ def find_openings_of_scans(
 
         fits += find_openings(surfaces, observations, owners, up, given=known, kinds=asked_kinds, each=each)
 
-    # 3. World: what was found in the frame of the first scan; points are those that came back, in turn.
+    # 2. World: what was found in the frame of the first scan; points are those that came back, in turn.
     valid = np.concatenate([scan.valid.ravel() for scan in scans])
     pose = world_from_reference
     moved = [

@@ -38,7 +38,7 @@ def is_single_camera(scans: Sequence[RangeImage]) -> bool:
 class ModelDrawings:
     """What was measured and what was inferred, ready for drawing.
 
-    `bounds` (2, 3) are those of nearly all of it, and `scans` in world coordinates.
+    `bounds` (2, 3) are those of nearly all of it, and `scans`; all in coordinates of drawings, z up.
     """
 
     model: MeshDrawing
@@ -53,7 +53,7 @@ class ModelDrawings:
         mesh = display_mesh(completion)
         mesh = mesh if in_colour else replace(mesh, appearance=None)
         bounds = solid_bounds(mesh) if len(mesh.faces) else np.zeros((2, 3))
-        return cls(MeshDrawing(mesh, n_threads=n_threads), bounds, completion.scans)
+        return cls(MeshDrawing(mesh, n_threads=n_threads), bounds, completion.drawn_scans)
 
     @property
     def is_empty(self) -> bool:

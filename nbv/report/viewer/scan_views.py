@@ -119,7 +119,7 @@ _NO_SURFACE = 0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pieces:
-    """Small faces (m, 3) of one surface, of the remainder, or of many of these; world coordinates.
+    """Small faces (m, 3) of one surface, of the remainder, or of many of these; coordinates of drawings.
 
     Of each face: the surface's `number`, `provenance`, `sd` in metres, `confidence`, `colour` (m, 3, 3) and
     `uv` (m, 3, 2) of its corners, and `image`, which is -1 without a texture.
@@ -153,12 +153,12 @@ def completion_view(
     is_room: bool,
     camera: Camera | None = None,
 ) -> Viewer:
-    """Return the view of a completed model, in the world coordinates of its scans.
+    """Return the view of a completed model, z up.
 
     A room is looked into from outside; `camera` is where it is seen from at first.
     """
-    world = completion.world_from_reference
-    scans = [with_known_noise(scan) for scan in completion.scans]
+    world = completion.drawing_from_reference
+    scans = [with_known_noise(scan) for scan in completion.drawn_scans]
     atlas = completion.atlas
     occluders = set(find_occluders(completion.patches))
     textured = completion.textured
@@ -247,7 +247,7 @@ def _pieces(completion: CompletedModel, part: TexturedPart, limit_m2: float) -> 
     row, column = np.clip(np.floor(middle[:, 5:]).astype(np.int64), 0, top).T
     n = len(parts)
     return _Pieces(
-        vertices=completion.world_from_reference.apply(parts[..., :3].reshape(-1, 3)),
+        vertices=completion.drawing_from_reference.apply(parts[..., :3].reshape(-1, 3)),
         faces=np.arange(3 * n, dtype=np.int32).reshape(-1, 3),
         number=np.full(n, part.number, np.uint16),
         provenance=np.full(n, int(part.provenance), np.uint16),
@@ -265,7 +265,7 @@ def _remainder(completion: CompletedModel) -> _Pieces:
     faces = remainder.faces
     n = len(faces)
     return _Pieces(
-        vertices=completion.world_from_reference.apply(remainder.vertices),
+        vertices=completion.drawing_from_reference.apply(remainder.vertices),
         faces=faces,
         number=np.full(n, _NO_SURFACE, np.uint16),
         provenance=np.zeros(n, np.uint16),

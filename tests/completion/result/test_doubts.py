@@ -14,6 +14,7 @@ from completion.observe.observation import PixelSet
 from completion.result.record import completion_record
 from nbv.cli import app
 from nbv.report.completion_report import pose_sections
+from scenes.inclination import Up
 from scenes.io.scan_files import write_scan
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
@@ -32,7 +33,9 @@ def wall(stray_m: float, sigma_m: float) -> RangeImage:
 def test_a_surface_whose_points_miss_it_by_centimetres_is_told_unless_the_noise_explains_it(
     stray, sigma, told
 ):
-    options = CompletionOptions(texture=False, segmentation=SegmentationOptions(flatness_m=0.03))
+    options = CompletionOptions(
+        texture=False, up=Up.along("z"), segmentation=SegmentationOptions(flatness_m=0.03)
+    )
     completion = complete(wall(stray, sigma), options, rng=0)
     assert len(completion.patches) == 1
     assert len(completion.warnings) == told
@@ -44,7 +47,7 @@ def test_a_surface_whose_points_miss_it_by_centimetres_is_told_unless_the_noise_
 
 
 def test_what_single_frames_took_for_surfaces_is_counted():
-    seen = complete(wall(0.002, 0.002), CompletionOptions(texture=False), rng=0)
+    seen = complete(wall(0.002, 0.002), CompletionOptions(texture=False, up=Up.along("z")), rng=0)
     assert seen.unconfirmed == UnconfirmedRegions(0, 0)
     assert "unconfirmed" not in completion_record(seen)
     (plane,) = seen.measured_surfaces.regions[0]
@@ -60,7 +63,7 @@ def test_what_single_frames_took_for_surfaces_is_counted():
 def test_poses_that_contradict_each_other_are_told_with_numbers_by_pair():
     scans = [scan(0), scan(1), misplaced(scan(2), 0.5, 0.03, 0)]
     good, bad, kept = (
-        complete(some, CompletionOptions(texture=False, moves_scans=moves), rng=0)
+        complete(some, CompletionOptions(texture=False, up=Up.along("z"), moves_scans=moves), rng=0)
         for some, moves in ((scans[:2], True), (scans, True), (scans, False))
     )
     assert good.warnings == ()
@@ -76,7 +79,10 @@ def test_poses_that_contradict_each_other_are_told_with_numbers_by_pair():
         assert [one["scan"] for one in record["scans"]] == [1, 2, 3]
         (section,) = pose_sections(found.registration)
         assert len(section.blocks[0].rows) == 3
-    assert pose_sections(complete(scans[0], CompletionOptions(texture=False)).registration) == ()
+    assert (
+        pose_sections(complete(scans[0], CompletionOptions(texture=False, up=Up.along("z"))).registration)
+        == ()
+    )
     assert completion_record(bad)["poses"]["scans"][2]["moved_m"] > 0.005
     assert completion_record(kept)["poses"]["scans"][2]["error_m"] > 0.01
 

@@ -3,6 +3,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -160,9 +161,11 @@ def test_the_files_of_a_next_station_serve_as_a_plan(following, tmp_path):
     assert found["stations"] == 2
 
 
-def test_up_turns_the_world_of_the_scans(taken):
-    paths = ScanRequest((str(taken / "a.npz"), str(taken / "b.npz")))
-    flat, lying = (read_request(paths, up).scans for up in ("z", "y"))
+def test_up_turns_nothing_but_for_planners(taken):
+    paths = ScanRequest((str(taken / "a.npz"), str(taken / "b.npz")), up="y")
+    given = read_request(paths)
+    flat, lying = given.scans, given.with_z_up("y").scans
+    assert flat[0].origin.tolist() == read_request(replace(paths, up="z")).scans[0].origin.tolist()
     for one, other in zip(flat, lying, strict=True):
         x, y, z = one.origin
         assert other.origin.tolist() == pytest.approx([x, -z, y])  # y of the file is up

@@ -14,6 +14,7 @@ from completion.features.openings.pipeline import find_openings_of_scans
 from completion.features.openings.recess import Recess, expect, fit_depth, fit_side, log_likelihoods, recesses
 from completion.features.openings.rectangles import best_rectangle
 from completion.features.openings.walls import WallBeams, odds_of
+from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
 from scenes.pose import Pose
 from scenes.run.journal import NO_JOURNAL
 from scenes.run.steps import Steps
@@ -26,7 +27,9 @@ KINDS = ("doorway", "window", "niche")
 
 def find(*scans, given=None):
     with Steps.over([scan.ranges.size for scan in scans], 1, None, NO_JOURNAL) as steps:
-        return find_openings_of_scans(scans, KINDS, given or {}, steps)
+        surfaces = find_surfaces(scans, SurfaceOptions(), steps)
+        up = np.array([0.0, 0.0, 1.0])
+        return find_openings_of_scans(scans, surfaces, KINDS, given or {}, steps=steps, up=up)
 
 
 def test_the_best_rectangle_is_that_of_trying_all():

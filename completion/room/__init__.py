@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The room that scans show: up, levels, walls, and what bounds it."""

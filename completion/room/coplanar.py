@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: MIT
+"""Coplanar pieces: floors, ceilings and walls of which only pieces were seen, joined where errors allow it.
+
+Merging joins what a hidden strip parts. A floor behind chairs comes in pieces that no strip joins; but pieces
+that lie in one plane, as well as both are known, and that are the lowest level or stand upright, are of one
+floor or wall far more often than of two that happen to lie so. What is between them is not decided by this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import ndimage
+
+from completion.merging.merged_surface import MergedSurface, number_pixels
+from completion.observe.observation import Observation, PixelSet, ScanPixels
+from completion.observe.refitting import refit_each
+from completion.room import limits
+from completion.room.planes import RoomPlane
+from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.inclination import Up
+
+LEVEL_UP, LEVEL_DOWN, UPRIGHT, OTHER = 1, -1, 2, 0
+
+
+def join_coplanar(
+    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], flatness_m: float, up: Up
+) -> list[MergedSurface]:
+    """Return surfaces, largest first, of which pieces of one floor, ceiling or wall are one.
+
+    Level pieces join where theirs is the lowest level that faces up, or the highest that faces down: tables
+    of one height stay apart. A group is fitted anew to all its points; pieces that are no part of it by this
+    fit leave it. Points of no surface that lie on a floor or wall are then taken up.
+
+    Parameters
+    ----------
+    surfaces : sequence of MergedSurface
+        Working frame.
+    observations : sequence of Observation
+        The scans.
+    flatness_m : float
+        By how much real surfaces stray from planes, metres.
+    up : Up
+        Which way is up in the working frame.
+    """
+    looked_at = [RoomPlane.of(surface, observations, flatness_m) for surface in surfaces]
+    planes = [plane for plane in looked_at if plane is not None]
+    kinds = [_kind(plane, up) for plane in planes]
+    outermost = _outermost_levels(planes, kinds, observations, up)
+    joined = [surface for surface, plane in zip(surfaces, looked_at, strict=True) if plane is None]
+    for group in _coplanar_groups(planes, kinds, up):
+        pieces = [planes[k] for k in group]
+        if len(group) > 1 and (kinds[group[0]] == UPRIGHT or outermost & set(group)):
+            joined += _fit_group(pieces, observations, flatness_m)
+        else:
+            joined += [piece.surface for piece in pieces]
+    joined.sort(key=lambda surface: -surface.n_pixels)
+    return _absorb(joined, observations, flatness_m, up)
+
+
+def _kind(plane: RoomPlane, up: Up) -> int:
+    """Whether a plane is level and faces up or down, upright, or neither."""
+    inclination = plane.surface.fit.inclination(up.direction, up.sd_deg)
+    if inclination.is_level:
+        return LEVEL_UP if float(plane.normal @ up.direction) > 0 else LEVEL_DOWN
+    return UPRIGHT if inclination.is_upright else OTHER
+
+
+def _coplanar_groups(planes: Sequence[RoomPlane], kinds: Sequence[int], up: Up) -> list[list[int]]:
+    """Planes by number, those in groups that may be one, largest first in each."""
+    groups: list[list[int]] = []
+    for k in sorted(range(len(planes)), key=lambda number: -planes[number].area_m2):
+        scores = [
+            _deviations_apart(planes[k], planes[group[0]], kinds[k], up)
+            if kinds[k] == kinds[group[0]] != OTHER
+            else np.inf
+            for group in groups
+        ]
+        best = int(np.argmin(scores)) if scores else -1
+        if best >= 0 and scores[best] < limits.COPLANAR_SD:
+            groups[best].append(k)
+        else:
+            groups.append([k])
+    return groups
+
+
+def _deviations_apart(piece: RoomPlane, larger: RoomPlane, kind: int, up: Up) -> float:
+    """By how many deviations two pieces of a kind are off one plane; inf where that is not told or too many.
+
+    The lever from one to the other makes the tilt of the larger one count, or that of up.
+    """
+    axis, between = up.direction, piece.middle - larger.middle
+    lean = np.radians(limits.LEAN_DEG)
+    if kind == UPRIGHT:
+        axis, other = (_level_part(plane.normal, up.direction) for plane in (larger, piece))
+        most = np.radians(limits.LEAN_DEG) + 3 * np.hypot(piece.tilt_sd, larger.tilt_sd)
+        if float(axis @ other) < np.cos(min(most, np.radians(limits.WIDEST_TURN_DEG))):
+            return np.inf
+        tilt = np.hypot(larger.tilt_sd, lean / 2)
+    else:
+        tilt = min(float(np.radians(up.sd_deg)), larger.tilt_sd + lean / 2)
+    off = float(between @ axis)
+    lever = float(np.linalg.norm(between - off * axis))
+    sd = float(np.sqrt(piece.sd_m**2 + larger.sd_m**2 + (lever * tilt) ** 2 + (lever * limits.BOW) ** 2))
+    log_odds = np.log(limits.OTHERS_WITHIN_M / (np.sqrt(2 * np.pi) * sd)) - (off / sd) ** 2 / 2
+    if sd > limits.COPLANAR_M or log_odds < np.log(limits.COPLANAR_ODDS):
+        return np.inf
+    return abs(off) / sd
+
+
+def _level_part(normal: FloatArray, up: FloatArray) -> FloatArray:
+    level = normal - float(normal @ up) * up
+    return np.asarray(level / max(float(np.linalg.norm(level)), 1e-9))
+
+
+def _outermost_levels(
+    planes: Sequence[RoomPlane], kinds: Sequence[int], observations: Sequence[Observation], up: Up
+) -> set[int]:
+    """Numbers of level planes beyond which hardly anything was measured: of floors and ceilings."""
+    points, sigma = _sample(observations)
+    eye = float(np.mean([seen.scan.origin for seen in observations], axis=0) @ up.direction)
+    heights, outermost = points @ up.direction, set()
+    for k, plane in enumerate(planes):
+        if kinds[k] not in (LEVEL_UP, LEVEL_DOWN):
+            continue
+        side, at = kinds[k], float(plane.middle @ up.direction)
+        beyond = (heights - at) * side < -(limits.BEYOND_M + 3 * sigma)
+        below = limits.FLOOR_BELOW_M if side > 0 else limits.CEILING_ABOVE_M
+        if (eye - at) * side > below and beyond.mean() < limits.BEYOND_SHARE:
+            outermost.add(k)
+    return outermost
+
+
+def _sample(observations: Sequence[Observation]) -> tuple[FloatArray, FloatArray]:
+    """Some measured points (n, 3) of all scans, and what each strays by (n,)."""
+    n_valid = sum(int(np.count_nonzero(seen.valid)) for seen in observations)
+    step = max(1, n_valid // limits.N_BEAMS)
+    pixels = [np.flatnonzero(seen.valid)[::step] for seen in observations]
+    points = [seen.points_at(some) for seen, some in zip(observations, pixels, strict=True)]
+    sigma = [seen.sigma_at(some) for seen, some in zip(observations, pixels, strict=True)]
+    return np.concatenate(points), np.concatenate(sigma)
+
+
+def _fit_group(
+    pieces: Sequence[RoomPlane], observations: Sequence[Observation], flatness_m: float
+) -> list[MergedSurface]:
+    """Pieces as one surface, less those that are no part of it by the fit to all of them."""
+    pieces, apart = list(pieces), list[MergedSurface]()
+    while len(pieces) > 1:
+        pixels = _union([piece.surface.pixels for piece in pieces])
+        (fit,) = refit_each([pieces[0].plane], observations, [pixels], flatness_m, n_rounds=2)
+        if fit is None:
+            break
+        middle = np.average(
+            [piece.middle for piece in pieces], axis=0, weights=[piece.area_m2 for piece in pieces]
+        )
+        lever = [float(np.linalg.norm(piece.middle - middle)) for piece in pieces]
+        sd = [float(np.hypot(piece.sd_m, limits.BOW * lever[k])) for k, piece in enumerate(pieces)]
+        off = [float(fit.surface.distance(piece.points).mean()) for piece in pieces]
+        square = [float((fit.surface.distance(piece.points) ** 2).mean()) for piece in pieces]
+        shifted = abs(off[0]) > limits.SHIFTED_SD * sd[0]
+        rough = [
+            square[k] > limits.ROUGHER * (piece.surface.fit.rms**2 + (3 * sd[k]) ** 2)
+            or abs(off[k]) > limits.COPLANAR_SD * sd[k]
+            for k, piece in enumerate(pieces)
+        ]
+        if not any(rough[1:]) and not shifted:
+            n_parts = sum(piece.surface.n_parts for piece in pieces)
+            return [MergedSurface(fit, pixels, n_parts), *apart]
+        able = [k for k in range(1, len(pieces)) if rough[k] or not any(rough[1:])]
+        worst = max(able, key=lambda k: square[k])
+        apart.append(pieces.pop(worst).surface)
+    return [*(piece.surface for piece in pieces), *apart]
+
+
+def _union(sets: Sequence[ScanPixels]) -> ScanPixels:
+    """All pixels of sets that have none in common."""
+    by_scan: dict[int, list[PixelSet]] = {}
+    for pixels in sets:
+        for scan, held in pixels.held:
+            by_scan.setdefault(scan, []).append(held)
+    joined = tuple((scan, PixelSet.union(some, some[0].shape)) for scan, some in sorted(by_scan.items()))
+    return ScanPixels(joined, sets[0].shapes)
+
+
+def _absorb(
+    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], flatness_m: float, up: Up
+) -> list[MergedSurface]:
+    """Surfaces of which level and upright planes also hold the points of no surface that lie on them.
+
+    They widen what is measured, and take no part in the fit: feet and skirtings pull on one side.
+    """
+    whole = sum(surface.n_pixels for surface in surfaces)
+    able = {}
+    for k, surface in enumerate(surfaces):
+        plane = RoomPlane.of(surface, observations, flatness_m)
+        is_large = surface.n_pixels > limits.ABSORBING_SHARE * whole
+        if is_large and plane is not None and plane.area_m2 > limits.ABSORBING_M2 and _kind(plane, up):
+            able[k] = plane
+    more: dict[int, list[tuple[int, PixelSet]]] = {k: [] for k in able}
+    for scan, seen in enumerate(observations):
+        owner = number_pixels(surfaces, scan, seen)
+        free = np.flatnonzero((owner.ravel() == 0) & seen.valid.ravel())
+        nearest = _nearest_plane(free, seen, able, flatness_m)
+        for k in able:
+            on = np.zeros(owner.size, dtype=np.bool_)
+            on[free[nearest == k]] = True
+            on = _coherent(on.reshape(owner.shape), owner == k + 1, seen.valid.reshape(owner.shape))
+            if on.any():
+                more[k].append((scan, PixelSet.of(on)))
+    grown = []
+    for k, surface in enumerate(surfaces):
+        if more.get(k):
+            added = ScanPixels(tuple(more[k]), surface.pixels.shapes)
+            surface = MergedSurface(surface.fit, _union([surface.pixels, added]), surface.n_parts)
+        grown.append(surface)
+    return sorted(grown, key=lambda surface: -surface.n_pixels)
+
+
+def _nearest_plane(
+    pixels: IntArray, seen: Observation, planes: dict[int, RoomPlane], flatness_m: float
+) -> IntArray:
+    """The plane (n,) that each of some flat pixels (n,) lies on, by number; -1 for none."""
+    points, sigma = seen.points_at(pixels), seen.sigma_at(pixels)
+    nearest, least = np.full(len(pixels), -1), np.full(len(pixels), limits.ON_PLANE_SD)
+    for k, plane in planes.items():
+        fit = plane.surface.fit
+        sd = np.sqrt(sigma**2 + flatness_m**2 + fit.standard_deviation(points) ** 2)
+        off = np.abs(fit.surface.distance(points)) / np.maximum(sd, 1e-9)
+        is_before = float(plane.plane.distance(seen.scan.origin[None])[0]) > 0
+        nearer = (off < least) & (sd < limits.ON_PLANE_M) & is_before
+        nearest[nearer], least[nearer] = k, off[nearer]
+    return nearest
+
+
+def _coherent(on: BoolArray, own: BoolArray, valid: BoolArray) -> BoolArray:
+    """Of pixels on a plane, those among others of it, in parts that touch its own or are no small specks."""
+    both = (on | own).astype(np.float32)
+    around = ndimage.uniform_filter(both, limits.AROUND_PX)
+    filled = ndimage.uniform_filter(valid.astype(np.float32), limits.AROUND_PX)
+    kept: BoolArray = on & (around > 0.5 * np.maximum(filled, 0.2))
+    part, n_parts = ndimage.label(kept | own)
+    if not n_parts:
+        return kept
+    n_new = np.bincount(part.ravel(), kept.ravel())
+    n_own = np.bincount(part.ravel(), own.ravel())
+    is_part = (n_own > 0) | (n_new >= limits.SPECK_PX)
+    is_part[0] = False
+    return np.asarray(kept & is_part[part])

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: MIT
+"""Limits of the room: how things are built and sensors held.
+
+Where no measurement is named, a limit was set by eye.
+"""
+
+from __future__ import annotations
+
+# Which way is up: densities of directions, degrees
+
+LEAN_DEG = 1.0
+"""Degrees: how far built floors and walls lean from level and upright, one standard deviation.
+
+DIN 18202 allows .2 to .6 deg over 1 to 4 m.
+"""
+WIDEST_DEG = 20.0
+"""Degrees: standard deviation of a plane's normal at most; what is known less tells nothing either way."""
+LEVEL_SHARE = 0.30
+"""Share of planes that are level, of those by whose normals up is found. By eye, as the next ones."""
+FACING_UP = 1.5
+"""How many times as often a level plane is seen from above as it would be by chance: sensors stand low."""
+ALONG_SHARE = 0.35
+"""Share that is upright along one of two horizontal directions at right angles: walls, furniture."""
+UPRIGHT_SHARE = 0.12
+"""Share that is upright in any direction."""
+MOST_PLANES = 8.0
+"""Planes of the largest one's weight that count at most: pieces of one wall are not independent."""
+ROLL_DEG = 8.0
+"""Degrees: how far cameras are held from level sideways, one standard deviation."""
+PITCH_DEG = (20.0, 28.0)
+"""Degrees: how far cameras look down, mean and standard deviation."""
+HELD_SHARE, FILE_SHARE = 0.75, 0.15
+"""Prior shares of cameras that are held so, and of those whose world has z up; the rest are held anyhow."""
+FILE_DEG = 1.5
+"""Degrees: how far z of a world of cameras is from up where it is meant to be."""
+SCANNER_SHARE, SCANNER_DEG = 0.99, 5.0
+"""Prior share of turning scanners that stand upright, and how well, degrees, one standard deviation."""
+FILE_AXES = (0.6, 0.25)
+"""Prior shares of files of points whose z is up, and whose y is up as in computer graphics."""
+LEAST_FACING = 0.5
+"""Cosine between the cameras' mean up and z from which z of their world may be meant as up."""
+LEAST_TURNED = 0.8
+"""Length of the cameras' mean viewing direction from which they look one way, so that they have a roll."""
+MARGIN = 20.0
+"""Odds within which planes do not decide between two directions: pieces of a wall are not independent."""
+PRIOR_MARGIN = 5.0
+"""Odds by which the sensor's attitude must then decide between them."""
+APART_DEG = 10.0
+"""Degrees from which two directions are different answers to what is up."""
+N_LARGEST, N_CROSSED = 30, 14
+"""How many of the largest planes' normals are tried as up, and of how many the cross products."""
+LEAST_CROSS = 0.7
+"""Sine between two normals from which their cross product is tried."""
+N_REFINED, REFINED_DEG = 16, 4.0
+"""How many of the best directions, so far apart in degrees, are refined."""
+EXACT_SD = 2.0
+"""Standard deviations within which up is taken to be an axis of the world itself: it was meant to be."""
+
+# Pieces of one plane
+
+COPLANAR_SD = 2.5
+"""Deviations up to which two pieces may be off one plane."""
+COPLANAR_M = 0.04
+"""Metres: deviation up to which it is told at all: 4 cm at 3 sd would join across 24 cm."""
+COPLANAR_ODDS, OTHERS_WITHIN_M = 5.0, 2.0
+"""Odds for one plane against another one anywhere within so many metres."""
+BOW = 0.002
+"""Metres a metre: how far built floors and walls stray from planes over a distance; DIN 18202 allows 3 mm."""
+WIDEST_TURN_DEG = 15.0
+"""Degrees about the vertical up to which pieces of a wall may be turned against each other."""
+SHIFTED_SD = 1.5
+"""Deviations by which the fit to all may shift the largest piece."""
+ROUGHER = 1.2
+"""How much larger a piece's mean square about the fit to all may be than about its own."""
+BEYOND_M, BEYOND_SHARE = 0.05, 0.05
+"""Metres beyond a level, and the share of the points there, up to which nothing lies beyond it."""
+FLOOR_BELOW_M, CEILING_ABOVE_M = 0.9, 0.4
+"""Metres: how far a floor lies below the mean height of the sensors at least, and a ceiling above it."""
+N_BEAMS = 20_000
+"""Beams that are looked at for this."""
+ABSORBING_M2, ABSORBING_SHARE = 0.04, 0.01
+"""Square metres, and the share of all surfaces' pixels, from which a plane takes up points of no surface."""
+ON_PLANE_SD, ON_PLANE_M = 2.5, 0.02
+"""Deviations up to which such points lie on it, and the deviation in metres up to which that is told."""
+AROUND_PX, SPECK_PX = 7, 60
+"""Pixels across of the window most of which must lie on it, and from which a part of them is no speck."""

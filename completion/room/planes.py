@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: MIT
+"""Planes as the room sees them: how large each is, where it lies, how well its place and tilt are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from completion.fitting.result import allow_for_warp
+from completion.merging.merged_surface import MergedSurface
+from completion.observe.observation import Observation
+from completion.room import limits
+from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Plane
+
+_N_POINTS = 800  # of a plane that are looked at
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomPlane:
+    """A plane of the room, working frame.
+
+    Attributes
+    ----------
+    surface : MergedSurface
+        The surface; its normal points to the sensor.
+    plane : Plane
+        Its plane.
+    points : (n, 3) float
+        A sample of its points, metres.
+    area_m2 : float
+        Of what was measured of it, by the pixels' solid angles.
+    tilt_sd : float
+        Standard deviation of its normal, with its warp, radians; at most `limits.WIDEST_DEG`.
+    sd_m : float
+        Standard deviation of its place along the normal in the middle of its points, metres.
+    bias_m : float
+        What its points share: the sensor's bias there, and how far real surfaces stray from planes, metres.
+    sigma_m : float
+        What single points stray by, metres.
+    """
+
+    surface: MergedSurface
+    plane: Plane
+    points: FloatArray
+    area_m2: float
+    tilt_sd: float
+    sd_m: float
+    bias_m: float
+    sigma_m: float
+
+    @classmethod
+    def of(
+        cls, surface: MergedSurface, observations: Sequence[Observation], flatness_m: float
+    ) -> RoomPlane | None:
+        """Look at a surface; None where it is no plane."""
+        plane = surface.fit.surface
+        if not isinstance(plane, Plane):
+            return None
+        area, squares, points, sigmas = 0.0, 0.0, [np.zeros((0, 3))], [np.zeros(0)]
+        for seen, pixels in surface.sampled_by(observations, _N_POINTS):
+            points.append(seen.points_at(pixels))
+            sigmas.append(seen.sigma_at(pixels))
+            ranges = seen.scan.ranges.ravel()[pixels]
+            cosine = np.abs(seen.rays_at(pixels) @ plane.normal_direction).clip(0.05)
+            area += float(((ranges * seen.scan.projection.pixel_angle) ** 2 / cosine).sum())
+            squares += float((seen.noise.bias(ranges) ** 2).sum())
+        sample = np.concatenate(points)
+        if not len(sample):
+            return None
+        bias = float(np.hypot(np.sqrt(squares / len(sample)), flatness_m))
+        slopes = allow_for_warp(surface.fit, sample, bias).covariance[1:, 1:]
+        tilt = float(np.sqrt(max(float(np.linalg.eigvalsh(slopes)[-1]), 0.0)))
+        middle = surface.fit.standard_deviation(sample.mean(axis=0)[None])[0]
+        return cls(
+            surface=surface,
+            plane=plane,
+            points=sample,
+            area_m2=area * surface.n_pixels / len(sample),
+            tilt_sd=min(tilt, float(np.radians(limits.WIDEST_DEG))),
+            sd_m=float(np.hypot(middle, bias)),
+            bias_m=bias,
+            sigma_m=float(np.concatenate(sigmas).mean()),
+        )
+
+    @property
+    def normal(self) -> FloatArray:
+        """Unit normal (3,) towards the sensor."""
+        return self.plane.normal_direction
+
+    @property
+    def middle(self) -> FloatArray:
+        """The middle (3,) of its points."""
+        return np.asarray(self.points.mean(axis=0))
