@@ -32,7 +32,7 @@ from completion.result.completed_model import CompletedSurfaces
 from completion.result.completion import Completion
 from completion.result.flat_scans import flatten_scan
 from completion.result.verification import Verification, compare_patches, unowned_scans
-from completion.room.up import find_up
+from completion.room.pipeline import find_room
 from completion.texturing.chart_texture import ChartTexture
 from completion.texturing.pipeline import choose_search, texture_patch
 from completion.uncertainty.pipeline import state_fits
@@ -138,7 +138,8 @@ def continue_surfaces(
         Where to run.
     """
     observations, flatness_m = scan_surfaces.observations, scan_surfaces.tolerance.flatness_m
-    stated_up = options.up or find_up(scan_surfaces, world_from_reference)
+    across = Cue.MERGING in options.cues
+    stated_up, scan_surfaces = find_room(scan_surfaces, world_from_reference, options.up, across=across)
     up: FloatArray = stated_up.direction @ world_from_reference.rotation
 
     # 1. Edit and relate: join and part as a person says; infer relations of surfaces, and impose them.

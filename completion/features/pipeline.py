@@ -27,7 +27,7 @@ from completion.features.solids import KINDS as SOLIDS
 from completion.features.solids import find_solids
 from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
 from completion.observe.range_noise import estimate_noise
-from completion.room.up import find_up
+from completion.room.pipeline import find_room
 from scenes.checks import FloatArray, InputError, IntArray, check_points, check_rng
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress, Steps
@@ -173,7 +173,7 @@ def find_features(
             with Steps.over(sizes, n_threads, progress, journal) as steps:
                 surfaces = find_surfaces(material, SurfaceOptions(), steps)
                 if up is None:
-                    estimate = find_up(surfaces, pose)
+                    estimate, surfaces = find_room(surfaces, pose)
                     upward, doubts = estimate.direction, [estimate.word] if estimate.word else []
                 if openings:
                     fits, sentences = find_openings_of_scans(

@@ -17,7 +17,7 @@ from completion.merging.merged_surface import MergedSurface, number_pixels
 from completion.observe.observation import Observation, PixelSet, ScanPixels
 from completion.observe.refitting import refit_each
 from completion.room import limits
-from completion.room.planes import RoomPlane
+from completion.room.planes import Beams, RoomPlane, level_role
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.inclination import Up
 
@@ -25,7 +25,11 @@ LEVEL_UP, LEVEL_DOWN, UPRIGHT, OTHER = 1, -1, 2, 0
 
 
 def join_coplanar(
-    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], flatness_m: float, up: Up
+    surfaces: Sequence[MergedSurface],
+    looked_at: Sequence[RoomPlane | None],
+    observations: Sequence[Observation],
+    flatness_m: float,
+    up: Up,
 ) -> list[MergedSurface]:
     """Return surfaces, largest first, of which pieces of one floor, ceiling or wall are one.
 
@@ -37,6 +41,8 @@ def join_coplanar(
     ----------
     surfaces : sequence of MergedSurface
         Working frame.
+    looked_at : sequence of RoomPlane or None
+        Each of them as a plane, None where it is none.
     observations : sequence of Observation
         The scans.
     flatness_m : float
@@ -44,7 +50,6 @@ def join_coplanar(
     up : Up
         Which way is up in the working frame.
     """
-    looked_at = [RoomPlane.of(surface, observations, flatness_m) for surface in surfaces]
     planes = [plane for plane in looked_at if plane is not None]
     kinds = [_kind(plane, up) for plane in planes]
     outermost = _outermost_levels(planes, kinds, observations, up)
@@ -117,29 +122,14 @@ def _level_part(normal: FloatArray, up: FloatArray) -> FloatArray:
 def _outermost_levels(
     planes: Sequence[RoomPlane], kinds: Sequence[int], observations: Sequence[Observation], up: Up
 ) -> set[int]:
-    """Numbers of level planes beyond which hardly anything was measured: of floors and ceilings."""
-    points, sigma = _sample(observations)
+    """Numbers of the level planes that are floors and ceilings."""
+    beams = Beams.of(observations)
     eye = float(np.mean([seen.scan.origin for seen in observations], axis=0) @ up.direction)
-    heights, outermost = points @ up.direction, set()
-    for k, plane in enumerate(planes):
-        if kinds[k] not in (LEVEL_UP, LEVEL_DOWN):
-            continue
-        side, at = kinds[k], float(plane.middle @ up.direction)
-        beyond = (heights - at) * side < -(limits.BEYOND_M + 3 * sigma)
-        below = limits.FLOOR_BELOW_M if side > 0 else limits.CEILING_ABOVE_M
-        if (eye - at) * side > below and beyond.mean() < limits.BEYOND_SHARE:
-            outermost.add(k)
-    return outermost
-
-
-def _sample(observations: Sequence[Observation]) -> tuple[FloatArray, FloatArray]:
-    """Some measured points (n, 3) of all scans, and what each strays by (n,)."""
-    n_valid = sum(int(np.count_nonzero(seen.valid)) for seen in observations)
-    step = max(1, n_valid // limits.N_BEAMS)
-    pixels = [np.flatnonzero(seen.valid)[::step] for seen in observations]
-    points = [seen.points_at(some) for seen, some in zip(observations, pixels, strict=True)]
-    sigma = [seen.sigma_at(some) for seen, some in zip(observations, pixels, strict=True)]
-    return np.concatenate(points), np.concatenate(sigma)
+    return {
+        number
+        for number, plane in enumerate(planes)
+        if kinds[number] in (LEVEL_UP, LEVEL_DOWN) and level_role(plane, beams, up.direction, eye)
+    }
 
 
 def _fit_group(
@@ -194,9 +184,9 @@ def _absorb(
     whole = sum(surface.n_pixels for surface in surfaces)
     able = {}
     for k, surface in enumerate(surfaces):
-        plane = RoomPlane.of(surface, observations, flatness_m)
         is_large = surface.n_pixels > limits.ABSORBING_SHARE * whole
-        if is_large and plane is not None and plane.area_m2 > limits.ABSORBING_M2 and _kind(plane, up):
+        plane = RoomPlane.of(surface, observations, flatness_m) if is_large else None
+        if plane is not None and plane.area_m2 > limits.ABSORBING_M2 and _kind(plane, up) != OTHER:
             able[k] = plane
     more: dict[int, list[tuple[int, PixelSet]]] = {k: [] for k in able}
     for scan, seen in enumerate(observations):

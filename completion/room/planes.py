@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -94,3 +95,38 @@ class RoomPlane:
     def middle(self) -> FloatArray:
         """The middle (3,) of its points."""
         return np.asarray(self.points.mean(axis=0))
+
+
+Role = Literal["floor", "ceiling", "wall", ""]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beams:
+    """Some beams of all scans: origins and points (n, 3), and what each point strays by (n,), metres."""
+
+    origin: FloatArray
+    point: FloatArray
+    sigma: FloatArray
+
+    @classmethod
+    def of(cls, observations: Sequence[Observation], most: int = limits.N_BEAMS) -> Beams:
+        """Take every so many of them that there are at most about `most`."""
+        step = max(1, sum(int(np.count_nonzero(seen.valid)) for seen in observations) // most)
+        pixels = [np.flatnonzero(seen.valid)[::step] for seen in observations]
+        pairs = list(zip(observations, pixels, strict=True))
+        origins = [np.broadcast_to(seen.scan.origin, (len(some), 3)) for seen, some in pairs]
+        points = [seen.points_at(some) for seen, some in pairs]
+        sigma = [seen.sigma_at(some) for seen, some in pairs]
+        return cls(np.concatenate(origins), np.concatenate(points), np.concatenate(sigma))
+
+
+def level_role(plane: RoomPlane, beams: Beams, up: FloatArray, eye: float) -> Role:
+    """Whether a level plane is a floor or a ceiling: hardly anything was measured beyond it."""
+    side, at = float(np.sign(plane.normal @ up)), float(plane.middle @ up)
+    slack = limits.OFF_LEVEL_M + 3 * np.hypot(beams.sigma, plane.bias_m)
+    beyond = ((beams.point @ up - at) * side < -slack).mean()
+    if plane.area_m2 < limits.LEAST_FLOOR_M2 or beyond >= limits.BEYOND_FLOOR:
+        return ""
+    if side > 0:
+        return "floor" if eye - at > limits.FLOOR_BELOW_M else ""
+    return "ceiling" if at - eye > limits.CEILING_ABOVE_M else ""

@@ -16,7 +16,6 @@ from itertools import combinations
 
 import numpy as np
 
-from completion.merging.scan_surfaces import ScanSurfaces
 from completion.observe.observation import Observation
 from completion.room import limits
 from completion.room.planes import RoomPlane
@@ -50,11 +49,9 @@ class PlaneNormals:
     weight: FloatArray
 
     @classmethod
-    def of(cls, scan_surfaces: ScanSurfaces, world_from_reference: Pose) -> PlaneNormals:
+    def of(cls, looked_at: Sequence[RoomPlane | None], world_from_reference: Pose) -> PlaneNormals:
         """Look at the planes among surfaces of the working frame."""
-        observations, flatness_m = scan_surfaces.observations, scan_surfaces.tolerance.flatness_m
-        every = (RoomPlane.of(each, observations, flatness_m) for each in scan_surfaces.surfaces)
-        planes = [plane for plane in every if plane is not None]
+        planes = [plane for plane in looked_at if plane is not None]
         area = np.array([plane.area_m2 for plane in planes])
         weight = np.sqrt(area / max(float(area.max(initial=0.0)), 1e-12))
         weight *= min(1.0, limits.MOST_PLANES / max(float(weight.sum()), 1e-12))
@@ -188,7 +185,9 @@ def _prior_of_cameras(cameras: FloatArray) -> tuple[LogPrior, FloatArray]:
     return log_prior, np.stack([_Z, held])
 
 
-def find_up(scan_surfaces: ScanSurfaces, world_from_reference: Pose) -> Up:
+def find_up(
+    planes: Sequence[RoomPlane | None], observations: Sequence[Observation], world_from_reference: Pose
+) -> Up:
     """Find which way is up in the world of scans.
 
     Of all directions whose posterior is within `limits.MARGIN` of the best, that with the greatest prior is
@@ -198,21 +197,22 @@ def find_up(scan_surfaces: ScanSurfaces, world_from_reference: Pose) -> Up:
 
     Parameters
     ----------
-    scan_surfaces : ScanSurfaces
-        What the scans show, working frame.
+    planes : sequence of RoomPlane or None
+        The planes among what the scans show, working frame.
+    observations : sequence of Observation
+        The scans.
     world_from_reference : Pose
         From the working frame to the world.
     """
-    observations = scan_surfaces.observations
-    planes = PlaneNormals.of(scan_surfaces, world_from_reference)
+    normals = PlaneNormals.of(planes, world_from_reference)
     log_prior, favoured = _prior(observations, world_from_reference)
-    tried = np.concatenate([favoured, planes.directions()])
-    score = log_prior(tried) + [planes.log_likelihood(up) for up in tried]
+    tried = np.concatenate([favoured, normals.directions()])
+    score = log_prior(tried) + [normals.log_likelihood(up) for up in tried]
     start = _spread(tried[np.argsort(-score, kind="stable")])
-    refined = [planes.refine(up) for up in start]
+    refined = [normals.refine(up) for up in start]
     ups, sd = np.array([up for up, _ in refined]), np.array([sd for _, sd in refined])
     prior = log_prior(ups)
-    posterior = prior + [planes.log_likelihood(up) for up in ups]
+    posterior = prior + [normals.log_likelihood(up) for up in ups]
     able = posterior > posterior.max() - np.log(limits.MARGIN)
     best = int(np.argmax(np.where(able, prior, -np.inf)))
     up, sd_deg = ups[best], float(np.degrees(sd[best]))

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
-from completion.room.up import find_up
+from completion.room.pipeline import find_room
 from nbv import PinholeSensor, scan_scene
 from nbv.cli import app
 from scenes import Pose, builtin_scene
@@ -25,7 +25,8 @@ from tests.helpers.long_cases import first_in_gate
 
 def estimate(scans: list[RangeImage]) -> Up:
     with Steps.over([scan.ranges.size for scan in scans], 1, None, NO_JOURNAL) as steps:
-        return find_up(find_surfaces(scans, SurfaceOptions(), steps), scans[0].world_from_sensor)
+        up, _ = find_room(find_surfaces(scans, SurfaceOptions(), steps), scans[0].world_from_sensor)
+        return up
 
 
 def lying(up: str) -> Pose:

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: MIT
+"""Room on one page: which way is up, and the floors, ceilings and walls that scans show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from completion.merging.scan_surfaces import ScanSurfaces
+from completion.room.coplanar import join_coplanar
+from completion.room.planes import RoomPlane
+from completion.room.up import find_up
+from scenes.inclination import Up
+from scenes.pose import Pose
+
+
+def find_room(
+    scan_surfaces: ScanSurfaces, world_from_reference: Pose, said: Up | None = None, *, across: bool = True
+) -> tuple[Up, ScanSurfaces]:
+    """Return which way is up in the world, and the surfaces, of which pieces of one wall or floor are one.
+
+    Parameters
+    ----------
+    scan_surfaces : ScanSurfaces
+        The surfaces that scans show, working frame.
+    world_from_reference : Pose
+        From the working frame to the world.
+    said : Up, optional
+        Which way is up, where a person says it.
+    across : bool
+        Whether pieces may be joined across what stood before them.
+    """
+    observations, flatness_m = scan_surfaces.observations, scan_surfaces.tolerance.flatness_m
+    planes = [RoomPlane.of(surface, observations, flatness_m) for surface in scan_surfaces.surfaces]
+
+    # 1. Up: by the planes, and by how sensors are held.
+    up = said or find_up(planes, observations, world_from_reference)
+
+    # 2. Join: pieces that lie in one plane, as well as they are known.
+    if not across:
+        return up, scan_surfaces
+    here = Up(up.direction @ world_from_reference.rotation, up.sd_deg)
+    joined = join_coplanar(scan_surfaces.surfaces, planes, observations, flatness_m, here)
+    return up, replace(scan_surfaces, surfaces=tuple(joined))
