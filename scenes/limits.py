@@ -10,32 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-# Which way is up: cosines of angles between normals, and shares of area
-ALIKE = np.cos(np.radians(6.0))
-"""6 deg: facets of floors and ceilings about the best up; walls lie as near to upright. By eye."""
-HELD = np.cos(np.radians(50.0))
-"""50 deg: how far from upright cameras are held. By eye."""
-EXACT = np.cos(np.radians(1.0))
-"""1 deg: within which up is an axis of the files itself: instruments are levelled better. By eye."""
-FLAT = np.cos(np.radians(3.0))
-"""3 deg: facets of one floor, from which heights are taken. By eye."""
-PLANAR = 0.05
-"""Of a facet's side: how far its fourth corner may lie off it; 3 deg. By eye."""
-WALL_WEIGHT = 0.3
-"""What a wall counts for, of the same area of floor. By eye."""
-CEILING_WEIGHT = 0.5
-"""What a ceiling counts for, of the same area of floor. By eye."""
-LEAST_LEVEL = 0.08
-"""Share of the area that must be level. By eye."""
-UPSIDE = 0.2
-"""Cosine to z (78 deg) from which a camera does not contradict level surface below it. By eye."""
-CLEAR_LEAD = 1.3
-"""How many times the score of z another axis must have: files of points and meshes are mostly z up. By
-eye."""
-ABOVE_FLOOR_M = 0.15
-"""Above the floor: what lies higher lies on something. By eye."""
+# Which axis of a mesh is up
 AXIS_LEAD = 1.15
-"""The same lead for the best axis of a mesh. By eye."""
+"""How many times the score of z another axis must have: meshes are mostly z up. By eye."""
 
 # Rooms and objects
 WALLED = 0.7

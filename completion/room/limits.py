@@ -83,31 +83,9 @@ ON_PLANE_SD, ON_PLANE_M = 2.5, 0.02
 AROUND_PX, SPECK_PX = 7, 60
 """Pixels across of the window most of which must lie on it, and from which a part of them is no speck."""
 
-# Roles
+# Floors and ceilings
 
-N_ROLE_BEAMS = 60_000
-"""Beams that are looked at for the roles of planes."""
-FLOOR_SHARE, WALL_SHARE = 0.002, 0.01
-"""Shares of all surfaces' pixels from which a level plane may be a floor, and an upright one a wall."""
-LEAST_FLOOR_M2, LEAST_WALL_M2, LEAST_WALL_M = 0.04, 0.15, 0.3
-"""Square metres of floors and walls at least, and metres of walls each way: smaller ones are of furniture."""
+LEAST_FLOOR_M2 = 0.04
+"""Square metres of a floor or ceiling at least."""
 OFF_LEVEL_M, BEYOND_FLOOR = 0.04, 0.03
 """Metres beyond a floor or ceiling, and the share of the points there, from which it is none."""
-PASSED_M = 0.06
-"""Metres behind a plane from which a beam's end passed it."""
-BESIDE_M = 2.0
-"""Metres beside a wall up to which beams that crossed its plane are kept: doors are sought there."""
-OUTLYING = 0.01
-"""Share of a plane's points left out on each side of its rectangle."""
-COLUMN_M = 0.1
-"""Metres: width of the columns in which beams above what was measured are looked for."""
-PASSED_COLUMNS, PASSED_BESIDE, PASSED_OVER = 0.5, 0.25, 0.02
-"""Shares of the columns, and of all beams beside and over it, up to which a plane is a wall."""
-PAST_END_M, CORNER_M, TO_CORNER_M = 0.1, 0.5, 1.5
-"""Metres a wall goes on past its end without a corner; another wall's end to the corner; and to a corner."""
-CORNER_SINE = 0.5
-"""Sine of the angle between two walls from which they have a corner."""
-ABOVE_FLOOR_M, BELOW_M, SLACK_M = 2.0, 0.3, 0.05
-"""Metres above the floor up to which a wall stands on it; below others; and slack of all its sides."""
-BEHIND_M, OPENING_M = 0.05, 0.08
-"""Metres behind a wall from which a place is behind it, and to a beam through it within which it is not."""
