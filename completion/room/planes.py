@@ -121,7 +121,10 @@ class Beams:
 
 
 def level_role(plane: RoomPlane, beams: Beams, up: FloatArray, eye: float) -> Role:
-    """Whether a level plane is a floor or a ceiling: hardly anything was measured beyond it."""
+    """Return "floor" or "ceiling" of a level plane beyond which hardly anything was measured; else "".
+
+    `up` (3,) is up in the working frame, `eye` how high the scanners stood along it, metres.
+    """
     side, at = float(np.sign(plane.normal @ up)), float(plane.middle @ up)
     slack = limits.OFF_LEVEL_M + 3 * np.hypot(beams.sigma, plane.bias_m)
     beyond = ((beams.point @ up - at) * side < -slack).mean()
