@@ -392,8 +392,9 @@ def _measured_share(
         face, top = side.face, storey.ceiling_m
         band = side.band(storey.elevation_m, side.face.highest_m if top is None else top)
         open_area = union(shapely.Polygon(face.frame.flat(opening.points)) for opening in face.openings)
-        measured += common(face.measured, band).area
-        whole += less(band, [open_area]).area
+        wall = less(band, [open_area])
+        measured += common(face.measured, wall).area
+        whole += wall.area
     return float(measured / whole) if whole else 0.0
 
 
