@@ -23,8 +23,6 @@ ALONG_SHARE = 0.35
 """Share that is upright along one of two horizontal directions at right angles: walls, furniture."""
 UPRIGHT_SHARE = 0.12
 """Share that is upright in any direction."""
-MOST_PLANES = 8.0
-"""Planes of the largest one's weight that count at most: pieces of one wall are not independent."""
 ROLL_DEG = 8.0
 """Degrees: how far cameras are held from level sideways, one standard deviation."""
 PITCH_DEG = (20.0, 28.0)

@@ -41,7 +41,8 @@ class PlaneNormals:
     sd : (n,) float
         Standard deviations of their directions, radians, with how far what is built leans.
     weight : (n,) float
-        What each counts for.
+        What each counts for: planes that face one way count together as the root of their area, since pieces
+        of one wall are not independent.
     """
 
     normal: FloatArray
@@ -53,9 +54,10 @@ class PlaneNormals:
         """Look at the planes among surfaces of the working frame."""
         planes = [plane for plane in looked_at if plane is not None]
         area = np.array([plane.area_m2 for plane in planes])
-        weight = np.sqrt(area / max(float(area.max(initial=0.0)), 1e-12))
-        weight *= min(1.0, limits.MOST_PLANES / max(float(weight.sum()), 1e-12))
         normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
+        alike = (normal @ normal.T > np.cos(np.radians(limits.APART_DEG))) @ area
+        weight = area / np.sqrt(np.maximum(alike, 1e-12))
+        weight /= max(float(weight.max(initial=0.0)), 1e-12)
         tilt, widest = np.array([plane.tilt_sd for plane in planes]), np.radians(limits.WIDEST_DEG)
         sd = np.minimum(np.hypot(tilt, np.radians(limits.LEAN_DEG)), widest)
         return cls(world_from_reference.rotate(normal), sd, weight)
