@@ -76,47 +76,48 @@ def _coplanar_groups(planes: Sequence[RoomPlane], kinds: Sequence[int], up: Up) 
     """Planes by number, those in groups that may be one, largest first in each."""
     groups: list[list[int]] = []
     for k in sorted(range(len(planes)), key=lambda number: -planes[number].area_m2):
-        scores = [
-            _deviations_apart(planes[k], planes[group[0]], kinds[k], up)
-            if kinds[k] == kinds[group[0]] != OTHER
-            else np.inf
-            for group in groups
-        ]
-        best = int(np.argmin(scores)) if scores else -1
+        alike = [group for group in groups if kinds[group[0]] == kinds[k] != OTHER]
+        heads = [planes[group[0]] for group in alike]
+        scores = _deviations_apart(planes[k], heads, kinds[k], up) if heads else np.zeros(0)
+        best = int(np.argmin(scores)) if len(scores) else -1
         if best >= 0 and scores[best] < limits.COPLANAR_SD:
-            groups[best].append(k)
+            alike[best].append(k)
         else:
             groups.append([k])
     return groups
 
 
-def _deviations_apart(piece: RoomPlane, larger: RoomPlane, kind: int, up: Up) -> float:
-    """By how many deviations two pieces of a kind are off one plane; inf where that is not told or too many.
+def _deviations_apart(piece: RoomPlane, larger: Sequence[RoomPlane], kind: int, up: Up) -> FloatArray:
+    """By how many deviations (n,) a piece is off the planes of n larger ones of its kind; inf where untold.
 
     The lever from one to the other makes the tilt of the larger one count, or that of up.
     """
-    axis, between = up.direction, piece.middle - larger.middle
+    normals = np.array([other.normal for other in larger])
+    tilts = np.array([other.tilt_sd for other in larger])
+    between = piece.middle - np.array([other.middle for other in larger])
+    axes, is_turned = np.broadcast_to(up.direction, normals.shape), np.zeros(len(larger), dtype=np.bool_)
     lean = np.radians(limits.LEAN_DEG)
     if kind == UPRIGHT:
-        axis, other = (_level_part(plane.normal, up.direction) for plane in (larger, piece))
-        most = np.radians(limits.LEAN_DEG) + 3 * np.hypot(piece.tilt_sd, larger.tilt_sd)
-        if float(axis @ other) < np.cos(min(most, np.radians(limits.WIDEST_TURN_DEG))):
-            return np.inf
-        tilt = np.hypot(larger.tilt_sd, lean / 2)
+        axes = _level_part(normals, up.direction)
+        cosine = axes @ _level_part(piece.normal[None], up.direction)[0]
+        most = np.minimum(lean + 3 * np.hypot(piece.tilt_sd, tilts), np.radians(limits.WIDEST_TURN_DEG))
+        is_turned = cosine < np.cos(most)
+        tilts = np.hypot(tilts, lean / 2)
     else:
-        tilt = min(float(np.radians(up.sd_deg)), larger.tilt_sd + lean / 2)
-    off = float(between @ axis)
-    lever = float(np.linalg.norm(between - off * axis))
-    sd = float(np.sqrt(piece.sd_m**2 + larger.sd_m**2 + (lever * tilt) ** 2 + (lever * limits.BOW) ** 2))
+        tilts = np.minimum(np.radians(up.sd_deg), tilts + lean / 2)
+    off = np.einsum("ij,ij->i", between, axes)
+    lever = np.linalg.norm(between - off[:, None] * axes, axis=1)
+    places = np.array([other.sd_m for other in larger])
+    sd = np.sqrt(piece.sd_m**2 + places**2 + (lever * tilts) ** 2 + (lever * limits.BOW) ** 2)
     log_odds = np.log(limits.OTHERS_WITHIN_M / (np.sqrt(2 * np.pi) * sd)) - (off / sd) ** 2 / 2
-    if sd > limits.COPLANAR_M or log_odds < np.log(limits.COPLANAR_ODDS):
-        return np.inf
-    return abs(off) / sd
+    is_told = (sd <= limits.COPLANAR_M) & (log_odds >= np.log(limits.COPLANAR_ODDS)) & ~is_turned
+    return np.where(is_told, np.abs(off) / sd, np.inf)
 
 
-def _level_part(normal: FloatArray, up: FloatArray) -> FloatArray:
-    level = normal - float(normal @ up) * up
-    return np.asarray(level / max(float(np.linalg.norm(level)), 1e-9))
+def _level_part(normals: FloatArray, up: FloatArray) -> FloatArray:
+    """The level directions (n, 3) of normals (n, 3)."""
+    level = normals - (normals @ up)[:, None] * up
+    return np.asarray(level / np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-9))
 
 
 def _outermost_levels(
@@ -196,9 +197,9 @@ def _absorb(
         for k in able:
             on = np.zeros(owner.size, dtype=np.bool_)
             on[free[nearest == k]] = True
-            on = _coherent(on.reshape(owner.shape), owner == k + 1, seen.valid.reshape(owner.shape))
-            if on.any():
-                more[k].append((scan, PixelSet.of(on)))
+            kept = _coherent(on.reshape(owner.shape), owner == k + 1, seen.valid.reshape(owner.shape))
+            if kept.any():
+                more[k].append((scan, PixelSet.of(kept)))
     grown = []
     for k, surface in enumerate(surfaces):
         if more.get(k):
@@ -225,16 +226,22 @@ def _nearest_plane(
 
 
 def _coherent(on: BoolArray, own: BoolArray, valid: BoolArray) -> BoolArray:
-    """Of pixels on a plane, those among others of it, in parts that touch its own or are no small specks."""
-    both = (on | own).astype(np.float32)
-    around = ndimage.uniform_filter(both, limits.AROUND_PX)
+    """Of pixels on a plane, those among others of it, in parts that touch its own or are no small specks.
+
+    All are images (rows, columns).
+    """
+    result = np.zeros_like(on)
+    boxes = ndimage.find_objects(on.astype(np.int8))
+    if not boxes:
+        return result
+    box = tuple(slice(max(s.start - limits.AROUND_PX, 0), s.stop + limits.AROUND_PX) for s in boxes[0])
+    on, own, valid = on[box], own[box], valid[box]
+    around = ndimage.uniform_filter((on | own).astype(np.float32), limits.AROUND_PX)
     filled = ndimage.uniform_filter(valid.astype(np.float32), limits.AROUND_PX)
-    kept: BoolArray = on & (around > 0.5 * np.maximum(filled, 0.2))
-    part, n_parts = ndimage.label(kept | own)
-    if not n_parts:
-        return kept
-    n_new = np.bincount(part.ravel(), kept.ravel())
-    n_own = np.bincount(part.ravel(), own.ravel())
+    kept = on & (around > 0.5 * np.maximum(filled, 0.2))
+    part, _ = ndimage.label(kept | own)
+    n_new, n_own = np.bincount(part.ravel(), kept.ravel()), np.bincount(part.ravel(), own.ravel())
     is_part = (n_own > 0) | (n_new >= limits.SPECK_PX)
     is_part[0] = False
-    return np.asarray(kept & is_part[part])
+    result[box] = kept & is_part[part]
+    return result

@@ -31,6 +31,8 @@ class RoomPlane:
         Its plane.
     points : (n, 3) float
         A sample of its points, metres.
+    middle : (3,) float
+        The middle of them.
     area_m2 : float
         Of what was measured of it, by the pixels' solid angles.
     tilt_sd : float
@@ -46,6 +48,7 @@ class RoomPlane:
     surface: MergedSurface
     plane: Plane
     points: FloatArray
+    middle: FloatArray
     area_m2: float
     tilt_sd: float
     sd_m: float
@@ -74,14 +77,16 @@ class RoomPlane:
         bias = float(np.hypot(np.sqrt(squares / len(sample)), flatness_m))
         slopes = allow_for_warp(surface.fit, sample, bias).covariance[1:, 1:]
         tilt = float(np.sqrt(max(float(np.linalg.eigvalsh(slopes)[-1]), 0.0)))
-        middle = surface.fit.standard_deviation(sample.mean(axis=0)[None])[0]
+        middle = sample.mean(axis=0)
+        place_sd = surface.fit.standard_deviation(middle[None])[0]
         return cls(
             surface=surface,
             plane=plane,
             points=sample,
+            middle=middle,
             area_m2=area * surface.n_pixels / len(sample),
             tilt_sd=min(tilt, float(np.radians(limits.WIDEST_DEG))),
-            sd_m=float(np.hypot(middle, bias)),
+            sd_m=float(np.hypot(place_sd, bias)),
             bias_m=bias,
             sigma_m=float(np.concatenate(sigmas).mean()),
         )
@@ -90,11 +95,6 @@ class RoomPlane:
     def normal(self) -> FloatArray:
         """Unit normal (3,) towards the sensor."""
         return self.plane.normal_direction
-
-    @property
-    def middle(self) -> FloatArray:
-        """The middle (3,) of its points."""
-        return np.asarray(self.points.mean(axis=0))
 
 
 Role = Literal["floor", "ceiling", "wall", ""]
