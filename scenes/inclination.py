@@ -32,7 +32,7 @@ def axis_direction(axis: str) -> FloatArray:
     if axis not in AXES:
         raise InputError(f"up must be auto, {', '.join(AXES)}, got {axis!r}")
     sign = -1.0 if axis.startswith("-") else 1.0
-    return np.asarray(sign * np.eye(3)["xyz".index(axis[-1])])
+    return np.asarray(sign * np.eye(3)["xyz".index(axis[-1])] + 0.0)  # no negative zeros
 
 
 @dataclass(frozen=True, slots=True, eq=False)
