@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, freeze_arrays
+from scenes.checks import FloatArray, InputError, check_direction, check_number, freeze_arrays
 from scenes.pose import Pose
 
 SignedAxis = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
@@ -49,6 +49,11 @@ class Up:
         Whether no direction far from it is nearly as probable.
     word : str
         What to tell of it; "" of what was said, or is z as usual.
+
+    Raises
+    ------
+    InputError
+        No direction: zero, not finite, not three numbers; a negative deviation.
     """
 
     direction: FloatArray
@@ -57,6 +62,8 @@ class Up:
     word: str = ""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "direction", check_direction("up", self.direction))
+        check_number("the deviation of up, degrees", self.sd_deg)
         freeze_arrays(self)
 
     @classmethod

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from completion.panels.welding import edges_of, vertices_within_edges
+from completion.export.panels.welding import edges_of, vertices_within_edges
 from completion.result.completed_model import CompletedModel
 from scenes import RayCaster
 from scenes.checks import BoolArray, FloatArray

@@ -28,7 +28,8 @@ from completion.features.solids import find_solids
 from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
 from completion.observe.range_noise import estimate_noise
 from completion.room.pipeline import find_room
-from scenes.checks import FloatArray, InputError, IntArray, check_points, check_rng
+from scenes.checks import FloatArray, InputError, IntArray, check_direction, check_points, check_rng
+from scenes.inclination import Up
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.steps import Progress, Steps
 from scenes.scan.range_image import RangeImage
@@ -158,7 +159,7 @@ def find_features(
     Raises
     ------
     InputError
-        No material, an unknown kind, openings asked of points, fewer than 20 points.
+        No material, an unknown kind, openings asked of points, fewer than 20 points, no direction that is up.
     """
     _check(material, kinds)
     known, draws = given or {}, check_rng(rng)
@@ -167,14 +168,13 @@ def find_features(
     others = [kind for kind in kinds if kind not in OPENINGS]
     try:
         # 1. Openings: doorways, windows and niches in every upright plane, by beams that go on or stop.
-        upward = np.array([0.0, 0.0, 1.0] if up is None else up)
+        upward = check_direction("up", (0.0, 0.0, 1.0) if up is None else up)
         if not isinstance(material, Measurements) and (openings or (up is None and set(kinds) & set(SOLIDS))):
             sizes, pose = [scan.ranges.size for scan in material], material[0].world_from_sensor
             with Steps.over(sizes, n_threads, progress, journal) as steps:
                 surfaces = find_surfaces(material, SurfaceOptions(), steps)
-                if up is None:
-                    estimate, surfaces = find_room(surfaces, pose)
-                    upward, doubts = estimate.direction, [estimate.word] if estimate.word else []
+                room_up, surfaces = find_room(surfaces, pose, None if up is None else Up(upward))
+                upward, doubts = room_up.direction, [room_up.word] if room_up.word else []
                 if openings:
                     fits, sentences = find_openings_of_scans(
                         material, surfaces, openings, known, steps=steps, up=upward

@@ -17,7 +17,7 @@ from completion.registration.network import ScanGroup, group_scans, settle_group
 from completion.registration.registered import Registered, held_poses, verdicts_of
 from completion.registration.station_view import StationView, unit_of
 from completion.registration.verdict import with_images
-from scenes.checks import FloatArray, InputError
+from scenes.checks import FloatArray, InputError, check_direction
 from scenes.run.journal import NO_JOURNAL, Journal
 from scenes.run.mapping import NO_SPILL, NoSpill, Spill
 from scenes.run.steps import Progress, Steps
@@ -64,7 +64,7 @@ def register_scans(
     Raises
     ------
     InputError
-        Fewer than two scans, or a level that is no probability.
+        Fewer than two scans, a level that is no probability, or an up that is no direction.
     """
     if len(scans) < 2:
         raise InputError(f"registration needs at least two scans, got {len(scans)}")
@@ -73,7 +73,7 @@ def register_scans(
     with Steps.over([scan.ranges.size for scan in scans], n_threads, progress, journal) as steps:
         # 1. View: the facets and planes of each scan, in its own frame; small objects in smaller units.
         unit = unit_of(scans)
-        axis = (np.array([0.0, 0.0, 1.0]) if up is None else up) if upright else None
+        axis = check_direction("up", (0.0, 0.0, 1.0) if up is None else up) if upright else None
         views = steps.each(
             "facets",
             lambda scan: StationView.of(scan, up=axis, unit_m=unit),

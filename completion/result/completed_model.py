@@ -15,6 +15,17 @@ from completion.boundary.meshing import ChartMesh, mesh_cells
 from completion.edits.application import anchor_point
 from completion.edits.edit import Edit
 from completion.evidence.evidence import Scans
+from completion.export.panels.model import PanelModel, PanelPart
+from completion.export.panels.outline import (
+    BoundarySegment,
+    OutlineCells,
+    outline_cells,
+    surface_polygon,
+    trace_boundary,
+)
+from completion.export.panels.pipeline import build_panels
+from completion.export.panels.sheet import Sheet
+from completion.export.panels.unexplained import PixelMesh, light_rest
 from completion.extension.claims import Choice
 from completion.extension.patch import Patch, Provenance
 from completion.features.engine.template import TemplateFit
@@ -23,17 +34,6 @@ from completion.merging.pieces import UnconfirmedRegions
 from completion.merging.scan_surfaces import ScanSurfaces
 from completion.observe.observation import Observation
 from completion.observe.user_options import Mode
-from completion.panels.model import PanelModel, PanelPart
-from completion.panels.outline import (
-    BoundarySegment,
-    OutlineCells,
-    outline_cells,
-    surface_polygon,
-    trace_boundary,
-)
-from completion.panels.pipeline import build_panels
-from completion.panels.sheet import Sheet
-from completion.panels.unexplained import PixelMesh, light_rest
 from completion.registration.correction import Registration
 from completion.relations.pipeline import SurfaceRelations
 from completion.result.audit import AuditResult

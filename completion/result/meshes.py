@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.export.panels.model import PanelPart
 from completion.extension.patch import Provenance
-from completion.panels.model import PanelPart
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES
 from scenes.checks import ColourArray

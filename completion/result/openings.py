@@ -13,8 +13,8 @@ from scipy import ndimage
 from completion.boundary.edges import BoundaryEdge, ChartLine
 from completion.edits.edit import FittedHole, FittedOpening, SurfaceEdits, outline_uv
 from completion.evidence.chart_grid import ChartGrid
+from completion.export.panels.outline import intersect_lines, straight_corners, trace_cells
 from completion.extension.patch import Patch
-from completion.panels.outline import intersect_lines, straight_corners, trace_cells
 from scenes.checks import BoolArray, FloatArray
 
 _MIN_CELLS = 25  # that beams went through

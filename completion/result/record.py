@@ -15,12 +15,12 @@ import shapely
 
 from completion.edits.file import edit_record
 from completion.export.building.limits import DOOR_M
+from completion.export.panels.model import FoldEdge, rotate_covariances
+from completion.export.panels.outline import NearOutline, polygon_parts, runs_of
 from completion.extension.claims import role_of
 from completion.extension.patch import Patch
 from completion.features.engine.template import feature_record, moved_geometry
 from completion.fitting.result import surface_parameters
-from completion.panels.model import FoldEdge, rotate_covariances
-from completion.panels.outline import NearOutline, polygon_parts, runs_of
 from completion.relations.graph import frame_records, freedom_record, relation_records
 from completion.relations.pipeline import SurfaceRelations
 from completion.result.completed_model import CompletedModel, DerivedSurface

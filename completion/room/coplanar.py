@@ -76,12 +76,12 @@ def _coplanar_groups(planes: Sequence[RoomPlane], kinds: Sequence[int], up: Up) 
     """Planes by number, those in groups that may be one, largest first in each."""
     groups: list[list[int]] = []
     for k in sorted(range(len(planes)), key=lambda number: -planes[number].area_m2):
-        alike = [group for group in groups if kinds[group[0]] == kinds[k] != OTHER]
-        heads = [planes[group[0]] for group in alike]
+        candidates = [group for group in groups if kinds[group[0]] == kinds[k] != OTHER]
+        heads = [planes[group[0]] for group in candidates]
         scores = _deviations_apart(planes[k], heads, kinds[k], up) if heads else np.zeros(0)
         best = int(np.argmin(scores)) if len(scores) else -1
         if best >= 0 and scores[best] < limits.COPLANAR_SD:
-            alike[best].append(k)
+            candidates[best].append(k)
         else:
             groups.append([k])
     return groups
@@ -171,7 +171,7 @@ def _union(sets: Sequence[ScanPixels]) -> ScanPixels:
     for pixels in sets:
         for scan, held in pixels.held:
             by_scan.setdefault(scan, []).append(held)
-    joined = tuple((scan, PixelSet.union(some, some[0].shape)) for scan, some in sorted(by_scan.items()))
+    joined = tuple((scan, PixelSet.union(each, each[0].shape)) for scan, each in sorted(by_scan.items()))
     return ScanPixels(joined, sets[0].shapes)
 
 

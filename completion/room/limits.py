@@ -37,6 +37,8 @@ FILE_AXES = (0.6, 0.25)
 """Prior shares of files of points whose z is up, and whose y is up as in computer graphics."""
 LEAST_FACING = 0.5
 """Cosine between the cameras' mean up and z from which z of their world may be meant as up."""
+LEAST_HELD = 0.5
+"""Length of the mean of the cameras' upper sides from which they are held alike."""
 LEAST_TURNED = 0.8
 """Length of the cameras' mean viewing direction from which they look one way, so that they have a roll."""
 MARGIN = 20.0

@@ -114,9 +114,9 @@ class Beams:
         step = max(1, sum(int(np.count_nonzero(seen.valid)) for seen in observations) // most)
         pixels = [np.flatnonzero(seen.valid)[::step] for seen in observations]
         pairs = list(zip(observations, pixels, strict=True))
-        origins = [np.broadcast_to(seen.scan.origin, (len(some), 3)) for seen, some in pairs]
-        points = [seen.points_at(some) for seen, some in pairs]
-        sigma = [seen.sigma_at(some) for seen, some in pairs]
+        origins = [np.broadcast_to(seen.scan.origin, (len(sample), 3)) for seen, sample in pairs]
+        points = [seen.points_at(sample) for seen, sample in pairs]
+        sigma = [seen.sigma_at(sample) for seen, sample in pairs]
         return cls(np.concatenate(origins), np.concatenate(points), np.concatenate(sigma))
 
 

@@ -55,8 +55,8 @@ class PlaneNormals:
         planes = [plane for plane in looked_at if plane is not None]
         area = np.array([plane.area_m2 for plane in planes])
         normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
-        alike = (normal @ normal.T > np.cos(np.radians(limits.APART_DEG))) @ area
-        weight = area / np.sqrt(np.maximum(alike, 1e-12))
+        same_way = (normal @ normal.T > np.cos(np.radians(limits.APART_DEG))) @ area
+        weight = area / np.sqrt(np.maximum(same_way, 1e-12))
         weight /= max(float(weight.max(initial=0.0)), 1e-12)
         tilt, widest = np.array([plane.tilt_sd for plane in planes]), np.radians(limits.WIDEST_DEG)
         sd = np.minimum(np.hypot(tilt, np.radians(limits.LEAN_DEG)), widest)
@@ -76,13 +76,13 @@ class PlaneNormals:
         along = limits.ALONG_SHARE / 4 * _about_a_point(np.hypot(from_level, beside), self.sd)
         ring = limits.UPRIGHT_SHARE * np.exp(-(from_level**2) / (2 * self.sd**2))
         ring /= np.sqrt(2 * np.pi) * self.sd * 2 * np.pi
-        rest = 1.0 - limits.LEVEL_SHARE - limits.ALONG_SHARE - limits.UPRIGHT_SHARE
-        return level, along + ring, rest / (4 * np.pi)
+        other = 1.0 - limits.LEVEL_SHARE - limits.ALONG_SHARE - limits.UPRIGHT_SHARE
+        return level, along + ring, other / (4 * np.pi)
 
     def log_likelihood(self, up: FloatArray) -> float:
         """Of `up` (3,), but for a constant."""
-        level, upright, rest = self.densities(up)
-        return float(self.weight @ np.log(level + upright + rest))
+        level, upright, other = self.densities(up)
+        return float(self.weight @ np.log(level + upright + other))
 
     def directions(self) -> FloatArray:
         """Directions (k, 3) that may be up: normals of the largest planes, and at right angles to two."""
@@ -114,8 +114,8 @@ class PlaneNormals:
 
     def _responsibilities(self, up: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How much each plane (n,) tells as a level one, and as an upright one, 1/rad2."""
-        level, upright, rest = self.densities(up)
-        scale = self.weight / (level + upright + rest) / self.sd**2
+        level, upright, other = self.densities(up)
+        scale = self.weight / (level + upright + other) / self.sd**2
         return level * scale, upright * scale
 
 
@@ -167,8 +167,10 @@ def _prior(observations: Sequence[Observation], world_from_reference: Pose) -> t
 def _prior_of_cameras(cameras: FloatArray) -> tuple[LogPrior, FloatArray]:
     """The same by cameras (n, 2, 3): where the upper sides of their images are, and where they look."""
     held, forward = cameras.mean(axis=0)
+    if np.linalg.norm(held) < limits.LEAST_HELD:  # held every way: nothing is known of up
+        return lambda ups: np.full(len(ups), -np.log(4 * np.pi)), _Z[None]
+    held = held / np.linalg.norm(held)
     looks_one_way = np.linalg.norm(forward) > limits.LEAST_TURNED
-    held = held / max(float(np.linalg.norm(held)), 1e-9)
     side = np.cross(forward, held)
     in_file = limits.FILE_SHARE * float(held[2] > limits.LEAST_FACING)
     anyhow = 1.0 - limits.HELD_SHARE - in_file

@@ -124,8 +124,8 @@ def _read(request: ScanRequest, kinds: Sequence[str]) -> _Input:
 
 def _up(request: ScanRequest) -> tuple[float, ...] | None:
     """The direction that was said to be up; None where it is to be estimated."""
-    said = Up.along(request.up)
-    return None if said is None else tuple(said.direction.tolist())
+    up = Up.along(request.up)
+    return None if up is None else tuple(up.direction.tolist())
 
 
 def _write(run: Run, features: Features, held: _Input, how: FeatureCommandOptions) -> None:

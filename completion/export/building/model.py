@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from completion.export.panels.model import PanelModel
 from completion.extension.patch import Patch
-from completion.panels.model import PanelModel
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import BoolArray, FloatArray
 from scenes.inclination import Inclination

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.export.panels.sheet import spread_out
 from completion.extension.patch import Patch, Provenance
-from completion.panels.sheet import spread_out
 from completion.result.completed_model import CompletedModel, TexturedPart
 from completion.result.labelled_points import PROVENANCE_NAMES
 from completion.texturing.chart_texture import Atlas

@@ -11,10 +11,10 @@ import trimesh
 from shapely import Polygon
 
 from completion.boundary.edges import ChartLine
+from completion.export.panels.outline import GuideLine, straighten_polygon
+from completion.export.panels.sheet import polygons_of_cells
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
-from completion.panels.outline import GuideLine, straighten_polygon
-from completion.panels.sheet import polygons_of_cells
 from completion.pipeline import complete
 from completion.result.meshes import inferred_points, model_parts
 from completion.result.record import polygons_record

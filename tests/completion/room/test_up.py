@@ -146,3 +146,22 @@ def test_up_of_real_scans(name: str) -> None:
     angle = np.degrees(np.arccos(np.clip(found.direction @ up / np.linalg.norm(up), -1, 1)))
     assert angle < 2.5
     assert found.is_decided
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 0.0), (np.nan, 0.0, 1.0), (1.0, 0.0)])
+def test_what_is_no_direction_is_refused(direction: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match="up"):
+        Up(np.array(direction))
+
+
+def test_a_direction_of_any_length_is_one() -> None:
+    np.testing.assert_allclose(Up(np.array([0.0, -3.0, 0.0])).direction, [0, -1, 0])
+
+
+def test_cameras_held_in_all_ways_leave_up_undecided_without_level_surface() -> None:
+    scan = camera((3.0, 3.0, 1.6))
+    upside = Pose.from_parts(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+    blind = RangeImage(np.full(scan.shape, np.inf), scan.projection, Pose.identity())
+    found = estimate([blind, blind.with_facts(world_from_sensor=upside)])
+    assert np.isfinite(found.direction).all()
+    assert not found.is_decided

@@ -6,7 +6,7 @@ from collections import Counter
 from typer.testing import CliRunner
 
 import completion.boundary.meshing as meshing
-import completion.panels.outline as outline
+import completion.export.panels.outline as outline
 import completion.result.labelled_points as observed_points
 import completion.result.openings as openings
 import completion.texturing.chart_texture as atlas

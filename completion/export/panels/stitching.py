@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from completion.panels.limits import SAME_PLACE
-from completion.panels.model import PanelModel
-from completion.panels.welding import edges_of
+from completion.export.panels.limits import SAME_PLACE
+from completion.export.panels.model import PanelModel
+from completion.export.panels.welding import edges_of
 from scenes.checks import FloatArray
 
 _TRIED = 6  # samples of the border around a point whose edges are tried

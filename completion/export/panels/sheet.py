@@ -12,8 +12,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from completion.export.panels.limits import LEAST_CELLS
 from completion.extension.patch import Patch, Provenance
-from completion.panels.limits import LEAST_CELLS
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled, inlined

@@ -7,7 +7,7 @@ import shapely
 
 from completion.boundary.meshing import mesh_cells
 from completion.evidence.chart_grid import ChartGrid
-from completion.panels.sheet import polygons_of_cells
+from completion.export.panels.sheet import polygons_of_cells
 from scenes.surfaces.catalogue import Plane
 
 NONE = np.zeros((0, 3, 2))

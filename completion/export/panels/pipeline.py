@@ -17,13 +17,13 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from completion.boundary.edges import BoundaryEdge, ChartLine
-from completion.panels import limits
-from completion.panels.arrangement import arrange
-from completion.panels.fold import find_folds, fold_curves
-from completion.panels.model import FoldEdge, PanelModel, close_corners, corner_point, fold_edge
-from completion.panels.outline import NearOutline, OutlineCells
-from completion.panels.sheet import Sheet
-from completion.panels.welding import edges_of, weld
+from completion.export.panels import limits
+from completion.export.panels.arrangement import arrange
+from completion.export.panels.fold import find_folds, fold_curves
+from completion.export.panels.model import FoldEdge, PanelModel, close_corners, corner_point, fold_edge
+from completion.export.panels.outline import NearOutline, OutlineCells
+from completion.export.panels.sheet import Sheet
+from completion.export.panels.welding import edges_of, weld
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Plane
 from scenes.surfaces.surface import cross

@@ -23,9 +23,9 @@ from completion.boundary.meshing import ChartMesh
 from completion.edits.edit import SurfaceEdits
 from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Label
+from completion.export.panels import limits
+from completion.export.panels.sheet import polygons_of_cells
 from completion.extension.patch import Patch
-from completion.panels import limits
-from completion.panels.sheet import polygons_of_cells
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 

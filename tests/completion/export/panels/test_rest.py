@@ -4,11 +4,11 @@
 import numpy as np
 import pytest
 
+from completion.export.panels.model import PanelModel
+from completion.export.panels.stitching import divide_triangles
+from completion.export.panels.unexplained import PixelMesh, decimate, deviation, light_rest
+from completion.export.panels.welding import edges_of, vertices_within_edges
 from completion.options import CompletionOptions
-from completion.panels.model import PanelModel
-from completion.panels.stitching import divide_triangles
-from completion.panels.unexplained import PixelMesh, decimate, deviation, light_rest
-from completion.panels.welding import edges_of, vertices_within_edges
 from completion.pipeline import complete
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.mesh.triangle_distance import distances

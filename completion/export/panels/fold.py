@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from completion.panels import limits
-from completion.panels.sheet import Sheet
+from completion.export.panels import limits
+from completion.export.panels.sheet import Sheet
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 from scenes.surfaces.surface import cross

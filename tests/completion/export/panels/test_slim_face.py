@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from completion.boundary.edges import BoundaryEdge, ChartLine
-from completion.panels.pipeline import NO_SURFACE, slim_folds
+from completion.export.panels.pipeline import NO_SURFACE, slim_folds
 from scenes.surfaces.catalogue import Plane
 
 CELL = 0.01

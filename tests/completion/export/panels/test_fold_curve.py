@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from completion.panels.fold import RoundFold, SideFold, StraightFold, facet_lines, fold_curves
-from completion.panels.limits import CHORD_M
+from completion.export.panels.fold import RoundFold, SideFold, StraightFold, facet_lines, fold_curves
+from completion.export.panels.limits import CHORD_M
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 
 FLOOR = Plane((0, 0, 0.3), (0, 0, 1))

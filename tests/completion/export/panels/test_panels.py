@@ -9,11 +9,11 @@ import pytest
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from completion.export.panels.model import meeting_covariance, rotate_covariances
+from completion.export.panels.sheet import Sheet, spread_provenance
+from completion.export.panels.welding import edges_of, vertices_within_edges
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
-from completion.panels.model import meeting_covariance, rotate_covariances
-from completion.panels.sheet import Sheet, spread_provenance
-from completion.panels.welding import edges_of, vertices_within_edges
 from completion.pipeline import complete
 from scenes.io.ply import read_mesh_ply
 from scenes.mesh.labelled_mesh import triangle_areas

@@ -14,9 +14,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from completion.panels.arrangement import Arrangement, Trace
-from completion.panels.limits import PRECISION_M, SAME_NODE_M, SAME_VERTEX_M
-from completion.panels.model import PanelModel
+from completion.export.panels.arrangement import Arrangement, Trace
+from completion.export.panels.limits import PRECISION_M, SAME_NODE_M, SAME_VERTEX_M
+from completion.export.panels.model import PanelModel
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder
 

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from completion.panels.welding import _find, _keys
+from completion.export.panels.welding import _find, _keys
 
 
 @pytest.mark.parametrize("size_m", [1.0, 400.0, 4_000.0, 100_000.0])

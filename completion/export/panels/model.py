@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.export.panels import limits
+from completion.export.panels.fold import Fold
+from completion.export.panels.sheet import Sheet
 from completion.extension.patch import Provenance
-from completion.panels import limits
-from completion.panels.fold import Fold
-from completion.panels.sheet import Sheet
 from scenes.checks import BoolArray, FloatArray
 from scenes.surfaces.catalogue import Surface
 from scenes.surfaces.surface import cross

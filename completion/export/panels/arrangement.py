@@ -11,10 +11,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from completion.panels import limits
-from completion.panels.fold import Fold, FoldCurve, facet_lines
-from completion.panels.outline import polygon_parts
-from completion.panels.sheet import Sheet, left_of, polygons_of_cells
+from completion.export.panels import limits
+from completion.export.panels.fold import Fold, FoldCurve, facet_lines
+from completion.export.panels.outline import polygon_parts
+from completion.export.panels.sheet import Sheet, left_of, polygons_of_cells
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder
 

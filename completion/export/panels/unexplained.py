@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from completion.panels.limits import PRECISION_M, WITHIN_BOUND
-from completion.panels.model import PanelModel, RemainderFacets
-from completion.panels.stitching import Border, along_border, with_nodes
-from completion.panels.welding import edges_of, heal
+from completion.export.panels.limits import PRECISION_M, WITHIN_BOUND
+from completion.export.panels.model import PanelModel, RemainderFacets
+from completion.export.panels.stitching import Border, along_border, with_nodes
+from completion.export.panels.welding import edges_of, heal
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.triangle_distance import TriangleTree, distances
 from scenes.rays.raycast import RayCaster

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from completion.panels.welding import edges_of, heal, vertices_within_edges
+from completion.export.panels.welding import edges_of, heal, vertices_within_edges
 
 VERTICES = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.3, 0, 0], [0.6, 0, 0], [0.5, -1, 0]], float
