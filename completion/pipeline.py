@@ -138,11 +138,12 @@ def continue_surfaces(
         Where to run.
     """
     observations, flatness_m = scan_surfaces.observations, scan_surfaces.tolerance.flatness_m
+
+    # 1. Room and relations: say what is up, and join pieces of one floor or wall; join and part as a person
+    #    says; infer relations of surfaces, and impose them.
     across = Cue.MERGING in options.cues
     stated_up, scan_surfaces = find_room(scan_surfaces, world_from_reference, options.up, across=across)
     up: FloatArray = stated_up.direction @ world_from_reference.rotation
-
-    # 1. Edit and relate: join and part as a person says; infer relations of surfaces, and impose them.
     related = _edit_and_relate(scan_surfaces, world_from_reference, options)
     surfaces = [edit.surface for edit in related.surfaces]
     scans = scan_surfaces.evidence(steps, surfaces)
@@ -160,8 +161,7 @@ def continue_surfaces(
     # 4. Extend: continue each surface that is wanted as far as it may go and is probable.
     def extend_surface(index: int) -> Patch | None:
         edit, encloses = related.surfaces[index].edits, bool(adjacency.encloses[index])
-        fit = surfaces[index].fit
-        if not edit.actions and not is_chosen(fit, options.only, encloses=encloses, up=up):
+        if not edit.actions and not is_chosen(surfaces[index].fit, options.only, encloses=encloses, up=up):
             return None
         extent = find_extent(index, surfaces, boundaries, adjacency, observations, cues=options.cues, up=up)
         stated, rules = related.stated[index], options.rules()

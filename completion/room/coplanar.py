@@ -225,7 +225,7 @@ def _nearest_plane(
     return nearest
 
 
-def _coherent(on: BoolArray, own: BoolArray, valid: BoolArray) -> BoolArray:
+def _coherent(on: BoolArray, members: BoolArray, valid: BoolArray) -> BoolArray:
     """Of pixels on a plane, those among others of it, in parts that touch its own or are no small specks.
 
     All are images (rows, columns).
@@ -235,12 +235,12 @@ def _coherent(on: BoolArray, own: BoolArray, valid: BoolArray) -> BoolArray:
     if not boxes:
         return result
     box = tuple(slice(max(s.start - limits.AROUND_PX, 0), s.stop + limits.AROUND_PX) for s in boxes[0])
-    on, own, valid = on[box], own[box], valid[box]
-    around = ndimage.uniform_filter((on | own).astype(np.float32), limits.AROUND_PX)
+    on, members, valid = on[box], members[box], valid[box]
+    around = ndimage.uniform_filter((on | members).astype(np.float32), limits.AROUND_PX)
     filled = ndimage.uniform_filter(valid.astype(np.float32), limits.AROUND_PX)
     kept = on & (around > 0.5 * np.maximum(filled, 0.2))
-    part, _ = ndimage.label(kept | own)
-    n_new, n_own = np.bincount(part.ravel(), kept.ravel()), np.bincount(part.ravel(), own.ravel())
+    part, _ = ndimage.label(kept | members)
+    n_new, n_own = np.bincount(part.ravel(), kept.ravel()), np.bincount(part.ravel(), members.ravel())
     is_part = (n_own > 0) | (n_new >= limits.SPECK_PX)
     is_part[0] = False
     result[box] = kept & is_part[part]

@@ -14,7 +14,7 @@ from scenes.pose import Pose
 
 
 def find_room(
-    scan_surfaces: ScanSurfaces, world_from_reference: Pose, said: Up | None = None, *, across: bool = True
+    scan_surfaces: ScanSurfaces, world_from_reference: Pose, stated: Up | None = None, *, across: bool = True
 ) -> tuple[Up, ScanSurfaces]:
     """Return which way is up in the world, and the surfaces, of which pieces of one wall or floor are one.
 
@@ -24,7 +24,7 @@ def find_room(
         The surfaces that scans show, working frame.
     world_from_reference : Pose
         From the working frame to the world.
-    said : Up, optional
+    stated : Up, optional
         Which way is up, where a person says it.
     across : bool
         Whether pieces may be joined across what stood before them.
@@ -33,7 +33,7 @@ def find_room(
     planes = [RoomPlane.of(surface, observations, flatness_m) for surface in scan_surfaces.surfaces]
 
     # 1. Up: by the planes, and by how sensors are held.
-    up = said or find_up(planes, observations, world_from_reference)
+    up = stated or find_up(planes, observations, world_from_reference)
 
     # 2. Join: pieces that lie in one plane, as well as they are known.
     if not across:
