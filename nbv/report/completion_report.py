@@ -273,7 +273,7 @@ def scan_pictures(completion: Completion) -> tuple[Block, ...]:
 
 def scans_of(completion: Completion) -> Table:
     """A row for each scan."""
-    return scans_table(completion.scans)
+    return scans_table(completion.scans, z_up=completion.up.drawing_from_world)
 
 
 def before_and_after(completion: Completion, n_threads: int | None = None) -> tuple[Block, ...]:

@@ -34,16 +34,22 @@ PLACE_COLUMNS = ("position x, y, z, m", "#heading, \u00b0", "#elevation, \u00b0"
 _MANY = 20
 
 
-def place_cells(pose: Pose) -> tuple[Cell, Cell, Cell]:
-    """Position, heading from the x axis to the y axis, and elevation of where a sensor looks."""
-    dx, dy, dz = pose.rotation[:, 2]
+def place_cells(pose: Pose, z_up: Pose | None = None) -> tuple[Cell, Cell, Cell]:
+    """Position, heading from the x axis to the y axis, and elevation of where a sensor looks.
+
+    `z_up` turns the world to that of drawings, in which headings and elevations are told.
+    """
+    dx, dy, dz = (pose if z_up is None else z_up @ pose).rotation[:, 2]
     heading, elevation = np.degrees(np.arctan2(dy, dx)), np.degrees(np.arcsin(np.clip(dz, -1, 1)))
     place = ", ".join(f"{c:.2f}" for c in pose.translation)
     return Cell(place), Cell(f"{heading:.0f}"), Cell(f"{elevation:.0f}")
 
 
-def scans_table(scans: Sequence[RangeImage], *, lettered: bool = False) -> Table:
-    """A row for each scan: number or letter as in plan and 3-D view, name, place, pixels that measured."""
+def scans_table(scans: Sequence[RangeImage], *, lettered: bool = False, z_up: Pose | None = None) -> Table:
+    """A row for each scan: number or letter as in plan and 3-D view, name, place, pixels that measured.
+
+    `z_up` as of `place_cells`.
+    """
     rows = []
     for number, scan in enumerate(scans, start=1):
         trim()
@@ -54,7 +60,7 @@ def scans_table(scans: Sequence[RangeImage], *, lettered: bool = False) -> Table
             (
                 Cell(letters(number - 1) if lettered else str(number)),
                 Cell(scan.name),
-                *place_cells(scan.world_from_sensor),
+                *place_cells(scan.world_from_sensor, z_up),
                 Cell(f"{hits}"),
                 Cell(f"{100 * share:.1f}", share=share, state="measured"),
                 Cell(farthest),

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from completion import CompletionOptions, complete
 from completion.merging.scan_surfaces import SurfaceOptions, find_surfaces
 from completion.room.pipeline import find_room
 from nbv import PinholeSensor, scan_scene
 from nbv.cli import app
+from nbv.report.completion_report import scans_of
 from scenes import Pose, builtin_scene
 from scenes.checks import InputError
 from scenes.inclination import AXES, Up, axis_direction
@@ -165,3 +167,13 @@ def test_cameras_held_in_all_ways_leave_up_undecided_without_level_surface() -> 
     found = estimate([blind, blind.with_facts(world_from_sensor=upside)])
     assert np.isfinite(found.direction).all()
     assert not found.is_decided
+
+
+def test_a_report_tells_where_a_camera_looks_by_what_is_up() -> None:
+    """A camera that looks 25 degrees down, in a world in which -y is up: z of its direction tells nothing."""
+    scan = camera((3.0, 3.0, 0.0)).transform(lying("-y"))
+    done = complete(scan, CompletionOptions(texture=False, relations=None, features=None), rng=0)
+    _, _, position, _, elevation, *_ = scans_of(done).rows[0]
+    true = np.degrees(np.arcsin(-1.6 / np.linalg.norm([2.5, 2.5, 1.6])))
+    assert float(elevation.text) == pytest.approx(true, abs=1.5)
+    assert position.text == ", ".join(f"{value:.2f}" for value in scan.origin)  # in the world of its pose
