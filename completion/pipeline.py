@@ -143,7 +143,8 @@ def continue_surfaces(
     #    says; infer relations of surfaces, and impose them.
     across = Cue.MERGING in options.cues
     stated_up, scan_surfaces = find_room(scan_surfaces, world_from_reference, options.up, across=across)
-    up: FloatArray = stated_up.direction @ world_from_reference.rotation
+    here = stated_up.within(world_from_reference)
+    up = here.direction
     related = _edit_and_relate(scan_surfaces, world_from_reference, options)
     surfaces = [edit.surface for edit in related.surfaces]
     scans = scan_surfaces.evidence(steps, surfaces)
@@ -156,7 +157,7 @@ def continue_surfaces(
 
     # 3. Bound: find where each surface was seen to end, and which of them meet and enclose the room.
     boundaries = _find_boundaries(surfaces, scans, steps)
-    adjacency = find_adjacency(surfaces, boundaries, scans, up)
+    adjacency = find_adjacency(surfaces, boundaries, scans, here)
 
     # 4. Extend: continue each surface that is wanted as far as it may go and is probable.
     def extend_surface(index: int) -> Patch | None:

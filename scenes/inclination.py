@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -65,6 +65,10 @@ class Up:
         object.__setattr__(self, "direction", check_direction("up", self.direction))
         check_number("the deviation of up, degrees", self.sd_deg)
         freeze_arrays(self)
+
+    def within(self, world_from_frame: Pose) -> Up:
+        """Return the same with its direction in another frame's coordinates."""
+        return replace(self, direction=self.direction @ world_from_frame.rotation)
 
     @classmethod
     def along(cls, axis: SignedAxis) -> Up | None:

@@ -17,7 +17,9 @@ from completion.extension import limits
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation, ScanPixels
+from completion.room.roles import NO_ROOM, Room, assign_roles
 from scenes.checks import BoolArray, FloatArray
+from scenes.inclination import Up
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane
 
@@ -111,30 +113,42 @@ _N_BEAMS = 40_000
 class Adjacency:
     """How n surfaces lie to one another."""
 
-    encloses: BoolArray  # (n,) walls, floor, ceiling, vault: nearly all points on their inner side
+    encloses: BoolArray  # (n,) walls, floors and ceilings of the room, vaults
     meets: BoolArray  # (n, n) pairs that lie side by side in some scan, in a crease or across a jump
     standing: FloatArray  # (n,) probability that what is upright on an enclosing plane goes on to it
     is_inset: BoolArray  # (n,) panes, door leaves, backs of niches: seen through a wall
+    room: Room = NO_ROOM
 
 
 def find_adjacency(
     surfaces: Sequence[MergedSurface],
     boundaries: Sequence[BoundaryPixels],
     scans: Scans,
-    up: FloatArray | None = None,
+    up: Up | None = None,
 ) -> Adjacency:
     """Find which surfaces enclose the room or are insets, which meet, and how surely things stand on each.
 
-    Surfaces are in the working frame, the boundary pixels of each in its own chart. `up` (3,) is the
-    direction that is up in that frame; z when not given.
+    Surfaces are in the working frame, the boundary pixels of each in its own chart. `up` says which way is up
+    in that frame; z when not given.
     """
     observations, flatness_m = scans.observations, scans.tolerance.flatness_m
-    upward = np.array([0.0, 0.0, 1.0]) if up is None else up
+    upward = up or Up(np.array([0.0, 0.0, 1.0]))
     is_inset = find_insets(surfaces, observations, flatness_m) >= 0
-    encloses = find_enclosing(surfaces, observations, flatness_m) & ~is_inset
-    encloses &= ~_above_floor(surfaces, upward)
+    room = assign_roles(surfaces, observations, flatness_m, upward).only(~is_inset)
+    others = [not goes_by_room(surface.fit, upward) for surface in surfaces]
+    encloses = find_enclosing(surfaces, observations, flatness_m, np.array(others, dtype=np.bool_))
+    encloses = (encloses & ~is_inset) | np.array([role != "" for role in room.roles], dtype=np.bool_)
     meets = _meets(scans.owners, surfaces, observations, flatness_m)
-    return Adjacency(encloses, meets, _standing_probability(surfaces, boundaries, encloses, meets), is_inset)
+    standing = _standing_probability(surfaces, boundaries, encloses, meets)
+    return Adjacency(encloses, meets, standing, is_inset, room)
+
+
+def goes_by_room(fit: SurfaceFit, up: Up) -> bool:
+    """Tell whether the room says what a surface is: level and upright planes, where up is known."""
+    inclination = fit.inclination(up.direction, up.sd_deg)
+    return (
+        up.is_decided and isinstance(fit.surface, Plane) and (inclination.is_level or inclination.is_upright)
+    )
 
 
 def stands_upright(fit: SurfaceFit, base: SurfaceFit) -> bool:
@@ -210,14 +224,21 @@ def _meets(
 
 
 def find_enclosing(
-    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], flatness_m: float
+    surfaces: Sequence[MergedSurface],
+    observations: Sequence[Observation],
+    flatness_m: float,
+    tried: BoolArray | None = None,
 ) -> BoolArray:
-    """Tell which surfaces (n,) have nearly all measured points on their inner side: walls, floors, vaults.
+    """Tell which surfaces (n,) have nearly all measured points on their inner side: roofs, vaults.
 
     A point that was seen through a plane, inside the outline of its measured part, lies behind a window, a
     door or a niche, and does not count. A point that was seen past the outline counts against the plane.
-    Points count as on the surface within noise and `flatness_m`, metres, by which surfaces stray.
+    Points count as on the surface within noise and `flatness_m`, metres, by which surfaces stray. Only those
+    that are to be `tried` (n,) are looked at.
     """
+    is_tried = np.ones(len(surfaces), dtype=np.bool_) if tried is None else tried
+    if not is_tried.any():
+        return is_tried
     stride = max(1, sum(_n_returns(seen) for seen in observations) // _N_BEAMS)
     sigmas, beams = [], []
     for seen in observations:
@@ -229,31 +250,10 @@ def find_enclosing(
     sizes = [surface.n_pixels for surface in surfaces]
     least = limits.LEAST_PIXELS * sum(sizes)
     flags = [
-        size >= least and _holds(surface, observations, beams, scale)
-        for surface, size in zip(surfaces, sizes, strict=True)
+        bool(is_so) and size >= least and _holds(surface, observations, beams, scale)
+        for surface, size, is_so in zip(surfaces, sizes, is_tried, strict=True)
     ]
     return np.array(flags, dtype=np.bool_)
-
-
-def _above_floor(surfaces: Sequence[MergedSurface], up: FloatArray) -> BoolArray:
-    """Tell which surfaces (n,) are level planes as high above another one as furniture is: seats, tables.
-
-    Only planes that face up and have their share of the measured points count.
-    """
-    least = limits.LEAST_PIXELS * sum(surface.n_pixels for surface in surfaces)
-    planes = {
-        number: surface.fit.surface
-        for number, surface in enumerate(surfaces)
-        if isinstance(surface.fit.surface, Plane)
-        and surface.n_pixels >= least
-        and float(surface.fit.surface.normal_direction @ up) > 0
-        and surface.fit.inclination(up).is_level
-    }
-    above = np.zeros(len(surfaces), dtype=np.bool_)
-    for number, plane in planes.items():
-        heights = [float(other.distance(plane.point[None])[0]) for other in planes.values()]
-        above[number] = any(limits.FURNITURE_M[0] <= height <= limits.FURNITURE_M[1] for height in heights)
-    return above
 
 
 def _n_returns(seen: Observation) -> int:

@@ -35,6 +35,7 @@ from completion.extension.limits import (
     UPRIGHT_SINE,
     WELL_SEEN_SHARE,
 )
+from completion.extension.room_surfaces import room_probability
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 from texture.engine.compiled import compiled
@@ -486,7 +487,11 @@ def estimate(
     result = np.where(evidence.observed, 1.0, 0.0)
     if evidence.observed.any() and regions.n_regions:
         prospect = prospects(grid, regions, labelling, extent, evidence)
-        result[regions.region >= 0] = prospect.probability()
+        probability = prospect.probability()
+        if extent.role:
+            of_room = room_probability(grid, regions, extent, evidence, prospect.base)
+            probability = np.where(prospect.is_said, probability, of_room)
+        result[regions.region >= 0] = probability
     return result
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
@@ -23,7 +24,7 @@ from completion.extension.confidence import as_far_as_probable, estimate, silent
 from completion.extension.extent import ExtensionRules, Extent, with_ends, with_joints
 from completion.extension.features import lay_openings
 from completion.extension.grid import lay_grid
-from completion.extension.limits import LEAST_CONFIDENCE
+from completion.extension.limits import FARTHEST_M, LEAST_CONFIDENCE, LEAST_OF_ROOM, SPECK_CELLS
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
 from completion.fitting.result import SurfaceFit
 from scenes.checks import BoolArray
@@ -64,11 +65,17 @@ def extend(
         What may be used, and how sure the result must be.
     """
     # 1. Weigh: what the scans say of each cell of the chart.
-    surface, edits, least = edited.surface, edited.edits, LEAST_CONFIDENCE[rules.wishes.mode]
+    surface, edits, mode = edited.surface, edited.edits, rules.wishes.mode
+    least = (LEAST_OF_ROOM if extent.role else LEAST_CONFIDENCE)[mode]
     is_said = edits.ends or edits.wishes
     if edits.joints:
         extent = with_joints(extent, [joint.plane for joint in edits.joints])
-    extent = with_ends(extent, edits.ends) if is_said else as_far_as_probable(extent, least)
+    if is_said:
+        extent = with_ends(extent, edits.ends)
+    elif extent.role:
+        extent = replace(extent, reach=np.stack([extent.own_low - FARTHEST_M, extent.own_high + FARTHEST_M]))
+    else:
+        extent = as_far_as_probable(extent, least)
     grid = lay_grid(surface, extent, scans, max_cells=rules.max_cells, cell_m=rules.cell_m)
     predicted_sd = surface.fit.standard_deviation(grid.centres())
     evidence = weigh(grid, predicted_sd, scans, number)
@@ -104,10 +111,15 @@ def extend(
     )
     occluded = filled & (evidence.labels == Label.OCCLUDED)
 
-    # 7. Silence: where nothing came back, how probably that is surface, by what is around.
+    # 7. Silence: where nothing came back, how probably that is surface, by what is around. Walls have panes;
+    #    a floor is dark or polished there, and goes on as it does behind things.
     silent = silent_cells(evidence, hidden)
-    confidence = confidence * trust(grid, evidence, hidden, occluded, within=within, is_wall=extent.encloses)
+    if extent.role != "floor":
+        is_wall = extent.encloses
+        confidence = confidence * trust(grid, evidence, hidden, occluded, within=within, is_wall=is_wall)
     filled = occluded | (filled & silent & (confidence >= least))
+    if extent.role:
+        filled = _without_specks(filled)
 
     # 8. Trim: cut cells along the continued edges, declared openings and the edges of the view.
     filled, trims = _add_trimmed_cells(grid, evidence, filled, regions, continued)
@@ -163,6 +175,13 @@ def _across_limb(evidence: Evidence, grid: ChartGrid) -> BoolArray:
         return evidence.observed
     limb = evidence.limb & ~evidence.rings_passed()[:, None]
     return _connected_part(limb | evidence.observed, evidence.observed, grid.wraps)
+
+
+def _without_specks(filled: BoolArray) -> BoolArray:
+    """Inferred cells (rows, columns) without parts of a few: the view's edge is ragged in cells."""
+    part, _ = ndimage.label(filled, np.ones((3, 3)))
+    is_speck = np.bincount(part.ravel()) < SPECK_CELLS
+    return np.asarray(filled & ~is_speck[part], dtype=np.bool_)
 
 
 def _connected_cells(cells: BoolArray, measured: BoolArray, grid: ChartGrid) -> BoolArray:
@@ -238,14 +257,24 @@ def _add_trimmed_cells(
 
 
 def _within(grid: ChartGrid, extent: Extent, evidence: Evidence) -> BoolArray:
-    """Cells on the right side of every cut that are not hidden behind what encloses the room."""
-    inside = np.ones(grid.shape, dtype=np.bool_)
-    centres = grid.centres() if extent.cuts or extent.enclosures else np.zeros((0, 3))
+    """Cells on the right side of every cut that are not hidden behind what bounds the room.
+
+    What is in a room in which a scanner stands is behind nothing.
+    """
+    inside, room = np.ones(grid.shape, dtype=np.bool_), extent.room
+    centres = grid.centres()
     for cut in extent.cuts:
         inside &= (cut.distance(centres) > -float(np.hypot(*grid.cell) / 2)).reshape(grid.shape)
+    behind = np.zeros(inside.size, dtype=np.bool_)
     for number, plane in extent.enclosures:
-        hidden = np.flatnonzero((evidence.occluder == number) & (evidence.labels == Label.OCCLUDED))
-        inside.ravel()[hidden] &= plane.distance(centres[hidden]) >= 0
+        hidden = np.flatnonzero((evidence.occluder == number) & (evidence.labels == Label.OCCLUDED) & inside)
+        behind[hidden] |= plane.distance(centres[hidden]) < 0
+    if room.walls:
+        unseen = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN))
+        hidden = np.flatnonzero(unseen & inside)
+        behind[hidden] |= room.hides(centres[hidden], extent.index)
+    at = np.flatnonzero(behind)
+    inside.ravel()[at] = np.isin(room.rooms_at(centres[at]), room.own)
     return inside
 
 

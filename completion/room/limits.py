@@ -89,3 +89,64 @@ LEAST_FLOOR_M2 = 0.04
 """Square metres of a floor or ceiling at least."""
 OFF_LEVEL_M, BEYOND_FLOOR = 0.04, 0.03
 """Metres beyond a floor or ceiling, and the share of the points there, from which it is none."""
+
+# Walls
+
+N_ROLE_BEAMS = 60_000
+"""Beams that are looked at for the roles of planes."""
+FLOOR_SHARE, WALL_SHARE = 0.002, 0.01
+"""Shares of all surfaces' pixels from which a level plane may be a floor, and an upright one a wall."""
+LEAST_WALL_M2, LEAST_WALL_M = 0.15, 0.3
+"""Square metres of walls at least, and metres each way: smaller ones are of furniture."""
+PASSED_M = 0.06
+"""Metres behind a plane from which a beam's end passed it."""
+BESIDE_M = 2.0
+"""Metres beside a wall up to which beams that crossed its plane are kept: doors are sought there."""
+OUTLYING = 0.01
+"""Share of a plane's points left out on each side of its rectangle."""
+COLUMN_M = 0.1
+"""Metres: width of the columns in which beams above what was measured are looked for."""
+PAST_END_M = 0.1
+"""Metres a wall goes on past its end: corners are rounded, and not measured to the end."""
+BOUNDING = 0.5
+"""Share of what was measured of a wall that bounds a room at least."""
+ABOVE_FLOOR_M, BELOW_M, SLACK_M = 2.0, 0.3, 0.05
+"""Metres above the floor up to which a wall stands on it; below others; and slack of all its sides."""
+BEHIND_M, OPENING_M = 0.05, 0.08
+"""Metres behind a wall from which a place is behind it, and to a beam through it within which it is not."""
+
+# Layout
+
+N_WALL_POINTS = 20_000
+"""Points of each wall by which is told where along it it was measured."""
+STOREY_M = 1.5
+"""Metres between the heights of scanners from which they stand in two storeys."""
+SLAB_M = 0.1
+"""Metres below the floor of a storey, and above its ceiling, to which its plan holds."""
+BAND_M = 0.1
+"""Metres above the floor and below the ceiling from which beams tell that there is a room."""
+ASIDE_M = 0.12
+"""Metres before and behind a wall at which is looked what it parts: other lines may be nearer to it."""
+FARTHEST_M = 3.0
+"""Metres past what was measured of a wall to which a corner is sought."""
+
+PLAN_M, PLAN_CELLS = 0.05, 160_000
+"""Metres: squares of the plan by which cells are told apart, and how many there may be."""
+AROUND_M = 1.5
+"""Metres around what beams crossed that the plan shows."""
+SHORT_M = 0.1
+"""Metres before a point at which a beam no longer tells that its way was free."""
+CROSSINGS = 2
+"""Beams from which a place counts as crossed."""
+FREE_M2, UNSEEN_M2 = 4.0, 0.8
+"""Metres of boundary without a wall that a square metre is worth: crossed but outside; inside but unseen."""
+STANDING_M2 = 100.0
+"""Square metres that count as crossed where a scanner stands: it is in a room."""
+LEAST_FREE_M2 = 0.25
+"""Square metres of a room that beams crossed at least."""
+SUPPORT_M = 1.0
+"""Metres from what was measured of a wall in which it becomes less likely by a factor of e."""
+JAMB = 0.7
+"""Probability that behind a wall's seen end something stands at right angles to it."""
+PARTED = 0.5
+"""Share of the border between two cells at which a wall stands from which they are of different rooms."""

@@ -38,6 +38,6 @@ def find_room(
     # 2. Join: pieces that lie in one plane, as well as they are known.
     if not across:
         return up, scan_surfaces
-    here = Up(up.direction @ world_from_reference.rotation, up.sd_deg)
+    here = up.within(world_from_reference)
     joined = join_coplanar(scan_surfaces.surfaces, planes, observations, flatness_m, here)
     return up, replace(scan_surfaces, surfaces=tuple(joined))

@@ -119,6 +119,19 @@ class Beams:
         sigma = [seen.sigma_at(sample) for seen, sample in pairs]
         return cls(np.concatenate(origins), np.concatenate(points), np.concatenate(sigma))
 
+    def by_height(self, up: FloatArray, apart_m: float) -> list[Beams]:
+        """Return the beams by storeys, lowest first: scanners whose heights no gap parts are in one.
+
+        `up` (3,) is the direction that is up, `apart_m` the least gap, metres.
+        """
+        eye = self.origin @ up
+        heights = np.unique(eye)
+        storey = np.searchsorted(heights[1:][np.diff(heights) > apart_m], eye, side="right")
+        return [
+            Beams(self.origin[is_in], self.point[is_in], self.sigma[is_in])
+            for is_in in (storey == k for k in range(int(storey.max(initial=0)) + 1))
+        ]
+
 
 def level_role(plane: RoomPlane, beams: Beams, up: FloatArray, eye: float) -> Role:
     """Return "floor" or "ceiling" of a level plane beyond which hardly anything was measured; else "".

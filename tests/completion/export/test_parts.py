@@ -127,7 +127,7 @@ def test_without_beams_a_gap_is_no_opening(parts):
     assert sum(len(face.openings) for face in with_gaps(bare, parts.rooms, NO_BEAMS)) == 0 < known
 
 
-def test_what_was_inferred_beyond_rooms_is_left_out_and_what_was_measured_stays():
+def test_nothing_is_inferred_beyond_rooms_and_what_was_measured_stays():
     parts, model = house_parts(), drawn(completed_house())
     before = {face.number: face for face in faces_of(model)}
     shorter = 0
@@ -135,7 +135,7 @@ def test_what_was_inferred_beyond_rooms_is_left_out_and_what_was_measured_stays(
         assert face.measured.equals(before[face.number].measured)
         assert less(face.inferred, [before[face.number].inferred]).area < 1e-3
         shorter += face.area.area < before[face.number].area.area - 0.1
-    assert shorter >= 3
+    assert 1 <= shorter <= 3  # walls beside the slab; completion itself ends the others at their corners
     wall = next(body for body in parts.bodies if body.kind == "wall")
     heights = wall.frame.place(shapely.get_coordinates(wall.area))[:, 2] - UTM.translation[2]
     assert heights.max() < HIGH_M + 0.02

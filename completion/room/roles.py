@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: MIT
+"""Roles: which planes are floors, ceilings and walls of the room.
+
+A level plane is a floor or ceiling where hardly anything was measured beyond it. An upright one is a wall
+where, along most of what was measured of it, it bounds a room of the layout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from completion.merging.merged_surface import MergedSurface
+from completion.observe.observation import Observation
+from completion.room import limits
+from completion.room.layout import Layout, find_layout
+from completion.room.planes import Beams, Role, RoomPlane, level_role
+from completion.room.walls import Wall
+from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
+from scenes.inclination import Up
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Room:
+    """What scans show of the rooms, working frame.
+
+    Attributes
+    ----------
+    roles : tuple of str
+        "floor", "ceiling", "wall" or "" for each surface.
+    walls : tuple of Wall
+        The walls, from corner to corner.
+    layouts : tuple of Layout
+        The plan of each storey in which scanners stood, from the lowest up; rooms are numbered on.
+    origins : tuple of (3,) float
+        Where the scanners stood.
+    up : (3,) float
+        Which way is up.
+    """
+
+    roles: tuple[Role, ...] = ()
+    walls: tuple[Wall, ...] = ()
+    layouts: tuple[Layout, ...] = ()
+    origins: tuple[FloatArray, ...] = ()
+    up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def role(self, number: int) -> Role:
+        """What a surface is to the room; "" of what is no surface of its own."""
+        return self.roles[number] if 0 <= number < len(self.roles) else ""
+
+    def wall(self, number: int) -> Wall:
+        """The wall that a surface is, by its number."""
+        return next(wall for wall in self.walls if wall.number == number)
+
+    def only(self, kept: BoolArray) -> Room:
+        """Return the room of which only surfaces that are `kept` (n,) have roles."""
+        roles = tuple(role if is_so else "" for role, is_so in zip(self.roles, kept, strict=True))
+        return replace(self, roles=roles, walls=tuple(wall for wall in self.walls if kept[wall.number]))
+
+    @property
+    def axes(self) -> FloatArray:
+        """Level directions (2, 3) along which most walls stand."""
+        return self.layouts[0].axes if self.layouts else np.eye(3)[:2]
+
+    @property
+    def own(self) -> tuple[int, ...]:
+        """The rooms in which scanners stand."""
+        return tuple(room for layout in self.layouts for room in layout.own)
+
+    def rooms_at(self, points: FloatArray) -> IntArray:
+        """Which room (n,) points (n, 3) are in; 0 for none."""
+        rooms = np.zeros(len(points), dtype=np.int64)
+        for layout, at in self._by_storey(points):
+            rooms[at] = layout.rooms_at(points[at])
+        return rooms
+
+    def closed_at(self, points: FloatArray) -> FloatArray:
+        """Of four ways along the axes, the share (n,) in which a wall ends the room of points (n, 3)."""
+        closed = np.zeros(len(points))
+        for layout, at in self._by_storey(points):
+            closed[at] = layout.closed_at(points[at])
+        return closed
+
+    def _by_storey(self, points: FloatArray) -> Iterator[tuple[Layout, IntArray]]:
+        """Yield the plans, and which of points (n, 3) are in their storeys, by number."""
+        floors, height = np.array([layout.floor_m for layout in self.layouts]), points @ self.up
+        storey = np.searchsorted(floors, height + limits.SLAB_M, side="right") - 1
+        for k, layout in enumerate(self.layouts):
+            is_in = (np.maximum(storey, 0) == k) & (height < layout.ceiling_m + limits.SLAB_M)
+            yield layout, np.flatnonzero(is_in)
+
+    def rooms_beside(self, wall: Wall, points: FloatArray) -> tuple[IntArray, IntArray]:
+        """Which rooms (n,) are before and behind a wall at points (n, 3) of it; 0 for none."""
+        aside = limits.ASIDE_M * wall.plane.normal_direction
+        return self.rooms_at(points + aside), self.rooms_at(points - aside)
+
+    def bounds(self, wall: Wall, points: FloatArray) -> BoolArray:
+        """Tell at which points (n, 3) of it a wall parts a room, on its inner side, from another or none."""
+        front, back = self.rooms_beside(wall, points)
+        return np.asarray((front > 0) & (back != front), dtype=np.bool_)
+
+    def hides(self, points: FloatArray, number: int) -> BoolArray:
+        """Tell which points (n, 3) of surface `number` some other wall hides from each of the scanners."""
+        behind = np.ones(len(points), dtype=np.bool_)
+        for origin in self.origins:
+            left = np.flatnonzero(behind)
+            hidden = np.zeros(len(left), dtype=np.bool_)
+            for wall in self.walls:
+                if wall.number != number:
+                    hidden |= wall.hides(points[left], origin)
+            behind[left] = hidden
+        return behind
+
+
+NO_ROOM = Room()
+
+
+def assign_roles(
+    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], flatness_m: float, up: Up
+) -> Room:
+    """Find the floors, ceilings and walls among surfaces; none where up is undecided.
+
+    Parameters
+    ----------
+    surfaces : sequence of MergedSurface
+        Working frame.
+    observations : sequence of Observation
+        The scans.
+    flatness_m : float
+        By how much real surfaces stray from planes, metres.
+    up : Up
+        Which way is up in the working frame.
+    """
+    if not up.is_decided:
+        return Room(tuple("" for _ in surfaces))
+    beams = Beams.of(observations, limits.N_ROLE_BEAMS)
+    levels, upright = _look(surfaces, observations, flatness_m, up)
+    roles: list[Role] = [""] * len(surfaces)
+    walls = [Wall.measured(number, plane, beams, up.direction) for number, plane in upright]
+    walls = [wall for wall in walls if (wall.high - wall.low >= limits.LEAST_WALL_M).all()]
+    measured = [surfaces[wall.number].points(observations, limits.N_WALL_POINTS) for wall in walls]
+    layouts: list[Layout] = []
+    for there in beams.by_height(up.direction, limits.STOREY_M):
+        eye, ceiling = float((there.origin @ up.direction).mean()), np.inf
+        bottom, top = np.quantile(there.point @ up.direction, (limits.OUTLYING, 1 - limits.OUTLYING))
+        for number, plane in levels:
+            role, height = level_role(plane, there, up.direction, eye), float(plane.middle @ up.direction)
+            roles[number] = role or roles[number]
+            bottom = max(bottom, height) if role == "floor" else bottom
+            ceiling = min(ceiling, height) if role == "ceiling" else ceiling
+        band = float(bottom) + limits.BAND_M, float(min(top, ceiling)) - limits.BAND_M
+        n_before = max((int(layout.rooms.max(initial=0)) for layout in layouts), default=0)
+        layout = find_layout(walls, measured, there, up.direction, band).numbered_from(n_before)
+        layouts.append(replace(layout, ceiling_m=ceiling))
+    origins = tuple(seen.scan.origin for seen in observations)
+    room = Room(layouts=tuple(layouts), origins=origins, up=up.direction)
+    walls = [
+        to_corners(wall, room)
+        for wall, points in zip(walls, measured, strict=True)
+        if room.bounds(wall, points).mean() >= limits.BOUNDING
+    ]
+    for wall in walls:
+        roles[wall.number] = "wall"
+    return replace(room, roles=tuple(roles), walls=tuple(walls))
+
+
+def _look(
+    surfaces: Sequence[MergedSurface], observations: Sequence[Observation], flatness_m: float, up: Up
+) -> tuple[list[tuple[int, RoomPlane]], list[tuple[int, RoomPlane]]]:
+    """Level planes and upright ones, by number, that are large enough to bound a room."""
+    whole = sum(surface.n_pixels for surface in surfaces)
+    level, upright = [], []
+    for number, surface in enumerate(surfaces):
+        plane = RoomPlane.of(surface, observations, flatness_m) if surface.n_pixels else None
+        if plane is None:
+            continue
+        inclination = surface.fit.inclination(up.direction, up.sd_deg)
+        if inclination.is_level and surface.n_pixels >= limits.FLOOR_SHARE * whole:
+            level.append((number, plane))
+        is_large = surface.n_pixels >= limits.WALL_SHARE * whole and plane.area_m2 >= limits.LEAST_WALL_M2
+        if inclination.is_upright and is_large:
+            upright.append((number, plane))
+    return level, upright
+
+
+def to_corners(wall: Wall, room: Room) -> Wall:
+    """Return a wall that goes on along its line as far as it bounds a room, and down to a near floor."""
+    middle = (wall.low[1] + wall.high[1]) / 2
+    step = np.arange(limits.PLAN_M / 2, limits.FARTHEST_M, limits.PLAN_M)
+    reach = []
+    for end, way in ((wall.low[0], -1.0), (wall.high[0], 1.0)):
+        along = np.column_stack([end + way * step, np.full(len(step), middle)])
+        reach.append(limits.PLAN_M * int(np.argmin(np.append(room.bounds(wall, wall.place(along)), False))))
+    floors = [layout.floor_m for layout in room.layouts if layout.floor_m < middle]
+    floor = max(floors, default=-np.inf)
+    bottom = floor if wall.low[1] - floor < limits.ABOVE_FLOOR_M else wall.low[1] - limits.BELOW_M
+    aside, slack = limits.PAST_END_M, limits.SLACK_M
+    return replace(
+        wall,
+        low=np.array([wall.low[0] - reach[0] - aside, bottom - slack]),
+        high=np.array([wall.high[0] + reach[1] + aside, wall.high[1] + slack]),
+    )

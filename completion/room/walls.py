@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: MIT
+"""Walls: upright planes as rectangles, which beams passed where, and what they hide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from completion.room import limits
+from completion.room.planes import Beams, RoomPlane
+from scenes.checks import BoolArray, FloatArray, freeze_arrays
+from scenes.surfaces.catalogue import Plane
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wall:
+    """A wall as a rectangle, working frame.
+
+    Attributes
+    ----------
+    number : int
+        Of its surface, from 0.
+    plane : Plane
+        Its plane; the normal points into the room.
+    along, up : (3,) float
+        Unit directions, level and upwards.
+    low, high : (2,) float
+        Its corners along these, metres.
+    crossed : (n, 2) float
+        Where beams passed it, as coordinates along these.
+    """
+
+    number: int
+    plane: Plane
+    along: FloatArray
+    up: FloatArray
+    low: FloatArray
+    high: FloatArray
+    crossed: FloatArray
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @classmethod
+    def measured(cls, number: int, plane: RoomPlane, beams: Beams, up: FloatArray) -> Wall:
+        """As much of an upright plane as was measured, and where beams passed it, there and beside.
+
+        `up` (3,) is the direction that is up.
+        """
+        along = np.cross(up, plane.normal)
+        along = along / np.linalg.norm(along)
+        frame = np.stack([along, up], axis=1)
+        own = plane.points @ frame
+        low, high = np.quantile(own, (limits.OUTLYING, 1 - limits.OUTLYING), axis=0)
+        before, after = plane.plane.distance(beams.origin), plane.plane.distance(beams.point)
+        passes = (before > 0) & (after < -(limits.PASSED_M + 3 * np.hypot(beams.sigma, plane.bias_m)))
+        part = before[passes] / (before[passes] - after[passes])
+        at = (beams.origin[passes] + part[:, None] * (beams.point[passes] - beams.origin[passes])) @ frame
+        near = (at[:, 0] > low[0] - limits.BESIDE_M) & (at[:, 0] < high[0] + limits.BESIDE_M)
+        crossed = at[near]
+        return cls(number, plane.plane, along=along, up=up, low=low, high=high, crossed=crossed)
+
+    def places(self, points: FloatArray) -> FloatArray:
+        """Coordinates (n, 2) of points (n, 3) along it and upwards."""
+        return np.column_stack([points @ self.along, points @ self.up])
+
+    def place(self, places: FloatArray) -> FloatArray:
+        """Points (n, 3) of the plane at coordinates (n, 2) along it and upwards."""
+        frame = np.stack([self.along, self.up, self.plane.normal_direction])
+        off = np.full(len(places), float(self.plane.normal_direction @ self.plane.point))
+        return np.asarray(np.linalg.solve(frame, np.column_stack([places, off]).T).T)
+
+    def hides(self, points: FloatArray, origin: FloatArray) -> BoolArray:
+        """Tell which points (n, 3) stand behind it as seen from a scanner, (3,), and not in its openings."""
+        before = float(self.plane.distance(origin[None])[0])
+        depth = self.plane.distance(points)
+        hidden: BoolArray = (depth < -limits.BEHIND_M) & (before > 0)
+        at = np.flatnonzero(hidden)
+        if not len(at):
+            return hidden
+        part = before / (before - depth[at])
+        place = self.places(origin + part[:, None] * (points[at] - origin))
+        inside = np.asarray(((place > self.low) & (place < self.high)).all(axis=1), dtype=np.bool_)
+        if len(self.crossed) and inside.any():
+            apart = cKDTree(self.crossed).query(place[inside], distance_upper_bound=limits.OPENING_M)[0]
+            inside[np.flatnonzero(inside)] = ~np.isfinite(apart)
+        hidden[at] = inside
+        return hidden

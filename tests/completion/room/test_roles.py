@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: MIT
+"""What surfaces are to the room, and that another room's wall ends at this one's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from completion import CompletionOptions, complete
+from scenes.inclination import Up
+from tests.helpers.completion_examples import completed
+from tests.helpers.exchange_houses import completed_house
+
+
+@pytest.fixture(scope="module")
+def house():
+    return completed_house()
+
+
+def test_each_storey_has_its_plan(house):
+    room = house.patches[0].limits.room
+    assert [len(layout.own) for layout in room.layouts] == [2, 1]
+    areas = [outline.area for layout in room.layouts for _, outline in layout.outlines()]
+    assert areas == pytest.approx([12.0, 9.0, 12.0], rel=0.03)
+
+
+def test_floors_and_ceilings_of_both_storeys_have_roles(house):
+    roles = [patch.limits.role for patch in house.patches if patch.observed_m2 > 1]
+    assert (roles.count("floor"), roles.count("ceiling"), roles.count("wall")) == (2, 2, 6)
+
+
+def test_what_can_be_seen_over_is_no_wall():
+    """The crates of this scene reach just above the scanner; beams pass over them."""
+    found = completed("two_occluders", pixels=120)
+    room = found.patches[0].limits.room
+    assert len(room.walls) == 2
+    assert all(wall.high[0] - wall.low[0] > 3 for wall in room.walls)
+
+
+def test_where_up_is_undecided_nothing_has_a_role():
+    found = completed("two_occluders", pixels=120)
+    scans = [seen.scan for seen in found.observations]
+    undecided = Up(np.array([0.0, 0.0, 1.0]), 30.0, is_decided=False)
+    again = complete(scans, CompletionOptions(texture=False, up=undecided), rng=0)
+    assert {patch.limits.role for patch in again.patches} == {""}
+    assert again.hypothesised_m2 > 0
