@@ -274,7 +274,7 @@ def _within(grid: ChartGrid, extent: Extent, evidence: Evidence) -> BoolArray:
         hidden = np.flatnonzero(unseen & inside)
         behind[hidden] |= room.hides(centres[hidden], extent.index)
     at = np.flatnonzero(behind)
-    inside.ravel()[at] = np.isin(room.rooms_at(centres[at]), room.own)
+    inside.ravel()[at] = room.holds(centres[at])
     return inside
 
 

@@ -104,8 +104,14 @@ class Room:
         front, back = self.rooms_beside(wall, points)
         return np.asarray((front > 0) & (back != front), dtype=np.bool_)
 
+    def holds(self, points: FloatArray) -> BoolArray:
+        """Tell which points (n, 3) are in rooms in which scanners stand, above their floors."""
+        low = min((layout.floor_m for layout in self.layouts), default=-np.inf)
+        is_above = points @ self.up > low - limits.SLAB_M
+        return np.asarray(is_above & np.isin(self.rooms_at(points), self.own), dtype=np.bool_)
+
     def hides(self, points: FloatArray, number: int) -> BoolArray:
-        """Tell which points (n, 3) of surface `number` some other wall hides from each of the scanners."""
+        """Tell which points (n, 3) of surface `number` the rest of the room hides from all scanners."""
         behind = np.ones(len(points), dtype=np.bool_)
         for origin in self.origins:
             left = np.flatnonzero(behind)
@@ -113,8 +119,20 @@ class Room:
             for wall in self.walls:
                 if wall.number != number:
                     hidden |= wall.hides(points[left], origin)
-            behind[left] = hidden
+            behind[left] = hidden | self._past_levels(points[left], origin)
         return behind
+
+    def _past_levels(self, points: FloatArray, origin: FloatArray) -> BoolArray:
+        """Which points (n, 3) are below the floor or above the ceiling of a room seen from `origin`."""
+        past = np.zeros(len(points), dtype=np.bool_)
+        eye, height = float(origin @ self.up), points @ self.up
+        for layout in self.layouts:
+            for level, side in ((layout.floor_m, -1.0), (layout.ceiling_m, 1.0)):
+                is_past = (side * (height - level) > limits.BEHIND_M) & (side * (eye - level) < 0)
+                at = np.flatnonzero(is_past & np.isfinite(level))
+                part = (level - eye) / (height[at] - eye)
+                past[at] |= np.isin(self.rooms_at(origin + part[:, None] * (points[at] - origin)), self.own)
+        return past
 
 
 NO_ROOM = Room()
@@ -146,16 +164,18 @@ def assign_roles(
     measured = [surfaces[wall.number].points(observations, limits.N_WALL_POINTS) for wall in walls]
     layouts: list[Layout] = []
     for there in beams.by_height(up.direction, limits.STOREY_M):
-        eye, ceiling = float((there.origin @ up.direction).mean()), np.inf
+        eye, floor, ceiling = float((there.origin @ up.direction).mean()), -np.inf, np.inf
         bottom, top = np.quantile(there.point @ up.direction, (limits.OUTLYING, 1 - limits.OUTLYING))
         for number, plane in levels:
             role, height = level_role(plane, there, up.direction, eye), float(plane.middle @ up.direction)
             roles[number] = role or roles[number]
-            bottom = max(bottom, height) if role == "floor" else bottom
+            floor = max(floor, height) if role == "floor" else floor
             ceiling = min(ceiling, height) if role == "ceiling" else ceiling
-        band = float(bottom) + limits.BAND_M, float(min(top, ceiling)) - limits.BAND_M
+        band = float(max(bottom, floor)) + limits.BAND_M, float(min(top, ceiling)) - limits.BAND_M
         n_before = max((int(layout.rooms.max(initial=0)) for layout in layouts), default=0)
         layout = find_layout(walls, measured, there, up.direction, band).numbered_from(n_before)
+        if np.isfinite(floor) or not layouts:
+            layout = replace(layout, floor_m=floor)
         layouts.append(replace(layout, ceiling_m=ceiling))
     origins = tuple(seen.scan.origin for seen in observations)
     room = Room(layouts=tuple(layouts), origins=origins, up=up.direction)

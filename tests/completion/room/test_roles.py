@@ -44,3 +44,17 @@ def test_where_up_is_undecided_nothing_has_a_role():
     again = complete(scans, CompletionOptions(texture=False, up=undecided), rng=0)
     assert {patch.limits.role for patch in again.patches} == {""}
     assert again.hypothesised_m2 > 0
+
+
+def test_nothing_goes_on_below_the_floor_that_is_looked_at(house):
+    """A place under the floor of a scanner's room is hidden by it, whatever else stands before it."""
+    room = house.patches[0].limits.room
+    lower = room.layouts[0]
+    place = (
+        room.origins[0] + 1.0 * lower.axes[0] + (lower.floor_m - 1.0 - room.origins[0] @ room.up) * room.up
+    )
+    assert room.hides(place[None], -1).all()
+    assert not room.holds(place[None]).any()
+    inside = place + 1.5 * room.up
+    assert not room.hides(inside[None], -1).any()
+    assert room.holds(inside[None]).all()
