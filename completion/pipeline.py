@@ -165,9 +165,15 @@ def continue_surfaces(
         if not edit.actions and not is_chosen(surfaces[index].fit, options.only, encloses=encloses, up=up):
             return None
         extent = find_extent(index, surfaces, boundaries, adjacency, observations, cues=options.cues, up=up)
-        stated, rules = related.stated[index], options.rules()
         patch = extend(
-            boundaries[index], extent, known[index], stated, scans=scans, number=index + 1, rules=rules
+            boundaries[index],
+            extent,
+            known[index],
+            related.stated[index],
+            scans=scans,
+            room=adjacency.room,
+            number=index + 1,
+            rules=options.rules(),
         )
         return patch if edit.actions or patch.observed_m2 >= options.min_area_m2 else None
 
@@ -193,6 +199,7 @@ def continue_surfaces(
         scans=with_reveals.with_owners(owners),
         relations=related.inferred and related.inferred.renumber([patch is not None for patch in patches]),
         errors=errors.only([patch is not None for patch in every]),
+        room=adjacency.room,
         features=tuple(features),
         choice=Choice(options.only, options.min_area_m2, len(every) - len(chosen)),
         mode=options.mode,

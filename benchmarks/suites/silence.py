@@ -144,7 +144,10 @@ def parts_of(seed: int) -> list[Part]:
     world, found = completed.world_from_reference, []
     for patch in completed.patches:
         hidden, evidence, is_wall = patch.shadows.region >= 0, patch.evidence, patch.limits.encloses
-        goes_on = estimate(patch.grid, patch.shadows, patch.labelling, patch.limits, evidence).ravel()
+        room = completed.completed.room
+        goes_on = estimate(
+            patch.grid, patch.shadows, patch.labelling, patch.limits, evidence, room=room
+        ).ravel()
         filled, unit = _occluded(patch), 1.0 if is_wall else max(float(np.sqrt(patch.observed_m2)), 1e-6)
         centres = patch.grid.centres()
         for part, _ in judged_parts(

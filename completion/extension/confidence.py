@@ -36,6 +36,7 @@ from completion.extension.limits import (
     WELL_SEEN_SHARE,
 )
 from completion.extension.room_surfaces import room_probability
+from completion.room.roles import NO_ROOM, Room
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 from texture.engine.compiled import compiled
@@ -481,7 +482,13 @@ class Prospects:
 
 
 def estimate(
-    grid: ChartGrid, regions: HiddenRegions, labelling: Labelling, extent: Extent, evidence: Evidence
+    grid: ChartGrid,
+    regions: HiddenRegions,
+    labelling: Labelling,
+    extent: Extent,
+    evidence: Evidence,
+    *,
+    room: Room = NO_ROOM,
 ) -> FloatArray:
     """Probability (rows, columns) that the surface is at each cell; 1 where it was measured."""
     result = np.where(evidence.observed, 1.0, 0.0)
@@ -489,7 +496,7 @@ def estimate(
         prospect = prospects(grid, regions, labelling, extent, evidence)
         probability = prospect.probability()
         if extent.role:
-            of_room = room_probability(grid, regions, extent, evidence, prospect.base)
+            of_room = room_probability(grid, regions, extent, evidence, base=prospect.base, room=room)
             probability = np.where(prospect.is_said, probability, of_room)
         result[regions.region >= 0] = probability
     return result

@@ -19,7 +19,6 @@ from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.observe.user_options import UserOptions
 from completion.room.planes import Role
-from completion.room.roles import NO_ROOM, Room
 from completion.segmentation.regions import observed_arc
 from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
@@ -81,8 +80,8 @@ class Extent:
         Standard deviation of a cylinder's radius, in units of the radius.
     index : int
         Number of the surface, from 0; -1 of faces of features.
-    room : Room
-        What scans show of the room.
+    role : str
+        What it is to the room: "floor", "ceiling", "wall" or "".
     """
 
     chart: Surface
@@ -105,15 +104,10 @@ class Extent:
     tilt: float = 1.0
     radius_sd: float = 0.0
     index: int = -1
-    room: Room = NO_ROOM
+    role: Role = ""
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
-
-    @property
-    def role(self) -> Role:
-        """What it is to the room: "floor", "ceiling", "wall" or ""."""
-        return self.room.role(self.index)
 
     def window(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corners (2,) of the rectangle of the chart in which a continuation is considered.
@@ -237,7 +231,7 @@ def find_extent(
         tilt=_tilt(chart, [closing[k][1] for k in which[which >= 0]]),
         radius_sd=radius_sd,
         index=index,
-        room=adjacency.room,
+        role=adjacency.room.role(index),
     )
 
 

@@ -62,8 +62,6 @@ noise puts beyond.
 """
 SIDEWAYS_COSINE = 0.7
 """Between a plane's normal and the direction whose side it closes: 45 deg, nearest to that side."""
-FARTHEST_M = 3.0
-"""Metres past what was measured of a floor, wall or ceiling up to which it is looked at. By eye."""
 LEAST_CONFIDENCE = {"conservative": 0.8, "standard": 0.5, "bold": 0.2}
 """Probability below which a place is left unknown."""
 LEAST_OF_ROOM = {"conservative": 0.9, "standard": 0.8, "bold": 0.5}

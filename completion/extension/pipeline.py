@@ -24,9 +24,11 @@ from completion.extension.confidence import as_far_as_probable, estimate, silent
 from completion.extension.extent import ExtensionRules, Extent, with_ends, with_joints
 from completion.extension.features import lay_openings
 from completion.extension.grid import lay_grid
-from completion.extension.limits import FARTHEST_M, LEAST_CONFIDENCE, LEAST_OF_ROOM, SPECK_CELLS
+from completion.extension.limits import LEAST_CONFIDENCE, LEAST_OF_ROOM, SPECK_CELLS
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
 from completion.fitting.result import SurfaceFit
+from completion.room.limits import FARTHEST_M
+from completion.room.roles import NO_ROOM, Room
 from scenes.checks import BoolArray
 from scenes.surfaces.catalogue import Cylinder
 
@@ -38,6 +40,7 @@ def extend(
     stated: SurfaceFit,
     *,
     scans: Scans,
+    room: Room = NO_ROOM,
     number: int,
     rules: ExtensionRules,
 ) -> Patch:
@@ -59,6 +62,8 @@ def extend(
         Its fit with the covariance of all errors.
     scans : Scans
         All scans.
+    room : Room
+        What they show of the room.
     number : int
         This surface's number in `scans.owners`, from 1.
     rules : ExtensionRules
@@ -82,7 +87,7 @@ def extend(
     predicted_sd = predicted_sd.reshape(grid.shape)
 
     # 2. Hidden cells: where the surface may be, unseen; and those of them that a person accepts.
-    within = _within(grid, extent, evidence)
+    within = _within(grid, extent, evidence, room)
     possible = _possible(grid, evidence, edits) & within & (predicted_sd <= rules.wishes.max_sd_m)
     accepted = possible & edits.accepted_cells(grid, grid.within(*extent.known_window()))
     hidden = possible & grid.within(*extent.window())
@@ -99,7 +104,7 @@ def extend(
 
     # 4. Label: the cheapest boundary says which regions are surface, and how probable each cell is.
     labelling = label_regions(regions)
-    confidence = estimate(grid, regions, labelling, extent, evidence)
+    confidence = estimate(grid, regions, labelling, extent, evidence, room=room)
 
     # 5. Fill: what is probable or accepted, and hangs together with what was measured.
     probable = hidden & (confidence >= least) & ~edits.rejected_cells(grid)
@@ -256,13 +261,12 @@ def _add_trimmed_cells(
     return result.reshape(grid.shape), tuple(trims)
 
 
-def _within(grid: ChartGrid, extent: Extent, evidence: Evidence) -> BoolArray:
+def _within(grid: ChartGrid, extent: Extent, evidence: Evidence, room: Room) -> BoolArray:
     """Cells on the right side of every cut that are not hidden behind what bounds the room.
 
     What is in a room in which a scanner stands is behind nothing.
     """
-    inside, room = np.ones(grid.shape, dtype=np.bool_), extent.room
-    centres = grid.centres()
+    inside, centres = np.ones(grid.shape, dtype=np.bool_), grid.centres()
     for cut in extent.cuts:
         inside &= (cut.distance(centres) > -float(np.hypot(*grid.cell) / 2)).reshape(grid.shape)
     behind = np.zeros(inside.size, dtype=np.bool_)

@@ -16,6 +16,7 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence
 from completion.extension.extent import Extent
 from completion.room.limits import ASIDE_M
+from completion.room.roles import Room
 from scenes.checks import BoolArray, FloatArray
 
 KNOWN_OF_LEVEL = (
@@ -64,27 +65,39 @@ def supports(observed: BoolArray) -> FloatArray:
 
 
 def room_probability(
-    grid: ChartGrid, regions: HiddenRegions, extent: Extent, evidence: Evidence, base: FloatArray
+    grid: ChartGrid,
+    regions: HiddenRegions,
+    extent: Extent,
+    evidence: Evidence,
+    *,
+    base: FloatArray,
+    room: Room,
 ) -> FloatArray:
     """Return how probably a surface of the room is at each of the n hidden cells, as in `regions.region`.
 
     `base` (n,) is the probability by the surface's edges.
     """
-    known = known_of_room(grid, regions, extent, evidence, base)
+    known = known_of_room(grid, regions, extent, evidence, base=base, room=room)
     weights = WALL_WEIGHTS if extent.role == "wall" else LEVEL_WEIGHTS
     return np.asarray(1 / (1 + np.exp(-(weights[0] + known @ weights[1:]))), dtype=np.float64)
 
 
 def known_of_room(
-    grid: ChartGrid, regions: HiddenRegions, extent: Extent, evidence: Evidence, base: FloatArray
+    grid: ChartGrid,
+    regions: HiddenRegions,
+    extent: Extent,
+    evidence: Evidence,
+    *,
+    base: FloatArray,
+    room: Room,
 ) -> FloatArray:
     """Return `KNOWN_OF_LEVEL` (n, 6) or `KNOWN_OF_WALL` (n, 7) of the n hidden cells."""
     inside = regions.region >= 0
     away = ndimage.distance_transform_edt(~evidence.observed, sampling=grid.cell[::-1])[inside]
     support = supports(evidence.observed)[inside]
-    points, room = grid.centres()[np.flatnonzero(inside)], extent.room
+    points = grid.centres()[np.flatnonzero(inside)]
     if extent.role != "wall":
-        is_own = np.isin(room.rooms_at(points), room.own)
+        is_own = np.isin(room.rooms_at(points), room.scanner_rooms)
         is_ceiling = np.full(len(points), extent.role == "ceiling")
         closed = is_own * room.closed_at(points)
         return np.column_stack([away, support, 1 - base, is_own, closed, is_ceiling])

@@ -52,6 +52,7 @@ from completion.result.labelled_points import (
     remainder,
 )
 from completion.result.openings import SurfaceOpening, find_openings
+from completion.room.roles import Room
 from completion.texturing.chart_texture import Atlas, ChartTexture, make_atlas
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import FloatArray, InputError
@@ -75,6 +76,8 @@ class CompletedSurfaces:
         What surfaces are to each other; None where not asked for.
     errors : JointErrors
         Joint errors of the surfaces.
+    room : Room
+        What scans show of the room, its surfaces numbered as found, working frame.
     features : tuple of TemplateFit
         Openings fitted whole: accepted, ambiguous and rejected ones.
     choice : Choice
@@ -91,6 +94,7 @@ class CompletedSurfaces:
     scans: Scans
     relations: SurfaceRelations | None
     errors: JointErrors
+    room: Room
     features: tuple[TemplateFit, ...]
     choice: Choice
     mode: Mode

@@ -128,7 +128,7 @@ BAND_M = 0.1
 ASIDE_M = 0.12
 """Metres before and behind a wall at which is looked what it parts: other lines may be nearer to it."""
 FARTHEST_M = 3.0
-"""Metres past what was measured of a wall to which a corner is sought."""
+"""Metres past what was measured to which a wall's corner is sought, and a floor, wall or ceiling goes on."""
 
 PLAN_M, PLAN_CELLS = 0.05, 160_000
 """Metres: squares of the plan by which cells are told apart, and how many there may be."""

@@ -129,7 +129,7 @@ class Beams:
         storey = np.searchsorted(heights[1:][np.diff(heights) > apart_m], eye, side="right")
         return [
             Beams(self.origin[is_in], self.point[is_in], self.sigma[is_in])
-            for is_in in (storey == k for k in range(int(storey.max(initial=0)) + 1))
+            for is_in in (storey == k for k in range(int(storey.max(initial=-1)) + 1))
         ]
 
 

@@ -68,9 +68,9 @@ class Room:
         return self.layouts[0].axes if self.layouts else np.eye(3)[:2]
 
     @property
-    def own(self) -> tuple[int, ...]:
+    def scanner_rooms(self) -> tuple[int, ...]:
         """The rooms in which scanners stand."""
-        return tuple(room for layout in self.layouts for room in layout.own)
+        return tuple(room for layout in self.layouts for room in layout.scanner_rooms)
 
     def rooms_at(self, points: FloatArray) -> IntArray:
         """Which room (n,) points (n, 3) are in; 0 for none."""
@@ -108,7 +108,7 @@ class Room:
         """Tell which points (n, 3) are in rooms in which scanners stand, above their floors."""
         low = min((layout.floor_m for layout in self.layouts), default=-np.inf)
         is_above = points @ self.up > low - limits.SLAB_M
-        return np.asarray(is_above & np.isin(self.rooms_at(points), self.own), dtype=np.bool_)
+        return np.asarray(is_above & np.isin(self.rooms_at(points), self.scanner_rooms), dtype=np.bool_)
 
     def hides(self, points: FloatArray, number: int) -> BoolArray:
         """Tell which points (n, 3) of surface `number` the rest of the room hides from all scanners."""
@@ -131,7 +131,9 @@ class Room:
                 is_past = (side * (height - level) > limits.BEHIND_M) & (side * (eye - level) < 0)
                 at = np.flatnonzero(is_past & np.isfinite(level))
                 part = (level - eye) / (height[at] - eye)
-                past[at] |= np.isin(self.rooms_at(origin + part[:, None] * (points[at] - origin)), self.own)
+                past[at] |= np.isin(
+                    self.rooms_at(origin + part[:, None] * (points[at] - origin)), self.scanner_rooms
+                )
         return past
 
 
@@ -163,20 +165,23 @@ def assign_roles(
     walls = [wall for wall in walls if (wall.high - wall.low >= limits.LEAST_WALL_M).all()]
     measured = [surfaces[wall.number].points(observations, limits.N_WALL_POINTS) for wall in walls]
     layouts: list[Layout] = []
-    for there in beams.by_height(up.direction, limits.STOREY_M):
-        eye, floor, ceiling = float((there.origin @ up.direction).mean()), -np.inf, np.inf
+    storeys = list(beams.by_height(up.direction, limits.STOREY_M))
+    eyes = [-np.inf, *(float((there.origin @ up.direction).mean()) for there in storeys), np.inf]
+    for there, below, eye, above in zip(storeys, eyes, eyes[1:], eyes[2:], strict=False):
         bottom, top = np.quantile(there.point @ up.direction, (limits.OUTLYING, 1 - limits.OUTLYING))
+        floors, ceilings = list[float](), list[float]()
         for number, plane in levels:
             role, height = level_role(plane, there, up.direction, eye), float(plane.middle @ up.direction)
             roles[number] = role or roles[number]
-            floor = max(floor, height) if role == "floor" else floor
-            ceiling = min(ceiling, height) if role == "ceiling" else ceiling
-        band = float(max(bottom, floor)) + limits.BAND_M, float(min(top, ceiling)) - limits.BAND_M
+            if role == "floor" and height > below:
+                floors.append(height)
+            if role == "ceiling" and height < above:
+                ceilings.append(height)
+        band = (max([bottom, *floors]) + limits.BAND_M, min([top, *ceilings]) - limits.BAND_M)
         n_before = max((int(layout.rooms.max(initial=0)) for layout in layouts), default=0)
         layout = find_layout(walls, measured, there, up.direction, band).numbered_from(n_before)
-        if np.isfinite(floor) or not layouts:
-            layout = replace(layout, floor_m=floor)
-        layouts.append(replace(layout, ceiling_m=ceiling))
+        floor = min(floors, default=float(bottom) if layouts else -np.inf)
+        layouts.append(replace(layout, floor_m=floor, ceiling_m=max(ceilings, default=np.inf)))
     origins = tuple(seen.scan.origin for seen in observations)
     room = Room(layouts=tuple(layouts), origins=origins, up=up.direction)
     walls = [

@@ -52,8 +52,7 @@ class Wall:
         along = np.cross(up, plane.normal)
         along = along / np.linalg.norm(along)
         frame = np.stack([along, up], axis=1)
-        own = plane.points @ frame
-        low, high = np.quantile(own, (limits.OUTLYING, 1 - limits.OUTLYING), axis=0)
+        low, high = np.quantile(plane.points @ frame, (limits.OUTLYING, 1 - limits.OUTLYING), axis=0)
         before, after = plane.plane.distance(beams.origin), plane.plane.distance(beams.point)
         passes = (before > 0) & (after < -(limits.PASSED_M + 3 * np.hypot(beams.sigma, plane.bias_m)))
         part = before[passes] / (before[passes] - after[passes])

@@ -86,7 +86,7 @@ EYE = np.array([1.0, 1.0, 1.5])
 
 def test_a_room_is_what_its_walls_hold():
     layout, _ = layout_of(plan_of(SQUARE), EYE)
-    assert layout.own == (1,)
+    assert layout.scanner_rooms == (1,)
     assert (layout.rooms_at(at((0.1, 0.1), (3.9, 2.9), (2, 1))) == 1).all()
     assert (layout.rooms_at(at((-0.2, 1), (4.3, 1), (2, 3.2), (2, -0.4))) == 0).all()
 
@@ -140,7 +140,7 @@ def test_a_door_parts_rooms():
         (b, e, d) for b, e, d in plan_of([(4.1, 0), (8, 0), (8, 3), (4.1, 3)]) if b[0] != 4.1 or e[0] != 4.1
     ]
     layout, found = layout_of(walls, EYE)
-    assert layout.own == (1,)
+    assert layout.scanner_rooms == (1,)
     assert layout.rooms_at(at((2, 2)))[0] == 1
     assert layout.rooms_at(at((5.5, 1.7)))[0] == 2
     parting = next(wall for wall in found if wall.number == 1)
@@ -152,6 +152,6 @@ def test_a_door_parts_rooms():
 def test_without_walls_there_is_no_plan():
     beams = Beams(np.zeros((3, 3)), np.ones((3, 3)), np.zeros(3))
     layout = find_layout([], [], beams, UP, (0.0, 1.0))
-    assert not layout.own
+    assert not layout.scanner_rooms
     assert not list(layout.outlines())
     assert (layout.rooms_at(np.zeros((2, 3))) == 0).all()

@@ -18,8 +18,8 @@ def house():
 
 
 def test_each_storey_has_its_plan(house):
-    room = house.patches[0].limits.room
-    assert [len(layout.own) for layout in room.layouts] == [2, 1]
+    room = house.completed.room
+    assert [len(layout.scanner_rooms) for layout in room.layouts] == [2, 1]
     areas = [outline.area for layout in room.layouts for _, outline in layout.outlines()]
     assert areas == pytest.approx([12.0, 9.0, 12.0], rel=0.03)
 
@@ -32,7 +32,7 @@ def test_floors_and_ceilings_of_both_storeys_have_roles(house):
 def test_what_can_be_seen_over_is_no_wall():
     """The crates of this scene reach just above the scanner; beams pass over them."""
     found = completed("two_occluders", pixels=120)
-    room = found.patches[0].limits.room
+    room = found.completed.room
     assert len(room.walls) == 2
     assert all(wall.high[0] - wall.low[0] > 3 for wall in room.walls)
 
@@ -48,7 +48,7 @@ def test_where_up_is_undecided_nothing_has_a_role():
 
 def test_nothing_goes_on_below_the_floor_that_is_looked_at(house):
     """A place under the floor of a scanner's room is hidden by it, whatever else stands before it."""
-    room = house.patches[0].limits.room
+    room = house.completed.room
     lower = room.layouts[0]
     place = (
         room.origins[0] + 1.0 * lower.axes[0] + (lower.floor_m - 1.0 - room.origins[0] @ room.up) * room.up

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: MIT
+"""Wall lines: walls in the plan, and how probably they stand along their lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from completion.room import limits
+from completion.room.walls import Wall
+from scenes.checks import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WallLine:
+    """A line in the plan, and how probably a wall stands on it.
+
+    Attributes
+    ----------
+    line : (3,) float
+        a, b, c with a x + b y > c on its inner side.
+    along : (2,) float
+        Its unit direction.
+    low : float
+        Where its columns begin along it, metres.
+    support : (n,) float
+        Probability that a wall stands in each of them.
+    ends : (2,) float
+        From where to where it was measured, along it, metres.
+    is_measured : bool
+        Whether it is that of a wall; else it is only supposed, and beams contradict it.
+    """
+
+    line: FloatArray
+    along: FloatArray
+    low: float
+    support: FloatArray
+    ends: FloatArray
+    is_measured: bool = True
+
+    @classmethod
+    def of(cls, wall: Wall, points: FloatArray, axes: FloatArray) -> WallLine:
+        """Look at points (n, 3) of a wall and beams that passed it; `axes` (2, 3) are the plan's."""
+        normal = axes @ wall.plane.normal_direction
+        normal = normal / np.linalg.norm(normal)
+        line = np.append(normal, normal @ (axes @ wall.plane.point))
+        along = axes @ wall.along
+        along = along / np.linalg.norm(along)
+        where = (points @ axes.T) @ along
+        shift = float(np.mean(where - points @ wall.along))
+        ends = np.quantile(where, (limits.OUTLYING, 1 - limits.OUTLYING))
+        low = float(where.min()) - 3 * limits.SUPPORT_M
+        n = int((float(where.max()) + 3 * limits.SUPPORT_M - low) / limits.COLUMN_M) + 1
+        column = ((where - low) / limits.COLUMN_M).astype(np.int64)
+        apart = ndimage.distance_transform_edt(np.bincount(column, minlength=n) == 0) * limits.COLUMN_M
+        support = np.exp(-np.maximum(apart - limits.COLUMN_M, 0) / limits.SUPPORT_M)
+        tops = np.full(n, -np.inf)
+        np.maximum.at(tops, column, points @ wall.up)
+        passed = ((wall.crossed[:, 0] + shift - low) / limits.COLUMN_M).astype(np.int64)
+        inside = (passed >= 0) & (passed < n)
+        passed, height = passed[inside], wall.crossed[inside, 1]
+        is_passed = np.bincount(passed[height > tops[passed]], minlength=n) >= limits.CROSSINGS
+        return cls(line, along, low, np.where(is_passed, 0.0, support), ends)
+
+    def jambs(self) -> list[WallLine]:
+        """Lines at right angles to it where it was seen to end: something goes on behind it from there."""
+        lines = []
+        for end, way in zip(self.ends, (-1.0, 1.0), strict=True):
+            beside = end + way * limits.COLUMN_M * np.array([1.5, 2.5, 3.5])
+            column = np.clip(
+                ((beside - self.low) / limits.COLUMN_M).astype(np.int64), 0, len(self.support) - 1
+            )
+            is_seen = bool((self.support[column] == 0).any())
+            normal = self.line[:2]
+            behind = np.arange(0.0, 3 * limits.SUPPORT_M, limits.COLUMN_M)
+            support = is_seen * limits.JAMB * np.exp(-behind / limits.SUPPORT_M)
+            line = np.append(way * self.along, way * end)
+            at = -float(self.line[2])
+            lines.append(WallLine(line, -normal, at, support, np.zeros(2), is_measured=False))
+        return lines
+
+    def at(self, places: FloatArray) -> FloatArray:
+        """Its support (n,) at places (n, 2) of the plan."""
+        column = ((places @ self.along - self.low) / limits.COLUMN_M).astype(np.int64)
+        inside = (column >= 0) & (column < len(self.support))
+        return np.where(inside, self.support[np.clip(column, 0, len(self.support) - 1)], 0.0)
