@@ -236,6 +236,8 @@ REAL = (
     RealFrames("open3d_redwood", 5, 0.02),
     RealFrames("nyu_dining", 5, 0.05, (518.0, 519.0, 325.5, 253.5), 1000.0),
 )
+JUDGED = (REAL[4], RealFrames("nvblox_3dmatch", 5, 0.03), RealFrames("tdtk", 2, 0.04))
+"""Real frames of rooms whose poses are known well enough that one judges another."""
 WALKS = (
     Walk("duplex, lower storey", "buildings/duplex.glb", (5.5, -3.4, 1.5), 240, 8),
     Walk("duplex, upper storey", "buildings/duplex.glb", (6.5, -3.4, 4.6), 240, 8),

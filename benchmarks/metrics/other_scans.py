@@ -12,15 +12,17 @@ from scipy.spatial import cKDTree
 from skimage.color import rgb2lab
 
 from benchmarks.metrics.inferred import Samples
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.rays.raycast import RayCaster
 from scenes.scan.colour import unit_colour
 from scenes.scan.range_image import RangeImage
+from scenes.surfaces.catalogue import Plane
 
 BUFFERS_M = (0.01, 0.02, 0.05, 0.1, 0.2)
 
 
 TOLERANCE_M = 0.03
+_AROUND_M, _MOSTLY = 0.1, 0.7  # of planar points
 _SAME_WAY = np.cos(np.radians(30.0))  # normals of what is taken for the same surface
 
 
@@ -88,9 +90,9 @@ _MAX_TOLERANCE_M = 0.1
 class HiddenScore:
     """Inferred area against what other scans saw.
 
-    `right_m2`, `wrong_m2`, `unknown_m2`: counted area. `n_reference`, `n_found`: reference points, one in
-    each voxel of 2 cm, that the input scan did not see and that are in its view; and those of them with
-    inferred area near.
+    `right_m2`, `wrong_m2`, `unknown_m2`: counted area. `reference` (n, 3): reference points, one in each
+    voxel of 2 cm, that the input scan did not see and that are in its view; `seen_from` (n, 3): from where;
+    `is_found` (n,): whether inferred area is near.
     """
 
     # (n,) int8: For each sample: 1 right (a reference point is near), -1 wrong (a beam of another scan goes
@@ -99,8 +101,9 @@ class HiddenScore:
     right_m2: float
     wrong_m2: float
     unknown_m2: float
-    n_reference: int
-    n_found: int
+    reference: FloatArray
+    seen_from: FloatArray
+    is_found: BoolArray
     buffers: tuple[BufferScore, ...]  # the same area and points matched within other distances
 
     @property
@@ -112,7 +115,22 @@ class HiddenScore:
     @property
     def recall(self) -> float:
         """Share of the reference points that were found; NaN where there are none."""
-        return self.n_found / self.n_reference if self.n_reference else float("nan")
+        return float(self.is_found.mean()) if len(self.reference) else float("nan")
+
+    def reachable(self, planes: Sequence[Plane], tolerance_m: float) -> BoolArray:
+        """Which reference points (n,) lie on planes that were measured elsewhere, and were seen from before.
+
+        A point counts if most of those within 10 cm of it lie within the tolerance of the plane, too.
+        """
+        found = np.zeros(len(self.reference), dtype=np.bool_)
+        tree = cKDTree(self.reference) if len(self.reference) else None
+        for plane in planes:
+            is_on = np.abs(plane.distance(self.reference)) <= tolerance_m
+            at = np.flatnonzero(is_on & (plane.distance(self.seen_from) > 0) & ~found)
+            if tree is not None and len(at):
+                around = tree.query_ball_point(self.reference[at], _AROUND_M)
+                found[at] = [is_on[near].mean() >= _MOSTLY for near in around]
+        return found
 
     @property
     def unknown_share(self) -> float:
@@ -140,12 +158,13 @@ def score_by_others(
     """
     own = cKDTree(np.concatenate([scan.points()[scan.valid] for scan in scans]))
     counted = _hidden_and_apart(scans, own, samples.points, tolerance_m, apart_m)
-    reference = _thinned(np.concatenate([other.points()[other.valid] for other in others]))
-    reference = reference[_hidden_and_apart(scans, own, reference, tolerance_m, apart_m)]
+    points = np.concatenate([other.points()[other.valid] for other in others])
+    kept = _thinned(points)
+    kept = kept[_hidden_and_apart(scans, own, points[kept], tolerance_m, apart_m)]
+    reference = points[kept]
+    of = np.repeat(np.arange(len(others)), [np.count_nonzero(other.valid) for other in others])[kept]
     right = counted & _near(samples.points, reference, tolerance_m)
-    crossed = np.zeros(len(right), dtype=np.bool_)
-    for other in others:
-        crossed |= _beyond(other, samples.points, samples.normals, tolerance_m)
+    crossed = _crossed(samples.points, samples.normals, others, tolerance_m)
     wrong = counted & crossed & ~right
     state = np.select([right, wrong, counted], [1, -1, 0], 2).astype(np.int8)
     found = _near(reference, samples.points, tolerance_m)
@@ -156,10 +175,34 @@ def score_by_others(
         right_m2=right_m2,
         wrong_m2=wrong_m2,
         unknown_m2=unknown_m2,
-        n_reference=len(reference),
-        n_found=int(found.sum()),
+        reference=reference,
+        seen_from=np.array([other.origin for other in others])[of],
+        is_found=found,
         buffers=buffers,
     )
+
+
+def seen_by_others(
+    points: FloatArray, normals: FloatArray, others: Sequence[RangeImage], tolerance_m: float
+) -> NDArray[np.int8]:
+    """Tell what scans say of places (n, 3) with normals: 1 surface, -1 a beam goes through, 0 nothing.
+
+    `tolerance_m`: metres.
+    """
+    reference = np.concatenate([other.points()[other.valid] for other in others])
+    reference = reference[_thinned(reference)]
+    right = _near(points, reference, tolerance_m)
+    return np.where(right, 1, np.where(_crossed(points, normals, others, tolerance_m), -1, 0)).astype(np.int8)
+
+
+def _crossed(
+    points: FloatArray, normals: FloatArray, others: Sequence[RangeImage], tolerance_m: float
+) -> BoolArray:
+    """Points (n, 3) that a beam of some scan goes through."""
+    crossed = np.zeros(len(points), dtype=np.bool_)
+    for other in others:
+        crossed |= _beyond(other, points, normals, tolerance_m)
+    return crossed
 
 
 def _hidden_and_apart(
@@ -201,10 +244,10 @@ def _near(points: FloatArray, reference: FloatArray, reach_m: float) -> BoolArra
     return np.asarray(np.isfinite(distance), dtype=np.bool_)
 
 
-def _thinned(points: FloatArray) -> FloatArray:
-    """One point in each voxel, the first."""
+def _thinned(points: FloatArray) -> IntArray:
+    """One of the points in each voxel, the first, by number."""
     _, first = np.unique(np.floor(points / _VOXEL_M).astype(np.int64), axis=0, return_index=True)
-    return points[np.sort(first)]
+    return np.sort(first)
 
 
 PATCH_M = 0.05  # colours are compared as means over so much: a texture is continued, not reproduced

@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 
 from benchmarks.cases.frames import DATA, WALKS, Flat, Known
 from benchmarks.cases.rooms import hypothesis_of, random_case
+from benchmarks.metrics.odds import most_likely_odds
 from benchmarks.metrics.other_scans import is_there
 from benchmarks.run import suite
 from completion import CompletionOptions, Patch, complete
@@ -171,27 +172,9 @@ def most_likely_past_ends(places: Places) -> FloatArray:
 
 
 def _ridge(known: FloatArray, base: FloatArray, places: Places, chosen: BoolArray) -> FloatArray:
-    """Constant and weights by ridge regression of the log odds (Hoerl & Kennard 1970), for some places.
-
-    A place is right with the probability that follows from what is `known` (n, k), times `base` (n,).
-    """
-    known, base, right = known[chosen], base[chosen], places.is_right[chosen]
-    weight = places.weight[chosen] / places.weight[chosen].sum()
-    mean = weight @ known
-    scale = np.sqrt(weight @ np.square(known - mean)) + 1e-9
-    columns = np.column_stack([np.ones(len(known)), (known - mean) / scale])
-
-    def cost(x: FloatArray) -> tuple[float, FloatArray]:
-        goes_on = 1 / (1 + np.exp(-columns @ x))
-        probability = np.clip(base * goes_on, 1e-6, 1 - 1e-6)
-        told = weight @ np.log(np.where(right, probability, 1 - probability))
-        slope = np.where(right, 1 / probability, -1 / (1 - probability)) * base * goes_on * (1 - goes_on)
-        slope = -columns.T @ (weight * slope)
-        slope[1:] += RIDGE * x[1:]
-        return RIDGE / 2 * float(x[1:] @ x[1:]) - float(told), slope
-
-    x = minimize(cost, np.zeros(columns.shape[1]), jac=True, method="L-BFGS-B").x
-    return np.append(x[0] - (x[1:] / scale) @ mean, x[1:] / scale)
+    """Constant and weights of some places, `base` (n,) times as probable."""
+    weight = places.weight[chosen]
+    return most_likely_odds(known[chosen], places.is_right[chosen], weight, ridge=RIDGE, base=base[chosen])
 
 
 def _frames_of(source: Known, every: int) -> list[list[Places]]:

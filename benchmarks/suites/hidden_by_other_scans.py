@@ -76,7 +76,7 @@ def score_row(data: DataSet, frame: int, mode: Mode, result: HiddenScore) -> str
     return row(
         f"{data.name} frame {frame}", mode, number(result.precision, 3), number(result.recall, 3),
         f"{number(result.unknown_share, 3)}{verdict}", f"{result.right_m2:.3f}", f"{result.wrong_m2:.3f}",
-        f"{result.unknown_m2:.3f}", result.n_reference,
+        f"{result.unknown_m2:.3f}", len(result.reference),
     )  # fmt: skip
 
 

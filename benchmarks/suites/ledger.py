@@ -17,6 +17,7 @@ from benchmarks.cases.frames import (
     FURNISHED,
     HELD_OUT_HOUSES,
     HOUSES,
+    JUDGED,
     REAL,
     WALKS,
     Known,
@@ -33,11 +34,13 @@ from completion import CompletionOptions, complete
 from completion.result.completed_model import CompletedModel
 from scenes.checks import BoolArray
 from scenes.scan.range_image import RangeImage
+from scenes.surfaces.catalogue import Plane
 
 BINS = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
 _N_RESAMPLES = 1000
 _MOST_UNKNOWN = 0.7  # share of the area beyond which nothing is claimed
 CELL_M = 0.02
+_LEAST_PLANE_M2 = 0.02  # measured of a plane that counts as known
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +55,7 @@ class Entry:
     frames: tuple[int, ...]  # those that were completed together, from 0
     surface: int  # its number, from 1
     kind: str
+    role: str  # to the room; "" of most
     reason: str
     n_parts: int  # regions that it was joined from
     measured_m2: float  # its measured area
@@ -69,8 +73,9 @@ class Outcome:
     completed: CompletedModel  # the completion
     samples: Samples  # inferred area
     state: NDArray[np.int8]  # (n,) int8: For each sample: 1 right, -1 wrong, 0 unknown, 2 not counted
-    # reference points that the frames did not see, and those of them that were inferred
-    found: tuple[int, int]
+    # reference points that the frames did not see, and those of them that were inferred; the same of those on
+    # planes of which the frames measured something
+    found: tuple[int, ...]
 
 
 def outcome(
@@ -105,6 +110,7 @@ def outcome(
                 frames=tuple(frames),
                 surface=int(key[0]) + 1,
                 kind=type(patch.grid.surface).__name__.lower(),
+                role=patch.limits.role,
                 reason=hypothesis.reasons[key[1]],
                 n_parts=patch.source.n_parts,
                 measured_m2=patch.observed_m2,
@@ -114,7 +120,18 @@ def outcome(
                 unknown_m2=float(areas[state[here] == 0].sum()),
             )
         )
-    return Outcome(tuple(entries), completed, samples, state, (scored.n_reference, scored.n_found))
+    planes = [
+        patch.grid.surface.transform(completed.world_from_reference)
+        for patch in completed.patches
+        if isinstance(patch.grid.surface, Plane) and patch.observed_m2 >= _LEAST_PLANE_M2
+    ]
+    reachable = scored.reachable(planes, tolerance)
+    found = tuple(
+        int(np.count_nonzero(part & counts))
+        for counts in (np.ones_like(reachable), reachable)
+        for part in (counts, scored.is_found)
+    )
+    return Outcome(tuple(entries), completed, samples, state, found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,11 +234,11 @@ def ledger(
 ) -> Iterator[str]:
     """Inferred area of real and simulated frames, and what other frames or the truth say of it.
 
-    --of: real, walks, furnished, houses, held-out-houses, or a source's name; --together: frames completed
-    together; --every: of the groups; --no-by-truth: compare walks and houses with other frames.
+    --of: real, judged, walks, furnished, houses, held-out-houses, or a source's name; --together: frames
+    completed together; --every: of the groups; --no-by-truth: compare walks and houses with other frames.
     """
     entries: list[Entry] = []
-    counts = np.zeros(2, np.int64)
+    counts = np.zeros(4, np.int64)
     for source in chosen(of or ["real", "walks"]):
         sets = [list(frames) for frames in groups(len(source.frames), together)][::every]
         for frames, result in zip(sets, each(_judged, source.name, sets, sigma_m, by_truth), strict=True):
@@ -232,19 +249,22 @@ def ledger(
     for key in (
         lambda entry: entry.source,
         lambda entry: entry.reason,
+        lambda entry: entry.role or "nothing of the room",
         bin_of,
         lambda entry: f"{entry.reason} {bin_of(entry)}",
+        lambda entry: f"{entry.role or 'nothing of the room'} {bin_of(entry)}",
     ):
         yield "\n" + table(rows_by(entries, key))
     yield "\n" + table([pooled("all", entries)])
     yield f"recall {counts[1] / max(counts[0], 1):.3f} of {counts[0]} reference points"
+    yield f"recall {counts[3] / max(counts[2], 1):.3f} of {counts[2]} on planes that were measured"
 
 
 class _Judged(NamedTuple):
-    """Entries of frames completed together; reference points that they did not see, and those inferred."""
+    """Entries of frames completed together; reference points as in `Outcome`."""
 
     entries: tuple[Entry, ...]
-    found: tuple[int, int]
+    found: tuple[int, ...]
 
 
 def _judged(name: str, frames: list[int], sigma_m: float | None, by_truth: bool) -> _Judged:
@@ -259,12 +279,14 @@ def chosen(kinds: Sequence[str]) -> list[Source]:
     """Return the sources of some kinds, or with some names, in their order."""
     kept: dict[str, Sequence[Source]] = {
         "real": REAL,
+        "judged": JUDGED,
         "walks": WALKS,
         "furnished": FURNISHED,
         "houses": HOUSES,
         "held-out-houses": HELD_OUT_HOUSES,
     }
-    return [one for kind, held in kept.items() for one in held if {kind, one.name} & set(kinds)]
+    named = (one for kind, held in kept.items() for one in held if {kind, one.name} & set(kinds))
+    return list(dict.fromkeys(named))
 
 
 OUTLINES = Path(__file__).parents[1] / "cases" / "chairs.json"

@@ -66,6 +66,16 @@ class MergedSurface:
         return np.concatenate(points)
 
 
+def largest_shares(surfaces: Sequence[MergedSurface]) -> FloatArray:
+    """Share of each surface (n,) of all surfaces' pixels in a scan, in the scan in which it has most."""
+    n_scans = max((scan + 1 for surface in surfaces for scan, _ in surface.pixels.held), default=0)
+    counts = np.zeros((len(surfaces), n_scans))
+    for number, surface in enumerate(surfaces):
+        for scan, pixels in surface.pixels.held:
+            counts[number, scan] = len(pixels)
+    return np.asarray((counts / np.maximum(counts.sum(axis=0), 1.0)).max(axis=1, initial=0.0))
+
+
 def number_pixels(
     surfaces: Sequence[MergedSurface], scan: int, observation: Observation
 ) -> NDArray[np.int32]:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import ndimage
 
-from completion.merging.merged_surface import MergedSurface, number_pixels
+from completion.merging.merged_surface import MergedSurface, largest_shares, number_pixels
 from completion.observe.observation import Observation, PixelSet, ScanPixels
 from completion.observe.refitting import refit_each
 from completion.room import limits
@@ -182,10 +182,9 @@ def _absorb(
 
     They widen what is measured, and take no part in the fit: feet and skirtings pull on one side.
     """
-    whole = sum(surface.n_pixels for surface in surfaces)
-    able = {}
+    share, able = largest_shares(surfaces), {}
     for k, surface in enumerate(surfaces):
-        is_large = surface.n_pixels > limits.ABSORBING_SHARE * whole
+        is_large = share[k] > limits.ABSORBING_SHARE
         plane = RoomPlane.of(surface, observations, flatness_m) if is_large else None
         if plane is not None and plane.area_m2 > limits.ABSORBING_M2 and _kind(plane, up) != OTHER:
             able[k] = plane

@@ -77,7 +77,7 @@ FLOOR_BELOW_M, CEILING_ABOVE_M = 0.9, 0.4
 N_BEAMS = 20_000
 """Beams that are looked at for this."""
 ABSORBING_M2, ABSORBING_SHARE = 0.04, 0.01
-"""Square metres, and the share of all surfaces' pixels, from which a plane takes up points of no surface."""
+"""Square metres, and the share of all surfaces' pixels in a scan, from which a plane takes up points of none."""
 ON_PLANE_SD, ON_PLANE_M = 2.5, 0.02
 """Deviations up to which such points lie on it, and the deviation in metres up to which that is told."""
 AROUND_PX, SPECK_PX = 7, 60
@@ -92,10 +92,11 @@ OFF_LEVEL_M, BEYOND_FLOOR = 0.04, 0.03
 
 # Walls
 
-N_ROLE_BEAMS = 60_000
-"""Beams that are looked at for the roles of planes."""
+SCAN_BEAMS, N_ROLE_BEAMS = 10_000, (60_000, 400_000)
+"""Beams of each scan that are looked at for the roles of planes, and how many of all at least and at most."""
 FLOOR_SHARE, WALL_SHARE = 0.002, 0.01
-"""Shares of all surfaces' pixels from which a level plane may be a floor, and an upright one a wall."""
+"""Shares of all surfaces' pixels, in the scan in which it has most, from which a level plane may be a floor,
+and an upright one a wall."""
 LEAST_WALL_M2, LEAST_WALL_M = 0.15, 0.3
 """Square metres of walls at least, and metres each way: smaller ones are of furniture."""
 PASSED_M = 0.06

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from completion.merging.merged_surface import MergedSurface
+from completion.merging.merged_surface import MergedSurface, largest_shares
 from completion.observe.observation import Observation
 from completion.room import limits
 from completion.room.layout import Layout, find_layout
@@ -158,7 +158,7 @@ def assign_roles(
     """
     if not up.is_decided:
         return Room(tuple("" for _ in surfaces))
-    beams = Beams.of(observations, limits.N_ROLE_BEAMS)
+    beams = Beams.of(observations, int(np.clip(limits.SCAN_BEAMS * len(observations), *limits.N_ROLE_BEAMS)))
     levels, upright = _look(surfaces, observations, flatness_m, up)
     roles: list[Role] = [""] * len(surfaces)
     walls = [Wall.measured(number, plane, beams, up.direction) for number, plane in upright]
@@ -178,10 +178,18 @@ def assign_roles(
             if role == "ceiling" and height < above:
                 ceilings.append(height)
         band = (max([bottom, *floors]) + limits.BAND_M, min([top, *ceilings]) - limits.BAND_M)
-        n_before = max((int(layout.rooms.max(initial=0)) for layout in layouts), default=0)
-        layout = find_layout(walls, measured, there, up.direction, band).numbered_from(n_before)
         floor = min(floors, default=float(bottom) if layouts else -np.inf)
-        layouts.append(replace(layout, floor_m=floor, ceiling_m=max(ceilings, default=np.inf)))
+        ceiling = max(ceilings, default=np.inf)
+        here = [
+            part
+            for wall, points in zip(walls, measured, strict=True)
+            if (part := wall.between(floor - limits.SLAB_M, min(ceiling + limits.SLAB_M, above), points))
+        ]
+        n_before = max((int(layout.rooms.max(initial=0)) for layout in layouts), default=0)
+        layout = find_layout(
+            [wall for wall, _ in here], [points for _, points in here], there, up.direction, band
+        ).numbered_from(n_before)
+        layouts.append(replace(layout, floor_m=floor, ceiling_m=ceiling))
     origins = tuple(seen.scan.origin for seen in observations)
     room = Room(layouts=tuple(layouts), origins=origins, up=up.direction)
     walls = [
@@ -198,16 +206,15 @@ def _look(
     surfaces: Sequence[MergedSurface], observations: Sequence[Observation], flatness_m: float, up: Up
 ) -> tuple[list[tuple[int, RoomPlane]], list[tuple[int, RoomPlane]]]:
     """Level planes and upright ones, by number, that are large enough to bound a room."""
-    whole = sum(surface.n_pixels for surface in surfaces)
-    level, upright = [], []
+    share, level, upright = largest_shares(surfaces), [], []
     for number, surface in enumerate(surfaces):
         plane = RoomPlane.of(surface, observations, flatness_m) if surface.n_pixels else None
         if plane is None:
             continue
         inclination = surface.fit.inclination(up.direction, up.sd_deg)
-        if inclination.is_level and surface.n_pixels >= limits.FLOOR_SHARE * whole:
+        if inclination.is_level and share[number] >= limits.FLOOR_SHARE:
             level.append((number, plane))
-        is_large = surface.n_pixels >= limits.WALL_SHARE * whole and plane.area_m2 >= limits.LEAST_WALL_M2
+        is_large = share[number] >= limits.WALL_SHARE and plane.area_m2 >= limits.LEAST_WALL_M2
         if inclination.is_upright and is_large:
             upright.append((number, plane))
     return level, upright

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -60,6 +60,15 @@ class Wall:
         near = (at[:, 0] > low[0] - limits.BESIDE_M) & (at[:, 0] < high[0] + limits.BESIDE_M)
         crossed = at[near]
         return cls(number, plane.plane, along=along, up=up, low=low, high=high, crossed=crossed)
+
+    def between(self, bottom_m: float, top_m: float, points: FloatArray) -> tuple[Wall, FloatArray] | None:
+        """Return its part between two heights and its points (n, 3) there; None where that is no wall."""
+        inside = points[(points @ self.up > bottom_m) & (points @ self.up < top_m)]
+        if len(inside) < 2 or np.ptp(inside @ self.up) < limits.LEAST_WALL_M:
+            return None
+        passed = self.crossed[(self.crossed[:, 1] > bottom_m) & (self.crossed[:, 1] < top_m)]
+        low, high = (np.array([end[0], np.clip(end[1], bottom_m, top_m)]) for end in (self.low, self.high))
+        return replace(self, low=low, high=high, crossed=passed), inside
 
     def places(self, points: FloatArray) -> FloatArray:
         """Coordinates (n, 2) of points (n, 3) along it and upwards."""

@@ -15,7 +15,7 @@ from scenes.pose import Pose
 from tests.helpers.evaluation_examples import CAMERA, plain_wall
 
 HIDDEN_M2 = 0.6 * 0.4  # the shadow of the board less 10 cm all around
-ENTRY = Entry("here", (0,), 1, "plane", "edges", 1, 2.0, 0.85, 0.3, 0.1, 0.2)
+ENTRY = Entry("here", (0,), 1, "plane", "wall", "edges", 1, 2.0, 0.85, 0.3, 0.1, 0.2)
 
 
 @pytest.mark.parametrize("is_known", [True, False])
@@ -28,6 +28,9 @@ def test_a_wall_behind_a_board_comes_true(is_known: bool) -> None:
     assert {one.reason for one in found.entries} == {"interior"}
     assert sum(one.right_m2 for one in found.entries) == pytest.approx(HIDDEN_M2, rel=0.15)
     assert sum(one.wrong_m2 for one in found.entries) == 0
+    n_hidden, n_found, n_reachable, n_reached = found.found
+    assert 0 < n_reached <= n_reachable <= n_hidden and n_reached <= n_found
+    assert n_reachable > 0.9 * n_hidden  # nothing is hidden but the wall, of which the frame saw the rest
     assert found.found[0] == found.found[1] > 0
 
 

@@ -336,7 +336,7 @@ def test_another_scan_knows_what_one_could_not_see() -> None:
         counted = result.right_m2 + result.wrong_m2 + result.unknown_m2
         assert counted == pytest.approx(area, rel=0.15)
         # The wall lies where voxels meet: some places fall into two of them.
-        assert 0.9 <= result.n_reference / (0.6 * 0.4 / 0.02**2) <= 2
+        assert 0.9 <= len(result.reference) / (0.6 * 0.4 / 0.02**2) <= 2
         for buffer in result.buffers:
             is_right = buffer.buffer_m > abs(offset)
             assert buffer.completeness == pytest.approx(float(is_right), abs=0.02)
@@ -345,6 +345,6 @@ def test_another_scan_knows_what_one_could_not_see() -> None:
                 assert buffer.accuracy_m == pytest.approx(abs(offset), abs=1e-6)
     blind = score_by_others([wall.scan], [wall.scan], sample(wall.rectangle(), CELL))
     assert all(np.isnan([b.completeness, b.correctness, b.accuracy_m]).all() for b in blind.buffers)
-    assert blind.n_reference == 0
+    assert len(blind.reference) == 0
     assert np.isnan(blind.recall)
     assert blind.unknown_share == 1
