@@ -27,7 +27,7 @@ from completion.extension.grid import lay_grid
 from completion.extension.limits import LEAST_CONFIDENCE, LEAST_OF_ROOM, SPECK_CELLS
 from completion.extension.patch import Patch, Provenance, in_hull, in_hulls, provenance_of
 from completion.fitting.result import SurfaceFit
-from completion.room.limits import FARTHEST_M
+from completion.room import limits
 from completion.room.roles import NO_ROOM, Room
 from scenes.checks import BoolArray
 from scenes.surfaces.catalogue import Cylinder
@@ -78,7 +78,9 @@ def extend(
     if is_said:
         extent = with_ends(extent, edits.ends)
     elif extent.role:
-        extent = replace(extent, reach=np.stack([extent.own_low - FARTHEST_M, extent.own_high + FARTHEST_M]))
+        extent = replace(
+            extent, reach=np.stack([extent.own_low - limits.FARTHEST_M, extent.own_high + limits.FARTHEST_M])
+        )
     else:
         extent = as_far_as_probable(extent, least)
     grid = lay_grid(surface, extent, scans, max_cells=rules.max_cells, cell_m=rules.cell_m)
@@ -278,7 +280,8 @@ def _within(grid: ChartGrid, extent: Extent, evidence: Evidence, room: Room) -> 
         hidden = np.flatnonzero(unseen & inside)
         behind[hidden] |= room.hides(centres[hidden], extent.index)
     at = np.flatnonzero(behind)
-    inside.ravel()[at] = room.holds(centres[at])
+    before = limits.ASIDE_M * grid.surface.normal(centres[at])
+    inside.ravel()[at] = room.holds(centres[at] + before)
     return inside
 
 

@@ -77,7 +77,7 @@ FLOOR_BELOW_M, CEILING_ABOVE_M = 0.9, 0.4
 N_BEAMS = 20_000
 """Beams that are looked at for this."""
 ABSORBING_M2, ABSORBING_SHARE = 0.04, 0.01
-"""Square metres, and the share of all surfaces' pixels in a scan, from which a plane takes up points of none."""
+"""Square metres, and share of a scan's pixels of surfaces, from which a plane takes up points of none."""
 ON_PLANE_SD, ON_PLANE_M = 2.5, 0.02
 """Deviations up to which such points lie on it, and the deviation in metres up to which that is told."""
 AROUND_PX, SPECK_PX = 7, 60

@@ -13,9 +13,10 @@ from completion.fitting.result import allow_for_warp
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
 from completion.room import limits
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Plane
 
+_GOLDEN = (5**0.5 - 1) / 2  # steps by it come nowhere near each other (Weyl 1916)
 _N_POINTS = 800  # of a plane that are looked at
 
 
@@ -102,22 +103,39 @@ Role = Literal["floor", "ceiling", "wall", ""]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beams:
-    """Some beams of all scans: origins and points (n, 3), and what each point strays by (n,), metres."""
+    """Some beams of all scans.
+
+    Attributes
+    ----------
+    origin, point : (n, 3) float
+        From where to where each goes.
+    sigma : (n,) float
+        What each point strays by, metres.
+    apart : (n,) float
+        Angle to the next beam of these, radians.
+    """
 
     origin: FloatArray
     point: FloatArray
     sigma: FloatArray
+    apart: FloatArray
 
     @classmethod
     def of(cls, observations: Sequence[Observation], most: int = limits.N_BEAMS) -> Beams:
-        """Take every so many of them that there are at most about `most`."""
-        step = max(1, sum(int(np.count_nonzero(seen.valid)) for seen in observations) // most)
-        pixels = [np.flatnonzero(seen.valid)[::step] for seen in observations]
+        """Take those of every so many rows and columns, that there are about `most`."""
+        n = sum(int(np.count_nonzero(seen.valid)) for seen in observations)
+        step = max(1, round(float(np.sqrt(n / most))))
+        pixels = [_every(seen.valid, step) for seen in observations]
         pairs = list(zip(observations, pixels, strict=True))
         origins = [np.broadcast_to(seen.scan.origin, (len(sample), 3)) for seen, sample in pairs]
         points = [seen.points_at(sample) for seen, sample in pairs]
         sigma = [seen.sigma_at(sample) for seen, sample in pairs]
-        return cls(np.concatenate(origins), np.concatenate(points), np.concatenate(sigma))
+        apart = [np.full(len(sample), step * seen.scan.projection.pixel_angle) for seen, sample in pairs]
+        return cls(*(np.concatenate(values) for values in (origins, points, sigma, apart)))
+
+    def only(self, kept: BoolArray) -> Beams:
+        """Return those that are kept (n,)."""
+        return Beams(self.origin[kept], self.point[kept], self.sigma[kept], self.apart[kept])
 
     def by_height(self, up: FloatArray, apart_m: float) -> list[Beams]:
         """Return the beams by storeys, lowest first: scanners whose heights no gap parts are in one.
@@ -127,10 +145,15 @@ class Beams:
         eye = self.origin @ up
         heights = np.unique(eye)
         storey = np.searchsorted(heights[1:][np.diff(heights) > apart_m], eye, side="right")
-        return [
-            Beams(self.origin[is_in], self.point[is_in], self.sigma[is_in])
-            for is_in in (storey == k for k in range(int(storey.max(initial=-1)) + 1))
-        ]
+        return [self.only(storey == k) for k in range(int(storey.max(initial=-1)) + 1)]
+
+
+def _every(valid: BoolArray, step: int) -> IntArray:
+    """Valid pixels of every so many rows and columns, flat; by turns in all columns, which are directions."""
+    chosen = np.zeros_like(valid)
+    for number, row in enumerate(range(step // 2, len(valid), step)):
+        chosen[row, int(step * (_GOLDEN * number % 1.0)) :: step] = True
+    return np.flatnonzero(chosen & valid)
 
 
 def level_role(plane: RoomPlane, beams: Beams, up: FloatArray, eye: float) -> Role:

@@ -60,8 +60,11 @@ class WallLine:
         np.maximum.at(tops, column, points @ wall.up)
         passed = ((wall.crossed[:, 0] + shift - low) / limits.COLUMN_M).astype(np.int64)
         inside = (passed >= 0) & (passed < n)
-        passed, height = passed[inside], wall.crossed[inside, 1]
-        is_passed = np.bincount(passed[height > tops[passed]], minlength=n) >= limits.CROSSINGS
+        inside[inside] = wall.crossed[inside, 1] > tops[passed[inside]]
+        reach = (wall.apart[inside] / (2 * limits.COLUMN_M)).astype(np.int64)
+        begin, end = np.maximum(passed[inside] - reach, 0), np.minimum(passed[inside] + reach + 1, n)
+        change = np.bincount(begin, minlength=n + 1) - np.bincount(end, minlength=n + 1)
+        is_passed = np.cumsum(change)[:n] >= limits.CROSSINGS
         return cls(line, along, low, np.where(is_passed, 0.0, support), ends)
 
     def jambs(self) -> list[WallLine]:

@@ -30,6 +30,8 @@ class Wall:
         Its corners along these, metres.
     crossed : (n, 2) float
         Where beams passed it, as coordinates along these.
+    apart : (n,) float
+        How far the next beam of those that are looked at is from each, metres.
     """
 
     number: int
@@ -39,6 +41,7 @@ class Wall:
     low: FloatArray
     high: FloatArray
     crossed: FloatArray
+    apart: FloatArray
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -56,19 +59,22 @@ class Wall:
         before, after = plane.plane.distance(beams.origin), plane.plane.distance(beams.point)
         passes = (before > 0) & (after < -(limits.PASSED_M + 3 * np.hypot(beams.sigma, plane.bias_m)))
         part = before[passes] / (before[passes] - after[passes])
-        at = (beams.origin[passes] + part[:, None] * (beams.point[passes] - beams.origin[passes])) @ frame
+        way = part[:, None] * (beams.point[passes] - beams.origin[passes])
+        at, apart = (beams.origin[passes] + way) @ frame, beams.apart[passes] * np.linalg.norm(way, axis=1)
         near = (at[:, 0] > low[0] - limits.BESIDE_M) & (at[:, 0] < high[0] + limits.BESIDE_M)
-        crossed = at[near]
-        return cls(number, plane.plane, along=along, up=up, low=low, high=high, crossed=crossed)
+        place = {"along": along, "up": up, "low": low, "high": high}
+        return cls(number, plane.plane, **place, crossed=at[near], apart=apart[near])
 
     def between(self, bottom_m: float, top_m: float, points: FloatArray) -> tuple[Wall, FloatArray] | None:
         """Return its part between two heights and its points (n, 3) there; None where that is no wall."""
         inside = points[(points @ self.up > bottom_m) & (points @ self.up < top_m)]
         if len(inside) < 2 or np.ptp(inside @ self.up) < limits.LEAST_WALL_M:
             return None
-        passed = self.crossed[(self.crossed[:, 1] > bottom_m) & (self.crossed[:, 1] < top_m)]
+        passed = (self.crossed[:, 1] > bottom_m) & (self.crossed[:, 1] < top_m)
         low, high = (np.array([end[0], np.clip(end[1], bottom_m, top_m)]) for end in (self.low, self.high))
-        return replace(self, low=low, high=high, crossed=passed), inside
+        return replace(
+            self, low=low, high=high, crossed=self.crossed[passed], apart=self.apart[passed]
+        ), inside
 
     def places(self, points: FloatArray) -> FloatArray:
         """Coordinates (n, 2) of points (n, 3) along it and upwards."""
@@ -92,7 +98,7 @@ class Wall:
         place = self.places(origin + part[:, None] * (points[at] - origin))
         inside = np.asarray(((place > self.low) & (place < self.high)).all(axis=1), dtype=np.bool_)
         if len(self.crossed) and inside.any():
-            apart = cKDTree(self.crossed).query(place[inside], distance_upper_bound=limits.OPENING_M)[0]
-            inside[np.flatnonzero(inside)] = ~np.isfinite(apart)
+            away, beam = cKDTree(self.crossed).query(place[inside])
+            inside[np.flatnonzero(inside)] = away > limits.OPENING_M + self.apart[beam] / 2
         hidden[at] = inside
         return hidden

@@ -60,7 +60,7 @@ def layout_of(walls, eyes, hidden=lambda points: np.zeros(len(points), dtype=np.
     origin, point, hit = scan(walls, eyes)
     seen = ~hidden(point)
     origin, point, hit = origin[seen], point[seen], hit[seen]
-    beams = Beams(origin, point, np.full(len(point), 0.002))
+    beams = Beams(origin, point, np.full(len(point), 0.002), np.full(len(point), 0.01))
     found, measured = [], []
     for k, (begin, end, _) in enumerate(walls):
         own = point[hit == k]
@@ -150,7 +150,7 @@ def test_a_door_parts_rooms():
 
 
 def test_without_walls_there_is_no_plan():
-    beams = Beams(np.zeros((3, 3)), np.ones((3, 3)), np.zeros(3))
+    beams = Beams(np.zeros((3, 3)), np.ones((3, 3)), np.zeros(3), np.zeros(3))
     layout = find_layout([], [], beams, UP, (0.0, 1.0))
     assert not layout.scanner_rooms
     assert not list(layout.outlines())
