@@ -43,6 +43,7 @@ def building_of(completion: CompletedModel) -> BuildingParts:
         completion.patches,
         polygons_record(completion, completion.drawing_from_reference),
         completion.errors,
+        room=completion.completed.room,
         world=completion.drawing_from_reference,
         drawing_from_world=completion.up.drawing_from_world,
     )

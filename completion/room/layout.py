@@ -37,10 +37,14 @@ class Layout:
         Level unit directions of the plan.
     lines : (l, 3) float
         Lines of walls, a x + b y = c, unit (a, b).
+    walls : (l,) int64
+        The number of the surface whose line each is, from 0; -1 of what is only supposed at a wall's end.
     cells : (n, l) bool
         Of each cell, on which side of each line it is; in the order of their bits.
     rooms : (n,) int64
         Which room each cell is of, from 1; 0 of what is none.
+    enclosed : (r,) float
+        Share of the outline of each room at which a wall stands; the rooms in order.
     scanner_rooms : tuple of int
         The rooms in which scanners stand.
     low, high : (2,) float
@@ -53,8 +57,10 @@ class Layout:
 
     axes: FloatArray
     lines: FloatArray
+    walls: IntArray
     cells: BoolArray
     rooms: IntArray
+    enclosed: FloatArray
     scanner_rooms: tuple[int, ...] = ()
     low: FloatArray = field(default_factory=lambda: np.zeros(2))
     high: FloatArray = field(default_factory=lambda: np.zeros(2))
@@ -102,11 +108,19 @@ class Layout:
         places = shapely.get_coordinates(shapely.point_on_surface(cells))
         rooms = self.rooms_at(places @ self.axes)
         for room in np.unique(rooms[rooms > 0]).tolist():
-            yield room, shapely.union_all(cells[rooms == room])
+            yield room, shapely.union_all(cells[rooms == room], grid_size=_EXACT_M)
 
 
+_EXACT_M = 1e-6  # to which corners of outlines are told
 _STEPS_M, _MOST_STEPS = 1000.0, 2.0**30  # of costs, in a metre and in all
-NO_LAYOUT = Layout(np.eye(3)[:2], np.zeros((0, 3)), np.zeros((0, 0), dtype=np.bool_), np.zeros(0, np.int64))
+NO_LAYOUT = Layout(
+    axes=np.eye(3)[:2],
+    lines=np.zeros((0, 3)),
+    walls=np.zeros(0, np.int64),
+    cells=np.zeros((0, 0), dtype=np.bool_),
+    rooms=np.zeros(0, np.int64),
+    enclosed=np.zeros(0),
+)
 
 
 def find_layout(
@@ -137,7 +151,8 @@ def find_layout(
     axes = _axes(walls, up)
     squares = PlanSquares.of(beams, axes, up, band)
     drawn = [WallLine.of(wall, points, axes) for wall, points in zip(walls, measured, strict=True)]
-    drawn += [jamb for line in drawn for jamb in line.jambs()]
+    for jamb in [jamb for line in drawn for jamb in line.jambs()]:
+        drawn += [] if any(jamb.is_along(line) for line in drawn) else [jamb]
     lines = np.array([line.line for line in drawn])
     sides = _sides(squares.places(), lines)
     _, first, cell = np.unique(_keys(sides), return_index=True, return_inverse=True)
@@ -154,7 +169,17 @@ def find_layout(
     rooms = _number_rooms(inside, edges, crossed)
     closed = np.zeros(squares.free.shape, dtype=np.uint8)
     _count_closed(rooms[cell].reshape(closed.shape), *borders.beside(closed.shape), closed)
-    layout = Layout(axes, lines, sides[first], rooms, low=squares.low, high=squares.high, closed=closed)
+    layout = Layout(
+        axes=axes,
+        lines=lines,
+        walls=np.array([line.number for line in drawn]),
+        cells=sides[first],
+        rooms=rooms,
+        enclosed=borders.walled(rooms[cell]),
+        low=squares.low,
+        high=squares.high,
+        closed=closed,
+    )
     return replace(
         layout, scanner_rooms=tuple(np.unique(layout.rooms_at(eyes)[layout.rooms_at(eyes) > 0]).tolist())
     )
@@ -209,6 +234,16 @@ class _Borders:
             stands = line.at(between[at]) * (line.is_measured | ~free[at])
             facing[towards, at] = np.maximum(facing[towards, at], stands)
         return cls(first, second, length, facing, free & (facing.max(axis=0) < limits.PARTED))
+
+    def walled(self, rooms: IntArray) -> FloatArray:
+        """Share of the outline of each room at which a wall stands, by the `rooms` (squares,) of all."""
+        pair = np.concatenate([rooms[[self.first, self.second]], rooms[[self.second, self.first]]], axis=1)
+        parts = (pair[0] > 0) & (pair[0] != pair[1])
+        room, length = pair[0, parts] - 1, np.tile(self.length, 2)[parts]
+        stands = np.tile(self.facing.max(axis=0) >= limits.PARTED, 2)[parts]
+        n = int(rooms.max(initial=0))
+        whole, wall = (np.bincount(room, values, n) for values in (length, length * stands))
+        return np.asarray(wall / np.maximum(whole, 1e-9), dtype=np.float64)
 
     def beside(self, shape: tuple[int, ...]) -> tuple[BoolArray, BoolArray]:
         """Whether a wall stands between squares (rows, columns) and those right of them, and those below."""

@@ -105,6 +105,8 @@ BESIDE_M = 2.0
 """Metres beside a wall up to which beams that crossed its plane are kept: doors are sought there."""
 OUTLYING = 0.01
 """Share of a plane's points left out on each side of its rectangle."""
+ALONG = 0.996
+"""Cosine of 5 degrees, up to which lines of the plan are along each other."""
 COLUMN_M = 0.1
 """Metres: width of the columns in which beams above what was measured are looked for."""
 PAST_END_M = 0.1

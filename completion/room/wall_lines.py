@@ -29,8 +29,8 @@ class WallLine:
         Probability that a wall stands in each of them.
     ends : (2,) float
         From where to where it was measured, along it, metres.
-    is_measured : bool
-        Whether it is that of a wall; else it is only supposed, and beams contradict it.
+    number : int
+        Of the wall's surface, from 0; -1 of a line that is only supposed, which beams contradict.
     """
 
     line: FloatArray
@@ -38,14 +38,21 @@ class WallLine:
     low: float
     support: FloatArray
     ends: FloatArray
-    is_measured: bool = True
+    number: int
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether it is that of a wall."""
+        return self.number >= 0
 
     @classmethod
     def of(cls, wall: Wall, points: FloatArray, axes: FloatArray) -> WallLine:
         """Look at points (n, 3) of a wall and beams that passed it; `axes` (2, 3) are the plan's."""
         normal = axes @ wall.plane.normal_direction
         normal = normal / np.linalg.norm(normal)
-        line = np.append(normal, normal @ (axes @ wall.plane.point))
+        middle = points.mean(axis=0)
+        middle = middle - wall.plane.distance(middle[None]) * wall.plane.normal_direction
+        line = np.append(normal, normal @ (axes @ middle))
         along = axes @ wall.along
         along = along / np.linalg.norm(along)
         where = (points @ axes.T) @ along
@@ -65,7 +72,7 @@ class WallLine:
         begin, end = np.maximum(passed[inside] - reach, 0), np.minimum(passed[inside] + reach + 1, n)
         change = np.bincount(begin, minlength=n + 1) - np.bincount(end, minlength=n + 1)
         is_passed = np.cumsum(change)[:n] >= limits.CROSSINGS
-        return cls(line, along, low, np.where(is_passed, 0.0, support), ends)
+        return cls(line, along, low, np.where(is_passed, 0.0, support), ends=ends, number=wall.number)
 
     def jambs(self) -> list[WallLine]:
         """Lines at right angles to it where it was seen to end: something goes on behind it from there."""
@@ -81,8 +88,14 @@ class WallLine:
             support = is_seen * limits.JAMB * np.exp(-behind / limits.SUPPORT_M)
             line = np.append(way * self.along, way * end)
             at = -float(self.line[2])
-            lines.append(WallLine(line, -normal, at, support, np.zeros(2), is_measured=False))
+            lines.append(WallLine(line, -normal, at, support, ends=np.zeros(2), number=-1))
         return lines
+
+    def is_along(self, other: WallLine) -> bool:
+        """Whether it begins at another line and goes along it."""
+        begin = self.line[2] * self.line[:2] + self.low * self.along
+        is_near = abs(float(other.line[:2] @ begin - other.line[2])) < limits.COLUMN_M
+        return is_near and abs(float(other.line[:2] @ self.line[:2])) > limits.ALONG
 
     def at(self, places: FloatArray) -> FloatArray:
         """Its support (n,) at places (n, 2) of the plan."""

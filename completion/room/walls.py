@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -14,7 +15,7 @@ from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.surfaces.catalogue import Plane
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Wall:
     """A wall as a rectangle, working frame.
 
@@ -68,7 +69,7 @@ class Wall:
     def between(self, bottom_m: float, top_m: float, points: FloatArray) -> tuple[Wall, FloatArray] | None:
         """Return its part between two heights and its points (n, 3) there; None where that is no wall."""
         inside = points[(points @ self.up > bottom_m) & (points @ self.up < top_m)]
-        if len(inside) < 2 or np.ptp(inside @ self.up) < limits.LEAST_WALL_M:
+        if len(inside) < 2 or np.ptp(inside @ self.up) < limits.COLUMN_M:
             return None
         passed = (self.crossed[:, 1] > bottom_m) & (self.crossed[:, 1] < top_m)
         low, high = (np.array([end[0], np.clip(end[1], bottom_m, top_m)]) for end in (self.low, self.high))
@@ -86,6 +87,10 @@ class Wall:
         off = np.full(len(places), float(self.plane.normal_direction @ self.plane.point))
         return np.asarray(np.linalg.solve(frame, np.column_stack([places, off]).T).T)
 
+    @cached_property
+    def _crossings(self) -> cKDTree:
+        return cKDTree(self.crossed)
+
     def hides(self, points: FloatArray, origin: FloatArray) -> BoolArray:
         """Tell which points (n, 3) stand behind it as seen from a scanner, (3,), and not in its openings."""
         before = float(self.plane.distance(origin[None])[0])
@@ -98,7 +103,7 @@ class Wall:
         place = self.places(origin + part[:, None] * (points[at] - origin))
         inside = np.asarray(((place > self.low) & (place < self.high)).all(axis=1), dtype=np.bool_)
         if len(self.crossed) and inside.any():
-            away, beam = cKDTree(self.crossed).query(place[inside])
+            away, beam = self._crossings.query(place[inside])
             inside[np.flatnonzero(inside)] = away > limits.OPENING_M + self.apart[beam] / 2
         hidden[at] = inside
         return hidden

@@ -49,6 +49,8 @@ HEADROOM_M = 1.8
 """Metres that people need above a floor, and from one storey to the next. Chosen by eye."""
 LEAST_ROOM_M2 = 1.0
 """Square metres of a floor, a ceiling, and a room. Chosen by eye: closets are as small."""
+ENCLOSED = 0.9
+"""Share of a room's outline at which a wall stands, from which it is closed: the rest are open doorways."""
 LEAST_LEVEL_M2 = 0.25
 """Square metres measured below a level plane, which is no floor then, and of floor below ceiling at which
 there is a height. Chosen by eye."""
@@ -56,8 +58,7 @@ LEAST_PART_M = 0.5
 """Metres: least width of a room, height of the part of a wall in a storey, and by which an element may
 begin below its storey's floor. Chosen by eye."""
 SAME_STOREY_M = 0.2
-"""Metres by which floors of one storey may differ, as steps do, and by which a wall is continued to the
-next one in the plan. Chosen by eye."""
+"""Metres by which floors of one storey may differ, as steps do. Chosen by eye."""
 LEAST_ROOM_M = 0.3
 """Metres: of a width, a height, and the stretch along which walls face each other, and between a wall and
 the floor or ceiling that it ends at. Chosen by eye."""

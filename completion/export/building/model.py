@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from completion.export.panels.model import PanelModel
 from completion.extension.patch import Patch
+from completion.room.roles import Room
 from completion.uncertainty.joint_errors import JointErrors
 from scenes.checks import BoolArray, FloatArray
 from scenes.inclination import Inclination
@@ -235,6 +236,48 @@ class OpeningOutline:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RoomPlan:
+    """A room in the plan, as the layout has it.
+
+    Attributes
+    ----------
+    outline : shapely polygon
+        x and y, metres.
+    floor_m : float
+        Height of the floor of its storey.
+    enclosed : float
+        Share of its outline at which a wall stands.
+    lines : (l, 3) float
+        Lines of walls in the plan, a x + b y = c, unit (a, b).
+    walls : (l,) int64
+        Of which surface each is, from 1; 0 of none.
+    """
+
+    outline: Any
+    floor_m: float
+    enclosed: float
+    lines: FloatArray
+    walls: NDArray[np.int64]
+
+
+def room_plans(room: Room, patches: Sequence[Patch], world: Pose) -> tuple[RoomPlan, ...]:
+    """Return the rooms in the plan, `world` from the working frame to that of drawings, z up."""
+    numbers = {patch.limits.index: number for number, patch in enumerate(patches, start=1)}
+    plans = []
+    for layout in room.layouts:
+        turn = world.rotate(layout.axes)[:, :2]  # of unit vectors of the plan
+        shift = world.apply(layout.floor_m * room.up if np.isfinite(layout.floor_m) else np.zeros(3))
+        lines = np.column_stack([layout.lines[:, :2] @ turn, layout.lines[:, 2]])
+        lines[:, 2] += lines[:, :2] @ shift[:2]
+        walls = np.array([numbers.get(number, 0) for number in layout.walls.tolist()], dtype=np.int64)
+        for number, area in layout.outlines():
+            outline = shapely.transform(area, lambda xy, turn=turn, shift=shift: xy @ turn + shift[:2])
+            enclosed = float(layout.enclosed[number - int(layout.rooms[layout.rooms > 0].min())])
+            plans.append(RoomPlan(outline, float(shift[2]), enclosed, lines, walls))
+    return tuple(plans)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BuildingModel:
     """What is drawn, in coordinates whose z is up: the world's where its own is.
 
@@ -264,6 +307,8 @@ class BuildingModel:
         Its completed cylinders.
     floor_m : float or None
         Height of the lowest floor; None where none was found.
+    plans : tuple of RoomPlan
+        The rooms that the scans show, in the plan.
     errors : JointErrors
         How well the surfaces are known, jointly.
     drawing_from_world : Pose
@@ -282,6 +327,7 @@ class BuildingModel:
     planes: tuple[PlaneElement, ...]
     cylinders: tuple[CylinderElement, ...]
     floor_m: float | None
+    plans: tuple[RoomPlan, ...]
     errors: JointErrors
     drawing_from_world: Pose = field(default_factory=Pose.identity)
 
@@ -307,6 +353,7 @@ def building_model(
     polygons: Mapping[str, Any],
     errors: JointErrors,
     *,
+    room: Room,
     world: Pose,
     drawing_from_world: Pose,
 ) -> BuildingModel:
@@ -322,6 +369,8 @@ def building_model(
         What `polygons.json` holds.
     errors : JointErrors
         How well the surfaces are known.
+    room : Room
+        What scans show of the room, working frame.
     world : Pose
         From the working frame to that of drawings, z up; so are the polygons.
     drawing_from_world : Pose
@@ -372,6 +421,7 @@ def building_model(
         planes=tuple(planes),
         cylinders=tuple(cylinders),
         floor_m=_lowest_floor(planes),
+        plans=room_plans(room, patches, world),
         errors=errors,
         drawing_from_world=drawing_from_world,
     )

@@ -16,8 +16,17 @@ import shapely
 
 from completion.export.building import limits
 from completion.export.building.bodies import Body
-from completion.export.building.faces import FaceFrame, PlaneFace, common, less, polygons, union, wide
-from completion.export.building.model import BuildingModel
+from completion.export.building.faces import (
+    FaceFrame,
+    PlaneFace,
+    common,
+    less,
+    polygons,
+    straighten_sides,
+    union,
+    wide,
+)
+from completion.export.building.model import BuildingModel, RoomPlan
 from scenes.checks import FloatArray
 
 
@@ -174,9 +183,6 @@ def _is_wall(face: PlaneFace, storey: Storey, above: float, bodies: Sequence[Bod
     return is_whole or face.element.kind == "wall"
 
 
-_ON_LINE_M = 1e-6  # between the line of a wall and the middle of a side that is on it
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class RoomSide:
     """A side of a room's outline, (2, 2) world x and y, and the wall on whose line it is."""
@@ -246,79 +252,45 @@ class BuildingRoom:
         return float(self.outline.area)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _WallLine:
-    """A wall in the plan: the ends of what it covers, (2, 2) world x and y."""
-
-    face: PlaneFace
-    ends: FloatArray
-
-    @property
-    def extended(self) -> Any:
-        """The line between its ends, and somewhat beyond."""
-        along = self.ends[1] - self.ends[0]
-        along = limits.SAME_STOREY_M * along / max(float(np.linalg.norm(along)), 1e-9)
-        return shapely.LineString([self.ends[0] - along, self.ends[1] + along])
-
-
 def find_rooms(model: BuildingModel, storeys: Sequence[Storey]) -> tuple[BuildingRoom, ...]:
     """Return the rooms of all storeys, in each first those that are closed, largest first.
 
-    The lines of walls in the plan, each continued by 0.2 m, divide it into cells. Those are rooms whose walls
-    face inwards and below which is floor; floor beside them is an open room.
+    Those of the layout are closed around which walls stand; floor beside them is an open room.
     """
     rooms: list[BuildingRoom] = []
     for number, storey in enumerate(storeys):
-        room = [_room(model, storey, number, *cell) for cell in _cells(storey)]
-        rooms += [*room, *_open_rooms(storey, number, room)]
+        closed = [
+            _room(model, storey, number, outline, list(_sides(outline, plan, storey)))
+            for plan in model.plans
+            if storey_at(storeys, plan.floor_m + limits.HEADROOM_M / 2) == number
+            for outline in _closed(plan, storey)
+        ]
+        closed.sort(key=lambda room: -room.area_m2)
+        rooms += [*closed, *_open_rooms(storey, number, closed)]
     return tuple(rooms)
 
 
-def _cells(storey: Storey) -> Iterator[tuple[Any, list[RoomSide]]]:
-    """Closed outlines in the plan of a storey, and their sides."""
-    lines = [line for face in storey.walls for line in _lines(face, storey)]
-    if not lines or not storey.floors:
-        return
+def _closed(plan: RoomPlan, storey: Storey) -> Iterator[Any]:
+    """The outline of a room around which walls stand, and that has a floor."""
     floor = union(face.plan() for face in storey.floors)
-    noded = shapely.union_all([line.extended for line in lines])
-    for cell in polygons(shapely.polygonize([noded]), limits.LEAST_ROOM_M2):
-        sides = list(_sides(cell, lines))
-        facing = sum(side.length_m for side in sides if side.faces_in)
-        is_floor = common(floor, cell).area >= limits.MAJORITY * cell.area
-        if (
-            is_floor
-            and facing >= limits.MAJORITY * cell.length
-            and wide(cell, limits.LEAST_PART_M).area >= limits.LEAST_ROOM_M2
-        ):
-            yield cell, sides
+    for outline in polygons(straighten_sides(plan.outline), limits.LEAST_ROOM_M2):
+        has_floor = common(floor, outline).area >= limits.MAJORITY * outline.area
+        is_wide = wide(outline, limits.LEAST_PART_M).area >= limits.LEAST_ROOM_M2
+        if plan.enclosed >= limits.ENCLOSED and has_floor and is_wide:
+            yield outline
 
 
-def _lines(face: PlaneFace, storey: Storey) -> Iterator[_WallLine]:
-    """What a wall covers of the plan of a storey, at any height of it."""
-    low, high = storey.elevation_m, storey.ceiling_m
-    for polygon in polygons(face.area):
-        uv = shapely.get_coordinates(polygon)
-        z = face.frame.place(uv)[:, 2]
-        top = float(z.max()) if high is None else min(high, float(z.max()))
-        if top <= low + limits.SAME_STOREY_M or (
-            high is not None and z.min() >= high - limits.SAME_STOREY_M / 2
-        ):
-            continue
-        middle = ((low + top) / 2 - face.frame.origin[2]) / face.frame.up[2]
-        ends = np.array([[uv[:, 0].min(), middle], [uv[:, 0].max(), middle]])
-        yield _WallLine(face, face.frame.place(ends)[:, :2])
-
-
-def _sides(cell: Any, lines: Sequence[_WallLine]) -> Iterator[RoomSide]:
-    corners = shapely.get_coordinates(cell.exterior)
-    drawn = np.array([line.extended for line in lines])
-    for begin, end in pairwise(corners):
-        middle = (begin + end) / 2
-        on = np.flatnonzero(shapely.distance(drawn, shapely.Point(middle)) < _ON_LINE_M).tolist()
-        towards = {k: _is_inward(lines[k].face, middle, cell) for k in on}
+def _sides(outline: Any, plan: RoomPlan, storey: Storey) -> Iterator[RoomSide]:
+    """The sides of an outline that are on the line of a wall."""
+    faces = {face.number: face for face in storey.walls}
+    for begin, end in pairwise(shapely.get_coordinates(outline.exterior)):
+        ends = np.array([begin, end])
+        off = np.abs(ends @ plan.lines[:, :2].T - plan.lines[:, 2]).max(axis=0)
+        on = [faces[k] for k in plan.walls[off < limits.FINE_M].tolist() if k in faces]
+        towards = {face.number: _is_inward(face, ends.mean(axis=0), outline) for face in on}
         if on:
-            best = max(on, key=lambda k: (towards[k], -lines[k].face.number))
-            yield RoomSide(np.array([begin, end]), lines[best].face, towards[best])
+            best = max(on, key=lambda face: (towards[face.number], -face.number))
+            yield RoomSide(ends, best, towards[best.number])
 
 
 def _is_inward(face: PlaneFace, place: FloatArray, cell: Any) -> bool:
