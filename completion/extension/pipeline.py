@@ -271,17 +271,14 @@ def _within(grid: ChartGrid, extent: Extent, evidence: Evidence, room: Room) -> 
     inside, centres = np.ones(grid.shape, dtype=np.bool_), grid.centres()
     for cut in extent.cuts:
         inside &= (cut.distance(centres) > -float(np.hypot(*grid.cell) / 2)).reshape(grid.shape)
-    behind = np.zeros(inside.size, dtype=np.bool_)
+    unseen = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN))
+    at = np.flatnonzero(unseen & inside)
+    at = at[~room.holds(centres[at] + limits.ASIDE_M * grid.surface.normal(centres[at]))]
+    behind = room.hides(centres[at], extent.index) if room.walls else np.zeros(len(at), dtype=np.bool_)
+    occluder, is_occluded = evidence.occluder.ravel()[at], evidence.labels.ravel()[at] == Label.OCCLUDED
     for number, plane in extent.enclosures:
-        hidden = np.flatnonzero((evidence.occluder == number) & (evidence.labels == Label.OCCLUDED) & inside)
-        behind[hidden] |= plane.distance(centres[hidden]) < 0
-    if room.walls:
-        unseen = np.isin(evidence.labels, (Label.OCCLUDED, Label.NO_RETURN))
-        hidden = np.flatnonzero(unseen & inside)
-        behind[hidden] |= room.hides(centres[hidden], extent.index)
-    at = np.flatnonzero(behind)
-    before = limits.ASIDE_M * grid.surface.normal(centres[at])
-    inside.ravel()[at] = room.holds(centres[at] + before)
+        behind |= is_occluded & (occluder == number) & (plane.distance(centres[at]) < 0)
+    inside.ravel()[at[behind]] = False
     return inside
 
 

@@ -114,12 +114,12 @@ class Room:
         """Tell which points (n, 3) of surface `number` the rest of the room hides from all scanners."""
         behind = np.ones(len(points), dtype=np.bool_)
         for origin in self.origins:
-            left = np.flatnonzero(behind)
-            hidden = np.zeros(len(left), dtype=np.bool_)
+            seen = np.flatnonzero(behind)
+            seen = seen[~self._past_levels(points[seen], origin)]
             for wall in self.walls:
                 if wall.number != number:
-                    hidden |= wall.hides(points[left], origin)
-            behind[left] = hidden | self._past_levels(points[left], origin)
+                    seen = seen[~wall.hides(points[seen], origin)]
+            behind[seen] = False
         return behind
 
     def _past_levels(self, points: FloatArray, origin: FloatArray) -> BoolArray:
