@@ -35,7 +35,7 @@ from completion.extension.limits import (
     UPRIGHT_SINE,
     WELL_SEEN_SHARE,
 )
-from completion.extension.room_surfaces import room_probability
+from completion.extension.room_surfaces import known_of_room, room_probability
 from completion.room.roles import NO_ROOM, Room
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane
@@ -496,8 +496,8 @@ def estimate(
         prospect = prospects(grid, regions, labelling, extent, evidence)
         probability = prospect.probability()
         if extent.role:
-            of_room = room_probability(grid, regions, extent, evidence, base=prospect.base, room=room)
-            probability = np.where(prospect.is_said, probability, of_room)
+            known = known_of_room(grid, regions, extent, evidence, base=prospect.base, room=room)
+            probability = np.where(prospect.is_said, probability, room_probability(known, extent.role))
         result[regions.region >= 0] = probability
     return result
 

@@ -16,6 +16,7 @@ from completion.evidence.chart_grid import ChartGrid
 from completion.evidence.evidence import Evidence
 from completion.extension.extent import Extent
 from completion.room.limits import ASIDE_M
+from completion.room.planes import Role
 from completion.room.roles import Room
 from scenes.checks import BoolArray, FloatArray
 
@@ -64,21 +65,9 @@ def supports(observed: BoolArray) -> FloatArray:
     return np.asarray(np.mean(ways, axis=0, dtype=np.float64))
 
 
-def room_probability(
-    grid: ChartGrid,
-    regions: HiddenRegions,
-    extent: Extent,
-    evidence: Evidence,
-    *,
-    base: FloatArray,
-    room: Room,
-) -> FloatArray:
-    """Return how probably a surface of the room is at each of the n hidden cells, as in `regions.region`.
-
-    `base` (n,) is the probability by the surface's edges.
-    """
-    known = known_of_room(grid, regions, extent, evidence, base=base, room=room)
-    weights = WALL_WEIGHTS if extent.role == "wall" else LEVEL_WEIGHTS
+def room_probability(known: FloatArray, role: Role) -> FloatArray:
+    """Return how probably a surface of the room is at places, by what is `known` (n, 6) or (n, 7) of them."""
+    weights = WALL_WEIGHTS if role == "wall" else LEVEL_WEIGHTS
     return np.asarray(1 / (1 + np.exp(-(weights[0] + known @ weights[1:]))), dtype=np.float64)
 
 
@@ -91,7 +80,10 @@ def known_of_room(
     base: FloatArray,
     room: Room,
 ) -> FloatArray:
-    """Return `KNOWN_OF_LEVEL` (n, 6) or `KNOWN_OF_WALL` (n, 7) of the n hidden cells."""
+    """Return `KNOWN_OF_LEVEL` (n, 6) or `KNOWN_OF_WALL` (n, 7) of the n hidden cells, as in `regions.region`.
+
+    `base` (n,) is the probability by the surface's edges.
+    """
     inside = regions.region >= 0
     away = ndimage.distance_transform_edt(~evidence.observed, sampling=grid.cell[::-1])[inside]
     support = supports(evidence.observed)[inside]

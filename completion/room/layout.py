@@ -93,8 +93,8 @@ class Layout:
         rooms = np.where(self.rooms > 0, self.rooms + n_before, 0)
         return replace(self, rooms=rooms, scanner_rooms=tuple(room + n_before for room in self.scanner_rooms))
 
-    def outlines(self) -> Iterator[tuple[int, shapely.Geometry]]:
-        """Yield the rooms by number, each as a polygon, or several, in coordinates along the axes."""
+    def outlines(self) -> Iterator[tuple[shapely.Geometry, float]]:
+        """Yield each room as polygons, coordinates along the axes, and at which share of it a wall stands."""
         box = shapely.box(*self.low, *self.high)
         reach = float(np.linalg.norm(self.high - self.low))
         middle = (self.low + self.high) / 2
@@ -107,8 +107,8 @@ class Layout:
         cells = cells[shapely.contains_properly(shapely.buffer(box, 1e-6), cells)]
         places = shapely.get_coordinates(shapely.point_on_surface(cells))
         rooms = self.rooms_at(places @ self.axes)
-        for room in np.unique(rooms[rooms > 0]).tolist():
-            yield room, shapely.union_all(cells[rooms == room], grid_size=_EXACT_M)
+        for room, enclosed in zip(np.unique(self.rooms[self.rooms > 0]), self.enclosed.tolist(), strict=True):
+            yield shapely.union_all(cells[rooms == room], grid_size=_EXACT_M), enclosed
 
 
 _EXACT_M = 1e-6  # to which corners of outlines are told
@@ -125,7 +125,6 @@ NO_LAYOUT = Layout(
 
 def find_layout(
     walls: Sequence[Wall],
-    measured: Sequence[FloatArray],
     beams: Beams,
     up: FloatArray,
     band: tuple[float, float],
@@ -135,9 +134,7 @@ def find_layout(
     Parameters
     ----------
     walls : sequence of Wall
-        The walls.
-    measured : sequence of (n, 3) float
-        Points of each.
+        The walls, as far as they stand in this storey.
     beams : Beams
         Of all scans.
     up : (3,) float
@@ -150,7 +147,7 @@ def find_layout(
     # 1. Cells: the lines of walls, and of where they end, cut the plan.
     axes = _axes(walls, up)
     squares = PlanSquares.of(beams, axes, up, band)
-    drawn = [WallLine.of(wall, points, axes) for wall, points in zip(walls, measured, strict=True)]
+    drawn = [WallLine.of(wall, axes) for wall in walls]
     for jamb in [jamb for line in drawn for jamb in line.jambs()]:
         drawn += [] if any(jamb.is_along(line) for line in drawn) else [jamb]
     lines = np.array([line.line for line in drawn])

@@ -158,17 +158,21 @@ def assign_roles(
     """
     if not up.is_decided:
         return Room(tuple("" for _ in surfaces))
+    # 1. Candidates: planes that are large enough, and beams that tell what they bound.
     beams = Beams.of(observations, int(np.clip(limits.SCAN_BEAMS * len(observations), *limits.N_ROLE_BEAMS)))
     levels, upright = _look(surfaces, observations, flatness_m, up)
-    roles: list[Role] = [""] * len(surfaces)
-    walls = [Wall.measured(number, plane, beams, up.direction) for number, plane in upright]
+    points = {number: surfaces[number].points(observations, limits.N_WALL_POINTS) for number, _ in upright}
+    walls = [
+        Wall.measured(number, plane, points[number], beams, up=up.direction) for number, plane in upright
+    ]
     walls = [wall for wall in walls if (wall.high - wall.low >= limits.LEAST_WALL_M).all()]
-    measured = [surfaces[wall.number].points(observations, limits.N_WALL_POINTS) for wall in walls]
+
+    # 2. Storeys: the floors and ceilings of each, and the plan of what stands between them.
+    roles: list[Role] = [""] * len(surfaces)
     layouts: list[Layout] = []
-    storeys = list(beams.by_height(up.direction, limits.STOREY_M))
+    storeys = beams.by_height(up.direction, limits.STOREY_M)
     eyes = [-np.inf, *(float((there.origin @ up.direction).mean()) for there in storeys), np.inf]
     for there, below, eye, above in zip(storeys, eyes, eyes[1:], eyes[2:], strict=False):
-        bottom, top = np.quantile(there.point @ up.direction, (limits.OUTLYING, 1 - limits.OUTLYING))
         floors, ceilings = list[float](), list[float]()
         for number, plane in levels:
             role, height = level_role(plane, there, up.direction, eye), float(plane.middle @ up.direction)
@@ -177,29 +181,24 @@ def assign_roles(
                 floors.append(height)
             if role == "ceiling" and height < above:
                 ceilings.append(height)
-        band = (max([bottom, *floors]) + limits.BAND_M, min([top, *ceilings]) - limits.BAND_M)
+        bottom, top = np.quantile(there.point @ up.direction, (limits.OUTLYING, 1 - limits.OUTLYING))
         floor = min(floors, default=float(bottom) if layouts else -np.inf)
         ceiling = max(ceilings, default=np.inf)
-        here = [
-            part
-            for wall, points in zip(walls, measured, strict=True)
-            if (part := wall.between(floor - limits.SLAB_M, min(ceiling + limits.SLAB_M, above), points))
-        ]
-        n_before = max((int(layout.rooms.max(initial=0)) for layout in layouts), default=0)
-        layout = find_layout(
-            [wall for wall, _ in here], [points for _, points in here], there, up.direction, band
-        ).numbered_from(n_before)
-        layouts.append(replace(layout, floor_m=floor, ceiling_m=ceiling))
-    origins = tuple(seen.scan.origin for seen in observations)
-    room = Room(layouts=tuple(layouts), origins=origins, up=up.direction)
-    walls = [
-        to_corners(wall, room)
-        for wall, points in zip(walls, measured, strict=True)
-        if room.bounds(wall, points).mean() >= limits.BOUNDING
-    ]
-    for wall in walls:
+        between = floor - limits.SLAB_M, min(ceiling + limits.SLAB_M, above)
+        band = (max([bottom, *floors]) + limits.BAND_M, min([top, *ceilings]) - limits.BAND_M)
+        here = [part for wall in walls if (part := wall.between(*between)) is not None]
+        layout = find_layout(here, there, up.direction, band)
+        n_before = sum(len(lower.enclosed) for lower in layouts)
+        layouts.append(replace(layout.numbered_from(n_before), floor_m=floor, ceiling_m=ceiling))
+
+    # 3. Walls: those that bound a room, as far as its corners.
+    room = Room(
+        layouts=tuple(layouts), origins=tuple(seen.scan.origin for seen in observations), up=up.direction
+    )
+    bounding = [wall for wall in walls if room.bounds(wall, wall.points).mean() >= limits.BOUNDING]
+    for wall in bounding:
         roles[wall.number] = "wall"
-    return replace(room, roles=tuple(roles), walls=tuple(walls))
+    return replace(room, roles=tuple(roles), walls=tuple(to_corners(wall, room) for wall in bounding))
 
 
 def _look(
@@ -221,7 +220,10 @@ def _look(
 
 
 def to_corners(wall: Wall, room: Room) -> Wall:
-    """Return a wall that goes on along its line as far as it bounds a room, and down to a near floor."""
+    """Return a wall that goes on along its line as far as it bounds a room, and down to a near floor.
+
+    Its points are not kept.
+    """
     middle = (wall.low[1] + wall.high[1]) / 2
     step = np.arange(limits.PLAN_M / 2, limits.FARTHEST_M, limits.PLAN_M)
     reach = []
@@ -234,6 +236,7 @@ def to_corners(wall: Wall, room: Room) -> Wall:
     aside, slack = limits.PAST_END_M, limits.SLACK_M
     return replace(
         wall,
+        points=np.zeros((0, 3)),
         low=np.array([wall.low[0] - reach[0] - aside, bottom - slack]),
         high=np.array([wall.high[0] + reach[1] + aside, wall.high[1] + slack]),
     )

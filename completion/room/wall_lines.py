@@ -46,8 +46,9 @@ class WallLine:
         return self.number >= 0
 
     @classmethod
-    def of(cls, wall: Wall, points: FloatArray, axes: FloatArray) -> WallLine:
-        """Look at points (n, 3) of a wall and beams that passed it; `axes` (2, 3) are the plan's."""
+    def of(cls, wall: Wall, axes: FloatArray) -> WallLine:
+        """Look at a wall's points and at beams that passed it; `axes` (2, 3) are the plan's."""
+        points = wall.points
         normal = axes @ wall.plane.normal_direction
         normal = normal / np.linalg.norm(normal)
         middle = points.mean(axis=0)

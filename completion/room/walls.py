@@ -25,6 +25,8 @@ class Wall:
         Of its surface, from 0.
     plane : Plane
         Its plane; the normal points into the room.
+    points : (n, 3) float
+        Some of what was measured of it.
     along, up : (3,) float
         Unit directions, level and upwards.
     low, high : (2,) float
@@ -37,6 +39,7 @@ class Wall:
 
     number: int
     plane: Plane
+    points: FloatArray
     along: FloatArray
     up: FloatArray
     low: FloatArray
@@ -48,8 +51,10 @@ class Wall:
         freeze_arrays(self)
 
     @classmethod
-    def measured(cls, number: int, plane: RoomPlane, beams: Beams, up: FloatArray) -> Wall:
-        """As much of an upright plane as was measured, and where beams passed it, there and beside.
+    def measured(
+        cls, number: int, plane: RoomPlane, points: FloatArray, beams: Beams, *, up: FloatArray
+    ) -> Wall:
+        """As much of an upright plane as was measured, `points` (n, 3), and where beams passed it and beside.
 
         `up` (3,) is the direction that is up.
         """
@@ -63,19 +68,28 @@ class Wall:
         way = part[:, None] * (beams.point[passes] - beams.origin[passes])
         at, apart = (beams.origin[passes] + way) @ frame, beams.apart[passes] * np.linalg.norm(way, axis=1)
         near = (at[:, 0] > low[0] - limits.BESIDE_M) & (at[:, 0] < high[0] + limits.BESIDE_M)
-        place = {"along": along, "up": up, "low": low, "high": high}
-        return cls(number, plane.plane, **place, crossed=at[near], apart=apart[near])
+        return cls(
+            number=number,
+            plane=plane.plane,
+            points=points,
+            along=along,
+            up=up,
+            low=low,
+            high=high,
+            crossed=at[near],
+            apart=apart[near],
+        )
 
-    def between(self, bottom_m: float, top_m: float, points: FloatArray) -> tuple[Wall, FloatArray] | None:
-        """Return its part between two heights and its points (n, 3) there; None where that is no wall."""
-        inside = points[(points @ self.up > bottom_m) & (points @ self.up < top_m)]
-        if len(inside) < 2 or np.ptp(inside @ self.up) < limits.COLUMN_M:
+    def between(self, bottom_m: float, top_m: float) -> Wall | None:
+        """Return what of it is between two heights; None where nothing of a wall is."""
+        points = self.points[(self.points @ self.up > bottom_m) & (self.points @ self.up < top_m)]
+        if len(points) < 2 or np.ptp(points @ self.up) < limits.COLUMN_M:
             return None
         passed = (self.crossed[:, 1] > bottom_m) & (self.crossed[:, 1] < top_m)
         low, high = (np.array([end[0], np.clip(end[1], bottom_m, top_m)]) for end in (self.low, self.high))
         return replace(
-            self, low=low, high=high, crossed=self.crossed[passed], apart=self.apart[passed]
-        ), inside
+            self, points=points, low=low, high=high, crossed=self.crossed[passed], apart=self.apart[passed]
+        )
 
     def places(self, points: FloatArray) -> FloatArray:
         """Coordinates (n, 2) of points (n, 3) along it and upwards."""

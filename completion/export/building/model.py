@@ -270,9 +270,8 @@ def room_plans(room: Room, patches: Sequence[Patch], world: Pose) -> tuple[RoomP
         lines = np.column_stack([layout.lines[:, :2] @ turn, layout.lines[:, 2]])
         lines[:, 2] += lines[:, :2] @ shift[:2]
         walls = np.array([numbers.get(number, 0) for number in layout.walls.tolist()], dtype=np.int64)
-        for number, area in layout.outlines():
+        for area, enclosed in layout.outlines():
             outline = shapely.transform(area, lambda xy, turn=turn, shift=shift: xy @ turn + shift[:2])
-            enclosed = float(layout.enclosed[number - int(layout.rooms[layout.rooms > 0].min())])
             plans.append(RoomPlan(outline, float(shift[2]), enclosed, lines, walls))
     return tuple(plans)
 

@@ -61,7 +61,7 @@ def layout_of(walls, eyes, hidden=lambda points: np.zeros(len(points), dtype=np.
     seen = ~hidden(point)
     origin, point, hit = origin[seen], point[seen], hit[seen]
     beams = Beams(origin, point, np.full(len(point), 0.002), np.full(len(point), 0.01))
-    found, measured = [], []
+    found = []
     for k, (begin, end, _) in enumerate(walls):
         own = point[hit == k]
         if len(own) < 50:
@@ -69,9 +69,8 @@ def layout_of(walls, eyes, hidden=lambda points: np.zeros(len(points), dtype=np.
         along = (end - begin) / np.linalg.norm(end - begin)
         plane = Plane(np.array([*begin, 0.0]), np.array([-along[1], along[0], 0.0]))
         known = RoomPlane(None, plane, own, own.mean(axis=0), 1.0, 0.01, 0.002, 0.001, 0.002)
-        found.append(Wall.measured(k, known, beams, UP))
-        measured.append(own)
-    return find_layout(found, measured, beams, UP, (0.1, HEIGHT_M - 0.1)), found
+        found.append(Wall.measured(k, known, own, beams, up=UP))
+    return find_layout(found, beams, UP, (0.1, HEIGHT_M - 0.1)), found
 
 
 def at(*places):
@@ -100,9 +99,10 @@ def test_a_room_may_have_an_angle():
 @pytest.mark.parametrize(("corners", "area_m2"), [(SQUARE, 12.0), (ANGLE, 14.0)])
 def test_outlines_are_those_of_the_walls(corners, area_m2):
     layout, _ = layout_of(plan_of(corners), EYE)
-    ((number, outline),) = layout.outlines()
-    assert number == 1
+    ((outline, enclosed),) = layout.outlines()
     assert outline.area == pytest.approx(area_m2, rel=0.02)
+    assert enclosed > 0.95
+    assert (layout.walls >= 0).sum() == len(corners)
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 17.0, 45.0, 90.0])
@@ -151,7 +151,7 @@ def test_a_door_parts_rooms():
 
 def test_without_walls_there_is_no_plan():
     beams = Beams(np.zeros((3, 3)), np.ones((3, 3)), np.zeros(3), np.zeros(3))
-    layout = find_layout([], [], beams, UP, (0.0, 1.0))
+    layout = find_layout([], beams, UP, (0.0, 1.0))
     assert not layout.scanner_rooms
     assert not list(layout.outlines())
     assert (layout.rooms_at(np.zeros((2, 3))) == 0).all()

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from completion import CompletionOptions, complete
+from completion.merging.merged_surface import largest_shares
+from completion.observe.observation import PixelSet, ScanPixels
 from scenes.inclination import Up
 from tests.helpers.completion_examples import completed
 from tests.helpers.exchange_houses import completed_house
@@ -20,8 +24,27 @@ def house():
 def test_each_storey_has_its_plan(house):
     room = house.completed.room
     assert [len(layout.scanner_rooms) for layout in room.layouts] == [2, 1]
-    areas = [outline.area for layout in room.layouts for _, outline in layout.outlines()]
+    areas = [outline.area for layout in room.layouts for outline, _ in layout.outlines()]
     assert areas == pytest.approx([12.0, 9.0, 12.0], rel=0.03)
+
+
+def test_no_plan_is_drawn_by_walls_of_another_storey(house):
+    lower, upper = house.completed.room.layouts
+    below = {wall.number for wall in house.completed.room.walls if wall.high[1] < upper.floor_m}
+    assert len(below) == 2  # of the second room; a wall of the upper storey goes on in the first one's partition
+    assert below <= set(lower.walls.tolist())
+    assert not below & set(upper.walls.tolist())
+
+
+def test_a_surface_is_as_large_as_in_the_scan_that_saw_most_of_it(house):
+    """Of three scans of 100 pixels, the second shows a surface as a tenth of what it shows."""
+    shape, pixels = (10, 10), np.arange(100, dtype=np.int32)
+    shown = [(pixels[:0], pixels[:10], pixels[:2]), (pixels, pixels[10:], pixels[2:])]
+    surfaces = [
+        replace(house.patches[0].source, pixels=ScanPixels.of([PixelSet(flat, shape) for flat in scans]))
+        for scans in shown
+    ]
+    assert largest_shares(surfaces) == pytest.approx([0.1, 1.0])
 
 
 def test_floors_and_ceilings_of_both_storeys_have_roles(house):
