@@ -26,9 +26,9 @@ SMALLEST: dict[str, list[str]] = {}  # options with which a suite is as small as
 _PAGE: ContextVar[Path | None] = ContextVar("page", default=None)
 _MODULES = (
     "completion", "ledger", "together", "silence", "dimensions", "buildings", "relations", "panels",
-    "registration", "alignment", "openings", "holes", "junctions", "evolution", "flattening", "segmentation",
-    "parts", "textures", "views", "speed", "free_space", "confidence", "hidden_by_other_scans", "online",
-    "bunny", "survey", "paper_study",
+    "room_surfaces", "registration", "alignment", "openings", "holes", "junctions", "evolution",
+    "flattening", "segmentation", "parts", "textures", "views", "speed", "free_space", "confidence",
+    "hidden_by_other_scans", "online", "bunny", "survey", "paper_study",
 )  # fmt: skip
 app = typer.Typer(add_completion=False, no_args_is_help=True, help="Benchmarks of unseen; see docs/guides.")
 _suites = typer.Typer(add_completion=False, no_args_is_help=True)

@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 from scenes.checks import BoolArray, FloatArray
 
 _LEAST = 0.003  # probability that is told of anything
+_EVEN = 1e-6  # standard deviation of what is the same everywhere
 
 
 def probability(known: FloatArray, weights: FloatArray) -> FloatArray:
@@ -33,17 +34,18 @@ def most_likely_odds(
     base = np.ones(len(known)) if base is None else base
     weight = weight / weight.sum()
     mean = weight @ known
-    scale = np.sqrt(weight @ np.square(known - mean)) + 1e-9
+    spread = np.sqrt(weight @ np.square(known - mean))
+    scale = np.where(spread > _EVEN, spread, 1.0)  # what is even tells nothing
     columns = np.column_stack([np.ones(len(known)), (known - mean) / scale])
 
     def cost(x: FloatArray) -> tuple[float, FloatArray]:
         goes_on = 1 / (1 + np.exp(-columns @ x))
         stated = np.clip(base * goes_on, 1e-6, 1 - 1e-6)
-        told = weight @ np.log(np.where(right, stated, 1 - stated))
+        likelihood = weight @ np.log(np.where(right, stated, 1 - stated))
         slope = np.where(right, 1 / stated, -1 / (1 - stated)) * base * goes_on * (1 - goes_on)
         slope = -columns.T @ (weight * slope)
         slope[1:] += ridge * x[1:]
-        return ridge / 2 * float(x[1:] @ x[1:]) - float(told), slope
+        return ridge / 2 * float(x[1:] @ x[1:]) - float(likelihood), slope
 
     x = minimize(cost, np.zeros(columns.shape[1]), jac=True, method="L-BFGS-B").x
     return np.append(x[0] - (x[1:] / scale) @ mean, x[1:] / scale)

@@ -122,15 +122,15 @@ class HiddenScore:
 
         A point counts if most of those within 10 cm of it lie within the tolerance of the plane, too.
         """
-        found = np.zeros(len(self.reference), dtype=np.bool_)
+        is_reachable = np.zeros(len(self.reference), dtype=np.bool_)
         tree = cKDTree(self.reference) if len(self.reference) else None
         for plane in planes:
             is_on = np.abs(plane.distance(self.reference)) <= tolerance_m
-            at = np.flatnonzero(is_on & (plane.distance(self.seen_from) > 0) & ~found)
+            at = np.flatnonzero(is_on & (plane.distance(self.seen_from) > 0) & ~is_reachable)
             if tree is not None and len(at):
                 around = tree.query_ball_point(self.reference[at], _AROUND_M)
-                found[at] = [is_on[near].mean() >= _MOSTLY for near in around]
-        return found
+                is_reachable[at] = [is_on[near].mean() >= _MOSTLY for near in around]
+        return is_reachable
 
     @property
     def unknown_share(self) -> float:

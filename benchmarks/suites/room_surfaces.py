@@ -83,7 +83,7 @@ def places_in_frames(source: Source, frames: Sequence[int]) -> list[tuple[str, P
 
 def _places(completed: CompletedModel, judge: Judge, seed: int) -> list[tuple[str, Places]]:
     """By "level" or "wall", the hidden places of each surface of the room of which anything is known."""
-    rng, found = np.random.default_rng(seed), []
+    rng, places = np.random.default_rng(seed), []
     world = completed.world_from_reference
     for patch in completed.patches:
         hidden = np.flatnonzero(patch.shadows.region >= 0)
@@ -92,16 +92,16 @@ def _places(completed: CompletedModel, judge: Judge, seed: int) -> list[tuple[st
         chosen, area = _chosen(patch, hidden, rng)
         points = patch.grid.centres()[hidden[chosen]]
         state = judge(world.apply(points), world.rotate(patch.grid.surface.normal(points)))
-        told = state != 0
+        is_known = state != 0
         base = prospects(patch.grid, patch.shadows, patch.labelling, patch.limits, patch.evidence).base
         known = surfaces.known_of_room(
             patch.grid, patch.shadows, patch.limits, patch.evidence, base=base, room=completed.completed.room
-        )[chosen][told]
+        )[chosen][is_known]
         n = max(len(chosen), 1)
         even = np.full(len(known), 1.0 / n)
         part = "wall" if patch.limits.role == "wall" else "level"
-        found.append((part, Places(known, state[told] > 0, even * np.sqrt(area), even * area)))
-    return found
+        places.append((part, Places(known, state[is_known] > 0, even * np.sqrt(area), even * area)))
+    return places
 
 
 def _chosen(patch: Patch, hidden: IntArray, rng: np.random.Generator) -> tuple[IntArray, float]:
@@ -121,7 +121,6 @@ def together(places: Sequence[Places]) -> Places:
 
 def fitted(kinds: Sequence[Places]) -> FloatArray:
     """The weights most likely on some kinds, each counted alike."""
-    kinds = [kind for kind in kinds if len(kind.right) >= FEWEST_PLACES]
     every = together([kind._replace(weight=kind.weight / kind.weight.sum()) for kind in kinds])
     return most_likely_odds(every.known, every.right, every.weight, ridge=RIDGE)
 
@@ -135,31 +134,32 @@ def room_surfaces(
     --held-out: flats that none of them are fitted to.
     """
     kinds: dict[str, list[tuple[str, Places]]] = {}
-    for kind, found in (
-        *(("rooms", found) for found in each(places_in_room, list(range(1000, 1000 + rooms)))),
+    for kind, places in (
+        *(("rooms", places) for places in each(places_in_room, list(range(1000, 1000 + rooms)))),
         *_frames("flats", HOUSES[:flats]),
         *_frames("walks", [FURNISHED[(0, 1, 2, 10, 11, 12)[k]] for k in range(min(walks, 6))]),
         *_frames("held-out flats", HELD_OUT_HOUSES[:held_out]),
         *(entry for source in JUDGED if real for entry in _frames(source.name, [source])),
     ):
-        kinds.setdefault(kind, []).extend(found)
+        kinds.setdefault(kind, []).extend(places)
     for part, in_use in PARTS.items():
         by_kind = {
             kind: together(some)
-            for kind, found in kinds.items()
-            if (some := [places for own, places in found if own == part])
+            for kind, pairs in kinds.items()
+            if (some := [places for name, places in pairs if name == part])
         }
-        used = {kind: places for kind, places in by_kind.items() if "held-out" not in kind}
+        used = {
+            kind: entries
+            for kind, entries in by_kind.items()
+            if "held-out" not in kind and len(entries.right) >= FEWEST_PLACES
+        }
         yield f"{part}: kind, places; mean log likelihood, right, wrong m2 in use; the same with it left out"
-        for kind, places in by_kind.items():
-            others = [
-                other for own, other in used.items() if own != kind and len(other.right) >= FEWEST_PLACES
-            ]
-            yield _line(kind, places, in_use, fitted(others) if others else in_use)
-        for name, weight, likely in zip(
-            ("constant", *NAMES[part]), in_use, fitted(list(used.values())), strict=True
-        ):
-            yield f"{weight:7.2f} {likely:7.2f}  {name}"
+        for kind, entries in by_kind.items():
+            others = [other for name, other in used.items() if name != kind]
+            yield _line(kind, entries, in_use, fitted(others) if others else in_use)
+        likely = fitted(list(used.values())) if used else in_use
+        for name, weight, fit in zip(("constant", *NAMES[part]), in_use, likely, strict=True):
+            yield f"{weight:7.2f} {fit:7.2f}  {name}"
 
 
 def _frames(kind: str, sources: Sequence[Source]) -> Iterator[tuple[str, list[tuple[str, Places]]]]:
@@ -172,12 +172,12 @@ def _frames(kind: str, sources: Sequence[Source]) -> Iterator[tuple[str, list[tu
 
 
 def _line(kind: str, places: Places, in_use: FloatArray, left_out: FloatArray) -> str:
-    told = [f"{kind:24s} {len(places.right):6d}"]
+    cells = [f"{kind:24s} {len(places.right):6d}"]
     for weights in (in_use, left_out):
         stated = probability(places.known, weights)
         claimed = stated >= 0.8
         right, wrong = (
             float(places.area_m2[claimed & (places.right == is_so)].sum()) for is_so in (True, False)
         )
-        told.append(f"{log_likelihood(stated, places.right, places.weight):7.3f} {right:6.2f} {wrong:6.2f}")
-    return "  ".join(told)
+        cells.append(f"{log_likelihood(stated, places.right, places.weight):7.3f} {right:6.2f} {wrong:6.2f}")
+    return "  ".join(cells)

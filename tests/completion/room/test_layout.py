@@ -61,7 +61,7 @@ def layout_of(walls, eyes, hidden=lambda points: np.zeros(len(points), dtype=np.
     seen = ~hidden(point)
     origin, point, hit = origin[seen], point[seen], hit[seen]
     beams = Beams(origin, point, np.full(len(point), 0.002), np.full(len(point), 0.01))
-    found = []
+    stood = []
     for k, (begin, end, _) in enumerate(walls):
         own = point[hit == k]
         if len(own) < 50:
@@ -69,8 +69,8 @@ def layout_of(walls, eyes, hidden=lambda points: np.zeros(len(points), dtype=np.
         along = (end - begin) / np.linalg.norm(end - begin)
         plane = Plane(np.array([*begin, 0.0]), np.array([-along[1], along[0], 0.0]))
         known = RoomPlane(None, plane, own, own.mean(axis=0), 1.0, 0.01, 0.002, 0.001, 0.002)
-        found.append(Wall.measured(k, known, own, beams, up=UP))
-    return find_layout(found, beams, UP, (0.1, HEIGHT_M - 0.1)), found
+        stood.append(Wall.measured(k, known, own, beams, up=UP))
+    return find_layout(stood, beams, UP, (0.1, HEIGHT_M - 0.1)), stood
 
 
 def at(*places):

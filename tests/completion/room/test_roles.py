@@ -31,7 +31,7 @@ def test_each_storey_has_its_plan(house):
 def test_no_plan_is_drawn_by_walls_of_another_storey(house):
     lower, upper = house.completed.room.layouts
     below = {wall.number for wall in house.completed.room.walls if wall.high[1] < upper.floor_m}
-    assert len(below) == 2  # of the second room; a wall of the upper storey goes on in the first one's partition
+    assert len(below) == 2  # of the second room; an upper wall goes on in the partition
     assert below <= set(lower.walls.tolist())
     assert not below & set(upper.walls.tolist())
 
