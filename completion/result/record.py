@@ -141,6 +141,7 @@ def completion_record(
         for number, entry in enumerate(record["surfaces"], start=1):
             if entry["kind"] == Plane.kind:
                 entry["flattening"] = surface_flattening(completion.flattened, number)
+    record["rooms"] = _room_records(completion)
     if completion.relations is not None:
         record |= _relations_record(completion, completion.relations)
     if len(completion.observations) > 1:
@@ -152,6 +153,32 @@ def completion_record(
     if verification is not None:
         record["first_scan"] = _verification_record(completion, verification)
     return record
+
+
+def _room_records(completion: CompletedModel) -> list[dict[str, Any]]:
+    """The rooms that the scans show, storey by storey: outlines at their floors, world coordinates."""
+    world, room, records = completion.world_from_reference, completion.completed.room, list[dict[str, Any]]()
+    for storey, layout in enumerate(room.layouts, start=1):
+        standing = np.mean([origin @ room.up for origin in room.origins])
+        base_m = layout.floor_m if np.isfinite(layout.floor_m) else float(standing)
+        height_m = layout.ceiling_m - layout.floor_m
+        numbers = np.unique(layout.rooms[layout.rooms > 0]).tolist()
+        for number, (area, enclosed) in zip(numbers, layout.outlines(), strict=True):
+            rings = [
+                world.apply(shapely.get_coordinates(ring)[:-1] @ layout.axes + base_m * room.up).tolist()
+                for part in shapely.get_parts(area)
+                for ring in (part.exterior, *part.interiors)
+            ]
+            records.append({
+                "number": number,
+                "storey": storey,
+                "area_m2": area.area,
+                "walled_share": enclosed,
+                "has_scanner": number in layout.scanner_rooms,
+                "height_m": height_m if np.isfinite(height_m) else None,
+                "rings": rings,
+            })  # fmt: skip
+    return records
 
 
 def _relations_record(completion: CompletedModel, relations: SurfaceRelations) -> dict[str, Any]:

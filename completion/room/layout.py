@@ -72,12 +72,14 @@ class Layout:
         freeze_arrays(self)
 
     def rooms_at(self, points: FloatArray) -> IntArray:
-        """Which room (n,) points (n, 3) are in; 0 for none."""
+        """Which room (n,) points (n, 3) are in; 0 for none, and beyond what the plan shows."""
         if not len(self.lines):
             return np.zeros(len(points), dtype=np.int64)
-        wanted, known = _keys(_sides(points @ self.axes.T, self.lines)), _keys(self.cells)
+        places = points @ self.axes.T
+        is_shown = ((places >= self.low) & (places <= self.high)).all(axis=1)
+        wanted, known = _keys(_sides(places, self.lines)), _keys(self.cells)
         cell = np.clip(np.searchsorted(known, wanted), 0, len(known) - 1)
-        return np.where(known[cell] == wanted, self.rooms[cell], 0)
+        return np.where(is_shown & (known[cell] == wanted), self.rooms[cell], 0)
 
     def closed_at(self, points: FloatArray) -> FloatArray:
         """Of the four ways along the axes, the share (n,) in which a wall ends the room of points (n, 3)."""

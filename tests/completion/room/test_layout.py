@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from completion.room.layout import find_layout
+from completion.room.layout import Layout, find_layout
 from completion.room.planes import Beams, RoomPlane
 from completion.room.roles import Room, to_corners
 from completion.room.walls import Wall
@@ -155,3 +155,19 @@ def test_without_walls_there_is_no_plan():
     assert not layout.scanner_rooms
     assert not list(layout.outlines())
     assert (layout.rooms_at(np.zeros((2, 3))) == 0).all()
+
+
+def test_nothing_is_in_a_room_beyond_what_the_plan_shows():
+    """Nothing ends the room on one side but the plan."""
+    plan = Layout(
+        axes=np.eye(3)[:2],
+        lines=np.array([[1.0, 0.0, 0.0]]),
+        walls=np.zeros(1, np.int64),
+        cells=np.array([[False], [True]]),
+        rooms=np.array([0, 1]),
+        enclosed=np.array([0.25]),
+        low=np.array([-1.0, -1.0]),
+        high=np.array([2.0, 2.0]),
+    )
+    places = np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [1.9, 1.9, 0.0], [2.1, 0.0, 0.0], [0.5, -1.1, 0.0]])
+    assert plan.rooms_at(places).tolist() == [0, 1, 1, 0, 0]

@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 
 from completion import CompletionOptions, complete
 from completion.merging.merged_surface import largest_shares
 from completion.observe.observation import PixelSet, ScanPixels
+from completion.result.record import completion_record
 from scenes.inclination import Up
 from tests.helpers.completion_examples import completed
 from tests.helpers.exchange_houses import completed_house
@@ -26,6 +28,20 @@ def test_each_storey_has_its_plan(house):
     assert [len(layout.scanner_rooms) for layout in room.layouts] == [2, 1]
     areas = [outline.area for layout in room.layouts for outline, _ in layout.outlines()]
     assert areas == pytest.approx([12.0, 9.0, 12.0], rel=0.03)
+
+
+def test_rooms_are_told_in_the_world_of_the_scans(house):
+    rooms = completion_record(house)["rooms"]
+    assert [(room["number"], room["storey"]) for room in rooms] == [(1, 1), (2, 1), (3, 2)]
+    assert [room["area_m2"] for room in rooms] == pytest.approx([12.0, 9.0, 12.0], rel=0.03)
+    assert all(room["has_scanner"] and room["walled_share"] > 0.9 for room in rooms)
+    outline = shapely.Polygon([point[:2] for point in rooms[1]["rings"][0]])
+    stands = [seen.scan.origin for seen in house.observations]
+    within = [
+        outline.contains(shapely.Point(house.world_from_reference.apply(p[None])[0, :2])) for p in stands
+    ]
+    assert sum(within) == 1
+    assert {round(point[2], 2) for point in rooms[0]["rings"][0]} == {100.0}
 
 
 def test_no_plan_is_drawn_by_walls_of_another_storey(house):
