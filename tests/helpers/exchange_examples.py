@@ -51,6 +51,7 @@ def box() -> BuildingModel:
         planes=(),
         cylinders=(),
         floor_m=None,
+        eye_m=None,
         plans=(),
         errors=NO_ERRORS,
     )

@@ -306,6 +306,8 @@ class BuildingModel:
         Its completed cylinders.
     floor_m : float or None
         Height of the lowest floor; None where none was found.
+    eye_m : float or None
+        Height of the lowest scanner; None where what is up is not known.
     plans : tuple of RoomPlan
         The rooms that the scans show, in the plan.
     errors : JointErrors
@@ -326,6 +328,7 @@ class BuildingModel:
     planes: tuple[PlaneElement, ...]
     cylinders: tuple[CylinderElement, ...]
     floor_m: float | None
+    eye_m: float | None
     plans: tuple[RoomPlan, ...]
     errors: JointErrors
     drawing_from_world: Pose = field(default_factory=Pose.identity)
@@ -420,6 +423,7 @@ def building_model(
         planes=tuple(planes),
         cylinders=tuple(cylinders),
         floor_m=_lowest_floor(planes),
+        eye_m=min((float(world.apply(origin[None])[0, 2]) for origin in room.origins), default=None),
         plans=room_plans(room, patches, world),
         errors=errors,
         drawing_from_world=drawing_from_world,
