@@ -30,12 +30,12 @@ KNOWN_OF_LEVEL = (
 )
 """What the probability of a place on a floor or a ceiling depends on."""
 
-LEVEL_WEIGHTS: FloatArray = np.array([1.09, -0.71, 1.56, -2.47, 1.54, 1.37, -1.49])
+LEVEL_WEIGHTS: FloatArray = np.array([0.99, -0.44, 2.44, -3.16, 1.06, 0.69, -1.81])
 """Constant, and weight of each of `KNOWN_OF_LEVEL`, in the logarithm of the odds (Cox 1958).
 
-The most likely ones, with those of walls, on sixty frames of flats, eight rooms, thirty frames of walks and
-twelve real frames that other frames judge, each kind counted alike, rounded (`python -m benchmarks run
-room-surfaces`).
+The most likely ones on sixty frames of flats, eight rooms, thirty frames of walks, five frames of each of
+these together, and twelve real frames that other frames judge, each kind counted alike, rounded (`python -m
+benchmarks run room-surfaces`).
 """
 
 KNOWN_OF_WALL = (
@@ -50,7 +50,11 @@ KNOWN_OF_WALL = (
 """What the probability of a place on a wall depends on."""
 
 WALL_WEIGHTS: FloatArray = np.array([0.97, -0.13, 1.68, -2.79, -1.82, 0.46, -0.88, 0.77])
-"""Constant, and weight of each of `KNOWN_OF_WALL`, in the logarithm of the odds (Cox 1958)."""
+"""Constant, and weight of each of `KNOWN_OF_WALL`, in the logarithm of the odds (Cox 1958).
+
+The most likely ones on the same frames, each alone: with several together they are less likely on flats that
+were left out of both.
+"""
 
 _AWAY_M = 0.05  # added to distances before their logarithm is taken
 

@@ -17,7 +17,7 @@ from completion.merging.merged_surface import MergedSurface, largest_shares, num
 from completion.observe.observation import Observation, PixelSet, ScanPixels
 from completion.observe.refitting import refit_each
 from completion.room import limits
-from completion.room.planes import Beams, RoomPlane, level_role
+from completion.room.planes import Beams, RoomPlane, level_roles
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.inclination import Up
 
@@ -126,11 +126,9 @@ def _outermost_levels(
     """Numbers of the level planes that are floors and ceilings."""
     beams = Beams.of(observations)
     eye = float(np.mean([seen.scan.origin for seen in observations], axis=0) @ up.direction)
-    return {
-        number
-        for number, plane in enumerate(planes)
-        if kinds[number] in (LEVEL_UP, LEVEL_DOWN) and level_role(plane, beams, up.direction, eye)
-    }
+    level = [number for number, kind in enumerate(kinds) if kind in (LEVEL_UP, LEVEL_DOWN)]
+    roles = level_roles([planes[number] for number in level], beams, up.direction, eye)
+    return {number for number, role in zip(level, roles, strict=True) if role}
 
 
 def _fit_group(

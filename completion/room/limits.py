@@ -74,6 +74,8 @@ ROUGHER = 1.2
 """How much larger a piece's mean square about the fit to all may be than about its own."""
 FLOOR_BELOW_M, CEILING_ABOVE_M = 0.9, 0.4
 """Metres: how far a floor lies below the mean height of the sensors at least, and a ceiling above it."""
+WIDE_M2 = 4.0
+"""Square metres of a floor that may be nearer below sensors: no table is as large; robots carry them low."""
 N_BEAMS = 20_000
 """Beams that are looked at for this."""
 ABSORBING_M2, ABSORBING_SHARE = 0.04, 0.01

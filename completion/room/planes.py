@@ -156,16 +156,32 @@ def _every(valid: BoolArray, step: int) -> IntArray:
     return np.flatnonzero(chosen & valid)
 
 
-def level_role(plane: RoomPlane, beams: Beams, up: FloatArray, eye: float) -> Role:
-    """Return "floor" or "ceiling" of a level plane beyond which hardly anything was measured; else "".
+def level_roles(planes: Sequence[RoomPlane], beams: Beams, up: FloatArray, eye: float) -> list[Role]:
+    """Return "floor" or "ceiling" of level planes beyond which hardly anything was measured; else "".
 
-    `up` (3,) is up in the working frame, `eye` how high the scanners stood along it, metres.
+    What is not far below the sensors is a floor where no table is as large, with what is as high. `up` (3,)
+    is up in the working frame, `eye` how high the scanners stood along it, metres.
     """
-    side, at = float(np.sign(plane.normal @ up)), float(plane.middle @ up)
+    sides = np.array([np.sign(plane.normal @ up) for plane in planes])
+    heights = np.array([plane.middle @ up for plane in planes])
+    areas = np.array([plane.area_m2 for plane in planes])
+    roles: list[Role] = []
+    for plane, side, height in zip(planes, sides, heights, strict=True):
+        is_role = plane.area_m2 >= limits.LEAST_FLOOR_M2 and _is_outermost(plane, side, beams, up)
+        apart, alike = side * (eye - height), (sides == side) & (np.abs(heights - height) <= limits.SLAB_M)
+        is_wide = apart > 0 and areas[alike].sum() >= limits.WIDE_M2
+        if side > 0:
+            roles.append("floor" if is_role and (apart > limits.FLOOR_BELOW_M or is_wide) else "")
+        else:
+            roles.append("ceiling" if is_role and apart > limits.CEILING_ABOVE_M else "")
+    return roles
+
+
+def _is_outermost(plane: RoomPlane, side: float, beams: Beams, up: FloatArray) -> bool:
+    """Whether hardly any point lies beyond a level plane, which may lean, against its `side`."""
+    offset = beams.point - plane.middle
+    height = offset @ up
+    away = np.linalg.norm(offset - height[:, None] * up, axis=1)
     slack = limits.OFF_LEVEL_M + 3 * np.hypot(beams.sigma, plane.bias_m)
-    beyond = ((beams.point @ up - at) * side < -slack).mean()
-    if plane.area_m2 < limits.LEAST_FLOOR_M2 or beyond >= limits.BEYOND_FLOOR:
-        return ""
-    if side > 0:
-        return "floor" if eye - at > limits.FLOOR_BELOW_M else ""
-    return "ceiling" if at - eye > limits.CEILING_ABOVE_M else ""
+    slack += np.tan(np.radians(limits.LEAN_DEG)) * away
+    return bool((side * height < -slack).mean() < limits.BEYOND_FLOOR)

@@ -16,7 +16,7 @@ from completion.merging.merged_surface import MergedSurface, largest_shares
 from completion.observe.observation import Observation
 from completion.room import limits
 from completion.room.layout import Layout, find_layout
-from completion.room.planes import Beams, Role, RoomPlane, level_role
+from completion.room.planes import Beams, Role, RoomPlane, level_roles
 from completion.room.walls import Wall
 from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
 from scenes.inclination import Up
@@ -174,8 +174,9 @@ def assign_roles(
     eyes = [-np.inf, *(float((there.origin @ up.direction).mean()) for there in storeys), np.inf]
     for there, below, eye, above in zip(storeys, eyes, eyes[1:], eyes[2:], strict=False):
         floors, ceilings = list[float](), list[float]()
-        for number, plane in levels:
-            role, height = level_role(plane, there, up.direction, eye), float(plane.middle @ up.direction)
+        found = level_roles([plane for _, plane in levels], there, up.direction, eye)
+        for (number, plane), role in zip(levels, found, strict=True):
+            height = float(plane.middle @ up.direction)
             roles[number] = role or roles[number]
             if role == "floor" and height > below:
                 floors.append(height)
