@@ -165,7 +165,7 @@ def continue_surfaces(
         if not edit.actions and not is_chosen(surfaces[index].fit, options.only, encloses=encloses, up=up):
             return None
         extent = find_extent(index, surfaces, boundaries, adjacency, observations, cues=options.cues, up=up)
-        patch = extend(
+        return extend(
             boundaries[index],
             extent,
             known[index],
@@ -175,7 +175,6 @@ def continue_surfaces(
             number=index + 1,
             rules=options.rules(),
         )
-        return patch if edit.actions or patch.observed_m2 >= options.min_area_m2 else None
 
     patches = steps.each("extend", extend_surface, range(len(surfaces)))
 
@@ -185,23 +184,28 @@ def continue_surfaces(
     def extend_reveal(index: int) -> Patch | None:
         is_wanted = is_chosen(faces[index].surface.fit, options.only, encloses=False, up=up)
         patch = extend_face(faces[index], with_reveals, len(surfaces) + index + 1, options.rules())
-        is_large = patch.observed_m2 >= options.min_area_m2 and (patch.provenance >= 0).any()
-        return patch if is_wanted and is_large else None
+        return patch if is_wanted and (patch.provenance >= 0).any() else None
 
     reveals = steps.each("faces", extend_reveal, range(len(faces))) if faces else []
 
-    # 6. Claims: where several surfaces claim a place, the most probable one has it.
-    every = [*patches, *reveals]
+    # 6. Claims: what is small stays as measured; where several claim a place, the most probable one has it.
+    choice = Choice.of(options.only, options.min_area_m2, patches)
+    is_named = [bool(edit.edits.actions) for edit in related.surfaces] + [not choice.is_stated] * len(faces)
+    every = [
+        patch if patch is None or named or choice.keeps(patch) else None
+        for patch, named in zip([*patches, *reveals], is_named, strict=False)
+    ]
+    is_kept = [patch is not None for patch in every]
     chosen, owners = numbered_anew(every, with_reveals.owners, steps.keep)
     errors = related.errors.and_own([face.surface.fit.covariance for face in faces])
     return CompletedSurfaces(
         patches=tuple(steps.keep(patch) for patch in settle_claims(chosen, flatness_m)),
         scans=with_reveals.with_owners(owners),
-        relations=related.inferred and related.inferred.renumber([patch is not None for patch in patches]),
-        errors=errors.only([patch is not None for patch in every]),
+        relations=related.inferred and related.inferred.renumber(is_kept[: len(surfaces)]),
+        errors=errors.only(is_kept),
         room=adjacency.room,
         features=tuple(features),
-        choice=Choice(options.only, options.min_area_m2, len(every) - len(chosen)),
+        choice=replace(choice, n_left_out=len(every) - len(chosen)),
         mode=options.mode,
         edits=options.edits,
         up=stated_up,

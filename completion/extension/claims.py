@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from completion.extension.limits import APART_SD, CLAIM_SLOPE, FACING_COSINE
+from completion.extension.limits import APART_SD, CLAIM_SLOPE, FACING_COSINE, SMALL_M2, SMALL_SHARE
 from completion.extension.patch import Patch
 from completion.fitting.result import SurfaceFit
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -151,13 +151,29 @@ class Choice:
         Kinds, of `completion.observe.user_options.KINDS`; all, when empty.
     min_area_m2 : float
         Surfaces of which less was measured are left out, square metres.
+    is_stated : bool
+        Whether a person says so; else only planes that are no part of the room are.
     n_left_out : int
         How many were.
     """
 
     only: tuple[str, ...] = ()
     min_area_m2: float = 0.0
+    is_stated: bool = True
     n_left_out: int = 0
+
+    @classmethod
+    def of(cls, only: Sequence[str], min_area_m2: float | None, patches: Sequence[Patch | None]) -> Choice:
+        """Return what a person wants; where no least area is stated, by all that was measured."""
+        if min_area_m2 is not None:
+            return cls(tuple(only), min_area_m2)
+        measured = sum(patch.observed_m2 for patch in patches if patch is not None)
+        return cls(tuple(only), min(SMALL_SHARE * measured, SMALL_M2), is_stated=False)
+
+    def keeps(self, patch: Patch) -> bool:
+        """Tell whether a surface that an edit does not name is large enough."""
+        is_minor = isinstance(patch.grid.surface, Plane) and not patch.limits.role
+        return patch.observed_m2 >= self.min_area_m2 or not (self.is_stated or is_minor)
 
 
 def role_of(fit: SurfaceFit, *, encloses: bool, up: FloatArray) -> str:

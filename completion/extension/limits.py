@@ -35,6 +35,11 @@ FACING_COSINE = np.cos(np.radians(20.0))
 CLAIM_SLOPE = np.tan(np.radians(5.0))
 """By which what is one surface was measured apart: 5 deg. By eye."""
 
+SMALL_SHARE, SMALL_M2 = 0.002, 0.05
+"""Of all measured area, and square metres: planes of less than both that are no part of the room stay as
+measured unless asked for. In a furnished room they outnumber all others. By choice.
+"""
+
 # Confidence
 WELL_SEEN_SHARE = 0.3
 """Of the outline: from here on the surface's own edges tell what they can. By eye."""

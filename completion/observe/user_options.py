@@ -30,9 +30,10 @@ class UserOptions:
         may be inferred.
     max_sd_m : float
         A surface is continued only as far as its predicted standard deviation stays below this, metres.
-    min_area_m2 : float
+    min_area_m2 : float, optional
         Surfaces with less measured area, square metres, are not continued and have no number: they stay in
-        the model as measured.
+        the model as measured. When None, so do planes of less than 0.05, and than 0.2 % of all that was
+        measured, that are no floor, wall or ceiling.
     only : tuple of str
         The kinds of surface, of `KINDS`, that are continued and numbered; all when empty. Other surfaces
         still bound and hide them.
@@ -74,11 +75,12 @@ class UserOptions:
         metavar="M",
         limits=NOT_NEGATIVE,
     )
-    min_area_m2: float = option(
+    min_area_m2: float | None = option(
         "--min-area",
-        "Surfaces with less measured area stay as measured.",
-        0.0,
+        "Surfaces with less measured area stay as measured; 0: none.",
+        None,
         metavar="M2",
+        shown="0.05 at most, of planes",
         limits=NOT_NEGATIVE,
     )
     only: tuple[str, ...] = option(

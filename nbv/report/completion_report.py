@@ -321,11 +321,17 @@ def _assumptions(completion: Completion) -> tuple[str, ...]:
         [f"Surfaces were taken to be flat to {1000 * completion.flatness_m:.2g} mm."],
         completion.choice,
     )
-    if choice.only or choice.min_area_m2 > 0:
+    others = count(choice.n_left_out, "other is", "others are")
+    if choice.only or (choice.is_stated and choice.min_area_m2 > 0):
         wanted = ", ".join(choice.only) or "surfaces of all kinds"
-        least = f" of at least {choice.min_area_m2:g} m\u00b2" if choice.min_area_m2 > 0 else ""
-        others = count(choice.n_left_out, "other is", "others are")
+        least = f" of at least {choice.min_area_m2:g} m\u00b2" if choice.is_stated else ""
         sentences.append(f"Only {wanted}{least} were asked for; {others} shown as measured, without number.")
+    elif choice.n_left_out:
+        small, least = count(choice.n_left_out, "plane", "planes"), square_metres(choice.min_area_m2)
+        sentences.append(
+            f"{small} of less than {least} m\u00b2, no floor, wall or ceiling, shown as measured, without "
+            "number (--min-area 0 continues them)."
+        )
     return tuple(sentences)
 
 

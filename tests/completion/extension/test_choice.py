@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: MIT
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from completion import CompletionOptions, complete
 from completion.edits.edit import Anchor, Edit
-from completion.extension.claims import is_chosen, role_of
+from completion.extension.claims import Choice, is_chosen, role_of
 from completion.fitting.result import SurfaceFit
 from completion.observe.user_options import KINDS
 from completion.result.record import polygons_record
@@ -92,6 +93,23 @@ def test_small_surfaces_are_left_out_unless_a_person_names_them(tmp_path):
     edit = Edit(action="reject", surfaces=(Anchor(every.anchor(number + 1)),))
     named = complete(scan, CompletionOptions(texture=False, min_area_m2=least, edits=(edit,)))
     assert len(named.patches) == len(large.patches) + 1
+
+
+def test_small_planes_stay_as_measured_where_nobody_asks_for_them():
+    """By what all surfaces measured; walls and floors, cylinders, and what is asked for are kept."""
+    patches = completed("two_occluders", "gaussian-2mm", pixels=96).patches
+    whole = sum(patch.observed_m2 for patch in patches)
+    usual = Choice.of((), None, patches)
+    assert usual.min_area_m2 == pytest.approx(min(0.002 * whole, 0.05))
+    assert not usual.is_stated
+    wall = next(patch for patch in patches if patch.limits.role)
+    other = replace(wall, limits=replace(wall.limits, role=""))
+    pipe = replace(other, grid=replace(other.grid, surface=PIPE))
+    for least, kept in ((2 * wall.observed_m2, (True, False, True)), (wall.observed_m2, (True, True, True))):
+        choice = Choice((), least, is_stated=False)
+        assert tuple(choice.keeps(patch) for patch in (wall, other, pipe)) == kept
+    assert not Choice.of((), 2 * wall.observed_m2, patches).keeps(wall)
+    assert all(Choice.of((), 0.0, patches).keeps(patch) for patch in patches)
 
 
 def test_nothing_may_be_left():

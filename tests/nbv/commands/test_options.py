@@ -32,7 +32,7 @@ DOCUMENTED = {
     "max-incidence=60.0 max-range mode rooms=all without outdoors all-round heights spacing "
     "clearance=0.3 inference=standard up=z units=m",
     "study": "scheduler",
-    "complete": "mode=standard sigma projector max-sd=0.02 flatness min-area=0.0 only registration=0.005 "
+    "complete": "mode=standard sigma projector max-sd=0.02 flatness min-area only registration=0.005 "
     "keep-poses register resolution origin edits relations=auto features=auto flatten texture "
     "no-texture export tolerance=0.01 observed=auto scheduler intrinsics depth-scale poses "
     "units=m up=auto",
