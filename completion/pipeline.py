@@ -193,7 +193,7 @@ def continue_surfaces(
     is_named = [bool(edit.edits.actions) for edit in related.surfaces] + [not choice.is_stated] * len(faces)
     every = [
         patch if patch is None or named or choice.keeps(patch) else None
-        for patch, named in zip([*patches, *reveals], is_named, strict=False)
+        for patch, named in zip([*patches, *reveals], is_named, strict=True)
     ]
     is_kept = [patch is not None for patch in every]
     chosen, owners = numbered_anew(every, with_reveals.owners, steps.keep)

@@ -168,8 +168,8 @@ def level_roles(planes: Sequence[RoomPlane], beams: Beams, up: FloatArray, eye: 
     roles: list[Role] = []
     for plane, side, height in zip(planes, sides, heights, strict=True):
         is_role = plane.area_m2 >= limits.LEAST_FLOOR_M2 and _is_outermost(plane, side, beams, up)
-        apart, alike = side * (eye - height), (sides == side) & (np.abs(heights - height) <= limits.SLAB_M)
-        is_wide = apart > 0 and areas[alike].sum() >= limits.WIDE_M2
+        apart, as_high = side * (eye - height), (sides == side) & (np.abs(heights - height) <= limits.SLAB_M)
+        is_wide = apart > 0 and areas[as_high].sum() >= limits.WIDE_M2
         if side > 0:
             roles.append("floor" if is_role and (apart > limits.FLOOR_BELOW_M or is_wide) else "")
         else:

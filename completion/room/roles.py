@@ -174,8 +174,8 @@ def assign_roles(
     eyes = [-np.inf, *(float((there.origin @ up.direction).mean()) for there in storeys), np.inf]
     for there, below, eye, above in zip(storeys, eyes, eyes[1:], eyes[2:], strict=False):
         floors, ceilings = list[float](), list[float]()
-        found = level_roles([plane for _, plane in levels], there, up.direction, eye)
-        for (number, plane), role in zip(levels, found, strict=True):
+        level = level_roles([plane for _, plane in levels], there, up.direction, eye)
+        for (number, plane), role in zip(levels, level, strict=True):
             height = float(plane.middle @ up.direction)
             roles[number] = role or roles[number]
             if role == "floor" and height > below:

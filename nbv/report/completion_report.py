@@ -322,9 +322,10 @@ def _assumptions(completion: Completion) -> tuple[str, ...]:
         completion.choice,
     )
     others = count(choice.n_left_out, "other is", "others are")
-    if choice.only or (choice.is_stated and choice.min_area_m2 > 0):
+    has_least = choice.is_stated and choice.min_area_m2 > 0
+    if choice.only or has_least:
         wanted = ", ".join(choice.only) or "surfaces of all kinds"
-        least = f" of at least {choice.min_area_m2:g} m\u00b2" if choice.is_stated else ""
+        least = f" of at least {choice.min_area_m2:g} m\u00b2" if has_least else ""
         sentences.append(f"Only {wanted}{least} were asked for; {others} shown as measured, without number.")
     elif choice.n_left_out:
         small, least = count(choice.n_left_out, "plane", "planes"), square_metres(choice.min_area_m2)

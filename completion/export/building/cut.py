@@ -99,23 +99,23 @@ def cut(model: BuildingModel, point: FloatArray, normal: FloatArray) -> tuple[Cu
 def plan_of(model: BuildingModel) -> LevelCut:
     """Return the plan: the cut 1.1 m above the lowest floor, or at the lowest scanner's height without one.
 
-    Where it is not known what is up, it is the cut halfway up.
+    Where there are no walls either, or all is above the scanner or below, it is the cut halfway up.
     """
     if not len(model.faces):
         return LevelCut(0.0, "Nothing was found that could be drawn.", ())
     low, high = model.drawn[:, 2].min(), model.drawn[:, 2].max()
-    height = float(low + high) / 2 if model.eye_m is None else model.eye_m
-    place = "halfway up what was scanned" if model.eye_m is None else "at the height of the scanner"
-    sentence = ""
+    height, place, sentence = float(low + high) / 2, "halfway up what was scanned", ""
     if model.floor_m is not None:
         height = model.floor_m + _CUT_ABOVE_M
         sentence = f"Plan, cut {_CUT_ABOVE_M} m above the lowest floor, at z = {height:.2f} m."
     elif model.walls:
+        if model.eye_m is not None and low < model.eye_m < high:
+            height, place = model.eye_m, "at the height of the scanner"
         sentence = f"No floor was found: plan, cut {place}, at z = {height:.2f} m."
     else:
         sentence = (
             "Neither floor nor walls were found, so that what is up is only what the poses say: plan, "
-            f"cut {place}, at z = {height:.2f} m."
+            f"cut halfway up, at z = {height:.2f} m."
         )
     return LevelCut(height, sentence, cut(model, np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 1.0])))
 

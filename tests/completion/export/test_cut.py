@@ -82,8 +82,9 @@ def test_sentences_without_floor_without_walls_without_anything(room):
         == f"No floor was found: plan, cut at the height of the scanner, at z = {room.eye_m:.2f} m."
     )
     assert plan.height_m == room.eye_m
-    told = plan_of(replace(room, floor_m=None, eye_m=None)).caption
-    assert told.startswith("No floor was found: plan, cut halfway up what was scanned, at z = 101.35 m")
+    for eye_m in (None, float(room.drawn[:, 2].max()) + 0.5):  # as over a table
+        told = plan_of(replace(room, floor_m=None, eye_m=eye_m)).caption
+        assert told.startswith("No floor was found: plan, cut halfway up what was scanned, at z = 101.35 m")
     assert plan_of(replace(room, floor_m=None, planes=())).caption.startswith(
         "Neither floor nor walls were found"
     )
