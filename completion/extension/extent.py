@@ -171,7 +171,11 @@ def find_extent(
     surface, points = merged.fit.surface, merged.points(observations, _MOST_POINTS)
 
     # 1. Neighbours: what it ends at, and what it meets in a crease.
-    cuts = enclosing_cuts(index, surfaces, encloses, points) if Cue.ARCHITECTURAL in cues else []
+    ending = [
+        encloses[other] and adjacency.room.may_end(other, index) and Cue.ARCHITECTURAL in cues
+        for other in range(len(surfaces))
+    ]
+    cuts = enclosing_cuts(index, surfaces, np.array(ending, dtype=np.bool_), points)
     neighbours = [
         other.fit.surface
         for number, other in enumerate(surfaces)
@@ -323,7 +327,7 @@ def enclosing_cuts(
 ) -> list[tuple[int, Surface]]:
     """Return the enclosing surfaces, with their indices, that have points (n, 3) of one on their inner side.
 
-    `enclosing` (n_surfaces,) tells which of the surfaces enclose the room.
+    `enclosing` (n_surfaces,) tells which of the surfaces it may end at.
     """
     cuts = []
     for other, candidate in enumerate(surfaces):

@@ -120,6 +120,9 @@ ABOVE_FLOOR_M, BELOW_M, SLACK_M = 2.0, 0.3, 0.05
 BEHIND_M, OPENING_M = 0.05, 0.08
 """Metres behind a wall from which a place is behind it, and to a beam through it within which it is not."""
 
+BOUNDING_SHARE = 0.1
+"""Share of what was measured of a wall before which a room lies from which it bounds that room."""
+
 # Layout
 
 N_WALL_POINTS = 20_000

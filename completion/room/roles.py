@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from completion.merging.merged_surface import MergedSurface, largest_shares
 from completion.observe.observation import Observation
@@ -38,6 +39,8 @@ class Room:
         Where the scanners stood.
     up : (3,) float
         Which way is up.
+    places : tuple of (n, 3) float
+        Some points of each surface that has a role, a little before it.
     """
 
     roles: tuple[Role, ...] = ()
@@ -45,6 +48,7 @@ class Room:
     layouts: tuple[Layout, ...] = ()
     origins: tuple[FloatArray, ...] = ()
     up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    places: tuple[FloatArray, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -61,6 +65,31 @@ class Room:
         """Return the room of which only surfaces that are `kept` (n,) have roles."""
         roles = tuple(role if is_so else "" for role, is_so in zip(self.roles, kept, strict=True))
         return replace(self, roles=roles, walls=tuple(wall for wall in self.walls if kept[wall.number]))
+
+    def may_end(self, other: int, number: int) -> bool:
+        """Tell whether surface `number` may end at surface `other`, by the rooms that both bound.
+
+        What a wall ends is for the most part of rooms that the wall bounds. What lies above the floor of a
+        storey, or below its ceiling, as landings do, ends walls that stand near it for the most part.
+        """
+        if not self.role(other) or not self.role(number):
+            return True
+        theirs, own = self.places[other], self.places[number]
+        if self.role(other) == "wall":
+            bounded, within = self.rooms_at(theirs), self.rooms_at(own)
+            n_each = np.bincount(bounded, minlength=within.max(initial=0) + 1)
+            is_common = (n_each >= limits.BOUNDING_SHARE * len(theirs))[within[within > 0]]
+            return not n_each[1:].any() or not len(is_common) or bool(is_common.mean() >= limits.BOUNDING)
+        if self.role(number) != "wall" or self._is_outermost(theirs):
+            return True
+        away, _ = cKDTree(theirs @ self.axes.T).query(own @ self.axes.T)
+        return bool((away < limits.SUPPORT_M).mean() >= limits.BOUNDING)
+
+    def _is_outermost(self, points: FloatArray) -> bool:
+        """Whether a floor or ceiling, with points (n, 3), is the lowest or highest one of a storey."""
+        height = float((points @ self.up).mean())
+        levels = [level for layout in self.layouts for level in (layout.floor_m, layout.ceiling_m)]
+        return any(abs(height - level) <= limits.SLAB_M for level in levels)
 
     @property
     def axes(self) -> FloatArray:
@@ -199,7 +228,15 @@ def assign_roles(
     bounding = [wall for wall in walls if room.bounds(wall, wall.points).mean() >= limits.BOUNDING]
     for wall in bounding:
         roles[wall.number] = "wall"
-    return replace(room, roles=tuple(roles), walls=tuple(to_corners(wall, room) for wall in bounding))
+    places = [np.zeros((0, 3)) for _ in surfaces]
+    for number, plane in (*levels, *upright):
+        places[number] = plane.points + limits.ASIDE_M * plane.normal
+    return replace(
+        room,
+        roles=tuple(roles),
+        walls=tuple(to_corners(wall, room) for wall in bounding),
+        places=tuple(places),
+    )
 
 
 def _look(

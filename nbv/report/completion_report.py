@@ -346,7 +346,7 @@ def _row(number: int, patch: Patch) -> tuple[Cell, ...]:
         text += f" \u00b1 {1000 * spread:.2g}"
     return (
         Cell(str(number), swatch=surface_colour(number)),
-        Cell(fit.surface.kind),
+        Cell(patch.limits.role or fit.surface.kind),
         Cell(square_metres(patch.observed_m2), share=patch.observed_m2 / whole, state="measured"),
         Cell(square_metres(patch.hypothesised_m2), share=patch.hypothesised_m2 / whole, state="inferred"),
         Cell(f"{1000 * fit.rms:.2f}" if fit.rms >= 5e-6 else "<0.01"),

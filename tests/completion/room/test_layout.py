@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -147,6 +149,53 @@ def test_a_door_parts_rooms():
     along = np.column_stack([np.linspace(parting.low[0], parting.high[0], 20), np.ones(20)])
     room = Room(layouts=(layout,), up=UP)
     assert room.bounds(parting, parting.place(along)).mean() > 0.9
+
+
+def two_rooms():
+    """Two rooms behind each other with a door between, and a landing at the end of the second one."""
+    walls = plan_of(SQUARE, doors=[(1, [(1.0, 1.9)])])
+    walls += [
+        (b, e, d) for b, e, d in plan_of([(4.1, 0), (8, 0), (8, 3), (4.1, 3)]) if b[0] != 4.1 or e[0] != 4.1
+    ]
+    layout, found = layout_of(walls, np.array([EYE, (6.0, 1.5, 1.5)]))
+    places = {wall.number: wall.points + 0.12 * wall.plane.normal_direction for wall in found}
+    side = np.arange(0.0, 0.95, 0.1)
+    landing = np.array([(7.1 + x, 2 * y, 0.52) for x in side for y in side])
+    n = 2 + max(places)
+    return Room(
+        roles=(*("wall" if k in places else "" for k in range(n - 1)), "floor"),
+        walls=tuple(found),
+        layouts=(replace(layout, floor_m=0.0),),
+        up=UP,
+        places=(*(places.get(k, np.zeros((0, 3))) for k in range(n - 1)), landing),
+    )
+
+
+def middles(room):
+    """The middle of each wall by its number, in plan."""
+    return {wall.number: tuple(np.round(wall.points.mean(axis=0)[:2], 1)) for wall in room.walls}
+
+
+def test_a_wall_ends_what_bounds_its_room_alone():
+    room = two_rooms()
+    places = middles(room)
+    (far,) = (number for number, (x, _) in places.items() if x == 8)
+    beside = {number: x for number, (x, y) in places.items() if y in {0, 3}}
+    assert len(beside) == 4
+    assert {number: room.may_end(far, number) for number in beside} == {k: x > 4 for k, x in beside.items()}
+
+
+def test_a_landing_ends_the_walls_beside_it_alone():
+    room = two_rooms()
+    landing = len(room.roles) - 1
+    assert {k: room.may_end(landing, k) for k in middles(room)} == {
+        k: x == 8 for k, (x, _) in middles(room).items()
+    }
+
+
+def test_what_has_no_role_may_end_anything():
+    room = two_rooms()
+    assert all(room.may_end(len(room.roles), wall.number) for wall in room.walls)
 
 
 def test_without_walls_there_is_no_plan():
