@@ -110,10 +110,16 @@ class Layout:
         places = shapely.get_coordinates(shapely.point_on_surface(cells))
         rooms = self.rooms_at(places @ self.axes)
         for room, enclosed in zip(np.unique(self.rooms[self.rooms > 0]), self.enclosed.tolist(), strict=True):
-            yield shapely.union_all(cells[rooms == room], grid_size=_EXACT_M), enclosed
+            yield _without_gaps(shapely.union_all(cells[rooms == room], grid_size=_EXACT_M)), enclosed
 
 
-_EXACT_M = 1e-6  # to which corners of outlines are told
+def _without_gaps(area: shapely.Geometry) -> shapely.Geometry:
+    """An area without gaps where lines nearly meet, narrower than the squares by which it was found."""
+    wider = shapely.buffer(area, limits.PLAN_M / 2, join_style="mitre")
+    return shapely.simplify(shapely.buffer(wider, -limits.PLAN_M / 2, join_style="mitre"), _STRAIGHT_M)
+
+
+_EXACT_M, _STRAIGHT_M = 1e-6, 1e-4  # to which corners of outlines are told, and are straight
 _STEPS_M, _MOST_STEPS = 1000.0, 2.0**30  # of costs, in a metre and in all
 NO_LAYOUT = Layout(
     axes=np.eye(3)[:2],

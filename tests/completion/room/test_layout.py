@@ -104,6 +104,7 @@ def test_outlines_are_those_of_the_walls(corners, area_m2):
     ((outline, enclosed),) = layout.outlines()
     assert outline.area == pytest.approx(area_m2, rel=0.02)
     assert enclosed > 0.95
+    assert len(outline.exterior.coords) == len(corners) + 1
     assert (layout.walls >= 0).sum() == len(corners)
 
 
@@ -204,6 +205,28 @@ def test_without_walls_there_is_no_plan():
     assert not layout.scanner_rooms
     assert not list(layout.outlines())
     assert (layout.rooms_at(np.zeros((2, 3))) == 0).all()
+
+
+def test_lines_that_nearly_meet_leave_no_gap_in_a_room():
+    """Between three lines is a triangle of 2 cm, smaller than the squares by which cells are told."""
+    third = np.array([3**0.5, 1.0, 0.02]) / 2
+    lines = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], third])
+    sides = np.array(np.meshgrid([False, True], [False, True], [False, True])).reshape(3, 8).T
+    cells = sides[~(sides == [True, True, False]).all(axis=1)]
+    plan = Layout(
+        axes=np.eye(3)[:2],
+        lines=lines,
+        walls=np.arange(3),
+        cells=cells[np.lexsort(cells.T[::-1])],
+        rooms=np.ones(len(cells), np.int64),
+        enclosed=np.zeros(1),
+        low=np.full(2, -1.0),
+        high=np.full(2, 1.0),
+    )
+    ((outline, _),) = plan.outlines()
+    assert not outline.interiors
+    assert len(outline.exterior.coords) == 5
+    assert outline.area == pytest.approx(4.0)
 
 
 def test_nothing_is_in_a_room_beyond_what_the_plan_shows():
