@@ -161,8 +161,8 @@ def continue_surfaces(
 
     # 4. Extend: continue each surface that is wanted as far as it may go and is probable.
     def extend_surface(index: int) -> Patch | None:
-        edit, encloses = related.surfaces[index].edits, bool(adjacency.encloses[index])
-        if not edit.actions and not is_chosen(surfaces[index].fit, options.only, encloses=encloses, up=up):
+        shape, role = surfaces[index].fit.surface, adjacency.room.role(index)
+        if not related.surfaces[index].edits.actions and not is_chosen(shape, options.only, role):
             return None
         extent = find_extent(index, surfaces, boundaries, adjacency, observations, cues=options.cues, up=up)
         return extend(
@@ -182,7 +182,7 @@ def continue_surfaces(
     with_reveals = with_faces(scans, faces, len(surfaces), steps.keep) if faces else scans
 
     def extend_reveal(index: int) -> Patch | None:
-        is_wanted = is_chosen(faces[index].surface.fit, options.only, encloses=False, up=up)
+        is_wanted = is_chosen(faces[index].surface.fit.surface, options.only)
         patch = extend_face(faces[index], with_reveals, len(surfaces) + index + 1, options.rules())
         return patch if is_wanted and (patch.provenance >= 0).any() else None
 

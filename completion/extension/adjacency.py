@@ -137,7 +137,8 @@ def find_adjacency(
     room = assign_roles(surfaces, observations, flatness_m, upward).only(~is_inset)
     others = [not goes_by_room(surface.fit, upward) for surface in surfaces]
     encloses = find_enclosing(surfaces, observations, flatness_m, np.array(others, dtype=np.bool_))
-    encloses = (encloses & ~is_inset) | np.array([role != "" for role in room.roles], dtype=np.bool_)
+    of_room = [role != "" or number in room.bases for number, role in enumerate(room.roles)]
+    encloses = (encloses & ~is_inset) | np.array(of_room, dtype=np.bool_)
     meets = _meets(scans.owners, surfaces, observations, flatness_m)
     standing = _standing_probability(surfaces, boundaries, encloses, meets)
     return Adjacency(encloses, meets, standing, is_inset, room)

@@ -14,10 +14,10 @@ from scipy import ndimage
 
 from completion.extension.limits import APART_SD, CLAIM_SLOPE, FACING_COSINE, SMALL_M2, SMALL_SHARE
 from completion.extension.patch import Patch
-from completion.fitting.result import SurfaceFit
+from completion.room.planes import Role
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.run.mapping import trim
-from scenes.surfaces.catalogue import Cylinder, Plane
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _KEPT = 2  # patches whose distances are remembered: those of a pair
 
@@ -176,32 +176,15 @@ class Choice:
         return patch.observed_m2 >= self.min_area_m2 or not (self.is_stated or is_minor)
 
 
-def role_of(fit: SurfaceFit, *, encloses: bool, up: FloatArray) -> str:
-    """Return "wall", "floor", "ceiling" or "surface": what a plane is to the room.
-
-    By its `Inclination` and whether it encloses the room. Its normal points inwards; `up` (3,) is the
-    direction that is up in its frame.
-    """
-    if not encloses or not isinstance(fit.surface, Plane):
-        return "surface"
-    inclination = fit.inclination(up)
-    if inclination.is_level:
-        return "floor" if float(fit.surface.normal_direction @ up) > 0 else "ceiling"
-    return "wall" if inclination.is_upright else "surface"
-
-
-def is_chosen(fit: SurfaceFit, only: Sequence[str], *, encloses: bool, up: FloatArray) -> bool:
-    """Tell whether a surface is of one of some kinds; of none, where all are wanted.
-
-    `up` (3,) is the direction that is up in its frame.
-    """
+def is_chosen(surface: Surface, only: Sequence[str], role: Role = "") -> bool:
+    """Tell whether a surface with a role in the room is of some kinds; of none, where all are wanted."""
     if not only:
         return True
-    if isinstance(fit.surface, Plane):
-        return "planes" in only or f"{role_of(fit, encloses=encloses, up=up)}s" in only
-    if not isinstance(fit.surface, Cylinder):
+    if isinstance(surface, Plane):
+        return "planes" in only or f"{role}s" in only
+    if not isinstance(surface, Cylinder):
         return False
-    return "cylinders" in only or ("pipes" in only and not fit.surface.concave)
+    return "cylinders" in only or ("pipes" in only and not surface.concave)
 
 
 def numbered_anew(

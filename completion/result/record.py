@@ -17,7 +17,6 @@ from completion.edits.file import edit_record
 from completion.export.building.limits import DOOR_M
 from completion.export.panels.model import FoldEdge, rotate_covariances
 from completion.export.panels.outline import NearOutline, polygon_parts, runs_of
-from completion.extension.claims import role_of
 from completion.extension.patch import Patch
 from completion.features.engine.template import feature_record, moved_geometry
 from completion.fitting.result import surface_parameters
@@ -336,7 +335,7 @@ def _surface(completion: CompletedModel, number: int, surface: DerivedSurface, w
     area, boundary = surface.polygon, NearOutline.of(patch.grid, surface.outline)
     return {
         "id": number,
-        "role": role_of(patch.source.fit, encloses=patch.limits.encloses, up=completion.up_in_reference),
+        "role": patch.limits.role or "surface",
         "plane": {
             "point": world.apply(patch.grid.surface.from_uv(np.zeros((1, 2))))[0].tolist(),
             "normal": normal.tolist(),
@@ -412,9 +411,7 @@ def _opening_record(
     """An opening with its kind and its size along the level and upwards, metres."""
     points, here = world.apply(opening.points), completion.up_in_reference
     up = world.rotate(here[None])[0]
-    is_wall = (
-        opening.feature > 0 or role_of(patch.source.fit, encloses=patch.limits.encloses, up=here) == "wall"
-    )
+    is_wall = opening.feature > 0 or patch.limits.role == "wall"
     farthest = np.linalg.svd(points - points.mean(axis=0))[2][0]  # the direction in which it reaches most
     across = np.cross(up, normal) if is_wall else farthest
     across /= np.linalg.norm(across)

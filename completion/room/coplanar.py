@@ -128,7 +128,7 @@ def _outermost_levels(
     eye = float(np.mean([seen.scan.origin for seen in observations], axis=0) @ up.direction)
     level = [number for number, kind in enumerate(kinds) if kind in (LEVEL_UP, LEVEL_DOWN)]
     roles = level_roles([planes[number] for number in level], beams, up.direction, eye)
-    return {number for number, role in zip(level, roles, strict=True) if role}
+    return {number for number, role in zip(level, roles, strict=True) if role in {"floor", "ceiling"}}
 
 
 def _fit_group(

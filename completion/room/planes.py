@@ -99,6 +99,7 @@ class RoomPlane:
 
 
 Role = Literal["floor", "ceiling", "wall", ""]
+LevelRole = Literal["floor", "ceiling", "base", ""]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,24 +157,27 @@ def _every(valid: BoolArray, step: int) -> IntArray:
     return np.flatnonzero(chosen & valid)
 
 
-def level_roles(planes: Sequence[RoomPlane], beams: Beams, up: FloatArray, eye: float) -> list[Role]:
-    """Return "floor" or "ceiling" of level planes beyond which hardly anything was measured; else "".
+def level_roles(planes: Sequence[RoomPlane], beams: Beams, up: FloatArray, eye: float) -> list[LevelRole]:
+    """Return "floor", "ceiling" or "base" of level planes beyond which hardly anything was measured; else "".
 
-    What is not far below the sensors is a floor where no table is as large, with what is as high. `up` (3,)
-    is up in the working frame, `eye` how high the scanners stood along it, metres.
+    What is not far below the sensors is a floor where no table is as large, with what is as high; otherwise
+    it may be a table, and is the base of what stands on it. `up` (3,) is up in the working frame, `eye` how
+    high the scanners stood along it, metres.
     """
     sides = np.array([np.sign(plane.normal @ up) for plane in planes])
     heights = np.array([plane.middle @ up for plane in planes])
     areas = np.array([plane.area_m2 for plane in planes])
-    roles: list[Role] = []
+    roles: list[LevelRole] = []
     for plane, side, height in zip(planes, sides, heights, strict=True):
-        is_role = plane.area_m2 >= limits.LEAST_FLOOR_M2 and _is_outermost(plane, side, beams, up)
-        apart, as_high = side * (eye - height), (sides == side) & (np.abs(heights - height) <= limits.SLAB_M)
-        is_wide = apart > 0 and areas[as_high].sum() >= limits.WIDE_M2
-        if side > 0:
-            roles.append("floor" if is_role and (apart > limits.FLOOR_BELOW_M or is_wide) else "")
+        apart = float(side * (eye - height))
+        if plane.area_m2 < limits.LEAST_FLOOR_M2 or not _is_outermost(plane, side, beams, up) or apart <= 0:
+            roles.append("")
+        elif side < 0:
+            roles.append("ceiling" if apart > limits.CEILING_ABOVE_M else "")
         else:
-            roles.append("ceiling" if is_role and apart > limits.CEILING_ABOVE_M else "")
+            as_high = (sides == side) & (np.abs(heights - height) <= limits.SLAB_M)
+            is_wide = areas[as_high].sum() >= limits.WIDE_M2
+            roles.append("floor" if apart > limits.FLOOR_BELOW_M or is_wide else "base")
     return roles
 
 

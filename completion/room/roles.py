@@ -39,6 +39,8 @@ class Room:
         Where the scanners stood.
     up : (3,) float
         Which way is up.
+    bases : frozenset of int
+        Level surfaces below which nothing was measured, that may be floors or tables, by number.
     places : tuple of (n, 3) float
         Some points of each surface that has a role, a little before it.
     """
@@ -48,6 +50,7 @@ class Room:
     layouts: tuple[Layout, ...] = ()
     origins: tuple[FloatArray, ...] = ()
     up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    bases: frozenset[int] = frozenset()
     places: tuple[FloatArray, ...] = ()
 
     def __post_init__(self) -> None:
@@ -64,7 +67,8 @@ class Room:
     def only(self, kept: BoolArray) -> Room:
         """Return the room of which only surfaces that are `kept` (n,) have roles."""
         roles = tuple(role if is_so else "" for role, is_so in zip(self.roles, kept, strict=True))
-        return replace(self, roles=roles, walls=tuple(wall for wall in self.walls if kept[wall.number]))
+        walls = tuple(wall for wall in self.walls if kept[wall.number])
+        return replace(self, roles=roles, walls=walls, bases=frozenset(k for k in self.bases if kept[k]))
 
     def may_end(self, other: int, number: int) -> bool:
         """Tell whether surface `number` may end at surface `other`, by the rooms that both bound.
@@ -198,6 +202,7 @@ def assign_roles(
 
     # 2. Storeys: the floors and ceilings of each, and the plan of what stands between them.
     roles: list[Role] = [""] * len(surfaces)
+    bases = set[int]()
     layouts: list[Layout] = []
     storeys = beams.by_height(up.direction, limits.STOREY_M)
     eyes = [-np.inf, *(float((there.origin @ up.direction).mean()) for there in storeys), np.inf]
@@ -206,7 +211,10 @@ def assign_roles(
         level = level_roles([plane for _, plane in levels], there, up.direction, eye)
         for (number, plane), role in zip(levels, level, strict=True):
             height = float(plane.middle @ up.direction)
-            roles[number] = role or roles[number]
+            if role == "base":
+                bases.add(number)
+            elif role:
+                roles[number] = role
             if role == "floor" and height > below:
                 floors.append(height)
             if role == "ceiling" and height < above:
@@ -235,6 +243,7 @@ def assign_roles(
         room,
         roles=tuple(roles),
         walls=tuple(to_corners(wall, room) for wall in bounding),
+        bases=frozenset(number for number in bases if not roles[number]),
         places=tuple(places),
     )
 

@@ -7,48 +7,33 @@ import pytest
 
 from completion import CompletionOptions, complete
 from completion.edits.edit import Anchor, Edit
-from completion.extension.claims import Choice, is_chosen, role_of
-from completion.fitting.result import SurfaceFit
+from completion.extension.claims import Choice, is_chosen
 from completion.observe.user_options import KINDS
 from completion.result.record import polygons_record
 from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cylinder, Plane, Sphere
 from tests.helpers.completion_examples import completed, example
 
-UP = np.array([0.0, 0.0, 1.0])
 FLOOR, WALL, CEILING = (Plane((0, 0, 0), normal) for normal in ((0, 0, 1), (1, 0, 0), (0, 0.1, -1)))
-SLOPE, BALL = Plane((0, 0, 0), (0, 1, 1)), Sphere((0, 0, 0), 1.0)
+BALL = Sphere((0, 0, 0), 1.0)
 PIPE, VAULT = (Cylinder((0, 0, 0), (1, 0, 0), 0.1, None, concave) for concave in (False, True))
 
 
-def fit_of(surface):
-    size = {Plane: 3, Cylinder: 5, Sphere: 4}[type(surface)]
-    return SurfaceFit(surface, 0.001, 1e-8 * np.eye(size), 1000)
-
-
 @pytest.mark.parametrize(
-    ("surface", "kinds"),
+    ("surface", "role", "kinds"),
     [
-        (FLOOR, {"floors", "planes"}),
-        (WALL, {"walls", "planes"}),
-        (CEILING, {"ceilings", "planes"}),
-        (SLOPE, {"planes"}),
-        (PIPE, {"pipes", "cylinders"}),
-        (VAULT, {"cylinders"}),
-        (BALL, set()),
+        (FLOOR, "floor", {"floors", "planes"}),
+        (FLOOR, "", {"planes"}),
+        (WALL, "wall", {"walls", "planes"}),
+        (CEILING, "ceiling", {"ceilings", "planes"}),
+        (PIPE, "", {"pipes", "cylinders"}),
+        (VAULT, "", {"cylinders"}),
+        (BALL, "", set()),
     ],
 )
-def test_kinds_are_roles_and_shapes(surface, kinds):
-    chosen = {kind for kind in KINDS if is_chosen(fit_of(surface), (kind,), encloses=True, up=UP)}
-    assert chosen == kinds
-    assert is_chosen(fit_of(surface), (), encloses=False, up=UP)
-    inside = {kind for kind in KINDS if is_chosen(fit_of(surface), (kind,), encloses=False, up=UP)}
-    assert inside == kinds - {"walls", "floors", "ceilings"}
-
-
-def test_a_plane_that_does_not_enclose_has_no_role():
-    assert role_of(fit_of(FLOOR), encloses=False, up=UP) == "surface"
-    assert role_of(fit_of(SLOPE), encloses=True, up=UP) == "surface"
+def test_kinds_are_roles_and_shapes(surface, role, kinds):
+    assert {kind for kind in KINDS if is_chosen(surface, (kind,), role)} == kinds
+    assert is_chosen(surface, ())
 
 
 def test_unknown_kinds_are_refused_by_name():
@@ -63,8 +48,7 @@ def test_what_is_left_out_is_measured_and_bounds_the_rest():
     roles = [surface["role"] for surface in polygons_record(walls)["surfaces"]]
     assert set(roles) <= {"wall", "floor"}
     assert walls.choice.n_left_out == len(every.patches) - len(walls.patches) > 0
-    up = every.world_from_reference.matrix[2, :3]
-    kept = [p for p in every.patches if role_of(p.source.fit, encloses=p.limits.encloses, up=up) != "surface"]
+    kept = [patch for patch in every.patches if patch.limits.role in {"wall", "floor"}]
     area = {round(patch.observed_m2, 9): patch.hypothesised_m2 for patch in kept}
     assert all(area[round(patch.observed_m2, 9)] == patch.hypothesised_m2 for patch in walls.patches)
     owner, before = walls.owners[0], every.owners[0]

@@ -69,7 +69,7 @@ def test_a_floor_may_lie_close_below_a_scanner_and_a_table_may_not():
     beams = beams_to(np.column_stack([x, y, np.full(x.size, -0.35)]))
     near, far, table = level(-0.35, 1.0), level(-0.36, 9.0, at=(2.0, 0.0)), level(-0.35, 1.5)
     assert level_roles([near, far], beams, UP, 0.0) == ["floor", "floor"]
-    assert level_roles([table], beams, UP, 0.0) == [""]
+    assert level_roles([table], beams, UP, 0.0) == ["base"]
     assert level_roles([level(0.5, 9.0)], beams, UP, 0.0) == [""]  # above the scanner
 
 
