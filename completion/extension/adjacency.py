@@ -114,8 +114,9 @@ class Adjacency:
     """How n surfaces lie to one another."""
 
     encloses: BoolArray  # (n,) walls, floors and ceilings of the room, vaults
+    ends: BoolArray  # (n,) what others end at: those, and the base of what stands on it
     meets: BoolArray  # (n, n) pairs that lie side by side in some scan, in a crease or across a jump
-    standing: FloatArray  # (n,) probability that what is upright on an enclosing plane goes on to it
+    standing: FloatArray  # (n,) probability that what is upright on such a plane goes on to it
     is_inset: BoolArray  # (n,) panes, door leaves, backs of niches: seen through a wall
     room: Room = NO_ROOM
 
@@ -137,11 +138,11 @@ def find_adjacency(
     room = assign_roles(surfaces, observations, flatness_m, upward).only(~is_inset)
     others = [not goes_by_room(surface.fit, upward) for surface in surfaces]
     encloses = find_enclosing(surfaces, observations, flatness_m, np.array(others, dtype=np.bool_))
-    of_room = [role != "" or number in room.bases for number, role in enumerate(room.roles)]
-    encloses = (encloses & ~is_inset) | np.array(of_room, dtype=np.bool_)
+    encloses = (encloses & ~is_inset) | np.array([role != "" for role in room.roles], dtype=np.bool_)
+    ends = encloses | np.isin(np.arange(len(surfaces)), list(room.bases))
     meets = _meets(scans.owners, surfaces, observations, flatness_m)
-    standing = _standing_probability(surfaces, boundaries, encloses, meets)
-    return Adjacency(encloses, meets, standing, is_inset, room)
+    standing = _standing_probability(surfaces, boundaries, ends, meets)
+    return Adjacency(encloses, ends, meets, standing, is_inset, room)
 
 
 def goes_by_room(fit: SurfaceFit, up: Up) -> bool:
@@ -163,19 +164,19 @@ def stands_upright(fit: SurfaceFit, base: SurfaceFit) -> bool:
 def _standing_probability(
     surfaces: Sequence[MergedSurface],
     boundaries: Sequence[BoundaryPixels],
-    encloses: BoolArray,
+    ends: BoolArray,
     meets: BoolArray,
 ) -> FloatArray:
     """Of the n surfaces whose end on its side was seen k end on the plane: (k + a) / (n + a + b)."""
     standing = np.zeros(len(surfaces))
     for number, base in enumerate(surfaces):
         plane = base.fit.surface
-        if not encloses[number] or not isinstance(plane, Plane):
+        if not ends[number] or not isinstance(plane, Plane):
             continue
         ending = [
             meets[number, other]
             for other in range(len(surfaces))
-            if not encloses[other]
+            if not ends[other]
             and stands_upright(surfaces[other].fit, base.fit)
             and (meets[number, other] or _ends_above(surfaces[other], boundaries[other], plane))
         ]

@@ -172,7 +172,7 @@ def find_extent(
 
     # 1. Neighbours: what it ends at, and what it meets in a crease.
     ending = [
-        encloses[other] and adjacency.room.may_end(other, index) and Cue.ARCHITECTURAL in cues
+        adjacency.ends[other] and adjacency.room.may_end(other, index) and Cue.ARCHITECTURAL in cues
         for other in range(len(surfaces))
     ]
     cuts = enclosing_cuts(index, surfaces, np.array(ending, dtype=np.bool_), points)

@@ -24,6 +24,8 @@ SEEN = {
     "box": (Plane((0, 2, 0), (0, -1, 0)), np.array([-0.6, 0.0]), np.array([0.0, 1.0])),
     "board": (Plane((0, 2.2, 0), (0, -1, 0)), np.array([0.3, 0.7]), np.array([1.0, 1.6])),
     "seat": (Plane((0, 0, 0.4), (0, 0, 1)), np.array([-9.0, 0.3]), np.array([0.7, 0.5])),
+    "table": (Plane((0, 0, 0.8), (0, 0, 1)), np.array([-0.6, 0.7]), np.array([0.6, 0.9])),
+    "back": (WALL, np.array([-9.0, 0.8]), np.array([9.0, 9.0])),
     "pipe": (Cylinder((0.8, 2.5, 0), (0, 0, 1), 0.2), None, None),
 }
 
@@ -72,7 +74,17 @@ def test_what_is_seen_says_what_encloses_meets_and_stands(law):
     assert {f"{names[i]}-{names[j]}" for i, j in np.argwhere(np.triu(found.meets, 1))} == set(meeting.split())
     assert (found.meets == found.meets.T).all()
     assert found.standing[names.index("floor")] == pytest.approx(standing)
-    assert (found.standing[~found.encloses] == 0).all()
+    assert (found.standing[~found.ends] == 0).all()
+
+
+def test_things_end_at_what_is_lowest_and_may_be_a_table():
+    """A plane half a metre below the camera, under which nothing was seen, is no floor that is continued."""
+    found = adjacency_of("back", "table")
+    assert found.encloses.tolist() == [True, False]
+    assert found.ends.tolist() == [True, True]
+    assert found.room.bases == {1}
+    seat = adjacency_of("wall", "floor", "seat")
+    assert seat.room.bases == set()
 
 
 def fit_of(surface, sd=1e-4):

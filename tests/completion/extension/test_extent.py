@@ -56,7 +56,7 @@ def extent_of(surface, points, *, others=(), enclosing=(), standing=0.0, meets=(
     n = len(merged)
     encloses, met = np.zeros(n, dtype=np.bool_), np.zeros((n, n), dtype=np.bool_)
     encloses[list(enclosing)], met[0, list(meets)] = True, True
-    adjacency = Adjacency(encloses, met, np.full(n, standing), np.zeros(n, dtype=np.bool_))
+    adjacency = Adjacency(encloses, encloses, met, np.full(n, standing), np.zeros(n, dtype=np.bool_))
     return find_extent(0, merged, [NOTHING] * n, adjacency, [seen], cues=cues)
 
 
