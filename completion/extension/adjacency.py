@@ -142,7 +142,9 @@ def find_adjacency(
     ends = encloses | np.isin(np.arange(len(surfaces)), list(room.bases))
     meets = _meets(scans.owners, surfaces, observations, flatness_m)
     standing = _standing_probability(surfaces, boundaries, ends, meets)
-    return Adjacency(encloses, ends, meets, standing, is_inset, room)
+    return Adjacency(
+        encloses=encloses, ends=ends, meets=meets, standing=standing, is_inset=is_inset, room=room
+    )
 
 
 def goes_by_room(fit: SurfaceFit, up: Up) -> bool:
