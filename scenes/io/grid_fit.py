@@ -10,15 +10,17 @@ import numpy as np
 import scipy  # its parts load when they are first used
 
 from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.io.station import scan_from_station
 from scenes.limits import ON_RAY_M, PINHOLE_LIMIT_PX, SPHERICAL_LIMIT_PX, STEEP
 from scenes.pose import Pose
-from scenes.scan.pixels import finite_points, mend_pixels, ranges_of, row_blocks
+from scenes.scan.pixels import crop_pixels, finite_points, mend_pixels, move_points, ranges_of, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 
 # A terrestrial scanner's own frame is z up, y to the left of x: sensor z = x, sensor x = -y, sensor y = -z.
 SCANNER_FROM_SENSOR = Pose(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 _MOST_JUDGED = 4_000_000  # pixels whose distances tell how well a grid fits: of more every k-th row is taken
+_OPPOSITE = 0.9  # share of a row's points, and of columns, that agree where rows pass over a pole
 _GATHERED = 1 << 20  # pixels of columns that are looked at together
 
 
@@ -111,7 +113,7 @@ def fit_spherical(points: FloatArray) -> GridFit | None:
 
     Each column has the median azimuth of its points, each row their median elevation; None with too few.
     Angles of rows and columns without points are interpolated or continued linearly, and both sequences
-    are made strictly monotonic.
+    are made strictly monotonic. Columns after a full turn are no part of the projection.
     """
     usable = _usable(points)
     if usable.any(axis=0).sum() < 2 or usable.any(axis=1).sum() < 2:
@@ -123,9 +125,11 @@ def fit_spherical(points: FloatArray) -> GridFit | None:
     if azimuth is None:
         return None
     azimuths, elevations = _monotonic(_fill_gaps(azimuth)), _monotonic(_fill_gaps(row_elevation))
-    if np.ptp(azimuths) == 0 or np.ptp(elevations) == 0 or np.ptp(azimuths) >= 2 * np.pi + 1e-9:
+    if np.ptp(azimuths) == 0 or np.ptp(elevations) == 0:
         return None
     wide, high = (np.median(np.abs(np.diff(angles))) for angles in (azimuths, elevations))
+    azimuths = azimuths[np.abs(azimuths - azimuths[0]) < 2 * np.pi - wide / 2]
+    points, usable = points[:, : len(azimuths)], usable[:, : len(azimuths)]
     poles = [np.empty(0)]
     step = -(-usable.size // _MOST_JUDGED)
     for rows in row_blocks(points.shape, points):
@@ -225,6 +229,77 @@ def _monotonic(angles: FloatArray) -> FloatArray:
         rising = np.asarray(scipy.optimize.isotonic_regression(sign * angles).x)
         angles = sign * (rising + np.arange(len(angles)) * max(abs(step), 1e-9) * 1e-3)
     return angles
+
+
+def fitted_scan(
+    points: FloatArray,
+    world_from_sensor: Pose,
+    colour: Any,
+    name: str,
+    intensity: Any = None,
+    file_from_sensor: Pose = SCANNER_FROM_SENSOR,
+) -> RangeImage:
+    """Return the scan of organised points (rows, columns, 3), metres, whose projection they tell.
+
+    Points are in the sensor frame, NaN where nothing came back. Those that fit a projection only as world
+    coordinates are taken so. Columns after a full turn are left out. Rows that pass over the zenith have no
+    azimuth a column, so their points get pixels of their own anew, without intensity. A warning tells each.
+
+    Parameters
+    ----------
+    file_from_sensor : Pose
+        What turns the points into the axes of the file, which are those of the world if it mixed them up.
+
+    Raises InputError: no projection explains the points, or there are too few of them.
+    """
+    warnings = []
+    try:
+        fit = fit_grid(points)
+    except InputError as error:
+        if rows_pass_pole(points):
+            return _regridded_scan(points, world_from_sensor, colour, name)
+        local = move_points(points, world_from_sensor.inverse() @ file_from_sensor)
+        try:
+            fit = fit_grid(local)
+        except InputError:
+            raise error from None
+        points = local
+        warnings.append("its points fit a pixel grid only as world coordinates: they were taken as such")
+    n_columns = fit.projection.shape[1]
+    if (n_more := points.shape[1] - n_columns) > 0:
+        warnings.append(f"its columns go round more than once: the last {n_more} were left out")
+    kept = slice(None), slice(n_columns)
+    colour, light = (None if image is None else crop_pixels(image, *kept) for image in (colour, intensity))
+    scan = organised_scan(crop_pixels(points, *kept), fit.projection, world_from_sensor, colour, name, light)
+    return scan.add_warnings(warnings)
+
+
+def rows_pass_pole(points: FloatArray) -> bool:
+    """Tell whether rows of points (rows, columns, 3) go on beyond the zenith or nadir.
+
+    Then each column has two azimuths, opposite to each other, and whole rows have the one or the other.
+    """
+    step = -(-points.shape[0] * points.shape[1] // _MOST_JUDGED)
+    part = np.asarray(points[:, ::step], np.float64)
+    level, azimuth = _level(_elevation(part), _usable(part)), _azimuth(part)
+    doubled = np.where(level, np.exp(2j * np.where(level, azimuth, 0.0)), 0.0).sum(axis=0)
+    n_level = level.sum(axis=0)
+    known = np.abs(doubled) > _OPPOSITE * np.maximum(n_level, 1)
+    if not n_level.any() or known.sum() < _OPPOSITE * np.count_nonzero(n_level):
+        return False
+    side = np.where(level, np.sign(np.cos(azimuth - np.angle(doubled) / 2)), 0.0)[:, known]
+    side *= side[np.argmax(side != 0, axis=0), np.arange(side.shape[1])]  # as the column's first point
+    share = side.sum(axis=1) / np.maximum(np.abs(side).sum(axis=1), 1)
+    return bool((share > _OPPOSITE).any() and (share < -_OPPOSITE).any())
+
+
+def _regridded_scan(points: FloatArray, world_from_sensor: Pose, colour: Any, name: str) -> RangeImage:
+    """The scan of sensor-frame points (rows, columns, 3) in a pixel grid of its own."""
+    usable = _usable(points)
+    cloud = SCANNER_FROM_SENSOR.apply(np.asarray(points[usable], np.float64))
+    scan = scan_from_station(cloud, np.zeros(3), name, None if colour is None else colour[usable])
+    sentence = "its rows pass over the zenith or nadir: its points were ordered into a new grid of angles"
+    return scan.transform(world_from_sensor @ SCANNER_FROM_SENSOR.inverse()).add_warnings((sentence,))
 
 
 def organised_scan(
