@@ -277,7 +277,9 @@ def _organised_scan(
     elif not any(np.isfinite(points[rows]).any() for rows in row_blocks(shape, points)):
         raise InputError("no point in it is finite; give --intrinsics FX,FY,CX,CY to read an empty scan")
     else:
-        return fitted_scan(points, pose, held.colour, name, held.intensity, Pose.identity())
+        return fitted_scan(
+            points, pose, held.colour, name, intensity=held.intensity, file_from_sensor=Pose.identity()
+        )
     if projection.shape != shape:
         raise InputError(f"its comments describe {projection.shape}, WIDTH and HEIGHT say otherwise")
     scan = organised_scan(points, projection, pose, held.colour, name, intensity=held.intensity)

@@ -170,23 +170,31 @@ def test_columns_beyond_a_turn_are_kept_once(
 
 
 @pytest.mark.parametrize("way", [1, -1])
-@pytest.mark.parametrize("tilt_deg", [0.0, 3.0])
-def test_rows_over_the_zenith_are_read(tmp_path: Path, way: int, tilt_deg: float) -> None:
-    rows = np.arange(-59.0, 240, 2.0)[::way]
-    half = np.radians(tilt_deg) / 2
-    pose = ((np.cos(half), np.sin(half), 0, 0), tuple(STATION))
-    points = room_points(np.arange(1.5, 180, 3.0), rows)
-    record = with_colour(Record(grid_fields(points), pose=pose), np.uint8(70), (0, 255))
-    scan = read_scan(write_records(tmp_path / "a.e57", [record]))
-    assert int(scan.valid.sum()) == points[..., 0].size
-    assert scan.shape == (75, 120)
+@pytest.mark.parametrize(
+    ("last_deg", "share", "n_rows"),
+    [(240, 1.0, 75), (240, 0.7, 75), (151, 1.0, 75), (101, 1.0, 75), (233, 1.0, 75)],
+)
+def test_rows_over_the_zenith_are_put_beside_the_others(
+    tmp_path: Path, way: int, last_deg: float, share: float, n_rows: int
+) -> None:
+    points = room_points(np.arange(1.5, 180, 3.0)[::way], np.arange(-59.0, last_deg, 2.0)[::way])
+    fields = grid_fields(points)
+    is_kept = np.random.default_rng(0).random(len(fields["rowIndex"])) < share
+    record = Record({name: values[is_kept] for name, values in fields.items()})
+    record.fields["intensity"] = np.full(is_kept.sum(), np.float32(7))
+    scan = read_scan(write_records(tmp_path / "a.e57", [with_colour(record, np.uint8(70), (0, 255))]))
+    assert (scan.shape, int(scan.valid.sum())) == ((n_rows, 120), int(is_kept.sum()))
     assert scan.warnings == (
-        "its rows pass over the zenith or nadir: its points were ordered into a new grid of angles",
+        "its rows pass over the zenith or nadir: those beyond were put beside the others",
     )
-    found = read_points(tmp_path / "a.e57").points
-    order, expected = (np.lexsort(cloud.round(6).T) for cloud in (scan.points()[scan.valid], found))
-    np.testing.assert_allclose(scan.points()[scan.valid][order], found[expected], atol=1e-6)
-    np.testing.assert_allclose(scan.origin, STATION, atol=1e-9)
+    assert off_walls(scan.points()[scan.valid]).max() < 1e-9
+    pixels = scan.projection.pixels(scan.points_in_sensor()[scan.valid])
+    off = np.abs(pixels - np.argwhere(scan.valid))[np.isfinite(pixels).all(axis=1)]
+    assert np.minimum(off, [np.inf, 120] - off).max() < 0.01
+    assert scan.colour is not None
+    assert scan.intensity is not None
+    assert (scan.colour[scan.valid] == 70).all()
+    assert (scan.intensity[scan.valid] == 7).all()
 
 
 @requires_data
@@ -257,6 +265,29 @@ def test_reported_projected_points_are_counted() -> None:
     assert any("1360 of 3644 points were kept" in text for text in describe(path)["warnings"])
     request = ScanRequest((str(reported("unstructured_warning_lost/half.xyz")),), origins=(tuple(STATION),))
     assert any("points were kept" in text for text in read_request(request).doubts)
+
+
+@pytest.mark.parametrize("suffix", [".xyz", ".csv", ".ply", ".las"])
+def test_projected_points_are_counted_in_every_format(tmp_path: Path, suffix: str) -> None:
+    points = room_points(AZIMUTHS, ELEVATIONS).reshape(-1, 3) + STATION
+    points = points[np.random.default_rng(0).random(len(points)) < 0.5]
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".las":
+        laspy = pytest.importorskip("laspy")
+        cloud = laspy.LasData(laspy.LasHeader(point_format=0, version="1.2"))
+        cloud.header.scales = np.full(3, 1e-5)
+        cloud.x, cloud.y, cloud.z = points.T
+        cloud.write(str(path))
+    else:
+        fields = "".join(f"property double {axis}\n" for axis in "xyz")
+        header = {
+            ".csv": "x,y,z\n",
+            ".ply": f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n{fields}end_header\n",
+        }.get(suffix, "")
+        separator = "," if suffix == ".csv" else " "
+        path.write_text(header + "".join(separator.join(map(repr, row)) + "\n" for row in points.tolist()))
+    doubts = read_request(ScanRequest((str(path),), origins=(tuple(STATION),))).doubts
+    assert any(f"of {len(points)} points were kept" in text for text in doubts)
 
 
 def test_projected_points_are_counted_once_for_all_scans(tmp_path: Path) -> None:
