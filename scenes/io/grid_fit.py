@@ -19,6 +19,7 @@ from scenes.scan.range_image import RangeImage
 # A terrestrial scanner's own frame is z up, y to the left of x: sensor z = x, sensor x = -y, sensor y = -z.
 SCANNER_FROM_SENSOR = Pose(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 _MOST_JUDGED = 4_000_000  # pixels whose distances tell how well a grid fits: of more every k-th row is taken
+_MOST_FACED = 400_000  # pixels, in every k-th column, that tell which side of a pole rows are on
 _FEWEST_BEYOND = 0.01  # share of the points that is beyond a pole where rows pass it
 _OPPOSITE = 0.9  # share of a row's points, and of columns, that agree where rows pass over a pole
 _GATHERED = 1 << 20  # pixels of columns that are looked at together
@@ -288,7 +289,7 @@ def _row_faces(points: FloatArray) -> IntArray | None:
 
     None where all are on one side. Where not, each column has two azimuths, opposite to each other.
     """
-    step = -(-points.shape[0] * points.shape[1] // _MOST_JUDGED)
+    step = -(-points.shape[0] * points.shape[1] // _MOST_FACED)
     part = np.asarray(points[:, ::step], np.float64)
     level, azimuth = _level(_elevation(part), _usable(part)), _azimuth(part)
     doubled = np.where(level, np.exp(2j * np.where(level, azimuth, 0.0)), 0.0).sum(axis=0)
