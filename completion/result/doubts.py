@@ -14,6 +14,7 @@ from completion.registration.correction import Registration
 from completion.registration.registered import pose_doubts
 from completion.relations.pipeline import SurfaceRelations
 from completion.relations.relation import RelationStatus, kind_text
+from scenes.scan.doubts import merge_warnings
 
 _ROUGH_M = 0.01  # root mean square from which residuals are centimetres
 _TIMES = 3.0  # the range noise, beyond which it does not explain them
@@ -35,7 +36,7 @@ def doubts_of(
     were said to be off; what single frames of a sequence took for surfaces; surfaces that their own points do
     not lie on, by centimetres and several times the noise.
     """
-    doubts = [f"{seen.scan.name}: {text}" for seen in observations for text in _of_scan(seen)]
+    doubts = merge_warnings([(seen.scan.name, _of_scan(seen)) for seen in observations])
     rough = [
         (number, patch, times)
         for number, patch in enumerate(patches, start=1)

@@ -25,6 +25,7 @@ from scenes.mesh.orientation import Axis, axis_in_file, suggest_up
 from scenes.run.atomic import to_plain
 from scenes.run.mapping import trim
 from scenes.scan.convention import convention_doubt
+from scenes.scan.doubts import merge_warnings
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
@@ -34,18 +35,22 @@ _NO_RAYS = "no ray can be traced: to use these points as a scan say where the sc
 
 def describe_scans(source: ScanSource, number: int | None, units: Units) -> dict[str, Any]:
     """Return what the scans of a file or folder hold, or its scan `number` from 1."""
-    picked = range(len(source.readers)) if number is None else [number - 1]
+    picked = source.pick(number)
     scans = [source.in_metres(source.readers[k](), units) for k in picked]
-    warnings = [] if source.registered else ["frames have no poses; give --poses FILE or a pose.txt"]
+    warnings = list(source.warnings) if number is None else []
+    if not source.registered:
+        warnings.append("frames have no poses; give --poses FILE or a pose.txt")
     if len(scans) > 1 and source.registered and _all_at_one_place(scans):
         warnings.append("all scans have the same pose; if they were taken from several places, register them")
     if source.registered and (doubt := convention_doubt(scans)):
         warnings.append(doubt)
     measured = [_measure(scan) for scan in scans]
     entries = []
+    doubts = []
     for scan, k, sizes in zip(scans, picked, measured, strict=True):
-        entries.append(_describe_scan(scan, k + 1, sizes))
-        warnings += [f"scan {k + 1}: {text}" for text in _doubts(scan, sizes)]
+        entries.append(_describe_scan(scan, source.number(k), sizes))
+        doubts.append((f"scan {source.number(k)}", _doubts(scan, sizes)))
+    warnings += merge_warnings(doubts)
     points = np.vstack([sizes.bounds for sizes in measured])
     finite = points[np.isfinite(points).all(axis=1)]
     return {
@@ -303,8 +308,6 @@ def describe(
         raise InputError(f"{base}: {_stranger(base)}")
     try:
         source = open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale)
-        if number is not None and not 1 <= number <= len(source.readers):
-            raise InputError(f"{text}: there are {len(source.readers)} scans, counted from 1")
         return _plain(describe_scans(source, number, units))
     except InputError as error:
         if base.is_dir() or suffix not in point_suffixes():

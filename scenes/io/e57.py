@@ -11,8 +11,7 @@ from __future__ import annotations
 import hashlib
 import struct
 import uuid
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -22,10 +21,11 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.checks import InputError
 from scenes.io.documents import parse_json
+from scenes.io.e57_points import PointChunk, point_chunks
 from scenes.io.format import RawPoints
-from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fit_grid, lie_on_rays, organised_scan
+from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fitted_scan, lie_on_rays, organised_scan
 from scenes.io.guard import check_size, import_extra
 from scenes.io.header import FORMAT, apply_header, not_finite_warnings, projection_from_dict
 from scenes.io.limits import check_limit, check_unpacked
@@ -33,7 +33,8 @@ from scenes.io.station import scan_from_station
 from scenes.limits import SPARSE, SPARSE_PIXELS
 from scenes.pose import Pose, rotation_of
 from scenes.run.mapping import allocate, release
-from scenes.scan.pixels import copy_pixels, finite_points, ranges_of, row_blocks
+from scenes.scan.colour import colour_pixels, colour_points, colour_warnings
+from scenes.scan.pixels import crop_pixels, ranges_of, row_blocks
 from scenes.scan.range_image import RangeImage
 
 _HEADER = struct.Struct("<8sIIQQQQ")
@@ -126,105 +127,13 @@ def _refuse(*_: object) -> NoReturn:
     raise InputError("its XML has definitions of its own (DOCTYPE), which E57 does not know")
 
 
-_CHUNK = 100_000  # points: read as fast as more, in 5 MB
-_COLOURS = tuple(f"color{name}" for name in ("Red", "Green", "Blue"))
-_CARTESIAN = tuple(f"cartesian{axis}" for axis in "XYZ")
-_LIGHT = "intensity"
-_PIXELS = ("rowIndex", "columnIndex")
-_SPHERICAL = tuple(f"spherical{part}" for part in ("Range", "Azimuth", "Elevation"))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PointChunk:
-    """The valid ones among some consecutive points of a scan.
-
-    Attributes
-    ----------
-    points : (n, 3) float32 or float64
-        In the scanner's frame, metres, finite and not zero; float32 where the file has them so.
-    pixels : (2, n) int64
-        Rows and columns of the grid, as in the file; (0, n) where there is none.
-    colour : (n, 3) uint8, optional
-        sRGB.
-    intensity : (n,) float32, optional
-        On the instrument's scale.
-    n_read, n_bad : int
-        Points of the file that this stands for, and how many of them are not finite.
-    """
-
-    points: NDArray[Any]
-    pixels: NDArray[np.int64]
-    colour: ColourArray | None
-    intensity: NDArray[np.float32] | None
-    n_read: int
-    n_bad: int
-
-
-def point_chunks(file: Any, index: int, *, places_alone: bool = False) -> Iterator[PointChunk]:
-    """Yield the points of scan `index` of an open pye57 file, at most `_CHUNK` of them at a time.
-
-    With `places_alone` without colour and intensity, which is faster.
-
-    Raises InputError: without coordinates; what the library raises: damaged.
-    """
-    module = import_extra("pye57", "e57")
-    header = file.get_header(index)
-    fields = [field for field in header.point_fields if field in module.e57.SUPPORTED_POINT_FIELDS]
-    fields = [field for field in fields if field not in (*_COLOURS, _LIGHT) or not places_alone]
-    kind = np.float32 if _is_single(header.points, fields, module.libe57) else np.float64
-    held, buffers = file.make_buffers(fields, min(_CHUNK, max(header.point_count, 1)))
-    with closing(header.points.reader(buffers)) as reader:
-        while n_read := reader.read():
-            yield _valid({field: column[:n_read] for field, column in held.items()}, n_read, kind)
-
-
-def _is_single(points: Any, names: list[str], lib: Any) -> bool:
-    """Tell whether a file has its coordinates in single precision."""
-    record = lib.StructureNode(points.prototype())
-    nodes = [record[name] for name in names if name in _CARTESIAN]
-    return bool(nodes) and all(
-        isinstance(node, lib.FloatNode) and node.precision() == lib.E57_SINGLE for node in nodes
-    )
-
-
-def _valid(data: dict[str, Any], n_read: int, kind: Any) -> PointChunk:
-    """The valid points of some columns of numbers, which are copied."""
-    points = _points(data)
-    finite, kept = finite_points(points), (points[:, 0] != 0) | (points[:, 1] != 0) | (points[:, 2] != 0)
-    kept &= finite
-    state = data.get("cartesianInvalidState" if _CARTESIAN[0] in data else "sphericalInvalidState")
-    if state is not None:
-        kept &= state == 0
-    grid = _PIXELS if all(name in data for name in _PIXELS) else ()
-    has_colour = all(name in data for name in _COLOURS)
-    return PointChunk(
-        points=points[kept].astype(kind),
-        pixels=np.array([data[name][kept] for name in grid], np.int64).reshape(len(grid), kept.sum()),
-        colour=np.stack([data[name][kept] for name in _COLOURS], axis=-1) if has_colour else None,
-        intensity=data[_LIGHT][kept] if _LIGHT in data else None,
-        n_read=n_read,
-        n_bad=int((~finite).sum()),
-    )
-
-
-def _points(data: dict[str, Any]) -> FloatArray:
-    """Points (n, 3) in the scanner's frame."""
-    if _CARTESIAN[0] in data:
-        return np.stack([data[name] for name in _CARTESIAN], axis=-1)
-    if _SPHERICAL[0] in data:
-        reach, azimuth, elevation = (data[name] for name in _SPHERICAL)
-        across = reach * np.cos(elevation)
-        sides = [across * np.cos(azimuth), across * np.sin(azimuth), reach * np.sin(elevation)]
-        return np.stack(sides, axis=-1)
-    raise InputError("has neither cartesian nor spherical coordinates")
-
-
 if TYPE_CHECKING:
     from scenes.scan.projection import Projection
     from scenes.scan.ray_grid import RayGrid
 
 _SENSOR_FROM_SCANNER = SCANNER_FROM_SENSOR.inverse()
-_MOST_INDEX = 2**31
+_MOST_INDEX = 2**62
+_NO_RETURN = 255  # above the numbers of all returns
 _CHUNKS_HELD = 10  # that memory holds pixels of: columns lie side by side in the same pages
 
 
@@ -260,9 +169,9 @@ def grid_scan(
     """Return the scan of the points that `chunks` gives, anew each time, from a scanner at `pose`.
 
     Pixels are the file's own indices where a header says that it is of ours, less their minima where none
-    does. Of several returns of a pixel the first is kept. Points on the rays of a known projection are held
-    as ranges alone. The bounds that are `announced` save a look at the points; where they are none, or are
-    wrong, that look is taken.
+    does. Of several returns of a pixel the first is kept, by its returnIndex or else in the
+    file. Points on the rays of a known projection are held as ranges alone. The bounds that are `announced`
+    save a look at the points; where they are none, or are wrong, that look is taken.
 
     Raises InputError: no valid point, indices that are damaged, no projection that explains the points.
     """
@@ -308,33 +217,32 @@ def _fill_grid(
         held = _images(chunks(), bounds, None)
     if held is None or not held.images:
         raise InputError(f"{name}: has no valid point")
-    images, seen = held.images, held.seen
+    images, seen = dict[str, Any](held.images), held.seen
     if projection is None:
-        images = {key: _crop(image, bounds, seen) for key, image in images.items()}
+        first, last = seen.low - bounds.low, seen.high - bounds.low + 1
+        rows, columns = slice(first[0], last[0]), slice(first[1], last[1])
+        images = {key: crop_pixels(image, rows, columns) for key, image in images.items()}
+    place, n_colourless = images["place"], 0
+    if "is_coloured" in images:
+        n_colourless = held.n_filled - int(np.count_nonzero(images["is_coloured"]))
+        if n_colourless:
+            images["colour"] = colour_pixels(images["colour"], images["is_coloured"])
     about: dict[str, Any] = {key: images.get(key) for key in ("colour", "intensity")} | {"name": name}
     about["world_from_sensor"] = pose @ SCANNER_FROM_SENSOR
-    place = images["place"]
-    if projection is not None and is_on_rays:
+    if projection is None:
+        scan = fitted_scan(place, **about)
+    elif is_on_rays:
         scan = RangeImage(place, projection, **about)
     else:
-        scan = organised_scan(place, projection or fit_grid(place).projection, **about)
+        scan = organised_scan(place, projection, **about)
     n_more = seen.n_kept - held.n_filled
     several = (f"{n_more} further returns of pixels with several were left out",) if n_more else ()
-    warnings = not_finite_warnings(seen.n_bad, seen.n_read) + several
-    scan = apply_header(scan, ours)
-    return scan.with_facts(warnings=warnings) if warnings else scan
-
-
-def _crop(image: NDArray[Any], bounds: GridExtent, seen: GridExtent) -> NDArray[Any]:
-    """The part of an image, whose pixels are within bounds, that has points."""
-    first, last = seen.low - bounds.low, seen.high - bounds.low + 1
-    rows, columns = slice(first[0], last[0]), slice(first[1], last[1])
-    part: NDArray[Any] = image[rows, columns]
-    if part.flags.c_contiguous:
-        return part
-    copy: NDArray[Any] = copy_pixels(part)
-    copy.setflags(write=False)
-    return copy
+    warnings = (
+        *not_finite_warnings(seen.n_bad, seen.n_read),
+        *several,
+        *colour_warnings(n_colourless, held.n_filled),
+    )
+    return apply_header(scan, ours).add_warnings(warnings)
 
 
 class _GridImages(NamedTuple):
@@ -350,11 +258,11 @@ def _images(chunks: Iterable[PointChunk], bounds: GridExtent, rays: RayGrid | No
 
     "place" is the points of the sensor's frame, NaN for none; or with `rays` their ranges, inf for none, and
     nothing is returned when a point lies beside its ray. "colour", bytes, and "intensity" are black and 0
-    for none. Raises _BeyondError: a pixel is not within bounds.
+    for none; "is_coloured" is where the colour is one. Raises _BeyondError: a pixel is not within bounds.
     """
     images, seen, shape = dict[str, Any](), GridExtent(), tuple(int(n) for n in bounds.high - bounds.low + 1)
     check_size(*shape)
-    filled = np.zeros(shape[0] * shape[1], np.bool_)
+    lowest = np.full(shape[0] * shape[1], _NO_RETURN, np.uint8)
     for number, chunk in enumerate(chunks, start=1):
         seen.see(chunk)
         if seen.n_kept and ((seen.low < bounds.low).any() or (seen.high > bounds.high).any()):
@@ -366,22 +274,28 @@ def _images(chunks: Iterable[PointChunk], bounds: GridExtent, rays: RayGrid | No
             if not (np.isfinite(place).all() and lie_on_rays(points, place, rays.at(row, column))):
                 return None
         record = {"place": place, "colour": chunk.colour, "intensity": chunk.intensity}
+        record["is_coloured"] = chunk.is_coloured
         known = {name: values for name, values in record.items() if values is not None}
         if not images:
-            kinds = {"place": np.float64 if rays else chunk.points.dtype, "colour": np.uint8}
+            kinds = {"place": np.float64 if rays else chunk.points.dtype, "intensity": np.float32}
             images = {
-                name: allocate((*shape, *channel.shape[1:]), kinds.get(name, np.float32))
+                name: allocate((*shape, *channel.shape[1:]), kinds.get(name, channel.dtype))
                 for name, channel in known.items()
             }
-        pixel = row * shape[1] + column
-        new = ~filled[pixel]
-        filled[pixel] = True
+        pixel, order = row * shape[1] + column, np.arange(len(row))[::-1]
+        number_of = np.zeros(len(row), np.uint8)
+        if chunk.returns is not None:
+            number_of = np.clip(chunk.returns, 0, _NO_RETURN - 1).astype(np.uint8)
+            order = order[np.argsort(_NO_RETURN - number_of[order], kind="stable")]
+        order = order[number_of[order] < lowest[pixel[order]]]
+        lowest[pixel[order]] = number_of[order]
         for name, values in known.items():  # backwards: the first of several is written last
-            images[name].reshape(-1, *values.shape[1:])[pixel[new][::-1]] = values[new][::-1]
+            images[name].reshape(-1, *values.shape[1:])[pixel[order]] = values[order]
         if number % _CHUNKS_HELD == 0:
             release(*images.values())
     if not seen.n_kept:
         return _GridImages({}, seen, 0)
+    filled = lowest != _NO_RETURN
     for rows in row_blocks(shape, *images.values()):
         images["place"][rows][~filled.reshape(shape)[rows]] = np.nan if rays is None else np.inf
     for image in images.values():
@@ -414,6 +328,10 @@ class E57File:
     def __len__(self) -> int:
         return len(self._own)
 
+    def is_empty(self, index: int) -> bool:
+        """Tell whether scan `index` (from 0) has no record of a point."""
+        return not self._file.get_header(self._own[index]).point_count
+
     def scan(self, index: int) -> RangeImage:
         """Return scan `index` (from 0).
 
@@ -430,7 +348,7 @@ class E57File:
         name = _text(header, "name")
         missing = {"rowIndex", "columnIndex"} - set(header.point_fields)
         if missing and header.has_pose():
-            return _project_cloud(self.points(index), name or self._stem)
+            return _project_cloud(self._points(index, first_returns=True), name or self._stem)
         if missing:
             names = " and no ".join(sorted(missing, reverse=True))
             raise InputError(f"scan {index + 1} has no {names}: {_CURE}")
@@ -439,7 +357,8 @@ class E57File:
             partial(point_chunks, self._file, self._own[index]),
             _ours(_text(header, "description")),
         )
-        return grid_scan(chunks, _announced_size(header), _read_pose(header), name, ours)
+        pose, doubts = _read_pose(header)
+        return grid_scan(chunks, _announced_size(header), pose, name, ours).add_warnings(doubts)
 
     def points(self, index: int) -> RawPoints:
         """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -449,31 +368,50 @@ class E57File:
 
         Raises InputError: damaged, or without coordinates.
         """
+        return self._points(index, first_returns=False)
+
+    def _points(self, index: int, *, first_returns: bool) -> RawPoints:
+        """The points of scan `index`, or those alone that came back first."""
         header = self._file.get_header(self._own[index])
-        pose, is_one_scan = _read_pose(header), header.has_pose() or "rowIndex" in header.point_fields
+        (pose, doubts), is_one_scan = (
+            _read_pose(header),
+            header.has_pose() or "rowIndex" in header.point_fields,
+        )
         world, colour = np.empty((header.point_count, 3)), np.empty((header.point_count, 3), np.uint8)
-        n_kept = n_read = n_bad = 0
+        is_coloured = np.ones(header.point_count, np.bool_)
+        n_kept = n_read = n_bad = n_later = 0
         has_colour = True
         for chunk in point_chunks(self._file, self._own[index]):
-            part = slice(n_kept, n_kept + len(chunk.points))
-            world[part] = pose.apply(chunk.points)
+            kept = np.ones(len(chunk.points), np.bool_)
+            if first_returns and chunk.returns is not None:
+                kept = chunk.returns == 0
+            part = slice(n_kept, n_kept + int(kept.sum()))
+            world[part] = pose.apply(chunk.points[kept])
             if chunk.colour is None:
                 has_colour = False
             else:
-                colour[part] = chunk.colour
+                colour[part] = chunk.colour[kept]
+                is_coloured[part] = True if chunk.is_coloured is None else chunk.is_coloured[kept]
             n_kept, n_read, n_bad = part.stop, n_read + chunk.n_read, n_bad + chunk.n_bad
+            n_later += len(kept) - int(kept.sum())
+        world, held, known = world[:n_kept], colour[:n_kept] if has_colour else None, is_coloured[:n_kept]
+        if held is not None and not known.all():
+            held = colour_points(held, known, world)
+        warnings = (
+            *doubts,
+            *not_finite_warnings(n_bad, n_read),
+            *((f"{n_later} later returns were left out",) if n_later else ()),
+            *colour_warnings(int(n_kept - known.sum()), n_kept),
+        )
         return RawPoints(
-            world[:n_kept],
-            origins=pose.translation if is_one_scan else None,
-            colour=colour[:n_kept] if has_colour else None,
-            warnings=not_finite_warnings(n_bad, n_read),
+            world, origins=pose.translation if is_one_scan else None, colour=held, warnings=warnings
         )
 
 
 def _project_cloud(cloud: RawPoints, name: str) -> RangeImage:
     """An unstructured scan as the image that a scanner at its pose's place would have taken."""
     scan = scan_from_station(cloud.points, cloud.origins, name, cloud.colour)
-    return scan.with_facts(warnings=cloud.warnings)
+    return scan.add_warnings(cloud.warnings)
 
 
 def _announced_size(header: Any) -> GridExtent:
@@ -499,18 +437,23 @@ def _text(header: Any, field: str) -> str:
     return str(header[field].value()) if field in header.scan_fields else ""
 
 
-def _read_pose(header: Any) -> Pose:
-    """World from scanner; identity where the file has none."""
+def _read_pose(header: Any) -> tuple[Pose, tuple[str, ...]]:
+    """World from scanner, the identity where the file has none, and what is doubtful about it."""
     if not header.has_pose():
-        return Pose.identity()
-    node = header["pose"]
+        return Pose.identity(), ()
+    node, doubts = header["pose"], tuple[str, ...]()
     rotation, translation = np.eye(3), np.zeros(3)
     if node.isDefined("rotation"):
         quaternion = np.array([node["rotation"][part].value() for part in "xyzw"], dtype=np.float64)
-        rotation = rotation_of(quaternion, "its pose")
+        if quaternion.any():
+            rotation = rotation_of(quaternion, "its pose")
+        else:
+            doubts = (
+                "its pose has the quaternion 0, 0, 0, 0, which is no rotation: it was taken as upright",
+            )
     if node.isDefined("translation"):
         translation = np.array([node["translation"][part].value() for part in "xyz"], dtype=np.float64)
-    return Pose.from_parts(rotation, translation)
+    return Pose.from_parts(rotation, translation), doubts
 
 
 def content_guid(*parts: bytes) -> str:

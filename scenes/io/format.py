@@ -8,7 +8,7 @@ and the command line's texts follow from it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
@@ -22,6 +22,7 @@ from scenes.io.grid_fit import organised_scan
 from scenes.io.header import apply_header, not_finite_warnings, pose_from_header, projection_from_dict
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
+from scenes.scan.doubts import merge_warnings
 from scenes.scan.range_image import RangeImage
 
 NO_RAYS = (
@@ -63,6 +64,8 @@ class RawPoints:
 
 def join_points(parts: Sequence[RawPoints]) -> RawPoints:
     """Return the points of several scans one after the other; what not all of them know is left out."""
+    if len(parts) == 1:
+        return parts[0]
     points = np.concatenate([np.zeros((0, 3)), *(part.points for part in parts)])
     stood = [np.broadcast_to(part.origins, part.points.shape) for part in parts if part.origins is not None]
     colour = [part.colour for part in parts if part.colour is not None]
@@ -71,6 +74,7 @@ def join_points(parts: Sequence[RawPoints]) -> RawPoints:
         None,
         np.concatenate(stood) if stood and len(stood) == len(parts) else None,
         np.concatenate(colour) if colour and len(colour) == len(parts) else None,
+        tuple(merge_warnings([(f"scan {k}", part.warnings) for k, part in enumerate(parts, start=1)])),
     )
 
 
@@ -150,7 +154,7 @@ def scan_of(header: Mapping[str, Any], n_points: int, parts: Iterable[ScanReturn
     scan = organised_scan(
         points, projection, world_from_sensor=pose, colour=colour, name="scan", intensity=light
     )
-    return apply_header(scan, dict(header)).with_facts(warnings=not_finite_warnings(n_bad, n_points))
+    return apply_header(scan, dict(header)).add_warnings(not_finite_warnings(n_bad, n_points))
 
 
 Units = Literal["mm", "cm", "m", "in"]
@@ -172,7 +176,8 @@ class Format:
     points : function of (Path, int or None)
         Returns the points of a file, or of its k-th scan, from 1.
     scans : function of (Path, Intrinsics or None)
-        Returns a reader for each scan of a file; intrinsics (pixels) go before the file's own.
+        Returns a reader for each scan of a file, None for one without points; intrinsics (pixels) go before
+        the file's own.
     write : function of (sequence of RangeImage, Path)
         Writes scans; raises InputError for more than the format holds.
     is_text : bool
@@ -186,7 +191,7 @@ class Format:
     suffixes: tuple[str, ...]
     name: str = ""
     points: Callable[[Path, int | None], RawPoints] | None = None
-    scans: Callable[[Path, Intrinsics | None], Sequence[ScanReader]] | None = None
+    scans: Callable[[Path, Intrinsics | None], Sequence[ScanReader | None]] | None = None
     write: Callable[[Sequence[RangeImage], Path], None] | None = None
     is_text: bool = False
     unit: Units | None = None
@@ -198,6 +203,9 @@ class ScanFile(Protocol):
 
     def __len__(self) -> int:
         """How many scans there are."""
+
+    def is_empty(self, index: int) -> bool:
+        """Tell whether a scan has no points at all."""
 
     def scan(self, index: int) -> RangeImage:
         """Return a scan."""
@@ -227,9 +235,23 @@ def each_cloud(opened: Callable[[Path], ScanFile]) -> Callable[[Path, int | None
 
     def points(path: Path, number: int | None) -> RawPoints:
         file = opened(path)
-        return join_points([file.points(index) for index in pick_indices(len(file), number)])
+        picked = pick_indices(len(file), number)
+        empty = [index for index in picked if file.is_empty(index)]
+        cloud = join_points([file.points(index) for index in picked if index not in empty])
+        left_out = empty_warnings([index + 1 for index in empty], len(file))
+        return replace(cloud, warnings=(*left_out, *cloud.warnings))
 
     return points
+
+
+def empty_warnings(empty: Sequence[int], n_scans: int) -> tuple[str, ...]:
+    """Return a warning which scans of a file, by numbers from 1, have no points, nothing where all have."""
+    if not empty:
+        return ()
+    if len(empty) == 1:
+        return (f"scan {empty[0]} of {n_scans} in the file has no points and was left out",)
+    which = ", ".join(map(str, empty))
+    return (f"scans {which} of {n_scans} in the file have no points and were left out",)
 
 
 def pick_indices(n_scans: int, number: int | None) -> Sequence[int]:
@@ -244,12 +266,14 @@ def one_scan(read: Callable[[Path], RangeImage]) -> Callable[[Path, Intrinsics |
     return lambda path, _: [partial(read, path)]
 
 
-def each_scan(opened: Callable[[Path], ScanFile]) -> Callable[[Path, Intrinsics | None], list[ScanReader]]:
+def each_scan(
+    opened: Callable[[Path], ScanFile],
+) -> Callable[[Path, Intrinsics | None], list[ScanReader | None]]:
     """Return the `scans` of a format whose files hold several."""
 
-    def scans(path: Path, _: Intrinsics | None) -> list[ScanReader]:
+    def scans(path: Path, _: Intrinsics | None) -> list[ScanReader | None]:
         file = opened(path)
-        return [partial(file.scan, index) for index in range(len(file))]
+        return [None if file.is_empty(k) else partial(file.scan, k) for k in range(len(file))]
 
     return scans
 

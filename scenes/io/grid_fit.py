@@ -9,16 +9,19 @@ from typing import Any
 import numpy as np
 import scipy  # its parts load when they are first used
 
-from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.limits import ON_RAY_M, PINHOLE_LIMIT_PX, SPHERICAL_LIMIT_PX, STEEP
 from scenes.pose import Pose
-from scenes.scan.pixels import finite_points, mend_pixels, ranges_of, row_blocks
+from scenes.scan.pixels import crop_pixels, finite_points, mend_pixels, move_points, ranges_of, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 
 # A terrestrial scanner's own frame is z up, y to the left of x: sensor z = x, sensor x = -y, sensor y = -z.
 SCANNER_FROM_SENSOR = Pose(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 _MOST_JUDGED = 4_000_000  # pixels whose distances tell how well a grid fits: of more every k-th row is taken
+_MOST_FACED = 400_000  # pixels, in every k-th column, that tell which side of a pole rows are on
+_FEWEST_BEYOND = 0.01  # share of the points that is beyond a pole where rows pass it
+_OPPOSITE = 0.9  # share of a row's points, and of columns, that agree where rows pass over a pole
 _GATHERED = 1 << 20  # pixels of columns that are looked at together
 
 
@@ -111,7 +114,7 @@ def fit_spherical(points: FloatArray) -> GridFit | None:
 
     Each column has the median azimuth of its points, each row their median elevation; None with too few.
     Angles of rows and columns without points are interpolated or continued linearly, and both sequences
-    are made strictly monotonic.
+    are made strictly monotonic. Columns after a full turn are no part of the projection.
     """
     usable = _usable(points)
     if usable.any(axis=0).sum() < 2 or usable.any(axis=1).sum() < 2:
@@ -123,9 +126,11 @@ def fit_spherical(points: FloatArray) -> GridFit | None:
     if azimuth is None:
         return None
     azimuths, elevations = _monotonic(_fill_gaps(azimuth)), _monotonic(_fill_gaps(row_elevation))
-    if np.ptp(azimuths) == 0 or np.ptp(elevations) == 0 or np.ptp(azimuths) >= 2 * np.pi + 1e-9:
+    if np.ptp(azimuths) == 0 or np.ptp(elevations) == 0:
         return None
     wide, high = (np.median(np.abs(np.diff(angles))) for angles in (azimuths, elevations))
+    azimuths = azimuths[np.abs(azimuths - azimuths[0]) < 2 * np.pi - wide / 2]
+    points, usable = points[:, : len(azimuths)], usable[:, : len(azimuths)]
     poles = [np.empty(0)]
     step = -(-usable.size // _MOST_JUDGED)
     for rows in row_blocks(points.shape, points):
@@ -225,6 +230,103 @@ def _monotonic(angles: FloatArray) -> FloatArray:
         rising = np.asarray(scipy.optimize.isotonic_regression(sign * angles).x)
         angles = sign * (rising + np.arange(len(angles)) * max(abs(step), 1e-9) * 1e-3)
     return angles
+
+
+def fitted_scan(
+    points: FloatArray,
+    world_from_sensor: Pose,
+    colour: Any,
+    name: str,
+    intensity: Any = None,
+    file_from_sensor: Pose = SCANNER_FROM_SENSOR,
+) -> RangeImage:
+    """Return the scan of organised points (rows, columns, 3), metres, whose projection they tell.
+
+    Points are in the sensor frame, NaN where nothing came back. Rows that a scanner measured beyond the
+    zenith or nadir are put beside the others. Points that fit a projection only as world coordinates are
+    taken so. Columns after a full turn are left out. A warning tells each.
+
+    Parameters
+    ----------
+    file_from_sensor : Pose
+        What turns the points into the axes of the file, which are those of the world if it mixed them up.
+
+    Raises InputError: no projection explains the points, or there are too few of them.
+    """
+    warnings, images = list[str](), list[Any]([points, colour, intensity])
+    fit, doubt = _try_fit(points)
+    faces = _row_faces(points) if fit is None or fit.projection.kind == "spherical" else None
+    if faces is not None:
+        pixels = _fold_faces(points, faces)
+        images = [None if image is None else _take_pixels(image, pixels) for image in images]
+        fit, doubt = _try_fit(images[0])
+        warnings.append("its rows pass over the zenith or nadir: those beyond were put beside the others")
+    elif fit is None:
+        images[0] = move_points(points, world_from_sensor.inverse() @ file_from_sensor)
+        fit, _ = _try_fit(images[0])
+        warnings.append("its points fit a pixel grid only as world coordinates: they were taken as such")
+    if fit is None:
+        raise InputError(doubt)
+    n_columns = fit.projection.shape[1]
+    if n_more := images[0].shape[1] - n_columns:
+        warnings.append(f"its columns go round more than once: the last {n_more} were left out")
+    kept = slice(None), slice(n_columns)
+    images = [None if image is None else crop_pixels(image, *kept) for image in images]
+    scan = organised_scan(images[0], fit.projection, world_from_sensor, images[1], name, intensity=images[2])
+    return scan.add_warnings(warnings)
+
+
+def _try_fit(points: FloatArray) -> tuple[GridFit | None, str]:
+    """The projection of points, or None and why there is none."""
+    try:
+        return fit_grid(points), ""
+    except InputError as error:
+        return None, str(error)
+
+
+def _row_faces(points: FloatArray) -> IntArray | None:
+    """Number (rows,) of the side of the pole, 0 or 1, that rows of points (rows, columns, 3) are on.
+
+    None where all are on one side. Where not, each column has two azimuths, opposite to each other.
+    """
+    step = -(-points.shape[0] * points.shape[1] // _MOST_FACED)
+    part = np.asarray(points[:, ::step], np.float64)
+    level, azimuth = _level(_elevation(part), _usable(part)), _azimuth(part)
+    doubled = np.where(level, np.exp(2j * np.where(level, azimuth, 0.0)), 0.0).sum(axis=0)
+    n_level = level.sum(axis=0)
+    known = np.abs(doubled) > _OPPOSITE * np.maximum(n_level, 1)
+    if not n_level.any() or known.sum() < _OPPOSITE * np.count_nonzero(n_level):
+        return None
+    side = np.where(level, np.sign(np.cos(azimuth - np.angle(doubled) / 2)), 0.0)[:, known]
+    side *= side[np.argmax(side != 0, axis=0), np.arange(side.shape[1])]  # as the column's first point
+    n_seen = np.abs(side).sum(axis=1)
+    share = side.sum(axis=1) / np.maximum(n_seen, 1)
+    if min(n_seen[share > _OPPOSITE].sum(), n_seen[share < -_OPPOSITE].sum()) < _FEWEST_BEYOND * n_seen.sum():
+        return None
+    seen = np.flatnonzero(n_seen)
+    return np.asarray(np.interp(np.arange(len(share)), seen, share[seen]) < 0, dtype=np.int64)
+
+
+def _fold_faces(points: FloatArray, faces: IntArray) -> IntArray:
+    """Flat pixels (rows, twice the columns), -1 for none, that put both faces' rows beside each other."""
+    pixels = np.arange(points.shape[0] * points.shape[1]).reshape(points.shape[:2])
+    elevation = _medians(_elevation(points), _usable(points))
+    angles = [_fill_gaps(elevation[faces == face]) for face in (0, 1)]
+    step = np.median(np.abs(np.concatenate([np.diff(angle) for angle in angles])))
+    top = max(angle.max() for angle in angles)
+    places = [round((top - angle.max()) / step) + np.argsort(np.argsort(-angle)) for angle in angles]
+    folded = np.full((max(place.max() for place in places) + 1, 2 * points.shape[1]), -1)
+    for face, (place, side) in enumerate(zip(places, np.hsplit(folded, 2), strict=True)):
+        side[place] = pixels[faces == face]
+    return folded
+
+
+def _take_pixels(image: Any, pixels: IntArray) -> Any:
+    """The pixels (rows, columns, ...) of an image by flat numbers, empty where these are -1; read-only."""
+    taken = image.reshape(-1, *image.shape[2:])[pixels]
+    taken[pixels < 0] = np.nan if image.ndim == 3 and image.dtype.kind == "f" else 0
+    taken.setflags(write=False)
+    return taken
 
 
 def organised_scan(

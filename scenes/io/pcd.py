@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, InputError
 from scenes.io.format import Format, RawPoints, one_cloud, write_single
-from scenes.io.grid_fit import fit_grid, organised_scan
+from scenes.io.grid_fit import fitted_scan, organised_scan
 from scenes.io.guard import check_size, import_extra
 from scenes.io.header import (
     apply_header,
@@ -32,7 +32,7 @@ from scenes.pose import Pose, quaternion_of, rotation_of
 from scenes.run.atomic import write_bytes
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
-from scenes.scan.pixels import finite_points, mend_pixels, move_points, row_blocks
+from scenes.scan.pixels import finite_points, mend_pixels, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection
 from scenes.scan.range_image import RangeImage
 
@@ -277,11 +277,9 @@ def _organised_scan(
     elif not any(np.isfinite(points[rows]).any() for rows in row_blocks(shape, points)):
         raise InputError("no point in it is finite; give --intrinsics FX,FY,CX,CY to read an empty scan")
     else:
-        try:
-            projection = fit_grid(points).projection
-        except InputError:
-            points = move_points(points, pose.inverse())
-            projection = fit_grid(points).projection
+        return fitted_scan(
+            points, pose, held.colour, name, intensity=held.intensity, file_from_sensor=Pose.identity()
+        )
     if projection.shape != shape:
         raise InputError(f"its comments describe {projection.shape}, WIDTH and HEIGHT say otherwise")
     scan = organised_scan(points, projection, pose, held.colour, name, intensity=held.intensity)
@@ -305,7 +303,7 @@ def _project_unorganised(path: Path, header: PcdHeader) -> RangeImage:
         )
     left_out = tuple(text for text in cloud.warnings if "left out" in text)
     scan = scan_from_station(cloud.points, cloud.origins, path.stem, cloud.colour)
-    return scan.with_facts(warnings=left_out)
+    return scan.add_warnings(left_out)
 
 
 def read_pcd_points(path: Path) -> RawPoints:

@@ -14,7 +14,7 @@ import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.io.format import Format, RawPoints, each_cloud, each_scan, write_single
-from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fit_grid, organised_scan
+from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fitted_scan
 from scenes.io.guard import check_size
 from scenes.io.header import checked_bytes, not_finite_warnings
 from scenes.io.trajectory import rounded_pose
@@ -62,6 +62,10 @@ class PtxFile:
     def __len__(self) -> int:
         return len(self._starts)
 
+    def is_empty(self, index: int) -> bool:
+        """Tell whether scan `index` (from 0) has no rows and columns."""
+        return self._begin(index)[1] == (0, 0)
+
     def scan(self, index: int) -> RangeImage:
         """Return scan `index` (from 0).
 
@@ -95,16 +99,14 @@ class PtxFile:
         for image in (points, organised, light, colour):
             if image is not None:
                 image.setflags(write=False)
-        scan = organised_scan(
+        scan = fitted_scan(
             organised,
-            fit_grid(organised).projection,
             world_from_sensor=pose @ SCANNER_FROM_SENSOR,
             colour=colour,
             name=f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem,
             intensity=light if has_light else None,
         )
-        warnings = not_finite_warnings(n_bad, rows * columns)
-        return scan.with_facts(warnings=warnings) if warnings else scan
+        return scan.add_warnings(not_finite_warnings(n_bad, rows * columns))
 
     def points(self, index: int) -> RawPoints:
         """Return all points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -175,7 +177,8 @@ class PtxFile:
         if [len(row) for row in numbers] != [1, 1, 3, 3, 3, 3, 4, 4, 4, 4]:
             raise InputError("not a PTX file: expected columns, rows, 4 lines of 3 numbers and 4 of 4")
         columns, rows = int(numbers[0][0]), int(numbers[1][0])
-        check_size(rows, columns)
+        if (rows, columns) != (0, 0):
+            check_size(rows, columns)
         return _Header((rows, columns), np.array(numbers[6:]))
 
 

@@ -216,7 +216,7 @@ def read_frame(
         depth_m = depth_in_metres(counts, folder.depth_encoding, scale)
         warnings = (*sentences, *range_warnings(depth_m), *depth_warnings(counts))
     scan = depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
-    return scan.with_facts(warnings=warnings)
+    return scan.add_warnings(warnings)
 
 
 def depth_scan(

@@ -18,6 +18,7 @@ from scenes.io.format import (
     Intrinsics,
     ScanReader,
     Units,
+    empty_warnings,
     format_of,
     scan_suffixes,
     written_suffixes,
@@ -54,6 +55,10 @@ class ScanSource:
         When each was taken, seconds, where a folder tells.
     unit : str, optional
         Of its lengths, where the format fixes one; the readers give metres then.
+    numbers : tuple of int
+        The number of each reader's scan in the file, from 1; unless given, 1 to as many as there are.
+    warnings : tuple of str
+        Which scans of the file have no points, so that there is no reader for them.
     """
 
     path: Path
@@ -62,6 +67,31 @@ class ScanSource:
     registered: bool = True
     times: tuple[float, ...] | None = None
     unit: Units | None = None
+    numbers: tuple[int, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def number(self, index: int) -> int:
+        """Return the number in the file, from 1, of the scan that reader `index` reads."""
+        return self.numbers[index] if self.numbers else index + 1
+
+    def pick(self, number: int | None) -> list[int]:
+        """Return the indices of all readers, or of the one for scan `number` from 1.
+
+        Raises InputError: no scan at all, none of that number, or one without points.
+        """
+        held = [self.number(index) for index in range(len(self.readers))]
+        if not held:
+            raise InputError(f"{self.path}: holds no scan")
+        if number is None:
+            return list(range(len(held)))
+        if number in held:
+            return [held.index(number)]
+        if not 1 <= number <= held[-1] and not self.warnings:
+            raise InputError(f"{self.path}#{number}: there are {len(held)} scans, counted from 1")
+        known = ", ".join(f"#{k}" for k in held)
+        raise InputError(
+            f"{self.path}#{number}: no scan with points has that number; those that have: {known}"
+        )
 
     def read(
         self,
@@ -76,7 +106,7 @@ class ScanSource:
 
         Raises InputError: damaged, no such scan, several frames without poses, or poses of another number.
         """
-        picked = _pick(self, number)
+        picked = self.pick(number)
         given = _given_poses(poses, self, picked)
         if given is None and not self.registered and len(picked) > 1:
             raise InputError(
@@ -85,6 +115,8 @@ class ScanSource:
             )
         where = spill_for(len(picked)) if spill is None else spill
         scans = [keep_scan(self.readers[k](), where) for k in picked]
+        if number is None:
+            scans[0] = scans[0].add_warnings(self.warnings)
         if given is not None:
             scans = [scan.with_facts(world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
         return [self.in_metres(scan, units) for scan in scans]
@@ -141,8 +173,18 @@ def open_scans(
     kind = known.name or suffix[1:]
     with guard_reading(source, f"{kind.upper()} scan"):
         opened = known.scans(source, intrinsics)
+    filled = {number: reader for number, reader in enumerate(opened, start=1) if reader is not None}
+    if opened and not filled:
+        raise InputError(
+            f"{source}: none of its {len(opened)} scans has a point; export them again, with points"
+        )
     return ScanSource(
-        source, kind, _guard_readers(source, kind, opened, marks_misses=known.marks_misses), unit=known.unit
+        source,
+        kind,
+        _guard_readers(source, kind, [*filled.values()], marks_misses=known.marks_misses),
+        unit=known.unit,
+        numbers=tuple(filled),
+        warnings=empty_warnings([k for k in range(1, len(opened) + 1) if k not in filled], len(opened)),
     )
 
 
@@ -246,17 +288,6 @@ def check_units(units: Units) -> float:
     return METRES_PER_UNIT[units]
 
 
-def _pick(source: ScanSource, number: int | None) -> list[int]:
-    n_scans = len(source.readers)
-    if n_scans == 0:
-        raise InputError(f"{source.path}: holds no scan")
-    if number is None:
-        return list(range(n_scans))
-    if not 1 <= number <= n_scans:
-        raise InputError(f"{source.path}#{number}: there are {n_scans} scans, counted from 1")
-    return [number - 1]
-
-
 def _given_poses(
     poses: str | os.PathLike[str] | Sequence[Pose] | None, source: ScanSource, picked: list[int]
 ) -> list[Pose] | None:
@@ -294,7 +325,8 @@ def read_scan(
     source = open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale)
     n_scans = len(source.readers)
     if number is None and n_scans > 1:
-        raise InputError(f"{base}: holds {n_scans} scans; pick one with {base}#1 to {base}#{n_scans}")
+        ends = f"{base}#{source.number(0)} to {base}#{source.number(n_scans - 1)}"
+        raise InputError(f"{base}: holds {n_scans} scans; pick one with {ends}")
     return source.read(number, poses, units)[0]
 
 

@@ -25,6 +25,7 @@ from scenes.limits import LEAST_PIXELS
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt
+from scenes.scan.doubts import merge_warnings
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import MESH_SENSOR, RangeImage
 from scenes.world.scene import Scene
@@ -150,7 +151,7 @@ class GivenScans:
     scans : tuple of RangeImage
         All of them, lengths in metres.
     doubts : tuple of str
-        What is doubtful about the scans, each with its scan's name, and about their poses.
+        What is doubtful about the scans, with a scan's name or the number of scans, and about their poses.
     instruments : tuple of str
         Which sensors took them, and the effects that were active, as far as the files say so.
     paths : tuple of str
@@ -174,7 +175,7 @@ class GivenScans:
     @classmethod
     def of(cls, scans: Sequence[RangeImage]) -> GivenScans:
         """Look at scans."""
-        doubts = [f"{scan.name}: {text}" for scan in scans for text in scan_warnings(scan)]
+        doubts = merge_warnings([(scan.name, scan_warnings(scan)) for scan in scans])
         convention = convention_doubt(scans)
         instruments = {": ".join(part for part in (scan.sensor, scan.noise) if part) for scan in scans}
         return cls(
@@ -242,10 +243,11 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
                 f"{request.poses}: {len(pose)} poses for {sum(counts)} scans; give one pose a scan"
             )
         given = [pose[end - n : end] for end, n in zip(np.cumsum(counts), counts, strict=True)]
-    scans: list[RangeImage] = []
+    scans, paths = list[RangeImage](), list[str]()
     spill = spill_for(sum(counts))
-    for (base, number), poses in zip(parts, given, strict=True):
-        scans += source_of(base).read(number, poses, request.units, spill)
+    for path, (base, number), poses in zip(request.paths, parts, given, strict=True):
+        read = source_of(base).read(number, poses, request.units, spill)
+        scans, paths = scans + read, paths + [path] * len(read)
     registered = request.poses is not None or all(source.registered for source in opened.values())
     at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
     if posed and len(scans) > 1 and (not registered or at_origin):
@@ -254,7 +256,6 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
             "(tx ty tz qx qy qz qw, world from sensor), find poses by `unseen register`, or complete them "
             "one by one"
         )
-    paths = [path for path, count in zip(request.paths, counts, strict=True) for _ in range(count)]
     return scans, paths
 
 
@@ -283,7 +284,7 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
         cloud = read_points(path, request.units)
         try:
             scan = scan_from_station(cloud.points, origin, cloud.name, cloud.colour)
-            scans.append(scan.with_facts(warnings=cloud.warnings))
+            scans.append(scan.add_warnings(cloud.warnings))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     return scans

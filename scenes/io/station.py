@@ -249,7 +249,7 @@ def scan_from_station(
     scan = RangeImage.from_points(image, bins.projection, pose, painted, name)
     x, y, z = stood
     sensor = f"{POINTS_SENSOR} from ({x:.10g}, {y:.10g}, {z:.10g}), {len(kept)} of {len(cloud)} kept"
-    return scan.with_facts(sensor=sensor, warnings=tuple(sentences))
+    return scan.with_facts(sensor=sensor).add_warnings(sentences)
 
 
 def _check_number(n_points: int) -> None:

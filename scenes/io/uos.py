@@ -81,7 +81,7 @@ def read_uos(folder: UosFolder, index: int) -> RangeImage:
     if not finite.all():
         sentences.append(f"{int((~finite).sum())} of {len(finite)} points are not finite and were left out")
     moved = scan if pose is None else scan.transform(read_uos_pose(pose))
-    return moved.with_facts(sensor=f"3DTK's scanner, {scan.sensor}", warnings=(*sentences, *scan.warnings))
+    return moved.with_facts(sensor=f"3DTK's scanner, {scan.sensor}").add_warnings(sentences)
 
 
 def read_uos_pose(path: Path) -> Pose:

@@ -6,9 +6,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
-from scenes.checks import ColourArray, IntArray
+from scenes.checks import BoolArray, ColourArray, FloatArray, IntArray
 
 _NONE = "#c9c9c6"
 _SURFACES = (
@@ -36,6 +37,32 @@ def surface_bytes(numbers: IntArray) -> ColourArray:
 
 
 _MOST = np.float32(255)
+
+
+def colour_pixels(colour: ColourArray, is_coloured: BoolArray) -> ColourArray | None:
+    """Return pixels (rows, columns, 3), those without a colour as the nearest that has one; None for none."""
+    if not is_coloured.any():
+        return None
+    nearest = scipy.ndimage.distance_transform_edt(~is_coloured, return_distances=False, return_indices=True)
+    return np.asarray(colour[tuple(nearest)])
+
+
+def colour_points(colour: ColourArray, is_coloured: BoolArray, points: FloatArray) -> ColourArray | None:
+    """Return colours (n, 3) of points (n, 3), those without as the nearest that has one; None for none."""
+    if not is_coloured.any():
+        return None
+    _, nearest = scipy.spatial.cKDTree(points[is_coloured]).query(points[~is_coloured])
+    filled = colour.copy()
+    filled[~is_coloured] = colour[is_coloured][nearest]
+    return filled
+
+
+def colour_warnings(n_without: int, n_points: int) -> tuple[str, ...]:
+    """Return a warning that `n_without` of `n_points` points have no colour, nothing where all have."""
+    if not n_without:
+        return ()
+    cure = "they take that of the nearest that has one" if n_without < n_points else "colour was left out"
+    return (f"{n_without} of {n_points} points have no valid colour: {cure}",)
 
 
 def colour_type(colour: Any) -> Any:

@@ -82,6 +82,16 @@ def copy_pixels(array: Any) -> Any:
     return copy
 
 
+def crop_pixels(array: Any, rows: slice, columns: slice) -> Any:
+    """Return some rows and columns of pixels (rows, columns, ...), read-only; a copy where they lie apart."""
+    part = array[rows, columns]
+    if part.flags.c_contiguous:
+        return part
+    copy = copy_pixels(part)
+    copy.setflags(write=False)
+    return copy
+
+
 def scale_pixels(array: Any, factor: float) -> FloatArray:
     """Return pixels (rows, columns, ...) times a number, float64 and read-only."""
     out = allocate(array.shape, np.float64)

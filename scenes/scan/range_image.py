@@ -6,7 +6,7 @@ Saturated ranges, which only say that an instrument's number was full, are taken
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -35,7 +35,7 @@ from scenes.scan.projection import Projection
 TRUTH_CHANNELS = {
     "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
 }  # fmt: skip
-_FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name", "warnings")
+_FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name")
 
 
 MESH_SENSOR = "cast at a mesh"
@@ -283,7 +283,7 @@ class RangeImage:
     transformed = transform  # earlier name
 
     def with_facts(self, **facts: Any) -> RangeImage:
-        """Return the scan with other `facts`: pose, sigma, sensor, noise, name, warnings.
+        """Return the scan with other `facts`: pose, sigma, sensor, noise, name.
 
         The pixels are the same arrays, not checked again, which `dataclasses.replace` would do.
 
@@ -295,10 +295,19 @@ class RangeImage:
         unknown = set(facts) - set(_FACTS)
         if unknown:
             raise TypeError(f"{', '.join(sorted(unknown))}: only {', '.join(_FACTS)} can be restated")
+        scan = self._changed(facts)
+        check_options(scan, sigma_m=(0.0, np.inf))
+        return scan
+
+    def add_warnings(self, texts: Iterable[str]) -> RangeImage:
+        """Return the scan with further warnings after its own; the pixels are the same arrays."""
+        return self._changed({"warnings": (*self.warnings, *texts)})
+
+    def _changed(self, values: Mapping[str, Any]) -> RangeImage:
+        """The scan with other values of some fields, none of which is checked."""
         scan = object.__new__(RangeImage)
         for field in fields(self):
-            object.__setattr__(scan, field.name, facts.get(field.name, getattr(self, field.name)))
-        check_options(scan, sigma_m=(0.0, np.inf))
+            object.__setattr__(scan, field.name, values.get(field.name, getattr(self, field.name)))
         return scan
 
     restated = with_facts  # earlier name

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: MIT
+"""Doubts about scans in one list: what several scans share stands once, with their number."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+_NUMBER = re.compile(r"\d+(?:[.,]\d+)*")
+
+
+def merge_warnings(named: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
+    """Return the warnings of scans, each given with its name, in order.
+
+    Those of several scans that differ in numbers alone become one, with the numbers of the first scan.
+
+    Examples
+    --------
+    >>> merge_warnings([("a", ["no pose"]), ("b", ["no pose"]), ("c", ["3 points were left out"])])
+    ['2 of 3 scans: no pose', 'c: 3 points were left out']
+    >>> merge_warnings([("a", ["3 points were left out"]), ("b", ["4 points were left out"])])
+    ['2 of 2 scans, as a: 3 points were left out']
+    """
+    groups: dict[str, list[tuple[str, str]]] = {}
+    for name, texts in named:
+        for key, text in {_NUMBER.sub("#", text): text for text in texts}.items():
+            groups.setdefault(key, []).append((name, text))
+    return [_sentence(group, len(named)) for group in groups.values()]
+
+
+def _sentence(group: Sequence[tuple[str, str]], n_scans: int) -> str:
+    name, first = group[0]
+    if len(group) == 1:
+        return f"{name}: {first}"
+    whose = "" if all(text == first for _, text in group) else f", as {name}"
+    return f"{len(group)} of {n_scans} scans{whose}: {first}"
