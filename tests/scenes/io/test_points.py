@@ -241,7 +241,7 @@ def test_ply_meshes_give_vertices_and_normals(tmp_path: Path) -> None:
             "truncated: 3 vertices take 36 bytes",
         ),
         (PLY.format("morse", AXES.format("float")).encode(), "unknown format 'morse'"),
-        (PLY.format("ascii", "property list uchar int x\n").encode(), "list property, which cannot be read"),
+        (PLY.format("ascii", "property list uchar int x\n").encode(), "x, y, z are needed"),
         (
             PLY.format("binary_little_endian", AXES.format("float"))
             .replace("element vertex", "element camera 1\nproperty float f\nelement vertex")
