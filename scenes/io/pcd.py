@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, InputError
 from scenes.io.format import Format, RawPoints, one_cloud, write_single
-from scenes.io.grid_fit import fit_grid, organised_scan
+from scenes.io.grid_fit import AxesFit, fit_axes, organised_scan
 from scenes.io.guard import check_size, import_extra
 from scenes.io.header import (
     apply_header,
@@ -32,7 +32,7 @@ from scenes.pose import Pose, quaternion_of, rotation_of
 from scenes.run.atomic import write_bytes
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
-from scenes.scan.pixels import finite_points, mend_pixels, move_points, row_blocks
+from scenes.scan.pixels import finite_points, mend_pixels, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection
 from scenes.scan.range_image import RangeImage
 
@@ -247,7 +247,9 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     """Return the organised scan of a .pcd file.
 
     Points are in the sensor frame and VIEWPOINT is `world_from_sensor`, as PCL shows them; where the points
-    fit a projection only after VIEWPOINT is taken off them, they are taken as world coordinates. An
+    fit a projection only after VIEWPOINT is taken off them, they are taken as world coordinates. Axes of
+    OpenGL, ARKit and Blender (y up, z backwards) and of vehicles (x forward, z up) are recognised, and the
+    scan has a warning that names them; the points keep the coordinates that they have in the file. An
     unorganised cloud with a VIEWPOINT becomes the spherical image that `scan_from_station` makes of it. The
     projection comes from `intrinsics`, a file of ours states it, else it is estimated from the points.
 
@@ -270,6 +272,7 @@ def _organised_scan(
     points = mend_pixels(held.points, held.points.dtype, _is_nowhere, np.nan)
     pose, ours = _viewpoint(header.viewpoint), from_comments(header.comments)
     projection: Projection
+    warnings: tuple[str, ...] = ()
     if intrinsics is not None:
         projection = PinholeProjection(header.width, header.height, *intrinsics)
     elif ours is not None:
@@ -277,15 +280,26 @@ def _organised_scan(
     elif not any(np.isfinite(points[rows]).any() for rows in row_blocks(shape, points)):
         raise InputError("no point in it is finite; give --intrinsics FX,FY,CX,CY to read an empty scan")
     else:
-        try:
-            projection = fit_grid(points).projection
-        except InputError:
-            points = move_points(points, pose.inverse())
-            projection = fit_grid(points).projection
+        fit = fit_axes(points, pose)
+        projection, points, pose = fit.projection, fit.points, pose @ fit.theirs_from_ours
+        warnings = tuple(_axes_doubts(fit))
     if projection.shape != shape:
         raise InputError(f"its comments describe {projection.shape}, WIDTH and HEIGHT say otherwise")
     scan = organised_scan(points, projection, pose, held.colour, name, intensity=held.intensity)
-    return apply_header(scan, ours)
+    return apply_header(scan, ours).with_facts(warnings=warnings)
+
+
+def _axes_doubts(fit: AxesFit) -> Iterator[str]:
+    """What is unusual about the axes of an organised cloud's sensor."""
+    if fit.axes:
+        yield f"its points have {fit.axes}: they are read so and keep their coordinates"
+    camera = fit.projection
+    if isinstance(camera, PinholeProjection) and camera.fx * camera.fy < 0:
+        order = "columns run right to left" if camera.fx < 0 else "rows run from bottom to top"
+        yield (
+            f"its {order}: either its image was flipped, or its axes are left-handed and the scene is "
+            "mirrored; if so, change the sign of one coordinate"
+        )
 
 
 def _is_nowhere(_: slice, points: NDArray[Any]) -> BoolArray:
