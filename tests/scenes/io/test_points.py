@@ -146,9 +146,9 @@ def test_an_empty_field_is_a_missing_number_not_a_shift(tmp_path: Path) -> None:
 
 
 def test_unknown_names_take_the_first_three_columns_and_say_so(tmp_path: Path) -> None:
-    cloud = read_text(tmp_path, joined(",", before="easting,northing,height\n"))
+    cloud = read_text(tmp_path, joined(",", before="left,middle,right\n"))
     np.testing.assert_array_equal(cloud.points, POINTS)
-    assert "no columns x, y, z among easting, northing, height" in cloud.warnings[0]
+    assert "no columns x, y, z among left, middle, right" in cloud.warnings[0]
 
 
 REFUSED = {
