@@ -321,8 +321,8 @@ def _described_points(text: str, units: Units, error: InputError) -> dict[str, A
     try:
         points = describe_points(text, units)
     except InputError as trouble:
-        if base.suffix.lower() not in text_suffixes():
-            raise error from None
+        if base.suffix.lower() not in text_suffixes():  # where only the place is missing, points are wrong
+            raise (trouble if "--origin" in str(error) else error) from None
         cause = str(trouble).removeprefix(f"{base}: ")
         raise InputError(f"{base}: is text that holds neither poses nor points: {cause}") from trouble
     cause = str(error).removeprefix(f"{base}: ")

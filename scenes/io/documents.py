@@ -44,6 +44,22 @@ def read_text(path: Path, limit: str = "json_bytes") -> str:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
+def decode_text(data: bytes) -> str:
+    """Return bytes of any encoding as text: UTF-8, else Windows-1252 (Latin-1); unknown bytes are replaced.
+
+    Numbers and keywords are right in all encodings that extend ASCII; names may be misspelt.
+    """
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def as_utf8(data: bytes) -> bytes:
+    """Return bytes of a text in any encoding as UTF-8; see `decode_text`."""
+    return data if data.isascii() else decode_text(data).encode("utf-8")
+
+
 def read_json(path: Path, kind: type[Kind]) -> Kind:
     """Return the object (`dict`) or list (`list`) of a JSON file.
 
@@ -208,11 +224,13 @@ class Beside:
         self._folder = file.parent
 
     def get(self, name: str) -> bytes:
-        """Return the bytes of a file.
+        """Return the bytes of a file; material libraries in UTF-8.
 
         Raises InputError: as `within_folder` and `check_file`.
         """
-        return check_file(within_folder(self._folder, name.strip())).read_bytes()
+        path = within_folder(self._folder, name.strip())
+        data = check_file(path).read_bytes()
+        return as_utf8(data) if path.suffix.lower() == ".mtl" else data
 
     __getitem__ = get
 
@@ -251,7 +269,7 @@ def _obj_words(file: Path) -> tuple[list[str], set[str]]:
     with file.open("rb") as stream:
         for line in stream:
             if line.startswith((b"mtllib ", b"usemtl ")):
-                keyword, _, value = line.decode("utf-8", errors="replace").partition(" ")
+                keyword, _, value = decode_text(line).partition(" ")
                 if keyword == "usemtl":
                     used.add(value.strip())
                 else:
@@ -262,7 +280,7 @@ def _obj_words(file: Path) -> tuple[list[str], set[str]]:
 def _mtl_words(library: Path) -> tuple[set[str], list[str]]:
     """Materials of a library, and what it says of their maps."""
     materials, maps = set(), []
-    text = check_file(library, "json_bytes").read_bytes().decode("utf-8", errors="replace")
+    text = decode_text(check_file(library, "json_bytes").read_bytes())
     for line in text.splitlines():
         keyword, _, value = line.strip().partition(" ")
         if keyword == "newmtl":
@@ -288,7 +306,7 @@ def _uri(entry: dict[str, Any], file: Path) -> list[_Named]:
 def _ply_textures(file: Path) -> list[_Named]:
     """Images that the comments of a PLY file name."""
     with file.open("rb") as stream:
-        head = stream.read(_MAX_HEADER).partition(b"end_header")[0].decode("utf-8", errors="replace")
+        head = decode_text(stream.read(_MAX_HEADER).partition(b"end_header")[0])
     words = "comment TextureFile "
     names = [line[len(words) :].strip() for line in head.splitlines() if line.startswith(words)]
     return [_Named(name, within_folder(file.parent, name)) for name in names]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""glTF: read within its folder and held against the bytes that are there; GLB, written y up.
+"""glTF: read within its folder and checked against its bytes, made plain for decoders; GLB, written y up.
 
 Structure of glTF: what its JSON says of buffers, arrays and nodes, held against the bytes that are there.
 A decoder that believes these numbers makes room for what is not there, follows nodes in a circle, or places
@@ -199,7 +199,15 @@ def entry_number(
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_texture_", "EXT_texture_webp", "KHR_mesh_quantization")
+_INSTANCING = "EXT_mesh_gpu_instancing"
+_HARMLESS = (
+    "KHR_materials_",
+    "KHR_lights_",
+    "KHR_texture_",
+    "EXT_texture_webp",
+    "KHR_mesh_quantization",
+    _INSTANCING,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,8 +225,7 @@ def check_gltf(content: Content, buffers: Sequence[memoryview]) -> Contents:
     with a corner that is not there, nodes in a circle or in two places, or more than the limits allow.
     """
     _check_version(content)
-    views = [_view(entry, k, buffers) for k, entry in enumerate(entry_list(content, "bufferViews"))]
-    arrays = [_Array(entry, k, views) for k, entry in enumerate(entry_list(content, "accessors"))]
+    views, arrays = _arrays(content, buffers)
     held = sum(len(buffer) for buffer in buffers)
     check_unpacked(sum(array.n_bytes for array in arrays), held, "its accessors")
     for array in arrays:
@@ -229,6 +236,14 @@ def check_gltf(content: Content, buffers: Sequence[memoryview]) -> Contents:
     n_faces = sum(times * faces[k] for k, times in placed.items())
     check_limit("faces", n_faces, "its faces as placed")
     return Contents(n_faces, sum(_embedded_images(content, views)))
+
+
+def _arrays(
+    content: Content, buffers: Sequence[memoryview]
+) -> tuple[list[tuple[memoryview, int]], list[_Array]]:
+    """Buffer views with their strides, and accessors."""
+    views = [_view(entry, k, buffers) for k, entry in enumerate(entry_list(content, "bufferViews"))]
+    return views, [_Array(entry, k, views) for k, entry in enumerate(entry_list(content, "accessors"))]
 
 
 def _check_version(content: Content) -> None:
@@ -266,6 +281,7 @@ class _Array:
         self._bytes, stride = views[entry_number(entry, "bufferView", self.what, most=len(views))]
         self._start = entry_number(entry, "byteOffset", self.what, 0)
         self._stride = stride or self.width * self.dtype.itemsize
+        self.is_normalised = entry.get("normalized") is True and self.dtype.kind != "f"
 
     @property
     def n_bytes(self) -> int:
@@ -281,11 +297,19 @@ class _Array:
                 f"{self.what} of {self.count:,} entries ends at byte {end:,} of {len(self._bytes):,}"
             )
 
-    def indices(self) -> np.ndarray[Any, Any]:
-        """Its numbers, as corners of faces."""
+    def numbers(self) -> np.ndarray[Any, Any]:
+        """Its numbers (count, width) as they are stored."""
         packed = np.frombuffer(self._bytes, np.uint8)[self._start :]
-        rows = np.lib.stride_tricks.as_strided(packed, (self.count, self.dtype.itemsize), (self._stride, 1))
-        return np.ascontiguousarray(rows).view(self.dtype).reshape(-1)
+        n_bytes = self.width * self.dtype.itemsize
+        rows = np.lib.stride_tricks.as_strided(packed, (self.count, n_bytes), (self._stride, 1))
+        return np.ascontiguousarray(rows).view(self.dtype).reshape(self.count, self.width)
+
+    def values(self) -> np.ndarray[Any, Any]:
+        """Its values (count, width): normalised integers are fractions (glTF 2.0, section 3.11)."""
+        numbers = self.numbers()
+        if not self.is_normalised:
+            return numbers
+        return np.maximum(numbers.astype(np.float64) / np.iinfo(self.dtype).max, -1.0)
 
 
 def _meshes(content: Content, arrays: Sequence[_Array]) -> tuple[list[int], list[int]]:
@@ -332,7 +356,7 @@ def _primitive(entry: Any, what: str, arrays: Sequence[_Array]) -> tuple[int, in
 
 
 def _check_corners(array: _Array, n_points: int, what: str) -> int:
-    corners = array.indices()
+    corners = array.numbers().reshape(-1)
     bad = np.flatnonzero(corners >= n_points)
     if len(bad):
         raise InputError(
@@ -361,6 +385,111 @@ def _pixels(data: Callable[[], bytes], what: str) -> int:
         return check_image(data())
     except InputError as error:
         raise InputError(f"{what} {error}") from error
+
+
+_TRANSFORMS = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}  # of an instance, as of a node
+
+
+def plain_glb(gltf: Gltf) -> tuple[Gltf, bytes] | None:
+    """Return a checked glTF without normalised attributes and instances, and as GLB; None if it has neither.
+
+    Normalised integers become single precision, except for colours in bytes, which decoders know. A node with
+    `EXT_mesh_gpu_instancing` gets a child node for each instance.
+
+    Raises InputError: instances whose transforms differ in number, or are not of 3, 4 and 3 numbers.
+    """
+    _, arrays = _arrays(gltf.content, gltf.buffers)
+    added = bytearray()  # one more buffer
+    content = dict(gltf.content)
+    for name in ("bufferViews", "accessors"):
+        content[name] = list(entry_list(content, name))
+    content["meshes"] = _with_fractions(content, arrays, added, len(gltf.buffers))
+    content["nodes"] = _with_instances(entry_list(content, "nodes"), arrays)
+    if not added and len(content["nodes"]) == len(entry_list(gltf.content, "nodes")):
+        return None
+    data = bytearray()
+    starts = [_append(data, buffer) for buffer in (*gltf.buffers, memoryview(added))]
+    content["bufferViews"] = [
+        {**view, "buffer": 0, "byteOffset": view.get("byteOffset", 0) + starts[view["buffer"]]}
+        for view in content["bufferViews"]
+    ]
+    content["buffers"] = [{"byteLength": len(data)}]
+    return Gltf(content, (memoryview(data),)), _glb(content, data)
+
+
+def _append(data: bytearray, more: memoryview | bytes) -> int:
+    """Append bytes at a multiple of four; return where they begin."""
+    data += bytes(-len(data) % 4)
+    start = len(data)
+    data += more
+    return start
+
+
+def _with_fractions(
+    content: dict[str, Any], arrays: Sequence[_Array], added: bytearray, buffer: int
+) -> list[Any]:
+    """The meshes, whose normalised attributes are new accessors of single precision in `added`."""
+    new: dict[int, int] = {}
+
+    def number_of(name: str, number: int) -> int:
+        array = arrays[number]
+        if not array.is_normalised or (name.startswith("COLOR_") and array.dtype == np.uint8):
+            return number
+        if number not in new:
+            packed = array.values().astype("<f4").tobytes()
+            view = {"buffer": buffer, "byteOffset": _append(added, packed), "byteLength": len(packed)}
+            entry = {"bufferView": len(content["bufferViews"]), "componentType": 5126, "count": array.count}
+            new[number] = len(content["accessors"])
+            content["bufferViews"].append(view)
+            content["accessors"].append(entry | {"type": content["accessors"][number]["type"]})
+        return new[number]
+
+    def primitive_of(primitive: dict[str, Any]) -> dict[str, Any]:
+        attributes = {name: number_of(name, number) for name, number in primitive["attributes"].items()}
+        return {**primitive, "attributes": attributes}
+
+    return [
+        {**mesh, "primitives": [primitive_of(primitive) for primitive in mesh["primitives"]]}
+        for mesh in entry_list(content, "meshes")
+    ]
+
+
+def _with_instances(nodes: Sequence[dict[str, Any]], arrays: Sequence[_Array]) -> list[Any]:
+    """The nodes, those of instanced meshes with a child for each instance."""
+    plain = list(nodes)
+    for number, node in enumerate(nodes):
+        extensions = node.get("extensions")
+        instancing = extensions.get(_INSTANCING) if isinstance(extensions, dict) else None
+        if instancing is None or "mesh" not in node:
+            continue
+        places = _instances(instancing, f"node {number}", arrays)
+        n_before = len(plain)
+        check_limit("entries", n_before + len(places), "its nodes and instances")
+        plain += [{"mesh": node["mesh"], **place} for place in places]
+        children = [*node.get("children", []), *range(n_before, len(plain))]
+        kept = {key: value for key, value in node.items() if key not in ("mesh", "extensions")}
+        plain[number] = {**kept, "children": children}
+    return plain
+
+
+def _instances(entry: Any, what: str, arrays: Sequence[_Array]) -> list[dict[str, Any]]:
+    """Translation, rotation and scale of each instance, as nodes name them."""
+    attributes = entry.get("attributes") if isinstance(entry, dict) else None
+    if not isinstance(attributes, dict) or not attributes:
+        raise InputError(f"{what} has instances without attributes; save the file without {_INSTANCING}")
+    named = {name: arrays[entry_number(attributes, name, what, most=len(arrays))] for name in attributes}
+    if len({array.count for array in named.values()}) > 1:
+        counts = ", ".join(f"{array.count} of {name}" for name, array in named.items())
+        raise InputError(f"{what} has instances of different number: {counts}; save it again")
+    known = {name: named[name] for name in _TRANSFORMS if name in named}
+    for name, array in known.items():
+        if array.width != _TRANSFORMS[name]:
+            raise InputError(
+                f"{what} has instances with {array.width} numbers of {name}; {_TRANSFORMS[name]} are needed"
+            )
+    columns = {name.lower(): array.values().tolist() for name, array in known.items()}
+    n_instances = next(iter(named.values())).count
+    return [{name: rows[k] for name, rows in columns.items()} for k in range(n_instances)]
 
 
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # z up to glTF's y up
@@ -409,10 +538,18 @@ def _moved_by(shift: FloatArray) -> FloatArray:
 
 def empty_glb() -> bytes:
     """A binary glTF with a scene in which nothing stands (trimesh writes none)."""
-    text = json.dumps({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{}]}).encode()
-    text += b" " * (-len(text) % 4)
-    chunk = struct.pack("<I4s", len(text), b"JSON") + text
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk
+    return _glb({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{}]})
+
+
+def _glb(content: Content, binary: bytes | bytearray = b"") -> bytes:
+    """The file of a JSON and the bytes of its one buffer."""
+    text = json.dumps(content).encode()
+    chunks = b""
+    for kind, held, fill in ((_JSON, text, b" "), (_BINARY, binary, b"\0")):
+        if held:
+            padded = held + fill * (-len(held) % 4)
+            chunks += struct.pack("<II", len(padded), kind) + padded
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 def _material(part: MeshPart, name: str, page: Image.Image) -> Any:

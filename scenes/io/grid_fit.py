@@ -10,7 +10,7 @@ import numpy as np
 import scipy  # its parts load when they are first used
 
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
-from scenes.limits import ON_RAY_M, PINHOLE_LIMIT_PX, SPHERICAL_LIMIT_PX, STEEP
+from scenes.limits import BETTER, ON_RAY_M, PINHOLE_LIMIT_PX, SPHERICAL_LIMIT_PX, STEEP
 from scenes.pose import Pose
 from scenes.scan.pixels import crop_pixels, finite_points, mend_pixels, move_points, ranges_of, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
@@ -18,6 +18,13 @@ from scenes.scan.range_image import RangeImage
 
 # A terrestrial scanner's own frame is z up, y to the left of x: sensor z = x, sensor x = -y, sensor y = -z.
 SCANNER_FROM_SENSOR = Pose(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
+_AXES = {
+    "": Pose.identity(),
+    "the camera axes of OpenGL, ARKit and Blender (x right, y up, z backwards)": Pose(
+        np.diag([1.0, -1.0, -1.0, 1.0])
+    ),
+    "the axes of vehicles (x forward, y left, z up)": SCANNER_FROM_SENSOR,
+}
 _MOST_JUDGED = 4_000_000  # pixels whose distances tell how well a grid fits: of more every k-th row is taken
 _MOST_FACED = 400_000  # pixels, in every k-th column, that tell which side of a pole rows are on
 _FEWEST_BEYOND = 0.01  # share of the points that is beyond a pole where rows pass it
@@ -65,6 +72,59 @@ def fit_grid(points: FloatArray) -> GridFit:
     best = min(good, key=lambda fit: fit.residual_px)
     pinhole = [fit for fit in good if fit.projection.kind == "pinhole"]
     return pinhole[0] if pinhole and pinhole[0].residual_px <= best.residual_px + 0.01 else best
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxesFit:
+    """A projection estimated from points whose sensor may have other axes than ours.
+
+    Attributes
+    ----------
+    projection : Projection
+        Pinhole or spherical.
+    points : (rows, columns, 3) float
+        In our sensor frame: x right, y down, z forward.
+    theirs_from_ours : Pose
+        The rotation from our sensor frame to that of the file.
+    axes : str
+        Whose axes the file's sensor frame has, "" for ours.
+    """
+
+    projection: Projection
+    points: FloatArray
+    theirs_from_ours: Pose
+    axes: str
+
+
+def fit_axes(points: FloatArray, viewpoint: Pose) -> AxesFit:
+    """Estimate the projection of organised points (rows, columns, 3), and which axes their sensor has.
+
+    Points are in the sensor's frame, or in the world, where the sensor stands at `viewpoint`. The sensor's
+    axes are ours, OpenGL's or a vehicle's: others than ours count where ours explain nothing, or where a
+    pinhole fits at least twice as well.
+
+    Raises InputError: nothing explains the points, or there are too few of them.
+    """
+    starts = [Pose.identity(), viewpoint][: 1 if np.allclose(viewpoint.matrix, np.eye(4)) else 2]
+    best: AxesFit | None = None
+    residual, causes = np.inf, list[InputError]()
+    for axes, turn in _AXES.items():
+        for number, start in enumerate(starts):
+            place = (start @ turn).inverse()
+            moved = move_points(points, place) if axes or number else points
+            try:
+                fit = fit_grid(moved) if best is None else fit_pinhole(moved)
+            except InputError as error:
+                causes.append(error)
+                continue
+            if fit is None or (best is not None and fit.residual_px * BETTER > residual):
+                continue
+            best, residual = AxesFit(fit.projection, moved, turn, axes), fit.residual_px
+            if fit.projection.kind == "pinhole":
+                return best
+    if best is None:
+        raise InputError(f"{causes[0]} (tried too: {', '.join(filter(None, _AXES))})")
+    return best
 
 
 def fit_pinhole(points: FloatArray) -> GridFit | None:

@@ -13,13 +13,13 @@ from typing import Any
 from scenes.checks import InputError
 from scenes.io.documents import Beside, check_references
 from scenes.io.format import format_of
-from scenes.io.gltf import Contents, check_gltf, read_gltf
+from scenes.io.gltf import Contents, check_gltf, plain_glb, read_gltf
 from scenes.io.guard import check_file
 from scenes.io.limits import check_limit
 from scenes.io.obj import check_obj, plain_obj
 from scenes.io.off import read_off
-from scenes.io.ply import check_ply, has_faces
-from scenes.io.stl import check_stl, stl_origin
+from scenes.io.ply import check_ply, has_faces, plain_ply
+from scenes.io.stl import check_stl, plain_stl, stl_origin
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
 # What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
@@ -82,16 +82,20 @@ def read_mesh_file(file: Path) -> MeshFile:
         gltf = read_gltf(file)
         beside = check_references(file, gltf.content)
         held = check_gltf(gltf.content, gltf.buffers)
+        if (plain := plain_glb(gltf)) is not None:
+            gltf, data = plain
+            suffix, held = ".glb", check_gltf(gltf.content, gltf.buffers)
     else:
         beside = check_references(file)
     if suffix == ".obj":
         data = plain_obj(file.read_bytes())
         held = Contents(check_obj(data))
     elif suffix == ".ply":
-        data = file.read_bytes()
+        data = plain_ply(file.read_bytes())
         held = Contents(check_ply(data))
     elif suffix == ".stl":
-        held = Contents(check_stl(file))
+        data = plain_stl(file.read_bytes())
+        held = Contents(check_stl(data))
     check_limit("texels", beside.texels + held.texels, "texels of its textures")
     if suffix == ".off":
         placed = _read_off(file)

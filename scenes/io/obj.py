@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scenes.checks import InputError
+from scenes.io.documents import as_utf8
 from scenes.io.limits import check_limit
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.atomic import write_bytes, write_text
 
 _INDENTED = re.compile(rb"(?m)^[ \t]+(?=[a-z#])")
 _KEYWORD = re.compile(rb"(?m)^(v|vn|vt|f|o|g|usemtl|mtllib)[ \t]*\t[ \t]*")
-_CONTINUED = re.compile(rb"\\\r?\n")
+_CONTINUED = re.compile(rb"(?<![\x80-\xff])\\\r?\n")  # not the second byte of a letter (CP932)
 _COMMENT = re.compile(rb"(?m)^((?:v|vn|vt|f)[ ][^#\n]*)#[^\n]*")
 _WIDTHS = {b"v": (3, 8), b"vt": (1, 3), b"vn": (3, 3)}  # numbers of a line: fewest, most
 _NAMES = {0: "vertex", 1: "texture coordinate", 2: "normal"}
@@ -29,12 +30,13 @@ _UNSAFE = re.compile(r"[^\w.-]+")
 
 
 def plain_obj(data: bytes) -> bytes:
-    """Return the text of an OBJ file with one line an entry, not indented, its keyword before one blank."""
+    """Return the text of an OBJ file in UTF-8, a line an entry, not indented, one blank after its keyword."""
+    data = as_utf8(data)
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     for pattern, instead in ((_CONTINUED, b" "), (_INDENTED, b""), (_KEYWORD, rb"\1 "), (_COMMENT, rb"\1")):
         data = pattern.sub(instead, data)
-    return data
+    return data.replace(b"\\\n", b"\\ \n")  # ends a name: a decoder would join the lines
 
 
 def check_obj(text: bytes) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -14,9 +15,9 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, ColourArray, InputError
+from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.format import Format, RawPoints, one_cloud, write_single
-from scenes.io.grid_fit import fitted_scan, organised_scan
+from scenes.io.grid_fit import AxesFit, fit_axes, fitted_scan, organised_scan
 from scenes.io.guard import check_size, import_extra
 from scenes.io.header import (
     apply_header,
@@ -247,7 +248,9 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     """Return the organised scan of a .pcd file.
 
     Points are in the sensor frame and VIEWPOINT is `world_from_sensor`, as PCL shows them; where the points
-    fit a projection only after VIEWPOINT is taken off them, they are taken as world coordinates. An
+    fit a projection only after VIEWPOINT is taken off them, they are taken as world coordinates. Axes of
+    OpenGL, ARKit and Blender (y up, z backwards) and of vehicles (x forward, z up) are recognised, and the
+    scan has a warning that names them; the points keep the coordinates that they have in the file. An
     unorganised cloud with a VIEWPOINT becomes the spherical image that `scan_from_station` makes of it. The
     projection comes from `intrinsics`, a file of ours states it, else it is estimated from the points.
 
@@ -277,13 +280,40 @@ def _organised_scan(
     elif not any(np.isfinite(points[rows]).any() for rows in row_blocks(shape, points)):
         raise InputError("no point in it is finite; give --intrinsics FX,FY,CX,CY to read an empty scan")
     else:
-        return fitted_scan(
-            points, pose, held.colour, name, intensity=held.intensity, file_from_sensor=Pose.identity()
-        )
+        return _told_scan(points, pose, held, name)
     if projection.shape != shape:
         raise InputError(f"its comments describe {projection.shape}, WIDTH and HEIGHT say otherwise")
     scan = organised_scan(points, projection, pose, held.colour, name, intensity=held.intensity)
     return apply_header(scan, ours)
+
+
+def _told_scan(points: FloatArray, pose: Pose, held: _PcdColumns, name: str) -> RangeImage:
+    """The scan of organised points whose projection, and whose sensor's axes, they tell themselves."""
+    images: dict[str, Any] = {"colour": held.colour, "name": name, "intensity": held.intensity}
+    try:
+        fit = fit_axes(points, pose)
+    except InputError as unfit:
+        with suppress(InputError):  # columns after a full turn, or rows over the zenith
+            return fitted_scan(points, pose, **images, file_from_sensor=Pose.identity())
+        raise unfit
+    if fit.axes:
+        scan = organised_scan(fit.points, fit.projection, pose @ fit.theirs_from_ours, **images)
+    else:
+        scan = fitted_scan(fit.points, pose, **images, file_from_sensor=Pose.identity())
+    return scan.add_warnings(_axes_doubts(fit))
+
+
+def _axes_doubts(fit: AxesFit) -> Iterator[str]:
+    """What is unusual about the axes of an organised cloud's sensor."""
+    if fit.axes:
+        yield f"its points have {fit.axes}: they are read so and keep their coordinates"
+    camera = fit.projection
+    if isinstance(camera, PinholeProjection) and camera.fx * camera.fy < 0:
+        order = "columns run right to left" if camera.fx < 0 else "rows run from bottom to top"
+        yield (
+            f"its {order}: either its image was flipped, or its axes are left-handed and the scene is "
+            "mirrored; if so, change the sign of one coordinate"
+        )
 
 
 def _is_nowhere(_: slice, points: NDArray[Any]) -> BoolArray:

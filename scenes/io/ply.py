@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from shutil import copyfileobj
+from struct import Struct
 from tempfile import SpooledTemporaryFile
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError, check_faces, check_vectors
+from scenes.io.documents import as_utf8, decode_text
 from scenes.io.guard import check_file, guard_reading
 from scenes.io.limits import check_limit
 from scenes.run.atomic import atomic_path
@@ -31,8 +33,18 @@ _NO_HEADER = "not a PLY file: no header from 'ply' to 'end_header'"
 
 
 @dataclass(slots=True)
-class _PlyElement:
-    """An element: its rows, and its properties as (name, type of a list's length or "", type)."""
+class PlyElement:
+    """An element of a PLY.
+
+    Attributes
+    ----------
+    name : str
+        "vertex", "face" and others.
+    count : int
+        Its rows.
+    properties : list of (str, str, str)
+        Name, type of a list's length or "", and type, as numpy calls types.
+    """
 
     name: str
     count: int
@@ -40,6 +52,7 @@ class _PlyElement:
 
     @property
     def lists(self) -> int:
+        """How many of the properties are lists."""
         return sum(bool(length) for _, length, _ in self.properties)
 
 
@@ -49,7 +62,7 @@ def check_ply(data: bytes) -> int:
     Raises InputError: no PLY; another number of rows, bytes or numbers than announced; polygons with
     different numbers of corners in a binary file.
     """
-    order, elements, start = _parse_header(data)
+    order, elements, start = parse_header(data)
     for element in elements:
         check_limit(
             "faces" if element.name == "face" else "points", element.count, f"its {element.name} rows"
@@ -61,6 +74,75 @@ def check_ply(data: bytes) -> int:
     if not {"x", "y", "z"} <= {name for name, _, _ in vertex.properties} or vertex.lists:
         raise InputError("its vertices need x, y, z, and no lists")
     return _check_text(data[start:], elements) if order == "" else _check_binary(data, start, elements, order)
+
+
+def plain_ply(data: bytes) -> bytes:
+    """Return the bytes of a PLY with its header in UTF-8, its vertices without lists; as they are where so.
+
+    Raises InputError: as `parse_header`; lists of vertices that are cut short, or, in a binary file, of
+    vertices behind another element.
+    """
+    order, elements, start = parse_header(data)
+    number = next((k for k, element in enumerate(elements) if element.name == "vertex"), None)
+    head = as_utf8(data[:start])
+    if number is None or not elements[number].lists:
+        return data if head == data[:start] else head + data[start:]
+    vertex = elements[number]
+    check_limit("points", vertex.count, "its vertex rows")
+    if order:
+        if number:
+            raise InputError("its vertices are not its first element; save it with vertices first")
+        rows, end = _scalars_of_rows(data, start, vertex, order)
+        return _without_lists(head) + rows + data[end:]
+    lines = data[start:].decode("ascii", errors="replace").splitlines()
+    first = sum(element.count for element in elements[:number])
+    stretch = slice(first, first + vertex.count)
+    _check_lists(vertex, lines[stretch], first)
+    lines[stretch] = [_scalars_of_line(line, vertex) for line in lines[stretch]]
+    return _without_lists(head) + "\n".join(lines).encode()
+
+
+def _without_lists(head: bytes) -> bytes:
+    """A header whose vertices have no lists."""
+    kept, element = list[str](), ""
+    for line in head.decode("utf-8").splitlines():
+        words = line.split()
+        element = words[1] if words[:1] == ["element"] else element
+        if element != "vertex" or words[:2] != ["property", "list"]:
+            kept.append(line)
+    return "\n".join([*kept, ""]).encode()
+
+
+def _scalars_of_line(line: str, element: PlyElement) -> str:
+    """A checked row of text without its lists."""
+    words, kept, place = line.split(), list[str](), 0
+    for _, length, _ in element.properties:
+        if not length:
+            kept.append(words[place])
+        place += 1 + (int(words[place]) if length else 0)
+    return " ".join(kept)
+
+
+def _scalars_of_rows(data: bytes, at: int, element: PlyElement, order: str) -> tuple[bytes, int]:
+    """Binary rows without their lists, which may differ in length, and where they end."""
+    steps = [
+        (Struct(order + np.dtype(length).char) if length else None, np.dtype(kind).itemsize)
+        for _, length, kind in element.properties
+    ]
+    kept = bytearray()
+    for row in range(element.count):
+        for length, size in steps:
+            if length is None:
+                kept += data[at : at + size]
+                at += size
+            elif at + length.size <= len(data):
+                held = int(length.unpack_from(data, at)[0])
+                if held < 0:
+                    raise InputError(f"row {row + 1} of {element.name} has a list of {held} entries")
+                at += length.size + held * size
+            if at > len(data):
+                raise InputError(f"truncated: {element.count:,} of {element.name} announced, {row:,} present")
+    return bytes(kept), at
 
 
 def has_faces(path: Path) -> bool:
@@ -83,10 +165,14 @@ def header_lines(data: bytes) -> tuple[list[str], int]:
     start = data.find(b"\n", end) + 1
     if not data.startswith(b"ply") or end < 0 or start == 0:
         raise InputError(_NO_HEADER)
-    return data[:end].decode("utf-8", errors="replace").splitlines()[1:], start
+    return decode_text(data[:end]).splitlines()[1:], start
 
 
-def _parse_header(data: bytes) -> tuple[str, list[_PlyElement], int]:
+def parse_header(data: bytes) -> tuple[str, list[PlyElement], int]:
+    """Return the byte order ("" for text), the elements of a PLY, and where its rows begin.
+
+    Raises InputError: no PLY, or a header with a line that is none.
+    """
     lines, stop = header_lines(data)
     encoding, elements = "", []
     for line in lines:
@@ -96,7 +182,7 @@ def _parse_header(data: bytes) -> tuple[str, list[_PlyElement], int]:
         elif words[:1] == ["element"]:
             if len(words) != 3 or not (words[2].isascii() and words[2].isdigit()):
                 raise InputError(f"its header has the line {line.strip()[:60]!r}, which announces no element")
-            elements.append(_PlyElement(words[1], int(words[2])))
+            elements.append(PlyElement(words[1], int(words[2])))
         elif words[:1] == ["property"]:
             if not elements:
                 raise InputError(f"its header has the line {line.strip()[:60]!r} before any element")
@@ -114,7 +200,7 @@ def _property(words: list[str], line: str) -> tuple[str, str, str]:
     raise InputError(f"its header has the line {line.strip()[:60]!r}, which is no property")
 
 
-def _check_text(body: bytes, elements: list[_PlyElement]) -> int:
+def _check_text(body: bytes, elements: list[PlyElement]) -> int:
     """Check a text file, a row a line."""
     lines = body.decode("ascii", errors="replace").rstrip().splitlines()
     announced = sum(element.count for element in elements)
@@ -134,7 +220,7 @@ def _check_text(body: bytes, elements: list[_PlyElement]) -> int:
     return n_faces
 
 
-def _check_numbers(element: _PlyElement, rows: list[str], at: int) -> None:
+def _check_numbers(element: PlyElement, rows: list[str], at: int) -> None:
     needed = len(element.properties)
     try:
         width = np.loadtxt(rows, ndmin=2, comments=None).shape[1]
@@ -144,7 +230,7 @@ def _check_numbers(element: _PlyElement, rows: list[str], at: int) -> None:
         raise InputError(f"row {at + 1} after the header has {width} numbers, a {element.name} has {needed}")
 
 
-def _check_lists(element: _PlyElement, rows: list[str], at: int) -> int:
+def _check_lists(element: PlyElement, rows: list[str], at: int) -> int:
     """Check rows with lists, and return the triangles where they are faces."""
     n_faces = 0
     for number, row in enumerate(rows, start=at + 1):
@@ -168,7 +254,7 @@ def _check_lists(element: _PlyElement, rows: list[str], at: int) -> int:
     return n_faces
 
 
-def _triangles(element: _PlyElement, corners: int, number: int) -> int:
+def _triangles(element: PlyElement, corners: int, number: int) -> int:
     if element.name != "face":
         return 0
     if corners < 3:
@@ -176,7 +262,7 @@ def _triangles(element: _PlyElement, corners: int, number: int) -> int:
     return corners - 2
 
 
-def _check_binary(data: bytes, start: int, elements: list[_PlyElement], order: str) -> int:
+def _check_binary(data: bytes, start: int, elements: list[PlyElement], order: str) -> int:
     """Check a binary file, in which all lists of one property have one length."""
     n_faces, at = 0, start
     for element in elements:
@@ -202,7 +288,7 @@ def _check_binary(data: bytes, start: int, elements: list[_PlyElement], order: s
     return n_faces
 
 
-def _row(data: bytes, at: int, element: _PlyElement, order: str) -> tuple[np.dtype[np.void], dict[str, int]]:
+def _row(data: bytes, at: int, element: PlyElement, order: str) -> tuple[np.dtype[np.void], dict[str, int]]:
     """The type of a row, the lengths of its lists as they stand in the first one."""
     fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]] = []
     lengths: dict[str, int] = {}

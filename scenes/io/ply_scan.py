@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from scenes.io.header import (
     scan_header,
     to_comments,
 )
-from scenes.io.ply import TYPES, header_lines, read_mesh_ply, write_mesh_ply
+from scenes.io.ply import PlyElement, parse_header, plain_ply, read_mesh_ply, write_mesh_ply
 from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage, without_saturated
 
@@ -81,102 +81,69 @@ def read_scan_ply(path: Path) -> RangeImage:
     return scan_from_header(header, ranges, colour=colour, sensor_points=sensor_points, intensity=light)
 
 
-@dataclass(slots=True)
-class _Vertices:
-    """Where the vertices stand, from the header."""
-
-    encoding: str = ""
-    n: int = -1
-    names: list[str] = field(default_factory=list)
-    types: list[str] = field(default_factory=list)
-    lines_before: int = 0
-    rows: int = 0  # of all elements
-
-
 def read_ply_points(path: Path) -> RawPoints:
     """Return points, and normals, colours and labels (property `label`) where the file has some.
 
-    Raises InputError: no PLY, truncated, vertices without x, y, z, or behind another element in a binary
-    file.
+    Lists of vertices are skipped. Raises InputError: no PLY, truncated, vertices without x, y, z, or behind
+    another element in a binary file.
     """
-    data = path.read_bytes()
-    lines, start = header_lines(data)
-    vertices = _parse_header(lines)
-    missing = {"x", "y", "z"} - set(vertices.names)
-    if vertices.n < 0 or missing:
-        raise InputError(f"its vertices have the properties {vertices.names}; x, y, z are needed")
-    if vertices.encoding == "ascii":
-        column = _read_ascii(data[start:], vertices)
-    else:
-        column = _read_binary(data, start, vertices)
+    data = plain_ply(path.read_bytes())
+    order, elements, start = parse_header(data)
+    names = [element.name for element in elements]
+    vertex = elements[names.index("vertex")] if "vertex" in names else PlyElement("vertex", 0)
+    types = {name: kind for name, _, kind in vertex.properties}
+    if not {"x", "y", "z"} <= types.keys():
+        raise InputError(f"its vertices have the properties {list(types)}; x, y, z are needed")
+    column = _read_binary(data, start, elements, order) if order else _read_text(data[start:], elements)
     points = np.stack([column[axis] for axis in "xyz"], axis=-1)
     normals, colour = (
-        np.stack([column[name] for name in names], axis=-1) if set(names) <= set(vertices.names) else None
-        for names in (("nx", "ny", "nz"), ("red", "green", "blue"))
+        np.stack([column[name] for name in wanted], axis=-1) if types.keys() >= set(wanted) else None
+        for wanted in (("nx", "ny", "nz"), ("red", "green", "blue"))
     )
-    painted = None if colour is None else _bytes(colour, vertices)
+    painted = None if colour is None else _bytes(colour, is_real=types["red"].startswith("f"))
     return RawPoints(points, normals, colour=painted, label=column.get("label"))
 
 
-def _bytes(colour: FloatArray, vertices: _Vertices) -> ColourArray:
+def _bytes(colour: FloatArray, *, is_real: bool) -> ColourArray:
     """Colours as 0..255; those of real type are 0..1."""
-    is_real = vertices.types[vertices.names.index("red")].startswith("f")
     return np.asarray(np.rint(np.clip(colour * 255 if is_real else colour, 0, 255)), dtype=np.uint8)
 
 
-def _parse_header(lines: list[str]) -> _Vertices:
-    """Return the vertex element; what stands before it is only counted."""
-    vertices, element, skipped = _Vertices(), "", 0
-    for line in lines:
-        words = line.split()
-        if words[:1] == ["format"]:
-            vertices.encoding = words[1]
-        elif words[:1] == ["element"]:
-            element = words[1]
-            if element == "vertex":
-                vertices.n, vertices.lines_before = int(words[2]), skipped
-            skipped += int(words[2])
-            vertices.rows = skipped
-        elif words[:1] == ["property"] and element == "vertex":
-            if words[1] == "list":
-                raise InputError("its vertices have a list property, which cannot be read")
-            vertices.types.append(TYPES[words[1]])
-            vertices.names.append(words[2])
-    if vertices.encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
-        raise InputError(f"has the unknown format {vertices.encoding!r}")
-    return vertices
-
-
-def _read_ascii(data: bytes, vertices: _Vertices) -> dict[str, FloatArray]:
-    present = data.decode("ascii", errors="replace").rstrip().splitlines()
-    if len(present) != vertices.rows:
+def _read_text(data: bytes, elements: Sequence[PlyElement]) -> dict[str, FloatArray]:
+    """Columns of the vertices by name."""
+    present, announced = data.decode("ascii", errors="replace").rstrip().splitlines(), 0
+    lines, vertex = list[str](), elements[0]
+    for element in elements:
+        if element.name == "vertex":
+            lines, vertex = present[announced:][: element.count], element
+        announced += element.count
+    if len(present) != announced:
         raise InputError(
-            f"truncated or edited: {vertices.rows} rows announced ({vertices.n} of vertices), "
+            f"truncated or edited: {announced} rows announced ({vertex.count} of vertices), "
             f"{len(present)} present"
         )
-    lines = present[vertices.lines_before :][: vertices.n]
+    names = [name for name, _, _ in vertex.properties]
     if not lines:
-        return {name: np.zeros(0) for name in vertices.names}
-    table = np.loadtxt(lines, ndmin=2, usecols=range(len(vertices.names)))
-    return {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(vertices.names)}
+        return {name: np.zeros(0) for name in names}
+    table = np.loadtxt(lines, ndmin=2, usecols=range(len(names)))
+    return {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(names)}
 
 
-def _read_binary(data: bytes, start: int, vertices: _Vertices) -> dict[str, FloatArray]:
-    if vertices.lines_before:
+def _read_binary(
+    data: bytes, start: int, elements: Sequence[PlyElement], order: str
+) -> dict[str, FloatArray]:
+    """Columns of the vertices by name."""
+    vertex = elements[0]
+    if vertex.name != "vertex":
         raise InputError("its vertices are not its first element; save it with vertices first")
-    order = "<" if vertices.encoding == "binary_little_endian" else ">"
-    dtype = np.dtype(
-        [(name, order + kind) for name, kind in zip(vertices.names, vertices.types, strict=True)]
-    )
-    if start + vertices.n * dtype.itemsize > len(data):
-        raise InputError(
-            f"truncated: {vertices.n} vertices take {vertices.n * dtype.itemsize} bytes, "
-            f"{len(data) - start} left"
-        )
-    if vertices.rows == vertices.n and start + vertices.n * dtype.itemsize < len(data):
-        raise InputError(f"has {len(data) - start} bytes for {vertices.n} vertices of {dtype.itemsize} bytes")
-    table = np.frombuffer(data, dtype, vertices.n, start)
-    return {name: table[name].astype(np.float64) for name in vertices.names}
+    dtype = np.dtype([(name, order + kind) for name, _, kind in vertex.properties])
+    needed, held = vertex.count * dtype.itemsize, len(data) - start
+    if needed > held:
+        raise InputError(f"truncated: {vertex.count} vertices take {needed} bytes, {held} left")
+    if not any(element.count for element in elements[1:]) and needed < held:
+        raise InputError(f"has {held} bytes for {vertex.count} vertices of {dtype.itemsize} bytes")
+    table = np.frombuffer(data, dtype, vertex.count, start)
+    return {name: table[name].astype(np.float64) for name in dtype.names or ()}
 
 
 def _points(path: Path, number: int | None) -> RawPoints:

@@ -23,7 +23,7 @@ from scenes.io.format import RawPoints, Units, format_of, point_suffixes, points
 from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import is_mesh
 from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
-from scenes.io.scene_files import load_scene
+from scenes.io.scene_files import load_scene, rounding_doubts
 from scenes.limits import LARGE_PART_M
 from scenes.mesh.labelled_mesh import LabelledMesh
 
@@ -140,6 +140,7 @@ def _cloud(raw: RawPoints, metres: float, name: str) -> PointCloud:
     if not kept.all():
         n_left = int((~kept).sum())
         warnings += (f"{n_left} of {len(kept)} points are not finite or lie beyond 1e12 m and were left out",)
+    warnings += rounding_doubts(raw.points[kept], metres)
     if normals is not None:
         normals = np.nan_to_num(normals[kept], nan=0.0, posinf=0.0, neginf=0.0)
     if origins is not None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import weakref
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.io.format import Format, RawPoints, each_cloud, each_scan, write_single
-from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fitted_scan
+from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fit_grid, fitted_scan
 from scenes.io.guard import check_size
 from scenes.io.header import checked_bytes, not_finite_warnings
 from scenes.io.trajectory import rounded_pose
@@ -22,7 +23,7 @@ from scenes.pose import Pose
 from scenes.run.atomic import atomic_path
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
-from scenes.scan.pixels import finite_points
+from scenes.scan.pixels import finite_points, move_points
 from scenes.scan.range_image import RangeImage
 
 _NO_INTENSITY = 0.5  # what stands for an intensity that is not known
@@ -33,10 +34,14 @@ _HEADER_LINES = 10  # columns, rows, 4 lines of scanner position and axes, 4 of 
 
 
 class _Header(NamedTuple):
-    """Rows and columns of a scan, and its transform (4, 4) as it stands in the file."""
+    """Rows and columns of a scan, its transform (4, 4) as it stands in the file, and where it may stand too.
+
+    `stated` are the poses that the scanner's position and axes give, where the transform says nothing.
+    """
 
     shape: tuple[int, int]
     transform: FloatArray
+    stated: tuple[Pose, ...]
 
 
 class PtxFile:
@@ -64,18 +69,21 @@ class PtxFile:
 
     def is_empty(self, index: int) -> bool:
         """Tell whether scan `index` (from 0) has no rows and columns."""
-        return self._begin(index)[1] == (0, 0)
+        return self._begin(index)[1].shape == (0, 0)
 
     def scan(self, index: int) -> RangeImage:
         """Return scan `index` (from 0).
 
         Points are in the scanner's frame (z up) and run column by column; pixel (row, column) keeps the
         file's order, so rows usually run upwards. The translation of the transform is its last line. The
-        projection is estimated from the points.
+        projection is estimated from the points. Where none explains them and the transform is the identity,
+        points are taken as world coordinates around the scanner's position in the header, with a warning.
+        Lines shorter than others are beams without return.
 
         Raises InputError: without points, not rigid, or no projection explains the grid.
         """
-        pose, (rows, columns) = self._begin(index)
+        pose, header = self._begin(index)
+        rows, columns = header.shape
         organised = allocate((rows, columns, 3), np.float64)
         points, light = organised.reshape(-1, 3), allocate((rows, columns), np.float32)
         colour: ColourArray | None = None
@@ -99,23 +107,26 @@ class PtxFile:
         for image in (points, organised, light, colour):
             if image is not None:
                 image.setflags(write=False)
+        placed = _place(organised, header.stated)
         scan = fitted_scan(
-            organised,
-            world_from_sensor=pose @ SCANNER_FROM_SENSOR,
+            placed.points,
+            world_from_sensor=pose @ placed.world_from_scanner @ SCANNER_FROM_SENSOR,
             colour=colour,
             name=f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem,
             intensity=light if has_light else None,
         )
-        return scan.add_warnings(not_finite_warnings(n_bad, rows * columns))
+        return scan.add_warnings((*placed.warnings, *not_finite_warnings(n_bad, rows * columns)))
 
     def points(self, index: int) -> RawPoints:
         """Return all points of scan `index` (from 0) in the world, and where the scanner stood.
 
-        No projection is needed.
+        No projection is needed, but to tell whether the scanner stood in the header's position.
 
         Raises InputError: there is no such scan, or its pose is not rigid.
         """
-        pose, (rows, columns) = self._begin(index)
+        origin = self._origin(index)
+        pose, header = self._begin(index)
+        rows, columns = header.shape
         world, kept = np.empty((rows * columns, 3)), np.zeros(rows * columns, np.bool_)
         colour: ColourArray | None = None
         for start, table in self._tables(rows * columns):
@@ -127,32 +138,45 @@ class PtxFile:
                 colour = np.empty((rows * columns, 3), np.uint8) if colour is None else colour
                 colour[pixel] = checked_bytes(known[:, 4:])
         colour = None if colour is None else colour[kept]
-        return RawPoints(world[kept], origins=pose.translation, colour=colour)
+        return RawPoints(world[kept], origins=origin, colour=colour)
 
-    def _begin(self, index: int) -> tuple[Pose, tuple[int, int]]:
-        """World from scanner, and the rows and columns, of scan `index`, whose numbers come next."""
+    def _origin(self, index: int) -> FloatArray:
+        """Where the scanner stood: by the transform, or where that says nothing as the points show."""
+        pose, header = self._begin(index)
+        if not header.stated:
+            return pose.translation
+        try:
+            return self.scan(index).origin
+        except InputError:
+            return pose.translation
+
+    def _begin(self, index: int) -> tuple[Pose, _Header]:
+        """World from scanner, and the header, of scan `index`, whose numbers come next."""
         if not 0 <= index < len(self):
             raise InputError(f"there is no scan {index + 1}: there are {len(self)}")
         self._file.seek(self._starts[index])
         header = self._header()
         if header is None:
             raise InputError(f"scan {index + 1} is gone: was the file changed?")
-        return rounded_pose(header.transform.T), header.shape  # for row vectors: translation is the last line
+        return rounded_pose(header.transform.T), header  # for row vectors: translation is the last line
 
     def _tables(self, n: int) -> Iterator[tuple[int, FloatArray]]:
         """Numbers (m, 4 or 7) of the next n points, at most `_CHUNK` at a time, and the first one's index."""
-        n_numbers = 0
+        n_numbers, has_return = 0, False
         for start in range(0, n, _CHUNK):
             n_lines = min(_CHUNK, n - start)
             try:
-                table = np.loadtxt(self._lines(n_lines), dtype=np.float64, ndmin=2)
+                table = _table(list(self._lines(n_lines)), max(n_numbers, _WITHOUT_COLOUR), start)
+            except InputError:
+                raise
             except ValueError as error:  # numpy counts from the chunk's first line
                 row = re.search(r"(?<=at row )\d+", str(error))
                 text = (
                     str(error).replace(f"row {row[0]}", f"row {start + int(row[0])}") if row else str(error)
                 )
                 raise ValueError(text) from error
-            n_numbers = n_numbers or table.shape[1]
+            n_numbers = table.shape[1] if not has_return else n_numbers
+            has_return |= bool(np.nan_to_num(table[:, :3]).any())
             if table.shape[1] not in (_WITHOUT_COLOUR, _WITH_COLOUR):
                 raise InputError(f"points have {table.shape[1]} numbers; expected x y z intensity [r g b]")
             if table.shape != (n_lines, n_numbers):
@@ -163,12 +187,12 @@ class PtxFile:
             yield start, table
 
     def _lines(self, n: int) -> Iterator[str]:
-        """The next n lines; unlike the file's own iterator this leaves it able to tell its place."""
-        return islice(iter(self._file.readline, ""), n)
+        """The next n lines that are not blank; unlike the file's own iterator this can tell its place."""
+        return islice(filter(str.strip, iter(self._file.readline, "")), n)
 
     def _header(self) -> _Header | None:
         """The header of the next scan, None at the end of the file."""
-        lines = [line for line in self._lines(_HEADER_LINES) if line.strip()]
+        lines = list(self._lines(_HEADER_LINES))
         if not lines:
             return None
         if len(lines) < _HEADER_LINES:
@@ -179,7 +203,73 @@ class PtxFile:
         columns, rows = int(numbers[0][0]), int(numbers[1][0])
         if (rows, columns) != (0, 0):
             check_size(rows, columns)
-        return _Header((rows, columns), np.array(numbers[6:]))
+        transform = np.array(numbers[6:])
+        stated = _stated(np.array(numbers[2:6])) if np.allclose(transform, np.eye(4)) else ()
+        return _Header((rows, columns), transform, stated)
+
+
+def _stated(rows: FloatArray) -> tuple[Pose, ...]:
+    """World from scanner by its position and three axes, a row each, and upright; none in the origin."""
+    if not (np.isfinite(rows).all() and rows[0].any()):
+        return ()
+    upright = Pose.from_parts(np.eye(3), rows[0])
+    try:
+        return Pose.from_parts(rows[1:].T, rows[0]), upright
+    except InputError:
+        return (upright,)
+
+
+class _Placed(NamedTuple):
+    """A grid of points in the sensor's frame, and where the scanner stood."""
+
+    points: FloatArray
+    world_from_scanner: Pose
+    warnings: tuple[str, ...] = ()
+
+
+def _place(points: FloatArray, stated: tuple[Pose, ...]) -> _Placed:
+    """Points (rows, columns, 3) as they are; where nothing fits them, around the pose that is stated."""
+    as_they_are = _Placed(points, Pose.identity())
+    if not stated or _fits(points):
+        return as_they_are
+    for pose in stated:
+        local = move_points(points, _SENSOR_FROM_SCANNER @ pose.inverse() @ SCANNER_FROM_SENSOR)
+        if _fits(local):
+            x, y, z = pose.translation
+            sentence = (
+                "its points are world coordinates and its transform is the identity: the scanner's "
+                f"position in the header, ({x:.10g}, {y:.10g}, {z:.10g}), was used"
+            )
+            return _Placed(local, pose, (sentence,))
+    return as_they_are
+
+
+def _fits(points: FloatArray) -> bool:
+    """Whether some projection explains points (rows, columns, 3)."""
+    with suppress(InputError):
+        fit_grid(points)
+        return True
+    return False
+
+
+def _table(lines: list[str], n_numbers: int, start: int) -> FloatArray:
+    """Numbers of lines of points, the first of which is point `start`, at least `n_numbers` a line.
+
+    Shorter lines are beams without return. Raises ValueError or InputError: a line that is neither.
+    """
+    with suppress(ValueError):
+        table = np.loadtxt(lines, dtype=np.float64, ndmin=2)
+        if table.shape[1] >= n_numbers:
+            return table
+    words = [line.split() for line in lines]
+    most = max(n_numbers, *map(len, words))
+    for number, row in enumerate(words, start=start + 1):
+        if len(row) < most and np.nan_to_num([float(word) for word in row[:3]]).any():
+            raise InputError(
+                f"point {number} has {len(row)} numbers, {most} are needed; only beams without return "
+                "(0 0 0) may have fewer: save all points with colour, or none"
+            )
+    return np.loadtxt([" ".join([*row, *["0"] * (most - len(row))]) for row in words], ndmin=2)
 
 
 def write_ptx(scan: RangeImage, path: Path) -> None:

@@ -286,5 +286,5 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
             scan = scan_from_station(cloud.points, origin, cloud.name, cloud.colour)
             scans.append(scan.add_warnings(cloud.warnings))
         except InputError as error:
-            raise InputError(f"{path}: {error}") from error
+            raise InputError(f"{path}: {'; '.join([str(error), *cloud.warnings])}") from error
     return scans

@@ -33,15 +33,17 @@ from scenes.world.scene import Mode, Scene
 _MOST_SHARED = 2  # faces at an edge of a surface
 
 
-def mesh_doubts(mesh: LabelledMesh) -> tuple[str, ...]:
+def mesh_doubts(mesh: LabelledMesh, metres: float = 1.0) -> tuple[str, ...]:
     """Return warnings: faces without area, twice there, the other way round; coordinates that are rounded.
+
+    `metres` is the unit of its vertices.
 
     Raises InputError: no face has an area, so that no ray can hit any.
     """
     has_area = mesh.face_areas() > 0
     if not has_area.any():
         raise InputError(f"none of its {len(mesh.faces)} faces has an area, so that no ray can hit any")
-    return (*_face_doubts(mesh, has_area), *_coordinate_doubts(mesh.vertices))
+    return (*_face_doubts(mesh, has_area), *rounding_doubts(mesh.vertices, metres))
 
 
 def _face_doubts(mesh: LabelledMesh, has_area: BoolArray) -> Iterator[str]:
@@ -89,15 +91,20 @@ def _keys(edges: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(edges[:, 0] << np.int64(32) | edges[:, 1], dtype=np.int64)
 
 
-def _coordinate_doubts(vertices: FloatArray) -> Iterator[str]:
-    """A warning where coordinates went through 32-bit floats too far from the origin."""
-    largest = np.float32(np.abs(vertices).max())
-    step = float(np.spacing(largest))
-    if step > FINE_M and (vertices.astype(np.float32) == vertices).all():
-        yield (
-            f"coordinates up to {largest:.4g} m are stored in 32 bits, so they are rounded to steps of "
-            f"{step:.2g} m; save the file about an origin of its own"
-        )
+def rounding_doubts(points: FloatArray, metres: float) -> tuple[str, ...]:
+    """Return a warning where points (n, 3), as the file holds them, went through 32-bit floats too far away.
+
+    `metres` is their unit.
+    """
+    largest = np.abs(points).max(axis=0, initial=0.0)
+    steps = np.unique(np.spacing(largest.astype(np.float32)) * metres)
+    if not steps[-1] > FINE_M or not (points.astype(np.float32) == points).all():
+        return ()
+    rounded = " and ".join(f"{step:.2g}" for step in steps if step > FINE_M)
+    return (
+        f"coordinates up to {largest.max() * metres:.4g} m are stored in 32 bits, so they are rounded to "
+        f"steps of {rounded} m; save the file about an origin of its own",
+    )
 
 
 _NAMELESS = re.compile(
@@ -167,7 +174,7 @@ def load_scene(
         mesh, names = _join(file, parts)
         if len(mesh.faces) != held.n_faces:
             raise InputError(f"holds {held.n_faces} faces, of which {len(mesh.faces)} can be read")
-        doubts = mesh_doubts(mesh)
+        doubts = mesh_doubts(mesh, metres)
         mesh = LabelledMesh(
             world_from_file_up(up).apply(mesh.vertices * metres),
             mesh.faces,

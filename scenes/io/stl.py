@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
+from scenes.io.documents import as_utf8
 from scenes.io.limits import check_limit
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.mesh_parts import local_origin
@@ -33,15 +34,23 @@ def write_stl(mesh: LabelledMesh, path: Path) -> None:
     write_bytes(path, header + np.uint32(len(table)).astype("<u4").tobytes() + table.tobytes())
 
 
-def check_stl(file: Path) -> int:
-    """Return how many triangles an STL file holds, text or binary.
+def plain_stl(data: bytes) -> bytes:
+    """Return the bytes of an STL file; text in UTF-8."""
+    return as_utf8(data) if _is_text(data) else data
+
+
+def _is_text(data: bytes) -> bool:
+    start = data[:1024].lower()
+    return start.lstrip()[:5] == b"solid" and b"facet" in start
+
+
+def check_stl(data: bytes) -> int:
+    """Return how many triangles the bytes of an STL file hold, text or binary.
 
     Raises InputError: a binary file that is not as long as its count of triangles says, a text that is cut
     short or has corners that are not three numbers.
     """
-    data = file.read_bytes()
-    start = data[:1024].lower()
-    if start.lstrip()[:5] == b"solid" and b"facet" in start:
+    if _is_text(data):
         return _check_text(data.lower())
     announced = int.from_bytes(data[80:84], "little")
     expected = _HEADER + 4 + _TRIANGLE.itemsize * announced

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError, freeze_arrays
-from scenes.io.documents import parse_json
+from scenes.io.documents import decode_text, parse_json
 from scenes.io.format import (
     NO_RAYS,
     Format,
@@ -33,6 +33,14 @@ _COMMENT = re.compile(r"[ \t]*(?:#|//|%|!)[^\n]*")
 TEXT_TAG = "# unseen "  # begins the line that holds pose and projection of a scan of ours
 _EMPTY_FIELD = re.compile(r"(?m)(?:^|(?<=\t)) *(?=\t)")  # of tab-separated text
 _NAME = re.compile(r"[a-z]+")
+_LETTER = re.compile(r"[^\W\d_]")
+_QUOTED = re.compile(r'"([^"\n]*)"')
+_AXES = {  # names of columns, the plainest first
+    "x": ("x", "easting", "east", "e", "rechtswert"),  # German surveyors: right, high, height
+    "y": ("y", "northing", "north", "n", "hochwert"),
+    "z": ("z", "elevation", "elev", "height", "el", "h", "up", "u", "höhe"),
+}
+_COUNTED = 10  # points from which a first column that counts them is their number
 _SHOWN = 200  # characters of names in a warning
 _MAX_HEADER = 200  # lines; a file without a point in that many is no point file
 _CURE = "correct the line, or mark it as a comment with #"
@@ -73,6 +81,7 @@ class _Layout:
     warnings: tuple[str, ...] = ()
     normals_are_named: bool = False
     has_label: bool = False
+    may_count: bool = False  # no column is named, and there are more than three
 
 
 def read_point_table(path: Path) -> PointTable:
@@ -80,12 +89,13 @@ def read_point_table(path: Path) -> PointTable:
 
     Fields are separated by blanks, tabs, commas or semicolons; decimal commas are known where something
     else separates the fields. Lines may end in any way; `#`, `//`, `%` and `!` begin comments. Lines of names
-    may stand before the points and say which columns are x, y, z (nx, ny, nz, label); without them the first
-    three columns are taken, and three more are normals where all have length one. A first line with one
+    may stand before the points and say which columns are x, y, z (nx, ny, nz, label), or easting, northing
+    and elevation (P, N, E, Z, D); without them the first three columns are taken, and three more are normals
+    where all have length one. A first line with one
     integer announces how many points follow (.pts, and the reference sets of NIST).
 
-    Raises InputError: no text, no points, a line that is no point (with its number), or another count than
-    announced.
+    Raises InputError: no text, no points, a line that is no point (with its number), another count than
+    announced, or a first column without a name that counts the points.
     """
     lines = _clean(_decode(path)).split("\n")
     layout = _layout(lines)
@@ -94,6 +104,11 @@ def read_point_table(path: Path) -> PointTable:
         raise InputError(
             f"its first line announces {layout.count} points, {len(table)} follow: is it truncated, or are "
             "there several clouds in it? correct or remove that line"
+        )
+    if layout.may_count and len(table) >= _COUNTED and (np.diff(table[:, 0]) == 1).all():
+        raise InputError(
+            f"its first column counts from {table[0, 0]:.0f} to {table[-1, 0]:.0f}, so it numbers the "
+            "points; name the columns in the first line (P,N,E,Z,D or point,x,y,z)"
         )
     label = table[:, -1].copy() if layout.has_label else None
     points, more = table[:, :3], table[:, 3 : 6 if layout.normals_are_named else None]
@@ -108,26 +123,47 @@ def _decode(path: Path) -> str:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         text = data.decode("utf-16", errors="replace")
     else:
-        text = data.decode("utf-8-sig", errors="replace")
+        text = decode_text(data)
     if "\0" in text[:100_000]:
         raise InputError("is binary, not text; is its suffix right?")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _clean(text: str) -> str:
-    """Return the text without quotes, decimal commas and separators other than blanks; empty fields NaN."""
-    text = text.replace('"', "")
+    """Return the text without quotes, decimal commas and separators other than blanks; empty fields NaN.
+
+    Blanks and separators within quotes, and blanks within a field that has a separator, become _ in words.
+    """
+    text = _QUOTED.sub(lambda held: _as_word(held[1], r"[\s,;]+"), text).replace('"', "")
     has_decimal_commas = _has_decimal_commas(text.replace("\t", " "))
-    text = _with_empty_fields(text).replace("\t", " ")
+    text = _with_whole_words(_with_empty_fields(text), "\t").replace("\t", " ")
     if has_decimal_commas:
         text = text.replace(",", ".")
     for separator in ",;":
         if separator not in text:
             continue
+        text = _with_whole_words(text, separator)
         text = re.sub(rf"(?m)^ *(?={separator})", " nan ", text)
         text = re.sub(rf"{separator}(?= *{separator})", f"{separator} nan ", text)
         text = text.replace(separator, " ")
     return text
+
+
+def _as_word(field: str, gaps: str = r"\s+") -> str:
+    """A field whose gaps are _, unless it is all numbers."""
+    return re.sub(gaps, "_", field.strip()) if _LETTER.search(field) else field
+
+
+def _with_whole_words(text: str, separator: str) -> str:
+    """Return text whose fields between separators hold no blanks where they hold letters."""
+    if separator not in text:
+        return text
+    return "\n".join(
+        separator.join(map(_as_word, line.split(separator)))
+        if separator in line and _LETTER.search(line) and not _COMMENT.match(line)
+        else line
+        for line in text.split("\n")
+    )
 
 
 def _with_empty_fields(text: str) -> str:
@@ -195,6 +231,7 @@ def _data_layout(index: int, fields: list[str], names: list[str], count: int | N
         raise InputError(
             f"line {index + 1} has {len(fields)} columns, its header names {len(names)}; {_CURE}"
         )
+    may_count = not named and len(fields) > 3
     if not names and len(columns) == 6 and not all(_is_number(field) for field in fields):
         columns = (0, 1, 2)
     label = names.index("label") if named and "label" in names else len(fields)
@@ -207,14 +244,16 @@ def _data_layout(index: int, fields: list[str], names: list[str], count: int | N
         warnings,
         normals_are_named=bool(named) and len(named) == 6,
         has_label=has_label,
+        may_count=may_count,
     )
 
 
 def _columns(names: list[str], n_fields: int) -> tuple[int, ...]:
     """Return the columns of x, y, z, and of nx, ny, nz where named; nothing where x, y, z are not."""
-    if not {"x", "y", "z"} <= set(names) or len(names) < n_fields:
+    known = [next((name for name in _AXES[axis] if name in names), None) for axis in "xyz"]
+    if None in known or len(names) < n_fields:
         return ()
-    columns = [names.index(axis) for axis in "xyz"]
+    columns = [names.index(name) for name in known if name is not None]
     for normal in (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z")):
         if set(normal) <= set(names):
             return tuple(columns + [names.index(axis) for axis in normal])
@@ -225,7 +264,7 @@ def _names(line: str) -> list[str]:
     """Return the column names of a header line, lower case and without units: "X [mm]" is x."""
     plain = re.sub(r"[\[(][^\[\](\)]*[\])]", " ", line.lower())
     words = [word for word in re.split(r"[\s#/%!]+", plain) if word]
-    words = [re.sub(r"_(?:m|mm|cm|in)$", "", word) for word in words]
+    words = [re.sub(r"_+(?:m|mm|cm|in)?$", "", word).lstrip("_") or word for word in words]
     return words if any(_NAME.search(word) for word in words) else []
 
 

@@ -38,8 +38,8 @@ def test_errors_of_a_later_chunk_name_its_own_row(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(ptx, "_CHUNK", 50)
     for change, message in (
         (lambda line: line.replace(line.split()[0], "x"), "at row 123"),
-        (lambda line: " ".join(line.split()[:4]), "row"),
-        (lambda _: "", "points 101 to 150 are 49 lines of 7 numbers; expected 50 of 7"),
+        (lambda line: " ".join(line.split()[:4]), "point 124 has 4 numbers, 7 are needed"),
+        (lambda _: "", "truncated: [0-9]+ points announced, [0-9]+ present"),
     ):
         wrong = [change(line) if k == 133 else line for k, line in enumerate(lines)]
         (tmp_path / "b.ptx").write_text("\n".join(wrong) + "\n")
@@ -47,5 +47,5 @@ def test_errors_of_a_later_chunk_name_its_own_row(tmp_path: Path, monkeypatch: p
             read_scan(tmp_path / "b.ptx")
     fewer = [" ".join(line.split()[:4]) if k >= 110 else line for k, line in enumerate(lines)]
     (tmp_path / "c.ptx").write_text("\n".join(fewer) + "\n")
-    with pytest.raises(InputError, match="points 101 to 150 are 50 lines of 4 numbers; expected 50 of 7"):
+    with pytest.raises(InputError, match="point 101 has 4 numbers, 7 are needed"):
         read_scan(tmp_path / "c.ptx")

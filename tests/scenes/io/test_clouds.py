@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
+from scenes.io.describe import describe
 from scenes.io.format import ScanReturns, cloud_of, scan_of
 from scenes.io.header import scan_header
 from scenes.io.las import read_las_points
 from scenes.io.limits import limits
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan, write_scan
+from scenes.io.scan_request import ScanRequest, read_request
 from scenes.io.station import scan_from_station
 from scenes.pose import Pose
 from scenes.scan.projection import SphericalProjection
@@ -203,3 +205,29 @@ def test_colours_reach_the_points_of_every_format_that_has_them(tmp_path: Path) 
     text += "".join(f"property float {name}\n" for name in ("red", "green", "blue"))
     (tmp_path / "b.ply").write_text(text + "end_header\n1 2 3 1.0 0.5 0\n")
     np.testing.assert_array_equal(read_points(tmp_path / "b.ply").colour, [[255, 128, 0]])
+
+
+@pytest.mark.parametrize(
+    ("shift", "steps"),
+    [((691_234.5, 5_334_567.25, 512.0), "0.062 and 0.5"), ((4.2e4, 3.9e4, -30.0), "0.0039")],
+)
+def test_coordinates_in_single_precision_far_away_are_doubted_by_info_and_complete(
+    tmp_path: Path, shift: tuple[float, ...], steps: str
+) -> None:
+    scan = box_scan(shift)
+    points = scan.points()[scan.valid].astype(np.float32)
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    path = tmp_path / "a.ply"
+    path.write_bytes(head.encode() + points.tobytes())
+    doubt = f"stored in 32 bits, so they are rounded to steps of {steps} m"
+    assert any(doubt in text for text in describe(path)["warnings"])
+    request = ScanRequest((str(path),), origins=(tuple(scan.origin.tolist()),))
+    try:
+        told = read_request(request).doubts
+    except InputError as error:  # the steps are too coarse for a scan
+        told = (str(error),)
+    assert any(doubt in text for text in told)
+    near = tmp_path / "b.xyz"  # tenths of a millimetre, in text
+    np.savetxt(near, scan.points()[scan.valid], "%.4f")
+    assert not any("32 bits" in text for text in read_points(near).warnings)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Mesh PLY: properties of every type survive, other software opens it, damage is named."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 import trimesh
 
 from scenes.checks import InputError
+from scenes.io.describe import describe
 from scenes.io.ply import PlyMesh, read_mesh_ply, write_mesh_ply, write_meshes_ply
+from scenes.io.point_files import read_points
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [np.pi, 1e-9, -7e5]], dtype=np.float64)
 FACES = np.array([[0, 1, 2], [1, 3, 2]], dtype=np.int32)
@@ -162,3 +165,48 @@ def test_no_faces_keep_their_properties(tmp_path: Path) -> None:
     none = np.zeros((0, 3), np.int32)
     write_mesh_ply(tmp_path / "m.ply", VERTICES, none, face_properties={"state": np.zeros(0, np.uint8)})
     assert list(read_mesh_ply(tmp_path / "m.ply").face_properties) == ["state"]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize("lengths", [(2, 2, 2, 2), (0, 3, 1, 2)])
+@pytest.mark.parametrize("faces", [0, 1])
+def test_lists_of_vertices_are_skipped(
+    tmp_path: Path, encoding: str, lengths: tuple[int, ...], faces: int
+) -> None:
+    head = (
+        f"ply\nformat {encoding} 1.0\nelement vertex 4\nproperty float x\nproperty list uchar int view\n"
+        "property float y\nproperty double z\nproperty list uint double weight\nproperty uchar label\n"
+        f"element face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    points = np.arange(12.0).reshape(4, 3) ** 2
+    order = "<" if "little" in encoding else ">"
+    body = b""
+    for number, ((x, y, z), n) in enumerate(zip(points.tolist(), lengths, strict=True)):
+        views, weights = [7] * n, [0.5] * (n + 1)
+        row: list[float] = [x, n, *views, y, z, n + 1, *weights, number]
+        form = f"{order}fB{n}ifdI{n + 1}dB"
+        body += f"{' '.join(map(str, row))}\n".encode() if encoding == "ascii" else struct.pack(form, *row)
+    if faces:
+        body += b"3 0 1 2\n" if encoding == "ascii" else struct.pack(f"{order}B3i", 3, 0, 1, 2)
+    path = tmp_path / "a.ply"
+    path.write_bytes(head.encode() + body)
+    cloud = read_points(path)
+    np.testing.assert_allclose(cloud.points, points)
+    assert cloud.label is not None
+    np.testing.assert_array_equal(cloud.label, range(4))
+    assert describe(path)["kind"] == ("scene" if faces else "points")
+
+
+def test_lists_of_vertices_that_lie_are_refused_by_info_and_by_complete(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    head = "element vertex 4\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+    head += "property list char int view\nend_header\n"
+    for encoding, body, message in (
+        ("binary_little_endian", struct.pack("<3fb", 0, 0, 0, 0), "4 of vertex announced, 1 present"),
+        ("binary_little_endian", struct.pack("<3fb", 0, 0, 0, -3), "has a list of -3 entries"),
+        ("ascii", b"0 0 0 2 1\n" * 4, "row 1 after the header, '0 0 0 2 1', is no vertex"),
+    ):
+        path.write_bytes(f"ply\nformat {encoding} 1.0\n{head}".encode() + body)
+        for read in (read_points, describe):
+            with pytest.raises(InputError, match=message):
+                read(path)

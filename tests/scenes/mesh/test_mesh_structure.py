@@ -246,6 +246,6 @@ def test_doubts_about_faces_and_coordinates() -> None:
         assert words in doubt
     far = (meshes.SIDE + [4.5e5, 5.4e6, 100]).astype(np.float32)
     (doubt,) = mesh_doubts(mesh(sound, far))
-    assert "up to 5.4e+06 m are stored in 32 bits, so they are rounded to steps of 0.5 m" in doubt
+    assert "up to 5.4e+06 m are stored in 32 bits, so they are rounded to steps of 0.031 and 0.5 m" in doubt
     with pytest.raises(InputError, match="none of its 4 faces has an area"):
         mesh_doubts(mesh(sound, meshes.SIDE * [1, 0, 0]))
