@@ -217,7 +217,7 @@ def read_scans(
         Depth values a unit, for folders.
     poses : file or sequence of Pose, optional
         `world_from_sensor` of each scan of `path` (all of them, or as many as are picked).
-    units : "mm", "cm", "m" or "in"
+    units : "mm", "cm", "m", "in", "ft" or "us-ft"
         Unit of the lengths in the file, poses included.
 
     Raises

@@ -145,7 +145,7 @@ def load_scene(
         The file. Materials and textures beside it are only read from within its folder.
     up : "x", "y" or "z"
         Axis of the file that is up; it becomes the world's z.
-    units : "mm", "cm", "m" or "in"
+    units : "mm", "cm", "m", "in", "ft" or "us-ft"
         Unit of the file's coordinates.
     mode : "room" or "object", optional
         How to scan it; decided from the geometry when not given (see `scenes.mesh.orientation.decide_mode`).
@@ -254,7 +254,7 @@ def units_doubt(diagonal_m: float) -> str:
     if diagonal_m < SMALL_M:
         return f"the diagonal is {diagonal_m:.3g} m; if the file is not in metres give --units"
     if diagonal_m > LARGE_M:
-        return f"the diagonal is {diagonal_m:.3g} m; if the file is in mm, cm or in give --units"
+        return f"the diagonal is {diagonal_m:.3g} m; if the file is in mm, cm, in or ft give --units"
     return ""
 
 
