@@ -136,6 +136,11 @@ class RgbdFrame:
     pose: Pose | None = None
     time: float | None = None
 
+    @property
+    def images(self) -> tuple[Path, ...]:
+        """The colour image, where there is one, and the depth image."""
+        return (self.depth,) if self.colour is None else (self.colour, self.depth)
+
 
 @dataclass(frozen=True, slots=True)
 class RgbdFolder:

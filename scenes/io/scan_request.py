@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from scenes.io.point_files import read_points
 from scenes.io.scan_files import ScanSource, check_units, open_scans, spill_for, split_index
 from scenes.io.scene_files import load_scene
 from scenes.io.station import scan_from_station
-from scenes.io.trajectory import read_poses
+from scenes.io.trajectory import read_named_poses, read_poses
 from scenes.limits import LEAST_PIXELS
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.pose import Pose
@@ -235,17 +235,21 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
         return opened[base]
 
     counts = [len(source_of(base).readers) if number is None else 1 for base, number in parts]
-    if request.poses is not None and len(parts) > 1:
+    if request.poses is not None and len(parts) > 1 and not _are_named(request.poses, opened.values()):
         pose = read_poses(Path(request.poses))
         if sum(counts) != len(pose):
             raise InputError(
                 f"{request.poses}: {len(pose)} poses for {sum(counts)} scans; give one pose a scan"
             )
         given = [pose[end - n : end] for end, n in zip(np.cumsum(counts), counts, strict=True)]
-    scans: list[RangeImage] = []
-    spill = spill_for(sum(counts))
-    for (base, number), poses in zip(parts, given, strict=True):
-        scans += source_of(base).read(number, poses, request.units, spill)
+    scans, paths, spill = list[RangeImage](), list[str](), spill_for(sum(counts))
+    for path, (base, number), poses, count in zip(request.paths, parts, given, counts, strict=True):
+        held = source_of(base).read(number, poses, request.units, spill)
+        scans += held
+        if len(held) == count:
+            paths += [path] * count
+        else:
+            paths += [f"{base}#{k + 1}" for k in source_of(base).pick(number, poses)[0]]
     registered = request.poses is not None or all(source.registered for source in opened.values())
     at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
     if posed and len(scans) > 1 and (not registered or at_origin):
@@ -254,8 +258,12 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
             "(tx ty tz qx qy qz qw, world from sensor), find poses by `unseen register`, or complete them "
             "one by one"
         )
-    paths = [path for path, count in zip(request.paths, counts, strict=True) for _ in range(count)]
     return scans, paths
+
+
+def _are_named(poses: str, sources: Iterable[ScanSource]) -> bool:
+    """Whether each pose is that of an image by its name, and all scans have images."""
+    return all(source.images for source in sources) and read_named_poses(Path(poses)) is not None
 
 
 def _read_mesh(request: ScanRequest) -> list[RangeImage]:

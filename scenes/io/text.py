@@ -33,6 +33,7 @@ _COMMENT = re.compile(r"[ \t]*(?:#|//|%|!)[^\n]*")
 TEXT_TAG = "# unseen "  # begins the line that holds pose and projection of a scan of ours
 _EMPTY_FIELD = re.compile(r"(?m)(?:^|(?<=\t)) *(?=\t)")  # of tab-separated text
 _NAME = re.compile(r"[a-z]+")
+_AXES, _TRACK = {"x", "y", "z"}, "track"  # of points3D.txt of COLMAP: any number of fields
 _SHOWN = 200  # characters of names in a warning
 _MAX_HEADER = 200  # lines; a file without a point in that many is no point file
 _CURE = "correct the line, or mark it as a comment with #"
@@ -167,12 +168,12 @@ def _layout(lines: list[str]) -> _Layout:
             continue
         fields = _fields(line)
         if not fields:
-            names = _names(line) or names
+            names = _column_names(line, names)
         elif not _is_number(fields[0]):
             columns = _columns(names, len(fields)) if names else ()
             if columns and all(_is_number(fields[k]) for k in columns[:3] if k < len(fields)):
                 return _data_layout(index, fields, names, count)  # a text column stands first
-            names = _names(line) or names
+            names = _column_names(line, names)
         elif len(fields) == 1 and count is None and re.fullmatch(r"\+?\d+", fields[0]):
             count = int(fields[0])
         else:
@@ -212,13 +213,19 @@ def _data_layout(index: int, fields: list[str], names: list[str], count: int | N
 
 def _columns(names: list[str], n_fields: int) -> tuple[int, ...]:
     """Return the columns of x, y, z, and of nx, ny, nz where named; nothing where x, y, z are not."""
-    if not {"x", "y", "z"} <= set(names) or len(names) < n_fields:
+    if not set(names) >= _AXES or (len(names) < n_fields and _TRACK not in names):
         return ()
     columns = [names.index(axis) for axis in "xyz"]
     for normal in (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z")):
         if set(normal) <= set(names):
             return tuple(columns + [names.index(axis) for axis in normal])
     return tuple(columns)
+
+
+def _column_names(line: str, before: list[str]) -> list[str]:
+    """Return the names of a header line, or those before where it names nothing or only those are of axes."""
+    names = _names(line)
+    return before if not names or (set(before) >= _AXES and not set(names) >= _AXES) else names
 
 
 def _names(line: str) -> list[str]:
