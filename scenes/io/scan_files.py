@@ -109,9 +109,10 @@ class ScanSource:
             found = _match_images(self.images, named)
         held = [k for k in picked if k in found]
         if not held:
+            first = self.images[picked[0]][0].name
             raise InputError(
                 f"{file}: none of its {len(named)} images, as {next(iter(named))!r}, is one of the "
-                f"{len(picked)} frames asked for, as {self.images[picked[0]][0].name!r}; name images as the files are named"
+                f"{len(picked)} frames asked for, as {first!r}; name images as the files are named"
             )
         n_left = len(picked) - len(held)
         sentence = f"{n_left} of {len(picked)} frames have no pose in {file.name} and were left out"
