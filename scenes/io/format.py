@@ -51,6 +51,8 @@ class RawPoints:
         What the file calls the surface of each point, as in the file.
     unit : LengthUnit, optional
         What the file states of its coordinates.
+    step : float
+        Between the values that coordinates can take, in the file's unit; 0 where they are not rounded.
     """
 
     points: FloatArray
@@ -60,6 +62,7 @@ class RawPoints:
     warnings: tuple[str, ...] = ()
     label: FloatArray | None = None
     unit: LengthUnit | None = None
+    step: float = 0.0
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

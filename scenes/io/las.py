@@ -245,6 +245,7 @@ def read_las_points(path: Path) -> RawPoints:
     """
     with _open_reader(path) as file:
         n_points, n_kept, unit = file.header.point_count, 0, _unit(file.header)
+        step = float(np.abs(file.header.scales).max())
         has_colour, largest = "red" in file.header.point_format.dimension_names, 0
         points, wide = np.empty((n_points, 3)), np.empty((n_points if has_colour else 0, 3), np.uint16)
         for part in _chunks(file):
@@ -258,7 +259,7 @@ def read_las_points(path: Path) -> RawPoints:
     n_left = n_points - n_kept
     warnings = (f"{n_left} points are marked withheld and were left out",) if n_left else ()
     colour = _narrow(wide[:n_kept], largest) if largest else None
-    return RawPoints(points[:n_kept], colour=colour, warnings=warnings, unit=unit)
+    return RawPoints(points[:n_kept], colour=colour, warnings=warnings, unit=unit, step=step)
 
 
 def _unit(header: Any) -> LengthUnit | None:

@@ -24,7 +24,7 @@ from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import is_mesh
 from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
 from scenes.io.scene_files import load_scene
-from scenes.limits import LARGE_PART_M
+from scenes.limits import FINE_M, LARGE_PART_M
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 _MOST_LABEL = 2**31 - 1
@@ -54,6 +54,8 @@ class PointCloud:
         Place of each point among all `n_rows` of the file, where some were left out.
     n_rows : int
         Points of the file, those that were left out too.
+    step_m : float
+        Between the values that coordinates can take, metres; 0 where they are not rounded.
     """
 
     points: FloatArray
@@ -65,6 +67,7 @@ class PointCloud:
     label: IntArray | None = None
     rows: IntArray | None = None
     n_rows: int = 0
+    step_m: float = 0.0
 
     def __post_init__(self) -> None:
         for field in ("points", "normals", "origins"):
@@ -138,7 +141,8 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
     """The finite points, in metres."""
     metres, sentences = _metres(raw, units)
     kept, normals, origins = usable_rows(raw.points), raw.normals, raw.origins
-    warnings = (*raw.warnings, *sentences)
+    step_m = raw.step * float(metres.max())
+    warnings = (*raw.warnings, *sentences, *_step_warnings(step_m))
     if not kept.all():
         n_left = int((~kept).sum())
         warnings += (f"{n_left} of {len(kept)} points are not finite or lie beyond 1e12 m and were left out",)
@@ -157,6 +161,17 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
         label=None if raw.label is None else _labels(raw.label[kept], name),
         rows=None if kept.all() else np.flatnonzero(kept),
         n_rows=len(kept),
+        step_m=step_m,
+    )
+
+
+def _step_warnings(step_m: float) -> tuple[str, ...]:
+    """A sentence where coordinates are rounded more coarsely than scanners measure."""
+    if step_m <= FINE_M:
+        return ()
+    return (
+        f"coordinates are rounded to steps of {1000 * step_m:.3g} mm, an error that all points of a plane "
+        "share; export more decimals for narrower intervals",
     )
 
 

@@ -360,6 +360,7 @@ def in_metres(scan: RangeImage, units: Units) -> RangeImage:
         sensor_points=None if scan.sensor_points is None else scale_pixels(scan.sensor_points, factor),
         world_from_sensor=Pose.from_parts(pose.rotation, pose.translation * factor),
         sigma_m=None if scan.sigma_m is None else scan.sigma_m * factor,
+        step_m=scan.step_m * factor,
         truth=None if truth is None else replace(truth, ranges=scale_pixels(truth.ranges, factor)),
     )
 

@@ -291,7 +291,7 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
         cloud = read_points(path, request.units)
         try:
             scan = scan_from_station(cloud.points, origin, cloud.name, cloud.colour)
-            scans.append(scan.with_facts(warnings=cloud.warnings))
+            scans.append(scan.with_facts(warnings=(*scan.warnings, *cloud.warnings), step_m=cloud.step_m))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     return scans

@@ -26,6 +26,7 @@ from scenes.io.format import (
     write_single,
 )
 from scenes.io.header import checked_bytes, scan_header
+from scenes.limits import FEWEST_POINTS
 from scenes.run.atomic import atomic_path, to_plain
 from scenes.scan.range_image import RangeImage
 
@@ -289,7 +290,7 @@ def _are_unit(vectors: FloatArray) -> bool:
 
 
 _COLOURS = ("red", "green", "blue")
-_MOST_PIXELS = 2**31
+_MOST_PIXELS, _MOST_DECIMALS = 2**31, 6
 
 
 def write_scan_text(scan: RangeImage, path: Path) -> None:
@@ -351,9 +352,28 @@ def _whole(values: Any) -> Any:
     return values.astype(np.int64)
 
 
+def decimal_step(points: FloatArray) -> float:
+    """Return the step of coordinates (n, 3) written with up to 6 decimals, 0 of more, or of few points.
+
+    Examples
+    --------
+    >>> decimal_step(np.arange(300.0).reshape(100, 3) / 4)
+    0.01
+    """
+    known = points[np.isfinite(points).all(axis=1)]
+    if len(known) < FEWEST_POINTS:
+        return 0.0
+    for n_decimals in range(_MOST_DECIMALS + 1):
+        counts = known * 10.0**n_decimals
+        if (np.abs(counts - np.rint(counts)) <= 1e-6 + 4 * np.spacing(np.abs(counts))).all():
+            return float(10.0**-n_decimals)
+    return 0.0
+
+
 def _raw_points(path: Path) -> RawPoints:
     table = read_point_table(path)
-    return RawPoints(table.points, table.normals, warnings=table.warnings, label=table.label)
+    step = decimal_step(table.points)
+    return RawPoints(table.points, table.normals, warnings=table.warnings, label=table.label, step=step)
 
 
 FORMAT = (
