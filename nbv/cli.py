@@ -6,8 +6,10 @@ Nothing slow is imported before a command runs.
 
 from __future__ import annotations
 
+import io
 import math
 import os
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, fields
 from importlib import import_module
@@ -264,6 +266,9 @@ for _name, _command in COMMANDS.items():
 
 def main() -> None:
     """Run `unseen`."""
+    for stream in (sys.stdout, sys.stderr):  # names may hold what the encoding of a pipe cannot
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads are ours; each of its own reserves memory
     app()
 

@@ -42,6 +42,7 @@ class RangeNoise:
         0.0  # between the values that ranges take, at the median range, where that hides the noise
     )
     farthest_m: float = 0.0  # range up to which it was read off a scan; 0 where it was given
+    common_m: float = 0.0  # of all points of a plane alike: coordinates rounded in the file
 
     @property
     def is_known(self) -> bool:
@@ -63,9 +64,11 @@ class RangeNoise:
 
         Triangulating cameras bend flat walls by as much as their noise or twice as much, since both come
         from errors of the disparity: on walls before five such cameras, means over blocks of 10 x 10 pixels
-        scatter by 1.1 to 2 standard deviations of the noise.
+        scatter by 1.1 to 2 standard deviations of the noise. Coordinates that a file rounds to steps move
+        a plane along an axis by up to half a step as a whole (Widrow & Kollar 2008: a step over sqrt(12)).
         """
-        return np.asarray(2.0 * self.quadratic_per_m * np.square(ranges), dtype=np.float64)
+        bend = 2.0 * self.quadratic_per_m * np.square(ranges)
+        return np.asarray(np.hypot(bend, self.common_m), dtype=np.float64)
 
     def window_pixels(self, reach: float) -> int:
         """Pixels along the side of the window whose average a range at this distance is; 1 for a single ray.

@@ -75,6 +75,14 @@ def range_displacements(seen: Observation, points: FloatArray) -> FloatArray:
     return modes
 
 
+def rounding_displacements(seen: Observation, points: FloatArray) -> FloatArray:
+    """Return how far rounded coordinates move points (n, 3) of a plane, along each axis: (3, n, 3), metres.
+
+    Rounding moves each surface by itself, unlike the errors of a sensor.
+    """
+    return np.asarray(seen.noise.common_m * np.broadcast_to(np.eye(3)[:, None], (3, len(points), 3)))
+
+
 def _of_camera(seen: Observation, points: FloatArray) -> FloatArray:
     """Bends of second order over the image along the rays, and a focal length that is off: (7, n, 3).
 

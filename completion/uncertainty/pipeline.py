@@ -30,7 +30,7 @@ from completion.fitting.chart import axis_frame
 from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation
-from completion.observe.sensor_modes import displacements
+from completion.observe.sensor_modes import displacements, rounding_displacements
 from completion.uncertainty.joint_errors import SharedErrors
 from completion.uncertainty.limits import FEWEST_PIXELS, LEAST_COSINE, LEAST_WEIGHT, STUDENT_FREEDOM
 from scenes.checks import FloatArray, IntArray
@@ -391,11 +391,18 @@ def state_fits(
     # 4. Systematic errors of the sensors, which leave no residual.
     by_sensors = {k: shift_by_sensors(surface, observations) for k, surface in enumerate(surfaces)}
 
+    # 5. Rounding of coordinates in the files, of each surface by itself.
+    rounding = [
+        {k: shift_by_sensors(surface, observations, rounding_displacements)}
+        for k, surface in enumerate(surfaces)
+        if any(seen.noise.common_m for seen in observations)
+    ]
+
     freedom = [
         _freedom(surface.fit, estimated.covariance_of([k]), [fields.get(scan, typical) for scan in modes[k]])
         for k, surface in enumerate(surfaces)
     ]
-    smooth = SharedErrors(sizes, (*shifts, by_sensors))
+    smooth = SharedErrors(sizes, (*shifts, by_sensors, *rounding))
     return StatedFits(tuple(surface.fit for surface in surfaces), smooth, tuple(freedom))
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Axis = Literal["x", "y", "z"]
 SignedAxis = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
-Units = Literal["mm", "cm", "m", "in"]
+Units = Literal["mm", "cm", "m", "in", "ft", "us-ft"]
 FEATURES = (
     "doorway", "window", "niche", "hole-row", "hole-grid", "bolt-circle", "junction", "elbow", "column",
     "stairs",
@@ -191,7 +191,7 @@ def _scan_up() -> Any:
 
 
 def _units() -> Any:
-    return option("--units", "Length unit of the file.", "m")
+    return option("--units", "Length unit of the file; `us-ft` is the US survey foot.", "m")
 
 
 def _scheduler() -> Any:

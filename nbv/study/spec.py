@@ -44,7 +44,7 @@ class SceneEntry(Entry):
     scene: str = Field(min_length=1)
     spacing_m: Positive | None = None
     up: Literal["x", "y", "z"] = "z"
-    units: Literal["mm", "cm", "m", "in"] = "m"
+    units: Literal["mm", "cm", "m", "in", "ft", "us-ft"] = "m"
     mode: Literal["room", "object"] | None = None
 
     @property

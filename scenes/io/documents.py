@@ -117,9 +117,9 @@ def _name_kind(value: object) -> str:
 
 
 def _check_letters(value: Any) -> None:
-    """Raise where a text holds half of a pair, which no file can be written with."""
+    """Raise where a text holds half of a pair, but one that stands for a byte of a file name (PEP 383)."""
     try:
-        json.dumps(value, ensure_ascii=False).encode("utf-8")
+        json.dumps(value, ensure_ascii=False).encode("utf-8", "surrogateescape")
     except UnicodeEncodeError as error:
         raise InputError(f"holds \\u{ord(error.object[error.start]):04x}, which is half a letter") from error
 

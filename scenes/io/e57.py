@@ -9,6 +9,7 @@ checksum, its XML stands at an offset.
 from __future__ import annotations
 
 import hashlib
+import os
 import struct
 import uuid
 from collections.abc import Callable, Iterable
@@ -321,7 +322,7 @@ class E57File:
     def __init__(self, path: Path) -> None:
         module = import_extra("pye57", "e57")
         check_e57(path)
-        self._stem, self._file = path.stem, module.E57(str(path))
+        self._stem, self._file = path.stem, module.E57(os.fsencode(path))  # names may be of any encoding
         headers = enumerate(map(self._file.get_header, range(self._file.scan_count)))
         self._own = [k for k, header in headers if INFERRED not in _text(header, "description")]
 

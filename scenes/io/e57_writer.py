@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from scenes.io.grid_fit import SCANNER_FROM_SENSOR
 from scenes.io.guard import import_extra
 from scenes.io.header import scan_header
 from scenes.pose import quaternion_of
-from scenes.run.atomic import atomic_path, json_text
+from scenes.run.atomic import atomic_path, encodable, json_text
 from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 
@@ -116,7 +117,7 @@ def write_e57(scans: Sequence[RangeImage], path: Path, inferred: Sequence[Inferr
         raise InputError("there is no scan to write")
     lib = import_extra("pye57", "e57").libe57
     with atomic_path(path) as temporary, _library_writes(lib, path):
-        image_file = lib.ImageFile(str(temporary), "w")
+        image_file = lib.ImageFile(os.fsencode(temporary), "w")
         try:
             data3d = _begin(lib, image_file)
             if inferred:
@@ -147,7 +148,7 @@ def _begin(lib: Any, image_file: Any) -> Any:
     texts = {"formatName": "ASTM E57 3D Imaging Data File", "guid": content_guid(b"unseen")}
     texts |= {"e57LibraryVersion": lib.E57_LIBRARY_ID, "coordinateMetadata": ""}
     for name, text in texts.items():
-        root.set(name, lib.StringNode(image_file, text))
+        root.set(name, lib.StringNode(image_file, encodable(text)))
     root.set("versionMajor", lib.IntegerNode(image_file, lib.E57_FORMAT_MAJOR))
     root.set("versionMinor", lib.IntegerNode(image_file, lib.E57_FORMAT_MINOR))
     root.set("data3D", data3d)
@@ -165,7 +166,7 @@ def _scan_node(lib: Any, image_file: Any, cloud: RangeImage | InferredPoints, co
     node = lib.StructureNode(image_file)
     guid = content_guid(description.encode(), *(column.tobytes() for column in columns.values()))
     for key, text in (("guid", guid), ("name", cloud.name), ("description", description)):
-        node.set(key, lib.StringNode(image_file, text))
+        node.set(key, lib.StringNode(image_file, encodable(text)))
     if scan is not None:
         tops = {"rowIndex": scan.shape[0] - 1, "columnIndex": scan.shape[1] - 1}
         bounds = {"row": tops["rowIndex"], "column": tops["columnIndex"], "return": 0}

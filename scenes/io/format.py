@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
+from scenes.io.crs import LengthUnit
 from scenes.io.grid_fit import organised_scan
 from scenes.io.header import apply_header, not_finite_warnings, pose_from_header, projection_from_dict
 from scenes.run.mapping import allocate, release
@@ -49,6 +50,10 @@ class RawPoints:
         What was left out or assumed.
     label : (n,) float, optional
         What the file calls the surface of each point, as in the file.
+    unit : LengthUnit, optional
+        What the file states of its coordinates.
+    step : float
+        Between the values that coordinates can take, in the file's unit; 0 where they are not rounded.
     """
 
     points: FloatArray
@@ -57,6 +62,8 @@ class RawPoints:
     colour: ColourArray | None = None
     warnings: tuple[str, ...] = ()
     label: FloatArray | None = None
+    unit: LengthUnit | None = None
+    step: float = 0.0
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -157,10 +164,10 @@ def scan_of(header: Mapping[str, Any], n_points: int, parts: Iterable[ScanReturn
     return apply_header(scan, dict(header)).add_warnings(not_finite_warnings(n_bad, n_points))
 
 
-Units = Literal["mm", "cm", "m", "in"]
+Units = Literal["mm", "cm", "m", "in", "ft", "us-ft"]
 Intrinsics = tuple[float, float, float, float]
 ScanReader = Callable[[], RangeImage]
-METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254}
+METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254, "ft": 0.3048, "us-ft": 1200 / 3937}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +189,7 @@ class Format:
         Writes scans; raises InputError for more than the format holds.
     is_text : bool
         Whether its files are lines of numbers, which may also be poses.
-    unit : "mm", "cm", "m" or "in", optional
+    unit : str, optional
         Of its lengths, where the format fixes one: its readers give metres.
     marks_misses : bool
         Whether its files mark beams without return otherwise than by a number that is full.

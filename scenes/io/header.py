@@ -31,6 +31,7 @@ def scan_header(scan: RangeImage) -> dict[str, Any]:
         "projection": projection_to_dict(scan.projection),
         "world_from_sensor": scan.world_from_sensor.matrix.tolist(),
         "sigma_m": scan.sigma_m,
+        **({"step_m": scan.step_m} if scan.step_m else {}),
         "sensor": scan.sensor,
         "noise": scan.noise,
         "name": scan.name,
@@ -150,6 +151,7 @@ def apply_header(scan: RangeImage, header: dict[str, Any] | None) -> RangeImage:
         sigma_m=None if sigma is None else float(sigma),
         sensor=str(header.get("sensor", "")),
         noise=str(header.get("noise", "")),
+        step_m=float(header.get("step_m", 0.0)),
         name=str(header.get("name", scan.name)),
     )
 

@@ -18,6 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.io.crs import LengthUnit, unit_of_geokeys, unit_of_wkt
 from scenes.io.documents import parse_json
 from scenes.io.format import (
     NO_RAYS,
@@ -233,16 +234,18 @@ _CHUNK = 100_000  # points that are read at a time
 _COLOURS = ("red", "green", "blue")
 _FORMAT_WITH_COLOUR, _FORMAT_WITHOUT = 7, 6
 _SCALE = "intensity_per_count"
+_PROJECTION, _WKT, _GEOKEYS = "LASF_Projection", 2112, 34735  # user and numbers of the records
 _PANIC = "PanicException"  # what Rust's lazrs raises when it stumbles, which is no Exception
 
 
 def read_las_points(path: Path) -> RawPoints:
-    """Return the points of a LAS or LAZ file, without those marked as withheld.
+    """Return the points of a LAS or LAZ file, without those marked as withheld, and the unit that it states.
 
-    Raises InputError: more points announced than can be held; laspy is not installed.
+    Raises InputError: more points announced than can be held; coordinates in degrees; laspy is not installed.
     """
     with _open_reader(path) as file:
-        n_points, n_kept = file.header.point_count, 0
+        n_points, n_kept, unit = file.header.point_count, 0, _unit(file.header)
+        step = float(np.abs(file.header.scales).max())
         has_colour, largest = "red" in file.header.point_format.dimension_names, 0
         points, wide = np.empty((n_points, 3)), np.empty((n_points if has_colour else 0, 3), np.uint16)
         for part in _chunks(file):
@@ -256,7 +259,23 @@ def read_las_points(path: Path) -> RawPoints:
     n_left = n_points - n_kept
     warnings = (f"{n_left} points are marked withheld and were left out",) if n_left else ()
     colour = _narrow(wide[:n_kept], largest) if largest else None
-    return RawPoints(points[:n_kept], colour=colour, warnings=warnings)
+    return RawPoints(points[:n_kept], colour=colour, warnings=warnings, unit=unit, step=step)
+
+
+def _unit(header: Any) -> LengthUnit | None:
+    """The unit that the WKT of a header states, or else its GeoKeys."""
+    records = [*header.vlrs, *(header.evlrs or ())]
+    for record in records:
+        if record.user_id == _PROJECTION and record.record_id == _WKT:
+            text = record.record_data_bytes().decode("utf-8", errors="replace").strip("\0 ")
+            if text:
+                return unit_of_wkt(text)
+    for record in records:
+        if record.user_id == _PROJECTION and record.record_id == _GEOKEYS:
+            words = np.frombuffer(record.record_data_bytes(), "<u2")
+            keys = words[4 : 4 * (len(words) // 4)].reshape(-1, 4)
+            return unit_of_geokeys({int(key): int(value) for key, place, _, value in keys if place == 0})
+    return None
 
 
 @contextmanager

@@ -7,8 +7,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from scenes.run.stored_code import can_store
 
-@njit(cache=True, nogil=True)
+
+@njit(cache=can_store(), nogil=True)
 def unpack_some(packed: NDArray[np.uint8], out: NDArray[np.uint8], n_out: int, last: int) -> tuple[int, int]:
     """Write to `out` (n,), of which `n_out` bytes are there, what instructions that begin before `last` say.
 

@@ -19,12 +19,12 @@ from scenes.checks import (
     frozen_copy,
     usable_rows,
 )
-from scenes.io.format import RawPoints, Units, format_of, point_suffixes, points_of
+from scenes.io.format import METRES_PER_UNIT, RawPoints, Units, format_of, point_suffixes, points_of
 from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import is_mesh
 from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
 from scenes.io.scene_files import load_scene, rounding_doubts
-from scenes.limits import LARGE_PART_M
+from scenes.limits import FINE_M, LARGE_PART_M
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 _MOST_LABEL = 2**31 - 1
@@ -54,6 +54,8 @@ class PointCloud:
         Place of each point among all `n_rows` of the file, where some were left out.
     n_rows : int
         Points of the file, those that were left out too.
+    step_m : float
+        Between the values that coordinates can take, metres; 0 where they are not rounded.
     """
 
     points: FloatArray
@@ -65,6 +67,7 @@ class PointCloud:
     label: IntArray | None = None
     rows: IntArray | None = None
     n_rows: int = 0
+    step_m: float = 0.0
 
     def __post_init__(self) -> None:
         for field in ("points", "normals", "origins"):
@@ -101,7 +104,7 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
         Scans give all their valid points in world coordinates, those of several scans one after the other. An
         `.npz` holds `points` (n, 3) and perhaps `normals` and `label` (n,), or a scan. Labels of surfaces are
         also read from text with a column, and PLY with a property, of that name.
-    units : "mm", "cm", "m" or "in"
+    units : "mm", "cm", "m", "in", "ft" or "us-ft"
         Unit of the lengths in the file.
 
     Raises
@@ -109,12 +112,12 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
     InputError
         Unusable file: the message names file, line where there are lines, cause and cure.
     """
-    metres = check_units(units)
+    check_units(units)
     source, number = split_index(path)
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
     if source.is_dir():  # its scans come in metres
-        raw, metres = points_of(open_scans(source).read(number, units=units)), 1.0
+        raw, units = points_of(open_scans(source).read(number, units=units)), "m"
     else:
         known = format_of(check_file(source).suffix)
         if known is None or known.points is None:
@@ -124,23 +127,26 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
             )
         if known.unit is not None:
             check_own_unit(source, known.name, known.unit, units)
-            metres = 1.0
+            units = "m"
         with guard_reading(source, f"points in {source.suffix[1:].upper()} format"):
             raw = known.points(source, number)
     name = source.name if number is None else f"{source.name}#{number}"
-    cloud = _cloud(raw, metres, name)
+    cloud = _cloud(raw, units, name)
     if not len(cloud.points):
         raise InputError(f"{source}: holds no finite point")
     return cloud
 
 
-def _cloud(raw: RawPoints, metres: float, name: str) -> PointCloud:
+def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
     """The finite points, in metres."""
-    kept, normals, origins, warnings = usable_rows(raw.points), raw.normals, raw.origins, raw.warnings
+    metres, sentences = _metres(raw, units)
+    kept, normals, origins = usable_rows(raw.points), raw.normals, raw.origins
+    step_m = raw.step * float(metres.max())
+    warnings = (*raw.warnings, *sentences, *_step_warnings(step_m))
     if not kept.all():
         n_left = int((~kept).sum())
         warnings += (f"{n_left} of {len(kept)} points are not finite or lie beyond 1e12 m and were left out",)
-    warnings += rounding_doubts(raw.points[kept], metres)
+    warnings += () if step_m else rounding_doubts(raw.points[kept], metres)
     if normals is not None:
         normals = np.nan_to_num(normals[kept], nan=0.0, posinf=0.0, neginf=0.0)
     if origins is not None:
@@ -156,7 +162,28 @@ def _cloud(raw: RawPoints, metres: float, name: str) -> PointCloud:
         label=None if raw.label is None else _labels(raw.label[kept], name),
         rows=None if kept.all() else np.flatnonzero(kept),
         n_rows=len(kept),
+        step_m=step_m,
     )
+
+
+def _step_warnings(step_m: float) -> tuple[str, ...]:
+    """A sentence where coordinates are rounded more coarsely than scanners measure."""
+    if step_m <= FINE_M:
+        return ()
+    return (
+        f"coordinates are rounded to steps of {1000 * step_m:.3g} mm, an error that all points of a plane "
+        "share; export more decimals for narrower intervals",
+    )
+
+
+def _metres(raw: RawPoints, units: Units) -> tuple[FloatArray, tuple[str, ...]]:
+    """Metres (3,) of a unit along x, y, z, and a sentence where it is not the default, or is contradicted."""
+    given, unit = np.full(3, METRES_PER_UNIT[units]), raw.unit
+    if unit is None or np.allclose(unit.metres, given, rtol=1e-7, atol=0.0):
+        return given, ()
+    if units == "m":
+        return np.array(unit.metres), (f"the file states its unit, {unit.name}: converted to metres",)
+    return given, (f"--units {units} was applied, though the file states {unit.name}",)
 
 
 def _labels(label: FloatArray, name: str) -> IntArray:
@@ -246,4 +273,4 @@ def _doubts(points: FloatArray) -> tuple[str, ...]:
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
     if diagonal <= LARGE_PART_M:
         return ()
-    return (f"the diagonal is {diagonal:.3g} m; if the file is in mm, cm or in give --units",)
+    return (f"the diagonal is {diagonal:.3g} m; if the file is in mm, cm, in or ft give --units",)

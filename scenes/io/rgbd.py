@@ -7,13 +7,21 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.documents import parse_json, read_json, read_text
+from scenes.io.camera import (
+    Camera,
+    DepthEncoding,
+    Intrinsics,
+    intrinsics_of,
+    is_scaled,
+    read_camera,
+)
+from scenes.io.documents import read_json, read_text
 from scenes.io.guard import guard_reading
 from scenes.io.header import range_warnings
 from scenes.io.image import open_image
@@ -24,21 +32,12 @@ from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage, saturation_start
 
-DepthEncoding = Literal["linear", "sun3d", "kinect-disparity"]
 _MOST_DISPARITY = 2047  # 11 bits; that number itself means that nothing was measured
 _EIGHT_BITS = 255
 _FULLEST = 65535
 _SEVEN_SCENES = " (--intrinsics 585,585,320,240 for 7-Scenes)"
 _FULL = tuple(2**bits - 1 for bits in range(11, 16))  # what a narrower sensor writes for no return, if at all
 _KINECT_M, _KINECT_OFFSET = 351.3, 1092.5  # depth = 351.3 m / (1092.5 - disparity), of the NYU toolbox
-Intrinsics = tuple[float, float, float, float]
-
-
-def check_encoding(name: object) -> DepthEncoding:
-    """Return `name` when it is a known encoding; raise InputError otherwise."""
-    if name in get_args(DepthEncoding):
-        return cast(DepthEncoding, name)
-    raise InputError(f"unknown depth_encoding {name!r}; known: {', '.join(get_args(DepthEncoding))}")
 
 
 def depth_in_metres(counts: FloatArray, encoding: DepthEncoding, scale: float) -> FloatArray:
@@ -137,6 +136,11 @@ class RgbdFrame:
     pose: Pose | None = None
     time: float | None = None
 
+    @property
+    def images(self) -> tuple[Path, ...]:
+        """The colour image, where there is one, and the depth image."""
+        return (self.depth,) if self.colour is None else (self.colour, self.depth)
+
 
 @dataclass(frozen=True, slots=True)
 class RgbdFolder:
@@ -148,25 +152,16 @@ class RgbdFolder:
         "plain", "redwood", "align3d", "tum" or "frames".
     frames : tuple of RgbdFrame
         Frame k of `PATH#k` is the k-th, from 1.
-    intrinsics : (fx, fy, cx, cy), optional
-        Pixels, from a file beside the images.
-    depth_scale : float, optional
-        Depth values a metre, from such a file, or where the layout fixes it (TUM 5000, Redwood 1000).
-    image_size : (width, height), optional
-        What that file says of the images.
+    camera : Camera
+        Of a file beside the images; its depth scale also where the layout fixes it (TUM 5000, Redwood 1000).
     folder : Path
         Where the frames are.
-    depth_encoding : str
-        How counts become metres.
     """
 
     layout: str
     frames: tuple[RgbdFrame, ...]
-    intrinsics: Intrinsics | None = None
-    depth_scale: float | None = None
-    image_size: tuple[int, int] | None = None
+    camera: Camera = field(default_factory=Camera)
     folder: Path = field(default_factory=Path)
-    depth_encoding: DepthEncoding = "linear"
 
     @property
     def registered(self) -> bool:
@@ -179,44 +174,79 @@ def read_frame(
 ) -> RangeImage:
     """Return frame `index` (from 0); arguments given here go before what the folder says.
 
-    Depth images hold z-depth; it becomes range along each pixel's ray. A negative fy is used as given.
+    Depth images hold z-depth; it becomes range along each pixel's ray. A negative fy is used as given. Lens
+    distortion is taken out: each pixel of the image without it has the nearest measured point.
 
-    Raises InputError: unknown intrinsics or depth scale, images that are missing, damaged, of 8 bits or of
-    unequal size.
+    Raises InputError: unknown intrinsics or depth scale, intrinsics of another image, images that are
+    missing, damaged, of 8 bits or of another aspect ratio.
     """
-    frame = folder.frames[index]
-    camera = intrinsics or folder.intrinsics
-    scale = folder.depth_scale if depth_scale is None else depth_scale
-    missing = ["intrinsics (--intrinsics FX,FY,CX,CY)"] * (camera is None)
-    if folder.depth_encoding == "kinect-disparity":
-        scale = 1.0
-    missing += ["depth values a metre (--depth-scale N: Kinect 1000, TUM 5000)"] * (scale is None)
-    if camera is None or scale is None:
+    frame, camera = folder.frames[index], folder.camera
+    if intrinsics is not None:
+        camera = replace(camera, intrinsics=intrinsics, image_size=None)
+    if camera.depth_encoding == "kinect-disparity":
+        camera = replace(camera, depth_scale=1.0)
+    elif depth_scale is not None:
+        camera = replace(camera, depth_scale=depth_scale)
+    scale = _checked_scale(folder, camera)
+    counts = read_depth_image(frame.depth)
+    height, width = counts.shape
+    with guard_reading(frame.depth, "a depth image"):
+        camera = camera.of_size((width, height))
+        colour = None if frame.colour is None else _read_colour(frame.colour, (height, width))
+        projection = PinholeProjection(width, height, *(camera.intrinsics or ()))
+        sentences: tuple[str, ...] = ()
+        if camera.depth_encoding == "linear":
+            counts, sentences = without_codes(counts)
+        depth_m = depth_in_metres(counts, camera.depth_encoding, scale)
+        sentences += (*range_warnings(depth_m), *depth_warnings(counts))
+    scan = depth_scan(
+        depth_m, projection, frame.pose or Pose.identity(), colour, f"{folder.folder.name}#{index + 1}"
+    )
+    if camera.distortion:
+        scan = _undistorted(scan, projection, depth_m, camera.distortion)
+    return scan.add_warnings((*camera.warnings, *sentences))
+
+
+def _checked_scale(folder: RgbdFolder, camera: Camera) -> float:
+    """The depth values a metre; InputError where these or the intrinsics are not known."""
+    missing = ["intrinsics (--intrinsics FX,FY,CX,CY)"] * (camera.intrinsics is None)
+    missing += ["depth values a metre (--depth-scale N: Kinect 1000, TUM 5000)"] * (
+        camera.depth_scale is None
+    )
+    if missing:
         hint = _SEVEN_SCENES if folder.layout == "frames" else ""
         raise InputError(
             f"{folder.folder}: no file beside the images tells the {' and the '.join(missing)}; "
             f"give them{hint}, or put a camera.json with fx, fy, cx, cy, depth_scale there"
         )
+    scale = camera.depth_scale or 0.0
     if not (np.isfinite(scale) and scale > 0):
         raise InputError(f"--depth-scale must be a positive number of depth values a metre, got {scale}")
-    counts = read_depth_image(frame.depth)
-    height, width = counts.shape
-    if intrinsics is None and folder.image_size not in (None, (width, height)):
-        raise InputError(
-            f"{frame.depth}: is {width} x {height}, its camera file says {folder.image_size}; "
-            "give --intrinsics FX,FY,CX,CY for these images"
-        )
-    projection = PinholeProjection(width, height, *camera)
-    colour = None if frame.colour is None else _read_colour(frame.colour, (height, width))
-    pose = frame.pose or Pose.identity()
-    with guard_reading(frame.depth, "a depth image"):
-        sentences: tuple[str, ...] = ()
-        if folder.depth_encoding == "linear":
-            counts, sentences = without_codes(counts)
-        depth_m = depth_in_metres(counts, folder.depth_encoding, scale)
-        warnings = (*sentences, *range_warnings(depth_m), *depth_warnings(counts))
-    scan = depth_scan(depth_m, projection, pose, colour, f"{folder.folder.name}#{index + 1}")
-    return scan.add_warnings(warnings)
+    return scale
+
+
+def _undistorted(
+    scan: RangeImage, camera: PinholeProjection, depth_m: FloatArray, distortion: Sequence[float]
+) -> RangeImage:
+    """The scan of a distorted image, in the same camera without distortion; its points stay exact."""
+    import cv2  # slow to import, and rarely needed
+
+    matrix = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+    lens = np.array(distortion)
+    columns, rows = np.meshgrid(np.arange(camera.width, dtype=np.float64), np.arange(float(camera.height)))
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
+    rays = cv2.undistortPoints(pixels, matrix, lens, criteria=(3, 50, 1e-9)).reshape(*scan.shape, 2)
+    points = (
+        np.concatenate([rays, np.ones((*scan.shape, 1))], axis=-1)
+        * np.where(scan.valid, depth_m, np.nan)[..., None]
+    )
+    seen = cv2.initUndistortRectifyMap(matrix, lens, None, matrix, scan.shape[::-1], cv2.CV_32FC1)
+    column, row = (np.rint(place).astype(np.int64) for place in seen)
+    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    at = np.where(inside, row, 0), np.where(inside, column, 0)
+    colour = None if scan.colour is None else scan.colour[at]
+    points = np.where(inside[..., None], points[at], np.nan)
+    return RangeImage.from_points(points, camera, scan.world_from_sensor, colour, scan.name)
 
 
 def depth_scan(
@@ -243,21 +273,21 @@ def read_depth_image(path: Path) -> FloatArray:
 
 
 def _read_colour(path: Path, shape: tuple[int, int]) -> ColourArray:
-    """Return the RGB image as bytes; it must have the depth image's shape."""
+    """Return the RGB image as bytes, resized to the depth image's shape where both have one aspect ratio."""
+    size = shape[1], shape[0]
     with open_image(path, "a colour image") as image:
-        if (image.height, image.width) != shape:
+        if not is_scaled(image.size, size):
             raise InputError(
                 f"is {image.width} x {image.height}, its depth image {shape[1]} x {shape[0]}; "
-                "register the depth to the colour image first (same size, same camera)"
+                "register the depth to the colour image first (same aspect ratio, same camera)"
             )
-        return np.asarray(image.convert("RGB"))
+        painted = image.convert("RGB")
+        return np.asarray(painted if image.size == size else painted.resize(size))
 
 
 _DEPTH_FOLDERS = ("depth", "depths")
 _COLOUR_FOLDERS = ("color", "colour", "rgb", "image", "images")
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp"}
-_CAMERAS = ("camera.json", "intrinsics.json", "intrinsic.json", "camera_primesense.json", "camera.txt",
-            "intrinsics.txt", "camera-intrinsics.txt")  # fmt: skip
 _FRAME = re.compile(r"(frame-\d+)\.depth\.(?:png|pgm|tiff?)", re.IGNORECASE)
 _POSES = ("pose.txt", "poses.txt", "trajectory.txt", "trajectory.log", "poses.json")
 
@@ -322,8 +352,13 @@ def _open_plain(folder: Path) -> RgbdFolder:
     pairs = colours if colours else [None] * len(depths)
     frames = tuple(RgbdFrame(*frame) for frame in zip(depths, pairs, poses, strict=True))
     redwood = bool(files) and files[0].suffix == ".log"
-    camera = _with_camera(RgbdFolder("redwood" if redwood else "plain", frames), folder)
-    return replace(camera, depth_scale=1000.0) if redwood and camera.depth_scale is None else camera
+    camera = _scaled(read_camera(folder), 1000.0) if redwood else read_camera(folder)
+    return RgbdFolder("redwood" if redwood else "plain", frames, camera)
+
+
+def _scaled(camera: Camera, depth_scale: float) -> Camera:
+    """A camera with the depth scale of its layout, where its file states none."""
+    return camera if camera.depth_scale is not None else replace(camera, depth_scale=depth_scale)
 
 
 def _open_frames(folder: Path) -> RgbdFolder:
@@ -341,46 +376,7 @@ def _open_frames(folder: Path) -> RgbdFolder:
             raise InputError(f"{pose.name} holds {len(poses)} poses; expected one 4x4 matrix")
         depth = _inside(folder, name.string)
         frames.append(RgbdFrame(depth, colour and _inside(folder, colour.name), poses[0]))
-    found_camera = _with_camera(RgbdFolder("frames", tuple(frames)), folder)
-    return replace(found_camera, depth_scale=found_camera.depth_scale or 1000.0)
-
-
-def _with_camera(rgbd_folder: RgbdFolder, folder: Path) -> RgbdFolder:
-    """Add what the first camera file of the folder tells."""
-    for name in _CAMERAS:
-        if (folder / name).is_file():
-            with guard_reading(folder / name, "a camera file"):
-                return _read_camera(folder / name, rgbd_folder)
-    return rgbd_folder
-
-
-def _read_camera(path: Path, folder: RgbdFolder) -> RgbdFolder:
-    """Add what a .json (ours, Open3D's) or .txt (3x3, 4 or 5 numbers) tells of the camera."""
-    text = read_text(path)
-    if path.suffix == ".txt":
-        numbers = [float(word) for word in text.replace(",", " ").split()]
-        if len(numbers) == 9:
-            return replace(folder, intrinsics=(numbers[0], numbers[4], numbers[2], numbers[5]))
-        if len(numbers) not in (4, 5):
-            raise InputError(f"expected fx fy cx cy [depth_scale] or 3x3 numbers, got {len(numbers)}")
-        fx, fy, cx, cy = numbers[:4]
-        scale = numbers[4] if len(numbers) == 5 else None
-        return replace(folder, intrinsics=(fx, fy, cx, cy), depth_scale=scale)
-    values = parse_json(text, dict)
-    size = (int(values["width"]), int(values["height"])) if "width" in values else None
-    scale = float(values["depth_scale"]) if values.get("depth_scale") is not None else None
-    encoding = check_encoding(values.get("depth_encoding", "linear"))
-    if "intrinsic_matrix" in values:  # Open3D's, column by column
-        matrix = np.array(values["intrinsic_matrix"], dtype=np.float64).reshape(3, 3).T
-        camera = _from_matrix(matrix)
-    else:
-        fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
-        camera = fx, fy, cx, cy
-    return replace(folder, intrinsics=camera, depth_scale=scale, image_size=size, depth_encoding=encoding)
-
-
-def _from_matrix(matrix: FloatArray) -> Intrinsics:
-    return float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])
+    return RgbdFolder("frames", tuple(frames), _scaled(read_camera(folder), 1000.0))
 
 
 def _inside(folder: Path, name: str) -> Path:
@@ -405,12 +401,12 @@ def _open_align3d(folder: Path) -> RgbdFolder:
         pose = rounded_pose(np.array(info["rt_cam"]["matrix"]))
         frames.append(RgbdFrame(depth, colour, pose))
         matrix = np.array(info["kcam"]["matrix"], dtype=np.float64)
-        cameras.add((_from_matrix(matrix), 1.0 / float(info["depth_scale"])))
+        cameras.add((intrinsics_of(matrix), 1.0 / float(info["depth_scale"])))
         size = tuple(info["kcam"]["image_size"])
     if len(cameras) > 1:
         raise InputError(f"has {len(cameras)} different cameras in frames.json; one is supported")
     intrinsics, scale = cameras.pop() if cameras else (None, None)
-    return RgbdFolder("align3d", tuple(frames), intrinsics, scale, size)
+    return RgbdFolder("align3d", tuple(frames), Camera(intrinsics, scale, size))
 
 
 def _open_tum(folder: Path) -> RgbdFolder:
@@ -427,8 +423,7 @@ def _open_tum(folder: Path) -> RgbdFolder:
             for frame, k, (time, _, _) in zip(frames, near, timed, strict=True)
             if abs(stamps[k] - time) <= TIME_GAP_S
         ]
-    camera = _with_camera(RgbdFolder("tum", tuple(frames)), folder)
-    return replace(camera, depth_scale=camera.depth_scale or 5000.0)
+    return RgbdFolder("tum", tuple(frames), _scaled(read_camera(folder), 5000.0))
 
 
 def _tum_pairs(folder: Path) -> list[tuple[float, str, str]]:

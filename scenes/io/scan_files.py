@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import MESH_SUFFIXES
 from scenes.io.rgbd import open_rgbd, read_frame
 from scenes.io.rgbd_writer import Layout, write_rgbd
-from scenes.io.trajectory import poses_at, read_poses
+from scenes.io.trajectory import poses_at, read_named_poses, read_poses
 from scenes.io.uos import is_uos, open_uos, read_uos
 from scenes.pose import Pose
 from scenes.run.mapping import NoSpill, Spill, trim
@@ -53,12 +53,13 @@ class ScanSource:
         False when frames of a folder have no poses.
     times : tuple of float, optional
         When each was taken, seconds, where a folder tells.
-    unit : str, optional
         Of its lengths, where the format fixes one; the readers give metres then.
     numbers : tuple of int
         The number of each reader's scan in the file, from 1; unless given, 1 to as many as there are.
     warnings : tuple of str
         Which scans of the file have no points, so that there is no reader for them.
+    images : tuple of tuple of Path, optional
+        Those of each scan, by whose names poses may be given.
     """
 
     path: Path
@@ -69,6 +70,7 @@ class ScanSource:
     unit: Units | None = None
     numbers: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
+    images: tuple[tuple[Path, ...], ...] | None = None
 
     def number(self, index: int) -> int:
         """Return the number in the file, from 1, of the scan that reader `index` reads."""
@@ -106,8 +108,7 @@ class ScanSource:
 
         Raises InputError: damaged, no such scan, several frames without poses, or poses of another number.
         """
-        picked = self.pick(number)
-        given = _given_poses(poses, self, picked)
+        picked, given, sentences = self.pick_posed(number, poses)
         if given is None and not self.registered and len(picked) > 1:
             raise InputError(
                 f"{self.path}: {len(picked)} frames without poses; give --poses FILE, put a pose.txt there, "
@@ -119,7 +120,35 @@ class ScanSource:
             scans[0] = scans[0].add_warnings(self.warnings)
         if given is not None:
             scans = [scan.with_facts(world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
+            scans[0] = scans[0].add_warnings(sentences)
         return [self.in_metres(scan, units) for scan in scans]
+
+    def pick_posed(
+        self, number: int | None = None, poses: str | os.PathLike[str] | Sequence[Pose] | None = None
+    ) -> tuple[list[int], list[Pose] | None, tuple[str, ...]]:
+        """Return which scans, from 0, are read, their poses where these are given, and which are left out.
+
+        All scans, or scan `number` from 1; where poses are given by name, those that have one.
+
+        Raises InputError: no such scan, poses of another number, or of other names.
+        """
+        picked = self.pick(number)
+        file = Path(poses) if self.images and isinstance(poses, str | os.PathLike) else None
+        named = None if file is None else read_named_poses(file)
+        if file is None or named is None or self.images is None:
+            return picked, _given_poses(poses, self, picked), ()
+        with guard_reading(file, "a file of poses"):
+            found = _match_images(self.images, named)
+        held = [k for k in picked if k in found]
+        if not held:
+            first = self.images[picked[0]][0].name
+            raise InputError(
+                f"{file}: none of its {len(named)} images, as {next(iter(named))!r}, is one of the "
+                f"{len(picked)} frames asked for, as {first!r}; name images as the files are named"
+            )
+        n_left = len(picked) - len(held)
+        sentence = f"{n_left} of {len(picked)} frames have no pose in {file.name} and were left out"
+        return held, [found[k] for k in held], (sentence,) if n_left else ()
 
     def in_metres(self, scan: RangeImage, units: Units) -> RangeImage:
         """Return a scan of it, whose lengths are in `units`, in metres.
@@ -163,7 +192,12 @@ def open_scans(
         timed = times if len(times) == len(readers) else None
         kind = f"rgbd ({folder.layout})"
         return ScanSource(
-            source, kind, _guard_readers(source, kind, readers, marks_misses=True), folder.registered, timed
+            source,
+            kind,
+            _guard_readers(source, kind, readers, marks_misses=True),
+            folder.registered,
+            timed,
+            images=tuple(frame.images for frame in folder.frames),
         )
     check_file(source)
     suffix = source.suffix.lower()
@@ -259,7 +293,7 @@ def read_scans(
         Depth values a unit, for folders.
     poses : file or sequence of Pose, optional
         `world_from_sensor` of each scan of `path` (all of them, or as many as are picked).
-    units : "mm", "cm", "m" or "in"
+    units : "mm", "cm", "m", "in", "ft" or "us-ft"
         Unit of the lengths in the file, poses included.
 
     Raises
@@ -286,6 +320,21 @@ def check_units(units: Units) -> float:
     if units not in METRES_PER_UNIT:
         raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
     return METRES_PER_UNIT[units]
+
+
+def _match_images(images: Sequence[tuple[Path, ...]], named: Mapping[str, Pose]) -> dict[int, Pose]:
+    """The poses of the scans that are named, by the scans' numbers; folders and suffixes may differ.
+
+    Raises InputError: two images of one name.
+    """
+    poses: dict[str, Pose] = {}
+    for name, pose in named.items():
+        stem = PurePosixPath(name).stem
+        if stem in poses:
+            raise InputError(f"several images are named {stem!r}, as {name!r}; give the poses of one camera")
+        poses[stem] = pose
+    stems = ((k, image.stem) for k, files in enumerate(images) for image in reversed(files))
+    return {k: poses[stem] for k, stem in stems if stem in poses}
 
 
 def _given_poses(
@@ -343,6 +392,7 @@ def in_metres(scan: RangeImage, units: Units) -> RangeImage:
         sensor_points=None if scan.sensor_points is None else scale_pixels(scan.sensor_points, factor),
         world_from_sensor=Pose.from_parts(pose.rotation, pose.translation * factor),
         sigma_m=None if scan.sigma_m is None else scan.sigma_m * factor,
+        step_m=scan.step_m * factor,
         truth=None if truth is None else replace(truth, ranges=scale_pixels(truth.ranges, factor)),
     )
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from scenes.io.point_files import read_points
 from scenes.io.scan_files import ScanSource, check_units, open_scans, spill_for, split_index
 from scenes.io.scene_files import load_scene
 from scenes.io.station import scan_from_station
-from scenes.io.trajectory import read_poses
+from scenes.io.trajectory import read_named_poses, read_poses
 from scenes.limits import LEAST_PIXELS
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.pose import Pose
@@ -236,18 +236,22 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
         return opened[base]
 
     counts = [len(source_of(base).readers) if number is None else 1 for base, number in parts]
-    if request.poses is not None and len(parts) > 1:
+    if request.poses is not None and len(parts) > 1 and not _are_named(request.poses, opened.values()):
         pose = read_poses(Path(request.poses))
         if sum(counts) != len(pose):
             raise InputError(
                 f"{request.poses}: {len(pose)} poses for {sum(counts)} scans; give one pose a scan"
             )
         given = [pose[end - n : end] for end, n in zip(np.cumsum(counts), counts, strict=True)]
-    scans, paths = list[RangeImage](), list[str]()
-    spill = spill_for(sum(counts))
-    for path, (base, number), poses in zip(request.paths, parts, given, strict=True):
-        read = source_of(base).read(number, poses, request.units, spill)
-        scans, paths = scans + read, paths + [path] * len(read)
+    scans, paths, spill = list[RangeImage](), list[str](), spill_for(sum(counts))
+    for path, (base, number), poses, count in zip(request.paths, parts, given, counts, strict=True):
+        held = source_of(base).read(number, poses, request.units, spill)
+        scans += held
+        if len(held) == count:
+            paths += [path] * count
+        else:
+            source = source_of(base)
+            paths += [f"{base}#{source.number(k)}" for k in source.pick_posed(number, poses)[0]]
     registered = request.poses is not None or all(source.registered for source in opened.values())
     at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
     if posed and len(scans) > 1 and (not registered or at_origin):
@@ -257,6 +261,11 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
             "one by one"
         )
     return scans, paths
+
+
+def _are_named(poses: str, sources: Iterable[ScanSource]) -> bool:
+    """Whether each pose is that of an image by its name, and all scans have images."""
+    return all(source.images for source in sources) and read_named_poses(Path(poses)) is not None
 
 
 def _read_mesh(request: ScanRequest) -> list[RangeImage]:
@@ -284,7 +293,7 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
         cloud = read_points(path, request.units)
         try:
             scan = scan_from_station(cloud.points, origin, cloud.name, cloud.colour)
-            scans.append(scan.add_warnings(cloud.warnings))
+            scans.append(scan.add_warnings(cloud.warnings).with_facts(step_m=cloud.step_m))
         except InputError as error:
             raise InputError(f"{path}: {'; '.join([str(error), *cloud.warnings])}") from error
     return scans

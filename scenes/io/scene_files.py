@@ -91,10 +91,10 @@ def _keys(edges: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(edges[:, 0] << np.int64(32) | edges[:, 1], dtype=np.int64)
 
 
-def rounding_doubts(points: FloatArray, metres: float) -> tuple[str, ...]:
+def rounding_doubts(points: FloatArray, metres: float | FloatArray) -> tuple[str, ...]:
     """Return a warning where points (n, 3), as the file holds them, went through 32-bit floats too far away.
 
-    `metres` is their unit.
+    `metres` is their unit, one for all or one of each axis (3,).
     """
     largest = np.abs(points).max(axis=0, initial=0.0)
     steps = np.unique(np.spacing(largest.astype(np.float32)) * metres)
@@ -102,7 +102,7 @@ def rounding_doubts(points: FloatArray, metres: float) -> tuple[str, ...]:
         return ()
     rounded = " and ".join(f"{step:.2g}" for step in steps if step > FINE_M)
     return (
-        f"coordinates up to {largest.max() * metres:.4g} m are stored in 32 bits, so they are rounded to "
+        f"coordinates up to {(largest * metres).max():.4g} m are stored in 32 bits, so they are rounded to "
         f"steps of {rounded} m; save the file about an origin of its own",
     )
 
@@ -152,7 +152,7 @@ def load_scene(
         The file. Materials and textures beside it are only read from within its folder.
     up : "x", "y" or "z"
         Axis of the file that is up; it becomes the world's z.
-    units : "mm", "cm", "m" or "in"
+    units : "mm", "cm", "m", "in", "ft" or "us-ft"
         Unit of the file's coordinates.
     mode : "room" or "object", optional
         How to scan it; decided from the geometry when not given (see `scenes.mesh.orientation.decide_mode`).
@@ -261,7 +261,7 @@ def units_doubt(diagonal_m: float) -> str:
     if diagonal_m < SMALL_M:
         return f"the diagonal is {diagonal_m:.3g} m; if the file is not in metres give --units"
     if diagonal_m > LARGE_M:
-        return f"the diagonal is {diagonal_m:.3g} m; if the file is in mm, cm or in give --units"
+        return f"the diagonal is {diagonal_m:.3g} m; if the file is in mm, cm, in or ft give --units"
     return ""
 
 

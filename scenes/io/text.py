@@ -26,6 +26,7 @@ from scenes.io.format import (
     write_single,
 )
 from scenes.io.header import checked_bytes, scan_header
+from scenes.limits import FEWEST_POINTS
 from scenes.run.atomic import atomic_path, to_plain
 from scenes.scan.range_image import RangeImage
 
@@ -41,6 +42,7 @@ _AXES = {  # names of columns, the plainest first
     "z": ("z", "elevation", "elev", "height", "el", "h", "up", "u", "höhe"),
 }
 _COUNTED = 10  # points from which a first column that counts them is their number
+_TRACK = "track"  # of points3D.txt of COLMAP: any number of fields
 _SHOWN = 200  # characters of names in a warning
 _MAX_HEADER = 200  # lines; a file without a point in that many is no point file
 _CURE = "correct the line, or mark it as a comment with #"
@@ -203,12 +205,12 @@ def _layout(lines: list[str]) -> _Layout:
             continue
         fields = _fields(line)
         if not fields:
-            names = _names(line) or names
+            names = _column_names(line, names)
         elif not _is_number(fields[0]):
             columns = _columns(names, len(fields)) if names else ()
             if columns and all(_is_number(fields[k]) for k in columns[:3] if k < len(fields)):
                 return _data_layout(index, fields, names, count)  # a text column stands first
-            names = _names(line) or names
+            names = _column_names(line, names)
         elif len(fields) == 1 and count is None and re.fullmatch(r"\+?\d+", fields[0]):
             count = int(fields[0])
         else:
@@ -250,14 +252,26 @@ def _data_layout(index: int, fields: list[str], names: list[str], count: int | N
 
 def _columns(names: list[str], n_fields: int) -> tuple[int, ...]:
     """Return the columns of x, y, z, and of nx, ny, nz where named; nothing where x, y, z are not."""
-    known = [next((name for name in _AXES[axis] if name in names), None) for axis in "xyz"]
-    if None in known or len(names) < n_fields:
+    known = _axis_names(names)
+    if not known or (len(names) < n_fields and _TRACK not in names):
         return ()
-    columns = [names.index(name) for name in known if name is not None]
+    columns = [names.index(name) for name in known]
     for normal in (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z")):
         if set(normal) <= set(names):
             return tuple(columns + [names.index(axis) for axis in normal])
     return tuple(columns)
+
+
+def _column_names(line: str, before: list[str]) -> list[str]:
+    """Return the names of a header line, or those before where it names nothing or only those are of axes."""
+    names = _names(line)
+    return before if not names or (_axis_names(before) and not _axis_names(names)) else names
+
+
+def _axis_names(names: list[str]) -> list[str]:
+    """Return which of the names are those of x, y and z; nothing where one of them is missing."""
+    known = [next((name for name in _AXES[axis] if name in names), "") for axis in "xyz"]
+    return known if all(known) else []
 
 
 def _names(line: str) -> list[str]:
@@ -321,7 +335,7 @@ def _are_unit(vectors: FloatArray) -> bool:
 
 
 _COLOURS = ("red", "green", "blue")
-_MOST_PIXELS = 2**31
+_MOST_PIXELS, _MOST_DECIMALS = 2**31, 6
 
 
 def write_scan_text(scan: RangeImage, path: Path) -> None:
@@ -383,9 +397,28 @@ def _whole(values: Any) -> Any:
     return values.astype(np.int64)
 
 
+def decimal_step(points: FloatArray) -> float:
+    """Return the step of coordinates (n, 3) written with up to 6 decimals, 0 of more, or of few points.
+
+    Examples
+    --------
+    >>> decimal_step(np.arange(300.0).reshape(100, 3) / 4)
+    0.01
+    """
+    known = points[np.isfinite(points).all(axis=1)]
+    if len(known) < FEWEST_POINTS:
+        return 0.0
+    for n_decimals in range(_MOST_DECIMALS + 1):
+        counts = known * 10.0**n_decimals
+        if (np.abs(counts - np.rint(counts)) <= 1e-6 + 4 * np.spacing(np.abs(counts))).all():
+            return float(10.0**-n_decimals)
+    return 0.0
+
+
 def _raw_points(path: Path) -> RawPoints:
     table = read_point_table(path)
-    return RawPoints(table.points, table.normals, warnings=table.warnings, label=table.label)
+    step = decimal_step(table.points)
+    return RawPoints(table.points, table.normals, warnings=table.warnings, label=table.label, step=step)
 
 
 FORMAT = (

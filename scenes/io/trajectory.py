@@ -41,7 +41,8 @@ def read_poses(path: Path) -> list[Pose]:
         if path.suffix.lower() == ".json":
             return _number_checked(_json_matrices(text))
         if is_colmap(text):
-            return _number_checked(colmap_matrices(text))
+            images = colmap_matrices(text)
+            return _number_checked([images[name] for name in sorted(images, key=natural_key)])
         rows = _number_rows(text)
         if rows and {len(row) for row in rows} == {4}:
             return _number_checked(_square_matrices(rows))
@@ -50,6 +51,19 @@ def read_poses(path: Path) -> list[Pose]:
         if rows and len(rows[0]) == 3 and len(rows) % 5 == 0:
             return _number_checked(_redwood_matrices(rows))
         return _number_checked([_matrix(row[-7:], k) for k, row in enumerate(_equal_rows(rows), start=1)])
+
+
+def read_named_poses(path: Path) -> dict[str, Pose] | None:
+    """Return the pose of each image that a file names, `world_from_sensor`; None of a file without names.
+
+    Only COLMAP's `images.txt` names them. Raises InputError: as `read_poses`.
+    """
+    with guard_reading(path, "a file of poses"):
+        text = read_text(path)
+        if path.suffix.lower() == ".json" or not is_colmap(text):
+            return None
+        images = colmap_matrices(text)
+        return dict(zip(images, _number_checked(list(images.values())), strict=True))
 
 
 def rounded_pose(matrix: FloatArray) -> Pose:
@@ -191,8 +205,8 @@ def is_colmap(text: str) -> bool:
     return False
 
 
-def colmap_matrices(text: str) -> list[FloatArray]:
-    """Return world-from-sensor matrices (4, 4), in the natural order of the images' names.
+def colmap_matrices(text: str) -> dict[str, FloatArray]:
+    """Return world-from-sensor matrices (4, 4) by the names of the images.
 
     COLMAP's own poses go from the world to the camera, and its unit is that of the model, which is arbitrary
     unless it was scaled; its camera frame is ours.
@@ -210,7 +224,7 @@ def colmap_matrices(text: str) -> list[FloatArray]:
         if len(words) < _WORDS:
             raise InputError(f"image {number} has {len(words)} words; expected {_COLMAP}")
         images[words[-1]] = _invert_pose([float(word) for word in words[1:8]], words[-1])
-    return [images[name] for name in sorted(images, key=natural_key)]
+    return images
 
 
 def _invert_pose(numbers: list[float], name: str) -> FloatArray:

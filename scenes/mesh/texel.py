@@ -8,6 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray
+from scenes.run.stored_code import can_store
 
 
 @njit(inline="always")
@@ -18,7 +19,7 @@ def _mix_corners(
     return float(value + c * corner_colour[face, 2, channel])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=can_store(), nogil=True)
 def plain_colours(
     faces: NDArray[np.int32],
     barycentric: FloatArray,
@@ -42,7 +43,7 @@ def plain_colours(
                 colour[i, channel] = _mix_corners(corner_colour, face, channel, a, b, c)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=can_store(), nogil=True)
 def textured_colours(
     faces: NDArray[np.int32],
     barycentric: FloatArray,

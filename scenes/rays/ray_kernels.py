@@ -7,14 +7,13 @@ while they run. Rays are rows of (n, 3) arrays; one origin of shape (1, 3) serve
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 from numba import float64, int32, njit, types, uint64, void
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray
 from scenes.rays.local_mesh import LocalMesh
+from scenes.run.stored_code import can_store
 
 _BLOCK = 64  # rays whose planes are met side by side, in vector registers
 _VECTORS = types.Array(float64, 2, "C", readonly=True)
@@ -23,17 +22,7 @@ _FACES = types.Array(int32, 2, "C", readonly=True)
 _HIT_FACES = types.Array(int32, 1, "C", readonly=True)
 
 
-def _can_store() -> bool:
-    """Say whether numba finds a folder for compiled code."""
-    try:
-        njit(cache=True)(_can_store)
-    except RuntimeError as error:
-        logging.getLogger(__name__).warning("numba compiles anew in each process: %s", error)
-        return False
-    return True
-
-
-COMPILED = {"nogil": True, "cache": _can_store(), "error_model": "numpy", "no_cfunc_wrapper": True}
+COMPILED = {"nogil": True, "cache": can_store(), "error_model": "numpy", "no_cfunc_wrapper": True}
 INLINED = {"error_model": "numpy", "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Options of parts of compiled loops: without an entry for the interpreter, which must not call them."""
 

@@ -102,8 +102,16 @@ def write_bytes(path: str | os.PathLike[str], *parts: bytes | memoryview) -> Non
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write `text` as UTF-8 with plain line ends to `path` atomically."""
-    write_bytes(path, text.encode("utf-8"))
+    """Write `text` as UTF-8 with plain line ends to `path` atomically; half letters as by `encodable`."""
+    write_bytes(path, encodable(text).encode("utf-8"))
+
+
+def encodable(text: str) -> str:
+    r"""Return `text` with half letters written as `\udcf6`, which JSON reads back as they were.
+
+    File names of another encoding than the system's have them (PEP 383).
+    """
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def write_json(path: str | os.PathLike[str], value: object) -> None:
@@ -123,7 +131,7 @@ def _json_parts(value: Mapping[Any, Any]) -> Iterator[str]:
     """The text of a mapping that is not empty, in parts."""
     for number, (key, item) in enumerate(value.items()):
         yield ",\n" if number else "{\n"
-        yield f"  {json.dumps(str(key), ensure_ascii=False)}: "
+        yield f"  {encodable(json.dumps(str(key), ensure_ascii=False))}: "
         if not isinstance(item, list | tuple) or not item:
             yield _indent(item, 2)
             continue
@@ -148,7 +156,7 @@ def json_text(value: object, indent: int | None = 2) -> str:
     >>> json_text({"b": np.array([1.5, np.nan]), "a": np.int64(2)}, indent=None)
     '{"b": [1.5, null], "a": 2}'
     """
-    text = json.dumps(to_plain(value), indent=indent, allow_nan=False, ensure_ascii=False)
+    text = encodable(json.dumps(to_plain(value), indent=indent, allow_nan=False, ensure_ascii=False))
     return text if indent is None else text + "\n"
 
 

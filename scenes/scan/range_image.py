@@ -35,7 +35,7 @@ from scenes.scan.projection import Projection
 TRUTH_CHANNELS = {
     "face": np.int32, "surface": np.int32, "ranges": np.float64, "incidence": np.float64, "n_rays": np.uint8
 }  # fmt: skip
-_FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name")
+_FACTS = ("world_from_sensor", "sigma_m", "sensor", "noise", "name", "step_m")
 
 
 MESH_SENSOR = "cast at a mesh"
@@ -120,6 +120,9 @@ class RangeImage:
         What to call the scan in reports.
     warnings : tuple of str
         What was left out or assumed while it was read.
+    step_m : float
+        Between the values that coordinates of points could take in the file, metres; 0 where unknown or not
+        rounded.
 
     Arrays of more than half a million pixels are in a temporary file without a name, which memory holds only
     as far as it is in use (`scenes.run.mapping`); `release` ends the use.
@@ -144,10 +147,11 @@ class RangeImage:
     truth: ScanTruth | None = None
     name: str = "scan"
     warnings: tuple[str, ...] = ()
+    step_m: float = 0.0
 
     def __post_init__(self) -> None:
         single = np.shape(self.ranges)
-        check_options(self, sigma_m=(0.0, np.inf))
+        check_options(self, sigma_m=(0.0, np.inf), step_m=(0.0, np.inf))
         if single != self.projection.shape:
             raise InputError(f"ranges have shape {single}, the projection {self.projection.shape}")
         if self.truth is not None and self.truth.ranges.shape != single:
@@ -283,20 +287,20 @@ class RangeImage:
     transformed = transform  # earlier name
 
     def with_facts(self, **facts: Any) -> RangeImage:
-        """Return the scan with other `facts`: pose, sigma, sensor, noise, name.
+        """Return the scan with other `facts`: pose, sigma, sensor, noise, name, step.
 
         The pixels are the same arrays, not checked again, which `dataclasses.replace` would do.
 
         Raises
         ------
         InputError
-            A sigma that is negative or not finite.
+            A sigma or step that is negative or not finite.
         """
         unknown = set(facts) - set(_FACTS)
         if unknown:
             raise TypeError(f"{', '.join(sorted(unknown))}: only {', '.join(_FACTS)} can be restated")
         scan = self._changed(facts)
-        check_options(scan, sigma_m=(0.0, np.inf))
+        check_options(scan, sigma_m=(0.0, np.inf), step_m=(0.0, np.inf))
         return scan
 
     def add_warnings(self, texts: Iterable[str]) -> RangeImage:

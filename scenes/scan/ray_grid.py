@@ -14,6 +14,7 @@ from numba import njit
 
 from scenes.checks import FloatArray, IntArray, read_only_view
 from scenes.run.memory import in_blocks
+from scenes.run.stored_code import can_store
 
 _NOWHERE = np.zeros((0, 0))
 
@@ -71,7 +72,7 @@ class RayGrid:
         return out.reshape(*shape, 3)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=can_store(), nogil=True)
 def _fill(
     scale: FloatArray,
     down: FloatArray,

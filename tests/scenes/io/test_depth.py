@@ -52,7 +52,7 @@ def test_raw_kinect_disparities_become_metres_in_either_byte_order(tmp_path: Pat
 def test_what_an_encoding_cannot_hold_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"camera\.json: unknown depth_encoding 'zip'; known: linear, sun3d"):
         read_scan(folder_of(tmp_path / "a", sun3d(DEPTH_MM), depth_encoding="zip"))
-    wrong = np.full((4, 4), 0xFFFF, np.uint16)
+    wrong = np.full((12, 24), 0xFFFF, np.uint16)
     with pytest.raises(InputError, match=r"1\.png: kinect-disparity has 11 bits, the image holds 65535"):
         read_scan(folder_of(tmp_path / "b", wrong, depth_encoding="kinect-disparity"))
     with pytest.raises(InputError, match="sun3d depth is of 16-bit integers, the image holds others"):

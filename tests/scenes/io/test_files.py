@@ -217,8 +217,8 @@ def test_units_scale_everything(tmp_path: Path) -> None:
     assert small.truth is not None
     np.testing.assert_allclose(small.truth.ranges, small.ranges)
     assert in_metres(scan, "m") is scan
-    with pytest.raises(InputError, match="unknown units 'ft'; known: mm, cm, m, in"):
-        read_scan(tmp_path / "a.npz", units="ft")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="unknown units 'yd'; known: mm, cm, m, in, ft, us-ft"):
+        read_scan(tmp_path / "a.npz", units="yd")  # type: ignore[arg-type]
 
 
 def test_poses_from_a_file_replace_those_of_the_scans(tmp_path: Path) -> None:

@@ -48,8 +48,8 @@ def test_up_turns_without_mirroring(tmp_path: Path, up: Any, bounds: list[float]
     assert np.linalg.det(world_from_file_up(up).rotation) == pytest.approx(1)
     with pytest.raises(InputError, match="unknown up axis 'w'; known: x, y, z"):
         load_scene(tmp_path / "a.ply", up="w")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="unknown units 'ft'"):
-        load_scene(tmp_path / "a.ply", units="ft")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="unknown units 'yd'"):
+        load_scene(tmp_path / "a.ply", units="yd")  # type: ignore[arg-type]
 
 
 def test_scene_graphs_are_flattened_with_their_transforms_and_names(tmp_path: Path) -> None:

@@ -180,8 +180,8 @@ def test_files_that_are_not_there_empty_or_unknown(tmp_path: Path) -> None:
         read_text(tmp_path, "")
     with pytest.raises(InputError, match=r"cannot read points from \.stl; known: \.npz"):
         read_text(tmp_path, "solid", "part.stl")
-    with pytest.raises(InputError, match="unknown units 'ft'; known: mm, cm, m, in"):
-        read_text(tmp_path, "1 2 3\n", units="ft")
+    with pytest.raises(InputError, match="unknown units 'yd'; known: mm, cm, m, in, ft, us-ft"):
+        read_text(tmp_path, "1 2 3\n", units="yd")
     with pytest.raises(InputError, match="holds one cloud, so there is no #2"):
         read_points(f"{tmp_path / 'cloud.txt'}#2")
 

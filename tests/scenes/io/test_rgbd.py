@@ -153,8 +153,8 @@ def test_unequal_numbers_and_sizes_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"holds 2 depth images, but pose\.txt has 1 poses"):
         read_scans(tmp_path)
     (tmp_path / "pose.txt").unlink()
-    save(np.zeros((12, 16, 3), np.uint8), tmp_path / "color" / "1.png")
-    with pytest.raises(InputError, match=r"1\.png: is 16 x 12, its depth image 8 x 6; register the depth"):
+    save(np.zeros((12, 12, 3), np.uint8), tmp_path / "color" / "1.png")
+    with pytest.raises(InputError, match=r"1\.png: is 12 x 12, its depth image 8 x 6; register the depth"):
         read_scan(f"{tmp_path}#1", intrinsics=CAMERA, depth_scale=1000)
     (tmp_path / "color" / "2.png").unlink()
     with pytest.raises(InputError, match="holds 1 colour and 2 depth images"):

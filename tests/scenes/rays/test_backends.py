@@ -324,8 +324,7 @@ HINDRANCES = {
     ),
     "nowhere to store": (
         "import numba.core.caching as c; c.CacheImpl._locator_classes = []",
-        "scenes.rays.ray_kernels: numba compiles anew in each process: cannot cache function '_can_store': "
-        "no locator available",
+        "scenes.run.stored_code: no folder for compiled code can be written: each run compiles anew",
         "packets",
     ),
 }

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: MIT
+"""Camera files of RGB-D folders: intrinsics, depth scale and lens distortion."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, cast, get_args
+
+import numpy as np
+
+from scenes.checks import FloatArray, InputError
+from scenes.io.documents import parse_json, read_text
+from scenes.io.guard import guard_reading
+
+DepthEncoding = Literal["linear", "sun3d", "kinect-disparity"]
+Intrinsics = tuple[float, float, float, float]
+_FILES = ("camera.json", "intrinsics.json", "intrinsic.json", "camera_primesense.json", "camera.txt",
+          "intrinsics.txt", "camera-intrinsics.txt")  # fmt: skip
+_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
+_LISTS = ("distortion", "dist_coeffs", "distortion_coeffs", "distortion_coefficients")
+_LENGTHS = (0, 4, 5, 8)  # of such a list
+_MODEL_NAMES = ("distortion_model", "camera_model", "model")
+_MODELS = ("none", "pinhole", "simple_radial", "radial", "opencv", "full_opencv", "brown", "brown_conrady",
+           "plumb_bob", "radtan", "rational_polynomial")  # fmt: skip
+_MATRIX, _PIXELS = "intrinsic_matrix", ("fx", "fy", "cx", "cy")
+_KNOWN = {_MATRIX, *_PIXELS, "width", "height", "depth_scale", "depth_encoding", *_COEFFICIENTS, *_LISTS,
+          *_MODEL_NAMES}  # fmt: skip
+
+
+def check_encoding(name: object) -> DepthEncoding:
+    """Return `name` when it is a known encoding; raise InputError otherwise."""
+    if name in get_args(DepthEncoding):
+        return cast(DepthEncoding, name)
+    raise InputError(f"unknown depth_encoding {name!r}; known: {', '.join(get_args(DepthEncoding))}")
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Camera of the depth images of a folder, as far as its files state it.
+
+    Attributes
+    ----------
+    intrinsics : (fx, fy, cx, cy), optional
+        Pixels, centres at integers.
+    depth_scale : float, optional
+        Depth values a metre.
+    image_size : (width, height), optional
+        Of the images that the intrinsics are of, pixels.
+    depth_encoding : str
+        How counts become metres.
+    distortion : tuple of float
+        k1, k2, p1, p2, k3, k4, k5, k6 of OpenCV's model, as many as are known; empty without distortion.
+    warnings : tuple of str
+        What was left out or converted.
+    """
+
+    intrinsics: Intrinsics | None = None
+    depth_scale: float | None = None
+    image_size: tuple[int, int] | None = None
+    depth_encoding: DepthEncoding = "linear"
+    distortion: tuple[float, ...] = field(default=())
+    warnings: tuple[str, ...] = ()
+
+    def of_size(self, size: tuple[int, int]) -> Camera:
+        """Return the camera of images of `size` (width, height), scaled where only the size differs.
+
+        Raises InputError: images of another aspect ratio, or a principal point outside of the image.
+        """
+        camera, stated = self, self.image_size
+        if self.intrinsics is not None and stated is not None and stated != size:
+            if not is_scaled(stated, size):
+                raise InputError(
+                    f"is {size[0]} x {size[1]}, its camera file says {stated}; "
+                    "give --intrinsics FX,FY,CX,CY for these images"
+                )
+            across, down = size[0] / stated[0], size[1] / stated[1]
+            fx, fy, cx, cy = self.intrinsics
+            scaled = fx * across, fy * down, (cx + 0.5) * across - 0.5, (cy + 0.5) * down - 0.5
+            sentence = f"intrinsics of {stated[0]} x {stated[1]} pixels were scaled to {size[0]} x {size[1]}"
+            camera = replace(self, intrinsics=scaled, image_size=size, warnings=(*self.warnings, sentence))
+        if camera.intrinsics is not None:
+            _check_principal_point(camera.intrinsics[2:], size)
+        return camera
+
+
+def is_scaled(first: tuple[int, int], second: tuple[int, int]) -> bool:
+    """Tell whether two sizes (width, height) have one aspect ratio, up to half a pixel of the smaller."""
+    small, large = sorted((first, second))
+    return min(small) > 0 and abs(small[0] * large[1] / large[0] - small[1]) <= 0.5
+
+
+def _check_principal_point(point: tuple[float, ...], size: tuple[int, int]) -> None:
+    if not all(-0.5 <= place <= n - 0.5 for place, n in zip(point, size, strict=True)):
+        raise InputError(
+            f"its principal point ({point[0]:g}, {point[1]:g}) lies outside of its {size[0]} x {size[1]} "
+            "pixels: the intrinsics are of another image size; give those of the depth images, or state "
+            "width and height in camera.json, by which they are scaled"
+        )
+
+
+def read_camera(folder: Path) -> Camera:
+    """Return the camera that the first camera file of a folder states: .json (ours, Open3D's) or .txt.
+
+    Raises InputError: a damaged file, a distortion that is not known.
+    """
+    for name in _FILES:
+        if (folder / name).is_file():
+            with guard_reading(folder / name, "a camera file"):
+                text = read_text(folder / name)
+                return _of_text(text) if name.endswith(".txt") else _of_values(parse_json(text, dict), name)
+    return Camera()
+
+
+def intrinsics_of(matrix: FloatArray) -> Intrinsics:
+    """Return fx, fy, cx, cy of a camera matrix (3, 3)."""
+    return float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])
+
+
+def _of_text(text: str) -> Camera:
+    """The camera of 3x3, 4 or 5 numbers."""
+    numbers = [float(word) for word in text.replace(",", " ").split()]
+    if len(numbers) == 9:
+        return Camera(intrinsics_of(np.array(numbers).reshape(3, 3)))
+    if len(numbers) not in (4, 5):
+        raise InputError(f"expected fx fy cx cy [depth_scale] or 3x3 numbers, got {len(numbers)}")
+    fx, fy, cx, cy = numbers[:4]
+    return Camera((fx, fy, cx, cy), numbers[4] if len(numbers) == 5 else None)
+
+
+def _of_values(values: Mapping[str, Any], name: str) -> Camera:
+    if _MATRIX in values:  # Open3D's, column by column
+        camera = intrinsics_of(np.array(values[_MATRIX], dtype=np.float64).reshape(3, 3).T)
+    else:
+        fx, fy, cx, cy = (float(values[key]) for key in _PIXELS)
+        camera = fx, fy, cx, cy
+    unknown = ", ".join(sorted(str(key) for key in set(values) - _KNOWN))
+    return Camera(
+        camera,
+        depth_scale=float(values["depth_scale"]) if values.get("depth_scale") is not None else None,
+        image_size=(int(values["width"]), int(values["height"])) if "width" in values else None,
+        depth_encoding=check_encoding(values.get("depth_encoding", "linear")),
+        distortion=_distortion(values),
+        warnings=(f"{name}: keys that are not known were left out: {unknown[:200]}",) if unknown else (),
+    )
+
+
+def _distortion(values: Mapping[str, Any]) -> tuple[float, ...]:
+    """Coefficients in OpenCV's order, nothing where all are 0."""
+    listed: Any = next((values[key] for key in _LISTS if values.get(key)), [])
+    coefficients = [float(number) for number in np.ravel(listed)]
+    coefficients = coefficients or [float(values.get(key) or 0.0) for key in _COEFFICIENTS]
+    if len(coefficients) not in _LENGTHS or not np.isfinite(coefficients).all():
+        raise InputError(
+            f"its distortion is {coefficients}; expected 4, 5 or 8 numbers, k1, k2, p1, p2, k3 ..."
+        )
+    if not any(coefficients):
+        return ()
+    for key in _MODEL_NAMES:
+        model = re.sub(r"\W+", "_", str(values.get(key) or "none").lower())
+        if model not in _MODELS:
+            raise InputError(
+                f"its {key} {values[key]!r} is not known (known: {', '.join(_MODELS)}); "
+                "undistort the images first"
+            )
+    return tuple(coefficients)
