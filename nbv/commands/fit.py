@@ -44,7 +44,8 @@ def _run_surface(shared: Shared, asked: FitOptions, shape: Shape) -> None:
         if shared.out is not None:
             run.read([points])
         cloud = read_points(points, asked.units)
-        along = cloud.rays(origin) if asked.rays or origin is not None else None
+        place = None if origin is None else np.array(origin) * cloud.metres_per_unit
+        along = cloud.rays(place) if asked.rays or place is not None else None
         run.watch.enter("fit")
         options = {
             "shape": shape, "metric": metric, "robust": robust, "rays": along is not None, "origin": origin,

@@ -142,7 +142,7 @@ class ReadOptions:
     """How scans are read from their files."""
 
     origins: tuple[tuple[float, ...], ...] = option(
-        "--origin", "Position of the scanner, for files of mere points; repeat it for each file.", (),
+        "--origin", "Scanner's position in the file's units, for mere points; repeat it for each file.", (),
         metavar="X,Y,Z", shown="from the files", is_repeated=True, parse=each(numbers(3)),
     )  # fmt: skip
     intrinsics: tuple[float, ...] | None = option(

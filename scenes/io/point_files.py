@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +56,8 @@ class PointCloud:
         Points of the file, those that were left out too.
     step_m : float
         Between the values that coordinates can take, metres; 0 where they are not rounded.
+    metres_per_unit : (3,) float
+        Of the file's coordinates along x, y and z.
     """
 
     points: FloatArray
@@ -68,16 +70,17 @@ class PointCloud:
     rows: IntArray | None = None
     n_rows: int = 0
     step_m: float = 0.0
+    metres_per_unit: FloatArray = field(default_factory=lambda: np.ones(3))
 
     def __post_init__(self) -> None:
-        for field in ("points", "normals", "origins"):
-            if getattr(self, field) is not None:
-                object.__setattr__(self, field, frozen_copy(getattr(self, field), np.float64))
+        for name in ("points", "normals", "origins", "metres_per_unit"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen_copy(getattr(self, name), np.float64))
         if self.colour is not None:
             object.__setattr__(self, "colour", frozen_copy(self.colour, np.uint8))
-        for field in ("label", "rows"):
-            if getattr(self, field) is not None:
-                object.__setattr__(self, field, frozen_copy(getattr(self, field), np.int64))
+        for name in ("label", "rows"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen_copy(getattr(self, name), np.int64))
         object.__setattr__(self, "n_rows", max(self.n_rows, len(self.points)))
 
     def rays(self, origin: object | None = None) -> FloatArray:
@@ -163,6 +166,7 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
         rows=None if kept.all() else np.flatnonzero(kept),
         n_rows=len(kept),
         step_m=step_m,
+        metres_per_unit=metres,
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from scenes.checks import InputError, check_point
 from scenes.inclination import SignedAxis
 from scenes.io.describe import scan_warnings
-from scenes.io.format import Units
+from scenes.io.format import METRES_PER_UNIT, Units
 from scenes.io.mesh_file import is_mesh
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import ScanSource, check_units, open_scans, spill_for, split_index
@@ -46,7 +46,7 @@ def scan_mesh(
     path : str or path
         The mesh, in any format that `load_scene` reads; its axes stay as they are.
     origins : sequence of (3,) float
-        Where scanners stand, in the file's frame, metres.
+        Where scanners stand, in the file's coordinates and units.
     units : str
         Of the file.
     up : str
@@ -66,7 +66,8 @@ def scan_mesh(
     )
     scans = []
     for number, origin in enumerate(origins, start=1):
-        place = from_file.apply(check_point(f"place {number}", origin)[None])[0]
+        stands = METRES_PER_UNIT[units] * check_point(f"place {number}", origin)
+        place = from_file.apply(stands[None])[0]
         scan = _seen_from(scene, Pose.looking_at(place, place + [1.0, 0.0, 0.0]), projection)
         n_met = int(scan.valid.sum())
         if n_met < LEAST_PIXELS:
@@ -292,7 +293,9 @@ def _read_clouds(request: ScanRequest) -> list[RangeImage]:
     for path, origin in zip(request.paths, request.origins, strict=True):
         cloud = read_points(path, request.units)
         try:
-            scan = scan_from_station(cloud.points, origin, cloud.name, cloud.colour)
+            scan = scan_from_station(
+                cloud.points, np.array(origin) * cloud.metres_per_unit, cloud.name, cloud.colour
+            )
             scans.append(scan.add_warnings(cloud.warnings).with_facts(step_m=cloud.step_m))
         except InputError as error:
             raise InputError(f"{path}: {'; '.join([str(error), *cloud.warnings])}") from error

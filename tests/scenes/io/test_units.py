@@ -15,6 +15,7 @@ from scenes.inclination import Up
 from scenes.io.crs import unit_of_geokeys, unit_of_wkt
 from scenes.io.point_files import read_points
 from scenes.io.scan_request import ScanRequest, read_request
+from scenes.scan.projection import SphericalProjection
 from tests.helpers.completion_examples import PLAIN
 from tests.helpers.data_paths import data_path, requires_data
 
@@ -48,7 +49,7 @@ def geokeys(keys: dict[int, int]) -> bytes:
 
 @requires_data
 def test_a_room_in_us_survey_feet_comes_out_in_metres() -> None:
-    origin = US_FOOT * np.array([984_000.0, 210_000.0, 0.0]) + [2.9, 1.3, 1.5]
+    origin = np.array([984_000.0, 210_000.0, 0.0]) + np.array([2.9, 1.3, 1.5]) / US_FOOT
     given = read_request(ScanRequest((str(data_path(FEET)),), origins=(tuple(origin),)))
     name = Path(FEET).name
     assert given.doubts == (f"{name}: the file states its unit, US survey foot: converted to metres",)
@@ -124,3 +125,12 @@ def test_units_given_win_over_the_files_and_a_contradiction_is_reported(tmp_path
     np.testing.assert_allclose(other.points, POINTS * 0.3048, rtol=1e-12)
     assert same.warnings == ()
     assert other.warnings == ("--units ft was applied, though the file states US survey foot",)
+
+
+def test_a_place_is_in_the_units_of_the_file(tmp_path: Path) -> None:
+    around = SphericalProjection.regular(60, 30, 360.0, (-60.0, 60.0)).directions()
+    np.savetxt(tmp_path / "a.xyz", 2000.0 * around.reshape(-1, 3) + [5000.0, 0.0, 0.0], fmt="%.6f")
+    request = ScanRequest((str(tmp_path / "a.xyz"),), units="mm", origins=((5000.0, 0.0, 0.0),))
+    (scan,) = read_request(request).scans
+    assert scan.origin == pytest.approx([5.0, 0.0, 0.0])
+    assert np.median(scan.ranges[scan.valid]) == pytest.approx(2.0, abs=1e-6)
