@@ -26,9 +26,10 @@ from completion.result.record import ObservedDetail, completion_record, polygons
 from completion.result.verification import Verification
 from scenes.checks import InputError
 from scenes.io.e57_writer import write_e57
-from scenes.io.gltf import glb_of
+from scenes.io.glb_writer import glb_of
 from scenes.io.obj import write_obj
-from scenes.io.ply import PlyMesh, write_meshes_ply
+from scenes.io.ply import PlyMesh
+from scenes.io.ply_writer import write_meshes_ply
 from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json, write_text
 
 

@@ -16,7 +16,7 @@ from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES
 from scenes.checks import ColourArray
 from scenes.io.e57_writer import InferredPoints
-from scenes.io.ply import write_mesh_ply
+from scenes.io.ply_writer import write_mesh_ply
 from scenes.mesh.blocks import in_blocks
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart

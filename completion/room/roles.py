@@ -78,15 +78,15 @@ class Room:
         """
         if not self.role(other) or not self.role(number):
             return True
-        theirs, own = self.places[other], self.places[number]
+        places, other_places = self.places[number], self.places[other]
         if self.role(other) == "wall":
-            bounded, within = self.rooms_at(theirs), self.rooms_at(own)
+            bounded, within = self.rooms_at(other_places), self.rooms_at(places)
             n_each = np.bincount(bounded, minlength=within.max(initial=0) + 1)
-            is_common = (n_each >= limits.BOUNDING_SHARE * len(theirs))[within[within > 0]]
+            is_common = (n_each >= limits.BOUNDING_SHARE * len(other_places))[within[within > 0]]
             return not n_each[1:].any() or not len(is_common) or bool(is_common.mean() >= limits.BOUNDING)
-        if self.role(number) != "wall" or self._is_outermost(theirs):
+        if self.role(number) != "wall" or self._is_outermost(other_places):
             return True
-        away, _ = cKDTree(theirs @ self.axes.T).query(own @ self.axes.T)
+        away, _ = cKDTree(other_places @ self.axes.T).query(places @ self.axes.T)
         return bool((away < limits.SUPPORT_M).mean() >= limits.BOUNDING)
 
     def _is_outermost(self, points: FloatArray) -> bool:

@@ -20,7 +20,7 @@ from nbv.commands.process import Run, start_run
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.inclination import Up
 from scenes.io.mesh_file import is_mesh
-from scenes.io.ply import write_mesh_ply
+from scenes.io.ply_writer import write_mesh_ply
 from scenes.io.point_files import read_part_file
 from scenes.io.scan_request import ScanRequest, read_request
 from scenes.run.atomic import write_json

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
@@ -14,6 +14,8 @@ import numpy as np
 from scenes.checks import FloatArray, InputError
 from scenes.io.documents import parse_json, read_text
 from scenes.io.guard import guard_reading
+from scenes.scan.projection import PinholeProjection
+from scenes.scan.range_image import RangeImage
 
 DepthEncoding = Literal["linear", "sun3d", "kinect-disparity"]
 Intrinsics = tuple[float, float, float, float]
@@ -166,3 +168,30 @@ def _distortion(values: Mapping[str, Any]) -> tuple[float, ...]:
                 "undistort the images first"
             )
     return tuple(coefficients)
+
+
+def undistorted(
+    scan: RangeImage, camera: PinholeProjection, depth_m: FloatArray, distortion: Sequence[float]
+) -> RangeImage:
+    """Return the scan of a distorted image as of the same camera without distortion; its points stay exact.
+
+    `depth_m` (rows, columns) is along the optical axis, metres; `distortion` is in OpenCV's order and model.
+    """
+    import cv2  # slow to import, and rarely needed
+
+    matrix = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+    lens = np.array(distortion)
+    columns, rows = np.meshgrid(np.arange(camera.width, dtype=np.float64), np.arange(float(camera.height)))
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
+    rays = cv2.undistortPoints(pixels, matrix, lens, criteria=(3, 50, 1e-9)).reshape(*scan.shape, 2)
+    points = (
+        np.concatenate([rays, np.ones((*scan.shape, 1))], axis=-1)
+        * np.where(scan.valid, depth_m, np.nan)[..., None]
+    )
+    seen = cv2.initUndistortRectifyMap(matrix, lens, None, matrix, scan.shape[::-1], cv2.CV_32FC1)
+    column, row = (np.rint(place).astype(np.int64) for place in seen)
+    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    at = np.where(inside, row, 0), np.where(inside, column, 0)
+    colour = None if scan.colour is None else scan.colour[at]
+    points = np.where(inside[..., None], points[at], np.nan)
+    return RangeImage.from_points(points, camera, scan.world_from_sensor, colour, scan.name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""glTF: read within its folder and checked against its bytes, made plain for decoders; GLB, written y up.
+"""glTF: read within its folder and checked against its bytes.
 
 Structure of glTF: what its JSON says of buffers, arrays and nodes, held against the bytes that are there.
 A decoder that believes these numbers makes room for what is not there, follows nodes in a circle, or places
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,18 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
-from scenes.checks import FloatArray, InputError
+from scenes.checks import InputError
 from scenes.io.documents import parse_json, within_folder
 from scenes.io.guard import check_file
 from scenes.io.image import check_image
 from scenes.io.limits import check_limit, check_unpacked
-from scenes.mesh.appearance import linear_from_srgb
-from scenes.mesh.mesh_parts import MeshPart, local_origin
-from scenes.pose import Pose
 
-_JSON, _BINARY = 0x4E4F534A, 0x004E4942  # what a chunk of a GLB holds
+JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942  # what a chunk of a GLB holds
 Content = Mapping[str, Any]
 _DEEPEST = 256  # nodes within each other: a drawing program's own limit lies below
 _PARTS = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
@@ -79,9 +74,9 @@ def _chunks(data: memoryview) -> tuple[memoryview, memoryview | None]:
             )
         chunks.setdefault(kind, data[at + 8 : at + 8 + size])
         at += 8 + size
-    if _JSON not in chunks:
+    if JSON_CHUNK not in chunks:
         raise InputError("is a GLB file without JSON")
-    return chunks[_JSON], chunks.get(_BINARY)
+    return chunks[JSON_CHUNK], chunks.get(BINARY_CHUNK)
 
 
 def _buffer(entry: Any, number: int, file: Path, binary: memoryview | None) -> memoryview:
@@ -199,14 +194,14 @@ def entry_number(
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_INSTANCING = "EXT_mesh_gpu_instancing"
+INSTANCING = "EXT_mesh_gpu_instancing"
 _HARMLESS = (
     "KHR_materials_",
     "KHR_lights_",
     "KHR_texture_",
     "EXT_texture_webp",
     "KHR_mesh_quantization",
-    _INSTANCING,
+    INSTANCING,
 )
 
 
@@ -225,7 +220,7 @@ def check_gltf(content: Content, buffers: Sequence[memoryview]) -> Contents:
     with a corner that is not there, nodes in a circle or in two places, or more than the limits allow.
     """
     _check_version(content)
-    views, arrays = _arrays(content, buffers)
+    views, arrays = accessors_of(content, buffers)
     held = sum(len(buffer) for buffer in buffers)
     check_unpacked(sum(array.n_bytes for array in arrays), held, "its accessors")
     for array in arrays:
@@ -238,12 +233,12 @@ def check_gltf(content: Content, buffers: Sequence[memoryview]) -> Contents:
     return Contents(n_faces, sum(_embedded_images(content, views)))
 
 
-def _arrays(
+def accessors_of(
     content: Content, buffers: Sequence[memoryview]
-) -> tuple[list[tuple[memoryview, int]], list[_Array]]:
+) -> tuple[list[tuple[memoryview, int]], list[Accessor]]:
     """Buffer views with their strides, and accessors."""
     views = [_view(entry, k, buffers) for k, entry in enumerate(entry_list(content, "bufferViews"))]
-    return views, [_Array(entry, k, views) for k, entry in enumerate(entry_list(content, "accessors"))]
+    return views, [Accessor(entry, k, views) for k, entry in enumerate(entry_list(content, "accessors"))]
 
 
 def _check_version(content: Content) -> None:
@@ -265,7 +260,7 @@ def _view(entry: Any, number: int, buffers: Sequence[memoryview]) -> tuple[memor
     return buffer[start : start + length], entry_number(entry, "byteStride", what, 0)
 
 
-class _Array:
+class Accessor:
     """An accessor: an array within a buffer view."""
 
     def __init__(self, entry: Any, number: int, views: Sequence[tuple[memoryview, int]]) -> None:
@@ -312,7 +307,7 @@ class _Array:
         return np.maximum(numbers.astype(np.float64) / np.iinfo(self.dtype).max, -1.0)
 
 
-def _meshes(content: Content, arrays: Sequence[_Array]) -> tuple[list[int], list[int]]:
+def _meshes(content: Content, arrays: Sequence[Accessor]) -> tuple[list[int], list[int]]:
     """Faces and vertices of each mesh."""
     faces, points = [], []
     for number, mesh in enumerate(entry_list(content, "meshes")):
@@ -328,7 +323,7 @@ def _meshes(content: Content, arrays: Sequence[_Array]) -> tuple[list[int], list
     return faces, points
 
 
-def _primitive(entry: Any, what: str, arrays: Sequence[_Array]) -> tuple[int, int]:
+def _primitive(entry: Any, what: str, arrays: Sequence[Accessor]) -> tuple[int, int]:
     """Faces and vertices of one primitive."""
     attributes = entry.get("attributes") if isinstance(entry, dict) else None
     if not isinstance(attributes, dict):
@@ -355,7 +350,7 @@ def _primitive(entry: Any, what: str, arrays: Sequence[_Array]) -> tuple[int, in
     return (n_corners // 3 if mode == _TRIANGLES else max(n_corners - 2, 0)), n_points
 
 
-def _check_corners(array: _Array, n_points: int, what: str) -> int:
+def _check_corners(array: Accessor, n_points: int, what: str) -> int:
     corners = array.numbers().reshape(-1)
     bad = np.flatnonzero(corners >= n_points)
     if len(bad):
@@ -385,184 +380,3 @@ def _pixels(data: Callable[[], bytes], what: str) -> int:
         return check_image(data())
     except InputError as error:
         raise InputError(f"{what} {error}") from error
-
-
-_TRANSFORMS = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}  # of an instance, as of a node
-
-
-def plain_glb(gltf: Gltf) -> tuple[Gltf, bytes] | None:
-    """Return a checked glTF without normalised attributes and instances, and as GLB; None if it has neither.
-
-    Normalised integers become single precision, except for colours in bytes, which decoders know. A node with
-    `EXT_mesh_gpu_instancing` gets a child node for each instance.
-
-    Raises InputError: instances whose transforms differ in number, or are not of 3, 4 and 3 numbers.
-    """
-    _, arrays = _arrays(gltf.content, gltf.buffers)
-    added = bytearray()  # one more buffer
-    content = dict(gltf.content)
-    for name in ("bufferViews", "accessors"):
-        content[name] = list(entry_list(content, name))
-    content["meshes"] = _with_fractions(content, arrays, added, len(gltf.buffers))
-    content["nodes"] = _with_instances(entry_list(content, "nodes"), arrays)
-    if not added and len(content["nodes"]) == len(entry_list(gltf.content, "nodes")):
-        return None
-    data = bytearray()
-    starts = [_append(data, buffer) for buffer in (*gltf.buffers, memoryview(added))]
-    content["bufferViews"] = [
-        {**view, "buffer": 0, "byteOffset": view.get("byteOffset", 0) + starts[view["buffer"]]}
-        for view in content["bufferViews"]
-    ]
-    content["buffers"] = [{"byteLength": len(data)}]
-    return Gltf(content, (memoryview(data),)), _glb(content, data)
-
-
-def _append(data: bytearray, more: memoryview | bytes) -> int:
-    """Append bytes at a multiple of four; return where they begin."""
-    data += bytes(-len(data) % 4)
-    start = len(data)
-    data += more
-    return start
-
-
-def _with_fractions(
-    content: dict[str, Any], arrays: Sequence[_Array], added: bytearray, buffer: int
-) -> list[Any]:
-    """The meshes, whose normalised attributes are new accessors of single precision in `added`."""
-    new: dict[int, int] = {}
-
-    def number_of(name: str, number: int) -> int:
-        array = arrays[number]
-        if not array.is_normalised or (name.startswith("COLOR_") and array.dtype == np.uint8):
-            return number
-        if number not in new:
-            packed = array.values().astype("<f4").tobytes()
-            view = {"buffer": buffer, "byteOffset": _append(added, packed), "byteLength": len(packed)}
-            entry = {"bufferView": len(content["bufferViews"]), "componentType": 5126, "count": array.count}
-            new[number] = len(content["accessors"])
-            content["bufferViews"].append(view)
-            content["accessors"].append(entry | {"type": content["accessors"][number]["type"]})
-        return new[number]
-
-    def primitive_of(primitive: dict[str, Any]) -> dict[str, Any]:
-        attributes = {name: number_of(name, number) for name, number in primitive["attributes"].items()}
-        return {**primitive, "attributes": attributes}
-
-    return [
-        {**mesh, "primitives": [primitive_of(primitive) for primitive in mesh["primitives"]]}
-        for mesh in entry_list(content, "meshes")
-    ]
-
-
-def _with_instances(nodes: Sequence[dict[str, Any]], arrays: Sequence[_Array]) -> list[Any]:
-    """The nodes, those of instanced meshes with a child for each instance."""
-    plain = list(nodes)
-    for number, node in enumerate(nodes):
-        extensions = node.get("extensions")
-        instancing = extensions.get(_INSTANCING) if isinstance(extensions, dict) else None
-        if instancing is None or "mesh" not in node:
-            continue
-        places = _instances(instancing, f"node {number}", arrays)
-        n_before = len(plain)
-        check_limit("entries", n_before + len(places), "its nodes and instances")
-        plain += [{"mesh": node["mesh"], **place} for place in places]
-        children = [*node.get("children", []), *range(n_before, len(plain))]
-        kept = {key: value for key, value in node.items() if key not in ("mesh", "extensions")}
-        plain[number] = {**kept, "children": children}
-    return plain
-
-
-def _instances(entry: Any, what: str, arrays: Sequence[_Array]) -> list[dict[str, Any]]:
-    """Translation, rotation and scale of each instance, as nodes name them."""
-    attributes = entry.get("attributes") if isinstance(entry, dict) else None
-    if not isinstance(attributes, dict) or not attributes:
-        raise InputError(f"{what} has instances without attributes; save the file without {_INSTANCING}")
-    named = {name: arrays[entry_number(attributes, name, what, most=len(arrays))] for name in attributes}
-    if len({array.count for array in named.values()}) > 1:
-        counts = ", ".join(f"{array.count} of {name}" for name, array in named.items())
-        raise InputError(f"{what} has instances of different number: {counts}; save it again")
-    known = {name: named[name] for name in _TRANSFORMS if name in named}
-    for name, array in known.items():
-        if array.width != _TRANSFORMS[name]:
-            raise InputError(
-                f"{what} has instances with {array.width} numbers of {name}; {_TRANSFORMS[name]} are needed"
-            )
-    columns = {name.lower(): array.values().tolist() for name, array in known.items()}
-    n_instances = next(iter(named.values())).count
-    return [{name: rows[k] for name, rows in columns.items()} for k in range(n_instances)]
-
-
-_Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # z up to glTF's y up
-
-
-def glb_of(parts: Sequence[MeshPart], z_up: Pose | None = None) -> bytes:
-    """Return parts as binary glTF, a node for each, y up and moved to its place by the node's transform.
-
-    `z_up` turns their coordinates to z up. Parts that name a block of space hang from the node of that block.
-    """
-    if not any(len(part.faces) for part in parts):
-        return empty_glb()
-    import trimesh  # slow to load: only where a mesh is written
-
-    scene = trimesh.Scene(base_frame="world")
-    origin = local_origin(np.vstack([part.vertices for part in parts]))
-    transform = _Y_UP @ (np.eye(4) if z_up is None else z_up.matrix) @ _moved_by(origin)
-    for block in dict.fromkeys(part.block for part in parts if part.block):
-        scene.graph.update(frame_to=block, frame_from="world", matrix=np.eye(4))
-    pages: dict[int, tuple[str, Image.Image]] = {}
-    for part in parts:
-        mesh = trimesh.Trimesh(part.vertices - origin, part.faces, process=False)
-        if part.image is not None:
-            if id(part.image) not in pages:
-                pages[id(part.image)] = f"texture {len(pages) + 1}", Image.fromarray(part.image)
-            material = _material(part, *pages[id(part.image)])
-            mesh.visual = trimesh.visual.TextureVisuals(uv=part.uv, material=material)
-        elif part.colour is not None:
-            mesh.visual.vertex_colors = part.colour
-        scene.add_geometry(
-            mesh,
-            node_name=part.name,
-            geom_name=part.name,
-            parent_node_name=part.block or None,
-            transform=transform,
-        )
-    data: bytes = scene.export(file_type="glb")
-    return data
-
-
-def _moved_by(shift: FloatArray) -> FloatArray:
-    placed = np.eye(4)
-    placed[:3, 3] = shift
-    return placed
-
-
-def empty_glb() -> bytes:
-    """A binary glTF with a scene in which nothing stands (trimesh writes none)."""
-    return _glb({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{}]})
-
-
-def _glb(content: Content, binary: bytes | bytearray = b"") -> bytes:
-    """The file of a JSON and the bytes of its one buffer."""
-    text = json.dumps(content).encode()
-    chunks = b""
-    for kind, held, fill in ((_JSON, text, b" "), (_BINARY, binary, b"\0")):
-        if held:
-            padded = held + fill * (-len(held) % 4)
-            chunks += struct.pack("<II", len(padded), kind) + padded
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
-
-
-def _material(part: MeshPart, name: str, page: Image.Image) -> Any:
-    """A texture with its mean tint, which glTF holds in linear light; parts that look alike share it."""
-    tint = np.full(3, 1.0) if part.colour is None else linear_from_srgb(part.colour.mean(axis=0) / 255)
-    factor = None if (tint > 0.999).all() else [*(round(float(c) * 255) for c in tint), 255]
-    from trimesh.visual.material import PBRMaterial  # slow to load: only where a mesh is written
-
-    return PBRMaterial(
-        name=name,
-        baseColorTexture=page,
-        baseColorFactor=factor,
-        metallicFactor=0.0,
-        roughnessFactor=1.0,
-        doubleSided=True,
-    )

@@ -299,6 +299,7 @@ def fitted_scan(
     name: str,
     intensity: Any = None,
     file_from_sensor: Pose = SCANNER_FROM_SENSOR,
+    known: Projection | None = None,
 ) -> RangeImage:
     """Return the scan of organised points (rows, columns, 3), metres, whose projection they tell.
 
@@ -310,36 +311,38 @@ def fitted_scan(
     ----------
     file_from_sensor : Pose
         What turns the points into the axes of the file, which are those of the world if it mixed them up.
+    known : Projection, optional
+        What was found to explain the points.
 
     Raises InputError: no projection explains the points, or there are too few of them.
     """
     warnings, images = list[str](), list[Any]([points, colour, intensity])
-    fit, doubt = _try_fit(points)
-    faces = _row_faces(points) if fit is None or fit.projection.kind == "spherical" else None
+    projection, doubt = (known, "") if known else _try_fit(points)
+    faces = _row_faces(points) if projection is None or projection.kind == "spherical" else None
     if faces is not None:
         pixels = _fold_faces(points, faces)
         images = [None if image is None else _take_pixels(image, pixels) for image in images]
-        fit, doubt = _try_fit(images[0])
+        projection, doubt = _try_fit(images[0])
         warnings.append("its rows pass over the zenith or nadir: those beyond were put beside the others")
-    elif fit is None:
+    elif projection is None:
         images[0] = move_points(points, world_from_sensor.inverse() @ file_from_sensor)
-        fit, _ = _try_fit(images[0])
+        projection, _ = _try_fit(images[0])
         warnings.append("its points fit a pixel grid only as world coordinates: they were taken as such")
-    if fit is None:
+    if projection is None:
         raise InputError(doubt)
-    n_columns = fit.projection.shape[1]
+    n_columns = projection.shape[1]
     if n_more := images[0].shape[1] - n_columns:
         warnings.append(f"its columns go round more than once: the last {n_more} were left out")
     kept = slice(None), slice(n_columns)
     images = [None if image is None else crop_pixels(image, *kept) for image in images]
-    scan = organised_scan(images[0], fit.projection, world_from_sensor, images[1], name, intensity=images[2])
+    scan = organised_scan(images[0], projection, world_from_sensor, images[1], name, intensity=images[2])
     return scan.add_warnings(warnings)
 
 
-def _try_fit(points: FloatArray) -> tuple[GridFit | None, str]:
+def _try_fit(points: FloatArray) -> tuple[Projection | None, str]:
     """The projection of points, or None and why there is none."""
     try:
-        return fit_grid(points), ""
+        return fit_grid(points).projection, ""
     except InputError as error:
         return None, str(error)
 

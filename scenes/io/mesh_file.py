@@ -13,11 +13,12 @@ from typing import Any
 from scenes.checks import InputError
 from scenes.io.documents import Beside, check_references
 from scenes.io.format import format_of
-from scenes.io.gltf import Contents, check_gltf, plain_glb, read_gltf
+from scenes.io.gltf import Contents, check_gltf, read_gltf
 from scenes.io.guard import check_file
 from scenes.io.limits import check_limit
 from scenes.io.obj import check_obj, plain_obj
 from scenes.io.off import read_off
+from scenes.io.plain_gltf import plain_glb
 from scenes.io.ply import check_ply, has_faces, plain_ply
 from scenes.io.stl import check_stl, plain_stl, stl_origin
 

@@ -299,7 +299,7 @@ def _told_scan(points: FloatArray, pose: Pose, held: _PcdColumns, name: str) -> 
     if fit.axes:
         scan = organised_scan(fit.points, fit.projection, pose @ fit.theirs_from_ours, **images)
     else:
-        scan = fitted_scan(fit.points, pose, **images, file_from_sensor=Pose.identity())
+        scan = fitted_scan(fit.points, pose, **images, known=fit.projection)
     return scan.add_warnings(_axes_doubts(fit))
 
 

@@ -19,7 +19,8 @@ from scenes.io.header import (
     scan_header,
     to_comments,
 )
-from scenes.io.ply import PlyElement, parse_header, plain_ply, read_mesh_ply, write_mesh_ply
+from scenes.io.ply import PlyElement, parse_header, plain_ply, read_mesh_ply
+from scenes.io.ply_writer import write_mesh_ply
 from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage, without_saturated
 

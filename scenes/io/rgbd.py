@@ -20,6 +20,7 @@ from scenes.io.camera import (
     intrinsics_of,
     is_scaled,
     read_camera,
+    undistorted,
 )
 from scenes.io.documents import read_json, read_text
 from scenes.io.guard import guard_reading
@@ -203,7 +204,7 @@ def read_frame(
         depth_m, projection, frame.pose or Pose.identity(), colour, f"{folder.folder.name}#{index + 1}"
     )
     if camera.distortion:
-        scan = _undistorted(scan, projection, depth_m, camera.distortion)
+        scan = undistorted(scan, projection, depth_m, camera.distortion)
     return scan.add_warnings((*camera.warnings, *sentences))
 
 
@@ -223,30 +224,6 @@ def _checked_scale(folder: RgbdFolder, camera: Camera) -> float:
     if not (np.isfinite(scale) and scale > 0):
         raise InputError(f"--depth-scale must be a positive number of depth values a metre, got {scale}")
     return scale
-
-
-def _undistorted(
-    scan: RangeImage, camera: PinholeProjection, depth_m: FloatArray, distortion: Sequence[float]
-) -> RangeImage:
-    """The scan of a distorted image, in the same camera without distortion; its points stay exact."""
-    import cv2  # slow to import, and rarely needed
-
-    matrix = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
-    lens = np.array(distortion)
-    columns, rows = np.meshgrid(np.arange(camera.width, dtype=np.float64), np.arange(float(camera.height)))
-    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
-    rays = cv2.undistortPoints(pixels, matrix, lens, criteria=(3, 50, 1e-9)).reshape(*scan.shape, 2)
-    points = (
-        np.concatenate([rays, np.ones((*scan.shape, 1))], axis=-1)
-        * np.where(scan.valid, depth_m, np.nan)[..., None]
-    )
-    seen = cv2.initUndistortRectifyMap(matrix, lens, None, matrix, scan.shape[::-1], cv2.CV_32FC1)
-    column, row = (np.rint(place).astype(np.int64) for place in seen)
-    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-    at = np.where(inside, row, 0), np.where(inside, column, 0)
-    colour = None if scan.colour is None else scan.colour[at]
-    points = np.where(inside[..., None], points[at], np.nan)
-    return RangeImage.from_points(points, camera, scan.world_from_sensor, colour, scan.name)
 
 
 def depth_scan(

@@ -53,6 +53,7 @@ class ScanSource:
         False when frames of a folder have no poses.
     times : tuple of float, optional
         When each was taken, seconds, where a folder tells.
+    unit : str, optional
         Of its lengths, where the format fixes one; the readers give metres then.
     numbers : tuple of int
         The number of each reader's scan in the file, from 1; unless given, 1 to as many as there are.
@@ -138,8 +139,8 @@ class ScanSource:
         if file is None or named is None or self.images is None:
             return picked, _given_poses(poses, self, picked), ()
         with guard_reading(file, "a file of poses"):
-            found = _match_images(self.images, named)
-        held = [k for k in picked if k in found]
+            pose_of = _match_images(self.images, named)
+        held = [k for k in picked if k in pose_of]
         if not held:
             first = self.images[picked[0]][0].name
             raise InputError(
@@ -148,7 +149,7 @@ class ScanSource:
             )
         n_left = len(picked) - len(held)
         sentence = f"{n_left} of {len(picked)} frames have no pose in {file.name} and were left out"
-        return held, [found[k] for k in held], (sentence,) if n_left else ()
+        return held, [pose_of[k] for k in held], (sentence,) if n_left else ()
 
     def in_metres(self, scan: RangeImage, units: Units) -> RangeImage:
         """Return a scan of it, whose lengths are in `units`, in metres.

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.format import Units
-from scenes.io.gltf import glb_of
+from scenes.io.glb_writer import glb_of
 from scenes.io.guard import guard_reading
 from scenes.io.mesh_file import check_mesh_suffix, read_mesh_file
 from scenes.io.obj import write_obj
 from scenes.io.off import write_off
-from scenes.io.ply import write_mesh_ply
+from scenes.io.ply_writer import write_mesh_ply
 from scenes.io.scan_files import check_units
 from scenes.io.stl import write_stl
 from scenes.limits import FINE_M, LARGE_M, SMALL_M

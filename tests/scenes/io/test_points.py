@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scenes.checks import InputError
 from scenes.io.format import point_suffixes
 from scenes.io.limits import limits
-from scenes.io.ply import write_mesh_ply
+from scenes.io.ply_writer import write_mesh_ply
 from scenes.io.point_files import PointCloud, read_points
 from scenes.io.ptx import PtxFile
 from scenes.io.scan_files import read_scan, write_scan, write_scans

@@ -13,7 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
-from scenes.io.gltf import empty_glb, glb_of
+from scenes.io.glb_writer import empty_glb, glb_of
 from scenes.io.scan_files import read_scan, read_scans, write_scan, write_scans
 from scenes.io.scene_files import load_scene, save_scene
 from scenes.io.stl import stl_origin
