@@ -56,7 +56,7 @@ def unit_of_wkt(text: str) -> LengthUnit | None:
     plan = next(_systems(root, _CARTESIAN | _ELLIPSOIDAL), None)
     unit = None if plan is None else _stated(plan)
     if plan is not None and plan.keyword in _ELLIPSOIDAL and unit is None:
-        raise _in_degrees(plan.values[0] if plan.values else "no name")
+        raise degrees_error(plan.values[0] if plan.values else "no name")
     vertical = next(_systems(root, _VERTICAL), None)
     return _joined(unit, None if vertical is None else _stated(vertical))
 
@@ -67,11 +67,12 @@ def unit_of_geokeys(keys: Mapping[int, int]) -> LengthUnit | None:
     Raises InputError: geographic coordinates, which are degrees.
     """
     if keys.get(_MODEL) == _GEOGRAPHIC_MODEL:
-        raise _in_degrees("GTModelType 2")
+        raise degrees_error("GTModelType 2")
     return _joined(*(_EPSG_UNITS.get(keys.get(key, 0)) for key in (_PROJECTED_UNIT, _VERTICAL_UNIT)))
 
 
-def _in_degrees(name: str) -> InputError:
+def degrees_error(name: str) -> InputError:
+    """Return the refusal of coordinates in degrees, with what says that they are."""
     return InputError(
         f"its coordinates are degrees of longitude and latitude ({name}); project them to metres first, "
         "as with `pdal translate IN OUT reprojection --filters.reprojection.out_srs=EPSG:CODE`"
