@@ -90,6 +90,16 @@ PIPE_M = 0.3
 """Metres: greatest radius and least length of a pipe. Chosen by eye."""
 SLENDER = 2.0
 """Diameters in a pipe's length. Chosen by eye."""
+RUN_DIAMETERS = 10.0
+"""Diameters in a run of pipes, all its segments together. Chosen by eye: bottles and rolls have 2 to 5."""
+BEND_DIAMETERS = 3.0
+"""Diameters from the end of a straight segment to where its axis meets that of the next: a long-radius elbow
+of 90 deg takes 1.5 (ASME B16.9), one of 120 deg 2.6, and ends are seen short."""
+PITCH_DIAMETERS = 4.0
+"""Diameters between the axes of pipes side by side. Chosen by eye: room for fittings; legs stand farther
+apart."""
+SAME_RADIUS = 0.1
+"""Share by which radii of one run may differ: nominal sizes of pipes differ by a quarter (ISO 6708)."""
 SAME_POST = 0.7
 """Of the footprint of two walls across each other, which are the sides of one post then. Chosen by eye."""
 LEAST_ARC = np.pi / 2
