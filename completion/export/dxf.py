@@ -153,7 +153,9 @@ def _finish(document: Drawing, model: BuildingModel, metre: float) -> None:
         document.layers.add(name, color=colour, linetype=dashed, lineweight=heavy)
     if len(model.faces):
         low, high = metre * model.drawn.min(axis=0), metre * model.drawn.max(axis=0)
-        document.header["$EXTMIN"], document.header["$EXTMAX"] = tuple(low.tolist()), tuple(high.tolist())
+        extents = tuple(low.tolist()), tuple(high.tolist())
+        space.reset_extents(*extents)  # the header is written from these, unless they begin at 0, 0, 0
+        document.header["$EXTMIN"], document.header["$EXTMAX"] = extents
         middle, size = (low + high) / 2, float((high - low)[:2].max())
         document.set_modelspace_vport(1.5 * size, (float(middle[0]), float(middle[1])))
 
