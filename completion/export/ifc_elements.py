@@ -305,19 +305,32 @@ def elements_of(parts: BuildingParts, shapes: Sequence[Shapes]) -> Iterator[tupl
     for k, product in chain(
         _bodies(parts, shapes), _sheets(parts, shapes), _columns(parts, shapes), _others(parts, shapes)
     ):
-        holes = tuple(replace(hole, filling=_filling(hole.outline, known)) for hole in product.holes)
-        yield k, replace(product, holes=holes)
+        floor_m = float(shapes[k].origin[2]) if parts.storeys and parts.storeys[k].floors else None
+        yield k, replace(product, holes=tuple(_filled(hole, floor_m, known) for hole in product.holes))
 
 
-def _filling(outline: OpeningOutline, known: list[FloatArray]) -> Literal["IfcDoor", "IfcWindow"] | None:
-    """What closes an opening of a wall: nothing that is known where it is no rectangle, or was filled."""
-    entity: dict[str, Literal["IfcDoor", "IfcWindow"]] = {"door": "IfcDoor", "window": "IfcWindow"}
-    is_rectangle = outline.area_m2 >= limits.RECTANGLE * outline.width_m * outline.height_m
+def _filled(hole: Hole, floor_m: float | None, known: list[FloatArray]) -> Hole:
+    """An opening with its door or window, above the floor of its storey where that was found.
+
+    It has none where it is no rectangle in a wall, or reaches the floor and has not the size of a door, or
+    where the opening was filled in the other face of the wall.
+    """
+    outline = hole.outline
     middle = outline.points.mean(axis=0)
-    if not is_rectangle or any(np.linalg.norm(middle - one) < limits.MOST_THICKNESS_M for one in known):
-        return None
+    is_rectangle = outline.area_m2 >= limits.RECTANGLE * outline.width_m * outline.height_m
+    is_known = any(np.linalg.norm(middle - one) < limits.MOST_THICKNESS_M for one in known)
+    if outline.kind == "opening" or not is_rectangle or is_known:
+        return hole
+    kind = outline.kind
+    if floor_m is not None:
+        kind = "door" if outline.points[:, 2].min() < floor_m + limits.DOOR_M else "window"
+    narrow, wide_m = limits.DOOR_WIDTH_M
+    fits = narrow <= outline.width_m <= wide_m and outline.height_m >= limits.HEADROOM_M
+    if kind == "door" and not fits:
+        return hole
     known.append(middle)
-    return entity.get(outline.kind)
+    filling: Literal["IfcDoor", "IfcWindow"] = "IfcDoor" if kind == "door" else "IfcWindow"
+    return replace(hole, outline=replace(outline, kind=kind), filling=filling)
 
 
 def _bodies(parts: BuildingParts, shapes: Sequence[Shapes]) -> Iterator[tuple[int, Product]]:

@@ -80,6 +80,9 @@ BESIDE_CELLS = 2.0
 """Cells between a side of an opening and what was measured of its wall. Chosen by eye."""
 DOOR_M = 0.1
 """Metres above the floor, or a wall's lower edge, at which a door may begin. Chosen by eye: a threshold."""
+DOOR_WIDTH_M = (0.5, 2.5)
+"""Metres: least and greatest width of a door. Two leaves of 1.25 m are the widest of DIN 18101; what is wider
+and reaches the floor is a passage, or a wall of glass."""
 SAME_SIDE = 0.05
 """Of the extent, within which short sides are parts of the longest one there. Chosen by eye."""
 

@@ -172,7 +172,7 @@ def test_places_and_their_map_conversion_give_the_coordinates_of_the_scans(far, 
     assert world.max(axis=0) == pytest.approx(moved.drawn.max(axis=0), abs=2e-4)
 
 
-def doorway(kind, width, height, points=None):
+def doorway(kind, width, height, points=None, *, sill=0.0):
     """The house's parts, whose partition has one opening of a kind."""
     parts = house_parts()
     number = next(body for body in parts.bodies if body.kind == "wall").surfaces[0]
@@ -184,28 +184,32 @@ def doorway(kind, width, height, points=None):
             corners = shapely.box(0, 0, width, height) if points is None else shapely.Polygon(points)
             uv = shapely.get_coordinates(corners.exterior)[:-1]
             corner = face.frame.flat(known.points).min(axis=0)
-            outline = face.frame.place(uv + corner)
+            outline = face.frame.place(uv + corner + (0.0, sill))
             openings = (replace(known, kind=kind, points=outline, width_m=width, height_m=height),)
         faces.append(replace(face, openings=openings))
     return replace(parts, faces=tuple(faces))
 
 
 @pytest.mark.parametrize(
-    ("kind", "width", "height", "points", "filled"),
+    ("kind", "width", "height", "sill", "points", "filled"),
     [
-        ("door", 0.9, 2.0, None, "IfcDoor"),
-        ("door", 1.6, 2.2, None, "IfcDoor"),
-        ("window", 0.8, 1.1, None, "IfcWindow"),
-        ("window", 0.5, 0.5, None, "IfcWindow"),
-        ("opening", 0.9, 1.2, None, None),
-        ("window", 1.0, 1.0, [(0, 0), (1, 0), (0, 1)], None),  # no rectangle
+        ("door", 0.9, 2.0, 0.0, None, "IfcDoor"),
+        ("door", 1.6, 2.2, 0.05, None, "IfcDoor"),
+        ("window", 0.8, 2.0, 0.0, None, "IfcDoor"),  # its wall goes on below the floor of the storey
+        ("window", 0.8, 1.1, 0.9, None, "IfcWindow"),
+        ("window", 0.5, 0.5, 1.5, None, "IfcWindow"),
+        ("window", 1.9, 2.0, 0.2, None, "IfcWindow"),
+        ("opening", 0.9, 1.2, 0.9, None, None),
+        ("window", 1.0, 1.0, 0.9, [(0, 0), (1, 0), (0, 1)], None),  # no rectangle
+        ("door", 2.7, 2.2, 0.0, None, None),  # a passage
+        ("door", 0.8, 0.7, 0.0, None, None),  # a hatch at the floor
     ],
 )
-def test_doors_and_windows_are_where_their_kind_is_known(kind, width, height, points, filled):
+def test_doors_and_windows_are_where_their_kind_is_known(kind, width, height, sill, points, filled):
     ifcopenshell = pytest.importorskip("ifcopenshell")
     from ifcopenshell.util.element import get_psets
 
-    file = ifcopenshell.file.from_string(ifc_text(doorway(kind, width, height, points)))
+    file = ifcopenshell.file.from_string(ifc_text(doorway(kind, width, height, points, sill=sill)))
     openings = file.by_type("IfcOpeningElement")
     assert openings
     fillings = [*file.by_type("IfcDoor"), *file.by_type("IfcWindow")]
