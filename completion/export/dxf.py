@@ -53,7 +53,8 @@ def dxf_of(model: BuildingModel, units: Units = "m") -> bytes:
         _add_openings(space, model)
         plan, sections = plan_of(model), sections_of(model)
         _add_lines(space, plan.lines, "PLAN")
-        _add_sections(space, model, sections, plan.caption)
+        told = plan.caption if units == "m" else f"{plan.caption} The drawing is in {units}."
+        _add_sections(space, model, sections, told)
         _finish(document, model, 1 / METRES_PER_UNIT[units])
         for kind in sorted(document.entitydb.dxf_types_in_use()):  # the library would go by a set's order
             document.classes.add_class(kind)

@@ -34,7 +34,7 @@ from scenes.io.format import METRES_PER_UNIT, Units
 
 _FAR_M = 1000.0  # coordinates beyond which the file has an origin of its own
 _PRECISION_M = 1e-6
-_SI = {"m": None, "cm": "CENTI", "mm": "MILLI"}
+_SI = {"cm": "CENTI", "mm": "MILLI"}
 _NAMED = {"in": "inch", "ft": "foot", "us-ft": "US survey foot"}
 _MEASURES = (  # kind of unit, its SI name, its measure, before the name of a unit of length
     ("LENGTHUNIT", "METRE", "IfcLengthMeasure", ""),
@@ -112,17 +112,15 @@ def _units(file: StepText, units: Units) -> list[Ref]:
     """
     refs = []
     for power, (kind, name, measure, prefix) in enumerate(_MEASURES, start=1):
-        si = file.add("IfcSIUnit", [Word("*"), Word(kind), None, Word(name)])
+        scale = _SI.get(units)
+        si = file.add("IfcSIUnit", [Word("*"), Word(kind), scale and Word(scale), Word(name)])
         if units in _NAMED:
             exact = TypedValue(measure, Exact(METRES_PER_UNIT[units] ** power))
             factor = file.add("IfcMeasureWithUnit", [exact, si])
             dimensions = file.add("IfcDimensionalExponents", [power, *[0] * 6])
-            named = [dimensions, Word(kind), f"{prefix}{_NAMED[units]}", factor]
-            refs.append(file.add("IfcConversionBasedUnit", named))
-        elif (scale := _SI[units]) is not None:
-            refs.append(file.add("IfcSIUnit", [Word("*"), Word(kind), Word(scale), Word(name)]))
-        else:
-            refs.append(si)
+            named = f"{prefix}{_NAMED[units]}"
+            si = file.add("IfcConversionBasedUnit", [dimensions, Word(kind), named, factor])
+        refs.append(si)
     return [*refs, file.add("IfcSIUnit", [Word("*"), Word("PLANEANGLEUNIT"), None, Word("RADIAN")])]
 
 

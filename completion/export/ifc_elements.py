@@ -269,13 +269,15 @@ def thing_product(shapes: Shapes, model: BuildingModel, numbers: tuple[int, ...]
     surfaces = [one for one in (*model.planes, *model.cylinders) if one.number in numbers]
     kinds = sorted({model.kinds[number] for number in numbers})
     more: dict[str, str | float] = {"Kinds": ", ".join(kinds), "Thickness": "unknown: seen from outside"}
-    if len(numbers) == 1 and isinstance(surfaces[0] if surfaces else None, CylinderElement):
-        more["Radius_mm"] = 1e3 * surfaces[0].radius_m
+    for cylinder in model.cylinders:
+        if numbers == (cylinder.number,):
+            more["Radius_mm"] = 1e3 * cylinder.radius_m
+    described = "surfaces that touch each other and are" if len(numbers) > 1 else "a surface that is"
     return Product(
         key=f"Thing {numbers[0]}",
         entity="IfcBuildingElementProxy",
         predefined="NOTDEFINED",
-        described=f"{len(numbers)} surfaces that touch each other and are no part of the building",
+        described=f"{described} no part of the building",
         representation="Tessellation",
         pieces=(
             ProductPiece(shapes.triangles(model.vertices, model.faces[is_member & seen]), "measured"),
@@ -355,7 +357,7 @@ def _sheets(parts: BuildingParts, shapes: Sequence[Shapes]) -> Iterator[tuple[in
         remainder = rest_of(parts, face)
         if entity is None or face.number in posts or not polygons(remainder, limits.LEAST_ELEMENT_M2):
             continue
-        split = [(k, remainder)]
+        split: Sequence[tuple[int, Any]] = [(k, remainder)]
         if entity == "IfcWall":
             split = bands(parts.storeys, remainder, face.frame, _begin(face))
         for k, part, key in _with_keys(split, f"{_NAMES[entity]} {face.number}"):

@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -25,7 +26,9 @@ def segments_in_runs(segments: Sequence[CylinderElement]) -> frozenset[int]:
     the same radius, at most `limits.PITCH_DIAMETERS` away, along half of the shorter one. A lone cylinder is
     none, however long: nothing tells a pipe from a rail, a leg or a lamp.
     """
-    chain = _groups(segments, _goes_on)
+    if not segments:
+        return frozenset()
+    chain = _chains(segments)
     length = np.bincount(chain, [segment.length_m for segment in segments])
     thick = np.array([2 * segment.radius_m for segment in segments])
     is_long = length[chain] >= limits.RUN_DIAMETERS * thick
@@ -36,23 +39,20 @@ def segments_in_runs(segments: Sequence[CylinderElement]) -> frozenset[int]:
     return frozenset(segments[k].number for k in np.flatnonzero(is_long & has_link).tolist())
 
 
-def _groups(
-    segments: Sequence[CylinderElement], are_linked: Callable[[CylinderElement, CylinderElement], bool]
-) -> np.ndarray:
+def _chains(segments: Sequence[CylinderElement]) -> NDArray[np.int64]:
     """Number (n,) of the chain of each segment, from 0."""
     n = len(segments)
-    pairs = [(k, m) for k, m in combinations(range(n), 2) if are_linked(segments[k], segments[m])]
+    pairs = [(k, m) for k, m in combinations(range(n), 2) if _goes_on(segments[k], segments[m])]
     rows, columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     graph = coo_array((np.ones(len(pairs), np.int8), (rows, columns)), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1]) if n else np.zeros(0, np.int32)
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _same_radius(one: CylinderElement, other: CylinderElement) -> bool:
     """Whether radii agree within a tenth, or three standard deviations."""
     spread = limits.N_SIGMA * np.hypot(one.radius_sd_m, other.radius_sd_m)
-    return abs(one.radius_m - other.radius_m) <= max(
-        spread, limits.SAME_RADIUS * max(one.radius_m, other.radius_m)
-    )
+    share = limits.SAME_RADIUS * max(one.radius_m, other.radius_m)
+    return abs(one.radius_m - other.radius_m) <= max(float(spread), share)
 
 
 def _goes_on(one: CylinderElement, other: CylinderElement) -> bool:

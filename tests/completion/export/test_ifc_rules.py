@@ -89,10 +89,10 @@ def test_shapes_are_such_as_the_rules_allow(name):
     assert whole.HasSubContexts
 
 
-@pytest.mark.parametrize("name", BUILDINGS)
-def test_no_points_repeat_and_nothing_is_left_over(name):
+@pytest.mark.parametrize(("name", "units"), [*((name, "m") for name in BUILDINGS), ("open room", "mm")])
+def test_no_points_repeat_and_nothing_is_left_over(name, units):
     """GEM111; IFC105: a traversal from all IfcRoot reaches all but styles and coordinate operations."""
-    file = read(name)
+    file = read(name, units)
     for one in file.by_type("IfcPolyline"):
         places = np.array([point.Coordinates for point in one.Points])
         assert min(np.linalg.norm(b - a) for a, b in pairwise(places)) > 1e-6
