@@ -414,6 +414,7 @@ class CompleteOptions(UserOptions):
         "--export", "Also write completed.obj or .e57, drawings as .dxf or .svg, BIM as .ifc; repeat it.", (),
         metavar="|".join(EXPORTS), shown=False, is_repeated=True, parse=choices(EXPORTS),
     )  # fmt: skip
+    export_units: Units = option("--export-units", "Length unit of the .dxf and .ifc exports.", "m")
     tolerance_m: float = option(
         "--tolerance", 'Largest half-width of the 95 % interval for "rely".', 0.01, metavar="M",
         limits=NumberRange(least=1e-6, most=100.0),
