@@ -34,6 +34,7 @@ _PARAMETERS: Mapping[str, tuple[str, ...]] = {
 _MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV",
            "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE")  # fmt: skip
 _N_PARAMETERS = (3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12)
+_Camera = tuple[str, tuple[int, int], list[float]]  # model, width and height, parameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +59,8 @@ def read_model(folder: Path) -> tuple[dict[str, ModelImage], dict[int, Camera]]:
     with guard_reading(cameras, "the cameras of a COLMAP model"):
         known = _text_cameras if cameras.suffix == ".txt" else _binary_cameras
         used = {image.camera for image in named.values()}
-        return named, {
-            number: _camera(*values) for number, *values in known(check_file(cameras)) if number in used
-        }
+        listed = known(check_file(cameras))
+        return named, {number: _camera(*values) for number, values in listed if number in used}
 
 
 def _first(folder: Path, name: str) -> Path:
@@ -125,14 +125,15 @@ def _inverse(numbers: FloatArray, name: str) -> FloatArray:
     return matrix
 
 
-def _text_cameras(path: Path) -> Iterator[tuple[int, str, tuple[int, int], list[float]]]:
+def _text_cameras(path: Path) -> Iterator[tuple[int, _Camera]]:
     for line in read_text(path).splitlines():
         words = line.split()
         if words and not line.startswith("#"):
-            yield int(words[0]), words[1], (int(words[2]), int(words[3])), [float(word) for word in words[4:]]
+            size, values = (int(words[2]), int(words[3])), [float(word) for word in words[4:]]
+            yield int(words[0]), (words[1], size, values)
 
 
-def _binary_cameras(path: Path) -> Iterator[tuple[int, str, tuple[int, int], list[float]]]:
+def _binary_cameras(path: Path) -> Iterator[tuple[int, _Camera]]:
     data = path.read_bytes()
     (n_cameras,) = struct.unpack_from("<Q", data)
     check_limit("entries", n_cameras, "its cameras")
@@ -143,7 +144,7 @@ def _binary_cameras(path: Path) -> Iterator[tuple[int, str, tuple[int, int], lis
             raise InputError(f"its camera {number} is of model {model}, which is not known")
         values = np.frombuffer(data, "<f8", _N_PARAMETERS[model], at + 24)
         at += 24 + values.nbytes
-        yield number, _MODELS[model], (width, height), values.tolist()
+        yield number, (_MODELS[model], (width, height), values.tolist())
 
 
 def _camera(model: str, size: tuple[int, int], values: list[float]) -> Camera:

@@ -28,14 +28,12 @@ from scenes.io.documents import read_json, read_text
 from scenes.io.guard import guard_reading
 from scenes.io.rgbd import VIDEOS, video_image
 from scenes.io.rgbd_listing import (
-    TURNED,
     ImageLayout,
     View,
     Views,
     camera_pose,
     key_of,
     known_pose,
-    turned_up,
 )
 from scenes.io.trajectory import rounded_pose
 from scenes.pose import Pose, rotation_of
@@ -83,8 +81,8 @@ def _stray(folder: Path, _: Sequence[str]) -> Views:
             own = None
             if np.isfinite(pixels).all():
                 own = Camera((pixels[0], pixels[1], pixels[2], pixels[3]), image_size=size)
-            views[str(int(held["frame"]))] = View(found and turned_up(found), own, held.get("timestamp"))
-    return Views(views, shared, (TURNED,))
+            views[str(int(held["frame"]))] = View(found, own, held.get("timestamp"))
+    return Views(views, shared, y_up=True)
 
 
 def _number(word: object) -> float:
@@ -107,9 +105,9 @@ def _polycam(folder: Path, _: Sequence[str]) -> Views:
             rows = [[held[f"t_{row}{column}"] for column in range(4)] for row in range(3)]
             fx, fy, cx, cy = (float(held[name]) for name in _PIXELS)
             size = int(held["width"]), int(held["height"])
-            pose = camera_pose(rows, y_up=True)
-            views[key_of(path.name)] = View(pose, Camera((fx, fy, cx, cy), image_size=size))
-    return Views(views, warnings=(TURNED,))
+            camera = Camera((fx, fy, cx, cy), image_size=size)
+            views[key_of(path.name)] = View(camera_pose(rows), camera)
+    return Views(views, y_up=True)
 
 
 def _record3d(folder: Path, _: Sequence[str]) -> Views:
@@ -124,13 +122,13 @@ def _record3d(folder: Path, _: Sequence[str]) -> Views:
         views = {}
         for k, numbers in enumerate(held["poses"]):
             fx, fy, cx, cy = per_frame[k][:4] if k < len(per_frame) else shared
-            pose = camera_pose(_pose(numbers[4:7], numbers[:4], f"pose {k + 1}"), y_up=True)
+            pose = camera_pose(_pose(numbers[4:7], numbers[:4], f"pose {k + 1}"))
             views[str(k)] = View(pose, Camera((fx, fy, cx, cy), image_size=size))
     sentence = (
         "its world is that of the first camera, level only as far as the phone was held level; estimate the "
         "up axis with --up auto"
     )
-    return Views(views, warnings=(TURNED, sentence))
+    return Views(views, warnings=(sentence,), y_up=True)
 
 
 def _rtabmap(folder: Path, keys: Sequence[str]) -> Views:

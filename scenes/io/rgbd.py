@@ -209,7 +209,8 @@ def _fitted(image: Image.Image, camera: PinholeProjection, own: Intrinsics | Non
         down = (rows - camera.cy) / camera.fy * own[1] + own[3]
         at = [np.clip(np.rint(place), 0, n - 1).astype(np.int64) for place, n in
               ((down, image.height), (across, image.width))]  # fmt: skip
-        return np.asarray(image)[at[0], at[1]]
+        painted: ColourArray = np.asarray(image)[at[0], at[1]]
+        return painted
     if not is_scaled(image.size, size):
         raise InputError(
             f"is {image.width} x {image.height}, its depth image {size[0]} x {size[1]}; "

@@ -32,6 +32,7 @@ WRITERS: dict[str, tuple[str, Write]] = {
     "stray": ("Stray Scanner", write_stray),
     "stray, own intrinsics": ("Stray Scanner", partial(write_stray, own=True)),
     "stray, arrays": ("Stray Scanner", partial(write_stray, suffix="npy")),
+    "stray, z up": ("Stray Scanner", partial(write_stray, y_up=False)),
     "polycam": ("Polycam", write_polycam),
     "polycam, ARKit's cameras alone": ("Polycam", partial(write_polycam, corrected=False)),
     "rtabmap, numbers": ("RTAB-Map", write_rtabmap),
@@ -76,7 +77,9 @@ def test_the_room_stands_where_it_is(tmp_path: Path, frames: list[Frame], name: 
         assert [round(float(np.mean(scan.colour)), -1) for scan in scans if scan.colour is not None] == [
             frame.grey for frame in frames
         ]
-    assert ("was turned so that z is up" in said(scans)) == (layout in ("Stray Scanner", "Polycam"))
+    of_arkit = layout in ("Stray Scanner", "Polycam")
+    assert ("was turned so that z is up" in said(scans)) == (of_arkit and name != "stray, z up")
+    assert ("its world was left as it is" in said(scans)) == (name == "stray, z up")
 
 
 @pytest.mark.parametrize("per_frame", [True, False])

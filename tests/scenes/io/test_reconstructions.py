@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Depth maps of COLMAP and of radiance fields as scans; lens distortion of them; files of floats."""
 
+import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
