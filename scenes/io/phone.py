@@ -43,6 +43,11 @@ _STRAY_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _PIXELS = ("fx", "fy", "cx", "cy")
 _ARKIT_GAP_S = 0.005  # between names of images and times of poses or intrinsics, as Apple's loader allows
 _STAMP_GAP_S = 0.001
+_Y_UP = "the world of ARKit has y up: give --up y where the up axis is not estimated"
+_FIRST_CAMERA = (
+    "its world is that of the first camera: y is up only as far as the phone was held level; complete "
+    "estimates the up axis"
+)
 
 
 def _numbers(path: Path) -> FloatArray:
@@ -82,7 +87,7 @@ def _stray(folder: Path, _: Sequence[str]) -> Views:
             if np.isfinite(pixels).all():
                 own = Camera((pixels[0], pixels[1], pixels[2], pixels[3]), image_size=size)
             views[str(int(held["frame"]))] = View(found, own, held.get("timestamp"))
-    return Views(views, shared, y_up=True)
+    return Views(views, shared, (_Y_UP,))
 
 
 def _number(word: object) -> float:
@@ -107,7 +112,7 @@ def _polycam(folder: Path, _: Sequence[str]) -> Views:
             size = int(held["width"]), int(held["height"])
             camera = Camera((fx, fy, cx, cy), image_size=size)
             views[key_of(path.name)] = View(camera_pose(rows), camera)
-    return Views(views, y_up=True)
+    return Views(views, warnings=(_Y_UP,))
 
 
 def _record3d(folder: Path, _: Sequence[str]) -> Views:
@@ -124,11 +129,7 @@ def _record3d(folder: Path, _: Sequence[str]) -> Views:
             fx, fy, cx, cy = per_frame[k][:4] if k < len(per_frame) else shared
             pose = camera_pose(_pose(numbers[4:7], numbers[:4], f"pose {k + 1}"))
             views[str(k)] = View(pose, Camera((fx, fy, cx, cy), image_size=size))
-    sentence = (
-        "its world is that of the first camera, level only as far as the phone was held level; estimate the "
-        "up axis with --up auto"
-    )
-    return Views(views, warnings=(sentence,), y_up=True)
+    return Views(views, warnings=(_FIRST_CAMERA,))
 
 
 def _rtabmap(folder: Path, keys: Sequence[str]) -> Views:

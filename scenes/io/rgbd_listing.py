@@ -24,10 +24,6 @@ _SUFFIX = re.compile(
     r"\.(?:png|jpe?g|webp|tiff?|pgm|ppm|bmp|npy|npz|exr|depth|conf|json|txt|pincam|yaml)$", re.IGNORECASE
 )
 _CAMERA_AXES = np.diag([1.0, -1.0, -1.0, 1.0])  # of OpenGL and ARKit: x right, y up, z backwards
-_WORLD_AXES = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # z up, where y was
-_TURNED = "its world has y up, as ARKit's has, and was turned so that z is up: (x, y, z) became (x, -z, y)"
-_LEFT = "its cameras stand upright about z, not about y as ARKit's: its world was left as it is"
-_NEAR = 0.85  # cosine between axes that are taken for the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,15 +49,12 @@ class Views:
         What holds for all.
     colour_intrinsics : (fx, fy, cx, cy), optional
         See `RgbdFolder`.
-    y_up : bool
-        Whether the world is ARKit's, whose y is up.
     """
 
     by_key: Mapping[str, View]
     camera: Camera = field(default_factory=Camera)
     warnings: tuple[str, ...] = ()
     colour_intrinsics: Intrinsics | None = None
-    y_up: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +119,7 @@ def list_frames(layout: ImageLayout, folder: Path) -> RgbdFolder:
     depths = _by_key(folder, layout.depth, DEPTH_SUFFIXES)
     colours = _by_key(folder, layout.colour, ())
     confidences = _by_key(folder, layout.confidence, ())
-    views = _with_z_up(layout.views(folder, list(depths)))
+    views = layout.views(folder, list(depths))
     if views.by_key and not set(views.by_key) & set(depths):
         raise InputError(
             f"none of its {len(views.by_key)} poses, as that of {next(iter(views.by_key))!r}, is of one of "
@@ -155,23 +148,6 @@ def list_frames(layout: ImageLayout, folder: Path) -> RgbdFolder:
         warnings=views.warnings,
         colour_intrinsics=views.colour_intrinsics,
     )
-
-
-def _with_z_up(views: Views) -> Views:
-    """Views in a world whose z is up; a writer may have turned ARKit's world already.
-
-    Then the rows of all images run down along z, and these are not portraits in a world whose y is up.
-    """
-    turns = np.array([view.pose.rotation for view in views.by_key.values() if view.pose is not None])
-    if not views.y_up or not len(turns):
-        return views
-    if (turns[:, 2, 1] < -_NEAR).all() and not (np.abs(turns[:, 1, 0]) > _NEAR).all():
-        return replace(views, warnings=(_LEFT, *views.warnings))
-    turned = {
-        key: view if view.pose is None else replace(view, pose=rounded_pose(_WORLD_AXES @ view.pose.matrix))
-        for key, view in views.by_key.items()
-    }
-    return replace(views, by_key=turned, warnings=(_TURNED, *views.warnings))
 
 
 def keep_complete(folder: RgbdFolder) -> RgbdFolder:

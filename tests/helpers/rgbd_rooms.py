@@ -131,7 +131,7 @@ def write_stray(
     own: bool = False,
     suffix: str = "png",
     scale: float = 30,
-    y_up: bool = True,
+    world: Image = Y_UP,
 ) -> None:
     """Stray Scanner; `own` intrinsics of each frame, as newer versions write, and a wrong shared matrix."""
     fx, fy, cx, cy = pixels_of(scale=scale)
@@ -140,7 +140,7 @@ def write_stray(
     for k, frame in enumerate(frames):
         save(folder / "depth" / f"{k:06d}.{suffix}", frame.mm)
         save(folder / "confidence" / f"{k:06d}.png", np.full((48, 64), 2, np.uint8))
-        matrix = Y_UP @ frame.matrix if y_up else frame.matrix
+        matrix = world @ frame.matrix
         words = [f"{100 + k / 60}", f"{k:06d}", *map(repr, [*map(float, matrix[:3, 3]), *quaternion(matrix)])]
         rows.append(", ".join([*words, *([f"{fx}, {fy}, {cx}, {cy}, "] if own else [])]))
     save(folder / "odometry.csv", "\n".join(rows) + "\n")
