@@ -27,6 +27,8 @@ _LENGTHS = (0, 4, 5, 8)  # of such a list
 _MODEL_NAMES = ("distortion_model", "camera_model", "model")
 _MODELS = ("none", "pinhole", "simple_pinhole", "perspective", "simple_radial", "radial", "opencv",
            "full_opencv", "brown", "brown_conrady", "plumb_bob", "radtan", "rational_polynomial")  # fmt: skip
+_BENT_PX = 0.1  # from a pixel, at which its ray must come out again
+_FOLDED_PX = 2.0  # from a pixel: a point farther off lies where the polynomial turned back
 _MATRIX, _PIXELS = "intrinsic_matrix", ("fx", "fy", "cx", "cy")
 _KNOWN = {_MATRIX, *_PIXELS, "width", "height", "depth_scale", "depth_encoding", *_COEFFICIENTS, *_LISTS,
           *_MODEL_NAMES}  # fmt: skip
@@ -182,7 +184,8 @@ def undistorted(
     """Return the scan of a distorted image as of the same camera without distortion; its points stay exact.
 
     `depth_m` (rows, columns) is along the optical axis, metres; `distortion` is in OpenCV's order and model.
-    A warning says by how much the corner of the image moves that moves most.
+    A warning says by how much pixels move at most, another how many no ray reaches, as where a polynomial
+    that was fitted to the middle of an image turns back.
     """
     import cv2  # slow to import, and rarely needed
 
@@ -190,18 +193,24 @@ def undistorted(
     lens = np.array(distortion)
     columns, rows = np.meshgrid(np.arange(camera.width, dtype=np.float64), np.arange(float(camera.height)))
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
-    rays = cv2.undistortPoints(pixels, matrix, lens, criteria=(3, 50, 1e-9)).reshape(*scan.shape, 2)
-    moved = rays * matrix[[0, 1], [0, 1]] + matrix[:2, 2] - pixels.reshape(rays.shape)
-    most = float(np.linalg.norm(moved[:: scan.shape[0] - 1 or 1, :: scan.shape[1] - 1 or 1], axis=-1).max())
-    points = (
-        np.concatenate([rays, np.ones((*scan.shape, 1))], axis=-1)
-        * np.where(scan.valid, depth_m, np.nan)[..., None]
-    )
+    rays = cv2.undistortPoints(pixels, matrix, lens, criteria=(3, 50, 1e-9)).reshape(-1, 2)
+    bent = cv2.projectPoints(np.column_stack([rays, np.ones(len(rays))]), *np.zeros((2, 3)), matrix, lens)[0]
+    known = (np.linalg.norm(bent - pixels, axis=-1) < _BENT_PX).reshape(scan.shape)
+    rays = np.where(known[..., None], rays.reshape(*scan.shape, 2), np.nan)
+    places = rays * matrix[[0, 1], [0, 1]] + matrix[:2, 2]  # columns and rows without distortion
+    points = np.dstack([rays, np.ones(scan.shape)]) * np.where(scan.valid, depth_m, np.nan)[..., None]
     seen = cv2.initUndistortRectifyMap(matrix, lens, None, matrix, scan.shape[::-1], cv2.CV_32FC1)
     column, row = (np.rint(place).astype(np.int64) for place in seen)
     inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     at = np.where(inside, row, 0), np.where(inside, column, 0)
+    pixel = pixels.reshape(*scan.shape, 2)
+    inside &= np.linalg.norm(places[at] - pixel, axis=-1) < _FOLDED_PX
     colour = None if scan.colour is None else scan.colour[at]
     points = np.where(inside[..., None], points[at], np.nan)
     flat = RangeImage.from_points(points, camera, scan.world_from_sensor, colour, scan.name)
-    return flat.add_warnings((f"lens distortion was taken out: {most:.1f} pixels at the corners",))
+    most = np.nanmax(np.linalg.norm(places - pixel, axis=-1))
+    sentences = [f"lens distortion was taken out: up to {most:.1f} pixels at the corners"]
+    if not known.all():
+        n_lost = int((~known).sum())
+        sentences.append(f"{n_lost} of {known.size} pixels, which no ray of the lens reaches, were left out")
+    return flat.add_warnings(tuple(sentences))
