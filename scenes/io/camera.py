@@ -194,7 +194,8 @@ def undistorted(
     columns, rows = np.meshgrid(np.arange(camera.width, dtype=np.float64), np.arange(float(camera.height)))
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
     rays = cv2.undistortPoints(pixels, matrix, lens, criteria=(3, 50, 1e-9)).reshape(-1, 2)
-    bent = cv2.projectPoints(np.column_stack([rays, np.ones(len(rays))]), *np.zeros((2, 3)), matrix, lens)[0]
+    still, ahead = np.zeros(3), np.column_stack([rays, np.ones(len(rays))])
+    bent = cv2.projectPoints(ahead, still, still, matrix, lens)[0]
     known = (np.linalg.norm(bent - pixels, axis=-1) < _BENT_PX).reshape(scan.shape)
     rays = np.where(known[..., None], rays.reshape(*scan.shape, 2), np.nan)
     places = rays * matrix[[0, 1], [0, 1]] + matrix[:2, 2]  # columns and rows without distortion

@@ -137,6 +137,7 @@ def _rtabmap(folder: Path, keys: Sequence[str]) -> Views:
     calibrations = sorted([*folder.glob("*calib/*.yaml"), *folder.glob("*.yaml")])
     cameras = {key_of(path.name): _calibration(path) for path in calibrations}
     files = sorted(folder.glob("*camera_poses*.txt")) or sorted(folder.glob("*poses.txt"))
+    files = [path for path in files if "scan_poses" not in path.name]
     if len(files) > 1:
         raise InputError(f"holds poses of several cameras, {files[0].name} and {files[1].name}; keep one's")
     of_robot = bool(files) and "camera_poses" not in files[0].name
