@@ -186,6 +186,8 @@ def undistorted(
     `depth_m` (rows, columns) is along the optical axis, metres; `distortion` is in OpenCV's order and model.
     A warning says by how much pixels move at most, another how many no ray reaches, as where a polynomial
     that was fitted to the middle of an image turns back.
+
+    Raises InputError: no ray reaches any pixel.
     """
     import cv2  # slow to import, and rarely needed
 
@@ -197,6 +199,8 @@ def undistorted(
     still, ahead = np.zeros(3), np.column_stack([rays, np.ones(len(rays))])
     bent = cv2.projectPoints(ahead, still, still, matrix, lens)[0]
     known = (np.linalg.norm(bent - pixels, axis=-1) < _BENT_PX).reshape(scan.shape)
+    if not known.any():
+        raise InputError(f"no ray reaches any pixel of a lens with the distortion {list(distortion)}")
     rays = np.where(known[..., None], rays.reshape(*scan.shape, 2), np.nan)
     places = rays * matrix[[0, 1], [0, 1]] + matrix[:2, 2]  # columns and rows without distortion
     points = np.dstack([rays, np.ones(scan.shape)]) * np.where(scan.valid, depth_m, np.nan)[..., None]

@@ -50,11 +50,15 @@ _FIRST_CAMERA = (
 )
 
 
-def _numbers(path: Path) -> FloatArray:
-    """The rows of numbers of a text, separated by blanks or commas."""
+def _numbers(path: Path, columns: Sequence[int], rows: int | None = None) -> FloatArray:
+    """The rows of a text, numbers separated by blanks or commas: as many columns, and rows if these count."""
     with guard_reading(path, "rows of numbers"):
         lines = (line.split("#", 1)[0].replace(",", " ").split() for line in read_text(path).splitlines())
-        return np.array([[float(word) for word in words] for words in lines if words])
+        table = np.array([[float(word) for word in words] for words in lines if words])
+        if table.ndim != 2 or table.shape[1] not in columns or rows not in (None, len(table)):
+            wanted = " or ".join(map(str, columns))
+            raise InputError(f"expected {rows or 'any'} rows of {wanted} numbers, got {table.shape}")
+        return table
 
 
 def _pose(place: Sequence[float], quaternion: Sequence[float], what: str) -> FloatArray:
@@ -72,7 +76,9 @@ def _stray(folder: Path, _: Sequence[str]) -> Views:
     image = None if video is None else video_image(video, 0)
     size = _STRAY_SIZE if image is None else (image.shape[1], image.shape[0])
     matrix = folder / "camera_matrix.csv"
-    shared = Camera(intrinsics_of(_numbers(matrix)), image_size=size) if matrix.is_file() else Camera()
+    shared = (
+        Camera(intrinsics_of(_numbers(matrix, [3], 3)), image_size=size) if matrix.is_file() else Camera()
+    )
     views, path = {}, folder / "odometry.csv"
     with guard_reading(path, "the odometry of Stray Scanner"):
         for row in csv.DictReader(read_text(path).splitlines(), skipinitialspace=True):
@@ -178,9 +184,7 @@ def _calibration(path: Path) -> tuple[Camera, FloatArray | None]:
 
 def _rtabmap_poses(path: Path, keys: Sequence[str]) -> Iterator[tuple[str, Pose]]:
     """Poses by number (last of nine columns) or time of the frames, or else in their order."""
-    rows = _numbers(path)
-    if rows.ndim != 2 or rows.shape[1] not in (8, 9, 12):
-        raise InputError(f"{path.name}: expected rows of stamp x y z qx qy qz qw [id], or of 12 numbers")
+    rows = _numbers(path, [8, 9, 12])  # stamp x y z qx qy qz qw [id], or a matrix
     stamps = rows[:, 0] if rows.shape[1] < 12 else np.full(len(rows), np.nan)
     times = np.array([_number(key) for key in keys])
     for k, row in enumerate(rows):
@@ -202,17 +206,18 @@ def _rtabmap_poses(path: Path, keys: Sequence[str]) -> Iterator[tuple[str, Pose]
 def _scannet(folder: Path, _: Sequence[str]) -> Views:
     """A matrix a frame, and `axisAlignment` of the scene's own text, which is applied."""
     matrices = {name: folder / "intrinsic" / f"intrinsic_{name}.txt" for name in ("depth", "color")}
-    held = {name: intrinsics_of(_numbers(path)) for name, path in matrices.items() if path.is_file()}
+    held = {name: intrinsics_of(_numbers(path, [4], 4)) for name, path in matrices.items() if path.is_file()}
     aligned, sentences = np.eye(4), list[str]()
     for path in sorted(folder.glob("*.txt")):
-        for line in read_text(path).splitlines():
-            name, _, words = line.partition("=")
-            if name.strip() == "axisAlignment":
-                aligned = np.array([float(word) for word in words.split()]).reshape(4, 4)
-                sentences = [f"the axisAlignment of {path.name} was applied to its poses"]
+        with guard_reading(path, "the text of a scene of ScanNet"):
+            for line in read_text(path).splitlines():
+                name, _, words = line.partition("=")
+                if name.strip() == "axisAlignment":
+                    aligned = np.array([float(word) for word in words.split()]).reshape(4, 4)
+                    sentences = [f"the axisAlignment of {path.name} was applied to its poses"]
     views = {}
     for path in folder.glob("pose/*.txt"):
-        views[key_of(path.name)] = View(known_pose(aligned @ _numbers(path)))
+        views[key_of(path.name)] = View(known_pose(aligned @ _numbers(path, [4], 4)))
     camera = Camera(held["depth"]) if "depth" in held else read_camera(folder)
     return Views(views, camera, tuple(sentences), held.get("color"))
 
@@ -221,10 +226,10 @@ def _arkitscenes(folder: Path, keys: Sequence[str]) -> Views:
     """Rotation vector and translation from world to camera a line; intrinsics a file; both by their times."""
     cameras = {}
     for path in folder.glob("lowres_wide_intrinsics/*.pincam"):
-        width, height, fx, fy, cx, cy = _numbers(path).ravel()
+        width, height, fx, fy, cx, cy = _numbers(path, [6], 1)[0]
         time = _number(key_of(path.name).rpartition("_")[2])
         cameras[time] = Camera((fx, fy, cx, cy), image_size=(int(width), int(height)))
-    rows = _numbers(folder / "lowres_wide.traj")
+    rows = _numbers(folder / "lowres_wide.traj", [7])
     views = {}
     for key in keys:
         time = _number(key.rpartition("_")[2])

@@ -23,6 +23,7 @@ from scenes.checks import InputError
 from scenes.io.camera import Camera, check_model, distortion_of
 from scenes.io.colmap import read_model
 from scenes.io.documents import read_json
+from scenes.io.guard import guard_reading
 from scenes.io.limits import check_limit
 from scenes.io.rgbd import RgbdFolder, RgbdFrame
 from scenes.io.rgbd_listing import ImageLayout, View, Views, camera_pose, inside, key_of, known_pose
@@ -53,9 +54,11 @@ def _colmap(folder: Path, _: Sequence[str]) -> Views:
 
 def _cameras_json(folder: Path, keys: Sequence[str]) -> Views:
     """Cameras by the names of their images, or in their order where there are as many maps as cameras."""
-    entries = read_json(folder / "cameras.json", list)
-    check_limit("entries", len(entries), "its cameras")
-    named = {key_of(str(entry["img_name"])): _splat_view(entry) for entry in entries}
+    path = folder / "cameras.json"
+    with guard_reading(path, "the cameras of Gaussian splatting"):
+        entries = read_json(path, list)
+        check_limit("entries", len(entries), "its cameras")
+        named = {key_of(str(entry["img_name"])): _splat_view(entry) for entry in entries}
     if set(named) & set(keys):
         return Views(named, warnings=(_UNIT,))
     if len(entries) != len(keys):
@@ -81,36 +84,30 @@ def open_transforms(folder: Path) -> RgbdFolder:
 
     Raises InputError: no frame has a depth map, no intrinsics, or a fisheye's.
     """
-    held = read_json(folder / "transforms.json", dict)
-    entries = held["frames"]
-    check_limit("entries", len(entries), "its frames")
-    named = [entry for entry in entries if entry.get("depth_file_path")]
-    if not named:
-        raise InputError(
-            f"its {len(entries)} frames have no depth_file_path: photographs alone are no scans; render or "
-            "estimate depth maps and name them there"
-        )
-    frames = []
-    for entry in named:
-        depth = inside(folder, entry["depth_file_path"])
-        if not depth.is_file():
-            continue
-        colour = inside(folder, entry["file_path"]) if entry.get("file_path") else None
-        frames.append(
-            RgbdFrame(
-                depth,
-                colour if colour is not None and colour.is_file() else None,
-                camera_pose(entry["transform_matrix"]),
-                camera=_camera(held | entry),
+    path = folder / "transforms.json"
+    with guard_reading(path, "the frames of nerfstudio"):
+        held = read_json(path, dict)
+        entries = held["frames"]
+        check_limit("entries", len(entries), "its frames")
+        if not any(entry.get("depth_file_path") for entry in entries):
+            raise InputError(
+                f"its {len(entries)} frames have no depth_file_path: photographs alone are no scans; render "
+                "or estimate depth maps and name them there"
             )
-        )
+        found = [_frame(folder, entry, held) for entry in entries if entry.get("depth_file_path")]
+    frames = tuple(frame for frame in found if frame.depth.is_file())
     n_left = len(entries) - len(frames)
     sentences = (f"{n_left} of {len(entries)} frames have no depth map and were left out",) if n_left else ()
-    return RgbdFolder(
-        "transforms.json",
-        tuple(frames),
-        depth_scale=1.0 / _MILLIMETRES,
-        warnings=sentences,
+    return RgbdFolder("transforms.json", frames, depth_scale=1.0 / _MILLIMETRES, warnings=sentences)
+
+
+def _frame(folder: Path, entry: Mapping[str, Any], held: Mapping[str, Any]) -> RgbdFrame:
+    colour = inside(folder, entry["file_path"]) if entry.get("file_path") else None
+    return RgbdFrame(
+        inside(folder, entry["depth_file_path"]),
+        colour if colour is not None and colour.is_file() else None,
+        camera_pose(entry["transform_matrix"]),
+        camera=_camera({**held, **entry}),
     )
 
 
