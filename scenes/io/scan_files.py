@@ -25,7 +25,8 @@ from scenes.io.format import (
 )
 from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import MESH_SUFFIXES
-from scenes.io.rgbd import open_rgbd, read_frame
+from scenes.io.rgbd import read_frame
+from scenes.io.rgbd_layouts import open_rgbd
 from scenes.io.rgbd_writer import Layout, write_rgbd
 from scenes.io.trajectory import poses_at, read_named_poses, read_poses
 from scenes.io.uos import is_uos, open_uos, read_uos
@@ -198,6 +199,7 @@ def open_scans(
             _guard_readers(source, kind, readers, marks_misses=True),
             folder.registered,
             timed,
+            warnings=folder.warnings,
             images=tuple(frame.images for frame in folder.frames),
         )
     check_file(source)
@@ -250,8 +252,9 @@ def _refusal(suffix: str) -> str:
             f"{suffix} is a mesh, not a scan; say where scanners stood in it, --origin X,Y,Z, or simulate a "
             "scan with `unseen scan SCENE -o FILE.npz`"
         )
-    if format_of(suffix) is not None:
-        return NO_RAYS
+    held = format_of(suffix)
+    if held is not None:
+        return held.refusal or NO_RAYS
     known = ", ".join(scan_suffixes())
     return f"cannot read scans from {suffix or 'a file without suffix'}; known: {known}, RGB-D folders"
 
