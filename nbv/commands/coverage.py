@@ -16,7 +16,7 @@ from completion.pipeline import complete
 from nbv.commands.options import CoverageOptions, Shared
 from nbv.commands.process import Run, start_run
 from nbv.coverage.coverage import STATES, Coverage, VisibilityHistory
-from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
+from nbv.coverage.measurement import check_scans, measure_coverage, measure_scan_coverage
 from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.coverage.unreachable import coverage_record
 from nbv.plan.plan import read_plan
@@ -149,6 +149,7 @@ def _measure(run: Run, world: Scene, request: CoverageOptions) -> _MeasuredCover
     sensor = load_sensor(request.sensor)
     run.will_call(select_facing, 10)
     caster = world.ray_caster(threads)
+    run.warn(check_scans(world.mesh, caster, given.scans))
     standing, samples, apart = _resolve_candidates(run, world, sensor, request)
     coverage = measure_scan_coverage(
         world, given.scans, requirement, samples=samples, candidates=standing.candidates, sensor=sensor,

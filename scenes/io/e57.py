@@ -22,10 +22,10 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import InputError
+from scenes.checks import FloatArray, InputError
 from scenes.io.documents import parse_json
-from scenes.io.e57_points import PointChunk, point_chunks
-from scenes.io.format import RawPoints
+from scenes.io.e57_points import PointChunk, coordinate_step, point_chunks
+from scenes.io.format import RawPoints, step_warnings
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fitted_scan, lie_on_rays, organised_scan
 from scenes.io.guard import check_size, import_extra
 from scenes.io.header import FORMAT, apply_header, not_finite_warnings, projection_from_dict
@@ -135,6 +135,7 @@ if TYPE_CHECKING:
 _SENSOR_FROM_SCANNER = SCANNER_FROM_SENSOR.inverse()
 _MOST_INDEX = 2**62
 _NO_RETURN = 255  # above the numbers of all returns
+_TYPICAL = 100_000  # points that tell how far they are
 _CHUNKS_HELD = 10  # that memory holds pixels of: columns lie side by side in the same pages
 
 
@@ -323,6 +324,7 @@ class E57File:
         module = import_extra("pye57", "e57")
         check_e57(path)
         self._stem, self._file = path.stem, module.E57(os.fsencode(path))  # names may be of any encoding
+        self._lib = module.libe57
         headers = enumerate(map(self._file.get_header, range(self._file.scan_count)))
         self._own = [k for k, header in headers if INFERRED not in _text(header, "description")]
 
@@ -359,7 +361,20 @@ class E57File:
             _ours(_text(header, "description")),
         )
         pose, doubts = _read_pose(header)
-        return grid_scan(chunks, _announced_size(header), pose, name, ours).add_warnings(doubts)
+        scan = grid_scan(chunks, _announced_size(header), pose, name, ours).add_warnings(doubts)
+        return scan if ours is not None else self._rounded(scan, header)
+
+    def _step(self, header: Any, reach: FloatArray) -> float:
+        """Step of the coordinates of a scan whose points are so far (...) from the scanner, metres."""
+        few = reach.ravel()[:: -(-reach.size // _TYPICAL) or 1]
+        known = few[np.isfinite(few)]
+        typical, largest = (float(pick(known)) if len(known) else 0.0 for pick in (np.median, np.max))
+        return coordinate_step(header, self._lib, typical, largest)
+
+    def _rounded(self, scan: RangeImage, header: Any) -> RangeImage:
+        """A scan of others with the step of its coordinates, and a sentence where it is coarse."""
+        step_m = self._step(header, scan.ranges)
+        return scan.with_facts(step_m=step_m).add_warnings(step_warnings(step_m))
 
     def points(self, index: int) -> RawPoints:
         """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -395,6 +410,7 @@ class E57File:
                 is_coloured[part] = True if chunk.is_coloured is None else chunk.is_coloured[kept]
             n_kept, n_read, n_bad = part.stop, n_read + chunk.n_read, n_bad + chunk.n_bad
             n_later += len(kept) - int(kept.sum())
+        step = self._step(header, ranges_of(world[: min(n_kept, _TYPICAL)] - pose.translation))
         world, held, known = world[:n_kept], colour[:n_kept] if has_colour else None, is_coloured[:n_kept]
         if held is not None and not known.all():
             held = colour_points(held, known, world)
@@ -404,15 +420,15 @@ class E57File:
             *((f"{n_later} later returns were left out",) if n_later else ()),
             *colour_warnings(int(n_kept - known.sum()), n_kept),
         )
-        return RawPoints(
-            world, origins=pose.translation if is_one_scan else None, colour=held, warnings=warnings
-        )
+        stood = pose.translation if is_one_scan else None
+        return RawPoints(world, origins=stood, colour=held, warnings=warnings, step=step)
 
 
 def _project_cloud(cloud: RawPoints, name: str) -> RangeImage:
     """An unstructured scan as the image that a scanner at its pose's place would have taken."""
     scan = scan_from_station(cloud.points, cloud.origins, name, cloud.colour)
-    return scan.add_warnings(cloud.warnings)
+    texts = (*cloud.warnings, *step_warnings(cloud.step))
+    return scan.add_warnings(texts).with_facts(step_m=cloud.step)
 
 
 def _announced_size(header: Any) -> GridExtent:

@@ -35,6 +35,7 @@ _NUMBERS = {
 """The numbers that each field is read as, but colours, in the letters of numpy."""
 _TOPS = (1.0, 255.0, 65535.0)  # of colours that have no limits, the least that none is above counts
 _UNBOUNDED = 2.0**32
+_NEGLIGIBLE_M = 1e-6  # steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,6 +159,41 @@ def _as_bytes(colour: NDArray[Any], limits: FloatArray) -> ColourArray:
         return colour
     share = (np.nan_to_num(colour) - limits[0]) / (limits[1] - limits[0])
     return np.asarray(np.rint(255 * np.clip(share, 0.0, 1.0)), np.uint8)
+
+
+def coordinate_step(header: Any, lib: Any, reach: float, largest: float) -> float:
+    """Return the step between coordinates that a scan's record admits, metres; 0 for double precision.
+
+    Scaled integers (ASTM E2807-11, 8.3.8) count in their scale; so do spherical ones, whose angles' steps
+    grow with the range. Single precision has the steps of its largest number.
+
+    Parameters
+    ----------
+    header : Header
+        Of the scan, as pye57 gives it.
+    reach : float
+        Typical range, metres.
+    largest : float
+        Coordinate, metres, where the file states no bounds.
+    """
+    record, names = lib.StructureNode(header.points.prototype()), set(header.point_fields)
+    if "cartesianBounds" in header.scan_fields:
+        stated = header["cartesianBounds"]
+        bounds = [f"{axis}{end}" for axis in "xyz" for end in _ENDS]
+        largest = max(abs(stated[name].value()) if stated.isDefined(name) else largest for name in bounds)
+    parts = _CARTESIAN if _CARTESIAN[0] in names else _SPHERICAL
+    steps = []
+    for name in parts:
+        node, is_angle = record[name], name in _SPHERICAL[1:]
+        step = 0.0
+        if isinstance(node, lib.ScaledIntegerNode):
+            step = node.scale()
+        elif isinstance(node, lib.IntegerNode):
+            step = 1.0
+        elif node.precision() == lib.E57_SINGLE:
+            step = float(np.spacing(np.float32(np.pi if is_angle else largest)))
+        steps.append(abs(step) * (reach if is_angle else 1.0))
+    return max(steps) if max(steps) > _NEGLIGIBLE_M else 0.0
 
 
 def _is_single(points: Any, names: list[str], lib: Any) -> bool:

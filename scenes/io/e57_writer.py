@@ -192,9 +192,7 @@ def _columns(scan: RangeImage) -> dict[str, Any]:
     columns: dict[str, Any] = {
         f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")
     }
-    columns["rowIndex"], columns["columnIndex"] = row.astype(np.uint16), column.astype(np.uint16)
-    if max(scan.shape) > 65536:
-        raise InputError(f"E57 rows and columns end at 65536 here, the scan has {scan.shape}")
+    columns["rowIndex"], columns["columnIndex"] = row.astype(np.int32), column.astype(np.int32)
     if scan.intensity is not None:
         columns["intensity"] = np.ascontiguousarray(scan.intensity[scan.valid], dtype=np.float32)
     if scan.colour is not None:

@@ -157,21 +157,20 @@ class GivenScans:
         Which sensors took them, and the effects that were active, as far as the files say so.
     paths : tuple of str
         The path of each scan, as it was given.
+    names : tuple of str
+        What each scan is called: its path, with its number in the file where the path holds several.
     """
 
     scans: tuple[RangeImage, ...]
     doubts: tuple[str, ...]
     instruments: tuple[str, ...]
     paths: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
 
-    @property
-    def names(self) -> list[str]:
-        """What each scan is called: its path, numbered where the path holds several."""
-        names = []
-        for number, path in enumerate(self.paths):
-            several = self.paths.count(path) > 1
-            names.append(f"{path}#{self.paths[:number].count(path) + 1}" if several else path)
-        return names
+    def pick(self, kept: Sequence[int]) -> GivenScans:
+        """Return some of the scans, by number; the doubts are of all."""
+        picked = {name: tuple(getattr(self, name)[k] for k in kept) for name in ("scans", "paths", "names")}
+        return replace(self, **picked)
 
     @classmethod
     def of(cls, scans: Sequence[RangeImage]) -> GivenScans:
@@ -215,13 +214,15 @@ def read_request(request: ScanRequest, *, posed: bool = True) -> GivenScans:
     if request.origins:
         scans = _read_clouds(request)
         paths = list(request.paths) * (len(scans) // len(request.paths))
+        several = len(paths) > len(request.paths)
+        names = [f"{path}#{k}" if several else path for k, path in enumerate(paths, start=1)]
     else:
-        scans, paths = _read_scans(request, posed=posed)
-    return replace(GivenScans.of(scans), paths=tuple(paths))
+        scans, paths, names = _read_scans(request, posed=posed)
+    return replace(GivenScans.of(scans), paths=tuple(paths), names=tuple(names))
 
 
-def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage], list[str]]:
-    """Return the scans of each path with the poses that it or the request says, and the path of each."""
+def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage], list[str], list[str]]:
+    """Return the scans of each path with the poses that it or the request says, their paths and names."""
     check_units(request.units)
     parts = [split_index(path) for path in request.paths]
     camera = None
@@ -244,15 +245,15 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
                 f"{request.poses}: {len(pose)} poses for {sum(counts)} scans; give one pose a scan"
             )
         given = [pose[end - n : end] for end, n in zip(np.cumsum(counts), counts, strict=True)]
-    scans, paths, spill = list[RangeImage](), list[str](), spill_for(sum(counts))
+    scans, paths, names = list[RangeImage](), list[str](), list[str]()
+    spill = spill_for(sum(counts))
     for path, (base, number), poses, count in zip(request.paths, parts, given, counts, strict=True):
         held = source_of(base).read(number, poses, request.units, spill)
         scans += held
-        if len(held) == count:
-            paths += [path] * count
-        else:
-            source = source_of(base)
-            paths += [f"{base}#{source.number(k)}" for k in source.pick_posed(number, poses)[0]]
+        source = source_of(base)
+        numbered = [f"{base}#{source.number(k)}" for k in source.pick_posed(number, poses)[0]]
+        paths += [path] * count if len(held) == count else numbered
+        names += [path] if len(held) == count == 1 and not source.warnings else numbered
     registered = request.poses is not None or all(source.registered for source in opened.values())
     at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
     if posed and len(scans) > 1 and (not registered or at_origin):
@@ -261,7 +262,7 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
             "(tx ty tz qx qy qz qw, world from sensor), find poses by `unseen register`, or complete them "
             "one by one"
         )
-    return scans, paths
+    return scans, paths, names
 
 
 def _are_named(poses: str, sources: Iterable[ScanSource]) -> bool:

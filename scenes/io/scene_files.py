@@ -31,6 +31,8 @@ from scenes.run.atomic import write_bytes
 from scenes.world.scene import Mode, Scene
 
 _MOST_SHARED = 2  # faces at an edge of a surface
+_EXACT = 1e-15  # of the largest coordinate: what a change of units leaves
+_NEGLIGIBLE_M = 1e-5  # steps
 
 
 def mesh_doubts(mesh: LabelledMesh, metres: float = 1.0) -> tuple[str, ...]:
@@ -91,18 +93,31 @@ def _keys(edges: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(edges[:, 0] << np.int64(32) | edges[:, 1], dtype=np.int64)
 
 
+def single_steps(points: FloatArray, metres: float | FloatArray) -> FloatArray:
+    """Return the steps (3,) of coordinates (n, 3) that went through 32-bit floats, metres; 0 for others.
+
+    So are steps below a hundredth of a millimetre.
+
+    `metres` is their unit, one for all or one of each axis (3,).
+    """
+    largest = np.abs(points).max(axis=0, initial=0.0)
+    if not (np.abs(points.astype(np.float32) - points) <= _EXACT * largest).all():
+        return np.zeros(3)
+    steps = np.asarray(np.spacing(largest.astype(np.float32)) * metres, np.float64)
+    return np.where(steps > _NEGLIGIBLE_M, steps, 0.0)
+
+
 def rounding_doubts(points: FloatArray, metres: float | FloatArray) -> tuple[str, ...]:
     """Return a warning where points (n, 3), as the file holds them, went through 32-bit floats too far away.
 
     `metres` is their unit, one for all or one of each axis (3,).
     """
-    largest = np.abs(points).max(axis=0, initial=0.0)
-    steps = np.unique(np.spacing(largest.astype(np.float32)) * metres)
-    if not steps[-1] > FINE_M or not (points.astype(np.float32) == points).all():
+    steps = np.unique(single_steps(points, metres))
+    if not steps[-1] > FINE_M:
         return ()
     rounded = " and ".join(f"{step:.2g}" for step in steps if step > FINE_M)
     return (
-        f"coordinates up to {(largest * metres).max():.4g} m are stored in 32 bits, so they are rounded to "
+        f"coordinates up to {(np.abs(points) * metres).max():.4g} m are stored in 32 bits, so they are rounded to "
         f"steps of {rounded} m; save the file about an origin of its own",
     )
 
