@@ -117,6 +117,8 @@ SMALL_M = 0.05
 """Median range, or diagonal of a scene, below which it is. By eye."""
 LARGE_M = 1e3
 """Diagonal of a scene beyond which it is. By eye."""
+MOSTLY_SEEN = 0.5
+"""Share of a mesh's area, seen from the places given, below which a word is due. By choice."""
 LARGE_PART_M = 20.0
 """Diagonal of a part beyond which it is. By eye."""
 FINE_M = 1e-3

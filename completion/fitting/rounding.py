@@ -40,7 +40,7 @@ def allow_for_rounding(fit: SurfaceFit, points: FloatArray, step_m: float) -> Su
     """
     if not step_m:
         return fit
-    sought = np.diag(fit.covariance) != 0
+    sought = (np.diag(fit.covariance) != 0) | (not fit.held)
     gradient = fit.gradient(points)[:, sought]
     along = np.einsum("mij,ij->im", rounding_modes(points, step_m), fit.surface.normal(points))
     shift = np.zeros((len(sought), along.shape[1]))

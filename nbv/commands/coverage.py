@@ -144,7 +144,7 @@ def _measure(run: Run, world: Scene, request: CoverageOptions) -> _MeasuredCover
         )  # fmt: skip
         coverage = replace(coverage, apart_m2=apart)
         return _MeasuredCoverage(coverage, views, _history(coverage), sensor, [])
-    given = read_request(request.request()).with_z_up(request.up)
+    given = read_request(request.request()).with_z_up(world.file_up)
     run.warn(given.doubts)
     sensor = load_sensor(request.sensor)
     run.will_call(select_facing, 10)
@@ -245,12 +245,12 @@ def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
         if request.register:
             placed = register_request(scan_request, n_threads=shared.threads, progress=run.progress)
             given, options = (
-                placed.given.with_z_up(request.up),
+                placed.given.with_z_up(request.up or "z"),
                 replace(options, pose_deviations_m=placed.deviations_m),
             )
             placement = [placed.summary]
         else:
-            given = read_request(scan_request).with_z_up(request.up)
+            given = read_request(scan_request).with_z_up(request.up or "z")
         run.warn(given.doubts)
         run.watch.enter("voxels")
         scans = [with_known_noise(scan) for scan in given.scans]

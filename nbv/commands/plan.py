@@ -92,7 +92,7 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         search = request.search
-        given = read_request(request.request()).with_z_up(request.up) if request.scans else GivenScans.of(())
+        given = read_request(request.request()).with_z_up(world.file_up) if request.scans else GivenScans.of(())
         scans = given.scans
         run.warn([*given.doubts, *check_scans(world.mesh, world.ray_caster(shared.threads), scans)])
         journal = run.journal(options_record(request))
@@ -244,7 +244,7 @@ def _run_next_stations(shared: Shared, request: PlanOptions) -> None:
         site, scan_request = request.site, request.request()
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         sensor = check_aperture(with_aperture(load_sensor(request.sensor), candidates))
-        given = read_request(scan_request).with_z_up(request.up)
+        given = read_request(scan_request).with_z_up(request.up or "z")
         run.warn(given.doubts)
         predictions = _earlier_predictions(before, given.scans, is_asked_for=request.plan is not None)
         run.watch.enter("complete")

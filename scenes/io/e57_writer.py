@@ -192,7 +192,7 @@ def _columns(scan: RangeImage) -> dict[str, Any]:
     columns: dict[str, Any] = {
         f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")
     }
-    columns["rowIndex"], columns["columnIndex"] = row.astype(np.int32), column.astype(np.int32)
+    columns["rowIndex"], columns["columnIndex"] = row.astype("q"), column.astype("q")  # pye57 knows no "i"
     if scan.intensity is not None:
         columns["intensity"] = np.ascontiguousarray(scan.intensity[scan.valid], dtype=np.float32)
     if scan.colour is not None:

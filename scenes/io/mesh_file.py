@@ -22,6 +22,7 @@ from scenes.io.plain_gltf import plain_glb
 from scenes.io.ply import check_ply, has_faces, plain_ply
 from scenes.io.stl import check_stl, plain_stl, stl_origin
 
+GLTF_SUFFIXES = (".glb", ".gltf")
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
 # What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -79,7 +80,7 @@ def read_mesh_file(file: Path) -> MeshFile:
     """
     suffix = file.suffix.lower()
     data, held = b"", Contents(0)
-    if suffix in (".glb", ".gltf"):
+    if suffix in GLTF_SUFFIXES:
         gltf = read_gltf(file)
         beside = check_references(file, gltf.content)
         held = check_gltf(gltf.content, gltf.buffers)

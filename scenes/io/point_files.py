@@ -150,8 +150,9 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
         n_left = int((~kept).sum())
         warnings += (f"{n_left} of {len(kept)} points are not finite or lie beyond 1e12 m and were left out",)
     if not step_m:
-        warnings += rounding_doubts(raw.points[kept], metres)
-        step_m = float(single_steps(raw.points[kept], metres).max())
+        steps_m = single_steps(raw.points if kept.all() else raw.points[kept], metres)
+        warnings += rounding_doubts(raw.points[kept], metres, steps_m)
+        step_m = float(steps_m.max())
     if normals is not None:
         normals = np.nan_to_num(normals[kept], nan=0.0, posinf=0.0, neginf=0.0)
     if origins is not None:
@@ -262,7 +263,7 @@ def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile
 
 def _from_mesh(path: Path, units: Units) -> PartFile:
     """A mesh; the labels of its vertices where a PLY file holds them for as many."""
-    scene, metres = load_scene(path, units=units, mode="object"), METRES_PER_UNIT[units]
+    scene, metres = load_scene(path, up="z", units=units, mode="object"), METRES_PER_UNIT[units]
     mesh = scene.mesh
     label = None
     if path.suffix.lower() == ".ply":

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenes.checks import InputError, check_point
 from scenes.inclination import SignedAxis
@@ -21,7 +22,7 @@ from scenes.io.scan_files import ScanSource, check_units, open_scans, spill_for,
 from scenes.io.scene_files import load_scene
 from scenes.io.station import scan_from_station
 from scenes.io.trajectory import read_named_poses, read_poses
-from scenes.limits import LEAST_PIXELS
+from scenes.limits import LEAST_PIXELS, MOSTLY_SEEN
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt
@@ -34,7 +35,7 @@ _WIDTH, _HEIGHT = 1800, 900  # pixels all round, a fifth of a degree
 
 
 def scan_mesh(
-    path: str | os.PathLike[str], origins: Sequence[Sequence[float]], units: Units = "m", up: str = "z"
+    path: str | os.PathLike[str], origins: Sequence[Sequence[float]], units: Units = "m", up: str = "auto"
 ) -> list[RangeImage]:
     """Return a scan of a mesh from each place: all round, 1,800 x 900 pixels, without noise of its own.
 
@@ -57,18 +58,20 @@ def scan_mesh(
     InputError
         An unusable mesh; a place that is not finite, or from where hardly any of it is seen.
     """
-    upwards: Axis = "x" if up == "x" else "y" if up == "y" else "z"
-    scene, from_file = load_scene(path, up=upwards, units=units), world_from_file_up(upwards)
+    upwards: Axis | None = "x" if up == "x" else "y" if up == "y" else "z" if up == "z" else None
+    scene = load_scene(path, up=upwards, units=units)
+    from_file = world_from_file_up(scene.file_up)
     projection = SphericalProjection.regular(_WIDTH, _HEIGHT, 360.0, (-90.0, 90.0))
     sentence = (
         f"{Path(path).name} is a mesh, cast at by {_WIDTH} x {_HEIGHT} rays from each place given: what its "
         "maker closed counts as measured, and no measured beam vetoes what is inferred"
     )
-    scans = []
+    scans, is_seen = [], np.zeros(len(scene.mesh.faces), np.bool_)
     for number, origin in enumerate(origins, start=1):
         stands = METRES_PER_UNIT[units] * check_point(f"place {number}", origin)
         place = from_file.apply(stands[None])[0]
-        scan = _seen_from(scene, Pose.looking_at(place, place + [1.0, 0.0, 0.0]), projection)
+        scan, faces = _seen_from(scene, Pose.looking_at(place, place + [1.0, 0.0, 0.0]), projection)
+        is_seen[faces] = True
         n_met = int(scan.valid.sum())
         if n_met < LEAST_PIXELS:
             raise InputError(
@@ -77,15 +80,23 @@ def scan_mesh(
             )
         scan = scan.transform(from_file.inverse())
         name = scene.name if len(origins) == 1 else f"{scene.name} {number}"
-        scans.append(replace(scan, name=name, warnings=(*scene.warnings, sentence) if number == 1 else ()))
-    return scans
+        scans.append(replace(scan, name=name))
+    areas = scene.mesh.face_areas()
+    share = float(areas[is_seen].sum() / areas.sum())
+    if share < MOSTLY_SEEN:
+        sentence += f"; {share:.0%} of its area is seen: give --origin for each room"
+    return [scans[0].add_warnings([*scene.warnings, sentence]), *scans[1:]]
 
 
-def _seen_from(scene: Scene, pose: Pose, projection: SphericalProjection) -> RangeImage:
+def _seen_from(
+    scene: Scene, pose: Pose, projection: SphericalProjection
+) -> tuple[RangeImage, NDArray[np.int32]]:
+    """The scan from a pose, and the faces that its rays meet."""
     rays = pose.rotate(projection.directions().reshape(-1, 3)).reshape(*projection.shape, 3)
     hits = scene.ray_caster().first_hit(pose.translation[None], rays)
     ranges = np.where(np.isfinite(hits.ranges), hits.ranges, np.inf)
-    return RangeImage(ranges.reshape(projection.shape), projection, pose, sensor=MESH_SENSOR)
+    scan = RangeImage(ranges.reshape(projection.shape), projection, pose, sensor=MESH_SENSOR)
+    return scan, np.unique(hits.face[hits.hit])
 
 
 @dataclass(frozen=True, slots=True)

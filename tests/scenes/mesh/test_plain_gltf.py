@@ -75,7 +75,7 @@ class Glb:
 
 
 def extent(path: Path) -> NDArray[np.float64]:
-    return np.asarray(np.ptp(load_scene(path).mesh.vertices, axis=0))
+    return np.asarray(np.ptp(load_scene(path, up="z").mesh.vertices, axis=0))
 
 
 @requires_data
@@ -143,7 +143,8 @@ def test_instances_are_turned_and_scaled_within_their_node(tmp_path: Path) -> No
         "ROTATION": ([[0, 0, 0, 127], [0, 0, 90, 90]], "i1"),
         "SCALE": ([[1, 1, 1], [2, 2, 2]], "f4"),
     }
-    mesh = load_scene(instanced(tmp_path / "a.glb", arrays, translation=[100, 0, 0], name="box")).mesh
+    path = instanced(tmp_path / "a.glb", arrays, translation=[100, 0, 0], name="box")
+    mesh = load_scene(path, up="z").mesh
     assert len(mesh.faces) == 24
     second = mesh.vertices[mesh.vertices[:, 1] > 5]
     np.testing.assert_allclose(second.min(axis=0), [99, 8, -4], atol=1e-5)
