@@ -74,7 +74,8 @@ def fit_record(
     """Return a fit ready for JSON: first what scripts rely on, in this order, then more.
 
     Lengths in metres; deviations of directions in radians, what ends in `_deg` in degrees. The deviations
-    hold for independent residuals and for coordinates in steps; `standard_deviation_correlated` allows for neighbours that err alike.
+    hold for independent residuals and coordinates in steps; `standard_deviation_correlated` allows for
+    neighbours that err alike.
     `evidence` says how many times more probable the chosen shape is than each other, null where the shape
     was asked for. `held` names what was given and held exactly; its deviation is 0.
     """

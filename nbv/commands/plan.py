@@ -92,7 +92,9 @@ def _run_scene_plan(shared: Shared, scene: str, request: PlanOptions) -> None:
         sensor = load_sensor(request.sensor)
         candidates = None if request.candidates is None else load_candidates(request.candidates)
         search = request.search
-        given = read_request(request.request()).with_z_up(world.file_up) if request.scans else GivenScans.of(())
+        given = (
+            read_request(request.request()).with_z_up(world.file_up) if request.scans else GivenScans.of(())
+        )
         scans = given.scans
         run.warn([*given.doubts, *check_scans(world.mesh, world.ray_caster(shared.threads), scans)])
         journal = run.journal(options_record(request))

@@ -8,10 +8,8 @@ checksum, its XML stands at an offset.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import struct
-import uuid
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
@@ -22,9 +20,9 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray, InputError
+from scenes.checks import InputError
 from scenes.io.documents import parse_json
-from scenes.io.e57_points import PointChunk, coordinate_step, point_chunks
+from scenes.io.e57_points import PointChunk, coordinate_step, point_chunks, read_pose
 from scenes.io.format import RawPoints, step_warnings
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fitted_scan, lie_on_rays, organised_scan
 from scenes.io.guard import check_size, import_extra
@@ -32,7 +30,7 @@ from scenes.io.header import FORMAT, apply_header, not_finite_warnings, projecti
 from scenes.io.limits import check_limit, check_unpacked
 from scenes.io.station import scan_from_station
 from scenes.limits import SPARSE, SPARSE_PIXELS
-from scenes.pose import Pose, rotation_of
+from scenes.pose import Pose
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_pixels, colour_points, colour_warnings
 from scenes.scan.pixels import crop_pixels, ranges_of, row_blocks
@@ -135,7 +133,6 @@ if TYPE_CHECKING:
 _SENSOR_FROM_SCANNER = SCANNER_FROM_SENSOR.inverse()
 _MOST_INDEX = 2**62
 _NO_RETURN = 255  # above the numbers of all returns
-_TYPICAL = 100_000  # points that tell how far they are
 _CHUNKS_HELD = 10  # that memory holds pixels of: columns lie side by side in the same pages
 
 
@@ -324,7 +321,6 @@ class E57File:
         module = import_extra("pye57", "e57")
         check_e57(path)
         self._stem, self._file = path.stem, module.E57(os.fsencode(path))  # names may be of any encoding
-        self._lib = module.libe57
         headers = enumerate(map(self._file.get_header, range(self._file.scan_count)))
         self._own = [k for k, header in headers if INFERRED not in _text(header, "description")]
 
@@ -360,21 +356,10 @@ class E57File:
             partial(point_chunks, self._file, self._own[index]),
             _ours(_text(header, "description")),
         )
-        pose, doubts = _read_pose(header)
+        pose, doubts = read_pose(header)
         scan = grid_scan(chunks, _announced_size(header), pose, name, ours).add_warnings(doubts)
-        return scan if ours is not None else self._rounded(scan, header)
-
-    def _step(self, header: Any, reach: FloatArray) -> float:
-        """Step of the coordinates of a scan whose points are so far (...) from the scanner, metres."""
-        few = reach.ravel()[:: -(-reach.size // _TYPICAL) or 1]
-        known = few[np.isfinite(few)]
-        typical, largest = (float(pick(known)) if len(known) else 0.0 for pick in (np.median, np.max))
-        return coordinate_step(header, self._lib, typical, largest)
-
-    def _rounded(self, scan: RangeImage, header: Any) -> RangeImage:
-        """A scan of others with the step of its coordinates, and a sentence where it is coarse."""
-        step_m = self._step(header, scan.ranges)
-        return scan.with_facts(step_m=step_m).add_warnings(step_warnings(step_m))
+        step_m = 0.0 if ours else coordinate_step(header, scan.ranges)
+        return scan if ours else scan.with_facts(step_m=step_m).add_warnings(step_warnings(step_m))
 
     def points(self, index: int) -> RawPoints:
         """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -390,7 +375,7 @@ class E57File:
         """The points of scan `index`, or those alone that came back first."""
         header = self._file.get_header(self._own[index])
         (pose, doubts), is_one_scan = (
-            _read_pose(header),
+            read_pose(header),
             header.has_pose() or "rowIndex" in header.point_fields,
         )
         world, colour = np.empty((header.point_count, 3)), np.empty((header.point_count, 3), np.uint8)
@@ -410,7 +395,7 @@ class E57File:
                 is_coloured[part] = True if chunk.is_coloured is None else chunk.is_coloured[kept]
             n_kept, n_read, n_bad = part.stop, n_read + chunk.n_read, n_bad + chunk.n_bad
             n_later += len(kept) - int(kept.sum())
-        step = self._step(header, ranges_of(world[: min(n_kept, _TYPICAL)] - pose.translation))
+        step = coordinate_step(header, ranges_of(world[:n_kept] - pose.translation))
         world, held, known = world[:n_kept], colour[:n_kept] if has_colour else None, is_coloured[:n_kept]
         if held is not None and not known.all():
             held = colour_points(held, known, world)
@@ -452,27 +437,3 @@ def _ours(description: str) -> dict[str, Any] | None:
 
 def _text(header: Any, field: str) -> str:
     return str(header[field].value()) if field in header.scan_fields else ""
-
-
-def _read_pose(header: Any) -> tuple[Pose, tuple[str, ...]]:
-    """World from scanner, the identity where the file has none, and what is doubtful about it."""
-    if not header.has_pose():
-        return Pose.identity(), ()
-    node, doubts = header["pose"], tuple[str, ...]()
-    rotation, translation = np.eye(3), np.zeros(3)
-    if node.isDefined("rotation"):
-        quaternion = np.array([node["rotation"][part].value() for part in "xyzw"], dtype=np.float64)
-        if quaternion.any():
-            rotation = rotation_of(quaternion, "its pose")
-        else:
-            doubts = (
-                "its pose has the quaternion 0, 0, 0, 0, which is no rotation: it was taken as upright",
-            )
-    if node.isDefined("translation"):
-        translation = np.array([node["translation"][part].value() for part in "xyz"], dtype=np.float64)
-    return Pose.from_parts(rotation, translation), doubts
-
-
-def content_guid(*parts: bytes) -> str:
-    """Return an E57 guid that depends on the content alone, so that the same scan gives the same bytes."""
-    return "{" + str(uuid.UUID(bytes=hashlib.sha256(b"".join(parts)).digest()[:16])) + "}"

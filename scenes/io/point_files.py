@@ -19,7 +19,15 @@ from scenes.checks import (
     frozen_copy,
     usable_rows,
 )
-from scenes.io.format import METRES_PER_UNIT, RawPoints, Units, format_of, point_suffixes, points_of, step_warnings
+from scenes.io.format import (
+    METRES_PER_UNIT,
+    RawPoints,
+    Units,
+    format_of,
+    point_suffixes,
+    points_of,
+    step_warnings,
+)
 from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import is_mesh
 from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
@@ -174,7 +182,7 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
 
 
 def _metres(raw: RawPoints, units: Units) -> tuple[FloatArray, tuple[str, ...]]:
-    """Metres (3,) of a unit along x, y, z, the file's own before `units`, and a sentence where they differ."""
+    """Metres (3,) of a unit along x, y, z, the file's own before `units`, and a word where they differ."""
     given, unit = np.full(3, METRES_PER_UNIT[units]), raw.unit
     if unit is None or (unit.metres and np.allclose(unit.metres, given, rtol=1e-7, atol=0.0)):
         return given, ()

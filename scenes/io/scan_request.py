@@ -22,7 +22,7 @@ from scenes.io.scan_files import ScanSource, check_units, open_scans, spill_for,
 from scenes.io.scene_files import load_scene
 from scenes.io.station import scan_from_station
 from scenes.io.trajectory import read_named_poses, read_poses
-from scenes.limits import LEAST_PIXELS, MOSTLY_SEEN
+from scenes.limits import LEAST_PIXELS, MOSTLY_SEEN, TINY_M
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt
@@ -185,7 +185,17 @@ class GivenScans:
 
     @classmethod
     def of(cls, scans: Sequence[RangeImage]) -> GivenScans:
-        """Look at scans."""
+        """Look at scans.
+
+        Raises InputError: one whose ranges no scanner measures, as kilometres read as metres.
+        """
+        for scan in scans:
+            typical = float(np.median(scan.ranges[scan.valid])) if scan.valid.any() else np.inf
+            if typical < TINY_M:
+                raise InputError(
+                    f"{scan.name}: the median range is {typical:.2g} m, which no scanner measures; give "
+                    "--units, or scale the file where its unit is larger than a metre"
+                )
         doubts = merge_warnings([(scan.name, scan_warnings(scan)) for scan in scans])
         convention = convention_doubt(scans)
         instruments = {": ".join(part for part in (scan.sensor, scan.noise) if part) for scan in scans}

@@ -123,8 +123,8 @@ def rounding_doubts(points: FloatArray, metres: float | FloatArray, steps_m: Flo
         return ()
     rounded = " and ".join(f"{step:.2g}" for step in steps if step > FINE_M)
     return (
-        f"coordinates up to {(np.abs(points) * metres).max():.4g} m are stored in 32 bits, so they are rounded to "
-        f"steps of {rounded} m; save the file about an origin of its own",
+        f"coordinates up to {(np.abs(points) * metres).max():.4g} m are stored in 32 bits, so they are "
+        f"rounded to steps of {rounded} m; save the file about an origin of its own",
     )
 
 
@@ -200,7 +200,7 @@ def load_scene(
         doubts = mesh_doubts(mesh, metres)
         is_gltf = file.suffix.lower() in GLTF_SUFFIXES
         chosen: Axis = up or ("y" if is_gltf else "z")
-        turned, doubt = _turned(mesh, chosen, metres), ()
+        turned, doubt = _turned(mesh, chosen, metres), tuple[str, ...]()
         if up is None and is_gltf and _stands_on_z(turned, upright := _turned(mesh, "z", metres)):
             turned, chosen, doubt = upright, "z", (_Z_UP,)
         mesh = turned

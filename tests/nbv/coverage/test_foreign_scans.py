@@ -10,8 +10,8 @@ import pytest
 
 from nbv.coverage.measurement import check_scans
 from scenes.checks import InputError
-from scenes.io.scene_files import open_scene
 from scenes.io.scan_files import write_scan
+from scenes.io.scene_files import open_scene
 from scenes.pose import Pose
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import RangeImage
@@ -64,7 +64,14 @@ def test_commands_refuse_in_one_line(tmp_path: Path, command: str) -> None:
     from nbv.cli import app
 
     write_scan(scan(0.3), tmp_path / "a.npz")
-    arguments = [command, "builtin:two_occluders", "--scans", str(tmp_path / "a.npz"), "-o", str(tmp_path / "o")]
+    arguments = [
+        command,
+        "builtin:two_occluders",
+        "--scans",
+        str(tmp_path / "a.npz"),
+        "-o",
+        str(tmp_path / "o"),
+    ]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 1
     assert "the scan is of another place" in result.output

@@ -144,7 +144,9 @@ def test_a_code_alone_states_no_unit_and_is_named(tmp_path: Path, keys: dict[int
     cloud = read_points(file)
     np.testing.assert_allclose(cloud.points, POINTS)
     assert len(cloud.warnings) == bool(code)
-    assert all(f"names EPSG:{code} without the length of its unit: read as metres" in text for text in cloud.warnings)
+    assert all(
+        f"names EPSG:{code} without the length of its unit: read as metres" in text for text in cloud.warnings
+    )
     feet = read_points(file, "ft")
     assert code == 0 or feet.warnings == ()
 
