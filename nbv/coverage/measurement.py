@@ -335,7 +335,10 @@ def check_scans(mesh: LabelledMesh, caster: RayCaster, scans: Sequence[RangeImag
         n_same, n_all = int(np.count_nonzero(telling)), len(telling)
         text = f"{scan.name}: {n_same:,} of {n_all:,} {what} meet the scene within 5 cm or 1 % of the range"
         if n_same < FOREIGN * n_all:
-            raise InputError(f"{text}: the scan is of another place; check --poses, --units and --up")
+            raise InputError(
+                f"{text}: the scan is of another place: poses "
+                "must be in the scene's coordinates; check --poses, --units and --up"
+            )
         if n_same < MOSTLY_SAME * n_all:
             doubts.append(f"{text}; is the scan of this scene, and are --poses, --units and --up right?")
     return tuple(doubts)

@@ -172,9 +172,8 @@ def load_scene(
     path : str or path
         The file. Materials and textures beside it are only read from within its folder.
     up : "x", "y" or "z", optional
-        Axis of the file that is up; it becomes the world's z. When not given it is z, but y of GLB and glTF, as
-        their specification asks (glTF 2.0, section 3.4), unless the geometry stands on z: that gives a
-        warning.
+        Axis of the file that is up; it becomes the world's z. When not given it is z, but y of GLB and glTF
+        (glTF 2.0, section 3.4), unless the geometry stands on z: that gives a warning.
     units : "mm", "cm", "m", "in", "ft" or "us-ft"
         Unit of the file's coordinates.
     mode : "room" or "object", optional
@@ -224,7 +223,7 @@ def _turned(mesh: LabelledMesh, up: Axis, metres: float) -> LabelledMesh:
 
 
 def _stands_on_z(mesh: LabelledMesh, upright: LabelledMesh) -> bool:
-    """Tell whether a mesh that was turned from y up stands as it is in the file: as a room only, or clearly."""
+    """Tell whether a mesh that was turned from y up stands on the file's z: as a room only, or clearly."""
     mode = decide_mode(mesh)
     if mode == "room":
         return False
