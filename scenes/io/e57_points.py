@@ -173,7 +173,7 @@ def coordinate_step(header: Any, reach: FloatArray) -> float:
     ----------
     header : Header
         Of the scan, as pye57 gives it.
-    reach : (...) float
+    reach : (n,) or (rows, columns) float
         How far its points are from the scanner, metres, not finite where there is none.
     """
     lib = import_extra("pye57", "e57").libe57
