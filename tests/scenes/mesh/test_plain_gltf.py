@@ -30,6 +30,7 @@ class Glb:
         self.data = bytearray()
         self.views: list[dict[str, Any]] = []
         self.accessors: list[dict[str, Any]] = []
+        self.used: list[str] = []
 
     def array(self, values: NDArray[Any], kind: str, *, normalised: bool = False, stride: int = 0) -> int:
         """Add an accessor; return its number."""
@@ -58,6 +59,7 @@ class Glb:
         indices = self.array(FACES.ravel(), "u2")
         content = {
             "asset": {"version": "2.0"},
+            "extensionsUsed": self.used,
             "scenes": [{"nodes": [0]}],
             "nodes": [{"mesh": 0} | node],
             "meshes": [{"primitives": [{"attributes": attributes, "indices": indices}]}],
@@ -167,3 +169,10 @@ def test_instances_that_lie_are_refused(tmp_path: Path, arrays: dict[str, Any], 
     with pytest.raises(InputError, match=message) as caught:
         load_scene(path)
     assert str(path) in str(caught.value)
+
+
+def test_a_texture_transform_is_named(tmp_path: Path) -> None:
+    glb = Glb()
+    glb.used.append("KHR_texture_transform")
+    path = glb.save(tmp_path / "a.glb", {"POSITION": glb.array(CORNERS, "f4")}, {})
+    assert "KHR_texture_transform is not applied" in " ".join(load_scene(path).warnings)
