@@ -115,8 +115,12 @@ FAR_M = 200.0
 """Median range beyond which the unit or the depth scale is doubted. By choice."""
 SMALL_M = 0.05
 """Median range, or diagonal of a scene, below which it is. By eye."""
+TINY_M = 5e-3
+"""Median range below which a scan is refused: no scanner measures so near. By choice."""
 LARGE_M = 1e3
 """Diagonal of a scene beyond which it is. By eye."""
+MOSTLY_SEEN = 0.5
+"""Share of a mesh's area, seen from the places given, below which a word is due. By choice."""
 LARGE_PART_M = 20.0
 """Diagonal of a part beyond which it is. By eye."""
 FINE_M = 1e-3

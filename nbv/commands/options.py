@@ -183,7 +183,7 @@ def _noise() -> Any:
 
 
 def _up() -> Any:
-    return option("--up", "Up axis of the file.", "z")
+    return option("--up", "Up axis of the file.", None, shown="z; y of GLB and glTF")
 
 
 def _scan_up() -> Any:
@@ -241,7 +241,7 @@ class ScanOptions:
     sensor: str = _sensor()
     noise: str = _noise()
     truth: bool = option("--no-truth", "Leave out the true surface of each pixel.", True, is_negated=True)
-    up: Axis = _up()
+    up: Axis | None = _up()
     units: Units = _units()
 
     def check(self) -> None:
@@ -308,7 +308,7 @@ class PlanOptions:
     )  # fmt: skip
     noise: str = _noise()
     scheduler: str | None = _scheduler()
-    up: Axis = _up()
+    up: Axis | None = _up()
     units: Units = _units()
 
     def check(self) -> None:
@@ -359,7 +359,7 @@ class CoverageOptions:
     site: SiteOptions = group(SiteOptions, ("start", "several_heights"))
     without: tuple[str, ...] = _without()
     inference: Mode = option("--inference", "Without SCENE: how far surfaces are continued.", "standard")
-    up: Axis = _up()
+    up: Axis | None = _up()
     units: Units = _units()
 
     def check(self) -> None:
@@ -609,11 +609,11 @@ class RegisterOptions:
     level: float = option("--level", "Accepted probability of a false registration.", 0.01, metavar="P")
     read: ReadOptions = group(ReadOptions, ("origins", "poses"))
     units: Units = _units()
-    up: Axis = _up()
+    up: Axis | None = _up()
 
     def request(self) -> ScanRequest:
         """Return the scans."""
-        return self.read.request(self.scans, self.units, self.up, self.start)
+        return self.read.request(self.scans, self.units, self.up or "z", self.start)
 
     def record(self) -> dict[str, Any]:
         """Return the options beside those of the scans, for manifest and report."""
@@ -625,6 +625,6 @@ class InfoOptions:
     """A file to describe."""
 
     file: str = argument("FILE", "Any file, or an output folder.")
-    up: Axis = _up()
+    up: Axis | None = _up()
     units: Units = _units()
     read: ReadOptions = group(ReadOptions, ("origins", "poses"))

@@ -256,7 +256,7 @@ _METRES = {1000: "millimetres (Kinect, RealSense)", 5000: "1/5000 m (TUM, ICL-NU
 def describe(
     path: str | os.PathLike[str],
     *,
-    up: Axis = "z",
+    up: Axis | None = None,
     units: Units = "m",
     intrinsics: Intrinsics | None = None,
     depth_scale: float | None = None,
@@ -292,7 +292,7 @@ def describe(
     base, number = split_index(text)
     suffix = base.suffix.lower()
     if text.startswith("builtin:") or is_mesh(base):
-        return _plain(_describe_scene(open_scene(text, up=up, units=units), text, up))
+        return _plain(_describe_scene(open_scene(text, up=up, units=units), text))
     if (
         not base.is_dir()
         and check_file(base)
@@ -350,13 +350,13 @@ def _plain(value: dict[str, Any]) -> dict[str, Any]:
     return plain
 
 
-def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:
+def _describe_scene(scene: Scene, path: str) -> dict[str, Any]:
     mesh = scene.mesh
     bounds = mesh.bounds()
     extent = bounds[1] - bounds[0]
     appearance = mesh.appearance
     suggested = "z" if path.startswith("builtin:") else suggest_up(mesh, scene.mode)  # there it is known
-    in_file = None if suggested is None else axis_in_file(suggested, up)
+    in_file = None if suggested is None else axis_in_file(suggested, scene.file_up)
     warnings = list(scene.warnings)
     kinds = [surface.kind for surface in scene.surfaces if surface is not None]
     return {
@@ -375,7 +375,7 @@ def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:
         "known_surfaces": {kind: kinds.count(kind) for kind in sorted(set(kinds))},
         "textures": [] if appearance is None else [list(image.shape[1::-1]) for image in appearance.images],
         "has_colour": appearance is not None,
-        "up": up,
+        "up": scene.file_up,
         "suggested_up": in_file,
         "warnings": warnings,
     }

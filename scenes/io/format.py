@@ -21,6 +21,7 @@ from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
 from scenes.io.crs import LengthUnit
 from scenes.io.grid_fit import organised_scan
 from scenes.io.header import apply_header, not_finite_warnings, pose_from_header, projection_from_dict
+from scenes.limits import FINE_M
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
 from scenes.scan.doubts import merge_warnings
@@ -82,6 +83,17 @@ def join_points(parts: Sequence[RawPoints]) -> RawPoints:
         np.concatenate(stood) if stood and len(stood) == len(parts) else None,
         np.concatenate(colour) if colour and len(colour) == len(parts) else None,
         tuple(merge_warnings([(f"scan {k}", part.warnings) for k, part in enumerate(parts, start=1)])),
+        step=max((part.step for part in parts), default=0.0),
+    )
+
+
+def step_warnings(step_m: float) -> tuple[str, ...]:
+    """Return a sentence where coordinates are rounded more coarsely than scanners measure."""
+    if step_m <= FINE_M:
+        return ()
+    return (
+        f"coordinates are rounded to steps of {1000 * step_m:.3g} mm, an error that all points of a plane "
+        "share; export more decimals for narrower intervals",
     )
 
 
@@ -314,7 +326,8 @@ def points_of(scans: Sequence[RangeImage]) -> RawPoints:
     clouds = []
     for scan in scans:
         colour = None if scan.colour is None else colour_bytes(scan.colour[scan.valid])
-        clouds.append(RawPoints(scan.points()[scan.valid], origins=scan.origin, colour=colour))
+        points = scan.points()[scan.valid]
+        clouds.append(RawPoints(points, origins=scan.origin, colour=colour, step=scan.step_m))
     return join_points(clouds)
 
 

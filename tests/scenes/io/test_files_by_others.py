@@ -22,7 +22,7 @@ EXPECTED = {
     "scenes/cgal/mech-holes-shark.off": "scene",
     "scenes/cgal/spheres.ply": "points",
     "scenes/furniture/blendswap-cc-0/oakChair/oakChair.obj": "scene of 8 surfaces, 2 textures",
-    "scenes/objects/CesiumMilkTruck.glb": "scene of 5 surfaces; y is up",
+    "scenes/objects/CesiumMilkTruck.glb": "scene of 5 surfaces",
     "scenes/objects/beetle.obj": "scene; its material file is missing",
     "scenes/objects/cycloidal.ply": "scene",
     "scenes/objects/fandisk.obj": "scene",
