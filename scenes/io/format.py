@@ -193,6 +193,8 @@ class Format:
         Of its lengths, where the format fixes one: its readers give metres.
     marks_misses : bool
         Whether its files mark beams without return otherwise than by a number that is full.
+    is_local : bool
+        Whether its coordinates are about the instrument, so that poses are those of the file's own axes.
     """
 
     suffixes: tuple[str, ...]
@@ -203,6 +205,7 @@ class Format:
     is_text: bool = False
     unit: Units | None = None
     marks_misses: bool = False
+    is_local: bool = False
 
 
 class ScanFile(Protocol):
@@ -315,7 +318,7 @@ def points_of(scans: Sequence[RangeImage]) -> RawPoints:
     return join_points(clouds)
 
 
-_MODULES = ("npz", "ply_scan", "pcd", "ptx", "e57_writer", "uos", "las", "text")
+_MODULES = ("npz", "ply_scan", "pcd", "ptx", "e57_writer", "uos", "las", "sweep", "vtk", "text")
 
 
 @cache
