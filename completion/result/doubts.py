@@ -67,7 +67,8 @@ def ground_doubts(
     """Return a sentence where inferred area continues open ground: it is seldom as level as a floor.
 
     A panorama is outdoors where most of its beams upwards met nothing, or where it has none. There, ground is
-    what is inferred on level planes below the scanners where walls end it on fewer than three of four sides.
+    what is inferred on level planes, by the direction `up` (3,), below the scanners where walls end it on
+    fewer than three of four sides.
     """
     if "ceiling" in room.roles or not any(_is_open_above(seen, up) for seen in observations):
         return ()

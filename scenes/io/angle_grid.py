@@ -94,8 +94,8 @@ def find_grid(
 def swept_beams(rays: FloatArray) -> NDArray[np.int64] | None:
     """Number (n,) of the beam of each unit ray (n, 3), by the file's order; None where it is another one.
 
-    Beam after beam, each a turn about z: azimuths grow (or fall) all along, and jump back between beams, which
-    follow each other upwards or downwards. Files of several sweeps are none: these begin again.
+    Beam after beam, each a turn about z: azimuths grow (or fall) all along, and jump back between beams,
+    which follow each other upwards or downwards. Files of several sweeps are none: these begin again.
     """
     azimuth = np.arctan2(rays[:, 1], rays[:, 0])
     way = (np.diff(azimuth) + np.pi) % (2 * np.pi) - np.pi
@@ -180,7 +180,9 @@ def _grid_about(rays: FloatArray, pole: FloatArray, beam: NDArray[np.int64] | No
             if min(len(elevations), len(azimuths)) < 2 or np.ptp(azimuths) >= 2 * np.pi + 1e-9:
                 continue
             projection = SphericalProjection(azimuths, elevations[::-1])
-            grid = AngleGrid(pole, projection, forward, len(elevations) - 1 - row, column, own is not None)
+            grid = AngleGrid(
+                pole, projection, forward, len(elevations) - 1 - row, column, is_own=own is not None
+            )
             found += [grid] if grid.kept >= limits.NEARLY_ALL and _is_whole(grid) else []
     return max(found, key=_merit, default=None)
 

@@ -8,7 +8,7 @@ import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
 from scenes import limits
-from scenes.checks import ColourArray, FloatArray, InputError, IntArray, check_point, check_points
+from scenes.checks import BoolArray, ColourArray, FloatArray, InputError, IntArray, check_point, check_points
 from scenes.io.angle_grid import AngleGrid, find_grid, is_filled, neighbour_steps, swept_beams, swept_poles
 from scenes.io.guard import check_size
 from scenes.pose import Pose
@@ -24,7 +24,7 @@ def scan_from_station(
     origin: object,
     name: str = "cloud",
     colour: NDArray[np.float32] | ColourArray | None = None,
-    beam: IntArray | None = None,
+    beam: NDArray[np.int64] | None = None,
 ) -> RangeImage:
     """Return the points as one scan from `origin`, whose `sensor` says that it was made of points.
 
@@ -66,9 +66,7 @@ def scan_from_station(
     if beam is None and (swept_in := swept_beams((cloud[real] - stood) / away[real, None])) is not None:
         beam = np.zeros(len(cloud), np.int64)
         beam[real] = swept_in
-    order = np.lexsort(cloud.T)  # so that the file's order does not matter
-    order = order[real[order]]
-    order, sentences = _usable(order, cloud, stood)
+    order, sentences = _usable(real, cloud, stood)
     if start < np.inf:
         sentences.insert(0, saturation_warning(len(away) - int(real.sum()), start, len(away)))
     cloud, ranges = cloud[order], away[order]
@@ -99,8 +97,13 @@ def scan_from_station(
     return scan.with_facts(sensor=sensor).add_warnings(sentences)
 
 
-def _usable(order: IntArray, cloud: FloatArray, stood: FloatArray) -> tuple[IntArray, list[str]]:
-    """Of points in sorted order those that are neither repeated nor of what carries the scanner, and why."""
+def _usable(real: BoolArray, cloud: FloatArray, stood: FloatArray) -> tuple[IntArray, list[str]]:
+    """Of the `real` (n,) points those neither repeated nor of what carries the scanner, by number, and why.
+
+    They are sorted by their places, so that the file's order does not matter.
+    """
+    order = np.asarray(np.lexsort(cloud.T), dtype=np.int64)
+    order = order[real[order]]
     sentences, n_all = list[str](), len(order)
     new = np.concatenate([[True], (np.diff(cloud[order], axis=0) != 0).any(axis=1)])
     order = order[new]
@@ -111,8 +114,8 @@ def _usable(order: IntArray, cloud: FloatArray, stood: FloatArray) -> tuple[IntA
     near = np.linalg.norm(away, axis=1) <= reach
     if reach > 0:
         sentences.append(
-            f"{int(near.sum())} of {len(order)} returns lie within {reach:.2g} m around the scanner, apart from "
-            "all others: they are of what carries it and were left out"
+            f"{int(near.sum())} of {len(order)} returns lie within {reach:.2g} m around the scanner, apart "
+            "from all others: they are of what carries it and were left out"
         )
     return order[~near], sentences
 
@@ -224,9 +227,9 @@ def _bin_pixels(rays: FloatArray, ranges: FloatArray, stood: FloatArray) -> Angl
     share = _share_apart(bins.flat, ranges)
     if share <= limits.MOST_APART:
         return bins
-    if smaller is not None and smaller.kept >= 0.5:
-        if _share_apart(smaller.flat, ranges) <= limits.MOST_APART / 2:
-            return smaller
+    keeps_half = smaller is not None and smaller.kept >= 0.5
+    if smaller is not None and keeps_half and _share_apart(smaller.flat, ranges) <= limits.MOST_APART / 2:
+        return smaller
     x, y, z = stood
     raise InputError(
         f"{100 * share:.0f} % of the directions from ({x:.10g}, {y:.10g}, {z:.10g}) meet points behind "
@@ -242,7 +245,7 @@ def _bins(whole: AngleGrid, angles: FloatArray, step: FloatArray) -> AngleGrid:
     column, row = np.minimum(np.floor((angles - low) / size).astype(np.int64), count - 1).T
     azimuths, elevations = (low[k] + (np.arange(count[k]) + 0.5) * size[k] for k in (0, 1))
     projection = SphericalProjection(azimuths, elevations[::-1])
-    return AngleGrid(whole.pole, projection, whole.forward, count[1] - 1 - row, column, False)
+    return AngleGrid(whole.pole, projection, whole.forward, count[1] - 1 - row, column, is_own=False)
 
 
 def _share_apart(pixel: IntArray, ranges: FloatArray) -> float:

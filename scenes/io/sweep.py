@@ -12,9 +12,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenes import limits
-from scenes.checks import FloatArray, InputError, IntArray
+from scenes.checks import FloatArray, InputError
 from scenes.io.format import Format, RawPoints, one_cloud
 from scenes.io.limits import check_limit
 from scenes.io.station import scan_from_station
@@ -35,7 +36,7 @@ def read_sweep(path: Path) -> RangeImage:
     return scan_from_station(points, np.zeros(3), path.stem, beam=ring).add_warnings(doubts)
 
 
-def _read(path: Path) -> tuple[FloatArray, IntArray | None, tuple[str, ...]]:
+def _read(path: Path) -> tuple[FloatArray, NDArray[np.int64] | None, tuple[str, ...]]:
     """Points (n, 3), the ring of each (n,) where the file tells, and a warning where some are no points."""
     n_bytes = path.stat().st_size
     check_limit("points", n_bytes // 16, "its points")
@@ -45,7 +46,10 @@ def _read(path: Path) -> tuple[FloatArray, IntArray | None, tuple[str, ...]]:
             continue
         table = values.reshape(-1, columns).astype(np.float64)
         usable = _are_points(table)
-        if usable.mean() < limits.NEARLY_ALL or np.median(np.linalg.norm(table[usable, :3], axis=1)) < _LEAST_M:
+        if (
+            usable.mean() < limits.NEARLY_ALL
+            or np.median(np.linalg.norm(table[usable, :3], axis=1)) < _LEAST_M
+        ):
             continue
         n_left = int((~usable).sum())
         doubt = f"{n_left} of {len(table)} points are not finite or beyond {_MOST_M:g} m and were left out"
@@ -57,7 +61,7 @@ def _read(path: Path) -> tuple[FloatArray, IntArray | None, tuple[str, ...]]:
     )
 
 
-def _are_points(table: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _are_points(table: FloatArray) -> NDArray[np.bool_]:
     """Tell which rows (n, 4 or 5) may be points of a lidar."""
     usable = (np.abs(table[:, :3]) < _MOST_M).all(axis=1)  # NaN is not
     usable &= (table[:, 3] >= 0) & (table[:, 3] <= _MOST_INTENSITY)

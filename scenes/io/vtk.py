@@ -17,7 +17,9 @@ from scenes.io.format import Format, RawPoints, one_cloud
 from scenes.io.limits import check_limit
 from scenes.scan.colour import colour_bytes
 
-_START = re.compile(rb"# vtk DataFile Version [^\n]*\n[^\n]*\n\s*(ASCII|BINARY)\s+DATASET\s+(\w+)", re.IGNORECASE)
+_START = re.compile(
+    rb"# vtk DataFile Version [^\n]*\n[^\n]*\n\s*(ASCII|BINARY)\s+DATASET\s+(\w+)", re.IGNORECASE
+)
 _DATASETS = ("POLYDATA", "UNSTRUCTURED_GRID", "STRUCTURED_GRID")
 _POINTS = re.compile(rb"\n\s*POINTS\s+(\d+)\s+(\w+)[ \t]*\r?\n", re.IGNORECASE)
 _FACES = re.compile(rb"\n\s*(?:POLYGONS|TRIANGLE_STRIPS|CELLS)\s+\d+", re.IGNORECASE)
@@ -39,7 +41,9 @@ def read_vtk_points(path: Path) -> RawPoints:
     data = path.read_bytes()
     start = _START.match(data)
     if start is None:
-        raise InputError("is no legacy VTK file: it does not begin with its version, ASCII or BINARY, DATASET")
+        raise InputError(
+            "is no legacy VTK file: it does not begin with its version, ASCII or BINARY, DATASET"
+        )
     is_text, dataset = start[1].upper() == b"ASCII", start[2].decode().upper()
     head = _POINTS.search(data, start.end())
     if dataset not in _DATASETS or head is None:

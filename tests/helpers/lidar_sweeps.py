@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Sweeps of spinning lidars in a street: level ground, facades on both sides, cars, and the carrier's roof."""
+"""Sweeps of spinning lidars in a street: level ground, facades on both sides, cars, the carrier's roof."""
 
 from dataclasses import dataclass
 
@@ -9,9 +9,9 @@ VLP16 = np.arange(-15.0, 15.1, 2.0)
 HDL32 = np.linspace(-30.67, 10.67, 32)
 HDL64 = np.concatenate([np.linspace(-24.8, -8.83, 32), np.linspace(-8.33, 2.0, 32)])
 VLP32 = np.array([
-    -25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0, -3.667, -3.333, -3.0, -2.667, -2.333,
-    -2.0, -1.667, -1.333, -1.0, -0.667, -0.333, 0.0, 0.333, 0.667, 1.0, 1.333, 1.667, 2.333, 3.333, 4.667, 7.0,
-    10.333, 15.0,
+    -25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0, -3.667, -3.333, -3.0, -2.667,
+    -2.333, -2.0, -1.667, -1.333, -1.0, -0.667, -0.333, 0.0, 0.333, 0.667, 1.0, 1.333, 1.667, 2.333, 3.333,
+    4.667, 7.0, 10.333, 15.0,
 ])  # fmt: skip
 OUSTER128 = np.linspace(-22.5, 22.5, 128)
 """Elevations of the beams of common lidars, degrees."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Files of lidars and of point registration: KITTI's and nuScenes' sweeps, legacy VTK, and what is refused."""
+"""Files of lidars and of point registration: KITTI's and nuScenes' sweeps, legacy VTK, refusals."""
 
 import numpy as np
 import pytest

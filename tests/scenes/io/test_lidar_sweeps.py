@@ -95,7 +95,9 @@ def test_repeated_points_are_counted_and_uneven_stops_keep_every_point():
     points = 3.0 * rays / np.abs(rays).max(axis=1, keepdims=True)
     found = scan_from_station(np.concatenate([points, points[::2]]), (0, 0, 0))
     assert found.valid.sum() == len(points)
-    assert found.warnings == (f"{len(points) // 2} of {3 * len(points) // 2} points repeat others and were left out",)
+    assert found.warnings == (
+        f"{len(points) // 2} of {3 * len(points) // 2} points repeat others and were left out",
+    )
 
 
 def test_sweeps_that_follow_each_other_in_a_file_are_not_one():
@@ -110,13 +112,12 @@ def test_trees_before_the_sky_are_a_scan_and_merged_scans_are_not():
     turn, up = np.meshgrid(np.arange(-180.0, 180.0, 2.0), np.arange(-50.0, 80.0, 2.0))
     turn, up = (np.radians(angle.ravel() + rng.uniform(-1.0, 1.0, angle.size)) for angle in (turn, up))
     rays = np.column_stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)])
-    cell = np.floor(rays * 5).astype(np.int64) @ [1, 37, 1409]  # a branch that several beams meet
+    cell = np.floor(rays * 9).astype(np.int64) @ [1, 37, 1409]  # a branch that several beams meet
     ranges = np.where(up < 0.0, 4.0, 5 + 10 * ((cell * 2654435761) % 97) / 97)
-    seen = rng.random(len(rays)) < np.where(up < 0.0, 1.0, 0.75)
-    points = (rays * ranges[:, None])[seen]
-    points = rng.permutation(points)
+    seen = rng.random(len(rays)) < np.where(up < 0.0, 1.0, 0.6)
+    points = rng.permutation((rays * ranges[:, None])[seen])
     found = scan_from_station(points, (0, 0, 0))
-    assert kept_of(found)[0] > 0.5 * len(points)
+    assert kept_of(found)[0] > 0.3 * len(points)
     assert "points were kept" in found.warnings[0]
     with pytest.raises(InputError, match="behind each other"):
         scan_from_station(np.concatenate([points, 2.0 * points, 3.1 * points]), (0, 0, 0))
@@ -146,5 +147,5 @@ def test_clouds_about_their_own_origins_are_not_joined_without_poses(tmp_path):
         np.savetxt(path, np.random.default_rng(seed).permutation(room(4000)), fmt="%.4f")
     request = ScanRequest(tuple(map(str, paths)), origins=((0, 0, 0), (0, 0, 0)))
     assert len(read_request(request, posed=False).scans) == 2
-    with pytest.raises(InputError, match="2 scans without poses .*`unseen register`"):
+    with pytest.raises(InputError, match=r"2 scans without poses .*`unseen register`"):
         read_request(request)
