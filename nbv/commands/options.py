@@ -607,7 +607,7 @@ class RegisterOptions:
         "--check", "Compute no pose; report how far beams contradict the given poses.", False
     )
     level: float = option("--level", "Accepted probability of a false registration.", 0.01, metavar="P")
-    read: ReadOptions = group(ReadOptions, ("origins", "poses"))
+    read: ReadOptions = group(ReadOptions, ("poses",))
     units: Units = _units()
     up: Axis | None = _up()
 

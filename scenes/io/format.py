@@ -207,6 +207,8 @@ class Format:
         Whether its files mark beams without return otherwise than by a number that is full.
     refusal : str
         Why files of a known format are not read, and the cure.
+    is_local : bool
+        Whether its coordinates are about the instrument, so that poses are those of the file's own axes.
     """
 
     suffixes: tuple[str, ...]
@@ -218,6 +220,7 @@ class Format:
     unit: Units | None = None
     marks_misses: bool = False
     refusal: str = ""
+    is_local: bool = False
 
 
 class ScanFile(Protocol):
@@ -331,7 +334,9 @@ def points_of(scans: Sequence[RangeImage]) -> RawPoints:
     return join_points(clouds)
 
 
-_MODULES = ("npz", "ply_scan", "pcd", "ptx", "e57_writer", "uos", "las", "text", "rgbd_layouts")
+_MODULES = (
+    "npz", "ply_scan", "pcd", "ptx", "e57_writer", "uos", "las", "sweep", "vtk", "text", "rgbd_layouts",
+)  # fmt: skip
 
 
 @cache

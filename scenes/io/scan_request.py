@@ -28,7 +28,7 @@ from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt
 from scenes.scan.doubts import merge_warnings
 from scenes.scan.projection import SphericalProjection
-from scenes.scan.range_image import MESH_SENSOR, RangeImage
+from scenes.scan.range_image import MESH_SENSOR, POINTS_SENSOR, RangeImage
 from scenes.world.scene import Scene
 
 _WIDTH, _HEIGHT = 1800, 900  # pixels all round, a fifth of a degree
@@ -116,8 +116,8 @@ class ScanRequest:
     units : str
         Unit of the files.
     origins : tuple of (x, y, z)
-        Where the scanner stood for each path, metres; when given, files are read as mere points, and a mesh
-        is seen from all these places.
+        Where the scanner stood for each path, in its own units; when given, files are read as mere points,
+        and a mesh is seen from all these places.
     up : str
         The axis of the files that is up, "x" to "-z", or "auto": estimated. Nothing is turned by it.
     """
@@ -239,6 +239,8 @@ def read_request(request: ScanRequest, *, posed: bool = True) -> GivenScans:
         names = [f"{path}#{k}" if several else path for k, path in enumerate(paths, start=1)]
     else:
         scans, paths, names = _read_scans(request, posed=posed)
+    if posed and all(_is_at_origin(scan) for scan in scans):
+        _refuse_unplaced(scans)
     return replace(GivenScans.of(scans), paths=tuple(paths), names=tuple(names))
 
 
@@ -275,15 +277,26 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
         numbered = [f"{base}#{source.number(k)}" for k in source.pick_posed(number, poses)[0]]
         paths += [path] * count if len(held) == count else numbered
         names += [path] if len(held) == count == 1 and not source.warnings else numbered
-    registered = request.poses is not None or all(source.registered for source in opened.values())
-    at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
-    if posed and len(scans) > 1 and (not registered or at_origin):
+    if posed and not all(source.registered for source in opened.values()) and request.poses is None:
+        _refuse_unplaced(scans)
+    return scans, paths, names
+
+
+def _refuse_unplaced(scans: Sequence[RangeImage]) -> None:
+    """Raise InputError where several scans are said not to have poses."""
+    if len(scans) > 1:
         raise InputError(
             f"{len(scans)} scans without poses cannot be joined; give --poses FILE with one line a scan "
             "(tx ty tz qx qy qz qw, world from sensor), find poses by `unseen register`, or complete them "
             "one by one"
         )
-    return scans, paths, names
+
+
+def _is_at_origin(scan: RangeImage) -> bool:
+    """Whether the pose of a scan says nothing: the identity, or points about their own origin."""
+    pose = scan.world_from_sensor
+    is_of_points = scan.sensor.startswith(POINTS_SENSOR)
+    return np.allclose(pose.translation if is_of_points else pose.matrix - np.eye(4), 0.0)
 
 
 def _are_named(poses: str, sources: Iterable[ScanSource]) -> bool:

@@ -139,6 +139,7 @@ _SCANS: dict[str, Callable[[], list[Case]]] = {
     "e57": _scans.e57_files,
     "las": partial(_scans.scan_files, ".las"),
     "laz": partial(_scans.scan_files, ".laz"),
+    "sweep": _scans.sweep_files,
     "text": lambda: [*_scans.scan_files(".csv"), *_scans.scan_files(".xyz")],
     "rgbd plain": partial(_scans.rgbd_folders, "plain"),
     "rgbd tum": partial(_scans.rgbd_folders, "tum"),
@@ -161,6 +162,8 @@ _POINTS: dict[str, Callable[[], list[Case]]] = {
     "pcd": lambda: [case for form in ("ascii", "binary", "compressed") for case in _SCANS[f"pcd {form}"]()],
     "las": partial(_scans.las_files, ".las"),
     "laz": partial(_scans.las_files, ".laz"),
+    "sweep": _scans.sweep_files,
+    "vtk": _scans.vtk_files,
     "text": _scans.text_files,
     **{name: _SCANS[name] for name in ("ptx", "e57", "rgbd plain")},
 }
