@@ -131,9 +131,8 @@ def read_point_table(path: Path) -> PointTable:
     colour, colourless = None, tuple[str, ...]()
     if "red" in column:
         colour, colourless = known_colours(np.stack([column[name] for name in COLOURS], axis=-1), points)
-    return PointTable(
-        points, normals, (*layout.warnings, *colourless), column.get("label"), colour, layout.unit
-    )
+    warnings = (*layout.warnings, *colourless)
+    return PointTable(points, normals, warnings, column.get("label"), colour=colour, unit=layout.unit)
 
 
 def _decode(path: Path) -> str:
