@@ -28,7 +28,8 @@ from scenes.scan.range_image import RangeImage
 
 NO_RAYS = (
     "holds points without a pixel grid or sensor position, so no ray can be traced; say where the scanner "
-    "stood (--origin X,Y,Z), or export the scan as structured .e57, .ptx, or organised .pcd"
+    "stood (--origin X,Y,Z; of a moving one --trajectory FILE), or export the scan as structured .e57, .ptx, "
+    "or organised .pcd"
 )
 
 
@@ -54,6 +55,8 @@ class RawPoints:
         What the file states of its coordinates.
     step : float
         Between the values that coordinates can take, in the file's unit; 0 where they are not rounded.
+    times : (n,) float, optional
+        When each point was measured, seconds on the file's own clock.
     """
 
     points: FloatArray
@@ -64,9 +67,50 @@ class RawPoints:
     label: FloatArray | None = None
     unit: LengthUnit | None = None
     step: float = 0.0
+    times: FloatArray | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
+
+
+_SECONDS = {  # of a unit of the columns that may hold times, by name; the first that is there counts
+    **dict.fromkeys(("gps_time", "gpstime", "timestamp", "time", "t", "secs", "seconds"), 1.0),
+    **dict.fromkeys(("msecs", "timestamp_ms", "time_ms"), 1e-3),
+    **dict.fromkeys(("usecs", "timestamp_us", "time_us"), 1e-6),
+    **dict.fromkeys(("nsecs", "timestamp_ns", "time_ns"), 1e-9),
+}
+_LATEST_S = 1e11  # the year 5138, counted from 1970: larger numbers are of a smaller unit
+
+
+def time_column(names: Iterable[str]) -> str | None:
+    """Return which of the names of columns is that of times, None where none is.
+
+    Examples
+    --------
+    >>> time_column(["x", "y", "z", "scalar_GpsTime"])
+    'scalar_GpsTime'
+    """
+    plain = {name.lower().removeprefix("scalar_"): name for name in names}  # CloudCompare's prefix
+    return next((plain[known] for known in _SECONDS if known in plain), None)
+
+
+def times_among(columns: Mapping[str, FloatArray]) -> FloatArray | None:
+    """Return the times (n,) among columns by name, seconds; None without such a column.
+
+    Numbers that are too large for seconds are of the next smaller unit in which they are not.
+
+    Examples
+    --------
+    >>> times_among({"nsecs": np.array([1.5e18])}), times_among({"t": np.array([1.5e15])})
+    (array([1.5e+09]), array([1.5e+09]))
+    """
+    name = time_column(columns)
+    if name is None:
+        return None
+    times = columns[name] * _SECONDS[name.lower().removeprefix("scalar_")]
+    while np.abs(times[np.isfinite(times)]).max(initial=0.0) > _LATEST_S:
+        times = times / 1000
+    return times
 
 
 def join_points(parts: Sequence[RawPoints]) -> RawPoints:
@@ -76,12 +120,14 @@ def join_points(parts: Sequence[RawPoints]) -> RawPoints:
     points = np.concatenate([np.zeros((0, 3)), *(part.points for part in parts)])
     stood = [np.broadcast_to(part.origins, part.points.shape) for part in parts if part.origins is not None]
     colour = [part.colour for part in parts if part.colour is not None]
+    times = [part.times for part in parts if part.times is not None]
     return RawPoints(
         points,
         None,
         np.concatenate(stood) if stood and len(stood) == len(parts) else None,
         np.concatenate(colour) if colour and len(colour) == len(parts) else None,
         tuple(merge_warnings([(f"scan {k}", part.warnings) for k, part in enumerate(parts, start=1)])),
+        times=np.concatenate(times) if times and len(times) == len(parts) else None,
     )
 
 

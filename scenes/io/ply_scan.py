@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.format import Format, RawPoints, check_single, one_scan, points_of, write_single
+from scenes.io.format import Format, RawPoints, check_single, one_scan, points_of, times_among, write_single
 from scenes.io.header import (
     checked_bytes,
     from_comments,
@@ -83,7 +83,7 @@ def read_scan_ply(path: Path) -> RangeImage:
 
 
 def read_ply_points(path: Path) -> RawPoints:
-    """Return points, and normals, colours and labels (property `label`) where the file has some.
+    """Return points, and normals, colours, labels (property `label`) and times where the file has some.
 
     Lists of vertices are skipped. Raises InputError: no PLY, truncated, vertices without x, y, z, or behind
     another element in a binary file.
@@ -102,7 +102,7 @@ def read_ply_points(path: Path) -> RawPoints:
         for wanted in (("nx", "ny", "nz"), ("red", "green", "blue"))
     )
     painted = None if colour is None else _bytes(colour, is_real=types["red"].startswith("f"))
-    return RawPoints(points, normals, colour=painted, label=column.get("label"))
+    return RawPoints(points, normals, colour=painted, label=column.get("label"), times=times_among(column))
 
 
 def _bytes(colour: FloatArray, *, is_real: bool) -> ColourArray:

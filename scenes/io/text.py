@@ -23,6 +23,8 @@ from scenes.io.format import (
     one_cloud,
     one_scan,
     scan_of,
+    time_column,
+    times_among,
     write_single,
 )
 from scenes.io.header import checked_bytes, scan_header
@@ -41,6 +43,7 @@ _AXES = {  # names of columns, the plainest first
     "y": ("y", "northing", "north", "n", "hochwert"),
     "z": ("z", "elevation", "elev", "height", "el", "h", "up", "u", "höhe"),
 }
+_LABEL = "label"
 _COUNTED = 10  # points from which a first column that counts them is their number
 _TRACK = "track"  # of points3D.txt of COLMAP: any number of fields
 _SHOWN = 200  # characters of names in a warning
@@ -62,12 +65,15 @@ class PointTable:
         What was assumed.
     label : (n,) float, optional
         The column that is named so, NaN where a field was empty.
+    times : (n,) float, optional
+        Of the column that is named so, seconds.
     """
 
     points: FloatArray
     normals: FloatArray | None
     warnings: tuple[str, ...]
     label: FloatArray | None = None
+    times: FloatArray | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -78,11 +84,11 @@ class _Layout:
     """Where in the lines the points stand."""
 
     first: int  # index of the first line with a point
-    columns: tuple[int, ...]  # of x, y, z and perhaps nx, ny, nz, then perhaps of the label
+    columns: tuple[int, ...]  # of x, y, z and perhaps nx, ny, nz, then of `more`
     count: int | None = None  # points that the file announces
     warnings: tuple[str, ...] = ()
     normals_are_named: bool = False
-    has_label: bool = False
+    more: tuple[str, ...] = ()  # names of the columns beside: the label, times
     may_count: bool = False  # no column is named, and there are more than three
 
 
@@ -91,10 +97,10 @@ def read_point_table(path: Path) -> PointTable:
 
     Fields are separated by blanks, tabs, commas or semicolons; decimal commas are known where something
     else separates the fields. Lines may end in any way; `#`, `//`, `%` and `!` begin comments. Lines of names
-    may stand before the points and say which columns are x, y, z (nx, ny, nz, label), or easting, northing
-    and elevation (P, N, E, Z, D); without them the first three columns are taken, and three more are normals
-    where all have length one. A first line with one
-    integer announces how many points follow (.pts, and the reference sets of NIST).
+    may stand before the points and say which columns are x, y, z (nx, ny, nz, label, time), or easting,
+    northing and elevation (P, N, E, Z, D); without them the first three columns are taken, and three more are
+    normals where all have length one. A first line with one integer announces how many points follow (.pts,
+    and the reference sets of NIST).
 
     Raises InputError: no text, no points, a line that is no point (with its number), another count than
     announced, or a first column without a name that counts the points.
@@ -112,11 +118,11 @@ def read_point_table(path: Path) -> PointTable:
             f"its first column counts from {table[0, 0]:.0f} to {table[-1, 0]:.0f}, so it numbers the "
             "points; name the columns in the first line (P,N,E,Z,D or point,x,y,z)"
         )
-    label = table[:, -1].copy() if layout.has_label else None
-    points, more = table[:, :3], table[:, 3 : 6 if layout.normals_are_named else None]
-    is_unit = not layout.has_label and more.shape[1] == 3 and _are_unit(more)
-    normals = more.copy() if layout.normals_are_named or is_unit else None
-    return PointTable(points, normals, layout.warnings, label)
+    first = table.shape[1] - len(layout.more)
+    beside = {name: table[:, first + k].copy() for k, name in enumerate(layout.more)}
+    points, more = table[:, :3], table[:, 3:first]
+    normals = more.copy() if layout.normals_are_named or (more.shape[1] == 3 and _are_unit(more)) else None
+    return PointTable(points, normals, layout.warnings, beside.get(_LABEL), times_among(beside))
 
 
 def _decode(path: Path) -> str:
@@ -236,16 +242,18 @@ def _data_layout(index: int, fields: list[str], names: list[str], count: int | N
     may_count = not named and len(fields) > 3
     if not names and len(columns) == 6 and not all(_is_number(field) for field in fields):
         columns = (0, 1, 2)
-    label = names.index("label") if named and "label" in names else len(fields)
-    has_label = label < len(fields) and _is_number(fields[label])  # words are no labels
-    more = (label,) if has_label else ()
+    beside = [name for name in (_LABEL, time_column(names)) if named and name in names]
+    places = [names.index(name) for name in beside]
+    more = {
+        name: k for name, k in zip(beside, places, strict=True) if k < len(fields) and _is_number(fields[k])
+    }
     return _Layout(
         index,
-        (*columns, *more),
+        (*columns, *more.values()),
         count,
         warnings,
         normals_are_named=bool(named) and len(named) == 6,
-        has_label=has_label,
+        more=tuple(more),  # words are no labels
         may_count=may_count,
     )
 
@@ -418,7 +426,14 @@ def decimal_step(points: FloatArray) -> float:
 def _raw_points(path: Path) -> RawPoints:
     table = read_point_table(path)
     step = decimal_step(table.points)
-    return RawPoints(table.points, table.normals, warnings=table.warnings, label=table.label, step=step)
+    return RawPoints(
+        table.points,
+        table.normals,
+        warnings=table.warnings,
+        label=table.label,
+        step=step,
+        times=table.times,
+    )
 
 
 FORMAT = (
