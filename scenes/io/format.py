@@ -28,8 +28,8 @@ from scenes.scan.range_image import RangeImage
 
 NO_RAYS = (
     "holds points without a pixel grid or sensor position, so no ray can be traced; say where the scanner "
-    "stood (--origin X,Y,Z; of a moving one --trajectory FILE), or export the scan as structured .e57, .ptx, "
-    "or organised .pcd"
+    "stood (--origin X,Y,Z) or moved (--trajectory FILE), or export the scan as structured .e57, .ptx, or "
+    "organised .pcd"
 )
 
 
