@@ -20,7 +20,7 @@ from scenes.io.track import Trajectory
 from scenes.io.walk import walk_of
 
 ROOT = Path(__file__).resolve().parents[1]
-WAY = np.array([[1.0, 1.0, 1.4], [4.0, 1.0, 1.4], [4.2, 2.2, 1.4], [2.0, 2.4, 1.4]])
+WAY = np.array([[0.6, 0.7, 1.4], [3.3, 0.7, 1.4], [3.4, 2.2, 1.4], [2.4, 2.0, 1.4]])
 SPEED_M_S = 1.2
 
 

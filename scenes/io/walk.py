@@ -168,6 +168,28 @@ def open_walk(
     return ScanSource(base, "walk", readers, unit=units, warnings=sentences, numbers=numbers)
 
 
+def read_walk(
+    path: str | os.PathLike[str], trajectory: str | os.PathLike[str], units: Units = "m"
+) -> list[RangeImage]:
+    """Return the scans of a moving scanner: of each stretch of a walk that shows something new.
+
+    Parameters
+    ----------
+    path : str or path
+        Points with times: `.las .laz .e57`, or text and `.ply` with a column `gps_time` or `time`.
+    trajectory : str or path
+        Times and places of the scanner: TUM, KITTI with `times.txt`, or text that names its columns.
+    units : "mm", "cm", "m", "in", "ft" or "us-ft"
+        Unit of the lengths in both files.
+
+    Raises
+    ------
+    InputError
+        Unusable files, points without times, clocks that do not fit, fewer than 100 points left.
+    """
+    return open_walk(path, trajectory, units).read(units=units)
+
+
 def walk_of(
     cloud: PointCloud, track: Trajectory, reach_m: float | None = None
 ) -> tuple[Walk, tuple[str, ...]]:
