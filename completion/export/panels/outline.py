@@ -225,7 +225,6 @@ def _polyline(grid: ChartGrid, chain: NDArray[np.int64]) -> FloatArray:
     return grid.surface.from_uv(grid.uv_of(row, column))
 
 
-_GRID_M = 1e-9
 _STRAIGHT = 1e-6  # cells that a place between two corners is off their line
 _LEAST_RING = 3  # places of a closed ring; flatter ones are no polygon
 
@@ -333,11 +332,14 @@ def straighten_polygon(
 
 
 def _union(polygons: Any) -> Any:
-    """Union of polygons; where rounding lets it fail, on a grid of nanometres, on which it cannot."""
+    """Union of polygons that may cross themselves: by their lines, or where that fails by their rings.
+
+    GEOS's first method may return what is not valid itself.
+    """
     try:
-        return shapely.union_all(polygons)
+        return shapely.union_all(shapely.make_valid(polygons))
     except shapely.GEOSException:
-        return shapely.union_all(polygons, grid_size=_GRID_M)
+        return shapely.union_all(shapely.make_valid(polygons, method="structure"))
 
 
 def _put_right(polygons: Any) -> Any:
@@ -347,7 +349,7 @@ def _put_right(polygons: Any) -> Any:
     """
     parts = shapely.get_parts(polygons)
     rings = [[part.exterior for part in parts], [hole for part in parts for hole in part.interiors]]
-    shells, holes = (_union(shapely.make_valid([shapely.Polygon(r) for r in ring])) for ring in rings)
+    shells, holes = (_union([shapely.Polygon(r) for r in ring]) for ring in rings)
     return shapely.difference(shells, holes)
 
 
