@@ -10,6 +10,7 @@ from .io.scene_files import load_scene as load_scene
 from .io.scene_files import open_scene as open_scene
 from .io.scene_files import save_scene as save_scene
 from .io.station import scan_from_station as scan_from_station
+from .io.walk import read_walk as read_walk
 from .mesh.labelled_mesh import Appearance as Appearance
 from .mesh.labelled_mesh import LabelledMesh as LabelledMesh
 from .pose import Pose as Pose

@@ -142,3 +142,11 @@ LARGE_PART_M = 20.0
 FINE_M = 1e-3
 """To which coordinates should be known; coarser ones were stored far from the origin in float32. By
 choice."""
+
+# Moving scanners
+LONGEST_GAP_S = 1.0
+"""Seconds between poses of a trajectory, across which no place is interpolated: a person turns within one."""
+MOST_STRETCHES = 20_000
+"""Of a walk that are scans together: half an hour at walking speed. By choice."""
+NEW_SHARE = 0.2
+"""Of the cells that a stretch of a walk measured: with more of them new it is read. As for key frames."""

@@ -8,21 +8,25 @@ intersection", 1997).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from completion.observe.tolerance import Tolerance
 from completion.options import CompletionOptions
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import LabelledPoints
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import triangle_areas
+from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
 
 _WELD_M = 1e-6
+_BEAMS = 1 << 20  # that are cast at a time
 _WIDE = 0.3  # chord of a face so large, seen from the sensor, that the tree is of no use
 
 
@@ -53,24 +57,80 @@ def violation_of(
     to hold against the beams, working frame; all that was inferred when not given.
     """
     mesh = completed.hypothesised if mesh is None else mesh
-    if not len(mesh.faces):
-        return Violation(0.0, 0.0, 0)
     corners = completed.world_from_reference.apply(mesh.vertices)[mesh.faces]
-    tolerance = options.of_surfaces.tolerance(n_completed)
+
+    def crossings() -> Iterator[Crossings]:
+        for scan in scans:
+            met = meet(scan.origin, scan.rays()[scan.valid], corners)
+            yield Crossings(*met, scan.ranges[scan.valid], scan.sigma_m or 0.0)
+
+    noisy = any(scan.sigma_m != 0 for scan in scans)
+    return _violation(mesh, corners, crossings(), options.of_surfaces.tolerance(n_completed), noisy=noisy)
+
+
+def violation_of_beams(
+    completed: CompletedModel,
+    origins: FloatArray,
+    points: FloatArray,
+    sigma_m: float,
+    options: CompletionOptions,
+) -> Violation:
+    """Return the same for beams from `origins` (n, 3) to `points` (n, 3), each with an origin of its own.
+
+    Only the first face that a beam meets counts. `sigma_m`: noise of the ranges, metres.
+    """
+    mesh = completed.hypothesised
+    corners = completed.world_from_reference.apply(mesh.vertices)[mesh.faces]
+
+    def crossings() -> Iterator[Crossings]:
+        caster = RayCaster(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+        for start in range(0, len(points), _BEAMS):
+            rays = points[start : start + _BEAMS] - origins[start : start + _BEAMS]
+            ranges = np.linalg.norm(rays, axis=1)
+            hits = caster.first_hit(origins[start : start + _BEAMS], rays / ranges[:, None])
+            beam = np.flatnonzero(hits.face >= 0)
+            cosine = np.maximum(hits.incidence_cosine[beam], 1e-3)
+            yield Crossings(
+                beam, hits.face[beam].astype(np.int64), hits.ranges[beam], cosine, ranges, sigma_m
+            )
+
+    return _violation(mesh, corners, crossings(), options.of_surfaces.tolerance(2), noisy=sigma_m > 0)
+
+
+class Crossings(NamedTuple):
+    """Pairs (k,) of a beam and a face that it meets, with distance and cosine of incidence."""
+
+    beam: NDArray[np.int64]
+    face: NDArray[np.int64]
+    distance: FloatArray
+    cosine: FloatArray
+    ranges: FloatArray  # (n,) of all beams, metres
+    sigma_m: float
+
+
+def _violation(
+    mesh: LabelledPoints,
+    corners: FloatArray,
+    groups: Iterable[Crossings],
+    tolerance: Tolerance,
+    *,
+    noisy: bool,
+) -> Violation:
+    """What beams, group by group, say of a mesh with `corners` (m, 3, 3)."""
+    if not len(corners):
+        return Violation(0.0, 0.0, 0)
     spread = np.hypot(mesh.sd[mesh.faces].max(axis=1), tolerance.flatness_m)
     faces, beams, excess = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
     first = 0
-    for scan in scans:
-        beam, face, reach, cosine = meet(scan.origin, scan.rays()[scan.valid], corners)
-        along = np.hypot(scan.sigma_m or 0.0, spread[face] / cosine)
-        allowed = tolerance.n_sigma * along + tolerance.registration_m / cosine
-        beyond = scan.ranges[scan.valid][beam] - reach - allowed
+    for met in groups:
+        along = np.hypot(met.sigma_m, spread[met.face] / met.cosine)
+        allowed = tolerance.n_sigma * along + tolerance.registration_m / met.cosine
+        beyond = met.ranges[met.beam] - met.distance - allowed
         through = (beyond > 0) & (allowed <= tolerance.max_m)
-        faces.append(face[through])
-        beams.append(first + beam[through])
+        faces.append(met.face[through])
+        beams.append(first + met.beam[through])
         excess.append(beyond[through])
-        first += int(scan.valid.sum())
-    noisy = any(scan.sigma_m != 0 for scan in scans)
+        first += len(met.ranges)
     face, beam, depth = np.concatenate(faces), np.concatenate(beams), np.concatenate(excess)
     guilty = _guilty(face, beam, _welded(corners, mesh.surface[mesh.faces[:, 0]]), 2 if noisy else 1)
     area = triangle_areas(corners)

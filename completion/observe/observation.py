@@ -19,6 +19,7 @@ from completion.observe.shadow import NO_SHADOW, Shadow, find_shadow, shadow_of
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.run.mapping import trim
+from scenes.scan.projection import Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 
 
@@ -275,7 +276,7 @@ def find_key_frames(observations: Sequence[Observation]) -> tuple[int, ...]:
     far = np.concatenate([_ranges(seen, pixel) for seen, pixel in zip(observations, pixels, strict=True)])
     if not len(far):
         return tuple(range(len(observations)))
-    angle = np.median([max(seen.scan.shape) * seen.scan.projection.pixel_angle for seen in observations])
+    angle = np.median([_view_angle(seen.scan.projection) for seen in observations])
     size, keys, finest = float(np.median(far) * angle / _CELLS_ACROSS), [], dict[tuple[int, ...], float]()
     for number, (seen, pixel) in enumerate(zip(observations, pixels, strict=True)):
         footprint = (_ranges(seen, pixel) * seen.scan.projection.pixel_angle).tolist()
@@ -287,6 +288,13 @@ def find_key_frames(observations: Sequence[Observation]) -> tuple[int, ...]:
             for cell, width in zip(cells, footprint, strict=True):
                 finest[cell] = min(finest.get(cell, np.inf), width)
     return tuple(keys)
+
+
+def _view_angle(projection: Projection) -> float:
+    """Angle across the longer side of an image, radians; a scanner's pixels may be far from square."""
+    if isinstance(projection, SphericalProjection):
+        return float(max(np.ptp(projection.azimuths), np.ptp(projection.elevations)))
+    return max(projection.shape) * projection.pixel_angle
 
 
 def _some_pixels(seen: Observation) -> IntArray:

@@ -48,13 +48,14 @@ def run_info(shared: Shared, asked: InfoOptions) -> None:
                 units=asked.units,
                 intrinsics=intrinsics,
                 depth_scale=asked.read.depth_scale,
+                trajectory=asked.read.trajectory,
             )
             held = with_states(held)
         lines = _lines(held)
         if shared.out is None:  # nothing is written, so there is nothing to make a manifest for
             run.say(held, lines)
             return
-        run.read([file])
+        run.read([file, *([asked.read.trajectory] if asked.read.trajectory else [])])
         write_json(run.path(), held)
         options = {
             "up": asked.up, "units": asked.units, "intrinsics": camera, "depth_scale": asked.read.depth_scale

@@ -155,6 +155,10 @@ class ReadOptions:
     poses: str | None = option(
         "--poses", "Poses, world from sensor, one per scan.", None, metavar="FILE", shown=False
     )
+    trajectory: str | None = option(
+        "--trajectory", "Times and places of a moving scanner, for points with times.", None, metavar="FILE",
+        shown=False,
+    )  # fmt: skip
 
     def request(
         self, paths: tuple[str, ...], units: Units, up: SignedAxis = "z", poses: str | None = None
@@ -164,7 +168,7 @@ class ReadOptions:
 
         return ScanRequest(
             paths, self.intrinsics, self.depth_scale, poses or self.poses, units=units, origins=self.origins,
-            up=up,
+            up=up, trajectory=self.trajectory,
         )  # fmt: skip
 
 
@@ -607,7 +611,7 @@ class RegisterOptions:
         "--check", "Compute no pose; report how far beams contradict the given poses.", False
     )
     level: float = option("--level", "Accepted probability of a false registration.", 0.01, metavar="P")
-    read: ReadOptions = group(ReadOptions, ("poses",))
+    read: ReadOptions = group(ReadOptions, ("poses", "trajectory"))
     units: Units = _units()
     up: Axis | None = _up()
 

@@ -357,15 +357,18 @@ def complete_by_workers(
 
 def _absolute(request: ScanRequest) -> ScanRequest:
     """Return a request that means the same in any working directory."""
-    poses = None if request.poses is None else str(Path(request.poses).absolute())
-    return replace(request, paths=tuple(str(Path(path).absolute()) for path in request.paths), poses=poses)
+    files = {name: getattr(request, name) for name in ("poses", "trajectory")}
+    return replace(
+        request,
+        paths=tuple(str(Path(path).absolute()) for path in request.paths),
+        **{name: file and str(Path(file).absolute()) for name, file in files.items()},
+    )
 
 
 def _sizes(request: ScanRequest) -> tuple[tuple[str, int], ...]:
     """Absolute paths and bytes of the files among the scans; folders are left out."""
-    bases = [split_index(path)[0] for path in request.paths] + (
-        [Path(request.poses)] if request.poses else []
-    )
+    bases = [split_index(path)[0] for path in request.paths]
+    bases += [Path(file) for file in (request.poses, request.trajectory) if file]
     return tuple(
         (str(base.absolute()), base.stat().st_size) for base in dict.fromkeys(bases) if base.is_file()
     )

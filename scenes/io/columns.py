@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
+
+from scenes.checks import FloatArray
 from scenes.io.crs import LengthUnit
 
 AXES, NORMALS, COLOURS = ("x", "y", "z"), ("nx", "ny", "nz"), ("red", "green", "blue")
@@ -22,6 +25,13 @@ _SINGLE = {
     "intensity": ("intensity", "scalar_intensity", "intensities", "i", "reflectance"),
     "label": ("label",),
 }
+_SECONDS = {  # of a unit of the columns that may hold times, by name; the first that is there counts
+    **dict.fromkeys(("gps_time", "gpstime", "timestamp", "time", "t", "secs", "seconds"), 1.0),
+    **dict.fromkeys(("msecs", "timestamp_ms", "time_ms"), 1e-3),
+    **dict.fromkeys(("usecs", "timestamp_us", "time_us"), 1e-6),
+    **dict.fromkeys(("nsecs", "timestamp_ns", "time_ns"), 1e-9),
+}
+_LATEST_S = 1e11  # the year 5138, counted from 1970: larger numbers are of a smaller unit
 _DEGREES = {"lon", "lat", "longitude", "latitude"}
 _METRES = {
     "mm": 0.001, "millimeters": 0.001, "millimetres": 0.001, "millimeter": 0.001, "millimetre": 0.001,
@@ -92,3 +102,34 @@ def unit_of_comment(text: str) -> LengthUnit | None:
         if metres is not None:
             return LengthUnit(word, (metres,) * 3)
     return None
+
+
+def time_column(names: Iterable[str]) -> str | None:
+    """Return which of the names of columns is that of times, None where none is.
+
+    Examples
+    --------
+    >>> time_column(["x", "y", "z", "scalar_GpsTime"])
+    'scalar_GpsTime'
+    """
+    plain = {name.lower().removeprefix("scalar_"): name for name in names}  # CloudCompare's prefix
+    return next((plain[known] for known in _SECONDS if known in plain), None)
+
+
+def times_among(columns: Mapping[str, FloatArray]) -> FloatArray | None:
+    """Return the times (n,) among columns by name, seconds; None without such a column.
+
+    Numbers that are too large for seconds are of the next smaller unit in which they are not.
+
+    Examples
+    --------
+    >>> times_among({"nsecs": np.array([1.5e18])}), times_among({"t": np.array([1.5e15])})
+    (array([1.5e+09]), array([1.5e+09]))
+    """
+    name = time_column(columns)
+    if name is None:
+        return None
+    times = columns[name] * _SECONDS[name.lower().removeprefix("scalar_")]
+    while np.abs(times[np.isfinite(times)]).max(initial=0.0) > _LATEST_S:
+        times = times / 1000
+    return times

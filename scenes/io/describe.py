@@ -20,6 +20,7 @@ from scenes.io.point_files import read_points
 from scenes.io.scan_files import ScanSource, open_scans, split_index
 from scenes.io.scene_files import open_scene, units_doubt
 from scenes.io.trajectory import read_poses
+from scenes.io.walk import open_walk
 from scenes.limits import FAR_M, SMALL_M, SPHERICAL_LIMIT_PX
 from scenes.mesh.orientation import Axis, axis_in_file, suggest_up
 from scenes.run.atomic import to_plain
@@ -31,6 +32,7 @@ from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 
 _NO_RAYS = "no ray can be traced: to use these points as a scan say where the scanner stood (--origin X,Y,Z)"
+_TIMED = "its points have times: to use those of a moving scanner as scans give --trajectory FILE"
 
 
 def describe_scans(source: ScanSource, number: int | None, units: Units) -> dict[str, Any]:
@@ -203,6 +205,7 @@ def describe_points(path: str, units: Units) -> dict[str, Any]:
     diagonal = float(np.linalg.norm(high - low))
     stood = None if cloud.origins is None else np.unique(cloud.origins, axis=0)
     doubt = units_doubt(diagonal) if diagonal > 0 else ""
+    rays = [] if stood is not None else [_NO_RAYS if cloud.times is None else _TIMED]
     return {
         "kind": "points",
         "path": path,
@@ -214,7 +217,8 @@ def describe_points(path: str, units: Units) -> dict[str, Any]:
         "has_normals": cloud.normals is not None,
         "has_colour": cloud.colour is not None,
         "scanner_places_m": [] if stood is None else stood,
-        "warnings": [*cloud.warnings, *([_NO_RAYS] if stood is None else []), *([doubt] if doubt else [])],
+        "has_times": cloud.times is not None,
+        "warnings": [*cloud.warnings, *rays, *([doubt] if doubt else [])],
     }
 
 
@@ -260,6 +264,7 @@ def describe(
     units: Units = "m",
     intrinsics: Intrinsics | None = None,
     depth_scale: float | None = None,
+    trajectory: str | None = None,
 ) -> dict[str, Any]:
     """Return what a file holds, as plain values for JSON; lengths in metres, angles in degrees.
 
@@ -271,6 +276,8 @@ def describe(
         As for `load_scene` and `read_scans`.
     intrinsics, depth_scale
         As for `read_scans`.
+    trajectory : str, optional
+        A file of times and places of the moving scanner that measured the points.
 
     Returns
     -------
@@ -300,6 +307,8 @@ def describe(
         and suffix not in (*_IMAGES, *_POSES)
     ):
         raise InputError(f"{base}: {_stranger(base)}")
+    if trajectory is not None:
+        return _plain(describe_scans(open_walk(base, trajectory, units), number, units))
     if suffix in _IMAGES:
         return _plain(describe_image(base))
     if suffix in _POSES and (poses := describe_poses(base, units)):

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import InputError
 from scenes.io.documents import parse_json
-from scenes.io.e57_points import PointChunk, coordinate_step, point_chunks, read_pose
+from scenes.io.e57_points import PointChunk, coordinate_step, point_chunks, read_pose, times_of
 from scenes.io.format import RawPoints, step_warnings
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fitted_scan, lie_on_rays, organised_scan
 from scenes.io.guard import check_size, import_extra
@@ -381,7 +381,7 @@ class E57File:
         world, colour = np.empty((header.point_count, 3)), np.empty((header.point_count, 3), np.uint8)
         is_coloured = np.ones(header.point_count, np.bool_)
         n_kept = n_read = n_bad = n_later = 0
-        has_colour = True
+        has_colour, times = True, np.full(header.point_count, np.nan)
         for chunk in point_chunks(self._file, self._own[index]):
             kept = np.ones(len(chunk.points), np.bool_)
             if first_returns and chunk.returns is not None:
@@ -393,6 +393,8 @@ class E57File:
             else:
                 colour[part] = chunk.colour[kept]
                 is_coloured[part] = True if chunk.is_coloured is None else chunk.is_coloured[kept]
+            if chunk.times is not None:
+                times[part] = chunk.times[kept]
             n_kept, n_read, n_bad = part.stop, n_read + chunk.n_read, n_bad + chunk.n_bad
             n_later += len(kept) - int(kept.sum())
         step = coordinate_step(header, ranges_of(world[:n_kept] - pose.translation))
@@ -405,8 +407,8 @@ class E57File:
             *((f"{n_later} later returns were left out",) if n_later else ()),
             *colour_warnings(int(n_kept - known.sum()), n_kept),
         )
-        stood = pose.translation if is_one_scan else None
-        return RawPoints(world, origins=stood, colour=held, warnings=warnings, step=step)
+        stood, times_s = pose.translation if is_one_scan else None, times_of(header, times[:n_kept])
+        return RawPoints(world, origins=stood, colour=held, warnings=warnings, step=step, times=times_s)
 
 
 def _project_cloud(cloud: RawPoints, name: str) -> RangeImage:

@@ -22,13 +22,14 @@ _CARTESIAN = tuple(f"cartesian{axis}" for axis in "XYZ")
 _LIGHT = "intensity"
 _PIXELS = ("rowIndex", "columnIndex")
 _RETURN = "returnIndex"
+_TIME, _START = "timeStamp", "acquisitionStart"
 _SPHERICAL = tuple(f"spherical{part}" for part in ("Range", "Azimuth", "Elevation"))
 _ENDS = ("Minimum", "Maximum")
 _BYTES = np.array([[0.0] * 3, [255.0] * 3])
 _NO_COLOUR, _NO_LIGHT = "isColorInvalid", "isIntensityInvalid"
 _STATES = ("cartesianInvalidState", "sphericalInvalidState", _NO_COLOUR, _NO_LIGHT)
 _NUMBERS = {
-    **dict.fromkeys((*_CARTESIAN, *_SPHERICAL), "d"),
+    **dict.fromkeys((*_CARTESIAN, *_SPHERICAL, _TIME), "d"),
     **dict.fromkeys((*_PIXELS, _RETURN), "q"),
     **dict.fromkeys(_STATES, "b"),
     _LIGHT: "f",
@@ -58,6 +59,8 @@ class PointChunk:
         On the instrument's scale, 0 where the file calls it invalid.
     returns : (n,) int64, optional
         Number of each among the returns of its pulse, from 0.
+    times : (n,) float, optional
+        When each was measured, seconds from the start of the scan.
     n_read, n_bad : int
         Points of the file that this stands for, and how many of them are not finite.
     """
@@ -70,6 +73,7 @@ class PointChunk:
     n_bad: int
     is_coloured: BoolArray | None = None
     returns: NDArray[np.int64] | None = None
+    times: FloatArray | None = None
 
 
 def point_chunks(file: Any, index: int, *, places_alone: bool = False) -> Iterator[PointChunk]:
@@ -89,13 +93,27 @@ def point_chunks(file: Any, index: int, *, places_alone: bool = False) -> Iterat
     numbers = {name: letter for name, letter in _NUMBERS.items() if name in names}
     if places_alone:
         numbers = {
-            name: letter for name, letter in numbers.items() if name not in (_LIGHT, _NO_LIGHT, _NO_COLOUR)
+            name: letter
+            for name, letter in numbers.items()
+            if name not in (_LIGHT, _NO_LIGHT, _NO_COLOUR, _TIME)
         }
     if has_colour:
         numbers |= dict.fromkeys(_COLOURS, "B" if _are_bytes(header, lib, limits) else "d")
     kind = np.float32 if _is_single(header.points, [*numbers], lib) else np.float64
     for columns in _columns(file, header, lib, numbers):
         yield _valid(columns, limits, kind)
+
+
+def times_of(header: Any, stamps: FloatArray) -> FloatArray | None:
+    """Return the times (n,) of points, seconds, from those after the scan's start; None where all are one.
+
+    ASTM E2807 counts `timeStamp` from `acquisitionStart`, GPS seconds, where a scan has that.
+    """
+    known = stamps[np.isfinite(stamps)]
+    if not len(known) or np.ptp(known) == 0:
+        return None
+    start = header[_START]["dateTimeValue"].value() if _START in header.scan_fields else 0.0
+    return np.asarray(stamps + float(start), dtype=np.float64)
 
 
 def _columns(file: Any, header: Any, lib: Any, numbers: dict[str, str]) -> Iterator[dict[str, Any]]:
@@ -238,6 +256,7 @@ def _valid(data: dict[str, Any], limits: FloatArray, kind: Any) -> PointChunk:
         n_bad=int((~finite).sum()),
         is_coloured=is_coloured,
         returns=data[_RETURN][kept] if _RETURN in data else None,
+        times=data[_TIME][kept] if _TIME in data else None,
     )
 
 

@@ -29,7 +29,8 @@ from scenes.scan.range_image import RangeImage
 
 NO_RAYS = (
     "holds points without a pixel grid or sensor position, so no ray can be traced; say where the scanner "
-    "stood (--origin X,Y,Z), or export the scan as structured .e57, .ptx, or organised .pcd"
+    "stood (--origin X,Y,Z) or moved (--trajectory FILE), or export the scan as structured .e57, .ptx, or "
+    "organised .pcd"
 )
 
 
@@ -55,6 +56,8 @@ class RawPoints:
         What the file states of its coordinates.
     step : float
         Between the values that coordinates can take, in the file's unit; 0 where they are not rounded.
+    times : (n,) float, optional
+        When each point was measured, seconds on the file's own clock.
     """
 
     points: FloatArray
@@ -65,6 +68,7 @@ class RawPoints:
     label: FloatArray | None = None
     unit: LengthUnit | None = None
     step: float = 0.0
+    times: FloatArray | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -77,12 +81,14 @@ def join_points(parts: Sequence[RawPoints]) -> RawPoints:
     points = np.concatenate([np.zeros((0, 3)), *(part.points for part in parts)])
     stood = [np.broadcast_to(part.origins, part.points.shape) for part in parts if part.origins is not None]
     colour = [part.colour for part in parts if part.colour is not None]
+    times = [part.times for part in parts if part.times is not None]
     return RawPoints(
         points,
         None,
         np.concatenate(stood) if stood and len(stood) == len(parts) else None,
         np.concatenate(colour) if colour and len(colour) == len(parts) else None,
         tuple(merge_warnings([(f"scan {k}", part.warnings) for k, part in enumerate(parts, start=1)])),
+        times=np.concatenate(times) if times and len(times) == len(parts) else None,
         step=max((part.step for part in parts), default=0.0),
     )
 

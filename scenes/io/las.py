@@ -234,12 +234,15 @@ _CHUNK = 100_000  # points that are read at a time
 _COLOURS = ("red", "green", "blue")
 _FORMAT_WITH_COLOUR, _FORMAT_WITHOUT = 7, 6
 _SCALE = "intensity_per_count"
+_TIME = "gps_time"
 _PROJECTION, _WKT, _GEOKEYS = "LASF_Projection", 2112, 34735  # user and numbers of the records
 _PANIC = "PanicException"  # what Rust's lazrs raises when it stumbles, which is no Exception
 
 
 def read_las_points(path: Path) -> RawPoints:
     """Return the points of a LAS or LAZ file, without those marked as withheld, and the unit that it states.
+
+    GPS times are given where the file has more than one.
 
     Raises InputError: more points announced than can be held; coordinates in degrees; laspy is not installed.
     """
@@ -248,6 +251,8 @@ def read_las_points(path: Path) -> RawPoints:
         step = float(np.abs(file.header.scales).max())
         has_colour, largest = "red" in file.header.point_format.dimension_names, 0
         points, wide = np.empty((n_points, 3)), np.empty((n_points if has_colour else 0, 3), np.uint16)
+        has_times = _TIME in file.header.point_format.dimension_names
+        times = np.empty(n_points if has_times else 0)
         for part in _chunks(file):
             kept = ~np.asarray(part.withheld, dtype=np.bool_)
             held = slice(n_kept, n_kept + int(kept.sum()))
@@ -255,11 +260,20 @@ def read_las_points(path: Path) -> RawPoints:
             if has_colour:
                 colours = _columns(part, _COLOURS, np.uint16)
                 wide[held], largest = colours[kept], max(largest, int(colours.max()))
+            if has_times:
+                times[held] = np.asarray(part[_TIME], np.float64)[kept]
             n_kept = held.stop
     n_left = n_points - n_kept
     warnings = (f"{n_left} points are marked withheld and were left out",) if n_left else ()
     colour = _narrow(wide[:n_kept], largest) if largest else None
-    return RawPoints(points[:n_kept], colour=colour, warnings=warnings, unit=unit, step=step)
+    return RawPoints(
+        points[:n_kept],
+        colour=colour,
+        warnings=warnings,
+        unit=unit,
+        step=step,
+        times=times[:n_kept] if times[:n_kept].size and np.ptp(times[:n_kept]) > 0 else None,
+    )
 
 
 def _unit(header: Any) -> LengthUnit | None:

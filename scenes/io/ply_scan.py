@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.columns import AXES, COLOURS, NORMALS, columns_of
+from scenes.io.columns import AXES, COLOURS, NORMALS, columns_of, times_among
 from scenes.io.format import Format, RawPoints, check_single, one_scan, points_of, write_single
 from scenes.io.header import (
     checked_bytes,
@@ -89,7 +89,7 @@ def read_scan_ply(path: Path) -> RangeImage:
 
 
 def read_ply_points(path: Path) -> RawPoints:
-    """Return points, and normals, colours and labels (property `label`) where the file has some.
+    """Return points, and normals, colours, labels (property `label`) and times where the file has some.
 
     Lists of vertices are skipped. Models of 3-D Gaussian splatting give their centres, in the colour of
     degree 0 of their spherical harmonics (Kerbl et al., 3D Gaussian splatting, 2023).
@@ -115,9 +115,8 @@ def read_ply_points(path: Path) -> RawPoints:
     elif types.keys() >= set(_SPLAT):
         colour = colour_bytes(0.5 + _SPLAT_STEP * np.stack([column[name] for name in _SPLAT], axis=-1))
         warnings = (_SPLATS,)
-    return RawPoints(
-        points, normals, colour=colour, label=column.get(held.get("label", "")), warnings=warnings
-    )
+    label, times = column.get(held.get("label", "")), times_among(column)
+    return RawPoints(points, normals, colour=colour, label=label, warnings=warnings, times=times)
 
 
 def _read_text(data: bytes, elements: Sequence[PlyElement]) -> dict[str, FloatArray]:

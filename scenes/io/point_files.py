@@ -66,6 +66,8 @@ class PointCloud:
         Between the values that coordinates can take, metres; 0 where they are not rounded.
     metres_per_unit : (3,) float
         Of the file's coordinates along x, y and z.
+    times : (n,) float, optional
+        When each point was measured, seconds on the file's own clock; NaN where the file does not tell.
     """
 
     points: FloatArray
@@ -79,9 +81,10 @@ class PointCloud:
     n_rows: int = 0
     step_m: float = 0.0
     metres_per_unit: FloatArray = field(default_factory=lambda: np.ones(3))
+    times: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        for name in ("points", "normals", "origins", "metres_per_unit"):
+        for name in ("points", "normals", "origins", "metres_per_unit", "times"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, frozen_copy(getattr(self, name), np.float64))
         if self.colour is not None:
@@ -178,6 +181,7 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
         n_rows=len(kept),
         step_m=step_m,
         metres_per_unit=metres,
+        times=None if raw.times is None else raw.times[kept],
     )
 
 

@@ -22,6 +22,7 @@ from scenes.io.scan_files import ScanSource, check_units, open_scans, spill_for,
 from scenes.io.scene_files import load_scene
 from scenes.io.station import scan_from_station
 from scenes.io.trajectory import read_named_poses, read_poses
+from scenes.io.walk import open_walk
 from scenes.limits import LEAST_PIXELS, MOSTLY_SEEN, TINY_M
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.pose import Pose
@@ -120,6 +121,8 @@ class ScanRequest:
         and a mesh is seen from all these places.
     up : str
         The axis of the files that is up, "x" to "-z", or "auto": estimated. Nothing is turned by it.
+    trajectory : str, optional
+        A file of times and places of the moving scanner that measured the points of each path.
     """
 
     paths: tuple[str, ...]
@@ -129,11 +132,12 @@ class ScanRequest:
     units: Units = "m"
     origins: tuple[tuple[float, ...], ...] = ()
     up: SignedAxis = "z"
+    trajectory: str | None = None
 
     @property
     def inputs(self) -> list[str]:
         """What the manifest lists."""
-        return [*self.paths, *([self.poses] if self.poses else [])]
+        return [*self.paths, *(file for file in (self.poses, self.trajectory) if file)]
 
     @property
     def title(self) -> str:
@@ -151,6 +155,7 @@ class ScanRequest:
             "units": self.units,
             "origins": self.origins,
             "up": self.up,
+            "trajectory": None if self.trajectory is None else Path(self.trajectory).name,
         }
 
 
@@ -232,6 +237,8 @@ def read_request(request: ScanRequest, *, posed: bool = True) -> GivenScans:
             f"{scene} is a scene, not a scan; take a scan of it first: "
             f"unseen scan {scene} --at X,Y,Z --look X,Y,Z -o scan.npz"
         )
+    if request.origins and request.trajectory is not None:
+        raise InputError(f"{request.trajectory}: a trajectory says where the scanner was; leave out --origin")
     if request.origins:
         scans = _read_clouds(request)
         paths = list(request.paths) * (len(scans) // len(request.paths))
@@ -247,6 +254,8 @@ def read_request(request: ScanRequest, *, posed: bool = True) -> GivenScans:
 def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage], list[str], list[str]]:
     """Return the scans of each path with the poses that it or the request says, their paths and names."""
     check_units(request.units)
+    if request.trajectory is not None and request.poses is not None:
+        raise InputError(f"{request.poses}: a trajectory gives the places of all points; leave out --poses")
     parts = [split_index(path) for path in request.paths]
     camera = None
     if request.intrinsics is not None:
@@ -257,7 +266,11 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
 
     def source_of(base: Path) -> ScanSource:
         if base not in opened:
-            opened[base] = open_scans(base, intrinsics=camera, depth_scale=request.depth_scale)
+            opened[base] = (
+                open_scans(base, intrinsics=camera, depth_scale=request.depth_scale)
+                if request.trajectory is None
+                else open_walk(base, request.trajectory, request.units)
+            )
         return opened[base]
 
     counts = [len(source_of(base).readers) if number is None else 1 for base, number in parts]

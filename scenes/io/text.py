@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Text: points as lines of numbers, whatever the separators, and the returns of a scan of ours."""
+"""Text: points as lines of numbers, whatever the separators."""
 
 from __future__ import annotations
 
 import io
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,30 +17,25 @@ from scenes.io.columns import (
     NORMALS,
     are_degrees,
     columns_of,
+    time_column,
+    times_among,
     unit_of_comment,
     unit_of_names,
 )
 from scenes.io.crs import LengthUnit, degrees_error
-from scenes.io.documents import decode_text, parse_json
+from scenes.io.documents import decode_text
 from scenes.io.format import (
-    NO_RAYS,
     Format,
     RawPoints,
-    ScanReturns,
-    cloud_of,
     one_cloud,
     one_scan,
-    scan_of,
     write_single,
 )
-from scenes.io.header import checked_bytes, scan_header
+from scenes.io.text_scan import TEXT_TAG, read_scan_text, write_scan_text
 from scenes.limits import FEWEST_POINTS
-from scenes.run.atomic import atomic_path, to_plain
 from scenes.scan.colour import known_colours
-from scenes.scan.range_image import RangeImage
 
 _COMMENT = re.compile(r"[ \t]*(?:#|//|%|!)[^\n]*")
-TEXT_TAG = "# unseen "  # begins the line that holds pose and projection of a scan of ours
 _EMPTY_FIELD = re.compile(r"(?m)(?:^|(?<=\t)) *(?=\t)")  # of tab-separated text
 _NAME = re.compile(r"[a-z]+")
 _LETTER = re.compile(r"[^\W\d_]")
@@ -74,6 +67,8 @@ class PointTable:
         sRGB.
     unit : LengthUnit, optional
         What the names of the columns, or a comment before them, state.
+    times : (n,) float, optional
+        Of the column that is named so, seconds.
     """
 
     points: FloatArray
@@ -82,6 +77,7 @@ class PointTable:
     label: FloatArray | None = None
     colour: ColourArray | None = None
     unit: LengthUnit | None = None
+    times: FloatArray | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -104,8 +100,8 @@ def read_point_table(path: Path) -> PointTable:
 
     Fields are separated by blanks, tabs, commas or semicolons; decimal commas are known where something
     else separates the fields. Lines may end in any way; `#`, `//`, `%` and `!` begin comments. Lines of names
-    may stand before the points and say which columns are x, y, z (nx, ny, nz, red, green, blue, label), or
-    easting, northing and elevation (P, N, E, Z, D), and their unit in brackets; without them the first three
+    may stand before the points and say which columns are x, y, z (nx, ny, nz, red, green, blue, label, time),
+    or easting, northing and elevation (P, N, E, Z, D), and their unit in brackets; without them the first three
     columns are taken, three further ones of length one are normals, and whole numbers up to 255 colours. A
     first line with one integer announces how many points follow (.pts, and the reference sets of NIST).
 
@@ -131,8 +127,15 @@ def read_point_table(path: Path) -> PointTable:
     colour, colourless = None, tuple[str, ...]()
     if "red" in column:
         colour, colourless = known_colours(np.stack([column[name] for name in COLOURS], axis=-1), points)
-    warnings = (*layout.warnings, *colourless)
-    return PointTable(points, normals, warnings, column.get("label"), colour=colour, unit=layout.unit)
+    return PointTable(
+        points,
+        normals,
+        (*layout.warnings, *colourless),
+        label=column.get("label"),
+        colour=colour,
+        unit=layout.unit,
+        times=times_among(column),
+    )
 
 
 def _decode(path: Path) -> str:
@@ -262,8 +265,10 @@ def _data_layout(
         raise InputError(
             f"line {index + 1} has {len(fields)} columns, its header names {len(names)}; {_CURE}"
         )
-    known = {name: k for name, k in named.items() if k < len(fields) and _is_number(fields[k])}
-    kept = {name: known[name] for name in (*AXES, *_whole_groups(known), "label") if name in known}
+    time = time_column(names)
+    all_named = named if time is None else named | {time: names.index(time)}
+    known = {name: k for name, k in all_named.items() if k < len(fields) and _is_number(fields[k])}
+    kept = {name: known[name] for name in (*AXES, *_whole_groups(known), "label", time) if name in known}
     return _Layout(index, kept if kept.keys() >= set(AXES) else named, count, warnings, unit)
 
 
@@ -355,66 +360,7 @@ def _are_unit(vectors: FloatArray) -> bool:
     return bool(len(vectors) and np.isclose(np.linalg.norm(vectors, axis=1), 1.0, atol=1e-3).all())
 
 
-_MOST_PIXELS, _MOST_DECIMALS = 2**31, 6
-
-
-def write_scan_text(scan: RangeImage, path: Path) -> None:
-    """Write the returns of `scan`, a line each, in world coordinates to the nanometre.
-
-    Columns are x y z, red green blue and intensity where known, row and column; commas part them in `.csv`
-    files, blanks in others. The first line is a comment with pose and projection, the second names the
-    columns: as a comment, but in `.csv` files.
-
-    Raises InputError: a scan without returns.
-    """
-    cloud = cloud_of(scan)
-    names, forms = ["x", "y", "z"], ["%.9f"] * 3
-    columns: list[Any] = [cloud.points]
-    if cloud.colour is not None:
-        names, columns, forms = [*names, *COLOURS], [*columns, cloud.colour], [*forms, *["%d"] * 3]
-    if cloud.intensity is not None:
-        light = cloud.intensity[:, None].astype(np.float64)
-        names, columns, forms = [*names, "intensity"], [*columns, light], [*forms, "%.9g"]
-    pixels = np.column_stack([cloud.row, cloud.column])
-    names, columns, forms = [*names, "row", "column"], [*columns, pixels], [*forms, "%d", "%d"]
-    is_csv = path.suffix.lower() == ".csv"
-    separator = "," if is_csv else " "
-    with atomic_path(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
-        file.write(f"{TEXT_TAG}{json.dumps(to_plain(scan_header(scan)), allow_nan=False)}\n")
-        file.write(("" if is_csv else "# ") + separator.join(names) + "\n")
-        np.savetxt(file, np.hstack(columns), fmt=forms, delimiter=separator)
-
-
-def read_scan_text(path: Path) -> RangeImage:
-    """Return the scan of a file that `write_scan_text` wrote.
-
-    Raises InputError: any other file: it does not say where the scanner stood, nor which ray saw which point.
-    """
-    with path.open(encoding="utf-8", errors="replace") as file:
-        first = file.readline()
-        names = file.readline().lstrip("# ").replace(",", " ").split()
-        if not first.startswith(TEXT_TAG) or not {"x", "y", "z", "row", "column"} <= set(names):
-            raise InputError(NO_RAYS)
-        separator = "," if path.suffix.lower() == ".csv" else None
-        table = np.loadtxt(file, delimiter=separator, ndmin=2)
-    if table.shape[1] != len(names):
-        raise InputError(f"its lines hold {table.shape[1]} numbers, its header names {len(names)} columns")
-    column: dict[str, Any] = {name: table[:, k] for k, name in enumerate(names)}
-    cloud = ScanReturns(
-        points=np.stack([column[axis] for axis in "xyz"], axis=-1),
-        row=_whole(column["row"]),
-        column=_whole(column["column"]),
-        colour=checked_bytes([column[name] for name in COLOURS]).T if COLOURS[0] in column else None,
-        intensity=column["intensity"].astype(np.float32) if "intensity" in column else None,
-    )
-    return scan_of(parse_json(first[len(TEXT_TAG) :], dict), len(table), [cloud])
-
-
-def _whole(values: Any) -> Any:
-    """Numbers of pixels as integers."""
-    if not (np.abs(values) < _MOST_PIXELS).all() or (values != np.floor(values)).any():
-        raise InputError("its rows and columns are not all integers: was the file edited?")
-    return values.astype(np.int64)
+_MOST_DECIMALS = 6
 
 
 def decimal_step(points: FloatArray) -> float:
@@ -446,6 +392,7 @@ def _raw_points(path: Path) -> RawPoints:
         label=table.label,
         unit=table.unit,
         step=step,
+        times=table.times,
     )
 
 

@@ -331,6 +331,17 @@ def straighten_polygon(
     return _from_corners(_put_right(corners)).simplify(limits.OUTLINE_ERROR_CELLS * cell_m)
 
 
+def _union(polygons: Any) -> Any:
+    """Union of polygons that may cross themselves: by their lines, or where that fails by their rings.
+
+    GEOS's first method may return what is not valid itself.
+    """
+    try:
+        return shapely.union_all(shapely.make_valid(polygons))
+    except shapely.GEOSException:
+        return shapely.union_all(shapely.make_valid(polygons, method="structure"))
+
+
 def _put_right(polygons: Any) -> Any:
     """Polygons whose rings cross themselves or each other as valid ones, ring by ring.
 
@@ -338,9 +349,7 @@ def _put_right(polygons: Any) -> Any:
     """
     parts = shapely.get_parts(polygons)
     rings = [[part.exterior for part in parts], [hole for part in parts for hole in part.interiors]]
-    shells, holes = (
-        shapely.union_all(shapely.make_valid([shapely.Polygon(r) for r in ring])) for ring in rings
-    )
+    shells, holes = (_union([shapely.Polygon(r) for r in ring]) for ring in rings)
     return shapely.difference(shells, holes)
 
 
