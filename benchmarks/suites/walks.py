@@ -58,7 +58,7 @@ def path_through(seconds: float) -> FloatArray:
     one, n = WALKS[0], int(20 * SPEED_M_S * seconds)
     places = np.array([pose.translation for pose in walk(one.caster, np.array(one.start), n)])
     moved = np.linalg.norm(np.diff(places, axis=0), axis=1) > 0
-    return places[np.append(True, moved)]
+    return np.asarray(places[np.append(True, moved)])
 
 
 def walked(seconds: float, seed: int = 0) -> tuple[TimedPoints, Trajectory]:
