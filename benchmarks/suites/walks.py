@@ -158,8 +158,8 @@ class Moved(NamedTuple):
 
 
 def moved_vetoes(times: float, seconds: float) -> Moved:
-    """Cross planes along the axes with the beams of a walk; two beams in 3 x 3 cells veto, one in the cell."""
-    held, _ = _cut(times, seconds, walked(seconds))
+    """Cross planes along the axes with the beams of a walk; two beams in 3 x 3 cells, one within, veto it."""
+    held, _ = _cut(times, walked(seconds))
     own = [held.track.at(held.times[start:end]) for start, end in held.cuts.tolist()]
     mean = np.concatenate([np.broadcast_to(places.mean(axis=0), places.shape) for places in own])
     points = np.concatenate([held.points[start:end] for start, end in held.cuts.tolist()])
@@ -187,7 +187,7 @@ def moved_vetoes(times: float, seconds: float) -> Moved:
     return Moved(f"x {times:g}", 2 * held.reach_m, len(held.cuts), *shares, quantile)
 
 
-def _cut(times: float, seconds: float, held: tuple[TimedPoints, Trajectory]) -> tuple[Walk, tuple[str, ...]]:
+def _cut(times: float, held: tuple[TimedPoints, Trajectory]) -> tuple[Walk, tuple[str, ...]]:
     """Return a walk with stretches so many times as long as chosen."""
     cloud = PointCloud(held[0].points, times=held[0].times, name="walk")
     walk_cut, sentences = walk_of(cloud, held[1])
@@ -197,7 +197,7 @@ def _cut(times: float, seconds: float, held: tuple[TimedPoints, Trajectory]) -> 
 def by_stretches(times: float, seconds: float) -> Outcome:
     """Complete the walk by stretches so many times as long as is chosen."""
     beams, track = walked(seconds)
-    held, _ = _cut(times, seconds, (beams, track))
+    held, _ = _cut(times, (beams, track))
     scans = [held.scan(k) for k in range(len(held.cuts))]
     return _outcome(f"walk, stretches x {times:g}", scans, path_through(seconds), beams, held)
 
