@@ -177,14 +177,17 @@ def moved_vetoes(times: float, seconds: float) -> Moved:
                 for one, part in zip((exact, mean), share, strict=True)
             ]
             moved.append(np.linalg.norm(places[1] - places[0], axis=1)[::10])
-            count = [np.histogram2d(*place.T, bins=bins)[0] for place in places]
+            count = [np.histogram2d(place[:, 0], place[:, 1], bins=bins)[0] for place in places]
             around = [ndimage.uniform_filter(one, 3, mode="constant") * 9 for one in count]
             true, by_mean = ((one > 0) & (near > 1.5) for one, near in zip(count, around, strict=True))
             alone = by_mean & ~true
             n += [true.sum(), (true & ~by_mean).sum(), alone.sum(), (alone & (around[0] < 0.5)).sum()]
-    shares = (n[1:] / n[0]).tolist()
     quantile = float(np.quantile(np.concatenate(moved), 0.95))
-    return Moved(f"x {times:g}", 2 * held.reach_m, len(held.cuts), *shares, quantile)
+    lost, false, far = (n[1:] / n[0]).tolist()
+    return Moved(
+        name=f"x {times:g}", stretch_m=2 * held.reach_m, n_scans=len(held.cuts), lost=lost, false=false, far=far,
+        moved_m=quantile,
+    )  # fmt: skip
 
 
 def _cut(times: float, held: tuple[TimedPoints, Trajectory]) -> tuple[Walk, tuple[str, ...]]:
