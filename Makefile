@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=30 --durations-min=0.5
 
-.PHONY: demo test test-long types install bench docs gallery format fuzz clean
+.PHONY: demo test test-long types install bench docs gallery format fuzz wheels clean
 
 demo: .venv/demo
 	$(BIN)/unseen demo -o out/demo
@@ -44,6 +44,20 @@ SUITES ?= rays texture-speed e57 stations frames segmentation
 # so long at most, and so many files for each reader; half the time again where atheris is installed
 SECONDS ?= 300
 N ?= 20000
+
+# the wheel, installed and tested under every Python that is here
+PYTHONS ?= python3.11 python3.12 python3.13 python3.14
+wheels: .venv/dev
+	rm -rf out/wheels && mkdir -p out/wheels
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir out/wheels .
+	for python in $(PYTHONS); do \
+	  $$python --version || continue; \
+	  mkdir out/wheels/$$python && cp -r tests examples benchmarks docs *.md pyproject.toml out/wheels/$$python && \
+	  $$python -m venv out/wheels/$$python/.venv && \
+	  out/wheels/$$python/.venv/bin/pip install --quiet "$$(ls out/wheels/*.whl)[all]" pytest hypothesis && \
+	  (cd out/wheels/$$python && UNSEEN_DATA=$${UNSEEN_DATA:-$(CURDIR)/../shared/data} \
+	    .venv/bin/python -m pytest -q tests/scenes tests/texture) || exit 1; \
+	done
 
 fuzz: .venv/dev
 	$(BIN)/python -m tests.robustness.fuzzing --files $(N) --seconds $(SECONDS) --guided $$(( $(SECONDS) / 2 ))

@@ -60,6 +60,22 @@ MOST_APART = 0.3
 """Share of such pixels from which the points are of several stations. By eye."""
 NARROW = np.cos(np.radians(60.0))
 """Cosine of the half angle up to which the image's middle is put where the points are. By eye."""
+FEWEST_LINES = 4
+"""Lines of angles that are an instrument's steps: the least number of beams that is sold."""
+MOST_BEAMS = 256
+"""Of a spinning lidar. By choice: twice the most that is sold."""
+LINE_POINTS = 8
+"""Mean number of points of a line of angles, so that random gaps make none. By choice."""
+STRAY = 0.1
+"""Of the median number of a line's points: fewer are strays between lines. By eye."""
+N_WIDTHS = 24
+"""Of gaps that are tried, each two thirds of the one before: down to 1/17,000. By choice."""
+CARRIER_M = 2.5
+"""Range up to which what carries the scanner ends: the roof of a car below it. By choice."""
+CARRIER_GAP = 1.5
+"""From there to all else, as a factor of the range. By eye."""
+CARRIER_STRAYS = 0.005
+"""Share of all points that may lie in that gap. By eye."""
 PINHOLE_LIMIT_PX = 0.5
 """Median residual, pixels, above which an organised cloud is no pinhole image: points lie within their
 pixels."""
@@ -115,8 +131,12 @@ FAR_M = 200.0
 """Median range beyond which the unit or the depth scale is doubted. By choice."""
 SMALL_M = 0.05
 """Median range, or diagonal of a scene, below which it is. By eye."""
+TINY_M = 5e-3
+"""Median range below which a scan is refused: no scanner measures so near. By choice."""
 LARGE_M = 1e3
 """Diagonal of a scene beyond which it is. By eye."""
+MOSTLY_SEEN = 0.5
+"""Share of a mesh's area, seen from the places given, below which a word is due. By choice."""
 LARGE_PART_M = 20.0
 """Diagonal of a part beyond which it is. By eye."""
 FINE_M = 1e-3

@@ -11,23 +11,26 @@ import ezdxf
 import numpy as np
 from ezdxf.document import Drawing
 from ezdxf.layouts import Modelspace
+from ezdxf.math import Matrix44
 from numpy.typing import NDArray
 
 from completion.export.building.cut import CutLine, UprightCut, plan_of, sections_of
 from completion.export.building.limits import NEARLY_ALL
 from completion.export.building.model import BuildingModel, matrix_text
 from scenes.checks import FloatArray
+from scenes.io.format import METRES_PER_UNIT, Units
 
 _VERSION = "R2010"  # what current CAD programs and those of fifteen years ago read
 _APP = "UNSEEN"  # name of the extended data: what a program that does not know it leaves alone
 _WHITE, _BLUE, _RED, _GREEN, _GREY, _MAGENTA = 7, 5, 1, 3, 8, 6  # colours by index
 _DASH = 0.2  # of the line type's own length, 0.6 m
 _TEXT_M, _GAP_M = 0.15, 1.0  # height of titles; between the plan and the sections beside it
+_UNITS = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6, "us-ft": 21}  # of $INSUNITS, DXF reference 2018
 _INVISIBLE = (1, 2, 8)  # flags of the edges of a 3DFACE whose fourth corner is the third again
 
 
-def dxf_of(model: BuildingModel) -> bytes:
-    """Return a model as DXF (AutoCAD 2010), in metres; the same model gives the same bytes.
+def dxf_of(model: BuildingModel, units: Units = "m") -> bytes:
+    """Return a model as DXF (AutoCAD 2010) in a unit of length; the same model gives the same bytes.
 
     Model space holds, where they are, facets (3DFACE on MEASURED-<KIND> and INFERRED-<KIND>; edges between
     two of one surface and state are invisible), folds (FOLD-MEASURED: at least 95 % of the length was
@@ -39,9 +42,8 @@ def dxf_of(model: BuildingModel) -> bytes:
     """
     with _fixed_marks():
         document = ezdxf.new(_VERSION, setup=["linetypes"])
-        document.units = ezdxf.units.M
-        document.header["$MEASUREMENT"] = 1
-        document.header["$LTSCALE"] = _DASH
+        document.units = _UNITS[units]
+        document.header["$MEASUREMENT"] = int(units in ("mm", "cm", "m"))
         document.appids.add(_APP)
         if matrix := matrix_text(model.drawing_from_world):
             document.header.custom_vars.append("drawing_from_world", matrix)
@@ -51,8 +53,9 @@ def dxf_of(model: BuildingModel) -> bytes:
         _add_openings(space, model)
         plan, sections = plan_of(model), sections_of(model)
         _add_lines(space, plan.lines, "PLAN")
-        _add_sections(space, model, sections, plan.caption)
-        _finish(document, model)
+        told = plan.caption if units == "m" else f"{plan.caption} The drawing is in {units}."
+        _add_sections(space, model, sections, told)
+        _finish(document, model, 1 / METRES_PER_UNIT[units])
         for kind in sorted(document.entitydb.dxf_types_in_use()):  # the library would go by a set's order
             document.classes.add_class(kind)
         text = io.StringIO()
@@ -80,15 +83,15 @@ def _add_folds(space: Modelspace, model: BuildingModel) -> None:
         state = "MEASURED" if fold.measured_share >= NEARLY_ALL else "INFERRED"
         entity = space.add_polyline3d(fold.points.tolist(), dxfattribs={"layer": f"FOLD-{state}"})
         numbers = [(1071, number) for number in fold.surfaces]
-        entity.set_xdata(_APP, [*numbers, (1040, fold.measured_share), (1040, fold.sd_m)])
+        entity.set_xdata(_APP, [*numbers, (1040, fold.measured_share), (1041, fold.sd_m)])
     for place, sd in zip(model.corners.tolist(), model.corner_sd_m.tolist(), strict=True):
-        space.add_point(place, dxfattribs={"layer": "CORNER"}).set_xdata(_APP, [(1040, sd)])
+        space.add_point(place, dxfattribs={"layer": "CORNER"}).set_xdata(_APP, [(1041, sd)])
 
 
 def _add_openings(space: Modelspace, model: BuildingModel) -> None:
     for opening in model.openings:
         entity = space.add_polyline3d(opening.points.tolist(), close=True, dxfattribs={"layer": "OPENING"})
-        sizes = [(1040, opening.width_m), (1040, opening.height_m)]
+        sizes = [(1041, opening.width_m), (1041, opening.height_m)]
         entity.set_xdata(_APP, [(1071, opening.surface), (1000, opening.kind), *sizes])
 
 
@@ -137,9 +140,12 @@ def _add_text(space: Modelspace, text: str, place: FloatArray, layer: str = "TEX
     space.add_text(text, height=_TEXT_M, dxfattribs={"layer": layer, "insert": (*place.tolist(), 0.0)})
 
 
-def _finish(document: Drawing, model: BuildingModel) -> None:
-    """Say how layers look, and where to look first."""
+def _finish(document: Drawing, model: BuildingModel, metre: float) -> None:
+    """Scale all to the unit of which a metre has `metre`; say how layers look, and where to look first."""
     space = document.modelspace()
+    for entity in space if metre != 1 else ():
+        entity.transform(Matrix44.scale(metre))
+    document.header["$LTSCALE"] = _DASH * metre
     for name in sorted({entity.dxf.layer for entity in space}):
         dashed = "DASHED" if "INFERRED" in name else "CENTER" if name == "SECTION-PLACE" else "CONTINUOUS"
         colour = {"OPENING": _GREEN, "CORNER": _MAGENTA, "FOLD-MEASURED": _RED}.get(name, _WHITE)
@@ -147,8 +153,10 @@ def _finish(document: Drawing, model: BuildingModel) -> None:
         heavy = 50 if name in ("PLAN-MEASURED", "SECTION-MEASURED") else 25
         document.layers.add(name, color=colour, linetype=dashed, lineweight=heavy)
     if len(model.faces):
-        low, high = model.drawn.min(axis=0), model.drawn.max(axis=0)
-        document.header["$EXTMIN"], document.header["$EXTMAX"] = tuple(low.tolist()), tuple(high.tolist())
+        low, high = metre * model.drawn.min(axis=0), metre * model.drawn.max(axis=0)
+        extents = tuple(low.tolist()), tuple(high.tolist())
+        space.reset_extents(*extents)  # the header is written from these, unless they begin at 0, 0, 0
+        document.header["$EXTMIN"], document.header["$EXTMAX"] = extents
         middle, size = (low + high) / 2, float((high - low)[:2].max())
         document.set_modelspace_vport(1.5 * size, (float(middle[0]), float(middle[1])))
 

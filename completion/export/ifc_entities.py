@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
+from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -15,7 +18,8 @@ from numpy.typing import NDArray
 from completion.export.building.faces import FaceFrame, polygons, rings
 from scenes.checks import FloatArray
 
-_DIGITS = 9  # behind the point of lengths in metres
+_DIGITS = 9  # behind the point of lengths
+_VIEW = "ReferenceView_V1.2"  # of IFC4: shapes to look at and measure, extruded or tessellated
 _GUID = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz_$"
 
 
@@ -41,7 +45,14 @@ class TypedValue:
     value: Value
 
 
-Value = Ref | Word | TypedValue | str | float | int | bool | None | Sequence["Value"]
+@dataclass(frozen=True, slots=True)
+class Exact:
+    """A positive number with all its digits, as of a conversion, where lengths are rounded."""
+
+    value: float
+
+
+Value = Ref | Word | TypedValue | Exact | str | float | int | bool | None | Sequence["Value"]
 
 
 class StepText:
@@ -84,19 +95,36 @@ class StepText:
         number = int.from_bytes(hashlib.sha256(self._content + key.encode()).digest()[:16])
         return "".join(_GUID[(number >> shift) & 63] for shift in range(126, -1, -6))
 
-    def text(self, name: str, schema: str) -> str:
-        """Return the whole file, which has a name but no date and no author."""
+    def text(self, name: str, schema: str, written: datetime) -> str:
+        """Return the whole file of an IFC schema, with its name and when it was written.
+
+        The header is that of the IFC file header policy, as buildingSMART's validation service checks it
+        (buildingSMART/ifc-gherkin-rules, buildingSMART/validate): a view definition of the schema, a time
+        stamp in ISO 8601, and company, application and version of the originating system.
+        """
+        version = _version()
+        unknown = "('not stated')"
         head = [
             "ISO-10303-21;",
             "HEADER;",
-            "FILE_DESCRIPTION(('ViewDefinition [NotYetAssigned]'),'2;1');",
-            f"FILE_NAME({_encode(name)},'',(''),(''),'unseen','unseen','');",
+            f"FILE_DESCRIPTION(('ViewDefinition [{_VIEW}]'),'2;1');",
+            f"FILE_NAME({_encode(name)},'{written.isoformat(timespec='seconds')}',{unknown},{unknown},"
+            f"'unseen {version}','The unseen developers - unseen - {version}','');",
             f"FILE_SCHEMA(({_encode(schema)}));",
             "ENDSEC;",
             "DATA;",
         ]
         body = [f"#{number}={line};" for number, line in enumerate(self._lines, start=1)]
         return "\n".join([*head, *body, "ENDSEC;", "END-ISO-10303-21;", ""])
+
+
+def _version() -> str:
+    """Digits of the release, as the header policy wants them; 0 where the package is not installed."""
+    try:
+        release = re.match(r"\d+(\.\d+)*", metadata.version("unseen"))
+    except metadata.PackageNotFoundError:
+        release = None
+    return release[0] if release else "0"
 
 
 def _encode(value: Value) -> str:
@@ -110,6 +138,8 @@ def _encode(value: Value) -> str:
             return value.name if value.name == "*" else f".{value.name}."
         case TypedValue():
             return f"{value.name.upper()}({_encode(value.value)})"
+        case Exact():
+            return _text_of(value.value)
         case bool():
             return ".T." if value else ".F."
         case int() | np.integer():
@@ -126,7 +156,11 @@ def _real(value: float) -> str:
     """A number with a point, which must be finite."""
     if not np.isfinite(value):
         raise ValueError(f"STEP files hold finite numbers, got {value}")
-    text = repr(round(value, _DIGITS) + 0.0)
+    return _text_of(round(value, _DIGITS) + 0.0)
+
+
+def _text_of(value: float) -> str:
+    text = repr(value)
     if "e" in text:
         mantissa, power = text.split("e")
         return f"{mantissa if '.' in mantissa else mantissa + '.'}E{power}"
@@ -156,14 +190,17 @@ class Shapes:
         Where it is written.
     origin : (3,) float
         The place of the world that is the file's origin, metres.
+    metre : float
+        A metre in the file's unit of length. All lengths that are given to methods are metres.
     """
 
     file: StepText
     origin: FloatArray
+    metre: float = 1.0
 
     def point(self, place: FloatArray) -> Ref:
-        """A point (2,) or (3,) in the file's coordinates."""
-        return self.file.add("IfcCartesianPoint", [np.asarray(place, dtype=np.float64).tolist()])
+        """A point (2,) or (3,) relative to the file's origin."""
+        return self.file.add("IfcCartesianPoint", [(self.metre * np.asarray(place, np.float64)).tolist()])
 
     def direction(self, vector: FloatArray) -> Ref:
         """A direction (2,) or (3,)."""
@@ -181,12 +218,16 @@ class Shapes:
 
     def extrude(self, area: Any, frame: FaceFrame, depth_m: float, low_m: float = 0.0) -> list[Ref]:
         """Solids that reach from `depth_m` behind the plane of a frame to `low_m` behind it, by polygon."""
-        corner = np.array(area.bounds[:2] if not area.is_empty else (0.0, 0.0))  # where profiles begin
+        if area.is_empty:
+            return []
+        corner = np.array(area.bounds[:2])  # where profiles begin
         axes = self.axes(frame.place(corner, -depth_m) - self.origin, frame.normal, frame.right)
         along = self.direction(np.array([0, 0, 1.0]))
         outline = shapely.transform(area, lambda uv: uv - corner)
         return [
-            self.file.add("IfcExtrudedAreaSolid", [self.profile(polygon), axes, along, depth_m - low_m])
+            self.file.add(
+                "IfcExtrudedAreaSolid", [self.profile(polygon), axes, along, self.metre * (depth_m - low_m)]
+            )
             for polygon in polygons(outline)
         ]
 
@@ -208,37 +249,37 @@ class Shapes:
 
     def sheet(self, area: Any, frame: FaceFrame) -> list[Ref]:
         """Flat faces with their holes, without thickness; none of an area that is empty."""
-        faces = []
-        for polygon in polygons(area):
-            bounds = []
-            for k, ring in enumerate(rings(polygon)):
-                points = [self.point(place) for place in frame.place(ring) - self.origin]
-                loop = self.file.add("IfcPolyLoop", [points])
-                name = "IfcFaceBound" if k else "IfcFaceOuterBound"
-                bounds.append(self.file.add(name, [loop, True]))
-            faces.append(self.file.add("IfcFace", [bounds]))
-        if not faces:
-            return []
-        together = self.file.add("IfcConnectedFaceSet", [faces])
-        return [self.file.add("IfcFaceBasedSurfaceModel", [[together]])]
+        return [self._facet(rings(polygon), frame) for polygon in polygons(area)]
 
-    def triangles(self, vertices: FloatArray, faces: NDArray[np.int64]) -> list[Ref]:
-        """Triangles (m, 3) of vertices (n, 3) of the world; none of no triangles."""
+    def _facet(self, outlines: Sequence[FloatArray], frame: FaceFrame) -> Ref:
+        """A flat face: its outer ring (n, 2), then those of its holes."""
+        places = self._point_list(frame.place(np.concatenate(outlines)))
+        ends = np.cumsum([len(ring) for ring in outlines])
+        outer, *holes = [
+            list(range(end - len(ring) + 1, end + 1))
+            for ring, end in zip(outlines, ends.tolist(), strict=True)
+        ]
+        if holes:
+            face = self.file.add("IfcIndexedPolygonalFaceWithVoids", [outer, holes])
+        else:
+            face = self.file.add("IfcIndexedPolygonalFace", [outer])
+        return self.file.add("IfcPolygonalFaceSet", [places, False, [face], None])
+
+    def _point_list(self, places: FloatArray) -> Ref:
+        """Points (n, 3) of the world."""
+        return self.file.add("IfcCartesianPointList3D", [(self.metre * (places - self.origin)).tolist()])
+
+    def triangles(self, vertices: FloatArray, faces: NDArray[np.int64], *, closed: bool = False) -> list[Ref]:
+        """Triangles (m, 3) of vertices (n, 3) of the world; none of no triangles.
+
+        Those that are `closed` face outwards and enclose a solid.
+        """
         if not len(faces):
             return []
         used, index = np.unique(faces, return_inverse=True)
-        places = self.file.add("IfcCartesianPointList3D", [(vertices[used] - self.origin).tolist()])
         numbers = (index.reshape(-1, 3) + 1).tolist()
-        return [self.file.add("IfcTriangulatedFaceSet", [places, None, False, numbers, None])]
-
-    def solid(self, vertices: FloatArray, faces: NDArray[np.int64]) -> list[Ref]:
-        """The solid within closed triangles (m, 3) that face outwards."""
-        refs = []
-        for corners in vertices[faces] - self.origin:
-            loop = self.file.add("IfcPolyLoop", [[self.point(place) for place in corners]])
-            bound = self.file.add("IfcFaceOuterBound", [loop, True])
-            refs.append(self.file.add("IfcFace", [[bound]]))
-        return [self.file.add("IfcFacetedBrep", [self.file.add("IfcClosedShell", [refs])])]
+        places = self._point_list(vertices[used])
+        return [self.file.add("IfcTriangulatedFaceSet", [places, None, closed, numbers, None])]
 
     def rod(self, ends: FloatArray, radius_m: float) -> list[Ref]:
         """A solid cylinder between the ends (2, 3) of its axis, world coordinates."""
@@ -247,9 +288,9 @@ class Shapes:
         axis = along / length
         right = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         axes = self.axes(ends[0] - self.origin, axis, right / np.linalg.norm(right))
-        profile = self.file.add("IfcCircleProfileDef", [Word("AREA"), None, None, radius_m])
+        profile = self.file.add("IfcCircleProfileDef", [Word("AREA"), None, None, self.metre * radius_m])
         up = self.direction(np.array([0, 0, 1.0]))
-        return [self.file.add("IfcExtrudedAreaSolid", [profile, axes, up, length])]
+        return [self.file.add("IfcExtrudedAreaSolid", [profile, axes, up, self.metre * length])]
 
 
 def outlines(area: Any) -> Sequence[FloatArray]:

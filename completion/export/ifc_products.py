@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Products: elements with geometry, colours, properties, quantities and openings, written as one."""
+"""Products: elements with geometry, colours, properties, quantities, openings and what fills these."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ from scenes.checks import FloatArray
 
 State = Literal["measured", "inferred", "partly"]
 _RATIO = "IfcNormalisedRatioMeasure"
-MEASURES = {"Length": "IfcQuantityLength", "Area": "IfcQuantityArea", "Volume": "IfcQuantityVolume"}
+_MEASURES = {
+    "Length": ("IfcQuantityLength", 1),
+    "Area": ("IfcQuantityArea", 2),
+    "Volume": ("IfcQuantityVolume", 3),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,14 +96,15 @@ def property_set(file: StepText, key: str, known: ProductEvidence) -> Ref:
     return file.add("IfcPropertySet", [identifier, None, "Unseen_Evidence", None, single])
 
 
-def quantity_set(file: StepText, key: str, name: str, quantities: Sequence[Quantity]) -> Ref:
-    """Return a set of quantities."""
-    refs = [
-        file.add(MEASURES[quantity.measure], [quantity.name, None, None, quantity.value, None], alone=True)
-        for quantity in quantities
-    ]
+def quantity_set(shapes: Shapes, key: str, name: str, quantities: Sequence[Quantity]) -> Ref:
+    """Return a set of quantities, in the file's units."""
+    file, refs = shapes.file, []
+    for quantity in quantities:
+        entity, power = _MEASURES[quantity.measure]
+        values = [quantity.name, None, None, quantity.value * shapes.metre**power, None]
+        refs.append(file.add(entity, values, alone=True))
     identifier = file.guid(f"{key} quantities")
-    return file.add("IfcElementQuantity", [identifier, None, name, None, None, refs])
+    return file.add("IfcElementQuantity", [identifier, None, name, None, "BaseQuantities", refs])
 
 
 def _ratio(share: float) -> float:
@@ -114,7 +119,7 @@ COLOURS: dict[str, tuple[tuple[float, float, float], float]] = {
 }
 """Red, green, blue, and transparency: what was inferred is blue in all pictures of a completion."""
 
-Representation = Literal["SweptSolid", "SurfaceModel", "Tessellation", "Brep", "Curve3D"]
+Representation = Literal["SweptSolid", "Tessellation", "Curve3D"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,17 +139,20 @@ class Hole:
     outline : OpeningOutline
         What it is.
     items : sequence of Ref
-        What it takes away of a body, or its outline where the element is a surface that has the hole.
+        What the body, or the surface, leaves out.
     representation : str
-        "SweptSolid" of what is taken away, "Curve3D" of an outline.
+        "SweptSolid" of a body, "Curve3D" of an outline.
     depth_m : float or None
         Thickness of the body; None where it is not known.
+    filling : str or None
+        Class of what closes it; None where that is not known.
     """
 
     outline: OpeningOutline
     items: Sequence[Ref]
     representation: Representation
     depth_m: float | None
+    filling: Literal["IfcDoor", "IfcWindow"] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,90 +195,118 @@ class Product:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contexts:
-    """Where geometry belongs: bodies, outlines on the floor, and what is only referred to."""
+    """Where geometry belongs: bodies, outlines on the floor and upright, and what is only referred to."""
 
     body: Ref
     foot_print: Ref
     reference: Ref
+    profile: Ref
 
 
-def write_product(shapes: Shapes, contexts: Contexts, above: Ref, product: Product) -> Ref:
-    """Return a product below a placement, with what belongs to it."""
+def write_product(shapes: Shapes, contexts: Contexts, above: Ref, product: Product) -> list[Ref]:
+    """Return a product below a placement, and the doors and windows in it."""
     file = shapes.file
     items = [item for piece in product.pieces for item in piece.items]
     for piece in product.pieces:
         for item in piece.items:
             file.add("IfcStyledItem", [item, [_style(file, piece.state)], None])
-    shape = shape_representation(file, contexts.body, "Body", product.representation, items)
+    shape = product_shape(file, [(contexts.body, "Body", product.representation, items)])
     tag = "-".join(map(str, product.evidence.surfaces))
-    values = [
-        *_product_attributes(shapes, above, product.key, product.described),
-        shape,
-        tag,
-        Word(product.predefined),
-    ]
-    element = file.add(product.entity, values)
-    define(file, product.key, element, product.evidence, (product.quantities_of, product.quantities))
+    placement = shapes.placement(above)
+    values = [*_product_attributes(file, product.key, product.described), placement, shape, tag]
+    element = file.add(product.entity, [*values, Word(product.predefined)])
+    define(shapes, product.key, element, product.evidence, (product.quantities_of, product.quantities))
+    written = [element]
     for k, hole in enumerate(product.holes, start=1):
-        _write_hole(shapes, contexts, above, (element, hole), f"{product.key} opening {k}")
-    return element
+        key = f"{product.key} opening {k}"
+        opening_at = shapes.placement(placement)
+        opening = _write_hole(shapes, contexts, opening_at, (element, hole), key)
+        if hole.filling is not None:
+            written.append(_write_filling(shapes, contexts, opening_at, (opening, hole), key))
+    return written
 
 
-def shape_representation(
-    file: StepText, context: Ref, identifier: str, kind: str, items: Sequence[Ref]
+def product_shape(
+    file: StepText, representations: Sequence[tuple[Ref, str, Representation, Sequence[Ref]]]
 ) -> Ref | None:
-    """Return a product's shape; None of nothing."""
-    if not items:
-        return None
-    shape = file.add("IfcShapeRepresentation", [context, identifier, kind, list(items)], alone=True)
-    return file.add("IfcProductDefinitionShape", [None, None, [shape]])
+    """Return a product's shape of representations: context, identifier, type, items; None of nothing."""
+    shapes = [
+        file.add("IfcShapeRepresentation", [context, identifier, kind, list(items)], alone=True)
+        for context, identifier, kind, items in representations
+        if items
+    ]
+    return file.add("IfcProductDefinitionShape", [None, None, shapes]) if shapes else None
 
 
 def define(
-    file: StepText, key: str, element: Ref, known: ProductEvidence, quantities: tuple[str, Sequence[Quantity]]
+    shapes: Shapes,
+    key: str,
+    element: Ref,
+    known: ProductEvidence,
+    quantities: tuple[str, Sequence[Quantity]],
 ) -> None:
     """Attach what is known of an element, and its quantities where there are any."""
+    file = shapes.file
     definitions = [property_set(file, key, known)]
     if quantities[1]:
-        definitions.append(quantity_set(file, key, *quantities))
+        definitions.append(quantity_set(shapes, key, *quantities))
     for k, definition in enumerate(definitions):
         identifier = file.guid(f"{key} definition {k}")
         file.add("IfcRelDefinesByProperties", [identifier, None, None, None, [element], definition])
 
 
-def _write_hole(shapes: Shapes, contexts: Contexts, above: Ref, of: tuple[Ref, Hole], key: str) -> None:
+def _write_hole(shapes: Shapes, contexts: Contexts, placement: Ref, of: tuple[Ref, Hole], key: str) -> Ref:
+    """An opening, whose shape is only referred to: that of its element leaves it out already."""
     element, hole = of
     file, outline = shapes.file, hole.outline
-    is_body = hole.representation == "SweptSolid"
-    shape = shape_representation(
-        file,
-        contexts.body if is_body else contexts.reference,
-        "Body" if is_body else "Reference",
-        hole.representation,
-        hole.items,
-    )
+    shape = product_shape(file, [(contexts.reference, "Reference", hole.representation, hole.items)])
     sentence = f"{outline.kind} by its place and size; nothing else says so"
-    values = [*_product_attributes(shapes, above, key, sentence), shape, None, Word("OPENING")]
+    values = [*_product_attributes(file, key, sentence), placement, shape, None, Word("OPENING")]
     opening = file.add("IfcOpeningElement", values)
-    identifier = file.guid(f"{key} voids")
-    file.add("IfcRelVoidsElement", [identifier, None, None, None, element, opening])
-    evidence = ProductEvidence(
-        surfaces=(outline.surface,),
-        measured_share=None,
-        sd_m=None,
-        confidence=None,
-        more={"Guess": outline.kind},
-    )
+    file.add("IfcRelVoidsElement", [file.guid(f"{key} voids"), None, None, None, element, opening])
+    known = ProductEvidence((outline.surface,), None, None, None, more={"Guess": outline.kind})
     lengths = [("Width", outline.width_m), ("Height", outline.height_m)]
     if hole.depth_m is not None:
         lengths.append(("Depth", hole.depth_m))
     quantities = [Quantity(name, "Length", value) for name, value in lengths]
-    define(file, key, opening, evidence, ("Qto_OpeningElementBaseQuantities", quantities))
+    define(shapes, key, opening, known, ("Qto_OpeningElementBaseQuantities", quantities))
+    return opening
 
 
-def _product_attributes(shapes: Shapes, above: Ref, key: str, sentence: str) -> list[Ref | str | None]:
+_FILLINGS = {
+    "IfcDoor": ("DOOR", "Qto_DoorBaseQuantities"),
+    "IfcWindow": ("WINDOW", "Qto_WindowBaseQuantities"),
+}
+
+
+def _write_filling(
+    shapes: Shapes, contexts: Contexts, opening_at: Ref, of: tuple[Ref, Hole], key: str
+) -> Ref:
+    """The door or window of an opening: its outline, since beams saw the hole and no leaf."""
+    opening, hole = of
+    file, outline, entity = shapes.file, hole.outline, str(hole.filling)
+    predefined, quantities_of = _FILLINGS[entity]
+    lines = [shapes.world_loop(outline.points)]
+    shape = product_shape(file, [(contexts.profile, "Profile", "Curve3D", lines)])
+    key = f"{key} {predefined.lower()}"
+    sizes = [shapes.metre * size for size in (outline.height_m, outline.width_m)]
+    values = [
+        *_product_attributes(file, key, "inferred from its opening; no leaf or pane was measured"),
+        shapes.placement(opening_at), shape, None, *sizes, Word(predefined), Word("NOTDEFINED"), None,
+    ]  # fmt: skip
+    element = file.add(entity, values)
+    file.add("IfcRelFillsElement", [file.guid(f"{key} fills"), None, None, None, opening, element])
+    basis = "reaches down to the floor" if entity == "IfcDoor" else "begins above a sill"
+    known = ProductEvidence((outline.surface,), 0.0, None, None, more={"Basis": f"the opening {basis}"})
+    lengths = [Quantity("Width", "Length", outline.width_m), Quantity("Height", "Length", outline.height_m)]
+    area = Quantity("Area", "Area", outline.width_m * outline.height_m)
+    define(shapes, key, element, known, (quantities_of, [*lengths, area]))
+    return element
+
+
+def _product_attributes(file: StepText, key: str, sentence: str) -> list[Ref | str | None]:
     """The attributes that all products begin with."""
-    return [shapes.file.guid(key), None, key, sentence, None, shapes.placement(above)]
+    return [file.guid(key), None, key, sentence, None]
 
 
 def _style(file: StepText, state: str) -> Ref:

@@ -113,7 +113,8 @@ def observe(
     moved = scan.with_facts(world_from_sensor=pose)
     known = scan.sigma_m if sigma_m is None else sigma_m
     noise = estimate_noise(moved) if known is None else RangeNoise(float(known), 0.0)
-    noise = replace(noise, common_m=scan.step_m / np.sqrt(12))
+    hidden = 0.0 if noise.is_triangulated else noise.step_m  # whose bends hold it otherwise
+    noise = replace(noise, common_m=max(scan.step_m, hidden) / np.sqrt(12))
     shadow = find_shadow(moved) if projector_m is None else shadow_of(projector_m)
     mixed = find_mixed(moved.ranges, noise.numbers())
     beams = MixedBeams.of(moved.ranges, mixed)

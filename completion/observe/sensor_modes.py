@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from completion.fitting.rounding import rounding_modes
 from completion.observe.observation import Observation
 from scenes.checks import FloatArray
 
@@ -76,11 +77,11 @@ def range_displacements(seen: Observation, points: FloatArray) -> FloatArray:
 
 
 def rounding_displacements(seen: Observation, points: FloatArray) -> FloatArray:
-    """Return how far rounded coordinates move points (n, 3) of a plane, along each axis: (3, n, 3), metres.
+    """Return how far rounded coordinates move points (n, 3) of a surface: (12, n, 3), metres.
 
     Rounding moves each surface by itself, unlike the errors of a sensor.
     """
-    return np.asarray(seen.noise.common_m * np.broadcast_to(np.eye(3)[:, None], (3, len(points), 3)))
+    return rounding_modes(points, np.sqrt(12) * seen.noise.common_m)
 
 
 def _of_camera(seen: Observation, points: FloatArray) -> FloatArray:

@@ -37,7 +37,7 @@ from completion.observe.user_options import Mode
 from completion.registration.correction import Registration
 from completion.relations.pipeline import SurfaceRelations
 from completion.result.audit import AuditResult
-from completion.result.doubts import doubts_of
+from completion.result.doubts import doubts_of, ground_doubts
 from completion.result.flat_scans import FlatScan, flat_doubts
 from completion.result.labelled_points import (
     LabelledPoints,
@@ -419,7 +419,9 @@ class CompletedModel:
             self.observations, self.patches, self.registration, self.unconfirmed, self.relations
         )
         told_of_up = (self.up.word,) if self.up.word else ()
-        return (*told_of_up, *doubts, *flat_doubts(self.flattened))
+        up = self.up.within(self.world_from_reference).direction
+        ground = ground_doubts(self.patches, self.completed.room, self.observations, up)
+        return (*told_of_up, *doubts, *ground, *flat_doubts(self.flattened))
 
     def anchor(self, number: int) -> FloatArray:
         """Return a measured point (3,) deep inside surface `number`, from 1: its name in edits.

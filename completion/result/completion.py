@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from itertools import chain
 from os import PathLike
 from pathlib import Path
@@ -26,6 +28,7 @@ from completion.result.record import ObservedDetail, completion_record, polygons
 from completion.result.verification import Verification
 from scenes.checks import InputError
 from scenes.io.e57_writer import write_e57
+from scenes.io.format import Units
 from scenes.io.glb_writer import glb_of
 from scenes.io.obj import write_obj
 from scenes.io.ply import PlyMesh
@@ -129,7 +132,7 @@ class Completion(CompletedModel):
             raise InputError(f"the tolerance is {tolerance_m} m: give a positive length")
         return decision_sheet(of or self.building(), tolerance_m)
 
-    def export(self, path: str | PathLike[str]) -> list[Path]:
+    def export(self, path: str | PathLike[str], *, units: Units = "m") -> list[Path]:
         """Write the whole model to one file by suffix; return all files that were written.
 
         `.glb` and `.obj` (with `.mtl` and textures) are meshes whose objects are called `observed ...` and
@@ -137,7 +140,9 @@ class Completion(CompletedModel):
         plan to scale with dimensions; `.ifc` walls, slabs, openings, rooms and columns for BIM (IFC4).
         `.e57` holds the scans as they are, with the poses used, and a cloud `inferred ...` for each surface,
         whose points say surface, provenance, confidence and deviation. `.json` holds the polygons. Where up
-        is not z, the drawings are turned so that it is, and say by which 4x4 matrix.
+        is not z, the drawings are turned so that it is, and say by which 4x4 matrix. `units` is the unit of
+        length of `.dxf` and `.ifc`; all others are in metres. `.ifc` has the time of writing, or that of the
+        environment variable SOURCE_DATE_EPOCH (seconds since 1970) for equal bytes.
 
         Raises
         ------
@@ -153,7 +158,7 @@ class Completion(CompletedModel):
                 "save"
             )
         building = self.building() if suffix in _BUILDINGS else None
-        return _export(self, target, building)
+        return _export(self, target, building, units)
 
 
 def write_model(
@@ -164,6 +169,7 @@ def write_model(
     building: BuildingParts,
     decisions: DecisionSheet,
     exports: Sequence[str] = (),
+    units: Units = "m",
 ) -> None:
     """Derive all that the files of a completion hold, then write them, whole or not at all.
 
@@ -181,6 +187,8 @@ def write_model(
         What decisions.csv holds.
     exports : sequence of "glb", "obj", "dxf", "svg", "ifc", "e57" or "json"
         Formats of further files, called completed.
+    units : "mm", "cm", "m", "in", "ft" or "us-ft"
+        Unit of length of DXF and IFC.
 
     Raises
     ------
@@ -192,7 +200,7 @@ def write_model(
     with hold_lock(target), Stage(target) as stage:
         for name in ("completed.glb", "polygons.json", *(f"completed.{name}" for name in exports)):
             path = stage.path(name)
-            _export(completion, path, building)
+            _export(completion, path, building, units)
         for name, parts in (
             ("observed.ply", completion.observed_parts(int(record["observed_step"]))),
             ("hypothesised.ply", completion.hypothesised_parts()),
@@ -219,17 +227,19 @@ def world_meshes(completion: CompletedModel, parts: Iterable[LabelledPoints]) ->
         yield PlyMesh(completion.world_from_reference.apply(points.vertices), points.faces, known)
 
 
-def _export(completion: Completion, path: Path, building: BuildingParts | None) -> list[Path]:
+def _export(
+    completion: Completion, path: Path, building: BuildingParts | None, units: Units = "m"
+) -> list[Path]:
     """Write one file by its suffix; return all that were written. DXF, SVG and IFC need the building."""
     match path.suffix.lower():
         case ".dxf" if building is not None:
             from completion.export.dxf import dxf_of  # its library is loaded where it is asked for
 
-            write_bytes(path, dxf_of(building.model))
+            write_bytes(path, dxf_of(building.model, units))
         case ".svg" if building is not None:
             write_text(path, svg_of(building))
         case ".ifc" if building is not None:
-            write_text(path, ifc_of(building, path.name))
+            write_text(path, ifc_of(building, path.name, written=_now(), units=units))
         case ".obj":
             return write_obj(model_parts(completion), path, _COMMENTS)
         case ".glb":
@@ -240,3 +250,9 @@ def _export(completion: Completion, path: Path, building: BuildingParts | None) 
         case ".json":
             write_json(path, polygons_record(completion))
     return [path]
+
+
+def _now() -> datetime:
+    """The time of writing, or that which reproducible builds name (SOURCE_DATE_EPOCH)."""
+    named = os.environ.get("SOURCE_DATE_EPOCH", "")
+    return datetime.fromtimestamp(int(named), UTC) if named.isdecimal() else datetime.now(UTC)

@@ -14,12 +14,20 @@ from completion.registration.correction import Registration
 from completion.registration.registered import pose_doubts
 from completion.relations.pipeline import SurfaceRelations
 from completion.relations.relation import RelationStatus, kind_text
+from completion.room.roles import Room
+from scenes.checks import FloatArray
+from scenes.inclination import LEVEL_COSINE
 from scenes.scan.doubts import merge_warnings
+from scenes.scan.projection import SphericalProjection
+from scenes.surfaces.plane import Plane
 
 _ROUGH_M = 0.01  # root mean square from which residuals are centimetres
 _TIMES = 3.0  # the range noise, beyond which it does not explain them
 _NAMED = 5  # surfaces that are named; more are counted
 _SURE = 3.0  # standard deviations by which relations move a surface that are worth a warning
+_ABOVE = 0.5  # sine of the elevation, 30 deg, from which on beams go over walls nearby
+_WALLED = 0.7  # of the four ways along the plan's axes: three of them
+_GROUND_M2, _GROUND_SHARE = 1.0, 0.1  # of inferred area that is open ground, worth a warning
 _FEW_PX = 1000  # of a surface that are looked at
 
 
@@ -51,6 +59,45 @@ def doubts_of(
             "kept as measured"
         )
     return (*doubts, *([_rough_text(rough)] if rough else []))
+
+
+def ground_doubts(
+    patches: Sequence[Patch], room: Room, observations: Sequence[Observation], up: FloatArray
+) -> tuple[str, ...]:
+    """Return a sentence where inferred area continues open ground: it is seldom as level as a floor.
+
+    A panorama is outdoors where most of its beams upwards met nothing, or where it has none. There, ground is
+    what is inferred on level planes, by the direction `up` (3,), below the scanners where walls end it on
+    fewer than three of four sides.
+    """
+    if "ceiling" in room.roles or not any(_is_open_above(seen, up) for seen in observations):
+        return ()
+    eye = min(float(seen.scan.origin @ up) for seen in observations)
+    inferred = ground = 0.0
+    for patch in patches:
+        inferred += patch.hypothesised_m2
+        surface = patch.source.fit.surface
+        if not isinstance(surface, Plane) or abs(surface.normal_direction @ up) < LEVEL_COSINE:
+            continue
+        places = patch.grid.centres()[patch.hypothesised.ravel()]
+        is_open = (places @ up < eye) & (room.closed_at(places) < _WALLED)
+        ground += float(is_open.sum()) * patch.grid.cell_area
+    if ground < max(_GROUND_M2, _GROUND_SHARE * inferred):
+        return ()
+    return (
+        f"{ground:.0f} of {inferred:.0f} m2 inferred continue a level surface below the scanner that walls "
+        "bound on fewer than three sides, with nothing above: outdoors ground is seldom level, nor the same "
+        "under cars and plants; leave it out by --only wall, or rely on what was measured",
+    )
+
+
+def _is_open_above(seen: Observation, up: FloatArray) -> bool:
+    """Whether a scan is a panorama whose beams upwards, if it has any, met nothing for the most part."""
+    projection = seen.scan.projection
+    if not isinstance(projection, SphericalProjection) or np.ptp(projection.azimuths) < np.pi:
+        return False
+    above = projection.directions() @ seen.scan.world_from_sensor.rotation.T @ up > _ABOVE
+    return not above.any() or bool(seen.scan.valid[above].mean() < 0.5)
 
 
 def _of_relations(relations: SurfaceRelations | None) -> list[str]:

@@ -98,8 +98,9 @@ def run_complete(shared: Shared, how: CompleteOptions) -> None:
         lines += lines_of_decisions(decisions)
         del verification  # a completion of its own: it is gone before the files are made
         write_model(
-            completion, run.stage.folder, record, building=building, decisions=decisions, exports=how.exports
-        )
+            completion, run.stage.folder, record, building=building, decisions=decisions,
+            exports=how.exports, units=how.export_units,
+        )  # fmt: skip
         del building
         # Report
         run.watch.enter("report")

@@ -16,7 +16,7 @@ from completion.pipeline import complete
 from nbv.commands.options import CoverageOptions, Shared
 from nbv.commands.process import Run, start_run
 from nbv.coverage.coverage import STATES, Coverage, VisibilityHistory
-from nbv.coverage.measurement import measure_coverage, measure_scan_coverage
+from nbv.coverage.measurement import check_scans, measure_coverage, measure_scan_coverage
 from nbv.coverage.surface_classes import KnownSurfaces
 from nbv.coverage.unreachable import coverage_record
 from nbv.plan.plan import read_plan
@@ -144,11 +144,12 @@ def _measure(run: Run, world: Scene, request: CoverageOptions) -> _MeasuredCover
         )  # fmt: skip
         coverage = replace(coverage, apart_m2=apart)
         return _MeasuredCoverage(coverage, views, _history(coverage), sensor, [])
-    given = read_request(request.request()).with_z_up(request.up)
+    given = read_request(request.request()).with_z_up(world.file_up)
     run.warn(given.doubts)
     sensor = load_sensor(request.sensor)
     run.will_call(select_facing, 10)
     caster = world.ray_caster(threads)
+    run.warn(check_scans(world.mesh, caster, given.scans))
     standing, samples, apart = _resolve_candidates(run, world, sensor, request)
     coverage = measure_scan_coverage(
         world, given.scans, requirement, samples=samples, candidates=standing.candidates, sensor=sensor,
@@ -244,12 +245,12 @@ def _run_scan_coverage(shared: Shared, request: CoverageOptions) -> None:
         if request.register:
             placed = register_request(scan_request, n_threads=shared.threads, progress=run.progress)
             given, options = (
-                placed.given.with_z_up(request.up),
+                placed.given.with_z_up(request.up or "z"),
                 replace(options, pose_deviations_m=placed.deviations_m),
             )
             placement = [placed.summary]
         else:
-            given = read_request(scan_request).with_z_up(request.up)
+            given = read_request(scan_request).with_z_up(request.up or "z")
         run.warn(given.doubts)
         run.watch.enter("voxels")
         scans = [with_known_noise(scan) for scan in given.scans]

@@ -14,6 +14,7 @@ from completion.fitting.patches.joins import PatchRequest, read_boundaries
 from completion.fitting.patches.pipeline import PatchFit, fit_patch
 from completion.fitting.pipeline import fit
 from completion.fitting.result import FitError, SurfaceFit, inflated, surface_parameters
+from completion.fitting.rounding import allow_for_rounding
 from completion.fitting.selection import Selection, select
 from completion.fitting.shape import Shape
 from nbv.commands.options import FitOptions, Shared
@@ -73,11 +74,14 @@ def fit_record(
     """Return a fit ready for JSON: first what scripts rely on, in this order, then more.
 
     Lengths in metres; deviations of directions in radians, what ends in `_deg` in degrees. The deviations
-    hold for independent residuals; `standard_deviation_correlated` allows for neighbours that err alike.
+    hold for independent residuals and coordinates in steps; `standard_deviation_correlated` allows for
+    neighbours that err alike.
     `evidence` says how many times more probable the chosen shape is than each other, null where the shape
     was asked for. `held` names what was given and held exactly; its deviation is 0.
     """
-    correlated = inflated(fitted, cloud.points)
+    used = cloud.points if fitted.inliers is None else cloud.points[fitted.inliers]
+    correlated = allow_for_rounding(inflated(fitted, cloud.points), used, cloud.step_m)
+    fitted = allow_for_rounding(fitted, used, cloud.step_m)
     return {
         "shape": fitted.surface.kind,
         "parameters": fitted.parameters(),

@@ -187,7 +187,7 @@ def _noise() -> Any:
 
 
 def _up() -> Any:
-    return option("--up", "Up axis of the file.", "z")
+    return option("--up", "Up axis of the file.", None, shown="z; y of GLB and glTF")
 
 
 def _scan_up() -> Any:
@@ -245,7 +245,7 @@ class ScanOptions:
     sensor: str = _sensor()
     noise: str = _noise()
     truth: bool = option("--no-truth", "Leave out the true surface of each pixel.", True, is_negated=True)
-    up: Axis = _up()
+    up: Axis | None = _up()
     units: Units = _units()
 
     def check(self) -> None:
@@ -312,7 +312,7 @@ class PlanOptions:
     )  # fmt: skip
     noise: str = _noise()
     scheduler: str | None = _scheduler()
-    up: Axis = _up()
+    up: Axis | None = _up()
     units: Units = _units()
 
     def check(self) -> None:
@@ -363,7 +363,7 @@ class CoverageOptions:
     site: SiteOptions = group(SiteOptions, ("start", "several_heights"))
     without: tuple[str, ...] = _without()
     inference: Mode = option("--inference", "Without SCENE: how far surfaces are continued.", "standard")
-    up: Axis = _up()
+    up: Axis | None = _up()
     units: Units = _units()
 
     def check(self) -> None:
@@ -418,6 +418,7 @@ class CompleteOptions(UserOptions):
         "--export", "Also write completed.obj or .e57, drawings as .dxf or .svg, BIM as .ifc; repeat it.", (),
         metavar="|".join(EXPORTS), shown=False, is_repeated=True, parse=choices(EXPORTS),
     )  # fmt: skip
+    export_units: Units = option("--export-units", "Length unit of the .dxf and .ifc exports.", "m")
     tolerance_m: float = option(
         "--tolerance", 'Largest half-width of the 95 % interval for "rely".', 0.01, metavar="M",
         limits=NumberRange(least=1e-6, most=100.0),
@@ -610,13 +611,13 @@ class RegisterOptions:
         "--check", "Compute no pose; report how far beams contradict the given poses.", False
     )
     level: float = option("--level", "Accepted probability of a false registration.", 0.01, metavar="P")
-    read: ReadOptions = group(ReadOptions, ("origins", "poses", "trajectory"))
+    read: ReadOptions = group(ReadOptions, ("poses", "trajectory"))
     units: Units = _units()
-    up: Axis = _up()
+    up: Axis | None = _up()
 
     def request(self) -> ScanRequest:
         """Return the scans."""
-        return self.read.request(self.scans, self.units, self.up, self.start)
+        return self.read.request(self.scans, self.units, self.up or "z", self.start)
 
     def record(self) -> dict[str, Any]:
         """Return the options beside those of the scans, for manifest and report."""
@@ -628,6 +629,6 @@ class InfoOptions:
     """A file to describe."""
 
     file: str = argument("FILE", "Any file, or an output folder.")
-    up: Axis = _up()
+    up: Axis | None = _up()
     units: Units = _units()
     read: ReadOptions = group(ReadOptions, ("origins", "poses"))

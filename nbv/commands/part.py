@@ -77,6 +77,7 @@ def _model_file(
         progress=run.progress,
         journal=run.journal(request.record()),
     )
+    segmentation = segmentation.allow_for_rounding(held.points, held.step_m)
     wanted = None if request.relations == "off" else MACHINED
     part = relate_part(shape, segmentation, relations=wanted, stated=stated, progress=run.progress)
     return replace(part, warnings=(*held.warnings, *part.warnings))

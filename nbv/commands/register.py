@@ -42,7 +42,7 @@ def run_register(shared: Shared, how: RegisterOptions) -> None:
                 given.scans,
                 level=how.level,
                 upright=how.upright,
-                up=axis_direction(how.up),
+                up=axis_direction(how.up or "z"),
                 started=request.poses is not None,
                 n_threads=shared.threads,
                 progress=run.progress,

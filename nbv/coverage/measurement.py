@@ -13,15 +13,28 @@ from nbv.coverage.coverage import MET, NEVER, REACHABLE, UNREACHABLE, Coverage, 
 from nbv.scanning.sensor import Sensor, View
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.candidates import find_standing, restrict_to_rooms, samples_that_count
-from nbv.visibility.limits import GRAZING_COSINE, ROUNDING_M, STEEPEST_SLOPE
+from nbv.visibility.limits import (
+    FOREIGN,
+    GRAZING_COSINE,
+    MOSTLY_SAME,
+    ROUNDING_M,
+    SAME_SCENE,
+    SAME_SCENE_M,
+    STEEPEST_SLOPE,
+)
 from nbv.visibility.requirement import Requirement, SightLimits
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.visibility import Progress, Reachability, find_reachable, visible_from_view
 from scenes.checks import BoolArray, FloatArray, InputError
+from scenes.inclination import LEVEL_COSINE
+from scenes.limits import NEARLY_ALL
+from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
+
+_CAST = 20_000  # beams of a scan that tell whether it is of a scene
 
 
 @dataclass(slots=True, eq=False)
@@ -296,6 +309,39 @@ def measured_samples(
         agrees = np.abs(scan.ranges[row, column] - distance) <= tolerance
     agrees &= (cosine >= GRAZING_COSINE) & (distance <= max_range_m)
     return index[agrees], cosine[agrees]
+
+
+def check_scans(mesh: LabelledMesh, caster: RayCaster, scans: Sequence[RangeImage]) -> tuple[str, ...]:
+    """Return a sentence on each scan of whose beams most do not end at the surface that they meet first.
+
+    Up to 20,000 beams that came back are cast; they agree within 5 cm, or 1 % of the range. Floors and
+    ceilings tell nothing where there is more, since other buildings have theirs at the same height.
+
+    Raises
+    ------
+    InputError
+        Fewer than 2 % agree: the scan is of another place, in other coordinates or in another unit.
+    """
+    doubts, normals = [], mesh.face_normals()
+    for scan in scans:
+        valid = np.flatnonzero(scan.valid)
+        few = valid[:: -(-len(valid) // _CAST) or 1]
+        rays, ranges = scan.rays().reshape(-1, 3)[few], scan.ranges.ravel()[few]
+        hits = caster.first_hit(np.broadcast_to(scan.origin, rays.shape), rays)
+        agrees = np.abs(hits.ranges - ranges) <= np.maximum(SAME_SCENE_M, SAME_SCENE * ranges)
+        is_level = hits.hit & (np.abs(normals[hits.face, 2]) > LEVEL_COSINE)
+        what = "beams" if is_level.mean() > NEARLY_ALL else "beams beside floors and ceilings"
+        telling = agrees if is_level.mean() > NEARLY_ALL else agrees[~is_level]
+        n_same, n_all = int(np.count_nonzero(telling)), len(telling)
+        text = f"{scan.name}: {n_same:,} of {n_all:,} {what} meet the scene within 5 cm or 1 % of the range"
+        if n_same < FOREIGN * n_all:
+            raise InputError(
+                f"{text}: the scan is of another place: poses "
+                "must be in the scene's coordinates; check --poses, --units and --up"
+            )
+        if n_same < MOSTLY_SAME * n_all:
+            doubts.append(f"{text}; is the scan of this scene, and are --poses, --units and --up right?")
+    return tuple(doubts)
 
 
 def _one_requirement(requirement: Requirement | None, max_incidence_deg: float | None) -> Requirement:

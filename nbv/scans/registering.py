@@ -88,10 +88,9 @@ def register_request(
             f"{'it' if len(others) == 1 else 'them'} to the other {len(kept)}: {', '.join(others)}"
         )
     placed = replace(
-        given,
+        given.pick(kept),
         scans=tuple(given.scans[k].with_facts(world_from_sensor=poses[k]) for k in kept),
         doubts=(*given.doubts, *doubts_of_poses(registration, names), *told_of),
-        paths=tuple(given.paths[k] for k in kept),
     )
     sentence = placement_told(registration, group, names)
     return PlacedScans(placed, tuple(_deviation(registration, k) for k in kept), sentence)
@@ -129,11 +128,7 @@ def without_copies(given: GivenScans) -> tuple[GivenScans, list[str]]:
     sentences = [
         f"{text}; it is taken once" for text in copies_told([Path(n).name for n in given.names], copies)
     ]
-    return replace(
-        given,
-        scans=tuple(given.scans[k] for k in kept),
-        paths=tuple(given.paths[k] for k in kept),
-    ), sentences
+    return given.pick(kept), sentences
 
 
 def placement_told(registration: Registered, group: Network, names: Sequence[str]) -> str:

@@ -43,7 +43,7 @@ class SceneEntry(Entry):
 
     scene: str = Field(min_length=1)
     spacing_m: Positive | None = None
-    up: Literal["x", "y", "z"] = "z"
+    up: Literal["x", "y", "z"] | None = None
     units: Literal["mm", "cm", "m", "in", "ft", "us-ft"] = "m"
     mode: Literal["room", "object"] | None = None
 

@@ -106,6 +106,12 @@ MOST_POSITIONS = 600
 """Of a lattice without rooms: beyond it the lattice is coarser. By choice: time grows with it."""
 SAME_M = 1e-6
 """Coordinates that differ by less are the same: rounding of files and of turned scenes."""
+SAME_SCENE_M, SAME_SCENE = 0.05, 0.01
+"""A beam ends at the surface of a scene to within so many metres, or that part of its range. By choice:
+models of buildings as designed are off by centimetres."""
+FOREIGN, MOSTLY_SAME = 0.02, 0.5
+"""A scan of which a smaller share of beams does so is of another place; one below the second is doubted,
+since furniture may hide the half of a bare model. By choice."""
 CLEARANCE_FINENESS = 5.0
 """Samples of the surface along the clearance: distances are then right to a hundredth of it (half the
 diagonal of a cell over the clearance, squared, halved)."""

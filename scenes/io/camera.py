@@ -25,8 +25,10 @@ _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's 
 _LISTS = ("distortion", "dist_coeffs", "distortion_coeffs", "distortion_coefficients")
 _LENGTHS = (0, 4, 5, 8)  # of such a list
 _MODEL_NAMES = ("distortion_model", "camera_model", "model")
-_MODELS = ("none", "pinhole", "simple_radial", "radial", "opencv", "full_opencv", "brown", "brown_conrady",
-           "plumb_bob", "radtan", "rational_polynomial")  # fmt: skip
+_MODELS = ("none", "pinhole", "simple_pinhole", "perspective", "simple_radial", "radial", "opencv",
+           "full_opencv", "brown", "brown_conrady", "plumb_bob", "radtan", "rational_polynomial")  # fmt: skip
+_BENT_PX = 0.1  # from a pixel, at which its ray must come out again
+_FOLDED_PX = 2.0  # from a pixel: a point farther off lies where the polynomial turned back
 _MATRIX, _PIXELS = "intrinsic_matrix", ("fx", "fy", "cx", "cy")
 _KNOWN = {_MATRIX, *_PIXELS, "width", "height", "depth_scale", "depth_encoding", *_COEFFICIENTS, *_LISTS,
           *_MODEL_NAMES}  # fmt: skip
@@ -117,7 +119,7 @@ def read_camera(folder: Path) -> Camera:
 
 
 def intrinsics_of(matrix: FloatArray) -> Intrinsics:
-    """Return fx, fy, cx, cy of a camera matrix (3, 3)."""
+    """Return fx, fy, cx, cy of a camera matrix (3, 3) or (4, 4)."""
     return float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2])
 
 
@@ -144,13 +146,16 @@ def _of_values(values: Mapping[str, Any], name: str) -> Camera:
         depth_scale=float(values["depth_scale"]) if values.get("depth_scale") is not None else None,
         image_size=(int(values["width"]), int(values["height"])) if "width" in values else None,
         depth_encoding=check_encoding(values.get("depth_encoding", "linear")),
-        distortion=_distortion(values),
+        distortion=distortion_of(values),
         warnings=(f"{name}: keys that are not known were left out: {unknown[:200]}",) if unknown else (),
     )
 
 
-def _distortion(values: Mapping[str, Any]) -> tuple[float, ...]:
-    """Coefficients in OpenCV's order, nothing where all are 0."""
+def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
+    """Return the coefficients in OpenCV's order, nothing where all are 0; by name or as a list.
+
+    Raises InputError: another number of them, or of a camera model that is not known.
+    """
     listed: Any = next((values[key] for key in _LISTS if values.get(key)), [])
     coefficients = [float(number) for number in np.ravel(listed)]
     coefficients = coefficients or [float(values.get(key) or 0.0) for key in _COEFFICIENTS]
@@ -161,13 +166,16 @@ def _distortion(values: Mapping[str, Any]) -> tuple[float, ...]:
     if not any(coefficients):
         return ()
     for key in _MODEL_NAMES:
-        model = re.sub(r"\W+", "_", str(values.get(key) or "none").lower())
-        if model not in _MODELS:
-            raise InputError(
-                f"its {key} {values[key]!r} is not known (known: {', '.join(_MODELS)}); "
-                "undistort the images first"
-            )
+        check_model(values.get(key), key)
     return tuple(coefficients)
+
+
+def check_model(name: object, key: str = "camera model") -> None:
+    """Raise InputError when a camera model, by name, is none of OpenCV's without fisheye."""
+    if re.sub(r"\W+", "_", str(name or "none").lower()) not in _MODELS:
+        raise InputError(
+            f"its {key} {name!r} is not known (known: {', '.join(_MODELS)}); undistort the images first"
+        )
 
 
 def undistorted(
@@ -176,6 +184,10 @@ def undistorted(
     """Return the scan of a distorted image as of the same camera without distortion; its points stay exact.
 
     `depth_m` (rows, columns) is along the optical axis, metres; `distortion` is in OpenCV's order and model.
+    A warning says by how much pixels move at most, another how many no ray reaches, as where a polynomial
+    that was fitted to the middle of an image turns back.
+
+    Raises InputError: no ray reaches any pixel.
     """
     import cv2  # slow to import, and rarely needed
 
@@ -183,15 +195,27 @@ def undistorted(
     lens = np.array(distortion)
     columns, rows = np.meshgrid(np.arange(camera.width, dtype=np.float64), np.arange(float(camera.height)))
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
-    rays = cv2.undistortPoints(pixels, matrix, lens, criteria=(3, 50, 1e-9)).reshape(*scan.shape, 2)
-    points = (
-        np.concatenate([rays, np.ones((*scan.shape, 1))], axis=-1)
-        * np.where(scan.valid, depth_m, np.nan)[..., None]
-    )
+    rays = cv2.undistortPoints(pixels, matrix, lens, criteria=(3, 50, 1e-9)).reshape(-1, 2)
+    still, ahead = np.zeros(3), np.column_stack([rays, np.ones(len(rays))])
+    bent = cv2.projectPoints(ahead, still, still, matrix, lens)[0]
+    known = (np.linalg.norm(bent - pixels, axis=-1) < _BENT_PX).reshape(scan.shape)
+    if not known.any():
+        raise InputError(f"no ray reaches any pixel of a lens with the distortion {list(distortion)}")
+    rays = np.where(known[..., None], rays.reshape(*scan.shape, 2), np.nan)
+    places = rays * matrix[[0, 1], [0, 1]] + matrix[:2, 2]  # columns and rows without distortion
+    points = np.dstack([rays, np.ones(scan.shape)]) * np.where(scan.valid, depth_m, np.nan)[..., None]
     seen = cv2.initUndistortRectifyMap(matrix, lens, None, matrix, scan.shape[::-1], cv2.CV_32FC1)
     column, row = (np.rint(place).astype(np.int64) for place in seen)
     inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     at = np.where(inside, row, 0), np.where(inside, column, 0)
+    pixel = pixels.reshape(*scan.shape, 2)
+    inside &= np.linalg.norm(places[at] - pixel, axis=-1) < _FOLDED_PX
     colour = None if scan.colour is None else scan.colour[at]
     points = np.where(inside[..., None], points[at], np.nan)
-    return RangeImage.from_points(points, camera, scan.world_from_sensor, colour, scan.name)
+    flat = RangeImage.from_points(points, camera, scan.world_from_sensor, colour, scan.name)
+    most = np.nanmax(np.linalg.norm(places - pixel, axis=-1))
+    sentences = [f"lens distortion was taken out: up to {most:.1f} pixels at the corners"]
+    if not known.all():
+        n_lost = int((~known).sum())
+        sentences.append(f"{n_lost} of {known.size} pixels, which no ray of the lens reaches, were left out")
+    return flat.add_warnings(tuple(sentences))

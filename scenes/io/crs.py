@@ -12,6 +12,8 @@ from scenes.checks import InputError
 _FOOT, _US_FOOT = 0.3048, 1200 / 3937
 _EPSG_UNITS = {9001: ("metre", 1.0), 9002: ("foot", _FOOT), 9003: ("US survey foot", _US_FOOT)}
 _MODEL, _GEOGRAPHIC_MODEL, _PROJECTED_UNIT, _VERTICAL_UNIT = 1024, 2, 3076, 4099
+_PROJECTED, _USER_DEFINED = 3072, 32767
+_UTM = (range(32601, 32661), range(32701, 32761), range(25828, 25839), range(26901, 26924))  # EPSG
 _CARTESIAN = {
     "PROJCS", "PROJCRS", "PROJECTEDCRS", "LOCAL_CS", "ENGCRS", "ENGINEERINGCRS", "GEOCCS",
 }  # fmt: skip
@@ -30,12 +32,13 @@ class LengthUnit:
     ----------
     name : str
         As the file states it.
-    metres : tuple of 3 float
-        Metres of one unit along x, y and z; heights may be in another unit than the plan.
+    metres : tuple of 3 float, optional
+        Metres of one unit along x, y and z; heights may be in another unit than the plan. None where the file
+        names a system or unit by an EPSG code whose length it does not state.
     """
 
     name: str
-    metres: tuple[float, float, float]
+    metres: tuple[float, float, float] | None
 
 
 @dataclass(slots=True)
@@ -56,22 +59,29 @@ def unit_of_wkt(text: str) -> LengthUnit | None:
     plan = next(_systems(root, _CARTESIAN | _ELLIPSOIDAL), None)
     unit = None if plan is None else _stated(plan)
     if plan is not None and plan.keyword in _ELLIPSOIDAL and unit is None:
-        raise _in_degrees(plan.values[0] if plan.values else "no name")
+        raise degrees_error(plan.values[0] if plan.values else "no name")
     vertical = next(_systems(root, _VERTICAL), None)
     return _joined(unit, None if vertical is None else _stated(vertical))
 
 
 def unit_of_geokeys(keys: Mapping[int, int]) -> LengthUnit | None:
-    """Return the unit that GeoKeys, values by number, state, None where they state none that is known.
+    """Return the unit that GeoKeys, values by number, state, None where they state none.
+
+    A code of a system alone (ProjectedCSTypeGeoKey) has no unit here, but those of UTM are in metres.
 
     Raises InputError: geographic coordinates, which are degrees.
     """
     if keys.get(_MODEL) == _GEOGRAPHIC_MODEL:
-        raise _in_degrees("GTModelType 2")
-    return _joined(*(_EPSG_UNITS.get(keys.get(key, 0)) for key in (_PROJECTED_UNIT, _VERTICAL_UNIT)))
+        raise degrees_error("GTModelType 2")
+    plan, vertical = (_EPSG_UNITS.get(keys.get(key, 0)) for key in (_PROJECTED_UNIT, _VERTICAL_UNIT))
+    code = keys.get(_PROJECTED_UNIT) or keys.get(_PROJECTED, 0)
+    if plan is None and 0 < code < _USER_DEFINED and not any(code in codes for codes in _UTM):
+        return LengthUnit(f"EPSG:{code}", None)
+    return _joined(plan, vertical)
 
 
-def _in_degrees(name: str) -> InputError:
+def degrees_error(name: str) -> InputError:
+    """Return the refusal of coordinates in degrees, with what says that they are."""
     return InputError(
         f"its coordinates are degrees of longitude and latitude ({name}); project them to metres first, "
         "as with `pdal translate IN OUT reprojection --filters.reprojection.out_srs=EPSG:CODE`"

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
+from scenes.io.depth import depth_warnings, suspected_encoding
 from scenes.io.format import METRES_PER_UNIT, Intrinsics, Units, format_of, point_suffixes, text_suffixes
 from scenes.io.guard import check_file
 from scenes.io.image import open_image
 from scenes.io.mesh_file import MESH_SUFFIXES, is_mesh
 from scenes.io.point_files import read_points
-from scenes.io.rgbd import depth_warnings, suspected_encoding
 from scenes.io.scan_files import ScanSource, open_scans, split_index
 from scenes.io.scene_files import open_scene, units_doubt
 from scenes.io.trajectory import read_poses
@@ -260,7 +260,7 @@ _METRES = {1000: "millimetres (Kinect, RealSense)", 5000: "1/5000 m (TUM, ICL-NU
 def describe(
     path: str | os.PathLike[str],
     *,
-    up: Axis = "z",
+    up: Axis | None = None,
     units: Units = "m",
     intrinsics: Intrinsics | None = None,
     depth_scale: float | None = None,
@@ -299,7 +299,7 @@ def describe(
     base, number = split_index(text)
     suffix = base.suffix.lower()
     if text.startswith("builtin:") or is_mesh(base):
-        return _plain(_describe_scene(open_scene(text, up=up, units=units), text, up))
+        return _plain(_describe_scene(open_scene(text, up=up, units=units), text))
     if (
         not base.is_dir()
         and check_file(base)
@@ -359,13 +359,13 @@ def _plain(value: dict[str, Any]) -> dict[str, Any]:
     return plain
 
 
-def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:
+def _describe_scene(scene: Scene, path: str) -> dict[str, Any]:
     mesh = scene.mesh
     bounds = mesh.bounds()
     extent = bounds[1] - bounds[0]
     appearance = mesh.appearance
     suggested = "z" if path.startswith("builtin:") else suggest_up(mesh, scene.mode)  # there it is known
-    in_file = None if suggested is None else axis_in_file(suggested, up)
+    in_file = None if suggested is None else axis_in_file(suggested, scene.file_up)
     warnings = list(scene.warnings)
     kinds = [surface.kind for surface in scene.surfaces if surface is not None]
     return {
@@ -384,7 +384,7 @@ def _describe_scene(scene: Scene, path: str, up: Axis) -> dict[str, Any]:
         "known_surfaces": {kind: kinds.count(kind) for kind in sorted(set(kinds))},
         "textures": [] if appearance is None else [list(image.shape[1::-1]) for image in appearance.images],
         "has_colour": appearance is not None,
-        "up": up,
+        "up": scene.file_up,
         "suggested_up": in_file,
         "warnings": warnings,
     }

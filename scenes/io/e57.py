@@ -8,10 +8,8 @@ checksum, its XML stands at an offset.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import struct
-import uuid
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
@@ -24,15 +22,15 @@ from numpy.typing import NDArray
 
 from scenes.checks import InputError
 from scenes.io.documents import parse_json
-from scenes.io.e57_points import PointChunk, point_chunks, times_of
-from scenes.io.format import RawPoints
+from scenes.io.e57_points import PointChunk, coordinate_step, point_chunks, read_pose, times_of
+from scenes.io.format import RawPoints, step_warnings
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fitted_scan, lie_on_rays, organised_scan
 from scenes.io.guard import check_size, import_extra
 from scenes.io.header import FORMAT, apply_header, not_finite_warnings, projection_from_dict
 from scenes.io.limits import check_limit, check_unpacked
 from scenes.io.station import scan_from_station
 from scenes.limits import SPARSE, SPARSE_PIXELS
-from scenes.pose import Pose, rotation_of
+from scenes.pose import Pose
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_pixels, colour_points, colour_warnings
 from scenes.scan.pixels import crop_pixels, ranges_of, row_blocks
@@ -358,8 +356,10 @@ class E57File:
             partial(point_chunks, self._file, self._own[index]),
             _ours(_text(header, "description")),
         )
-        pose, doubts = _read_pose(header)
-        return grid_scan(chunks, _announced_size(header), pose, name, ours).add_warnings(doubts)
+        pose, doubts = read_pose(header)
+        scan = grid_scan(chunks, _announced_size(header), pose, name, ours).add_warnings(doubts)
+        step_m = 0.0 if ours else coordinate_step(header, scan.ranges)
+        return scan if ours else scan.with_facts(step_m=step_m).add_warnings(step_warnings(step_m))
 
     def points(self, index: int) -> RawPoints:
         """Return all valid points of scan `index` (from 0) in the world, and where the scanner stood.
@@ -375,7 +375,7 @@ class E57File:
         """The points of scan `index`, or those alone that came back first."""
         header = self._file.get_header(self._own[index])
         (pose, doubts), is_one_scan = (
-            _read_pose(header),
+            read_pose(header),
             header.has_pose() or "rowIndex" in header.point_fields,
         )
         world, colour = np.empty((header.point_count, 3)), np.empty((header.point_count, 3), np.uint8)
@@ -397,6 +397,7 @@ class E57File:
                 times[part] = chunk.times[kept]
             n_kept, n_read, n_bad = part.stop, n_read + chunk.n_read, n_bad + chunk.n_bad
             n_later += len(kept) - int(kept.sum())
+        step = coordinate_step(header, ranges_of(world[:n_kept] - pose.translation))
         world, held, known = world[:n_kept], colour[:n_kept] if has_colour else None, is_coloured[:n_kept]
         if held is not None and not known.all():
             held = colour_points(held, known, world)
@@ -406,19 +407,15 @@ class E57File:
             *((f"{n_later} later returns were left out",) if n_later else ()),
             *colour_warnings(int(n_kept - known.sum()), n_kept),
         )
-        return RawPoints(
-            world,
-            origins=pose.translation if is_one_scan else None,
-            colour=held,
-            warnings=warnings,
-            times=times_of(header, times[:n_kept]),
-        )
+        stood, times_s = pose.translation if is_one_scan else None, times_of(header, times[:n_kept])
+        return RawPoints(world, origins=stood, colour=held, warnings=warnings, step=step, times=times_s)
 
 
 def _project_cloud(cloud: RawPoints, name: str) -> RangeImage:
     """An unstructured scan as the image that a scanner at its pose's place would have taken."""
     scan = scan_from_station(cloud.points, cloud.origins, name, cloud.colour)
-    return scan.add_warnings(cloud.warnings)
+    texts = (*cloud.warnings, *step_warnings(cloud.step))
+    return scan.add_warnings(texts).with_facts(step_m=cloud.step)
 
 
 def _announced_size(header: Any) -> GridExtent:
@@ -442,27 +439,3 @@ def _ours(description: str) -> dict[str, Any] | None:
 
 def _text(header: Any, field: str) -> str:
     return str(header[field].value()) if field in header.scan_fields else ""
-
-
-def _read_pose(header: Any) -> tuple[Pose, tuple[str, ...]]:
-    """World from scanner, the identity where the file has none, and what is doubtful about it."""
-    if not header.has_pose():
-        return Pose.identity(), ()
-    node, doubts = header["pose"], tuple[str, ...]()
-    rotation, translation = np.eye(3), np.zeros(3)
-    if node.isDefined("rotation"):
-        quaternion = np.array([node["rotation"][part].value() for part in "xyzw"], dtype=np.float64)
-        if quaternion.any():
-            rotation = rotation_of(quaternion, "its pose")
-        else:
-            doubts = (
-                "its pose has the quaternion 0, 0, 0, 0, which is no rotation: it was taken as upright",
-            )
-    if node.isDefined("translation"):
-        translation = np.array([node["translation"][part].value() for part in "xyz"], dtype=np.float64)
-    return Pose.from_parts(rotation, translation), doubts
-
-
-def content_guid(*parts: bytes) -> str:
-    """Return an E57 guid that depends on the content alone, so that the same scan gives the same bytes."""
-    return "{" + str(uuid.UUID(bytes=hashlib.sha256(b"".join(parts)).digest()[:16])) + "}"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.guard import import_extra
+from scenes.pose import Pose, rotation_of
 from scenes.scan.pixels import finite_points
 
 _CHUNK = 100_000  # points: read as fast as more, in 5 MB
@@ -36,6 +37,8 @@ _NUMBERS = {
 """The numbers that each field is read as, but colours, in the letters of numpy."""
 _TOPS = (1.0, 255.0, 65535.0)  # of colours that have no limits, the least that none is above counts
 _UNBOUNDED = 2.0**32
+_NEGLIGIBLE_M = 1e-6  # steps
+_TYPICAL = 100_000  # points that tell how far they are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,6 +181,43 @@ def _as_bytes(colour: NDArray[Any], limits: FloatArray) -> ColourArray:
     return np.asarray(np.rint(255 * np.clip(share, 0.0, 1.0)), np.uint8)
 
 
+def coordinate_step(header: Any, reach: FloatArray) -> float:
+    """Return the step between coordinates that a scan's record admits, metres; 0 for double precision.
+
+    Scaled integers (ASTM E2807-11, 8.3.8) count in their scale; so do spherical ones, whose angles' steps
+    grow with the range. Single precision has the steps of its largest number.
+
+    Parameters
+    ----------
+    header : Header
+        Of the scan, as pye57 gives it.
+    reach : (n,) or (rows, columns) float
+        How far its points are from the scanner, metres, not finite where there is none.
+    """
+    lib = import_extra("pye57", "e57").libe57
+    few = reach.ravel()[:: -(-reach.size // _TYPICAL) or 1]
+    known = few[np.isfinite(few)]
+    typical, largest = (float(pick(known)) if len(known) else 0.0 for pick in (np.median, np.max))
+    record, names = lib.StructureNode(header.points.prototype()), set(header.point_fields)
+    if "cartesianBounds" in header.scan_fields:
+        stated = header["cartesianBounds"]
+        bounds = [f"{axis}{end}" for axis in "xyz" for end in _ENDS]
+        largest = max(abs(stated[name].value()) if stated.isDefined(name) else largest for name in bounds)
+    parts = _CARTESIAN if _CARTESIAN[0] in names else _SPHERICAL
+    steps = []
+    for name in parts:
+        node, is_angle = record[name], name in _SPHERICAL[1:]
+        step = 0.0
+        if isinstance(node, lib.ScaledIntegerNode):
+            step = node.scale()
+        elif isinstance(node, lib.IntegerNode):
+            step = 1.0
+        elif node.precision() == lib.E57_SINGLE:
+            step = float(np.spacing(np.float32(np.pi if is_angle else largest)))
+        steps.append(abs(step) * (typical if is_angle else 1.0))
+    return max(steps) if max(steps) > _NEGLIGIBLE_M else 0.0
+
+
 def _is_single(points: Any, names: list[str], lib: Any) -> bool:
     """Tell whether a file has its coordinates in single precision."""
     record = lib.StructureNode(points.prototype())
@@ -230,3 +270,22 @@ def _points(data: dict[str, Any]) -> FloatArray:
         sides = [across * np.cos(azimuth), across * np.sin(azimuth), reach * np.sin(elevation)]
         return np.stack(sides, axis=-1)
     raise InputError("has neither cartesian nor spherical coordinates")
+
+
+def read_pose(header: Any) -> tuple[Pose, tuple[str, ...]]:
+    """Return world from scanner, the identity where the file has none, and what is doubtful about it."""
+    if not header.has_pose():
+        return Pose.identity(), ()
+    node, doubts = header["pose"], tuple[str, ...]()
+    rotation, translation = np.eye(3), np.zeros(3)
+    if node.isDefined("rotation"):
+        quaternion = np.array([node["rotation"][part].value() for part in "xyzw"], dtype=np.float64)
+        if quaternion.any():
+            rotation = rotation_of(quaternion, "its pose")
+        else:
+            doubts = (
+                "its pose has the quaternion 0, 0, 0, 0, which is no rotation: it was taken as upright",
+            )
+    if node.isDefined("translation"):
+        translation = np.array([node["translation"][part].value() for part in "xyz"], dtype=np.float64)
+    return Pose.from_parts(rotation, translation), doubts

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
-from scenes.io.e57 import INFERRED, E57File, content_guid
+from scenes.io.e57 import INFERRED, E57File
 from scenes.io.format import Format, each_cloud, each_scan
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR
 from scenes.io.guard import import_extra
@@ -88,6 +90,11 @@ class InferredPoints:
                 f"{EXTENSION[0]}:sd": "predicted standard deviation along the normal, metres",
             },
         }
+
+
+def content_guid(*parts: bytes) -> str:
+    """Return an E57 guid that depends on the content alone, so that the same scan gives the same bytes."""
+    return "{" + str(uuid.UUID(bytes=hashlib.sha256(b"".join(parts)).digest()[:16])) + "}"
 
 
 def field_node(lib: Any, image_file: Any, name: str) -> Any:
@@ -192,9 +199,7 @@ def _columns(scan: RangeImage) -> dict[str, Any]:
     columns: dict[str, Any] = {
         f"cartesian{axis}": np.ascontiguousarray(local[:, i]) for i, axis in enumerate("XYZ")
     }
-    columns["rowIndex"], columns["columnIndex"] = row.astype(np.uint16), column.astype(np.uint16)
-    if max(scan.shape) > 65536:
-        raise InputError(f"E57 rows and columns end at 65536 here, the scan has {scan.shape}")
+    columns["rowIndex"], columns["columnIndex"] = row.astype("q"), column.astype("q")  # pye57 knows no "i"
     if scan.intensity is not None:
         columns["intensity"] = np.ascontiguousarray(scan.intensity[scan.valid], dtype=np.float32)
     if scan.colour is not None:

@@ -21,6 +21,7 @@ from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
 from scenes.io.crs import LengthUnit
 from scenes.io.grid_fit import organised_scan
 from scenes.io.header import apply_header, not_finite_warnings, pose_from_header, projection_from_dict
+from scenes.limits import FINE_M
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes
 from scenes.scan.doubts import merge_warnings
@@ -73,46 +74,6 @@ class RawPoints:
         freeze_arrays(self)
 
 
-_SECONDS = {  # of a unit of the columns that may hold times, by name; the first that is there counts
-    **dict.fromkeys(("gps_time", "gpstime", "timestamp", "time", "t", "secs", "seconds"), 1.0),
-    **dict.fromkeys(("msecs", "timestamp_ms", "time_ms"), 1e-3),
-    **dict.fromkeys(("usecs", "timestamp_us", "time_us"), 1e-6),
-    **dict.fromkeys(("nsecs", "timestamp_ns", "time_ns"), 1e-9),
-}
-_LATEST_S = 1e11  # the year 5138, counted from 1970: larger numbers are of a smaller unit
-
-
-def time_column(names: Iterable[str]) -> str | None:
-    """Return which of the names of columns is that of times, None where none is.
-
-    Examples
-    --------
-    >>> time_column(["x", "y", "z", "scalar_GpsTime"])
-    'scalar_GpsTime'
-    """
-    plain = {name.lower().removeprefix("scalar_"): name for name in names}  # CloudCompare's prefix
-    return next((plain[known] for known in _SECONDS if known in plain), None)
-
-
-def times_among(columns: Mapping[str, FloatArray]) -> FloatArray | None:
-    """Return the times (n,) among columns by name, seconds; None without such a column.
-
-    Numbers that are too large for seconds are of the next smaller unit in which they are not.
-
-    Examples
-    --------
-    >>> times_among({"nsecs": np.array([1.5e18])}), times_among({"t": np.array([1.5e15])})
-    (array([1.5e+09]), array([1.5e+09]))
-    """
-    name = time_column(columns)
-    if name is None:
-        return None
-    times = columns[name] * _SECONDS[name.lower().removeprefix("scalar_")]
-    while np.abs(times[np.isfinite(times)]).max(initial=0.0) > _LATEST_S:
-        times = times / 1000
-    return times
-
-
 def join_points(parts: Sequence[RawPoints]) -> RawPoints:
     """Return the points of several scans one after the other; what not all of them know is left out."""
     if len(parts) == 1:
@@ -128,6 +89,17 @@ def join_points(parts: Sequence[RawPoints]) -> RawPoints:
         np.concatenate(colour) if colour and len(colour) == len(parts) else None,
         tuple(merge_warnings([(f"scan {k}", part.warnings) for k, part in enumerate(parts, start=1)])),
         times=np.concatenate(times) if times and len(times) == len(parts) else None,
+        step=max((part.step for part in parts), default=0.0),
+    )
+
+
+def step_warnings(step_m: float) -> tuple[str, ...]:
+    """Return a sentence where coordinates are rounded more coarsely than scanners measure."""
+    if step_m <= FINE_M:
+        return ()
+    return (
+        f"coordinates are rounded to steps of {1000 * step_m:.3g} mm, an error that all points of a plane "
+        "share; export more decimals for narrower intervals",
     )
 
 
@@ -239,6 +211,10 @@ class Format:
         Of its lengths, where the format fixes one: its readers give metres.
     marks_misses : bool
         Whether its files mark beams without return otherwise than by a number that is full.
+    refusal : str
+        Why files of a known format are not read, and the cure.
+    is_local : bool
+        Whether its coordinates are about the instrument, so that poses are those of the file's own axes.
     """
 
     suffixes: tuple[str, ...]
@@ -249,6 +225,8 @@ class Format:
     is_text: bool = False
     unit: Units | None = None
     marks_misses: bool = False
+    refusal: str = ""
+    is_local: bool = False
 
 
 class ScanFile(Protocol):
@@ -357,11 +335,14 @@ def points_of(scans: Sequence[RangeImage]) -> RawPoints:
     clouds = []
     for scan in scans:
         colour = None if scan.colour is None else colour_bytes(scan.colour[scan.valid])
-        clouds.append(RawPoints(scan.points()[scan.valid], origins=scan.origin, colour=colour))
+        points = scan.points()[scan.valid]
+        clouds.append(RawPoints(points, origins=scan.origin, colour=colour, step=scan.step_m))
     return join_points(clouds)
 
 
-_MODULES = ("npz", "ply_scan", "pcd", "ptx", "e57_writer", "uos", "las", "text")
+_MODULES = (
+    "npz", "ply_scan", "pcd", "ptx", "e57_writer", "uos", "las", "sweep", "vtk", "text", "rgbd_layouts",
+)  # fmt: skip
 
 
 @cache

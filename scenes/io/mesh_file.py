@@ -13,7 +13,7 @@ from typing import Any
 from scenes.checks import InputError
 from scenes.io.documents import Beside, check_references
 from scenes.io.format import format_of
-from scenes.io.gltf import Contents, check_gltf, read_gltf
+from scenes.io.gltf import Contents, check_gltf, entry_list, read_gltf
 from scenes.io.guard import check_file
 from scenes.io.limits import check_limit
 from scenes.io.obj import check_obj, plain_obj
@@ -22,6 +22,7 @@ from scenes.io.plain_gltf import plain_glb
 from scenes.io.ply import check_ply, has_faces, plain_ply
 from scenes.io.stl import check_stl, plain_stl, stl_origin
 
+GLTF_SUFFIXES = (".glb", ".gltf")
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
 # What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -78,10 +79,12 @@ def read_mesh_file(file: Path) -> MeshFile:
     than the limits allow.
     """
     suffix = file.suffix.lower()
-    data, held = b"", Contents(0)
-    if suffix in (".glb", ".gltf"):
+    data, held, doubts = b"", Contents(0), tuple[str, ...]()
+    if suffix in GLTF_SUFFIXES:
         gltf = read_gltf(file)
         beside = check_references(file, gltf.content)
+        if "KHR_texture_transform" in entry_list(gltf.content, "extensionsUsed"):
+            doubts = ("KHR_texture_transform is not applied: textures may be shifted or scaled",)
         held = check_gltf(gltf.content, gltf.buffers)
         if (plain := plain_glb(gltf)) is not None:
             gltf, data = plain
@@ -111,7 +114,7 @@ def read_mesh_file(file: Path) -> MeshFile:
     )
     if suffix == ".stl":
         placed.apply_translation(stl_origin(file))
-    return MeshFile(placed, held.faces, beside.warnings)
+    return MeshFile(placed, held.faces, (*beside.warnings, *doubts))
 
 
 def _read_off(file: Path) -> Any:

@@ -22,6 +22,9 @@ from scenes.run.atomic import write_bytes, write_text
 _INDENTED = re.compile(rb"(?m)^[ \t]+(?=[a-z#])")
 _KEYWORD = re.compile(rb"(?m)^(v|vn|vt|f|o|g|usemtl|mtllib)[ \t]*\t[ \t]*")
 _CONTINUED = re.compile(rb"(?<![\x80-\xff])\\\r?\n")  # not the second byte of a letter (CP932)
+_COLOURED = re.compile(
+    rb"(?m)^(v (?:\S+[ \t]+){3})(\S+[ \t]+\S+[ \t]+\S+)[ \t]*$"
+)  # a vertex, and its colour
 _COMMENT = re.compile(rb"(?m)^((?:v|vn|vt|f)[ ][^#\n]*)#[^\n]*")
 _WIDTHS = {b"v": (3, 8), b"vt": (1, 3), b"vn": (3, 3)}  # numbers of a line: fewest, most
 _NAMES = {0: "vertex", 1: "texture coordinate", 2: "normal"}
@@ -36,7 +39,22 @@ def plain_obj(data: bytes) -> bytes:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     for pattern, instead in ((_CONTINUED, b" "), (_INDENTED, b""), (_KEYWORD, rb"\1 "), (_COMMENT, rb"\1")):
         data = pattern.sub(instead, data)
-    return data.replace(b"\\\n", b"\\ \n")  # ends a name: a decoder would join the lines
+    return _with_unit_colours(data.replace(b"\\\n", b"\\ \n"))  # ends a name: a decoder would join the lines
+
+
+def _with_unit_colours(data: bytes) -> bytes:
+    """Return the text with colours after the coordinates of vertices, where they are bytes, as 0..1."""
+    try:
+        most = max((float(word) for _, held in _COLOURED.findall(data) for word in held.split()), default=0.0)
+    except ValueError:
+        return data  # no numbers: told with the line
+    if not 1 < most <= 255:
+        return data
+
+    def scaled(line: re.Match[bytes]) -> bytes:
+        return line[1] + b" ".join(b"%.9f" % (float(word) / 255) for word in line[2].split())
+
+    return _COLOURED.sub(scaled, data)
 
 
 def check_obj(text: bytes) -> int:

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.format import Format, RawPoints, check_single, one_scan, points_of, times_among, write_single
+from scenes.checks import FloatArray, InputError
+from scenes.io.columns import AXES, COLOURS, NORMALS, columns_of, times_among
+from scenes.io.format import Format, RawPoints, check_single, one_scan, points_of, write_single
 from scenes.io.header import (
     checked_bytes,
     from_comments,
@@ -21,10 +22,15 @@ from scenes.io.header import (
 )
 from scenes.io.ply import PlyElement, parse_header, plain_ply, read_mesh_ply
 from scenes.io.ply_writer import write_mesh_ply
-from scenes.scan.colour import colour_bytes
+from scenes.scan.colour import colour_bytes, scaled_bytes
 from scenes.scan.range_image import RangeImage, without_saturated
 
 _SENSOR_AXES = ("sensor_x", "sensor_y", "sensor_z")
+_SPLAT, _SPLAT_STEP = ("f_dc_0", "f_dc_1", "f_dc_2"), 0.5 / np.sqrt(np.pi)  # spherical harmonic of degree 0
+_SPLATS = (
+    "its points are the centres of Gaussians of a splat model: fitted to images, not measured, and in the "
+    "unit of that model"
+)
 
 
 def write_scan_ply(scan: RangeImage, path: Path) -> None:
@@ -85,7 +91,10 @@ def read_scan_ply(path: Path) -> RangeImage:
 def read_ply_points(path: Path) -> RawPoints:
     """Return points, and normals, colours, labels (property `label`) and times where the file has some.
 
-    Lists of vertices are skipped. Raises InputError: no PLY, truncated, vertices without x, y, z, or behind
+    Lists of vertices are skipped. Models of 3-D Gaussian splatting give their centres, in the colour of
+    degree 0 of their spherical harmonics (Kerbl et al., 3D Gaussian splatting, 2023).
+
+    Raises InputError: no PLY, truncated, vertices without x, y, z, or behind
     another element in a binary file.
     """
     data = plain_ply(path.read_bytes())
@@ -93,21 +102,21 @@ def read_ply_points(path: Path) -> RawPoints:
     names = [element.name for element in elements]
     vertex = elements[names.index("vertex")] if "vertex" in names else PlyElement("vertex", 0)
     types = {name: kind for name, _, kind in vertex.properties}
-    if not {"x", "y", "z"} <= types.keys():
+    held = {role: list(types)[k] for role, k in columns_of(list(types)).items()}
+    if "x" not in held:
         raise InputError(f"its vertices have the properties {list(types)}; x, y, z are needed")
     column = _read_binary(data, start, elements, order) if order else _read_text(data[start:], elements)
-    points = np.stack([column[axis] for axis in "xyz"], axis=-1)
-    normals, colour = (
-        np.stack([column[name] for name in wanted], axis=-1) if types.keys() >= set(wanted) else None
-        for wanted in (("nx", "ny", "nz"), ("red", "green", "blue"))
-    )
-    painted = None if colour is None else _bytes(colour, is_real=types["red"].startswith("f"))
-    return RawPoints(points, normals, colour=painted, label=column.get("label"), times=times_among(column))
-
-
-def _bytes(colour: FloatArray, *, is_real: bool) -> ColourArray:
-    """Colours as 0..255; those of real type are 0..1."""
-    return np.asarray(np.rint(np.clip(colour * 255 if is_real else colour, 0, 255)), dtype=np.uint8)
+    points = np.stack([column[held[axis]] for axis in AXES], axis=-1)
+    normals = np.stack([column[held[axis]] for axis in NORMALS], axis=-1) if "nx" in held else None
+    colour, warnings = None, tuple[str, ...]()
+    if "red" in held:
+        channels = np.stack([column[held[name]] for name in COLOURS], axis=-1)
+        colour = scaled_bytes(channels if types[held["red"]].startswith("f") else channels.astype(np.int64))
+    elif types.keys() >= set(_SPLAT):
+        colour = colour_bytes(0.5 + _SPLAT_STEP * np.stack([column[name] for name in _SPLAT], axis=-1))
+        warnings = (_SPLATS,)
+    label, times = column.get(held.get("label", "")), times_among(column)
+    return RawPoints(points, normals, colour=colour, label=label, warnings=warnings, times=times)
 
 
 def _read_text(data: bytes, elements: Sequence[PlyElement]) -> dict[str, FloatArray]:

@@ -19,12 +19,20 @@ from scenes.checks import (
     frozen_copy,
     usable_rows,
 )
-from scenes.io.format import METRES_PER_UNIT, RawPoints, Units, format_of, point_suffixes, points_of
+from scenes.io.format import (
+    METRES_PER_UNIT,
+    RawPoints,
+    Units,
+    format_of,
+    point_suffixes,
+    points_of,
+    step_warnings,
+)
 from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import is_mesh
 from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
-from scenes.io.scene_files import load_scene, rounding_doubts
-from scenes.limits import FINE_M, LARGE_PART_M
+from scenes.io.scene_files import load_scene, rounding_doubts, single_steps
+from scenes.limits import LARGE_PART_M
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 _MOST_LABEL = 2**31 - 1
@@ -148,11 +156,14 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
     metres, sentences = _metres(raw, units)
     kept, normals, origins = usable_rows(raw.points), raw.normals, raw.origins
     step_m = raw.step * float(metres.max())
-    warnings = (*raw.warnings, *sentences, *_step_warnings(step_m))
+    warnings = (*raw.warnings, *sentences, *step_warnings(step_m))
     if not kept.all():
         n_left = int((~kept).sum())
         warnings += (f"{n_left} of {len(kept)} points are not finite or lie beyond 1e12 m and were left out",)
-    warnings += () if step_m else rounding_doubts(raw.points[kept], metres)
+    if not step_m:
+        steps_m = single_steps(raw.points if kept.all() else raw.points[kept], metres)
+        warnings += rounding_doubts(raw.points[kept], metres, steps_m)
+        step_m = float(steps_m.max())
     if normals is not None:
         normals = np.nan_to_num(normals[kept], nan=0.0, posinf=0.0, neginf=0.0)
     if origins is not None:
@@ -174,24 +185,21 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
     )
 
 
-def _step_warnings(step_m: float) -> tuple[str, ...]:
-    """A sentence where coordinates are rounded more coarsely than scanners measure."""
-    if step_m <= FINE_M:
-        return ()
-    return (
-        f"coordinates are rounded to steps of {1000 * step_m:.3g} mm, an error that all points of a plane "
-        "share; export more decimals for narrower intervals",
-    )
-
-
 def _metres(raw: RawPoints, units: Units) -> tuple[FloatArray, tuple[str, ...]]:
-    """Metres (3,) of a unit along x, y, z, and a sentence where it is not the default, or is contradicted."""
+    """Metres (3,) of a unit along x, y, z, the file's own before `units`, and a word where they differ."""
     given, unit = np.full(3, METRES_PER_UNIT[units]), raw.unit
-    if unit is None or np.allclose(unit.metres, given, rtol=1e-7, atol=0.0):
+    if unit is None or (unit.metres and np.allclose(unit.metres, given, rtol=1e-7, atol=0.0)):
         return given, ()
-    if units == "m":
-        return np.array(unit.metres), (f"the file states its unit, {unit.name}: converted to metres",)
-    return given, (f"--units {units} was applied, though the file states {unit.name}",)
+    if unit.metres:
+        ignored = "" if units == "m" else f"; --units {units} was not applied"
+        text = f"the file states its unit, {unit.name}: converted to metres{ignored}"
+        return np.array(unit.metres), (text,)
+    if units != "m":
+        return given, ()
+    return given, (
+        f"the file names {unit.name} without the length of its unit: read as metres; if it is in feet give "
+        "--units us-ft or ft",
+    )
 
 
 def _labels(label: FloatArray, name: str) -> IntArray:
@@ -224,6 +232,8 @@ class PartFile:
         Place of each point among all of the file, where some were left out; see `PointCloud`.
     warnings : tuple of str
         What was left out or is doubtful.
+    step_m : float
+        As of `PointCloud`.
     """
 
     points: FloatArray
@@ -233,6 +243,7 @@ class PartFile:
     label: IntArray | None = None
     rows: IntArray | None = None
     warnings: tuple[str, ...] = ()
+    step_m: float = 0.0
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -258,12 +269,14 @@ def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile
         rows=cloud.rows,
         n_rows=cloud.n_rows,
         warnings=warnings,
+        step_m=cloud.step_m,
     )
 
 
 def _from_mesh(path: Path, units: Units) -> PartFile:
     """A mesh; the labels of its vertices where a PLY file holds them for as many."""
-    mesh = load_scene(path, units=units, mode="object").mesh
+    scene, metres = load_scene(path, up="z", units=units, mode="object"), METRES_PER_UNIT[units]
+    mesh = scene.mesh
     label = None
     if path.suffix.lower() == ".ply":
         label = read_points(path, units).label
@@ -273,7 +286,8 @@ def _from_mesh(path: Path, units: Units) -> PartFile:
         mesh=mesh,
         label=label,
         n_rows=len(mesh.vertices),
-        warnings=_doubts(mesh.vertices),
+        warnings=tuple(dict.fromkeys((*scene.warnings, *_doubts(mesh.vertices)))),
+        step_m=float(single_steps(mesh.vertices / metres, metres).max()),
     )
 
 

@@ -25,7 +25,8 @@ from scenes.io.format import (
 )
 from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import MESH_SUFFIXES
-from scenes.io.rgbd import open_rgbd, read_frame
+from scenes.io.rgbd import read_frame
+from scenes.io.rgbd_layouts import open_rgbd
 from scenes.io.rgbd_writer import Layout, write_rgbd
 from scenes.io.trajectory import poses_at, read_named_poses, read_poses
 from scenes.io.uos import is_uos, open_uos, read_uos
@@ -61,6 +62,8 @@ class ScanSource:
         Which scans of the file have no points, so that there is no reader for them.
     images : tuple of tuple of Path, optional
         Those of each scan, by whose names poses may be given.
+    moves : bool
+        Whether poses that are given are those of the file's own axes, not of a sensor's.
     """
 
     path: Path
@@ -72,6 +75,7 @@ class ScanSource:
     numbers: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
     images: tuple[tuple[Path, ...], ...] | None = None
+    moves: bool = False
 
     def number(self, index: int) -> int:
         """Return the number in the file, from 1, of the scan that reader `index` reads."""
@@ -120,7 +124,10 @@ class ScanSource:
         if number is None:
             scans[0] = scans[0].add_warnings(self.warnings)
         if given is not None:
-            scans = [scan.with_facts(world_from_sensor=pose) for scan, pose in zip(scans, given, strict=True)]
+            scans = [
+                scan.transform(pose) if self.moves else scan.with_facts(world_from_sensor=pose)
+                for scan, pose in zip(scans, given, strict=True)
+            ]
             scans[0] = scans[0].add_warnings(sentences)
         return [self.in_metres(scan, units) for scan in scans]
 
@@ -191,14 +198,10 @@ def open_scans(
         readers = [partial(read_frame, folder, k, intrinsics, depth_scale) for k in range(len(folder.frames))]
         times = tuple(frame.time for frame in folder.frames if frame.time is not None)
         timed = times if len(times) == len(readers) else None
-        kind = f"rgbd ({folder.layout})"
+        kind, images = f"rgbd ({folder.layout})", tuple(frame.images for frame in folder.frames)
+        guarded = _guard_readers(source, kind, readers, marks_misses=True)
         return ScanSource(
-            source,
-            kind,
-            _guard_readers(source, kind, readers, marks_misses=True),
-            folder.registered,
-            timed,
-            images=tuple(frame.images for frame in folder.frames),
+            source, kind, guarded, folder.registered, timed, warnings=folder.warnings, images=images
         )
     check_file(source)
     suffix = source.suffix.lower()
@@ -218,6 +221,7 @@ def open_scans(
         kind,
         _guard_readers(source, kind, [*filled.values()], marks_misses=known.marks_misses),
         unit=known.unit,
+        moves=known.is_local,
         numbers=tuple(filled),
         warnings=empty_warnings([k for k in range(1, len(opened) + 1) if k not in filled], len(opened)),
     )
@@ -250,8 +254,9 @@ def _refusal(suffix: str) -> str:
             f"{suffix} is a mesh, not a scan; say where scanners stood in it, --origin X,Y,Z, or simulate a "
             "scan with `unseen scan SCENE -o FILE.npz`"
         )
-    if format_of(suffix) is not None:
-        return NO_RAYS
+    held = format_of(suffix)
+    if held is not None:
+        return held.refusal or NO_RAYS
     known = ", ".join(scan_suffixes())
     return f"cannot read scans from {suffix or 'a file without suffix'}; known: {known}, RGB-D folders"
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenes.checks import InputError, check_point
 from scenes.inclination import SignedAxis
@@ -22,20 +23,20 @@ from scenes.io.scene_files import load_scene
 from scenes.io.station import scan_from_station
 from scenes.io.trajectory import read_named_poses, read_poses
 from scenes.io.walk import open_walk
-from scenes.limits import LEAST_PIXELS
+from scenes.limits import LEAST_PIXELS, MOSTLY_SEEN, TINY_M
 from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt
 from scenes.scan.doubts import merge_warnings
 from scenes.scan.projection import SphericalProjection
-from scenes.scan.range_image import MESH_SENSOR, RangeImage
+from scenes.scan.range_image import MESH_SENSOR, POINTS_SENSOR, RangeImage
 from scenes.world.scene import Scene
 
 _WIDTH, _HEIGHT = 1800, 900  # pixels all round, a fifth of a degree
 
 
 def scan_mesh(
-    path: str | os.PathLike[str], origins: Sequence[Sequence[float]], units: Units = "m", up: str = "z"
+    path: str | os.PathLike[str], origins: Sequence[Sequence[float]], units: Units = "m", up: str = "auto"
 ) -> list[RangeImage]:
     """Return a scan of a mesh from each place: all round, 1,800 x 900 pixels, without noise of its own.
 
@@ -58,18 +59,20 @@ def scan_mesh(
     InputError
         An unusable mesh; a place that is not finite, or from where hardly any of it is seen.
     """
-    upwards: Axis = "x" if up == "x" else "y" if up == "y" else "z"
-    scene, from_file = load_scene(path, up=upwards, units=units), world_from_file_up(upwards)
+    upwards: Axis | None = "x" if up == "x" else "y" if up == "y" else "z" if up == "z" else None
+    scene = load_scene(path, up=upwards, units=units)
+    from_file = world_from_file_up(scene.file_up)
     projection = SphericalProjection.regular(_WIDTH, _HEIGHT, 360.0, (-90.0, 90.0))
     sentence = (
         f"{Path(path).name} is a mesh, cast at by {_WIDTH} x {_HEIGHT} rays from each place given: what its "
         "maker closed counts as measured, and no measured beam vetoes what is inferred"
     )
-    scans = []
+    scans, is_seen = [], np.zeros(len(scene.mesh.faces), np.bool_)
     for number, origin in enumerate(origins, start=1):
         stands = METRES_PER_UNIT[units] * check_point(f"place {number}", origin)
         place = from_file.apply(stands[None])[0]
-        scan = _seen_from(scene, Pose.looking_at(place, place + [1.0, 0.0, 0.0]), projection)
+        scan, faces = _seen_from(scene, Pose.looking_at(place, place + [1.0, 0.0, 0.0]), projection)
+        is_seen[faces] = True
         n_met = int(scan.valid.sum())
         if n_met < LEAST_PIXELS:
             raise InputError(
@@ -78,15 +81,23 @@ def scan_mesh(
             )
         scan = scan.transform(from_file.inverse())
         name = scene.name if len(origins) == 1 else f"{scene.name} {number}"
-        scans.append(replace(scan, name=name, warnings=(*scene.warnings, sentence) if number == 1 else ()))
-    return scans
+        scans.append(replace(scan, name=name))
+    areas = scene.mesh.face_areas()
+    share = float(areas[is_seen].sum() / areas.sum())
+    if share < MOSTLY_SEEN:
+        sentence += f"; {share:.0%} of its area is seen: give --origin for each room"
+    return [scans[0].add_warnings([*scene.warnings, sentence]), *scans[1:]]
 
 
-def _seen_from(scene: Scene, pose: Pose, projection: SphericalProjection) -> RangeImage:
+def _seen_from(
+    scene: Scene, pose: Pose, projection: SphericalProjection
+) -> tuple[RangeImage, NDArray[np.int32]]:
+    """The scan from a pose, and the faces that its rays meet."""
     rays = pose.rotate(projection.directions().reshape(-1, 3)).reshape(*projection.shape, 3)
     hits = scene.ray_caster().first_hit(pose.translation[None], rays)
     ranges = np.where(np.isfinite(hits.ranges), hits.ranges, np.inf)
-    return RangeImage(ranges.reshape(projection.shape), projection, pose, sensor=MESH_SENSOR)
+    scan = RangeImage(ranges.reshape(projection.shape), projection, pose, sensor=MESH_SENSOR)
+    return scan, np.unique(hits.face[hits.hit])
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +117,8 @@ class ScanRequest:
     units : str
         Unit of the files.
     origins : tuple of (x, y, z)
-        Where the scanner stood for each path, metres; when given, files are read as mere points, and a mesh
-        is seen from all these places.
+        Where the scanner stood for each path, in its own units; when given, files are read as mere points,
+        and a mesh is seen from all these places.
     up : str
         The axis of the files that is up, "x" to "-z", or "auto": estimated. Nothing is turned by it.
     trajectory : str, optional
@@ -162,25 +173,34 @@ class GivenScans:
         Which sensors took them, and the effects that were active, as far as the files say so.
     paths : tuple of str
         The path of each scan, as it was given.
+    names : tuple of str
+        What each scan is called: its path, with its number in the file where the path holds several.
     """
 
     scans: tuple[RangeImage, ...]
     doubts: tuple[str, ...]
     instruments: tuple[str, ...]
     paths: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
 
-    @property
-    def names(self) -> list[str]:
-        """What each scan is called: its path, numbered where the path holds several."""
-        names = []
-        for number, path in enumerate(self.paths):
-            several = self.paths.count(path) > 1
-            names.append(f"{path}#{self.paths[:number].count(path) + 1}" if several else path)
-        return names
+    def pick(self, kept: Sequence[int]) -> GivenScans:
+        """Return some of the scans, by number; the doubts are of all."""
+        picked = {name: tuple(getattr(self, name)[k] for k in kept) for name in ("scans", "paths", "names")}
+        return replace(self, **picked)
 
     @classmethod
     def of(cls, scans: Sequence[RangeImage]) -> GivenScans:
-        """Look at scans."""
+        """Look at scans.
+
+        Raises InputError: one whose ranges no scanner measures, as kilometres read as metres.
+        """
+        for scan in scans:
+            typical = float(np.median(scan.ranges[scan.valid])) if scan.valid.any() else np.inf
+            if typical < TINY_M:
+                raise InputError(
+                    f"{scan.name}: the median range is {typical:.2g} m, which no scanner measures; give "
+                    "--units, or scale the file where its unit is larger than a metre"
+                )
         doubts = merge_warnings([(scan.name, scan_warnings(scan)) for scan in scans])
         convention = convention_doubt(scans)
         instruments = {": ".join(part for part in (scan.sensor, scan.noise) if part) for scan in scans}
@@ -222,13 +242,17 @@ def read_request(request: ScanRequest, *, posed: bool = True) -> GivenScans:
     if request.origins:
         scans = _read_clouds(request)
         paths = list(request.paths) * (len(scans) // len(request.paths))
+        several = len(paths) > len(request.paths)
+        names = [f"{path}#{k}" if several else path for k, path in enumerate(paths, start=1)]
     else:
-        scans, paths = _read_scans(request, posed=posed)
-    return replace(GivenScans.of(scans), paths=tuple(paths))
+        scans, paths, names = _read_scans(request, posed=posed)
+    if posed and all(_is_at_origin(scan) for scan in scans):
+        _refuse_unplaced(scans)
+    return replace(GivenScans.of(scans), paths=tuple(paths), names=tuple(names))
 
 
-def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage], list[str]]:
-    """Return the scans of each path with the poses that it or the request says, and the path of each."""
+def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage], list[str], list[str]]:
+    """Return the scans of each path with the poses that it or the request says, their paths and names."""
     check_units(request.units)
     if request.trajectory is not None and request.poses is not None:
         raise InputError(f"{request.poses}: a trajectory gives the places of all points; leave out --poses")
@@ -257,24 +281,35 @@ def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage],
                 f"{request.poses}: {len(pose)} poses for {sum(counts)} scans; give one pose a scan"
             )
         given = [pose[end - n : end] for end, n in zip(np.cumsum(counts), counts, strict=True)]
-    scans, paths, spill = list[RangeImage](), list[str](), spill_for(sum(counts))
+    scans, paths, names = list[RangeImage](), list[str](), list[str]()
+    spill = spill_for(sum(counts))
     for path, (base, number), poses, count in zip(request.paths, parts, given, counts, strict=True):
         held = source_of(base).read(number, poses, request.units, spill)
         scans += held
-        if len(held) == count:
-            paths += [path] * count
-        else:
-            source = source_of(base)
-            paths += [f"{base}#{source.number(k)}" for k in source.pick_posed(number, poses)[0]]
-    registered = request.poses is not None or all(source.registered for source in opened.values())
-    at_origin = all(np.allclose(scan.world_from_sensor.matrix, np.eye(4)) for scan in scans)
-    if posed and len(scans) > 1 and (not registered or at_origin):
+        source = source_of(base)
+        numbered = [f"{base}#{source.number(k)}" for k in source.pick_posed(number, poses)[0]]
+        paths += [path] * count if len(held) == count else numbered
+        names += [path] if len(held) == count == 1 and not source.warnings else numbered
+    if posed and not all(source.registered for source in opened.values()) and request.poses is None:
+        _refuse_unplaced(scans)
+    return scans, paths, names
+
+
+def _refuse_unplaced(scans: Sequence[RangeImage]) -> None:
+    """Raise InputError where several scans are said not to have poses."""
+    if len(scans) > 1:
         raise InputError(
             f"{len(scans)} scans without poses cannot be joined; give --poses FILE with one line a scan "
             "(tx ty tz qx qy qz qw, world from sensor), find poses by `unseen register`, or complete them "
             "one by one"
         )
-    return scans, paths
+
+
+def _is_at_origin(scan: RangeImage) -> bool:
+    """Whether the pose of a scan says nothing: the identity, or points about their own origin."""
+    pose = scan.world_from_sensor
+    is_of_points = scan.sensor.startswith(POINTS_SENSOR)
+    return np.allclose(pose.translation if is_of_points else pose.matrix - np.eye(4), 0.0)
 
 
 def _are_named(poses: str, sources: Iterable[ScanSource]) -> bool:

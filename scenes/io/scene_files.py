@@ -16,7 +16,7 @@ from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.format import Units
 from scenes.io.glb_writer import glb_of
 from scenes.io.guard import guard_reading
-from scenes.io.mesh_file import check_mesh_suffix, read_mesh_file
+from scenes.io.mesh_file import GLTF_SUFFIXES, check_mesh_suffix, read_mesh_file
 from scenes.io.obj import write_obj
 from scenes.io.off import write_off
 from scenes.io.ply_writer import write_mesh_ply
@@ -31,6 +31,10 @@ from scenes.run.atomic import write_bytes
 from scenes.world.scene import Mode, Scene
 
 _MOST_SHARED = 2  # faces at an edge of a surface
+_Z_UP = "the geometry shows that z is up, though glTF says y: z was taken; --up y says otherwise"
+_EXACT = 1e-15  # of the largest coordinate: what a change of units leaves
+_NEGLIGIBLE_M = 1e-5  # steps
+_FEW = 10_000  # points that tell whether all went through 32 bits
 
 
 def mesh_doubts(mesh: LabelledMesh, metres: float = 1.0) -> tuple[str, ...]:
@@ -43,7 +47,10 @@ def mesh_doubts(mesh: LabelledMesh, metres: float = 1.0) -> tuple[str, ...]:
     has_area = mesh.face_areas() > 0
     if not has_area.any():
         raise InputError(f"none of its {len(mesh.faces)} faces has an area, so that no ray can hit any")
-    return (*_face_doubts(mesh, has_area), *rounding_doubts(mesh.vertices, metres))
+    return (
+        *_face_doubts(mesh, has_area),
+        *rounding_doubts(mesh.vertices, metres, single_steps(mesh.vertices, metres)),
+    )
 
 
 def _face_doubts(mesh: LabelledMesh, has_area: BoolArray) -> Iterator[str]:
@@ -91,19 +98,33 @@ def _keys(edges: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(edges[:, 0] << np.int64(32) | edges[:, 1], dtype=np.int64)
 
 
-def rounding_doubts(points: FloatArray, metres: float | FloatArray) -> tuple[str, ...]:
-    """Return a warning where points (n, 3), as the file holds them, went through 32-bit floats too far away.
+def single_steps(points: FloatArray, metres: float | FloatArray) -> FloatArray:
+    """Return the steps (3,) of coordinates (n, 3) that went through 32-bit floats, metres; 0 for others.
+
+    So are steps below a hundredth of a millimetre.
 
     `metres` is their unit, one for all or one of each axis (3,).
     """
-    largest = np.abs(points).max(axis=0, initial=0.0)
-    steps = np.unique(np.spacing(largest.astype(np.float32)) * metres)
-    if not steps[-1] > FINE_M or not (points.astype(np.float32) == points).all():
+    largest = np.array([max(column.max(initial=0.0), -column.min(initial=0.0)) for column in points.T])
+    few = points[:: -(-len(points) // _FEW) or 1]
+    if not (np.abs(few.astype(np.float32) - few) <= _EXACT * largest).all():
+        return np.zeros(3)
+    steps = np.asarray(np.spacing(largest.astype(np.float32)) * metres, np.float64)
+    return np.where(steps > _NEGLIGIBLE_M, steps, 0.0)
+
+
+def rounding_doubts(points: FloatArray, metres: float | FloatArray, steps_m: FloatArray) -> tuple[str, ...]:
+    """Return a warning where points (n, 3), as the file holds them, went through 32-bit floats too far away.
+
+    `metres` is their unit, one for all or one of each axis (3,), `steps_m` (3,) what `single_steps` gives.
+    """
+    steps = np.unique(steps_m)
+    if not steps[-1] > FINE_M:
         return ()
     rounded = " and ".join(f"{step:.2g}" for step in steps if step > FINE_M)
     return (
-        f"coordinates up to {(largest * metres).max():.4g} m are stored in 32 bits, so they are rounded to "
-        f"steps of {rounded} m; save the file about an origin of its own",
+        f"coordinates up to {(np.abs(points) * metres).max():.4g} m are stored in 32 bits, so they are "
+        f"rounded to steps of {rounded} m; save the file about an origin of its own",
     )
 
 
@@ -113,7 +134,7 @@ _NAMELESS = re.compile(
 
 
 def open_scene(
-    spec: str | os.PathLike[str], *, up: Axis = "z", units: Units = "m", mode: Mode | None = None
+    spec: str | os.PathLike[str], *, up: Axis | None = None, units: Units = "m", mode: Mode | None = None
 ) -> Scene:
     """Return `builtin:NAME`, or the scene of a mesh file.
 
@@ -138,7 +159,7 @@ def open_scene(
 
 
 def load_scene(
-    path: str | os.PathLike[str], *, up: Axis = "z", units: Units = "m", mode: Mode | None = None
+    path: str | os.PathLike[str], *, up: Axis | None = None, units: Units = "m", mode: Mode | None = None
 ) -> Scene:
     """Read a mesh file: GLB, glTF, OBJ + MTL, PLY, STL or OFF.
 
@@ -150,8 +171,9 @@ def load_scene(
     ----------
     path : str or path
         The file. Materials and textures beside it are only read from within its folder.
-    up : "x", "y" or "z"
-        Axis of the file that is up; it becomes the world's z.
+    up : "x", "y" or "z", optional
+        Axis of the file that is up; it becomes the world's z. When not given it is z, but y of GLB and glTF
+        (glTF 2.0, section 3.4), unless the geometry stands on z: that gives a warning.
     units : "mm", "cm", "m", "in", "ft" or "us-ft"
         Unit of the file's coordinates.
     mode : "room" or "object", optional
@@ -163,7 +185,7 @@ def load_scene(
         Missing, empty, damaged, no faces, vertices that are not finite, or a material, texture or buffer that
         is named outside the file's folder.
     """
-    if up not in get_args(Axis):
+    if up is not None and up not in get_args(Axis):
         raise InputError(f"unknown up axis {up!r}; known: x, y, z")
     metres = check_units(units)
     file = check_mesh_suffix(Path(path))
@@ -175,14 +197,14 @@ def load_scene(
         if len(mesh.faces) != held.n_faces:
             raise InputError(f"holds {held.n_faces} faces, of which {len(mesh.faces)} can be read")
         doubts = mesh_doubts(mesh, metres)
-        mesh = LabelledMesh(
-            world_from_file_up(up).apply(mesh.vertices * metres),
-            mesh.faces,
-            mesh.face_surface,
-            mesh.appearance,
-        )
+        is_gltf = file.suffix.lower() in GLTF_SUFFIXES
+        chosen: Axis = up or ("y" if is_gltf else "z")
+        turned, doubt = _turned(mesh, chosen, metres), tuple[str, ...]()
+        if up is None and is_gltf and _stands_on_z(turned, upright := _turned(mesh, "z", metres)):
+            turned, chosen, doubt = upright, "z", (_Z_UP,)
+        mesh = turned
         kind = decide_mode(mesh) if mode is None else mode
-        warnings = (*held.warnings, *doubts, *_warnings(mesh, kind, up))
+        warnings = (*held.warnings, *doubts, *doubt, *_warnings(mesh, kind, chosen))
         return Scene(
             mesh=mesh,
             surfaces=(None,) * len(names),
@@ -190,7 +212,22 @@ def load_scene(
             name=file.stem,
             mode=kind,
             warnings=warnings,
+            file_up=chosen,
         )
+
+
+def _turned(mesh: LabelledMesh, up: Axis, metres: float) -> LabelledMesh:
+    """A mesh of a file in the world, in metres."""
+    vertices = world_from_file_up(up).apply(mesh.vertices * metres)
+    return LabelledMesh(vertices, mesh.faces, mesh.face_surface, mesh.appearance)
+
+
+def _stands_on_z(mesh: LabelledMesh, upright: LabelledMesh) -> bool:
+    """Tell whether a mesh that was turned from y up stands on the file's z: as a room only, or clearly."""
+    mode = decide_mode(mesh)
+    if mode == "room":
+        return False
+    return suggest_up(mesh, mode) == "y" or decide_mode(upright) == "room"  # y of the world is the file's z
 
 
 class _PlacedGeometry(NamedTuple):
@@ -268,7 +305,7 @@ def units_doubt(diagonal_m: float) -> str:
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> list[Path]:
     """Write a scene by suffix, atomically; return the files that were written.
 
-    `.glb` is y up by its nodes' transforms, as glTF asks (read it with `up="y"`), textured, a node a surface.
+    `.glb` is y up by its nodes' transforms, as glTF asks, textured, a node a surface.
     `.obj` has an object a surface, materials and textures beside it. `.ply` and `.off` hold colours at the
     vertices, textures sampled there. `.stl` holds the geometry alone. All but GLB and STL are in double
     precision; these two are in single precision about an origin near the geometry (`local_origin`).

@@ -3,179 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
 from scenes import limits
-from scenes.checks import BoolArray, ColourArray, FloatArray, InputError, check_point, check_points
+from scenes.checks import BoolArray, ColourArray, FloatArray, InputError, IntArray, check_point, check_points
+from scenes.io.angle_grid import AngleGrid, find_grid, is_filled, neighbour_steps, swept_beams, swept_poles
 from scenes.io.guard import check_size
 from scenes.pose import Pose
 from scenes.scan.colour import colour_type
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import POINTS_SENSOR, RangeImage, saturation_start, saturation_warning
-
-_N_SAMPLE = 20_000  # points whose neighbours are looked at
-_BINS = 1 << 19  # of angles, whose spectrum shows the steps
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AngleGrid:
-    """Pixels that points fall into.
-
-    Attributes
-    ----------
-    pole : (3,) float
-        The axis that the scanner turned about: the image's up.
-    projection : SphericalProjection
-        In a sensor frame whose y is against the pole and whose z is `forward`.
-    forward : (3,) float
-        At right angles to the pole.
-    row, column : (n,) int64
-        The pixel of each point.
-    """
-
-    pole: FloatArray
-    projection: SphericalProjection
-    forward: FloatArray
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
-
-    @property
-    def flat(self) -> NDArray[np.int64]:
-        """Flat pixel (n,) of each point."""
-        return self.row * self.projection.shape[1] + self.column
-
-    @property
-    def kept(self) -> float:
-        """Share of the points that have a pixel of their own."""
-        return len(np.unique(self.flat)) / len(self.row)
-
-
-def find_grid(rays: FloatArray, poles: Sequence[FloatArray]) -> AngleGrid | None:
-    """Return the grid of azimuths and elevations that unit `rays` (n, 3) lie on, None where there is none.
-
-    About each pole the angles' spectrum tells whether they come in steps: where they do, a wave of that
-    length has all angles at the same phase. The grid that gives most points a pixel of their own counts, if
-    they are at least 95 %, and their image has no more than a fifth of holes.
-    """
-    grids = [grid for grid in (_grid_about(rays, pole) for pole in poles) if grid is not None]
-    best = max(grids, key=lambda grid: grid.kept, default=None)
-    return best if best is not None and best.kept >= limits.NEARLY_ALL else None
-
-
-def swept_poles(rays: FloatArray) -> list[FloatArray]:
-    """Return axes (3,) that the points may have been swept about, by unit rays (n, 3) in the file's order.
-
-    Two points that follow each other in a column span a plane with the axis; the way from one to the next in
-    a row is at right angles to it. None where too few points follow each other closely.
-    """
-    poles = []
-    for across in (np.cross(rays[:-1], rays[1:]), np.diff(rays, axis=0)):
-        length = np.linalg.norm(across, axis=1)
-        near = (length > 1e-9) & (length < limits.APART)
-        if near.sum() >= limits.FEWEST_POINTS:
-            unit = across[near] / length[near, None]
-            pole = np.linalg.eigh(unit.T @ unit)[1][:, 0]
-            poles.append(np.asarray(pole * np.copysign(1.0, pole[int(np.argmax(np.abs(pole)))])))
-    return poles
-
-
-def is_filled(filled: BoolArray, share: float) -> bool:
-    """Tell whether so many of the pixels (rows, columns) between filled ones are filled."""
-    between = scipy.ndimage.binary_closing(np.pad(filled, 2), np.ones((3, 3)))[2:-2, 2:-2]
-    return bool(filled.sum() >= share * between.sum())
-
-
-def neighbour_steps(angles: FloatArray) -> FloatArray:
-    """Median angle (2,) to the next point sideways and upwards, of azimuths, elevations (n, 2), radians."""
-    flat = angles.copy()
-    flat[:, 0] *= np.cos(angles[:, 1])
-    sample = np.linspace(0, len(flat) - 1, min(_N_SAMPLE, len(flat))).astype(np.int64)
-    _, near = scipy.spatial.cKDTree(flat).query(flat[sample], k=9)
-    way = np.abs(flat[near[:, 1:]] - flat[sample, None])
-    is_level = way[..., 0] >= way[..., 1]
-    steps = []
-    for axis, chosen in ((0, is_level), (1, ~is_level)):
-        nearest = np.where(chosen & (way[..., axis] > 1e-9), way[..., axis], np.inf).min(axis=1)
-        known = nearest[np.isfinite(nearest)]
-        steps.append(float(np.median(known)) if len(known) else np.inf)
-    smaller = min(steps) if np.isfinite(min(steps)) else 1e-3
-    return np.array([value if np.isfinite(value) else smaller for value in steps])
-
-
-def _grid_about(rays: FloatArray, pole: FloatArray) -> AngleGrid | None:
-    forward = rays.mean(axis=0) - (rays.mean(axis=0) @ pole) * pole
-    if np.linalg.norm(forward) < 1e-6:
-        forward = np.eye(3)[int(np.argmin(np.abs(pole)))]
-        forward = forward - (forward @ pole) * pole
-    forward = forward / np.linalg.norm(forward)
-    azimuth = np.arctan2(rays @ np.cross(forward, pole), rays @ forward)
-    elevation = np.arcsin(np.clip(rays @ pole, -1.0, 1.0))
-    level = np.abs(elevation) < limits.LEVEL_ANGLE
-    if level.sum() < limits.FEWEST_POINTS:
-        return None
-    wide, high = neighbour_steps(np.column_stack([azimuth, elevation])[level])
-    across, up = _comb(azimuth[level], wide), _comb(elevation, high)
-    if across is None or up is None:
-        return None
-    turn = round(2 * np.pi / across[0])
-    if abs(turn * across[0] - 2 * np.pi) < across[0] / 4:
-        across = 2 * np.pi / turn, across[1]
-    beside = np.cos(elevation) > 2 * up[0]  # at the pole itself every azimuth is as good
-    column, azimuths = _number_steps(azimuth, *across, beside)
-    row, elevations = _number_steps(elevation, *up, beside | True)
-    if len(azimuths) > turn:  # the seam of a full turn
-        column, azimuths = column % turn, azimuths[:turn]
-    if min(len(azimuths), len(elevations)) < 2 or np.ptp(azimuths) >= 2 * np.pi + 1e-9:
-        return None
-    filled = np.zeros((len(elevations), len(azimuths)), np.bool_)
-    filled[row, column] = True
-    if not is_filled(filled, limits.FILLED):
-        return None
-    projection = SphericalProjection(azimuths, elevations[::-1])
-    return AngleGrid(pole, projection, forward, len(elevations) - 1 - row, column)
-
-
-def _number_steps(
-    angles: FloatArray, step: float, phase: float, telling: BoolArray
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Number (n,) of each angle's step, from the least to the largest of those that tell; their angles."""
-    number = np.rint((angles - phase) / step).astype(np.int64)
-    first, last = int(number[telling].min()), int(number[telling].max())
-    steps = np.arange(first, last + 1, dtype=np.float64)
-    return np.clip(number, first, last) - first, np.asarray(phase + step * steps)
-
-
-def _comb(angles: FloatArray, near: float) -> tuple[float, float] | None:
-    """Step and phase of angles (n,) that come in steps of about `near`, radians; None where they do not."""
-    span = float(np.ptp(angles))
-    length = 4 * span  # four times as many waves as differ from each other
-    if not _BINS * near > 16 * length or span < 4 * near:
-        return None
-    count, _ = np.histogram(angles - angles.min(), bins=_BINS, range=(0.0, length))
-    strength = np.abs(np.fft.rfft(count)) / len(angles)
-    low, high = int(length / (limits.WIDEST_STEP * near)), int(length / (limits.NARROWEST_STEP * near))
-    waves = np.arange(max(low, 8), min(high, len(strength) - 1))
-    if not len(waves) or strength[waves].max() < limits.SHARP:
-        return None
-    first = int(waves[np.argmax(strength[waves] >= limits.FUNDAMENTAL * strength[waves].max())])
-    peak = first + int(np.argmax(strength[first : first + 5]))  # up the slope of the first strong one
-    sample = angles[:: max(1, len(angles) // (2 * _N_SAMPLE))]
-
-    def at(wave: float) -> complex:
-        return complex(np.exp(2j * np.pi * wave / length * sample).mean())
-
-    wave = float(
-        scipy.optimize.minimize_scalar(
-            lambda shift: -abs(at(shift)), bounds=(peak - 1.0, peak + 1.0), method="bounded"
-        ).x
-    )
-    return length / wave, float(np.angle(at(wave))) * length / (2 * np.pi * wave)
-
 
 _WIDER = 1.2  # from one try to the next
 
@@ -185,15 +24,18 @@ def scan_from_station(
     origin: object,
     name: str = "cloud",
     colour: NDArray[np.float32] | ColourArray | None = None,
+    beam: NDArray[np.int64] | None = None,
 ) -> RangeImage:
     """Return the points as one scan from `origin`, whose `sensor` says that it was made of points.
 
     The image is spherical. Where the points lie on a grid of angles about x, y, z or the axis that rows
-    or columns of points run about, each has its pixel. Else the pixels are as small as leaves hardly any of
-    them empty between others; single empty ones take the nearest point. Each pixel keeps the point nearest to
-    its middle exactly as it was measured; others had no return. `sensor` tells how many points were kept,
-    `warnings` why not nearly all. Ranges that only say that the scanner's number was full are left out, with
-    a warning.
+    or columns of points run about, each has its pixel; the grid's steps may be uneven, so that each beam of a
+    spinning lidar is a row (`scenes.io.angle_grid.find_grid`). Else the pixels are as small as leaves hardly
+    any of them empty between others. Single empty ones take the nearest point. Each pixel keeps the point
+    nearest to its middle exactly as it was measured; others had no return. `sensor` tells how many points
+    were kept, `warnings` why not nearly all. Left out with a warning are repeated points, ranges that only
+    say that the scanner's number was full, and returns of what carries the scanner: those nearer than any
+    others, nearer than 2.5 m, on more than one side of it, with next to nothing up to 1.5 times their range.
 
     Parameters
     ----------
@@ -205,6 +47,8 @@ def scan_from_station(
         What to call the scan.
     colour : (n, 3) uint8 or float32, optional
         sRGB of each point, 0..255 or in 0..1.
+    beam : (n,) int, optional
+        The number of the beam of each point, of a lidar with several that turns about z.
 
     Raises
     ------
@@ -219,28 +63,29 @@ def scan_from_station(
     real = (away > 0) & (away < start)
     _check_number(int(real.sum()))
     swept = swept_poles((cloud[real] - stood) / away[real, None])
-    order = np.lexsort(cloud.T)  # so that the file's order does not matter
-    order = order[real[order]]
+    if beam is None and (swept_in := swept_beams((cloud[real] - stood) / away[real, None])) is not None:
+        beam = np.zeros(len(cloud), np.int64)
+        beam[real] = swept_in
+    order, sentences = _usable(real, cloud, stood)
+    if start < np.inf:
+        sentences.insert(0, saturation_warning(len(away) - int(real.sum()), start, len(away)))
     cloud, ranges = cloud[order], away[order]
     rays = (cloud - stood) / ranges[:, None]
-    grid = find_grid(rays, [*np.eye(3)[[2, 0, 1]], *swept])
-    bins = _bin_pixels(rays) if grid is None else grid
-    _check_single(bins.flat, ranges, stood)
+    grid = find_grid(rays, [*np.eye(3)[[2, 0, 1]], *swept], None if beam is None else beam[order])
+    bins = _bin_pixels(rays, ranges, stood) if grid is None else grid
     down = -bins.pole
     pose = Pose.from_parts(np.column_stack([np.cross(down, bins.forward), down, bins.forward]), stood)
     seen = pose.inverse().apply(cloud)
     kept = _nearest(bins, rays)
-    sentences = [] if start == np.inf else [saturation_warning(len(away) - int(real.sum()), start, len(away))]
     chosen = np.full(bins.projection.shape, -1)
     chosen[bins.row[kept], bins.column[kept]] = kept
-    if grid is None:
-        filled = _fill_single(chosen, bins, rays)
-        if len(kept) < limits.NEARLY_ALL * len(cloud):
-            sentences.append(
-                f"{len(kept)} of {len(cloud)} points were kept ({len(kept) / len(cloud):.0%}), one a pixel, "
-                f"and {filled} single empty pixels took the nearest: the points lie on no grid of angles "
-                "about x, y or z; to keep all take the scan as the scanner wrote it (structured .e57, .ptx)"
-            )
+    filled = 0 if bins.is_own else _fill_single(chosen, bins, rays, is_row=grid is not None)
+    if len(kept) < limits.NEARLY_ALL * len(cloud):
+        sentences.append(
+            f"{len(kept)} of {len(cloud)} points were kept ({len(kept) / len(cloud):.0%}), one a pixel, "
+            f"and {filled} single empty pixels took the nearest: the points lie on no grid of angles "
+            "about x, y or z; to keep all take the scan as the scanner wrote it (structured .e57, .ptx)"
+        )
     image = np.where((chosen < 0)[..., None], np.nan, seen[chosen])
     painted = None
     if colour is not None:
@@ -250,6 +95,52 @@ def scan_from_station(
     x, y, z = stood
     sensor = f"{POINTS_SENSOR} from ({x:.10g}, {y:.10g}, {z:.10g}), {len(kept)} of {len(cloud)} kept"
     return scan.with_facts(sensor=sensor).add_warnings(sentences)
+
+
+def _usable(real: BoolArray, cloud: FloatArray, stood: FloatArray) -> tuple[IntArray, list[str]]:
+    """Of the `real` (n,) points those neither repeated nor of what carries the scanner, by number, and why.
+
+    They are sorted by their places, so that the file's order does not matter.
+    """
+    order = np.asarray(np.lexsort(cloud.T), dtype=np.int64)
+    order = order[real[order]]
+    sentences, n_all = list[str](), len(order)
+    new = np.concatenate([[True], (np.diff(cloud[order], axis=0) != 0).any(axis=1)])
+    order = order[new]
+    if len(order) < n_all:
+        sentences.append(f"{n_all - len(order)} of {n_all} points repeat others and were left out")
+    away = cloud[order] - stood
+    reach = _carrier_reach(away)
+    near = np.linalg.norm(away, axis=1) <= reach
+    if reach > 0:
+        sentences.append(
+            f"{int(near.sum())} of {len(order)} returns lie within {reach:.2g} m around the scanner, apart "
+            "from all others: they are of what carries it and were left out"
+        )
+    return order[~near], sentences
+
+
+def _carrier_reach(away: FloatArray) -> float:
+    """How far what carries the scanner reaches, by points (n, 3) about its place, metres; 0 for none.
+
+    A tripod, a robot or the roof of a car is near, on more than one side of the vertical through the scanner,
+    and parted from the rest by a gap of ranges. A desk beside it is on one side, and floors have no gap.
+    """
+    ranges = np.linalg.norm(away, axis=1)
+    held = np.sort(ranges)
+    ends = np.geomspace(limits.CARRIER_M, max(held[0], 1e-3 * limits.CARRIER_M), 60)
+    for reach in ends / limits.CARRIER_GAP:
+        n_near, n_all = np.searchsorted(held, [reach, limits.CARRIER_GAP * reach], side="right")
+        is_apart = n_all - n_near <= limits.CARRIER_STRAYS * len(held)
+        if n_near < limits.FEWEST_POINTS or n_near > len(held) / 2 or not is_apart:
+            continue
+        near = away[ranges <= reach]
+        sector = np.floor((np.arctan2(near[:, 1], near[:, 0]) / np.pi + 1) * 6).astype(np.int64) % 12
+        taken = np.bincount(sector, minlength=12) >= 0.01 * len(near)
+        widest = max(np.diff(np.flatnonzero(np.tile(taken, 2))), default=12)
+        if widest <= 6:
+            return float(held[n_near - 1])
+    return 0.0
 
 
 def _check_number(n_points: int) -> None:
@@ -281,10 +172,14 @@ def _nearest(bins: AngleGrid, rays: FloatArray) -> NDArray[np.int64]:
     return np.asarray(order[first])
 
 
-def _fill_single(chosen: NDArray[np.int64], bins: AngleGrid, rays: FloatArray) -> int:
-    """Write the nearest point into empty pixels (-1) whose neighbours on all sides are filled; count them."""
+def _fill_single(chosen: IntArray, bins: AngleGrid, rays: FloatArray, *, is_row: bool) -> int:
+    """Write the nearest point into empty pixels (-1) whose neighbours on all sides are filled; count them.
+
+    Of a row that is a beam, the neighbours are those in the row.
+    """
     inside = np.pad(chosen >= 0, 1)
-    around = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+    around = inside[1:-1, :-2] & inside[1:-1, 2:]
+    around &= is_row | (inside[:-2, 1:-1] & inside[2:, 1:-1])
     row, column = np.nonzero(around & (chosen < 0))
     if len(row):
         azimuths, elevations = _middles(bins)
@@ -304,8 +199,14 @@ def _pole(rays: FloatArray) -> tuple[FloatArray, FloatArray]:
     return -turned[:, 1], turned[:, 2]
 
 
-def _bin_pixels(rays: FloatArray) -> AngleGrid:
-    """Pixels wide enough to be filled, starting from the steps between neighbouring points."""
+def _bin_pixels(rays: FloatArray, ranges: FloatArray, stood: FloatArray) -> AngleGrid:
+    """Pixels wide enough to be filled, starting from the steps between neighbouring points.
+
+    Where many would hold points behind each other, as of trees, with gaps of sky, smaller ones are taken
+    that are less filled, if they keep half of the points.
+
+    Raises InputError: too many hold points behind each other all the same.
+    """
     pole, forward = _pole(rays)
     none = np.zeros(0, np.int64)
     whole = AngleGrid(pole, SphericalProjection(np.zeros(1), np.zeros(1)), forward, none, none)
@@ -314,13 +215,26 @@ def _bin_pixels(rays: FloatArray) -> AngleGrid:
     sides = np.ptp(angles, axis=0)
     while np.prod(np.maximum(sides / step, 1)) > limits.SPARSE * len(angles) + limits.SPARSE_PIXELS:
         step = step * _WIDER  # most of so many pixels would be empty
+    smaller = None
     while True:
         bins = _bins(whole, angles, step)
-        filled = np.zeros(bins.projection.shape, dtype=np.bool_)
-        filled[bins.row, bins.column] = True
+        filled = bins.filled
+        if smaller is None and is_filled(filled, limits.FILLED):
+            smaller = bins
         if is_filled(filled, limits.NEARLY_ALL) or min(filled.shape) < 8:
-            return bins
+            break
         step = step * _WIDER
+    share = _share_apart(bins.flat, ranges)
+    if share <= limits.MOST_APART:
+        return bins
+    keeps_half = smaller is not None and smaller.kept >= 0.5
+    if smaller is not None and keeps_half and _share_apart(smaller.flat, ranges) <= limits.MOST_APART / 2:
+        return smaller
+    x, y, z = stood
+    raise InputError(
+        f"{100 * share:.0f} % of the directions from ({x:.10g}, {y:.10g}, {z:.10g}) meet points behind "
+        "each other, which no one scan from there measured; was it another place, or are scans merged?"
+    )
 
 
 def _bins(whole: AngleGrid, angles: FloatArray, step: FloatArray) -> AngleGrid:
@@ -331,19 +245,13 @@ def _bins(whole: AngleGrid, angles: FloatArray, step: FloatArray) -> AngleGrid:
     column, row = np.minimum(np.floor((angles - low) / size).astype(np.int64), count - 1).T
     azimuths, elevations = (low[k] + (np.arange(count[k]) + 0.5) * size[k] for k in (0, 1))
     projection = SphericalProjection(azimuths, elevations[::-1])
-    return AngleGrid(whole.pole, projection, whole.forward, count[1] - 1 - row, column)
+    return AngleGrid(whole.pole, projection, whole.forward, count[1] - 1 - row, column, is_own=False)
 
 
-def _check_single(pixel: NDArray[np.int64], ranges: FloatArray, stood: FloatArray) -> None:
-    """Raise InputError where too many pixels hold points far behind each other."""
+def _share_apart(pixel: IntArray, ranges: FloatArray) -> float:
+    """Share of the filled pixels that hold points far behind each other."""
     order = np.argsort(pixel, kind="stable")
     start = np.flatnonzero(np.diff(pixel[order], prepend=-1))
     near = np.minimum.reduceat(ranges[order], start)
     far = np.maximum.reduceat(ranges[order], start)
-    share = float(np.mean(far > (1 + limits.RANGES_APART) * near))
-    if share > limits.MOST_APART:
-        x, y, z = stood
-        raise InputError(
-            f"{100 * share:.0f} % of the directions from ({x:.10g}, {y:.10g}, {z:.10g}) meet points behind "
-            "each other, which no one scan from there measured; was it another place, or are scans merged?"
-        )
+    return float(np.mean(far > (1 + limits.RANGES_APART) * near))

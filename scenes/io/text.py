@@ -1,49 +1,47 @@
 # SPDX-License-Identifier: MIT
-"""Text: points as lines of numbers, whatever the separators, and the returns of a scan of ours."""
+"""Text: points as lines of numbers, whatever the separators."""
 
 from __future__ import annotations
 
 import io
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError, freeze_arrays
-from scenes.io.documents import decode_text, parse_json
-from scenes.io.format import (
-    NO_RAYS,
-    Format,
-    RawPoints,
-    ScanReturns,
-    cloud_of,
-    one_cloud,
-    one_scan,
-    scan_of,
+from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
+from scenes.io.columns import (
+    AXES,
+    COLOURS,
+    NORMALS,
+    are_degrees,
+    columns_of,
     time_column,
     times_among,
+    unit_of_comment,
+    unit_of_names,
+)
+from scenes.io.crs import LengthUnit, degrees_error
+from scenes.io.documents import decode_text
+from scenes.io.format import (
+    Format,
+    RawPoints,
+    one_cloud,
+    one_scan,
     write_single,
 )
-from scenes.io.header import checked_bytes, scan_header
+from scenes.io.text_scan import TEXT_TAG, read_scan_text, write_scan_text
 from scenes.limits import FEWEST_POINTS
-from scenes.run.atomic import atomic_path, to_plain
-from scenes.scan.range_image import RangeImage
+from scenes.scan.colour import known_colours
 
 _COMMENT = re.compile(r"[ \t]*(?:#|//|%|!)[^\n]*")
-TEXT_TAG = "# unseen "  # begins the line that holds pose and projection of a scan of ours
 _EMPTY_FIELD = re.compile(r"(?m)(?:^|(?<=\t)) *(?=\t)")  # of tab-separated text
 _NAME = re.compile(r"[a-z]+")
 _LETTER = re.compile(r"[^\W\d_]")
 _QUOTED = re.compile(r'"([^"\n]*)"')
-_AXES = {  # names of columns, the plainest first
-    "x": ("x", "easting", "east", "e", "rechtswert"),  # German surveyors: right, high, height
-    "y": ("y", "northing", "north", "n", "hochwert"),
-    "z": ("z", "elevation", "elev", "height", "el", "h", "up", "u", "höhe"),
-}
-_LABEL = "label"
+_THOUSANDS = re.compile(r"\d{1,3}(?:,\d{3})+(?:\.\d+)?")  # of a quoted field
+_SAMPLE, _MOST_COLUMNS = 1000, 16  # lines, and columns of them, that tell what columns without names hold
 _COUNTED = 10  # points from which a first column that counts them is their number
 _TRACK = "track"  # of points3D.txt of COLMAP: any number of fields
 _SHOWN = 200  # characters of names in a warning
@@ -65,6 +63,10 @@ class PointTable:
         What was assumed.
     label : (n,) float, optional
         The column that is named so, NaN where a field was empty.
+    colour : (n, 3) uint8, optional
+        sRGB.
+    unit : LengthUnit, optional
+        What the names of the columns, or a comment before them, state.
     times : (n,) float, optional
         Of the column that is named so, seconds.
     """
@@ -73,6 +75,8 @@ class PointTable:
     normals: FloatArray | None
     warnings: tuple[str, ...]
     label: FloatArray | None = None
+    colour: ColourArray | None = None
+    unit: LengthUnit | None = None
     times: FloatArray | None = None
 
     def __post_init__(self) -> None:
@@ -84,11 +88,10 @@ class _Layout:
     """Where in the lines the points stand."""
 
     first: int  # index of the first line with a point
-    columns: tuple[int, ...]  # of x, y, z and perhaps nx, ny, nz, then of `more`
+    columns: dict[str, int]  # of x, y, z and whatever else is known
     count: int | None = None  # points that the file announces
     warnings: tuple[str, ...] = ()
-    normals_are_named: bool = False
-    more: tuple[str, ...] = ()  # names of the columns beside: the label, times
+    unit: LengthUnit | None = None
     may_count: bool = False  # no column is named, and there are more than three
 
 
@@ -97,13 +100,13 @@ def read_point_table(path: Path) -> PointTable:
 
     Fields are separated by blanks, tabs, commas or semicolons; decimal commas are known where something
     else separates the fields. Lines may end in any way; `#`, `//`, `%` and `!` begin comments. Lines of names
-    may stand before the points and say which columns are x, y, z (nx, ny, nz, label, time), or easting,
-    northing and elevation (P, N, E, Z, D); without them the first three columns are taken, and three more are
-    normals where all have length one. A first line with one integer announces how many points follow (.pts,
-    and the reference sets of NIST).
+    may stand before the points and say which columns are x, y, z (nx, ny, nz, red, green, blue, label, time),
+    or easting, northing and elevation (P, N, E, Z, D), and their unit in brackets. Without them the first
+    three columns are taken, three further ones of length one are normals, and whole numbers up to 255 colours. A
+    first line with one integer announces how many points follow (.pts, and the reference sets of NIST).
 
     Raises InputError: no text, no points, a line that is no point (with its number), another count than
-    announced, or a first column without a name that counts the points.
+    announced, longitude and latitude, or a first column without a name that counts the points.
     """
     lines = _clean(_decode(path)).split("\n")
     layout = _layout(lines)
@@ -113,16 +116,26 @@ def read_point_table(path: Path) -> PointTable:
             f"its first line announces {layout.count} points, {len(table)} follow: is it truncated, or are "
             "there several clouds in it? correct or remove that line"
         )
-    if layout.may_count and len(table) >= _COUNTED and (np.diff(table[:, 0]) == 1).all():
+    column = dict(zip(layout.columns, table.T, strict=True))
+    points = np.stack([column[axis] for axis in AXES], axis=-1)
+    if layout.may_count and len(table) >= _COUNTED and (np.diff(points[:, 0]) == 1).all():
         raise InputError(
-            f"its first column counts from {table[0, 0]:.0f} to {table[-1, 0]:.0f}, so it numbers the "
+            f"its first column counts from {points[0, 0]:.0f} to {points[-1, 0]:.0f}, so it numbers the "
             "points; name the columns in the first line (P,N,E,Z,D or point,x,y,z)"
         )
-    first = table.shape[1] - len(layout.more)
-    beside = {name: table[:, first + k].copy() for k, name in enumerate(layout.more)}
-    points, more = table[:, :3], table[:, 3:first]
-    normals = more.copy() if layout.normals_are_named or (more.shape[1] == 3 and _are_unit(more)) else None
-    return PointTable(points, normals, layout.warnings, beside.get(_LABEL), times_among(beside))
+    normals = np.stack([column[axis] for axis in NORMALS], axis=-1) if "nx" in column else None
+    colour, colourless = None, tuple[str, ...]()
+    if "red" in column:
+        colour, colourless = known_colours(np.stack([column[name] for name in COLOURS], axis=-1), points)
+    return PointTable(
+        points,
+        normals,
+        (*layout.warnings, *colourless),
+        label=column.get("label"),
+        colour=colour,
+        unit=layout.unit,
+        times=times_among(column),
+    )
 
 
 def _decode(path: Path) -> str:
@@ -142,7 +155,7 @@ def _clean(text: str) -> str:
 
     Blanks and separators within quotes, and blanks within a field that has a separator, become _ in words.
     """
-    text = _QUOTED.sub(lambda held: _as_word(held[1], r"[\s,;]+"), text).replace('"', "")
+    text = _QUOTED.sub(lambda held: _unquoted(held[1]), text).replace('"', "")
     has_decimal_commas = _has_decimal_commas(text.replace("\t", " "))
     text = _with_whole_words(_with_empty_fields(text), "\t").replace("\t", " ")
     if has_decimal_commas:
@@ -152,9 +165,14 @@ def _clean(text: str) -> str:
             continue
         text = _with_whole_words(text, separator)
         text = re.sub(rf"(?m)^ *(?={separator})", " nan ", text)
-        text = re.sub(rf"{separator}(?= *{separator})", f"{separator} nan ", text)
+        text = re.sub(rf"(?m){separator}(?= *(?:{separator}|$))", f"{separator} nan ", text)
         text = text.replace(separator, " ")
     return text
+
+
+def _unquoted(field: str) -> str:
+    """A field without its quotes, words in one piece and thousands without commas: "1,234.5" is 1234.5."""
+    return field.replace(",", "") if _THOUSANDS.fullmatch(field) else _as_word(field, r"[\s,;]+")
 
 
 def _as_word(field: str, gaps: str = r"\s+") -> str:
@@ -196,90 +214,101 @@ def _has_decimal_commas(text: str) -> bool:
     number = r"[-+]?\d+(?:,\d+)?(?:[eE][-+]?\d+)?"
     for line in _COMMENT.sub("", text[:20_000]).split("\n"):
         fields = [field.strip() for field in (line.split(";") if ";" in line else line.split())]
-        fields = [field for field in fields if field]
+        fields = [field for field in fields if field and not _LETTER.match(field)]
         if len(fields) >= 3 and any("," in field for field in fields[:3]):
             return all(re.fullmatch(number, field) for field in fields[:3])
     return False
 
 
 def _layout(lines: list[str]) -> _Layout:
-    """Find the first point, the names before it, and the announced count."""
+    """Find the first point, the names before it, the unit they state, and the announced count."""
     names: list[str] = []
     count: int | None = None
+    unit: LengthUnit | None = None
     for index, line in enumerate(lines[:_MAX_HEADER]):
         if line.startswith(TEXT_TAG):
             continue
         fields = _fields(line)
-        if not fields:
+        if not fields or not _is_number(fields[0]):
+            columns = columns_of(names) if fields and _fits(names, len(fields)) else {}
+            if columns and all(_is_number(fields[columns[k]]) for k in AXES if columns[k] < len(fields)):
+                return _data_layout(index, lines, names, count, unit)  # a text column stands first
             names = _column_names(line, names)
-        elif not _is_number(fields[0]):
-            columns = _columns(names, len(fields)) if names else ()
-            if columns and all(_is_number(fields[k]) for k in columns[:3] if k < len(fields)):
-                return _data_layout(index, fields, names, count)  # a text column stands first
-            names = _column_names(line, names)
+            unit = unit_of_names(line) or unit_of_comment(line.replace("_", " ")) or unit
         elif len(fields) == 1 and count is None and re.fullmatch(r"\+?\d+", fields[0]):
             count = int(fields[0])
         else:
-            return _data_layout(index, fields, names, count)
+            return _data_layout(index, lines, names, count, unit)
     if count is not None and len(lines) < _MAX_HEADER:
         raise InputError(f"announces {count} points, and none follows")
     raise InputError(f"no point in its first {min(len(lines), _MAX_HEADER)} lines: three numbers a line are "
                      "expected")  # fmt: skip
 
 
-def _data_layout(index: int, fields: list[str], names: list[str], count: int | None) -> _Layout:
-    columns = named = _columns(names, len(fields))
+def _data_layout(
+    index: int, lines: list[str], names: list[str], count: int | None, unit: LengthUnit | None
+) -> _Layout:
+    fields = _fields(lines[index])
+    if are_degrees(names):
+        raise degrees_error(f"columns {', '.join(names)[:_SHOWN]}")
+    named = columns_of(names) if _fits(names, len(fields)) else {}
     warnings: tuple[str, ...] = ()
-    if not named:
-        columns = tuple(range(6)) if len(fields) == 6 else (0, 1, 2)
+    if "x" not in named:
+        columns = dict(zip(AXES, range(3), strict=True))
         if len(names) == len(fields):
             warnings = (f"no columns x, y, z among {', '.join(names)[:_SHOWN]}: the first three were taken",)
-            columns = (0, 1, 2)
-    elif len(fields) < len(names) and max(columns) >= len(fields):
+        else:
+            more, warnings = _nameless(lines[index:], is_counted=count is not None)
+            columns |= more
+        return _Layout(index, columns, count, warnings, unit, may_count=len(fields) > 3)
+    if max(named[axis] for axis in AXES) >= len(fields):
         raise InputError(
             f"line {index + 1} has {len(fields)} columns, its header names {len(names)}; {_CURE}"
         )
-    may_count = not named and len(fields) > 3
-    if not names and len(columns) == 6 and not all(_is_number(field) for field in fields):
-        columns = (0, 1, 2)
-    beside = [name for name in (_LABEL, time_column(names)) if named and name in names]
-    places = [names.index(name) for name in beside]
-    more = {
-        name: k for name, k in zip(beside, places, strict=True) if k < len(fields) and _is_number(fields[k])
-    }
-    return _Layout(
-        index,
-        (*columns, *more.values()),
-        count,
-        warnings,
-        normals_are_named=bool(named) and len(named) == 6,
-        more=tuple(more),  # words are no labels
-        may_count=may_count,
+    time = time_column(names)
+    all_named = named if time is None else named | {time: names.index(time)}
+    known = {name: k for name, k in all_named.items() if k < len(fields) and _is_number(fields[k])}
+    kept = {name: known[name] for name in (*AXES, *_whole_groups(known), "label", time) if name in known}
+    return _Layout(index, kept if kept.keys() >= set(AXES) else named, count, warnings, unit)
+
+
+def _whole_groups(known: dict[str, int]) -> tuple[str, ...]:
+    """The names of the groups of which no column is missing."""
+    return tuple(name for group in (NORMALS, COLOURS) if set(group) <= known.keys() for name in group)
+
+
+def _nameless(lines: list[str], *, is_counted: bool) -> tuple[dict[str, int], tuple[str, ...]]:
+    """What columns after the third hold, by the first lines: normals of length one, colours up to 255.
+
+    Where they are counted (.pts) an intensity stands before the colours, which are the last that can be some.
+    """
+    rows = [fields for line in lines[:_SAMPLE] if (fields := _fields(line))]
+    n_columns = min(_MOST_COLUMNS, *map(len, rows))
+    if n_columns < 6 or not all(_is_number(field) for row in rows for field in row[3:n_columns]):
+        return {}, ()
+    table = np.array([[float(field) for field in row[3:n_columns]] for row in rows])
+    starts = range(table.shape[1] - 2)
+    normal = next((k for k in starts if _are_unit(table[:, k : k + 3])), None)
+    found = {} if normal is None else dict(zip(NORMALS, range(3 + normal, 6 + normal), strict=True))
+    is_byte = ((table >= 0) & (table <= 255) & (table == np.floor(table))).all(axis=0) & (table > 1).any()
+    colours = [k for k in starts if is_byte[k : k + 3].all() and (normal is None or abs(k - normal) > 2)]
+    if len(colours) == 1 or (colours and is_counted):
+        return found | dict(zip(COLOURS, range(3 + colours[-1], 6 + colours[-1]), strict=True)), ()
+    doubt = (
+        "columns of whole numbers without names may be colours and were left out: name them in a first line"
     )
+    return found, (doubt,) if colours else ()
 
 
-def _columns(names: list[str], n_fields: int) -> tuple[int, ...]:
-    """Return the columns of x, y, z, and of nx, ny, nz where named; nothing where x, y, z are not."""
-    known = _axis_names(names)
-    if not known or (len(names) < n_fields and _TRACK not in names):
-        return ()
-    columns = [names.index(name) for name in known]
-    for normal in (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z")):
-        if set(normal) <= set(names):
-            return tuple(columns + [names.index(axis) for axis in normal])
-    return tuple(columns)
+def _fits(names: list[str], n_fields: int) -> bool:
+    """Whether a line of names stands for as many fields."""
+    return bool(names) and (len(names) >= n_fields or _TRACK in names)
 
 
 def _column_names(line: str, before: list[str]) -> list[str]:
     """Return the names of a header line, or those before where it names nothing or only those are of axes."""
     names = _names(line)
-    return before if not names or (_axis_names(before) and not _axis_names(names)) else names
-
-
-def _axis_names(names: list[str]) -> list[str]:
-    """Return which of the names are those of x, y and z; nothing where one of them is missing."""
-    known = [next((name for name in _AXES[axis] if name in names), "") for axis in "xyz"]
-    return known if all(known) else []
+    return before if not names or ("x" in columns_of(before) and "x" not in columns_of(names)) else names
 
 
 def _names(line: str) -> list[str]:
@@ -304,34 +333,23 @@ def _is_number(field: str) -> bool:
 
 def _parse(lines: list[str], layout: _Layout) -> FloatArray:
     """Return the columns of the layout as numbers, or say which line is wrong."""
-    body = "\n".join(lines[layout.first :])
+    body, columns = "\n".join(lines[layout.first :]), list(layout.columns.values())
     try:
-        table = np.loadtxt(io.StringIO(body), comments=["#", "//", "%", "!"], usecols=layout.columns, ndmin=2)
+        table = np.loadtxt(io.StringIO(body), comments=["#", "//", "%", "!"], usecols=columns, ndmin=2)
     except ValueError as error:
-        if (
-            not layout.normals_are_named
-            and layout.columns == tuple(range(6))
-            and _fewer_columns(lines, layout)
-        ):
-            return _parse(lines, _Layout(layout.first, (0, 1, 2), layout.count, layout.warnings))
         raise InputError(_wrong_line(lines, layout) or str(error)) from error
     return np.asarray(table, dtype=np.float64)
 
 
-def _fewer_columns(lines: list[str], layout: _Layout) -> bool:
-    """Tell whether all lines have x, y, z, though not all have three more numbers."""
-    return not _wrong_line(lines, _Layout(layout.first, (0, 1, 2)))
-
-
 def _wrong_line(lines: list[str], layout: _Layout) -> str:
     """Say which line is no point, and why; nothing where all are."""
-    needed = max(layout.columns) + 1
+    needed = max(layout.columns.values()) + 1
     for number, line in enumerate(lines[layout.first :], start=layout.first + 1):
         fields = _fields(line)
         if fields and len(fields) < needed:
             shown = f"{line.strip()[:60]!r}; {_CURE}"
             return f"line {number} has {len(fields)} columns, {needed} are needed: {shown}"
-        for column in layout.columns if fields else ():
+        for column in layout.columns.values() if fields else ():
             if not _is_number(fields[column]):
                 return f"line {number}: {fields[column][:40]!r} is no number; {_CURE}"
     return ""
@@ -342,67 +360,7 @@ def _are_unit(vectors: FloatArray) -> bool:
     return bool(len(vectors) and np.isclose(np.linalg.norm(vectors, axis=1), 1.0, atol=1e-3).all())
 
 
-_COLOURS = ("red", "green", "blue")
-_MOST_PIXELS, _MOST_DECIMALS = 2**31, 6
-
-
-def write_scan_text(scan: RangeImage, path: Path) -> None:
-    """Write the returns of `scan`, a line each, in world coordinates to the nanometre.
-
-    Columns are x y z, red green blue and intensity where known, row and column; commas part them in `.csv`
-    files, blanks in others. The first line is a comment with pose and projection, the second names the
-    columns: as a comment, but in `.csv` files.
-
-    Raises InputError: a scan without returns.
-    """
-    cloud = cloud_of(scan)
-    names, forms = ["x", "y", "z"], ["%.9f"] * 3
-    columns: list[Any] = [cloud.points]
-    if cloud.colour is not None:
-        names, columns, forms = [*names, *_COLOURS], [*columns, cloud.colour], [*forms, *["%d"] * 3]
-    if cloud.intensity is not None:
-        light = cloud.intensity[:, None].astype(np.float64)
-        names, columns, forms = [*names, "intensity"], [*columns, light], [*forms, "%.9g"]
-    pixels = np.column_stack([cloud.row, cloud.column])
-    names, columns, forms = [*names, "row", "column"], [*columns, pixels], [*forms, "%d", "%d"]
-    is_csv = path.suffix.lower() == ".csv"
-    separator = "," if is_csv else " "
-    with atomic_path(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
-        file.write(f"{TEXT_TAG}{json.dumps(to_plain(scan_header(scan)), allow_nan=False)}\n")
-        file.write(("" if is_csv else "# ") + separator.join(names) + "\n")
-        np.savetxt(file, np.hstack(columns), fmt=forms, delimiter=separator)
-
-
-def read_scan_text(path: Path) -> RangeImage:
-    """Return the scan of a file that `write_scan_text` wrote.
-
-    Raises InputError: any other file: it does not say where the scanner stood, nor which ray saw which point.
-    """
-    with path.open(encoding="utf-8", errors="replace") as file:
-        first = file.readline()
-        names = file.readline().lstrip("# ").replace(",", " ").split()
-        if not first.startswith(TEXT_TAG) or not {"x", "y", "z", "row", "column"} <= set(names):
-            raise InputError(NO_RAYS)
-        separator = "," if path.suffix.lower() == ".csv" else None
-        table = np.loadtxt(file, delimiter=separator, ndmin=2)
-    if table.shape[1] != len(names):
-        raise InputError(f"its lines hold {table.shape[1]} numbers, its header names {len(names)} columns")
-    column: dict[str, Any] = {name: table[:, k] for k, name in enumerate(names)}
-    cloud = ScanReturns(
-        points=np.stack([column[axis] for axis in "xyz"], axis=-1),
-        row=_whole(column["row"]),
-        column=_whole(column["column"]),
-        colour=checked_bytes([column[name] for name in _COLOURS]).T if _COLOURS[0] in column else None,
-        intensity=column["intensity"].astype(np.float32) if "intensity" in column else None,
-    )
-    return scan_of(parse_json(first[len(TEXT_TAG) :], dict), len(table), [cloud])
-
-
-def _whole(values: Any) -> Any:
-    """Numbers of pixels as integers."""
-    if not (np.abs(values) < _MOST_PIXELS).all() or (values != np.floor(values)).any():
-        raise InputError("its rows and columns are not all integers: was the file edited?")
-    return values.astype(np.int64)
+_MOST_DECIMALS = 6
 
 
 def decimal_step(points: FloatArray) -> float:
@@ -429,8 +387,10 @@ def _raw_points(path: Path) -> RawPoints:
     return RawPoints(
         table.points,
         table.normals,
+        colour=table.colour,
         warnings=table.warnings,
         label=table.label,
+        unit=table.unit,
         step=step,
         times=table.times,
     )

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import FloatArray, InputError, check_finite
+from scenes.io.colmap import is_images, read_images
 from scenes.io.documents import parse_json, read_text
 from scenes.io.guard import guard_reading
 from scenes.limits import FILE_ROTATION, TIME_GAP_S
@@ -21,8 +22,6 @@ _FORMS = (
     "4x4 matrices, four lines each, lines of their first 12 (KITTI) or all 16 numbers, JSON lists of 4x4 "
     "matrices, and images.txt of COLMAP"
 )
-_COLMAP = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
-_WORDS = len(_COLMAP.split())
 
 
 def read_poses(path: Path) -> list[Pose]:
@@ -40,9 +39,9 @@ def read_poses(path: Path) -> list[Pose]:
         text = read_text(path)
         if path.suffix.lower() == ".json":
             return _number_checked(_json_matrices(text))
-        if is_colmap(text):
-            images = colmap_matrices(text)
-            return _number_checked([images[name] for name in sorted(images, key=natural_key)])
+        if is_images(text):
+            images = read_images(text)
+            return _number_checked([images[name].matrix for name in sorted(images, key=natural_key)])
         rows = _number_rows(text)
         if rows and {len(row) for row in rows} == {4}:
             return _number_checked(_square_matrices(rows))
@@ -60,10 +59,10 @@ def read_named_poses(path: Path) -> dict[str, Pose] | None:
     """
     with guard_reading(path, "a file of poses"):
         text = read_text(path)
-        if path.suffix.lower() == ".json" or not is_colmap(text):
+        if path.suffix.lower() == ".json" or not is_images(text):
             return None
-        images = colmap_matrices(text)
-        return dict(zip(images, _number_checked(list(images.values())), strict=True))
+        images = read_images(text)
+        return dict(zip(images, _number_checked([image.matrix for image in images.values()]), strict=True))
 
 
 def rounded_pose(matrix: FloatArray) -> Pose:
@@ -194,51 +193,3 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
     """
     parts = re.split(r"(\d+)", name)
     return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts]
-
-
-def is_colmap(text: str) -> bool:
-    """Tell whether the first line that is no comment begins the list of images of a COLMAP model."""
-    for line in text.splitlines():
-        if line.strip() and not line.startswith("#"):
-            words = line.split()
-            return len(words) >= _WORDS and not _is_number(words[_WORDS - 1])
-    return False
-
-
-def colmap_matrices(text: str) -> dict[str, FloatArray]:
-    """Return world-from-sensor matrices (4, 4) by the names of the images.
-
-    COLMAP's own poses go from the world to the camera, and its unit is that of the model, which is arbitrary
-    unless it was scaled; its camera frame is ours.
-
-    Raises InputError: a line that is no image, or a quaternion that is no rotation.
-    """
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
-    while lines and not lines[0].strip():
-        lines.pop(0)
-    images = {}
-    for number, line in enumerate(lines[::2], start=1):
-        words = line.split(maxsplit=_WORDS - 1)
-        if not words:
-            continue
-        if len(words) < _WORDS:
-            raise InputError(f"image {number} has {len(words)} words; expected {_COLMAP}")
-        images[words[-1]] = _invert_pose([float(word) for word in words[1:8]], words[-1])
-    return images
-
-
-def _invert_pose(numbers: list[float], name: str) -> FloatArray:
-    """World from sensor, of a quaternion w x y z and a translation that go the other way."""
-    w, x, y, z = numbers[:4]
-    back = rotation_of([x, y, z, w], f"image {name!r}").T
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = back, -back @ np.array(numbers[4:])
-    return matrix
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

@@ -9,7 +9,7 @@ import numpy as np
 import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, ColourArray, FloatArray, IntArray
+from scenes.checks import BoolArray, ColourArray, FloatArray, InputError, IntArray
 
 _NONE = "#c9c9c6"
 _SURFACES = (
@@ -37,6 +37,7 @@ def surface_bytes(numbers: IntArray) -> ColourArray:
 
 
 _MOST = np.float32(255)
+_MOST_16, _STEP_16 = 65535, 257  # 16-bit colours: bytes times 257
 
 
 def colour_pixels(colour: ColourArray, is_coloured: BoolArray) -> ColourArray | None:
@@ -97,3 +98,38 @@ def colour_bytes(colour: Any) -> ColourArray:
         return np.asarray(colour, dtype=np.uint8)
     safe = np.nan_to_num(np.asarray(colour, dtype=np.float64), nan=0.0)
     return np.asarray(np.clip(np.rint(safe * 255), 0, 255), dtype=np.uint8)
+
+
+def scaled_bytes(values: Any, what: str = "colours") -> ColourArray:
+    """Return colours of any shape as bytes, scaled by what the largest of all shows.
+
+    Real numbers up to 1 are 0..1; others up to 255 are bytes, and up to 65,535 have 16 bits.
+
+    Raises InputError: negative ones, or larger ones.
+
+    Examples
+    --------
+    >>> scaled_bytes(np.uint16([0, 25700, 65535])).tolist(), scaled_bytes(np.float32([0.2, 1])).tolist()
+    ([0, 100, 255], [51, 255])
+    """
+    colour = np.asarray(values)
+    if colour_type(colour) == np.uint8 or not colour.size:
+        return np.asarray(colour, dtype=np.uint8)
+    least, most = float(colour.min()), float(colour.max())
+    if not (least >= 0 and most <= _MOST_16):
+        raise InputError(f"{what} are to be in 0..255 or 0..65535, got {least:.6g}..{most:.6g}")
+    is_unit = colour.dtype.kind == "f" and most <= 1
+    scale = 255.0 if is_unit else 1.0 if most <= _MOST else 1 / _STEP_16
+    return np.asarray(np.rint(colour * scale), dtype=np.uint8)
+
+
+def known_colours(values: FloatArray, points: FloatArray) -> tuple[ColourArray | None, tuple[str, ...]]:
+    """Return colours (n, 3) as bytes, those that are no number as of the nearest of points (n, 3) with one.
+
+    Beside them a warning how many were not known; None where none was. Raises InputError: as `scaled_bytes`.
+    """
+    is_known = np.isfinite(values).all(axis=1)
+    colour = np.zeros(values.shape, np.uint8)
+    colour[is_known] = scaled_bytes(values[is_known])
+    held = colour_points(colour, is_known, points)
+    return held, colour_warnings(int((~is_known).sum()), len(values))

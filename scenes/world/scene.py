@@ -13,7 +13,7 @@ import numpy as np
 
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
-from scenes.mesh.orientation import decide_mode
+from scenes.mesh.orientation import Axis, decide_mode
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.surfaces.catalogue import Surface
@@ -43,6 +43,8 @@ class Scene:
         What a reader noticed and mended.
     openings : tuple of Opening
         Windows and door openings, where they are known.
+    file_up : "x", "y" or "z"
+        Axis of the file that became z.
 
     Raises
     ------
@@ -57,6 +59,7 @@ class Scene:
     mode: Mode = "room"
     warnings: tuple[str, ...] = ()
     openings: tuple[Opening, ...] = ()
+    file_up: Axis = "z"
     _trees: list[RayCaster] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -34,6 +34,8 @@ class Record:
         Floats become doubles, integers integers.
     bounds : dict
         Least and largest value of a field's node; None for none.
+    scales : dict
+        Steps of fields that become scaled integers.
     limits : dict
         What the scan's `colorLimits` say.
     pose : (quaternion w, x, y, z, translation), optional
@@ -41,6 +43,7 @@ class Record:
 
     fields: dict[str, NDArray[Any]]
     bounds: dict[str, Bounds] = field(default_factory=dict)
+    scales: dict[str, float] = field(default_factory=dict)
     limits: dict[str, float] = field(default_factory=dict)
     pose: tuple[Sequence[float], Sequence[float]] | None = ((1, 0, 0, 0), tuple(STATION))
     name: str = "theirs"
@@ -84,7 +87,7 @@ def write_records(path: Path, records: Sequence[Record]) -> Path:
             for name, values in record.fields.items()
         }
         for name, values in columns.items():
-            prototype.set(name, _node(lib, file, values, record.bounds.get(name)))
+            prototype.set(name, _node(lib, file, values, record.bounds.get(name), record.scales.get(name)))
             n_points = len(values)
             buffers.append(lib.SourceDestBuffer(file, name, values, n_points, True, True))
         points = lib.CompressedVectorNode(file, prototype, lib.VectorNode(file, True))
@@ -98,7 +101,9 @@ def write_records(path: Path, records: Sequence[Record]) -> Path:
     return path
 
 
-def _node(lib: Any, file: Any, values: NDArray[Any], bounds: Bounds) -> Any:
+def _node(lib: Any, file: Any, values: NDArray[Any], bounds: Bounds, scale: float | None) -> Any:
+    if scale is not None:
+        return lib.ScaledIntegerNode(file, 0, -(2**31), 2**31 - 1, scale, 0.0)
     if values.dtype.kind == "f":
         single = lib.E57_SINGLE if values.dtype == np.float32 else lib.E57_DOUBLE
         return lib.FloatNode(file, 0.0, single, *(bounds or ()))

@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: MIT
 """A room scanned all round, completed, as what drawings show; and a box of known facets."""
 
+from datetime import UTC, datetime
 from functools import cache
 
 import numpy as np
 
 from completion import Completion, CompletionOptions, complete
 from completion.export.building.model import BuildingModel
+from completion.export.building.parts import BuildingParts
 from completion.export.dimension import Dimension
+from completion.export.ifc import ifc_of
 from completion.uncertainty.joint_errors import NO_ERRORS
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import View
 from nbv.scanning.sensor_profile import load_sensor
+from scenes.io.format import Units
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 
@@ -30,6 +34,14 @@ def panorama(name: str = "two_occluders", noise: str = "gaussian-2mm") -> Comple
 def drawn(done: Completion) -> BuildingModel:
     """What drawings show of a completion."""
     return done.building().model
+
+
+WRITTEN = datetime(2026, 5, 4, 3, 2, 1, tzinfo=UTC)
+
+
+def ifc_text(parts: BuildingParts, units: Units = "m") -> str:
+    """The text of an IFC file of a building, as written at one time."""
+    return ifc_of(parts, written=WRITTEN, units=units)
 
 
 def box() -> BuildingModel:

@@ -80,6 +80,9 @@ BESIDE_CELLS = 2.0
 """Cells between a side of an opening and what was measured of its wall. Chosen by eye."""
 DOOR_M = 0.1
 """Metres above the floor, or a wall's lower edge, at which a door may begin. Chosen by eye: a threshold."""
+DOOR_WIDTH_M = (0.5, 2.5)
+"""Metres: least and greatest width of a door. Two leaves of 1.25 m are the widest of DIN 18101; what is wider
+and reaches the floor is a passage, or a wall of glass."""
 SAME_SIDE = 0.05
 """Of the extent, within which short sides are parts of the longest one there. Chosen by eye."""
 
@@ -90,6 +93,16 @@ PIPE_M = 0.3
 """Metres: greatest radius and least length of a pipe. Chosen by eye."""
 SLENDER = 2.0
 """Diameters in a pipe's length. Chosen by eye."""
+RUN_DIAMETERS = 10.0
+"""Diameters in a run of pipes, all its segments together. Chosen by eye: bottles and rolls have 2 to 5."""
+BEND_DIAMETERS = 3.0
+"""Diameters from the end of a straight segment to where its axis meets that of the next: a long-radius elbow
+of 90 deg takes 1.5 (ASME B16.9), one of 120 deg 2.6, and ends are seen short."""
+PITCH_DIAMETERS = 4.0
+"""Diameters between the axes of pipes side by side. Chosen by eye: room for fittings; legs stand farther
+apart."""
+SAME_RADIUS = 0.1
+"""Share by which radii of one run may differ: nominal sizes of pipes differ by a quarter (ISO 6708)."""
 SAME_POST = 0.7
 """Of the footprint of two walls across each other, which are the sides of one post then. Chosen by eye."""
 LEAST_ARC = np.pi / 2

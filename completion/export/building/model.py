@@ -234,6 +234,12 @@ class OpeningOutline:
     height_m: float
     seen_share: float
 
+    @property
+    def area_m2(self) -> float:
+        """Within its outline, which is flat."""
+        off = self.points - self.points[0]
+        return float(np.linalg.norm(np.cross(off[:-1], off[1:]).sum(axis=0)) / 2)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoomPlan:

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from completion.fitting.degeneracy import check_spread, principal
 from completion.fitting.moments import centroid
 from completion.fitting.result import FitError, SurfaceFit
+from completion.fitting.rounding import allow_for_rounding
 from completion.parts.division.limits import LEAST_POINTS
 from scenes.checks import FloatArray, InputError, IntArray, check_points, frozen_copy
 
@@ -60,6 +61,14 @@ class PartSegmentation:
     def members(self, number: int) -> IntArray:
         """Places (m,) of the points of face `number`, from 1."""
         return np.flatnonzero(self.labels == number)
+
+    def allow_for_rounding(self, points: FloatArray, step_m: float) -> PartSegmentation:
+        """Return it with fits that allow for coordinates of points (n, 3) in steps, metres."""
+        fits = [
+            allow_for_rounding(fit, points[self.members(number)], step_m)
+            for number, fit in enumerate(self.fits, start=1)
+        ]
+        return replace(self, fits=tuple(fits))
 
     def by_surface(self) -> IntArray:
         """Labels (n,) of surfaces: of each point the least number of a face on its surface, 0 for none."""

@@ -6,13 +6,16 @@ import io
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from completion.export.building.model import OpeningOutline
 from completion.export.dxf import dxf_of
 from completion.options import CompletionOptions
 from completion.pipeline import complete
+from scenes.io.format import METRES_PER_UNIT
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -144,3 +147,22 @@ def test_an_empty_completion_is_a_drawing_that_says_so(tmp_path):
     assert [one.dxf.text for one in document.modelspace()] == ["Nothing was found that could be drawn."]
     nothing.export(tmp_path / "a.svg")
     assert "Nothing was found that could be drawn." in (tmp_path / "a.svg").read_text()
+
+
+@pytest.mark.parametrize(
+    ("units", "code", "metric"), [("m", 6, 1), ("mm", 4, 1), ("in", 1, 0), ("ft", 2, 0), ("us-ft", 21, 0)]
+)
+def test_a_drawing_is_in_the_unit_that_is_asked_for(units, code, metric):
+    unit = METRES_PER_UNIT[units]
+    opening = OpeningOutline(1, "door", np.array([[0, 0, 0], [1, 0, 0], [1, 0, 2.0]]), (), 1.0, 2.0, 1.0)
+    plain, other = (read(dxf_of(replace(box(), openings=(opening,)), one)) for one in ("m", units))
+    assert (other.header["$INSUNITS"], other.header["$MEASUREMENT"]) == (code, metric)
+    assert np.array(other.header["$EXTMAX"]) * unit == pytest.approx(np.array(plain.header["$EXTMAX"]))
+    assert other.header["$LTSCALE"] * unit == pytest.approx(plain.header["$LTSCALE"])
+    faces, there = (one.modelspace().query("3DFACE") for one in (plain, other))
+    for face, scaled in zip(faces, there, strict=True):
+        assert np.array(scaled.dxf.vtx1) * unit == pytest.approx(np.array(face.dxf.vtx1), abs=1e-9)
+        assert scaled.get_xdata("UNSEEN") == face.get_xdata("UNSEEN")
+    (line,) = other.modelspace().query("POLYLINE[layer=='OPENING']")
+    assert [tag.value * unit for tag in line.get_xdata("UNSEEN")[2:]] == pytest.approx([1.0, 2.0])
+    assert other.audit().errors == []

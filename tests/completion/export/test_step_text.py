@@ -2,17 +2,20 @@
 """Values and entities as ISO 10303-21 writes them."""
 
 import re
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
-from completion.export.ifc_entities import Ref, StepText, TypedValue, Word
+from completion.export.ifc_entities import Exact, Ref, StepText, TypedValue, Word
+
+WRITTEN = datetime(2026, 5, 4, 3, 2, 1, tzinfo=UTC)
 
 
 def written(values):
     file = StepText(b"")
     file.add("Thing", values)
-    return re.search(r"#1=THING\((.*)\);", file.text("a", "S")).group(1)
+    return re.search(r"#1=THING\((.*)\);", file.text("a", "S", WRITTEN)).group(1)
 
 
 @pytest.mark.parametrize(
@@ -31,6 +34,7 @@ def written(values):
         (1e-12, "0."),
         (5e20, "5.E+20"),
         (np.float64(2.5), "2.5"),
+        (Exact(1200 / 3937), "0.3048006096012192"),
         (Ref(7), "#7"),
         (Word("AREA"), ".AREA."),
         (Word("*"), "*"),
@@ -70,9 +74,10 @@ def test_identifiers_follow_from_content_and_key():
         one.guid("wall")
 
 
-def test_the_header_names_neither_date_nor_author():
-    head = StepText(b"").text("a'b", "IFC4").splitlines()
+def test_the_header_says_what_wrote_it_and_when():
+    head = StepText(b"").text("a'b", "IFC4", WRITTEN).splitlines()
     assert head[0] == "ISO-10303-21;"
-    assert "FILE_NAME('a''b','',(''),(''),'unseen','unseen','');" in head
+    assert head[3].startswith("FILE_NAME('a''b','2026-05-04T03:02:01+00:00',('not stated'),('not stated'),")
+    assert re.search(r"'unseen [\d.]+','The unseen developers - unseen - [\d.]+',''\);$", head[3])
     assert "FILE_SCHEMA(('IFC4'));" in head
     assert head[-1] == "END-ISO-10303-21;"

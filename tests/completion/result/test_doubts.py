@@ -20,6 +20,7 @@ from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage
 from tests.helpers.crate_scans import misplaced, scan
+from tests.helpers.lidar_sweeps import ranges_to
 
 CAMERA = PinholeProjection.from_fov(120, 90, 60)
 
@@ -27,6 +28,34 @@ CAMERA = PinholeProjection.from_fov(120, 90, 60)
 def wall(stray_m: float, sigma_m: float) -> RangeImage:
     depth = 2.0 + np.random.default_rng(0).normal(0, stray_m, CAMERA.shape)
     return RangeImage(depth / CAMERA.directions()[..., 2], CAMERA, Pose.identity(), sigma_m=sigma_m)
+
+
+def street(high_m, ceiling_m=None):
+    """A panorama between walls on all sides or on one alone, `high_m` high, with a car on the ground."""
+    walls = [[-9.0, 6.0, -1.7, 9.0, 6.5, high_m]]
+    if ceiling_m is not None:
+        walls += [[-9.0, -6.5, -1.7, 9.0, -6.0, high_m], [-9.5, -6.5, -1.7, -9.0, 6.5, high_m]]
+        walls += [[9.0, -6.5, -1.7, 9.5, 6.5, high_m], [-9.5, -6.5, ceiling_m, 9.5, 6.5, ceiling_m + 0.2]]
+    grid = SphericalProjection.regular(240, 80, 360.0, (-50.0, 60.0))
+    pose = Pose.looking_at((0, 0, 0), (1, 0, 0))
+    rays = pose.rotate(grid.directions()).reshape(-1, 3)
+    car = [3.0, -2.0, -1.7, 5.0, 2.0, -0.9]
+    ranges = ranges_to(np.zeros_like(rays), rays, np.array([*walls, car]))
+    ranges = np.where(ranges < 25.0, ranges, np.inf) + np.random.default_rng(0).normal(0, 0.002, len(rays))
+    return RangeImage(ranges.reshape(grid.shape), grid, pose, sigma_m=0.002)
+
+
+@pytest.mark.parametrize(
+    ("given", "is_told"), [((4.0,), True), ((1.0,), True), ((8.0,), True), ((2.5, 2.5), False)]
+)
+def test_ground_behind_things_outdoors_is_told_and_a_floor_is_not(given, is_told):
+    completion = complete(street(*given), CompletionOptions(texture=False, up=Up.along("z")), rng=0)
+    said = [text for text in completion.warnings if "outdoors ground is seldom level" in text]
+    assert len(said) == is_told
+    if is_told:
+        ground, _, inferred = said[0].split(" m2")[0].split()
+        assert 1 <= float(ground) <= float(inferred)
+        assert float(inferred) == pytest.approx(completion.hypothesised_m2, abs=1 + 0.05 * float(inferred))
 
 
 @pytest.mark.parametrize(("stray", "sigma", "told"), [(0.02, 0.002, 1), (0.02, 0.02, 0), (0.002, 0.0005, 0)])

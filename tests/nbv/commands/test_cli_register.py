@@ -52,6 +52,25 @@ def registered(folder):
     return folder / "out", json.loads(result.stdout)
 
 
+def test_clouds_without_a_grid_are_placed_by_the_origin_of_each(folder):
+    clouds = [folder / f"cloud_{k}.xyz" for k in range(2)]
+    for k, cloud in enumerate(clouds):
+        (scan,) = read_scans(folder / f"lost_{k}.ply")
+        np.savetxt(cloud, np.random.default_rng(k).permutation(scan.points()[scan.valid]))
+    refused = run(*clouds, "-o", folder / "out_clouds")
+    assert refused.exit_code == 1
+    assert "--origin X,Y,Z" in refused.stderr
+    result = run(*clouds, *["--origin", "0,0,0"] * 2, "-o", folder / "out_clouds", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["groups"] == [[0, 1]]
+    posed = [read_scans(folder / "out_clouds" / "posed" / cloud.name)[0] for cloud in clouds]
+    moved = posed[0].origin - posed[1].origin
+    true = POSES[0].translation - POSES[1].translation
+    assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(true), abs=0.02)
+    once = run(*clouds, "--origin", "0,0,0", "-o", folder / "out_clouds")
+    assert "1 places for 2 scans; give --origin X,Y,Z once a scan" in once.stderr
+
+
 def test_poses_are_found_and_written(registered):
     out, said = registered
     assert said["groups"] == [[0, 1]]

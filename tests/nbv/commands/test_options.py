@@ -34,7 +34,7 @@ DOCUMENTED = {
     "study": "scheduler",
     "complete": "mode=standard sigma projector max-sd=0.02 flatness min-area only registration=0.005 "
     "keep-poses register resolution origin edits relations=auto features=auto flatten texture "
-    "no-texture export tolerance=0.01 observed=auto scheduler intrinsics depth-scale poses "
+    "no-texture export export-units=m tolerance=0.01 observed=auto scheduler intrinsics depth-scale poses "
     "units=m up=auto",
     "texture": "mask grow window order=paper surface",
     "fit": "shape=auto metric=euclidean robust rays origin radius axis between export units=m",

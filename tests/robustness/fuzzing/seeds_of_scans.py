@@ -101,6 +101,37 @@ def pcd_files(encoding: str) -> list[Case]:
     return cases
 
 
+def sweep_files() -> list[Case]:
+    """Sweeps of a lidar with four beams: KITTI's and nuScenes' columns."""
+    turn, up = np.meshgrid(np.linspace(-3.1, 3.1, 60), [-0.3, -0.1, 0.1, 0.3])
+    rays = np.stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)], axis=-1)
+    table = np.concatenate([4.0 * rays, 0.5 + 0 * turn[..., None]], axis=-1).reshape(-1, 4)
+    ring = np.repeat(np.arange(4.0), 60)[:, None]
+    tables = {"s.bin": table, "s.pcd.bin": np.hstack([table, ring])}
+    return [Case({name: held.astype("<f4").tobytes()}, name) for name, held in tables.items()]
+
+
+def vtk_files() -> list[Case]:
+    """A legacy cloud with normals and colours, as text and binary."""
+    points = world_points()[:30]
+    cases = []
+    for is_text in (True, False):
+
+        def numbers(values: np.ndarray, form: str, is_text: bool = is_text) -> bytes:
+            if is_text:
+                return " ".join(f"{value:.4f}" for value in values.ravel()).encode() + b"\n"
+            return values.astype(form).tobytes() + b"\n"
+
+        data = b"".join([
+            b"# vtk DataFile Version 3.0\ncloud\n", b"ASCII" if is_text else b"BINARY",
+            b"\nDATASET POLYDATA\nPOINTS 30 float\n", numbers(points, ">f4"),
+            b"POINT_DATA 30\nNORMALS n float\n", numbers(np.tile([0.0, 0, 1], (30, 1)), ">f4"),
+            b"COLOR_SCALARS c 3\n", numbers(np.ones((30, 3)), "u1"),
+        ])  # fmt: skip
+        cases.append(Case({"p.vtk": data}, "p.vtk"))
+    return cases
+
+
 def e57_files() -> list[Case]:
     """Two structured scans, and an unstructured cloud with a pose as pye57 itself writes it."""
     import pye57

@@ -17,9 +17,9 @@ from nbv.plan.plan import read_plan
 from nbv.scanning.sensor_profile import load_profile
 from nbv.study.spec import read_study
 from nbv.visibility.viewpoints import load_candidates
+from scenes.io.depth import read_depth_image
 from scenes.io.describe import describe, describe_image
 from scenes.io.point_files import read_points
-from scenes.io.rgbd import read_depth_image
 from scenes.io.scan_files import read_scans
 from scenes.io.scene_files import load_scene
 from scenes.io.trajectory import read_poses, read_timed_poses
@@ -139,6 +139,7 @@ _SCANS: dict[str, Callable[[], list[Case]]] = {
     "e57": _scans.e57_files,
     "las": partial(_scans.scan_files, ".las"),
     "laz": partial(_scans.scan_files, ".laz"),
+    "sweep": _scans.sweep_files,
     "text": lambda: [*_scans.scan_files(".csv"), *_scans.scan_files(".xyz")],
     "rgbd plain": partial(_scans.rgbd_folders, "plain"),
     "rgbd tum": partial(_scans.rgbd_folders, "tum"),
@@ -161,6 +162,8 @@ _POINTS: dict[str, Callable[[], list[Case]]] = {
     "pcd": lambda: [case for form in ("ascii", "binary", "compressed") for case in _SCANS[f"pcd {form}"]()],
     "las": partial(_scans.las_files, ".las"),
     "laz": partial(_scans.las_files, ".laz"),
+    "sweep": _scans.sweep_files,
+    "vtk": _scans.vtk_files,
     "text": _scans.text_files,
     **{name: _SCANS[name] for name in ("ptx", "e57", "rgbd plain")},
 }

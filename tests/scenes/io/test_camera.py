@@ -2,6 +2,7 @@
 """Cameras of RGB-D folders: intrinsics of another size, lens distortion, colour of another size."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,22 @@ def test_points_lie_where_the_lens_saw_them(tmp_path: Path, lens: dict[str, Any]
     np.testing.assert_allclose(1000 * points[:, 2], 2000 + np.rint(seen[:, 0]), atol=1e-6)
     off = scan.pixels(scan.points()[scan.valid]) - np.argwhere(scan.valid)
     assert np.nanmax(np.abs(off)) < 1.0
-    assert scan.warnings == ()
+    assert scan.warnings == ("lens distortion was taken out: up to 34.4 pixels at the corners",)
+
+
+@pytest.mark.parametrize("k1", [-0.5, -0.9, -2.0])
+def test_pixels_that_no_ray_reaches_are_left_out_with_a_count(tmp_path: Path, k1: float) -> None:
+    scan = read_scan(folder_of(tmp_path, {**CAMERA, "k1": k1}))
+    points = scan.points_in_sensor()[scan.valid]
+    flat = points[:, :2] / points[:, 2:]
+    radius = np.linalg.norm(flat, axis=1)
+    assert 0 < len(points) < scan.ranges.size
+    assert radius.max() < 1.01 * np.sqrt(-1 / (3 * k1))  # there r (1 + k1 r^2) turns back
+    seen = flat * (1 + k1 * radius**2)[:, None] * 212 + [127.5, 95.5]
+    np.testing.assert_allclose(seen, np.rint(seen), atol=0.2)
+    assert re.search(
+        r"\d+ of 49152 pixels, which no ray of the lens reaches, were left out", scan.warnings[1]
+    )
 
 
 def test_distortion_that_is_not_known_is_refused_and_unknown_keys_are_named(tmp_path: Path) -> None:

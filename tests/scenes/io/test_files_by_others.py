@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
+from scenes.io.depth import read_depth_image
 from scenes.io.describe import describe
-from scenes.io.rgbd import read_depth_image
 from scenes.io.scan_files import read_scan, read_scans
 from tests.helpers.data_paths import ROOT, data_path, requires_data
 from tests.helpers.long_cases import first_in_gate
@@ -22,7 +22,7 @@ EXPECTED = {
     "scenes/cgal/mech-holes-shark.off": "scene",
     "scenes/cgal/spheres.ply": "points",
     "scenes/furniture/blendswap-cc-0/oakChair/oakChair.obj": "scene of 8 surfaces, 2 textures",
-    "scenes/objects/CesiumMilkTruck.glb": "scene of 5 surfaces; y is up",
+    "scenes/objects/CesiumMilkTruck.glb": "scene of 5 surfaces",
     "scenes/objects/beetle.obj": "scene; its material file is missing",
     "scenes/objects/cycloidal.ply": "scene",
     "scenes/objects/fandisk.obj": "scene",

@@ -47,16 +47,27 @@ def test_the_camera_is_asked_for_or_lies_there(tmp_path: Path) -> None:
     assert read_scan(f"{tmp_path}#2").projection == PinholeProjection(8, 6, *CAMERA)
 
 
-def test_frames_without_pose_and_unusable_ones(tmp_path: Path) -> None:
+@pytest.mark.parametrize("lost", ["nan " * 16, "-inf -inf -inf -inf\n" * 4, None])
+def test_frames_without_pose_are_left_out_with_a_count(tmp_path: Path, lost: str | None) -> None:
     fill(tmp_path)
     pose = tmp_path / "frame-000001.pose.txt"
-    pose.write_text("nan " * 16)
+    pose.unlink() if lost is None else pose.write_text(lost)
+    scans = read_scans(tmp_path, intrinsics=CAMERA)
+    assert [float(scan.origin[0]) for scan in scans] == [0, 2]
+    assert "1 of 3 frames has no pose and was left out" in scans[0].warnings
+
+
+def test_unusable_poses_of_frames_are_refused(tmp_path: Path) -> None:
+    fill(tmp_path)
+    pose = tmp_path / "frame-000001.pose.txt"
+    pose.write_text("nan " * 4 + "1 " * 12)
     with pytest.raises(InputError, match=r"frame-000001\.pose\.txt: pose 1 is not usable"):
         read_scans(tmp_path, intrinsics=CAMERA)
     pose.write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n" * 2)
     with pytest.raises(InputError, match=r"frame-000001\.pose\.txt holds 2 poses; expected one"):
         read_scans(tmp_path, intrinsics=CAMERA)
-    pose.unlink()
+    for path in tmp_path.glob("*.pose.txt"):
+        path.unlink()
     with pytest.raises(InputError, match="3 frames without poses"):
         read_scans(tmp_path, intrinsics=CAMERA)
 

@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 
 from scenes.checks import InputError
-from scenes.io.scene_files import load_scene, open_scene
+from scenes.io.scene_files import load_scene, open_scene, save_scene
 from scenes.mesh.appearance import srgb_from_linear
 from scenes.mesh.orientation import decide_mode, suggest_up, world_from_file_up
 from tests.helpers.data_paths import data_path, requires_data
@@ -26,10 +26,13 @@ def room() -> Any:
     return mesh
 
 
+Z_UP = "the geometry shows that z is up, though glTF says y: z was taken; --up y says otherwise"
+
+
 @pytest.mark.parametrize("suffix", ["glb", "obj", "ply", "stl", "off"])
 def test_geometry_survives_every_suffix(tmp_path: Path, suffix: str) -> None:
     box().export(tmp_path / f"thing.{suffix}")
-    scene = load_scene(tmp_path / f"thing.{suffix}")
+    scene = load_scene(tmp_path / f"thing.{suffix}", up="z")
     assert (scene.name, scene.mode, scene.surfaces) == ("thing", "object", (None,))
     np.testing.assert_allclose(scene.mesh.bounds(), [[-0.5, -1, -1.5], [0.5, 1, 1.5]], atol=1e-6)
     assert scene.mesh.face_areas().sum() == pytest.approx(22.0, rel=1e-5)
@@ -204,9 +207,43 @@ REAL = [
 @requires_data
 @pytest.mark.parametrize(("name", "mode", "up"), REAL, ids=[name.split("/")[-1] for name, _, _ in REAL])
 def test_mode_and_up_axis_of_real_scenes(name: str, mode: str, up: str) -> None:
-    scene = load_scene(data_path(f"scenes/{name}"))
+    scene = load_scene(data_path(f"scenes/{name}"), up="z")
     assert scene.mode == mode
     assert suggest_up(scene.mesh, scene.mode) == up
+
+
+@requires_data
+@pytest.mark.parametrize(("name", "mode", "up"), [entry for entry in REAL if entry[0].endswith(".glb")])
+def test_gltf_is_y_up_unless_its_geometry_stands_on_z(name: str, mode: str, up: str) -> None:
+    scene = load_scene(data_path(f"scenes/{name}"))
+    assert (scene.mode, scene.file_up) == (mode, up)
+    assert [text for text in scene.warnings if "z was taken" in text] == [Z_UP] * (up == "z")
+    assert suggest_up(scene.mesh, scene.mode) == "z"
+
+
+def yard() -> Any:
+    post = box((0.2, 0.2, 2.0))
+    post.apply_translation([1.0, 0.5, 1.05])
+    return trimesh.util.concatenate([box((6.0, 5.0, 0.1)), post])
+
+
+@pytest.mark.parametrize(
+    ("make", "up", "doubts"),
+    [
+        (room, "y", ("the geometry suggests that z is up, not y; give --up z if so",)),
+        (yard, "z", (Z_UP,)),
+        (box, "y", ()),
+    ],
+)
+def test_axes_of_gltf_files(tmp_path: Path, make: Any, up: str, doubts: tuple[str, ...]) -> None:
+    make().export(tmp_path / "a.glb")
+    scene = load_scene(tmp_path / "a.glb")
+    assert (scene.file_up, scene.warnings) == (up, doubts)
+    save_scene(scene, tmp_path / "ours.glb")
+    again = load_scene(tmp_path / "ours.glb")
+    assert again.file_up == "y"
+    np.testing.assert_allclose(again.mesh.bounds(), scene.mesh.bounds(), atol=1e-6)
+    assert load_scene(tmp_path / "a.glb", up="y").file_up == "y"
 
 
 @requires_data

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """A mesh as input: what is seen of it from places that are said."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -92,3 +94,17 @@ def test_places_that_see_nothing_are_refused(room, origins, told):
 def test_one_mesh_alone(room):
     with pytest.raises(InputError, match="give one mesh alone"):
         read_request(ScanRequest((str(room), str(room)), origins=((1, 1, 1), (2, 1, 1))))
+
+
+@pytest.mark.parametrize(("n_rooms", "said"), [(1, ""), (3, "33% of its area is seen"), (5, "20% of its")])
+def test_a_mesh_that_is_hardly_seen_says_so(tmp_path: Path, n_rooms: int, said: str) -> None:
+    rooms = []
+    for k in range(n_rooms):
+        one = trimesh.creation.box((4.0, 3.0, 2.5))
+        one.invert()
+        one.apply_translation([6.0 * k, 0.0, 0.0])
+        rooms.append(one)
+    trimesh.util.concatenate(rooms).export(tmp_path / "flat.ply")
+    (scan,) = scan_mesh(tmp_path / "flat.ply", [(0.3, 0.2, 0.1)])
+    told = [text for text in scan.warnings if "of its area is seen" in text]
+    assert (len(told), said in "".join(told)) == (bool(said), True)

@@ -164,7 +164,7 @@ def test_nested_nodes_with_scale_and_mirror(tmp_path: Path) -> None:
     box = trimesh.creation.box()
     graph.add_geometry(box, node_name="inner", parent_node_name="outer", transform=inner)
     graph.export(tmp_path / "a.glb")
-    scene = load_scene(tmp_path / "a.glb")
+    scene = load_scene(tmp_path / "a.glb", up="z")
     matrix = outer @ inner
     expected = box.vertices @ matrix[:3, :3].T + matrix[:3, 3]
     found = np.unique(np.round(scene.mesh.vertices, 6), axis=0)

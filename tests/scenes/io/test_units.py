@@ -118,13 +118,37 @@ def test_geokeys_win_over_the_default_and_are_reported(
     assert len(cloud.warnings) == (metres != (1.0, 1.0, 1.0))
 
 
-def test_units_given_win_over_the_files_and_a_contradiction_is_reported(tmp_path: Path) -> None:
+def test_the_units_of_the_file_win_over_those_given_and_a_contradiction_is_reported(tmp_path: Path) -> None:
     file = las_with(tmp_path / "a.las", 34735, geokeys({3076: 9003}))
     same, other = read_points(file, "us-ft"), read_points(file, "ft")
-    np.testing.assert_allclose(same.points, POINTS * US_FOOT, rtol=1e-12)
-    np.testing.assert_allclose(other.points, POINTS * 0.3048, rtol=1e-12)
+    for cloud in (same, other):
+        np.testing.assert_allclose(cloud.points, POINTS * US_FOOT, rtol=1e-12)
     assert same.warnings == ()
-    assert other.warnings == ("--units ft was applied, though the file states US survey foot",)
+    text = "the file states its unit, US survey foot: converted to metres; --units ft was not applied"
+    assert other.warnings == (text,)
+
+
+@pytest.mark.parametrize(
+    ("keys", "code"),
+    [
+        ({1024: 1, 3072: 2263}, 2263),
+        ({1024: 1, 3076: 9036}, 9036),
+        ({1024: 1, 3072: 6440, 4099: 9003}, 6440),
+        ({1024: 1, 3072: 32632}, 0),
+        ({1024: 1, 3072: 32767}, 0),
+        ({1024: 1, 3072: 2263, 3076: 9001}, 0),
+    ],
+)
+def test_a_code_alone_states_no_unit_and_is_named(tmp_path: Path, keys: dict[int, int], code: int) -> None:
+    file = las_with(tmp_path / "a.las", 34735, geokeys(keys))
+    cloud = read_points(file)
+    np.testing.assert_allclose(cloud.points, POINTS)
+    assert len(cloud.warnings) == bool(code)
+    assert all(
+        f"names EPSG:{code} without the length of its unit: read as metres" in text for text in cloud.warnings
+    )
+    feet = read_points(file, "ft")
+    assert code == 0 or feet.warnings == ()
 
 
 def test_a_place_is_in_the_units_of_the_file(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ class Glb:
         self.data = bytearray()
         self.views: list[dict[str, Any]] = []
         self.accessors: list[dict[str, Any]] = []
+        self.used: list[str] = []
 
     def array(self, values: NDArray[Any], kind: str, *, normalised: bool = False, stride: int = 0) -> int:
         """Add an accessor; return its number."""
@@ -58,6 +59,7 @@ class Glb:
         indices = self.array(FACES.ravel(), "u2")
         content = {
             "asset": {"version": "2.0"},
+            "extensionsUsed": self.used,
             "scenes": [{"nodes": [0]}],
             "nodes": [{"mesh": 0} | node],
             "meshes": [{"primitives": [{"attributes": attributes, "indices": indices}]}],
@@ -75,7 +77,7 @@ class Glb:
 
 
 def extent(path: Path) -> NDArray[np.float64]:
-    return np.asarray(np.ptp(load_scene(path).mesh.vertices, axis=0))
+    return np.asarray(np.ptp(load_scene(path, up="z").mesh.vertices, axis=0))
 
 
 @requires_data
@@ -143,7 +145,8 @@ def test_instances_are_turned_and_scaled_within_their_node(tmp_path: Path) -> No
         "ROTATION": ([[0, 0, 0, 127], [0, 0, 90, 90]], "i1"),
         "SCALE": ([[1, 1, 1], [2, 2, 2]], "f4"),
     }
-    mesh = load_scene(instanced(tmp_path / "a.glb", arrays, translation=[100, 0, 0], name="box")).mesh
+    path = instanced(tmp_path / "a.glb", arrays, translation=[100, 0, 0], name="box")
+    mesh = load_scene(path, up="z").mesh
     assert len(mesh.faces) == 24
     second = mesh.vertices[mesh.vertices[:, 1] > 5]
     np.testing.assert_allclose(second.min(axis=0), [99, 8, -4], atol=1e-5)
@@ -166,3 +169,10 @@ def test_instances_that_lie_are_refused(tmp_path: Path, arrays: dict[str, Any], 
     with pytest.raises(InputError, match=message) as caught:
         load_scene(path)
     assert str(path) in str(caught.value)
+
+
+def test_a_texture_transform_is_named(tmp_path: Path) -> None:
+    glb = Glb()
+    glb.used.append("KHR_texture_transform")
+    path = glb.save(tmp_path / "a.glb", {"POSITION": glb.array(CORNERS, "f4")}, {})
+    assert "KHR_texture_transform is not applied" in " ".join(load_scene(path).warnings)
