@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from benchmarks.cases.frames import WALKS, walk
@@ -32,6 +33,7 @@ SPEED_M_S, LIDAR = 1.2, SpinningLidar()
 _TRACK_HZ = 100.0
 _NEAR_M, _APART_M, _VOXEL_M = 0.06, 0.1, 0.05
 _STATION = SphericalProjection.regular(1800, 800, 360.0, (-60.0, 90.0))
+CROSSED_CELL_M, N_PLANES = 0.05, 8
 _ALL_ROUND = SphericalProjection.regular(720, 360, 360.0, (-89.0, 89.0))
 
 
@@ -58,7 +60,7 @@ def path_through(seconds: float) -> FloatArray:
     one, n = WALKS[0], int(20 * SPEED_M_S * seconds)
     places = np.array([pose.translation for pose in walk(one.caster, np.array(one.start), n)])
     moved = np.linalg.norm(np.diff(places, axis=0), axis=1) > 0
-    return places[np.append(True, moved)]
+    return np.asarray(places[np.append(True, moved)])
 
 
 def walked(seconds: float, seed: int = 0) -> tuple[TimedPoints, Trajectory]:
@@ -143,13 +145,62 @@ def _outcome(
     )
 
 
+class Moved(NamedTuple):
+    """Cells of planes that beams of a walk cross by the mean origins of stretches and by their own."""
+
+    name: str
+    stretch_m: float
+    n_scans: int
+    lost: float  # share of the vetoed cells that are not by mean origins
+    false: float  # cells vetoed by mean origins alone, by the vetoed ones
+    far: float  # of these, those with no beam in the cells around
+    moved_m: float  # by how much crossings move, 95 % quantile
+
+
+def moved_vetoes(times: float, seconds: float) -> Moved:
+    """Cross planes along the axes with the beams of a walk; two beams in 3 x 3 cells, one within, veto it."""
+    held, _ = _cut(times, walked(seconds))
+    own = [held.track.at(held.times[start:end]) for start, end in held.cuts.tolist()]
+    mean = np.concatenate([np.broadcast_to(places.mean(axis=0), places.shape) for places in own])
+    points = np.concatenate([held.points[start:end] for start, end in held.cuts.tolist()])
+    exact, n, moved = np.concatenate(own), np.zeros(4), [np.zeros(0)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    for axis in range(3):
+        others = [k for k in range(3) if k != axis]
+        bins = [np.arange(low[k], high[k] + CROSSED_CELL_M, CROSSED_CELL_M) for k in others]
+        for at in np.linspace(low[axis], high[axis], N_PLANES + 2)[1:-1]:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = [(at - one[:, axis]) / (points[:, axis] - one[:, axis]) for one in (exact, mean)]
+            is_across = np.logical_and.reduce([(part > 0) & (part < 0.95) for part in share])
+            places = [
+                (one[is_across] + part[is_across, None] * (points - one)[is_across])[:, others]
+                for one, part in zip((exact, mean), share, strict=True)
+            ]
+            moved.append(np.linalg.norm(places[1] - places[0], axis=1)[::10])
+            count = [np.histogram2d(place[:, 0], place[:, 1], bins=bins)[0] for place in places]
+            around = [ndimage.uniform_filter(one, 3, mode="constant") * 9 for one in count]
+            true, by_mean = ((one > 0) & (near > 1.5) for one, near in zip(count, around, strict=True))
+            alone = by_mean & ~true
+            n += [true.sum(), (true & ~by_mean).sum(), alone.sum(), (alone & (around[0] < 0.5)).sum()]
+    quantile = float(np.quantile(np.concatenate(moved), 0.95))
+    lost, false, far = (n[1:] / n[0]).tolist()
+    return Moved(
+        name=f"x {times:g}", stretch_m=2 * held.reach_m, n_scans=len(held.cuts), lost=lost, false=false, far=far,
+        moved_m=quantile,
+    )  # fmt: skip
+
+
+def _cut(times: float, held: tuple[TimedPoints, Trajectory]) -> tuple[Walk, tuple[str, ...]]:
+    """Return a walk with stretches so many times as long as chosen."""
+    cloud = PointCloud(held[0].points, times=held[0].times, name="walk")
+    walk_cut, sentences = walk_of(cloud, held[1])
+    return (walk_cut, sentences) if times == 1 else walk_of(cloud, held[1], times * walk_cut.reach_m)
+
+
 def by_stretches(times: float, seconds: float) -> Outcome:
     """Complete the walk by stretches so many times as long as is chosen."""
     beams, track = walked(seconds)
-    cloud = PointCloud(beams.points, times=beams.times, name="walk")
-    held, _ = walk_of(cloud, track)
-    if times != 1:
-        held, _ = walk_of(cloud, track, times * held.reach_m)
+    held, _ = _cut(times, (beams, track))
     scans = [held.scan(k) for k in range(len(held.cuts))]
     return _outcome(f"walk, stretches x {times:g}", scans, path_through(seconds), beams, held)
 
@@ -187,3 +238,10 @@ def walks(
             f"{one.known:.3f}", f"{one.found:.3f}", f"{one.crossed_m2:.4f}", f"{one.crossed_by_all_m2:.4f}",
             f"{one.cpu_s:.0f}", f"{one.peak_mb:.0f}",
         )  # fmt: skip
+    yield ""
+    yield from head(
+        "stretches", "length m", "scans", "vetoes lost", "false", "false, none near", "moved 95 % mm"
+    )
+    for moved in each(moved_vetoes, times or [0.5, 1.0, 2.0, 4.0], seconds):
+        shares = (f"{100 * share:.2f} %" for share in (moved.lost, moved.false, moved.far))
+        yield row(moved.name, f"{moved.stretch_m:.3f}", moved.n_scans, *shares, f"{1000 * moved.moved_m:.1f}")

@@ -357,12 +357,11 @@ def complete_by_workers(
 
 def _absolute(request: ScanRequest) -> ScanRequest:
     """Return a request that means the same in any working directory."""
-    files = {name: getattr(request, name) for name in ("poses", "trajectory")}
-    return replace(
-        request,
-        paths=tuple(str(Path(path).absolute()) for path in request.paths),
-        **{name: file and str(Path(file).absolute()) for name, file in files.items()},
+    paths = tuple(str(Path(path).absolute()) for path in request.paths)
+    poses, trajectory = (
+        None if file is None else str(Path(file).absolute()) for file in (request.poses, request.trajectory)
     )
+    return replace(request, paths=paths, poses=poses, trajectory=trajectory)
 
 
 def _sizes(request: ScanRequest) -> tuple[tuple[str, int], ...]:

@@ -338,7 +338,7 @@ def _cuts(times: FloatArray, track: Trajectory, reach_m: float) -> NDArray[np.in
         here += int(out[0]) + 1 if len(out) else block
     first = np.array(starts) * _EACH
     cuts = np.column_stack([first, np.append(first[1:], len(times))])
-    return cuts[cuts[:, 1] - cuts[:, 0] >= FEWEST_POINTS]
+    return np.asarray(cuts[cuts[:, 1] - cuts[:, 0] >= FEWEST_POINTS])
 
 
 def _numbers_of_new(walk: Walk, cell_m: float) -> Iterator[int]:

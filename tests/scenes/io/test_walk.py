@@ -3,6 +3,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -252,3 +253,31 @@ def test_info_names_the_cure_for_points_with_times(tmp_path: Path, walked: Walke
     held = CliRunner().invoke(app, ["info", str(file), "--trajectory", str(track), "--json"])
     assert held.exit_code == 0, held.output
     assert json.loads(held.stdout)["kind"] == "scans"
+
+
+def test_a_stretch_is_picked_by_its_number(tmp_path: Path, walked: Walked) -> None:
+    file, track = _las(tmp_path / "walk", walked.some(0.3)), tmp_path / "track.txt"
+    write_tum(track, walked.track_times, walked.track_places)
+    source = open_walk(file, track)
+    (one,) = read_request(ScanRequest((f"{file}#{source.number(1)}",), trajectory=str(track))).scans
+    np.testing.assert_array_equal(one.ranges, source.readers[1]().ranges)
+    with pytest.raises(InputError, match=r"no scan with points|there are"):
+        read_request(ScanRequest((f"{file}#9999",), trajectory=str(track)))
+
+
+def test_points_without_a_finite_time_are_left_out(tmp_path: Path, walked: Walked) -> None:
+    some = walked.some(0.2)
+    times = some.times.copy()
+    times[::10] = np.nan
+    file = _text(tmp_path / "walk", replace(some, times=times))
+    write_tum(tmp_path / "track.txt", walked.track_times, walked.track_places)
+    told = "; ".join(open_walk(file, tmp_path / "track.txt").warnings)
+    assert f"{len(times[::10])} of {len(times)} points have no finite time and were left out" in told
+
+
+@pytest.mark.parametrize("time_s", [0.0, 3e8])
+def test_one_time_for_all_points_is_no_time(tmp_path: Path, walked: Walked, time_s: float) -> None:
+    file = write_timed_las(tmp_path / "still.las", walked.points[:500], np.full(500, time_s))
+    assert read_points(file).times is None
+    with pytest.raises(InputError, match=r"moved \(--trajectory FILE\)"):
+        read_request(ScanRequest((str(file),)))
