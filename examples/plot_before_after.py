@@ -26,10 +26,10 @@ from scipy.ndimage import gaussian_filter
 
 from nbv.report.figures.picture import Camera, aside_cameras
 from scenes.checks import BoolArray, FloatArray
-from scenes.io.depth import read_depth_image
-from scenes.io.npz import write_npz
-from scenes.io.ply import read_mesh_ply
-from scenes.io.rgbd import depth_scan
+from scenes.io.clouds.npz import write_npz
+from scenes.io.meshes.ply import read_mesh_ply
+from scenes.io.rgbd.depth import read_depth_image
+from scenes.io.rgbd.frames import depth_scan
 from scenes.io.scan_request import ScanRequest, read_request
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster

@@ -18,7 +18,7 @@ from completion.relations.graph import FORMAT as RELATIONS_FORMAT
 from completion.relations.graph import frame_records, freedom_record, relation_records, surface_record
 from completion.relations.relation import RelationStatus
 from scenes.checks import IntArray
-from scenes.io.ply_writer import write_mesh_ply
+from scenes.io.meshes.ply_writer import write_mesh_ply
 from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json
 from scenes.scan.colour import surface_bytes
 

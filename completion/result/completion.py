@@ -27,12 +27,12 @@ from completion.result.meshes import inferred_points, model_parts, write_panels_
 from completion.result.record import ObservedDetail, completion_record, polygons_record
 from completion.result.verification import Verification
 from scenes.checks import InputError
-from scenes.io.e57_writer import write_e57
+from scenes.io.clouds.e57_writer import write_e57
 from scenes.io.format import Units
-from scenes.io.glb_writer import glb_of
-from scenes.io.obj import write_obj
-from scenes.io.ply import PlyMesh
-from scenes.io.ply_writer import write_meshes_ply
+from scenes.io.meshes.glb_writer import glb_of
+from scenes.io.meshes.obj import write_obj
+from scenes.io.meshes.ply import PlyMesh
+from scenes.io.meshes.ply_writer import write_meshes_ply
 from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json, write_text
 
 

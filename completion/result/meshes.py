@@ -15,8 +15,8 @@ from completion.extension.patch import Provenance
 from completion.result.completed_model import CompletedModel
 from completion.result.labelled_points import PROVENANCE_NAMES
 from scenes.checks import ColourArray
-from scenes.io.e57_writer import InferredPoints
-from scenes.io.ply_writer import write_mesh_ply
+from scenes.io.clouds.e57_writer import InferredPoints
+from scenes.io.meshes.ply_writer import write_mesh_ply
 from scenes.mesh.blocks import in_blocks
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart

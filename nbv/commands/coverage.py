@@ -37,7 +37,7 @@ from nbv.visibility.requirement import Requirement
 from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.visibility import REASONS, select_facing
 from scenes.inclination import Up
-from scenes.io.ply_writer import write_mesh_ply
+from scenes.io.meshes.ply_writer import write_mesh_ply
 from scenes.io.scan_request import read_request
 from scenes.io.scene_files import open_scene
 from scenes.io.trajectory import read_poses

@@ -19,8 +19,8 @@ from nbv.commands.options import FeatureCommandOptions, Shared
 from nbv.commands.process import Run, start_run
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.inclination import Up
-from scenes.io.mesh_file import is_mesh
-from scenes.io.ply_writer import write_mesh_ply
+from scenes.io.meshes.mesh_file import is_mesh
+from scenes.io.meshes.ply_writer import write_mesh_ply
 from scenes.io.point_files import read_part_file
 from scenes.io.scan_request import ScanRequest, read_request
 from scenes.run.atomic import write_json

@@ -358,8 +358,9 @@ def points_of(scans: Sequence[RangeImage]) -> RawPoints:
 
 
 _MODULES = (
-    "npz", "ply_scan", "pcd", "ptx", "e57_writer", "uos", "las", "sweep", "vtk", "text", "rgbd_layouts",
-)  # fmt: skip
+    *(f"clouds.{name}" for name in ("npz", "ply_scan", "pcd", "ptx", "e57_writer", "uos", "las", "sweep")),
+    *("clouds.vtk", "clouds.text", "rgbd.layouts"),
+)
 
 
 @cache

@@ -30,7 +30,7 @@ from scenes.io.format import (
     step_warnings,
 )
 from scenes.io.guard import check_file, guard_reading
-from scenes.io.mesh_file import is_mesh
+from scenes.io.meshes.mesh_file import is_mesh
 from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
 from scenes.io.scene_files import load_scene, rounding_doubts, single_steps
 from scenes.limits import LARGE_PART_M

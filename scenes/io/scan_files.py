@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.io.clouds.uos import is_uos, open_uos, read_uos
 from scenes.io.format import (
     METRES_PER_UNIT,
     NO_RAYS,
@@ -24,12 +25,11 @@ from scenes.io.format import (
     written_suffixes,
 )
 from scenes.io.guard import check_file, guard_reading
-from scenes.io.mesh_file import MESH_SUFFIXES
-from scenes.io.rgbd import read_frame
-from scenes.io.rgbd_layouts import open_rgbd
-from scenes.io.rgbd_writer import Layout, write_rgbd
+from scenes.io.meshes.mesh_file import MESH_SUFFIXES
+from scenes.io.rgbd.frames import read_frame
+from scenes.io.rgbd.layouts import open_rgbd
+from scenes.io.rgbd.writer import Layout, write_rgbd
 from scenes.io.trajectory import poses_at, read_named_poses, read_poses
-from scenes.io.uos import is_uos, open_uos, read_uos
 from scenes.pose import Pose
 from scenes.run.mapping import NoSpill, Spill, trim
 from scenes.scan.pixels import scale_pixels
@@ -435,7 +435,7 @@ def write_scans(
     path : str or path
         A file by its suffix; a name without suffix is a folder.
     layout : "plain", "tum" or "redwood"
-        Of a folder; see `scenes.io.rgbd_writer.write_rgbd`.
+        Of a folder; see `scenes.io.rgbd.writer.write_rgbd`.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from scenes.checks import InputError, check_point
 from scenes.inclination import SignedAxis
 from scenes.io.describe import scan_warnings
 from scenes.io.format import METRES_PER_UNIT, Units
-from scenes.io.mesh_file import is_mesh
+from scenes.io.meshes.mesh_file import is_mesh
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import ScanSource, check_units, open_scans, spill_for, split_index
 from scenes.io.scene_files import load_scene

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.format import Units, metres_of
-from scenes.io.glb_writer import glb_of
 from scenes.io.guard import guard_reading
-from scenes.io.mesh_file import GLTF_SUFFIXES, check_mesh_suffix, read_mesh_file
-from scenes.io.obj import write_obj
-from scenes.io.off import write_off
-from scenes.io.ply_writer import write_mesh_ply
+from scenes.io.meshes.glb_writer import glb_of
+from scenes.io.meshes.mesh_file import GLTF_SUFFIXES, check_mesh_suffix, read_mesh_file
+from scenes.io.meshes.obj import write_obj
+from scenes.io.meshes.off import write_off
+from scenes.io.meshes.ply_writer import write_mesh_ply
+from scenes.io.meshes.stl import write_stl
 from scenes.io.scan_files import check_units
-from scenes.io.stl import write_stl
 from scenes.limits import FINE_M, LARGE_M, SMALL_M
 from scenes.mesh.appearance import GeometryLook, join_looks, look_of
 from scenes.mesh.labelled_mesh import LabelledMesh

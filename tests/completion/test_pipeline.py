@@ -29,8 +29,8 @@ from completion.result.record import completion_record
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError
-from scenes.io.glb_writer import glb_of
-from scenes.io.ply import read_mesh_ply
+from scenes.io.meshes.glb_writer import glb_of
+from scenes.io.meshes.ply import read_mesh_ply
 from scenes.pose import Pose
 from scenes.run import mapping
 from scenes.run import mapping as spill

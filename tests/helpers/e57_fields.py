@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.io.e57_writer import _begin, _structure
+from scenes.io.clouds.e57_writer import _begin, _structure
 
 SIZE, STATION = np.array([5.0, 4.0, 2.7]), np.array([2.9, 1.3, 1.5])
 Bounds = tuple[float, float] | None

@@ -49,7 +49,7 @@ sys.path.insert(0, {root!r})
 from pathlib import Path
 from tests.robustness.bad_files.trial import all_cases
 from tempfile import mkdtemp
-import scenes.io.e57, scenes.io.las, pye57
+import scenes.io.clouds.e57, scenes.io.clouds.las, pye57
 cases = [case for case in all_cases() if case.kind == 7]
 folders = [Path(mkdtemp(prefix="within-")) for _ in cases]
 paths = [case.write(folder) for case, folder in zip(cases, folders)]

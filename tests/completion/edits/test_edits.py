@@ -14,7 +14,7 @@ from completion.observe.refitting import refit
 from completion.result.labelled_points import mesh_area
 from nbv.report.completion_report import edit_sections
 from scenes.checks import InputError
-from scenes.io.ply import read_mesh_ply
+from scenes.io.meshes.ply import read_mesh_ply
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

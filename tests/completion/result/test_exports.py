@@ -19,7 +19,7 @@ from completion.pipeline import complete
 from completion.result.meshes import inferred_points, model_parts
 from completion.result.record import polygons_record
 from scenes.checks import InputError
-from scenes.io.e57_writer import INFERRED
+from scenes.io.clouds.e57_writer import INFERRED
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scans
 from scenes.io.scene_files import load_scene

@@ -17,7 +17,7 @@ from completion.texturing.pipeline import choose_samples, choose_search, distanc
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor
 from scenes.checks import InputError
-from scenes.io.glb_writer import glb_of
+from scenes.io.meshes.glb_writer import glb_of
 from scenes.io.scene_files import load_scene
 from scenes.pose import Pose
 from scenes.world.builtin import Finish, SceneBuilder, brick

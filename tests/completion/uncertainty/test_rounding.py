@@ -10,9 +10,9 @@ import pytest
 
 from completion import complete
 from scenes.inclination import Up
+from scenes.io.clouds.text import decimal_step
 from scenes.io.point_files import read_points
 from scenes.io.scan_request import GivenScans, ScanRequest, read_request
-from scenes.io.text import decimal_step
 from tests.helpers.completion_examples import PLAIN
 from tests.helpers.data_paths import data_path, requires_data
 

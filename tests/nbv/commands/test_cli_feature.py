@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from benchmarks.cases.walls import opening_case
 from nbv.cli import app
-from scenes.io.npz import write_npz
+from scenes.io.clouds.npz import write_npz
 from scenes.io.point_files import read_points
 from tests.completion.features.solids.solid_points import stairs_points
 

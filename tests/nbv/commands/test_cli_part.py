@@ -9,8 +9,8 @@ import trimesh
 from typer.testing import CliRunner
 
 from nbv.cli import app
-from scenes.io.ply import read_mesh_ply
-from scenes.io.ply_writer import write_mesh_ply
+from scenes.io.meshes.ply import read_mesh_ply
+from scenes.io.meshes.ply_writer import write_mesh_ply
 from tests.helpers.long_cases import first_in_gate
 from tests.helpers.wall_examples import corner_mesh, panelled, wall_mesh
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nbv.plan.plan import read_plan
-from scenes.io.ply import read_mesh_ply
+from scenes.io.meshes.ply import read_mesh_ply
 from scenes.io.scan_files import read_scan
 from scenes.io.scan_request import ScanRequest, read_request
 from tests.helpers.long_cases import first_in_gate

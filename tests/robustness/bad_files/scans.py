@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from scenes.io.clouds.e57 import _CHECKSUM, _PAGE
 from scenes.io.describe import scan_warnings
-from scenes.io.e57 import _CHECKSUM, _PAGE
 from scenes.io.scan_files import read_scans, write_scan
 from scenes.pose import Pose
 from scenes.scan.convention import convention_doubt

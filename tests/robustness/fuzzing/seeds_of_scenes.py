@@ -10,11 +10,11 @@ import numpy as np
 from PIL import Image
 
 from nbv.scanning.sensor_profile import load_sensor
-from scenes.io.glb_writer import glb_of
-from scenes.io.obj import write_obj
-from scenes.io.off import write_off
-from scenes.io.ply_writer import write_mesh_ply
-from scenes.io.stl import write_stl
+from scenes.io.meshes.glb_writer import glb_of
+from scenes.io.meshes.obj import write_obj
+from scenes.io.meshes.off import write_off
+from scenes.io.meshes.ply_writer import write_mesh_ply
+from scenes.io.meshes.stl import write_stl
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart
 from tests.robustness.fuzzing.case import Case

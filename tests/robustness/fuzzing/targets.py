@@ -17,9 +17,9 @@ from nbv.plan.plan import read_plan
 from nbv.scanning.sensor_profile import load_profile
 from nbv.study.spec import read_study
 from nbv.visibility.viewpoints import load_candidates
-from scenes.io.depth import read_depth_image
 from scenes.io.describe import describe, describe_image
 from scenes.io.point_files import read_points
+from scenes.io.rgbd.depth import read_depth_image
 from scenes.io.scan_files import read_scans
 from scenes.io.scene_files import load_scene
 from scenes.io.trajectory import read_poses, read_timed_poses

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.io import las, ptx
+from scenes.io.clouds import las, ptx
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan, write_scan
 from tests.helpers.scan_examples import PROJECTIONS, assert_same_scan, example_scan

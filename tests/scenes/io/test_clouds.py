@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
+from scenes.io.clouds.las import read_las_points
 from scenes.io.describe import describe
 from scenes.io.format import ScanReturns, cloud_of, scan_of
 from scenes.io.header import scan_header
-from scenes.io.las import read_las_points
 from scenes.io.limits import limits
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan, write_scan

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.io import e57, e57_points
-from scenes.io.e57 import GridExtent
-from scenes.io.e57_points import PointChunk
+from scenes.io.clouds import e57, e57_points
+from scenes.io.clouds.e57 import GridExtent
+from scenes.io.clouds.e57_points import PointChunk
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan, write_scan
 from tests.helpers.long_cases import first_in_gate

@@ -212,7 +212,7 @@ def test_reported_first_returns_are_kept() -> None:
 def test_first_returns_are_kept_wherever_they_stand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int, is_structured: bool
 ) -> None:
-    monkeypatch.setattr("scenes.io.e57_points._CHUNK", size)
+    monkeypatch.setattr("scenes.io.clouds.e57_points._CHUNK", size)
     near = room_points(np.arange(-30.0, 31, 2), np.arange(20.0, -21, -2))
     parts = [grid_fields(near * (1 + 0.2 * number)) for number in range(3)]
     for number, part in enumerate(parts):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.io.depth import read_depth_image
 from scenes.io.describe import describe
+from scenes.io.rgbd.depth import read_depth_image
 from scenes.io.scan_files import read_scan, read_scans
 from tests.helpers.data_paths import ROOT, data_path, requires_data
 from tests.helpers.long_cases import first_in_gate

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from scenes.checks import InputError
-from scenes.io.mesh_file import is_mesh
+from scenes.io.meshes.mesh_file import is_mesh
 from scenes.io.point_files import read_part_file
 from scenes.io.scan_request import ScanRequest, read_request, scan_mesh
 from scenes.scan.range_image import MESH_SENSOR

@@ -10,8 +10,8 @@ import trimesh
 
 from scenes.checks import InputError
 from scenes.io.describe import describe
-from scenes.io.ply import PlyMesh, read_mesh_ply
-from scenes.io.ply_writer import write_mesh_ply, write_meshes_ply
+from scenes.io.meshes.ply import PlyMesh, read_mesh_ply
+from scenes.io.meshes.ply_writer import write_mesh_ply, write_meshes_ply
 from scenes.io.point_files import read_points
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [np.pi, 1e-9, -7e5]], dtype=np.float64)

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
-from scenes.io import ptx
+from scenes.io.clouds import ptx
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan, read_scans
 from scenes.pose import Pose

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.io.depth import read_depth_image
+from scenes.io.rgbd.depth import read_depth_image
 from scenes.io.scan_files import open_scans, read_scan, read_scans
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

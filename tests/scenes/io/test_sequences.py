@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from scenes import Pose
-from scenes.io.rgbd_writer import write_rgbd
+from scenes.io.rgbd.writer import write_rgbd
 from scenes.io.scan_files import read_scans, write_scan
 from scenes.io.scan_request import ScanRequest, read_request
 from scenes.run.mapping import is_mapped

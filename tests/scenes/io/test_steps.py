@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.io.ply_writer import write_mesh_ply
+from scenes.io.meshes.ply_writer import write_mesh_ply
 from scenes.io.point_files import read_part_file, read_points
 from scenes.io.scan_files import read_scan, write_scan
 from scenes.io.scan_request import ScanRequest, read_request

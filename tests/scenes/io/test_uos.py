@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from scenes.checks import FloatArray, InputError
+from scenes.io.clouds.uos import read_uos_pose
 from scenes.io.describe import describe
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan, read_scans
-from scenes.io.uos import read_uos_pose
 from tests.helpers.data_paths import data_path, requires_data
 
 FULL_CM = 3276.7

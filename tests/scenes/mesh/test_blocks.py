@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from scenes.io.glb_writer import glb_of
+from scenes.io.meshes.glb_writer import glb_of
 from scenes.mesh.blocks import BoxLattice, in_blocks
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.mesh.mesh_parts import MeshPart

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.io.gltf import data_bytes
-from scenes.io.obj import check_obj, plain_obj
-from scenes.io.ply import check_ply
+from scenes.io.meshes.gltf import data_bytes
+from scenes.io.meshes.obj import check_obj, plain_obj
+from scenes.io.meshes.ply import check_ply
 from scenes.io.scene_files import load_scene, mesh_doubts
 from scenes.mesh.labelled_mesh import LabelledMesh
 from tests.robustness.bad_files import meshes

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
-from scenes.io.depth import depth_warnings
+from scenes.io.clouds.e57 import check_e57
 from scenes.io.describe import scan_warnings
-from scenes.io.e57 import check_e57
 from scenes.io.header import range_warnings
 from scenes.io.point_files import read_points
+from scenes.io.rgbd.depth import depth_warnings
 from scenes.io.scan_files import read_scan, read_scans
 from scenes.io.station import scan_from_station
 from scenes.pose import Pose, rotation_of

@@ -15,7 +15,7 @@ from completion.export.panels.welding import edges_of, vertices_within_edges
 from completion.extension.patch import Provenance
 from completion.options import CompletionOptions
 from completion.pipeline import complete
-from scenes.io.ply import read_mesh_ply
+from scenes.io.meshes.ply import read_mesh_ply
 from scenes.mesh.labelled_mesh import triangle_areas
 from scenes.pose import Pose
 from tests.helpers.completion_examples import example

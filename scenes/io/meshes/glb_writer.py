@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from scenes.checks import FloatArray
-from scenes.io.gltf import BINARY_CHUNK, JSON_CHUNK, Content
+from scenes.io.meshes.gltf import BINARY_CHUNK, JSON_CHUNK, Content
 from scenes.mesh.appearance import linear_from_srgb
 from scenes.mesh.mesh_parts import MeshPart, local_origin
 from scenes.pose import Pose

@@ -15,14 +15,14 @@ from scenes.io.columns import unit_of_comment
 from scenes.io.crs import LengthUnit
 from scenes.io.documents import Beside, check_references, decode_text
 from scenes.io.format import format_of
-from scenes.io.gltf import Contents, check_gltf, entry_list, read_gltf
 from scenes.io.guard import check_file
 from scenes.io.limits import check_limit
-from scenes.io.obj import check_obj, plain_obj
-from scenes.io.off import read_off
-from scenes.io.plain_gltf import plain_glb
-from scenes.io.ply import check_ply, has_faces, plain_ply
-from scenes.io.stl import check_stl, plain_stl, stl_origin
+from scenes.io.meshes.gltf import Contents, check_gltf, entry_list, read_gltf
+from scenes.io.meshes.obj import check_obj, plain_obj
+from scenes.io.meshes.off import read_off
+from scenes.io.meshes.plain_gltf import plain_glb
+from scenes.io.meshes.ply import check_ply, has_faces, plain_ply
+from scenes.io.meshes.stl import check_stl, plain_stl, stl_origin
 
 GLTF_SUFFIXES = (".glb", ".gltf")
 _STL_HEADER, _COMMENTS = 80, 4096  # bytes

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.io.glb_writer import glb_bytes
-from scenes.io.gltf import INSTANCING, Accessor, Gltf, accessors_of, entry_list, entry_number
 from scenes.io.limits import check_limit
+from scenes.io.meshes.glb_writer import glb_bytes
+from scenes.io.meshes.gltf import INSTANCING, Accessor, Gltf, accessors_of, entry_list, entry_number
 
 _TRANSFORMS = {"TRANSLATION": 3, "ROTATION": 4, "SCALE": 3}  # of an instance, as of a node
 

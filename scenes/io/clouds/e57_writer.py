@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
-from scenes.io.e57 import INFERRED, E57File
+from scenes.io.clouds.e57 import INFERRED, E57File
 from scenes.io.format import Format, each_cloud, each_scan
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR
 from scenes.io.guard import import_extra

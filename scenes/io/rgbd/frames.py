@@ -13,10 +13,10 @@ from PIL import Image
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.io.camera import Camera, Intrinsics, is_scaled, undistorted
-from scenes.io.depth import depth_in_metres, depth_warnings, read_depth_image, without_codes
 from scenes.io.guard import guard_reading
 from scenes.io.header import range_warnings
 from scenes.io.image import open_image
+from scenes.io.rgbd.depth import depth_in_metres, depth_warnings, read_depth_image, without_codes
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

@@ -20,8 +20,8 @@ from scenes.io.header import (
     scan_header,
     to_comments,
 )
-from scenes.io.ply import PlyElement, header_lines, parse_header, plain_ply, read_mesh_ply
-from scenes.io.ply_writer import write_mesh_ply
+from scenes.io.meshes.ply import PlyElement, header_lines, parse_header, plain_ply, read_mesh_ply
+from scenes.io.meshes.ply_writer import write_mesh_ply
 from scenes.scan.colour import colour_bytes, scaled_bytes
 from scenes.scan.range_image import RangeImage, without_saturated
 

@@ -192,7 +192,7 @@ def _unpacked_records(file: BinaryIO, point: np.dtype[Any], n_points: int) -> It
 
 def _unpack_lzf(file: BinaryIO, n_bytes: int) -> NDArray[np.uint8]:
     """Unpack (LZF) what follows in a file, whose two sizes come first."""
-    from scenes.io.lzf import unpack_some  # compiled code, which only this encoding needs
+    from scenes.io.clouds.lzf import unpack_some  # compiled code, which only this encoding needs
 
     n_packed = int(np.frombuffer(file.read(8), "<u4")[0])
     out, n_out, remainder = allocate((n_bytes,), np.uint8), 0, b""

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
+from scenes.io.clouds.text_scan import TEXT_TAG, read_scan_text, write_scan_text
 from scenes.io.columns import (
     AXES,
     COLOURS,
@@ -31,7 +32,6 @@ from scenes.io.format import (
     one_scan,
     write_single,
 )
-from scenes.io.text_scan import TEXT_TAG, read_scan_text, write_scan_text
 from scenes.limits import FEWEST_POINTS
 from scenes.scan.colour import known_colours
 

@@ -25,8 +25,8 @@ from scenes.io.colmap import read_model
 from scenes.io.documents import read_json
 from scenes.io.guard import guard_reading
 from scenes.io.limits import check_limit
-from scenes.io.rgbd import RgbdFolder, RgbdFrame
-from scenes.io.rgbd_listing import ImageLayout, View, Views, camera_pose, inside, key_of, known_pose
+from scenes.io.rgbd.frames import RgbdFolder, RgbdFrame
+from scenes.io.rgbd.listing import ImageLayout, View, Views, camera_pose, inside, key_of, known_pose
 from scenes.io.trajectory import rounded_pose
 
 _UNIT = (

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError, check_faces, check_vectors
-from scenes.io.ply import CORNERS, COUNT, TYPES, PlyMesh
+from scenes.io.meshes.ply import CORNERS, COUNT, TYPES, PlyMesh
 from scenes.run.atomic import atomic_path
 
 _HELD = 1 << 24  # bytes of a file that are in memory at a time

@@ -26,8 +26,8 @@ from scenes.checks import FloatArray, InputError
 from scenes.io.camera import Camera, distortion_of, intrinsics_of, read_camera
 from scenes.io.documents import read_json, read_text
 from scenes.io.guard import guard_reading
-from scenes.io.rgbd import VIDEOS, video_image
-from scenes.io.rgbd_listing import (
+from scenes.io.rgbd.frames import VIDEOS, video_image
+from scenes.io.rgbd.listing import (
     ImageLayout,
     View,
     Views,

@@ -13,15 +13,15 @@ from typing import Any, NoReturn
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.io import phone, reconstruction
 from scenes.io.camera import Camera, intrinsics_of, read_camera
-from scenes.io.depth import DEPTH_SUFFIXES, LZFSE
 from scenes.io.documents import read_json, read_text
 from scenes.io.format import Format
 from scenes.io.guard import guard_reading
 from scenes.io.limits import check_limit
-from scenes.io.rgbd import RgbdFolder, RgbdFrame
-from scenes.io.rgbd_listing import inside, is_marked, keep_complete, list_frames
+from scenes.io.rgbd import phone, reconstruction
+from scenes.io.rgbd.depth import DEPTH_SUFFIXES, LZFSE
+from scenes.io.rgbd.frames import RgbdFolder, RgbdFrame
+from scenes.io.rgbd.listing import inside, is_marked, keep_complete, list_frames
 from scenes.io.trajectory import natural_key, read_poses, read_timed_poses, rounded_pose
 from scenes.limits import TIME_GAP_S
 from scenes.pose import Pose
@@ -48,13 +48,13 @@ def open_rgbd(folder: Path) -> RgbdFolder:
 
     * align3d: `frames.json`; its `rt_cam` is camera to world (checked: reprojected depths agree to 12 mm
       that way and to 118 mm the other, over 2.7 cm of motion). Frames without images are skipped.
-    * phones and data sets: `scenes.io.phone`; reconstructions: `scenes.io.reconstruction`.
+    * phones and data sets: `scenes.io.rgbd.phone`; reconstructions: `scenes.io.rgbd.reconstruction`.
     * TUM: `rgb.txt` and `depth.txt` (or `associations.txt`) with `groundtruth.txt`; 5000 values a metre.
     * Redwood: `color/`, `depth/` and `trajectory.log`, camera to world; 1000 values a metre.
     * frames (7-Scenes, tsdf-fusion): `frame-000000.depth.png` in millimetres, `.color.png` or `.jpg`, and
       `.pose.txt`, a 4x4 matrix, camera to world; ScanNet's `_info.txt` may give the camera.
     * plain: `color/`, `depth/`, `pose.txt`, and for camera and scale `camera.json`, which may also name the
-      `depth_encoding` (see `scenes.io.depth`).
+      `depth_encoding` (see `scenes.io.rgbd.depth`).
 
     Frames without a pose, or without intrinsics, are left out with a count where others have them.
 

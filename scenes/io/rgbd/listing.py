@@ -13,9 +13,9 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.io.camera import Camera, Intrinsics
-from scenes.io.depth import DEPTH_SUFFIXES
 from scenes.io.limits import check_limit
-from scenes.io.rgbd import VIDEOS, RgbdFolder, RgbdFrame
+from scenes.io.rgbd.depth import DEPTH_SUFFIXES
+from scenes.io.rgbd.frames import VIDEOS, RgbdFolder, RgbdFrame
 from scenes.io.trajectory import natural_key, rounded_pose
 from scenes.pose import Pose
 

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
+from scenes.io.clouds.e57_points import PointChunk, coordinate_step, point_chunks, read_pose, times_of
 from scenes.io.documents import parse_json
-from scenes.io.e57_points import PointChunk, coordinate_step, point_chunks, read_pose, times_of
 from scenes.io.format import RawPoints, step_warnings
 from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fitted_scan, lie_on_rays, organised_scan
 from scenes.io.guard import check_size, import_extra

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Clouds: readers and writers of files of points and of scans."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Meshes: readers, checks and writers of their files."""

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""RGB-D: folders of depth images, as recorders lay them out."""
