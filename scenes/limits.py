@@ -3,7 +3,7 @@
 
 Each with unit and origin: lengths are metres, shares are 0..1, and what is marked "by eye" was set on the
 public files of the tests without measuring a range within which results stay the same. How much
-a file may hold: `scenes.io.limits`.
+a file may hold: `scenes.io.checks.limits`.
 """
 
 from __future__ import annotations

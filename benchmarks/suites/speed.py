@@ -26,7 +26,7 @@ from completion.result.completed_model import CompletedModel
 from nbv import PinholeSensor, scan_scene
 from scenes import Pose, RangeImage, RayCaster
 from scenes.checks import FloatArray
-from scenes.io.grid_fit import SCANNER_FROM_SENSOR
+from scenes.io.formats.grid_fit import SCANNER_FROM_SENSOR
 from scenes.io.scan_files import read_scan, write_scan
 from scenes.mesh.blocks import morton_order
 from scenes.scan.colour import colour_bytes

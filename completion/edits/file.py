@@ -10,8 +10,8 @@ from typing import Any
 
 from completion.edits.edit import ACTIONS, Anchor, Edit
 from scenes.checks import InputError, check_coordinates
-from scenes.io.documents import read_json
-from scenes.io.guard import guard_reading
+from scenes.io.checks.documents import read_json
+from scenes.io.checks.guard import guard_reading
 from scenes.surfaces.plane import Plane
 
 _FIELDS = {

@@ -18,7 +18,7 @@ from completion.export.building.cut import CutLine, UprightCut, plan_of, section
 from completion.export.building.limits import NEARLY_ALL
 from completion.export.building.model import BuildingModel, matrix_text
 from scenes.checks import FloatArray
-from scenes.io.format import METRES_PER_UNIT, Units
+from scenes.io.formats.format import METRES_PER_UNIT, Units
 
 _VERSION = "R2010"  # what current CAD programs and those of fifteen years ago read
 _APP = "UNSEEN"  # name of the extended data: what a program that does not know it leaves alone

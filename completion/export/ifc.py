@@ -30,7 +30,7 @@ from completion.export.ifc_products import (
     write_product,
 )
 from scenes.checks import FloatArray
-from scenes.io.format import METRES_PER_UNIT, Units
+from scenes.io.formats.format import METRES_PER_UNIT, Units
 
 _FAR_M = 1000.0  # coordinates beyond which the file has an origin of its own
 _PRECISION_M = 1e-6

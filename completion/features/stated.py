@@ -30,7 +30,7 @@ from completion.fitting.result import SurfaceFit
 from completion.merging.merged_surface import MergedSurface
 from completion.observe.observation import Observation, PixelSet, ScanPixels
 from scenes.checks import BoolArray, FloatArray, InputError, check_coordinates, check_direction, check_places
-from scenes.io.documents import read_json
+from scenes.io.checks.documents import read_json
 from scenes.pose import Pose
 from scenes.run.mapping import trim
 from scenes.surfaces.catalogue import Cylinder, Plane

@@ -15,8 +15,8 @@ import numpy as np
 from completion.edits.edit import Anchor
 from completion.edits.file import anchors_of, named_anchor
 from scenes.checks import InputError
-from scenes.io.documents import parse_json, read_text
-from scenes.io.guard import guard_reading
+from scenes.io.checks.documents import parse_json, read_text
+from scenes.io.checks.guard import guard_reading
 
 RelationKind = Literal[
     "parallel",

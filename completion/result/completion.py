@@ -28,7 +28,7 @@ from completion.result.record import ObservedDetail, completion_record, polygons
 from completion.result.verification import Verification
 from scenes.checks import InputError
 from scenes.io.clouds.e57_writer import write_e57
-from scenes.io.format import Units
+from scenes.io.formats.format import Units
 from scenes.io.meshes.glb_writer import glb_of
 from scenes.io.meshes.obj import write_obj
 from scenes.io.meshes.ply import PlyMesh

@@ -38,9 +38,9 @@ from nbv.visibility.samples import SurfaceSamples
 from nbv.visibility.visibility import REASONS, select_facing
 from scenes.inclination import Up
 from scenes.io.meshes.ply_writer import write_mesh_ply
+from scenes.io.poses.trajectory import read_poses
 from scenes.io.scan_request import read_request
 from scenes.io.scene_files import open_scene
-from scenes.io.trajectory import read_poses
 from scenes.run.atomic import write_json, write_text
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene

@@ -18,10 +18,10 @@ from nbv.commands.options import InfoOptions, Shared
 from nbv.commands.process import start_run
 from nbv.run.manifest import manifest_path
 from scenes.checks import InputError
+from scenes.io.checks.documents import parse_json, read_text, within_folder
+from scenes.io.checks.guard import check_file, guard_reading
 from scenes.io.clouds.npz import open_arrays
 from scenes.io.describe import describe
-from scenes.io.documents import parse_json, read_text, within_folder
-from scenes.io.guard import check_file, guard_reading
 from scenes.io.meshes.ply import read_mesh_ply
 from scenes.io.scan_files import split_index
 from scenes.run.atomic import to_plain, write_json

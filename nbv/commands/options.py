@@ -65,7 +65,7 @@ def parse_limits(texts: Iterable[str]) -> Mapping[str, int]:
     >>> parse_limits(["faces=200M", "file_bytes=8GiB"])
     {'faces': 200000000, 'file_bytes': 8589934592}
     """
-    from scenes.io.limits import LIMIT_NAMES  # numpy comes with it, and is not needed to show help
+    from scenes.io.checks.limits import LIMIT_NAMES  # numpy comes with it, and is not needed to show help
 
     limits: dict[str, int] = {}
     for text in texts:
@@ -113,7 +113,7 @@ class Shared:
 
     `out` is the folder or file to write, the command's default when not given; `max_memory` is in bytes;
     `limits` hold sizes that files may have where these are not the defaults, by name
-    (`scenes.io.limits`).
+    (`scenes.io.checks.limits`).
     """
 
     out: Path | None = option("--out -o", "Folder or file to write.", None, shown=False)

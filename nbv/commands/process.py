@@ -131,7 +131,7 @@ def start_run(
     """
     from nbv.run.manifest import Inputs, Stopwatch
     from scenes.checks import InputError
-    from scenes.io.limits import limits
+    from scenes.io.checks.limits import limits
     from scenes.run.atomic import Stage, hold_lock
     from scenes.run.memory import memory_limit
 

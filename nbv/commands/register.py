@@ -17,7 +17,7 @@ from nbv.commands.process import start_run
 from nbv.run.wording import count
 from nbv.scans.registering import copies_of, copies_told, doubts_of_poses
 from scenes.inclination import axis_direction
-from scenes.io.format import written_suffixes
+from scenes.io.formats.format import written_suffixes
 from scenes.io.scan_files import split_index, write_scan, write_scans
 from scenes.io.scan_request import GivenScans, read_request
 from scenes.pose import Pose

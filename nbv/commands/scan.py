@@ -15,10 +15,10 @@ from nbv.run.wording import count
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor_profile import load_profile
 from scenes.checks import InputError
+from scenes.io.poses.trajectory import read_poses
 from scenes.io.rgbd.writer import check_no_other_frames
 from scenes.io.scan_files import split_index, write_scan, write_scans
 from scenes.io.scene_files import open_scene
-from scenes.io.trajectory import read_poses
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 

@@ -18,7 +18,7 @@ from PIL import Image, ImageOps
 from nbv.commands.options import Shared, TextureOptions
 from nbv.commands.process import start_run
 from scenes.checks import InputError
-from scenes.io.image import open_image
+from scenes.io.checks.image import open_image
 from scenes.run.atomic import write_bytes
 from scenes.run.memory import require
 from texture.engine.compiled_front import list_visits

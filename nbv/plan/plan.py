@@ -29,9 +29,9 @@ from nbv.visibility.site import Site
 from nbv.visibility.viewpoints import Candidates
 from nbv.visibility.zones import EVERYWHERE, Zones, zones_from_json
 from scenes.checks import InputError, check_number
-from scenes.io.documents import read_json
-from scenes.io.guard import one_line
-from scenes.io.trajectory import write_timed_poses
+from scenes.io.checks.documents import read_json
+from scenes.io.checks.guard import one_line
+from scenes.io.poses.trajectory import write_timed_poses
 from scenes.pose import Pose
 from scenes.run.atomic import Stage, make_folder, write_json, write_text
 

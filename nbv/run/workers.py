@@ -19,7 +19,7 @@ from uuid import uuid4
 
 from nbv.run.manifest import versions
 from scenes.checks import InputError
-from scenes.io.limits import current_limits, limits
+from scenes.io.checks.limits import current_limits, limits
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

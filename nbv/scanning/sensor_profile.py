@@ -19,8 +19,8 @@ from nbv.scanning.effects import NOISE_MODELS, Effects, PointingNoise, Quantisat
 from nbv.scanning.sensor import PinholeSensor, Sensor, SphericalSensor
 from nbv.scanning.triangulation import LineSensor, TriangulationSensor
 from scenes.checks import MOST_M, InputError
-from scenes.io.documents import parse_toml, read_toml
-from scenes.io.guard import check_size, guard_reading
+from scenes.io.checks.documents import parse_toml, read_toml
+from scenes.io.checks.guard import check_size, guard_reading
 
 _KINDS: dict[str, type[Any]] = {
     kind.kind: kind for kind in (PinholeSensor, SphericalSensor, LineSensor, TriangulationSensor)

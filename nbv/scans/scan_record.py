@@ -15,8 +15,8 @@ from nbv.run.wording import letters, square_metres
 from nbv.scans.scan_coverage import ScanCoverage
 from nbv.visibility.limits import SAME_M
 from scenes.checks import InputError
-from scenes.io.documents import read_json
-from scenes.io.guard import one_line
+from scenes.io.checks.documents import read_json
+from scenes.io.checks.guard import one_line
 from scenes.pose import Pose
 
 _CURE = "give the plan.json that `unseen plan --scans` wrote after fewer of these scans"

@@ -24,7 +24,7 @@ from nbv.study.spec import PlannerEntry, RequirementEntry, Sampling, SceneEntry,
 from nbv.visibility.candidates import Standing, find_standing, restrict_to_rooms, samples_that_count
 from nbv.visibility.samples import SurfaceSamples, sample_surface
 from scenes.checks import InputError
-from scenes.io.documents import read_json
+from scenes.io.checks.documents import read_json
 from scenes.io.scene_files import open_scene
 from scenes.run.atomic import json_text, make_folder, write_json
 from scenes.world.scene import Scene

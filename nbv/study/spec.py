@@ -15,8 +15,8 @@ from nbv.plan.planning import Method
 from nbv.run.plan_options import RequirementOptions, SearchOptions
 from nbv.visibility.requirement import Requirement
 from scenes.checks import InputError
-from scenes.io.documents import read_toml, within_folder
-from scenes.io.guard import guard_reading, one_line
+from scenes.io.checks.documents import read_toml, within_folder
+from scenes.io.checks.guard import guard_reading, one_line
 
 _MOST_CASES = 100_000
 _COMPARED = 0.95  # beyond it a few square metres decide

@@ -15,8 +15,8 @@ from nbv.visibility.limits import MOST_POSITIONS, SAME_M, SPACING_M
 from nbv.visibility.site_options import TRIPOD_HEIGHTS_M
 from nbv.visibility.zones import Zones
 from scenes.checks import BoolArray, FloatArray, InputError, check_places, frozen_copy
+from scenes.io.checks.guard import guard_reading
 from scenes.io.clouds.npz import open_arrays
-from scenes.io.guard import guard_reading
 from scenes.pose import Pose, rotations_towards
 
 _OPTIONAL = ("half_angle_deg", "patch_points", "patch_normals")  # entries of a file of candidates

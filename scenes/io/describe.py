@@ -11,15 +11,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.format import METRES_PER_UNIT, Intrinsics, Units, format_of, point_suffixes, text_suffixes
-from scenes.io.guard import check_file
-from scenes.io.image import open_image
+from scenes.io.checks.guard import check_file
+from scenes.io.checks.image import open_image
+from scenes.io.formats.format import (
+    METRES_PER_UNIT,
+    Intrinsics,
+    Units,
+    format_of,
+    point_suffixes,
+    text_suffixes,
+)
 from scenes.io.meshes.mesh_file import MESH_SUFFIXES, is_mesh
 from scenes.io.point_files import read_points
+from scenes.io.poses.trajectory import read_poses
 from scenes.io.rgbd.depth import depth_warnings, suspected_encoding
 from scenes.io.scan_files import ScanSource, open_scans, split_index
 from scenes.io.scene_files import open_scene, units_doubt
-from scenes.io.trajectory import read_poses
 from scenes.io.walk import open_walk
 from scenes.limits import FAR_M, SMALL_M, SPHERICAL_LIMIT_PX
 from scenes.mesh.orientation import Axis, axis_in_file, suggest_up

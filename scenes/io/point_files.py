@@ -19,7 +19,8 @@ from scenes.checks import (
     frozen_copy,
     usable_rows,
 )
-from scenes.io.format import (
+from scenes.io.checks.guard import check_file, guard_reading
+from scenes.io.formats.format import (
     METRES_PER_UNIT,
     RawPoints,
     Units,
@@ -29,7 +30,6 @@ from scenes.io.format import (
     points_of,
     step_warnings,
 )
-from scenes.io.guard import check_file, guard_reading
 from scenes.io.meshes.mesh_file import is_mesh
 from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
 from scenes.io.scene_files import load_scene, rounding_doubts, single_steps

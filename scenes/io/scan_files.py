@@ -12,8 +12,9 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.io.checks.guard import check_file, guard_reading
 from scenes.io.clouds.uos import is_uos, open_uos, read_uos
-from scenes.io.format import (
+from scenes.io.formats.format import (
     METRES_PER_UNIT,
     NO_RAYS,
     Intrinsics,
@@ -24,12 +25,11 @@ from scenes.io.format import (
     scan_suffixes,
     written_suffixes,
 )
-from scenes.io.guard import check_file, guard_reading
 from scenes.io.meshes.mesh_file import MESH_SUFFIXES
+from scenes.io.poses.trajectory import poses_at, read_named_poses, read_poses
 from scenes.io.rgbd.frames import read_frame
 from scenes.io.rgbd.layouts import open_rgbd
 from scenes.io.rgbd.writer import Layout, write_rgbd
-from scenes.io.trajectory import poses_at, read_named_poses, read_poses
 from scenes.pose import Pose
 from scenes.run.mapping import NoSpill, Spill, trim
 from scenes.scan.pixels import scale_pixels

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
-from scenes.io.format import Units, metres_of
-from scenes.io.guard import guard_reading
+from scenes.io.checks.guard import guard_reading
+from scenes.io.formats.format import Units, metres_of
 from scenes.io.meshes.glb_writer import glb_of
 from scenes.io.meshes.mesh_file import GLTF_SUFFIXES, check_mesh_suffix, read_mesh_file
 from scenes.io.meshes.obj import write_obj

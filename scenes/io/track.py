@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import BoolArray, FloatArray, InputError, freeze_arrays
+from scenes.io.checks.documents import read_text
+from scenes.io.checks.guard import check_file, guard_reading
 from scenes.io.clouds.text import read_point_table
-from scenes.io.documents import read_text
-from scenes.io.guard import check_file, guard_reading
 from scenes.limits import LONGEST_GAP_S
 
 _FORMS = (

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.angle_grid import neighbour_steps
-from scenes.io.format import Units
+from scenes.io.formats.angle_grid import neighbour_steps
+from scenes.io.formats.format import Units
 from scenes.io.point_files import PointCloud, read_points
 from scenes.io.scan_files import ScanSource
 from scenes.io.track import Trajectory, clock_offset, read_trajectory

@@ -15,7 +15,7 @@ from completion.uncertainty.joint_errors import NO_ERRORS
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import View
 from nbv.scanning.sensor_profile import load_sensor
-from scenes.io.format import Units
+from scenes.io.formats.format import Units
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 

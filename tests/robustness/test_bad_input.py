@@ -79,7 +79,7 @@ def test_nothing_outside_is_opened() -> None:
 
 
 def test_the_page_lists_every_limit() -> None:
-    from scenes.io.limits import LIMIT_NAMES
+    from scenes.io.checks.limits import LIMIT_NAMES
 
     text = Path(ROOT, "docs", "guides", "bad-input.md").read_text("utf-8")
     assert [name for name in LIMIT_NAMES if f"| `{name}` |" not in text] == []

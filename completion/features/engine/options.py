@@ -13,7 +13,7 @@ import numpy as np
 
 from completion.features.engine.template import Given, TemplateFit
 from scenes.checks import InputError, check_number
-from scenes.io.documents import read_json
+from scenes.io.checks.documents import read_json
 
 OPENINGS = ("doorway", "window", "niche")
 KNOWN_OF_OPENINGS = ("width", "height", "depth")

@@ -21,14 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
+from scenes.io.checks.documents import parse_json
+from scenes.io.checks.guard import check_size, import_extra
+from scenes.io.checks.limits import check_limit, check_unpacked
 from scenes.io.clouds.e57_points import PointChunk, coordinate_step, point_chunks, read_pose, times_of
-from scenes.io.documents import parse_json
-from scenes.io.format import RawPoints, step_warnings
-from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fitted_scan, lie_on_rays, organised_scan
-from scenes.io.guard import check_size, import_extra
-from scenes.io.header import FORMAT, apply_header, not_finite_warnings, projection_from_dict
-from scenes.io.limits import check_limit, check_unpacked
-from scenes.io.station import scan_from_station
+from scenes.io.formats.format import RawPoints, step_warnings
+from scenes.io.formats.grid_fit import SCANNER_FROM_SENSOR, fitted_scan, lie_on_rays, organised_scan
+from scenes.io.formats.header import FORMAT, apply_header, not_finite_warnings, projection_from_dict
+from scenes.io.formats.station import scan_from_station
 from scenes.limits import SPARSE, SPARSE_PIXELS
 from scenes.pose import Pose
 from scenes.run.mapping import allocate, release

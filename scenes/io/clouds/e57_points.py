@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
-from scenes.io.guard import import_extra
+from scenes.io.checks.guard import import_extra
 from scenes.pose import Pose, stated_rotation
 from scenes.scan.pixels import finite_points
 

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
+from scenes.io.checks.guard import import_extra
 from scenes.io.clouds.e57 import INFERRED, E57File
-from scenes.io.format import Format, each_cloud, each_scan
-from scenes.io.grid_fit import SCANNER_FROM_SENSOR
-from scenes.io.guard import import_extra
-from scenes.io.header import scan_header
+from scenes.io.formats.format import Format, each_cloud, each_scan
+from scenes.io.formats.grid_fit import SCANNER_FROM_SENSOR
+from scenes.io.formats.header import scan_header
 from scenes.pose import quaternion_of
 from scenes.run.atomic import atomic_path, encodable, json_text
 from scenes.scan.colour import colour_bytes

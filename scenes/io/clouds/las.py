@@ -18,9 +18,11 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.crs import LengthUnit, unit_of_geokeys, unit_of_wkt
-from scenes.io.documents import parse_json
-from scenes.io.format import (
+from scenes.io.checks.documents import parse_json
+from scenes.io.checks.guard import import_extra
+from scenes.io.checks.limits import check_limit, check_unpacked
+from scenes.io.formats.crs import LengthUnit, unit_of_geokeys, unit_of_wkt
+from scenes.io.formats.format import (
     NO_RAYS,
     Format,
     RawPoints,
@@ -31,9 +33,7 @@ from scenes.io.format import (
     scan_of,
     write_single,
 )
-from scenes.io.guard import import_extra
-from scenes.io.header import scan_header
-from scenes.io.limits import check_limit, check_unpacked
+from scenes.io.formats.header import scan_header
 from scenes.run.atomic import json_text, write_bytes
 from scenes.scan.range_image import RangeImage
 

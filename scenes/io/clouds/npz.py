@@ -18,8 +18,10 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from scenes.checks import InputError, check_point
-from scenes.io.documents import parse_json
-from scenes.io.format import (
+from scenes.io.checks.documents import parse_json
+from scenes.io.checks.guard import check_file, guard_reading
+from scenes.io.checks.limits import check_limit, check_unpacked
+from scenes.io.formats.format import (
     Format,
     RawPoints,
     check_single,
@@ -28,11 +30,9 @@ from scenes.io.format import (
     readers_of,
     write_single,
 )
-from scenes.io.guard import check_file, guard_reading
-from scenes.io.header import scan_from_header, scan_header
-from scenes.io.limits import check_limit, check_unpacked
-from scenes.io.station import scan_from_station
-from scenes.io.trajectory import rounded_pose
+from scenes.io.formats.header import scan_from_header, scan_header
+from scenes.io.formats.station import scan_from_station
+from scenes.io.poses.trajectory import rounded_pose
 from scenes.run.atomic import atomic_path, json_text
 from scenes.run.mapping import allocate, fill_from
 from scenes.scan.projection import PinholeProjection

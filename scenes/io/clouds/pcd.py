@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
+from scenes.io.checks.guard import import_extra
 from scenes.io.clouds.pcd_chunks import PcdHeader, pcd_chunks, read_pcd_header
-from scenes.io.columns import AXES, COLOURS, NORMALS, columns_of
-from scenes.io.format import Format, RawPoints, one_cloud, write_single
-from scenes.io.grid_fit import AxesFit, fit_axes, fitted_scan, organised_scan
-from scenes.io.guard import import_extra
-from scenes.io.header import (
+from scenes.io.formats.columns import AXES, COLOURS, NORMALS, columns_of
+from scenes.io.formats.format import Format, RawPoints, one_cloud, write_single
+from scenes.io.formats.grid_fit import AxesFit, fit_axes, fitted_scan, organised_scan
+from scenes.io.formats.header import (
     apply_header,
     from_comments,
     point_warnings,
@@ -28,7 +28,7 @@ from scenes.io.header import (
     scan_header,
     to_comments,
 )
-from scenes.io.station import scan_from_station
+from scenes.io.formats.station import scan_from_station
 from scenes.pose import Pose, quaternion_of, stated_rotation
 from scenes.run.atomic import write_bytes
 from scenes.run.mapping import allocate, release

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
-from scenes.io.guard import check_size
-from scenes.io.limits import check_limit, check_unpacked
+from scenes.io.checks.guard import check_size
+from scenes.io.checks.limits import check_limit, check_unpacked
 from scenes.run.mapping import allocate, release
 
 _MAX_HEADER = 1 << 22  # bytes

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.columns import AXES, COLOURS, NORMALS, columns_of, times_among, unit_of_comment
-from scenes.io.format import Format, RawPoints, check_single, one_scan, points_of, write_single
-from scenes.io.header import (
+from scenes.io.formats.columns import AXES, COLOURS, NORMALS, columns_of, times_among, unit_of_comment
+from scenes.io.formats.format import Format, RawPoints, check_single, one_scan, points_of, write_single
+from scenes.io.formats.header import (
     checked_bytes,
     from_comments,
     projection_from_dict,

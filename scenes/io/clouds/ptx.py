@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.format import Format, RawPoints, each_cloud, each_scan, write_single
-from scenes.io.grid_fit import SCANNER_FROM_SENSOR, fit_grid, fitted_scan
-from scenes.io.guard import check_size
-from scenes.io.header import checked_bytes, not_finite_warnings
-from scenes.io.trajectory import rounded_pose
+from scenes.io.checks.guard import check_size
+from scenes.io.formats.format import Format, RawPoints, each_cloud, each_scan, write_single
+from scenes.io.formats.grid_fit import SCANNER_FROM_SENSOR, fit_grid, fitted_scan
+from scenes.io.formats.header import checked_bytes, not_finite_warnings
+from scenes.io.poses.trajectory import rounded_pose
 from scenes.pose import Pose
 from scenes.run.atomic import atomic_path
 from scenes.run.mapping import allocate, release

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from scenes import limits
 from scenes.checks import FloatArray, InputError
-from scenes.io.format import Format, RawPoints, one_cloud
-from scenes.io.limits import check_limit
-from scenes.io.station import scan_from_station
+from scenes.io.checks.limits import check_limit
+from scenes.io.formats.format import Format, RawPoints, one_cloud
+from scenes.io.formats.station import scan_from_station
 from scenes.scan.range_image import RangeImage
 
 _COLUMNS = {"nuScenes": 5, "KITTI": 4}

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
+from scenes.io.checks.documents import decode_text
 from scenes.io.clouds.text_scan import TEXT_TAG, read_scan_text, write_scan_text
-from scenes.io.columns import (
+from scenes.io.formats.columns import (
     AXES,
     COLOURS,
     NORMALS,
@@ -23,9 +24,8 @@ from scenes.io.columns import (
     unit_of_comment,
     unit_of_names,
 )
-from scenes.io.crs import LengthUnit, degrees_error
-from scenes.io.documents import decode_text
-from scenes.io.format import (
+from scenes.io.formats.crs import LengthUnit, degrees_error
+from scenes.io.formats.format import (
     Format,
     RawPoints,
     one_cloud,

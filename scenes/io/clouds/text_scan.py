@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.io.columns import COLOURS
-from scenes.io.documents import parse_json
-from scenes.io.format import NO_RAYS, ScanReturns, cloud_of, scan_of
-from scenes.io.header import checked_bytes, scan_header
+from scenes.io.checks.documents import parse_json
+from scenes.io.formats.columns import COLOURS
+from scenes.io.formats.format import NO_RAYS, ScanReturns, cloud_of, scan_of
+from scenes.io.formats.header import checked_bytes, scan_header
 from scenes.run.atomic import atomic_path, to_plain
 from scenes.scan.range_image import RangeImage
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
+from scenes.io.checks.documents import read_text
+from scenes.io.checks.guard import check_file, guard_reading
+from scenes.io.checks.limits import check_limit
 from scenes.io.clouds.text import read_point_table
-from scenes.io.documents import read_text
-from scenes.io.format import Format, RawPoints, one_cloud, one_scan, points_of
-from scenes.io.guard import check_file, guard_reading
-from scenes.io.limits import check_limit
-from scenes.io.station import scan_from_station
-from scenes.io.trajectory import natural_key
+from scenes.io.formats.format import Format, RawPoints, one_cloud, one_scan, points_of
+from scenes.io.formats.station import scan_from_station
+from scenes.io.poses.trajectory import natural_key
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage, without_saturated
 

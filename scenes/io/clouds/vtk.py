@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.format import Format, RawPoints, one_cloud
-from scenes.io.limits import check_limit
+from scenes.io.checks.limits import check_limit
+from scenes.io.formats.format import Format, RawPoints, one_cloud
 from scenes.scan.colour import colour_bytes
 
 _START = re.compile(

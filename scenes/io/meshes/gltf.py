@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.io.documents import parse_json, within_folder
-from scenes.io.guard import check_file
-from scenes.io.image import check_image
-from scenes.io.limits import check_limit, check_unpacked
+from scenes.io.checks.documents import parse_json, within_folder
+from scenes.io.checks.guard import check_file
+from scenes.io.checks.image import check_image
+from scenes.io.checks.limits import check_limit, check_unpacked
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942  # what a chunk of a GLB holds
 Content = Mapping[str, Any]

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from scenes.checks import InputError
-from scenes.io.columns import unit_of_comment
-from scenes.io.crs import LengthUnit
-from scenes.io.documents import Beside, check_references, decode_text
-from scenes.io.format import format_of
-from scenes.io.guard import check_file
-from scenes.io.limits import check_limit
+from scenes.io.checks.documents import Beside, check_references, decode_text
+from scenes.io.checks.guard import check_file
+from scenes.io.checks.limits import check_limit
+from scenes.io.formats.columns import unit_of_comment
+from scenes.io.formats.crs import LengthUnit
+from scenes.io.formats.format import format_of
 from scenes.io.meshes.gltf import Contents, check_gltf, entry_list, read_gltf
 from scenes.io.meshes.obj import check_obj, plain_obj
 from scenes.io.meshes.off import read_off

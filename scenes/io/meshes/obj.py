@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scenes.checks import InputError
-from scenes.io.documents import as_utf8
-from scenes.io.limits import check_limit
+from scenes.io.checks.documents import as_utf8
+from scenes.io.checks.limits import check_limit
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.atomic import write_bytes, write_text
 

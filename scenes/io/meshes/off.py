@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, check_faces
-from scenes.io.limits import check_limit
+from scenes.io.checks.limits import check_limit
 from scenes.run.atomic import write_text
 
 _HEADER = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b")

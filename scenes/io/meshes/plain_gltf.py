@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.io.limits import check_limit
+from scenes.io.checks.limits import check_limit
 from scenes.io.meshes.glb_writer import glb_bytes
 from scenes.io.meshes.gltf import INSTANCING, Accessor, Gltf, accessors_of, entry_list, entry_number
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError, check_faces
-from scenes.io.documents import as_utf8, decode_text
-from scenes.io.guard import check_file, guard_reading
-from scenes.io.limits import check_limit
+from scenes.io.checks.documents import as_utf8, decode_text
+from scenes.io.checks.guard import check_file, guard_reading
+from scenes.io.checks.limits import check_limit
 
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",

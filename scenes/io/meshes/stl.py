@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.documents import as_utf8
-from scenes.io.limits import check_limit
+from scenes.io.checks.documents import as_utf8
+from scenes.io.checks.limits import check_limit
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.mesh_parts import local_origin
 from scenes.run.atomic import write_bytes

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.camera import DepthEncoding
+from scenes.io.checks.guard import check_file, check_size, guard_reading
+from scenes.io.checks.image import open_image
+from scenes.io.checks.limits import check_limit
 from scenes.io.clouds.npz import open_arrays
-from scenes.io.guard import check_file, check_size, guard_reading
-from scenes.io.image import open_image
-from scenes.io.limits import check_limit
+from scenes.io.poses.camera import DepthEncoding
 from scenes.io.rgbd.exr import read_exr
 from scenes.limits import MULTIPLES_OF_8
 from scenes.scan.range_image import saturation_start

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
-from scenes.io.guard import check_file, check_size
-from scenes.io.limits import check_unpacked
+from scenes.io.checks.guard import check_file, check_size
+from scenes.io.checks.limits import check_unpacked
 
 _MAGIC, _NOT_PLAIN = 20000630, 0x200 | 0x800 | 0x1000  # tiles, deep data, several parts
 _PACKINGS = ("none", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB")

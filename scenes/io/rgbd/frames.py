@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from scenes.checks import ColourArray, FloatArray, InputError
-from scenes.io.camera import Camera, Intrinsics, is_scaled, undistorted
-from scenes.io.guard import guard_reading
-from scenes.io.header import range_warnings
-from scenes.io.image import open_image
+from scenes.io.checks.guard import guard_reading
+from scenes.io.checks.image import open_image
+from scenes.io.formats.header import range_warnings
+from scenes.io.poses.camera import Camera, Intrinsics, is_scaled, undistorted
 from scenes.io.rgbd.depth import depth_in_metres, depth_warnings, read_depth_image, without_codes
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection

@@ -13,16 +13,16 @@ from typing import Any, NoReturn
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.io.camera import Camera, intrinsics_of, read_camera
-from scenes.io.documents import read_json, read_text
-from scenes.io.format import Format
-from scenes.io.guard import guard_reading
-from scenes.io.limits import check_limit
+from scenes.io.checks.documents import read_json, read_text
+from scenes.io.checks.guard import guard_reading
+from scenes.io.checks.limits import check_limit
+from scenes.io.formats.format import Format
+from scenes.io.poses.camera import Camera, intrinsics_of, read_camera
+from scenes.io.poses.trajectory import natural_key, read_poses, read_timed_poses, rounded_pose
 from scenes.io.rgbd import phone, reconstruction
 from scenes.io.rgbd.depth import DEPTH_SUFFIXES, LZFSE
 from scenes.io.rgbd.frames import RgbdFolder, RgbdFrame
 from scenes.io.rgbd.listing import inside, is_marked, keep_complete, list_frames
-from scenes.io.trajectory import natural_key, read_poses, read_timed_poses, rounded_pose
 from scenes.limits import TIME_GAP_S
 from scenes.pose import Pose
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.camera import Camera, Intrinsics
-from scenes.io.limits import check_limit
+from scenes.io.checks.limits import check_limit
+from scenes.io.poses.camera import Camera, Intrinsics
+from scenes.io.poses.trajectory import natural_key, rounded_pose
 from scenes.io.rgbd.depth import DEPTH_SUFFIXES
 from scenes.io.rgbd.frames import VIDEOS, RgbdFolder, RgbdFrame
-from scenes.io.trajectory import natural_key, rounded_pose
 from scenes.pose import Pose
 
 _MAPS = (".geometric.bin", ".photometric.bin")

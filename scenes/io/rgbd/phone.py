@@ -23,9 +23,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.camera import Camera, distortion_of, intrinsics_of, read_camera
-from scenes.io.documents import read_json, read_text
-from scenes.io.guard import guard_reading
+from scenes.io.checks.documents import read_json, read_text
+from scenes.io.checks.guard import guard_reading
+from scenes.io.poses.camera import Camera, distortion_of, intrinsics_of, read_camera
+from scenes.io.poses.trajectory import rounded_pose
 from scenes.io.rgbd.frames import VIDEOS, video_image
 from scenes.io.rgbd.listing import (
     ImageLayout,
@@ -35,7 +36,6 @@ from scenes.io.rgbd.listing import (
     key_of,
     known_pose,
 )
-from scenes.io.trajectory import rounded_pose
 from scenes.pose import Pose, rotation_of
 
 _STRAY_SIZE = 1920, 1440  # of the video

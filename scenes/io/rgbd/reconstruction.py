@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.io.camera import Camera, check_model, distortion_of
-from scenes.io.colmap import read_model
-from scenes.io.documents import read_json
-from scenes.io.guard import guard_reading
-from scenes.io.limits import check_limit
+from scenes.io.checks.documents import read_json
+from scenes.io.checks.guard import guard_reading
+from scenes.io.checks.limits import check_limit
+from scenes.io.poses.camera import Camera, check_model, distortion_of
+from scenes.io.poses.colmap import read_model
+from scenes.io.poses.trajectory import rounded_pose
 from scenes.io.rgbd.frames import RgbdFolder, RgbdFrame
 from scenes.io.rgbd.listing import ImageLayout, View, Views, camera_pose, inside, key_of, known_pose
-from scenes.io.trajectory import rounded_pose
 
 _UNIT = (
     "the unit of the reconstruction is arbitrary unless it was scaled: lengths are in that unit, not metres"

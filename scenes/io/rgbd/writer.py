@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.trajectory import write_poses, write_timed_poses
+from scenes.io.poses.trajectory import write_poses, write_timed_poses
 from scenes.pose import Pose
 from scenes.run.atomic import Stage, atomic_path, make_folder, write_json, write_text
 from scenes.scan.colour import colour_bytes

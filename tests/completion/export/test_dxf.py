@@ -15,7 +15,7 @@ from completion.export.building.model import OpeningOutline
 from completion.export.dxf import dxf_of
 from completion.options import CompletionOptions
 from completion.pipeline import complete
-from scenes.io.format import METRES_PER_UNIT
+from scenes.io.formats.format import METRES_PER_UNIT
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage

@@ -13,7 +13,7 @@ import shapely
 
 from completion.export.ifc_elements import elements_of
 from completion.export.ifc_entities import Shapes, StepText
-from scenes.io.format import METRES_PER_UNIT
+from scenes.io.formats.format import METRES_PER_UNIT
 from tests.helpers.exchange_examples import ifc_text, panorama
 from tests.helpers.exchange_houses import house_parts
 

@@ -9,8 +9,8 @@ import pytest
 
 from nbv.plan.plan import COLUMNS, aim_of, stations_csv
 from nbv.scanning.sensor import PinholeSensor, View
+from scenes.io.poses.trajectory import read_poses, read_timed_poses
 from scenes.io.scan_files import read_scans
-from scenes.io.trajectory import read_poses, read_timed_poses
 from scenes.pose import Pose
 from tests.nbv.commands.test_cli import TINY, assert_fails_in_one_line, run, succeed
 

@@ -20,7 +20,7 @@ from nbv.scanning.sensor_profile import load_sensor
 from nbv.study.spec import read_study
 from nbv.visibility.viewpoints import load_candidates
 from scenes.io.describe import describe_image
-from scenes.io.trajectory import read_poses
+from scenes.io.poses.trajectory import read_poses
 from tests.robustness.bad_files.case import Case, Outcome, cut
 from tests.robustness.bad_files.meshes import folder_called, png_bomb
 from tests.robustness.bad_files.scans import BAD_ROTATIONS, npz_bomb, npz_with_shape, turned

@@ -405,7 +405,7 @@ def stations() -> list[Pose]:
 
 
 def write_poses(path: Path, poses: Sequence[Pose]) -> None:
-    from scenes.io.trajectory import write_poses as write
+    from scenes.io.poses.trajectory import write_poses as write
 
     write(path, poses)
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from scenes.io.poses.trajectory import write_poses, write_timed_poses
 from scenes.io.scan_files import write_scan, write_scans
-from scenes.io.trajectory import write_poses, write_timed_poses
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage

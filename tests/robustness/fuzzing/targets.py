@@ -19,10 +19,10 @@ from nbv.study.spec import read_study
 from nbv.visibility.viewpoints import load_candidates
 from scenes.io.describe import describe, describe_image
 from scenes.io.point_files import read_points
+from scenes.io.poses.trajectory import read_poses, read_timed_poses
 from scenes.io.rgbd.depth import read_depth_image
 from scenes.io.scan_files import read_scans
 from scenes.io.scene_files import load_scene
-from scenes.io.trajectory import read_poses, read_timed_poses
 from tests.robustness.fuzzing import invariants, seeds_of_scans, seeds_of_scenes
 from tests.robustness.fuzzing.case import Case
 from tests.robustness.fuzzing.invariants import hold

@@ -18,7 +18,7 @@ import numpy as np
 
 LIMIT_MB = 512
 """What a reader may need for a file of ours, all of which are small, beyond what it needs for nothing: up to
-64 MiB may be unpacked by any ratio (`scenes.io.limits`); as float64, with copies, eight times as
+64 MiB may be unpacked by any ratio (`scenes.io.checks.limits`); as float64, with copies, eight times as
 much."""
 ROOM_MB = 4096
 """Address space beyond an idle start; whoever asks for more gets none."""

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from scenes.checks import InputError
+from scenes.io.checks.limits import limits
 from scenes.io.clouds.las import read_las_points
 from scenes.io.describe import describe
-from scenes.io.format import ScanReturns, cloud_of, scan_of
-from scenes.io.header import scan_header
-from scenes.io.limits import limits
+from scenes.io.formats.format import ScanReturns, cloud_of, scan_of
+from scenes.io.formats.header import scan_header
+from scenes.io.formats.station import scan_from_station
 from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan, write_scan
 from scenes.io.scan_request import ScanRequest, read_request
-from scenes.io.station import scan_from_station
 from scenes.pose import Pose
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import RangeImage

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from scenes import InputError, load_scene
-from scenes.io.columns import unit_of_comment, unit_of_names
+from scenes.io.formats.columns import unit_of_comment, unit_of_names
 from scenes.io.point_files import read_points
 from scenes.scan.colour import scaled_bytes
 

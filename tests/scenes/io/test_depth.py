@@ -11,9 +11,9 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from scenes.checks import InputError
+from scenes.io.poses.trajectory import read_poses
 from scenes.io.rgbd.depth import depth_in_metres, suspected_encoding
 from scenes.io.scan_files import read_scan, read_scans
-from scenes.io.trajectory import read_poses
 from tests.helpers.scan_examples import POSE
 
 DEPTH_MM = np.arange(500, 8000, 25).reshape(12, 25)

@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 
 from scenes.checks import InputError
+from scenes.io.poses.trajectory import read_poses
 from scenes.io.scan_files import read_scan, read_scans, write_scan
-from scenes.io.trajectory import read_poses
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from scenes.scan.range_image import RangeImage, saturation_start, without_saturated

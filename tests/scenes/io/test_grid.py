@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.grid_fit import fit_grid, fit_pinhole, fit_spherical, organised_scan
+from scenes.io.formats.grid_fit import fit_grid, fit_pinhole, fit_spherical, organised_scan
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from tests.helpers.scan_examples import PROJECTIONS, example_scan

@@ -9,8 +9,8 @@ from PIL import Image
 
 from nbv.commands.info import describe_output, read_record
 from scenes.checks import InputError
+from scenes.io.checks.limits import limits
 from scenes.io.describe import describe
-from scenes.io.limits import limits
 from scenes.io.scan_files import write_scan
 from tests.helpers.scan_examples import PROJECTIONS, example_scan
 from tests.nbv.commands.test_cli import TINY, assert_fails_in_one_line, run, succeed

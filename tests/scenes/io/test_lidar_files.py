@@ -7,8 +7,8 @@ import pytest
 from scenes.checks import InputError
 from scenes.io.describe import describe
 from scenes.io.point_files import read_points
+from scenes.io.poses.trajectory import write_poses
 from scenes.io.scan_files import read_scan
-from scenes.io.trajectory import write_poses
 from scenes.pose import Pose
 from tests.helpers.lidar_sweeps import HDL32, HDL64, OUSTER128, VLP16, sweep
 

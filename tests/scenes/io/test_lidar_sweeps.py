@@ -6,8 +6,8 @@ import pytest
 
 from scenes.checks import InputError
 from scenes.io.describe import scan_warnings
+from scenes.io.formats.station import scan_from_station
 from scenes.io.scan_request import ScanRequest, read_request
-from scenes.io.station import scan_from_station
 from tests.helpers.data_paths import data_path, requires_data
 from tests.helpers.lidar_sweeps import HDL32, HDL64, OUSTER128, VLP16, VLP32, sweep
 

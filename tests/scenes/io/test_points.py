@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes.checks import InputError
+from scenes.io.checks.limits import limits
 from scenes.io.clouds.ptx import PtxFile
-from scenes.io.format import point_suffixes
-from scenes.io.limits import limits
+from scenes.io.formats.format import point_suffixes
 from scenes.io.meshes.ply_writer import write_mesh_ply
 from scenes.io.point_files import PointCloud, read_points
 from scenes.io.scan_files import read_scan, write_scan, write_scans

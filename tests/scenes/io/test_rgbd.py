@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from scenes.checks import InputError
+from scenes.io.poses.trajectory import natural_key
 from scenes.io.scan_files import read_scan, read_scans
-from scenes.io.trajectory import natural_key
 from scenes.scan.projection import PinholeProjection
 
 CAMERA = (6.0, 5.0, 3.5, 2.5)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scenes.checks import InputError
 from scenes.io.meshes.glb_writer import empty_glb, glb_of
 from scenes.io.meshes.stl import stl_origin
+from scenes.io.poses.trajectory import read_poses, read_timed_poses, write_poses
 from scenes.io.scan_files import read_scan, read_scans, write_scan, write_scans
 from scenes.io.scene_files import load_scene, save_scene
-from scenes.io.trajectory import read_poses, read_timed_poses, write_poses
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.mesh.mesh_parts import local_origin, parts_of
 from scenes.pose import Pose

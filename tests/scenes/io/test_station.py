@@ -13,7 +13,7 @@ from completion.extension.patch import Provenance
 from nbv.cli import app
 from nbv.report.blocks.page import Page
 from scenes.checks import InputError
-from scenes.io.station import scan_from_station
+from scenes.io.formats.station import scan_from_station
 from scenes.pose import Pose
 from scenes.scan.projection import SphericalProjection
 from scenes.scan.range_image import RangeImage

@@ -12,7 +12,7 @@ import pytest
 from completion import complete
 from scenes.checks import InputError
 from scenes.inclination import Up
-from scenes.io.crs import unit_of_geokeys, unit_of_wkt
+from scenes.io.formats.crs import unit_of_geokeys, unit_of_wkt
 from scenes.io.point_files import read_points
 from scenes.io.scan_request import ScanRequest, read_request
 from scenes.scan.projection import SphericalProjection

@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 from scenes.checks import InputError
-from scenes.io.documents import check_references, within_folder
-from scenes.io.limits import limits
+from scenes.io.checks.documents import check_references, within_folder
+from scenes.io.checks.limits import limits
 from scenes.io.scene_files import load_scene
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n"

@@ -11,11 +11,18 @@ from typer.testing import CliRunner
 from nbv.cli import app
 from nbv.run.workers import _on_worker
 from scenes.checks import InputError
+from scenes.io.checks.documents import parse_json, parse_toml, read_json, read_text
+from scenes.io.checks.guard import check_file
+from scenes.io.checks.image import check_image
+from scenes.io.checks.limits import (
+    LIMIT_NAMES,
+    ReadLimits,
+    check_limit,
+    check_unpacked,
+    current_limits,
+    limits,
+)
 from scenes.io.clouds.npz import open_arrays
-from scenes.io.documents import parse_json, parse_toml, read_json, read_text
-from scenes.io.guard import check_file
-from scenes.io.image import check_image
-from scenes.io.limits import LIMIT_NAMES, ReadLimits, check_limit, check_unpacked, current_limits, limits
 from scenes.io.scene_files import load_scene
 from scenes.rays.raycast import RayCaster
 from tests.robustness.bad_files import meshes

@@ -12,11 +12,11 @@ import pytest
 from scenes.checks import InputError
 from scenes.io.clouds.e57 import check_e57
 from scenes.io.describe import scan_warnings
-from scenes.io.header import range_warnings
+from scenes.io.formats.header import range_warnings
+from scenes.io.formats.station import scan_from_station
 from scenes.io.point_files import read_points
 from scenes.io.rgbd.depth import depth_warnings
 from scenes.io.scan_files import read_scan, read_scans
-from scenes.io.station import scan_from_station
 from scenes.pose import Pose, rotation_of
 from scenes.scan.convention import convention_doubt
 from scenes.scan.range_image import RangeImage

@@ -18,9 +18,9 @@ from typing import Any, NoReturn, TypeVar
 from urllib.parse import unquote
 
 from scenes.checks import InputError
-from scenes.io.guard import check_file, guard_reading
-from scenes.io.image import check_image
-from scenes.io.limits import check_limit
+from scenes.io.checks.guard import check_file, guard_reading
+from scenes.io.checks.image import check_image
+from scenes.io.checks.limits import check_limit
 
 _MOST_DIGITS = 18  # of an integer: what fits into 63 bits
 _HALF = re.compile(r"\\u[dD][89a-fA-F]")  # half of a pair that stands for one letter
@@ -32,7 +32,7 @@ Kind = TypeVar("Kind", dict[str, Any], list[Any])
 def read_text(path: Path, limit: str = "json_bytes") -> str:
     """Return the text of a file, UTF-8 with or without a byte order mark.
 
-    `limit` is the field of `scenes.io.limits.ReadLimits` that its bytes are held against. Raises
+    `limit` is the field of `scenes.io.checks.limits.ReadLimits` that its bytes are held against. Raises
     InputError: as `check_file`, or bytes that are no UTF-8.
     """
     file = check_file(path, limit)

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import FloatArray, InputError, check_finite
-from scenes.io.colmap import is_images, read_images
-from scenes.io.documents import parse_json, read_text
-from scenes.io.guard import guard_reading
+from scenes.io.checks.documents import parse_json, read_text
+from scenes.io.checks.guard import guard_reading
+from scenes.io.poses.colmap import is_images, read_images
 from scenes.limits import FILE_ROTATION, TIME_GAP_S
 from scenes.pose import Pose, quaternion_of, rotation_of
 from scenes.run.atomic import write_text

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
-from scenes.io.crs import LengthUnit
-from scenes.io.grid_fit import organised_scan
-from scenes.io.header import apply_header, not_finite_warnings, pose_from_header, projection_from_dict
+from scenes.io.formats.crs import LengthUnit
+from scenes.io.formats.grid_fit import organised_scan
+from scenes.io.formats.header import apply_header, not_finite_warnings, pose_from_header, projection_from_dict
 from scenes.limits import FINE_M
 from scenes.run.mapping import allocate, release
 from scenes.scan.colour import colour_bytes

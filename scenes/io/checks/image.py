@@ -16,8 +16,8 @@ from PIL import ExifTags, Image, ImageFile, UnidentifiedImageError
 from PIL.TiffImagePlugin import TiffImageFile
 
 from scenes.checks import InputError
-from scenes.io.guard import check_file, check_size, guard_reading
-from scenes.io.limits import check_unpacked
+from scenes.io.checks.guard import check_file, check_size, guard_reading
+from scenes.io.checks.limits import check_unpacked
 
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM", "GIF", "TGA")
 _opening = threading.Lock()  # Pillow's own limit is a global of its module, and so are filters of warnings

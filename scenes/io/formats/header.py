@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.documents import parse_json
-from scenes.io.guard import check_size
+from scenes.io.checks.documents import parse_json
+from scenes.io.checks.guard import check_size
 from scenes.pose import Pose
 from scenes.run.atomic import to_plain
 from scenes.scan.pixels import frozen_pixels, row_blocks

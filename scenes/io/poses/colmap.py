@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.camera import Camera
-from scenes.io.documents import read_text
-from scenes.io.guard import check_file, guard_reading
-from scenes.io.limits import check_limit
+from scenes.io.checks.documents import read_text
+from scenes.io.checks.guard import check_file, guard_reading
+from scenes.io.checks.limits import check_limit
+from scenes.io.poses.camera import Camera
 from scenes.pose import rotation_of
 
 _IMAGE = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"

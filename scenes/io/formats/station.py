@@ -9,8 +9,15 @@ from numpy.typing import NDArray
 
 from scenes import limits
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError, IntArray, check_point, check_points
-from scenes.io.angle_grid import AngleGrid, find_grid, is_filled, neighbour_steps, swept_beams, swept_poles
-from scenes.io.guard import check_size
+from scenes.io.checks.guard import check_size
+from scenes.io.formats.angle_grid import (
+    AngleGrid,
+    find_grid,
+    is_filled,
+    neighbour_steps,
+    swept_beams,
+    swept_poles,
+)
 from scenes.pose import Pose
 from scenes.scan.colour import colour_type
 from scenes.scan.projection import SphericalProjection
@@ -30,7 +37,7 @@ def scan_from_station(
 
     The image is spherical. Where the points lie on a grid of angles about x, y, z or the axis that rows
     or columns of points run about, each has its pixel; the grid's steps may be uneven, so that each beam of a
-    spinning lidar is a row (`scenes.io.angle_grid.find_grid`). Else the pixels are as small as leaves hardly
+    spinning lidar is a row (`scenes.io.formats.angle_grid`). Else the pixels are as small as leaves hardly
     any of them empty between others. Single empty ones take the nearest point. Each pixel keeps the point
     nearest to its middle exactly as it was measured; others had no return. `sensor` tells how many points
     were kept, `warnings` why not nearly all. Left out with a warning are repeated points, ranges that only

@@ -12,8 +12,8 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.documents import parse_json, read_text
-from scenes.io.guard import guard_reading
+from scenes.io.checks.documents import parse_json, read_text
+from scenes.io.checks.guard import guard_reading
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from scenes.checks import FloatArray
-from scenes.io.crs import LengthUnit
+from scenes.io.formats.crs import LengthUnit
 
 AXES, NORMALS, COLOURS = ("x", "y", "z"), ("nx", "ny", "nz"), ("red", "green", "blue")
 _GROUPS = {  # for each axis or channel its names, the plainest first; all of a group, or none

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.io.limits import check_limit, current_limits
+from scenes.io.checks.limits import check_limit, current_limits
 
 _LONGEST = 1200  # characters of a message: a path may have hundreds
 
@@ -50,7 +50,7 @@ def one_line(text: str) -> str:
 def check_file(path: Path, limit: str = "file_bytes") -> Path:
     """Return `path`, its links followed, when it is a file with something in it, no larger than a limit.
 
-    `limit` is the field of `scenes.io.limits.ReadLimits` that its bytes are held against. Raises
+    `limit` is the field of `scenes.io.checks.limits.ReadLimits` that its bytes are held against. Raises
     InputError: nothing there, a folder, a pipe or device, 0 bytes, or too large.
     """
     try:

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Poses: trajectories, cameras and the models of COLMAP."""
