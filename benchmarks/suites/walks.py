@@ -185,8 +185,8 @@ def moved_vetoes(times: float, seconds: float) -> Moved:
     quantile = float(np.quantile(np.concatenate(moved), 0.95))
     lost, false, far = (n[1:] / n[0]).tolist()
     return Moved(
-        name=f"x {times:g}", stretch_m=2 * held.reach_m, n_scans=len(held.cuts), lost=lost, false=false, far=far,
-        moved_m=quantile,
+        name=f"x {times:g}", stretch_m=2 * held.reach_m, n_scans=len(held.cuts), lost=lost, false=false,
+        far=far, moved_m=quantile,
     )  # fmt: skip
 
 
