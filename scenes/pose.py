@@ -34,6 +34,17 @@ def rotation_of(quaternion: object, what: str) -> FloatArray:
     return np.asarray(scipy.spatial.transform.Rotation.from_quat(parts).as_matrix(), dtype=np.float64)
 
 
+def stated_rotation(quaternion: object, what: str) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return the rotation (3, 3) of a quaternion x y z w in a file, upright with a warning where all are 0.
+
+    Raises InputError: as `rotation_of`.
+    """
+    if np.asarray(quaternion, dtype=np.float64).any():
+        return rotation_of(quaternion, what), ()
+    doubt = f"{what} has the quaternion 0, 0, 0, 0, which is no rotation: it was taken as upright"
+    return np.eye(3), (doubt,)
+
+
 def quaternion_of(rotation: FloatArray) -> list[float]:
     """Return the quaternion x, y, z, w of a rotation (3, 3), of length 1."""
     return [float(part) for part in scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat()]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.guard import import_extra
-from scenes.pose import Pose, rotation_of
+from scenes.pose import Pose, stated_rotation
 from scenes.scan.pixels import finite_points
 
 _CHUNK = 100_000  # points: read as fast as more, in 5 MB
@@ -280,12 +280,7 @@ def read_pose(header: Any) -> tuple[Pose, tuple[str, ...]]:
     rotation, translation = np.eye(3), np.zeros(3)
     if node.isDefined("rotation"):
         quaternion = np.array([node["rotation"][part].value() for part in "xyzw"], dtype=np.float64)
-        if quaternion.any():
-            rotation = rotation_of(quaternion, "its pose")
-        else:
-            doubts = (
-                "its pose has the quaternion 0, 0, 0, 0, which is no rotation: it was taken as upright",
-            )
+        rotation, doubts = stated_rotation(quaternion, "its pose")
     if node.isDefined("translation"):
         translation = np.array([node["translation"][part].value() for part in "xyz"], dtype=np.float64)
     return Pose.from_parts(rotation, translation), doubts

@@ -188,6 +188,23 @@ ScanReader = Callable[[], RangeImage]
 METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254, "ft": 0.3048, "us-ft": 1200 / 3937}
 
 
+def metres_of(unit: LengthUnit | None, units: Units) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return the metres (3,) of a unit along x, y, z, the file's own before `units`, and what to tell."""
+    given = np.full(3, METRES_PER_UNIT[units])
+    if unit is None or (unit.metres and np.allclose(unit.metres, given, rtol=1e-7, atol=0.0)):
+        return given, ()
+    if unit.metres:
+        ignored = "" if units == "m" else f"; --units {units} was not applied"
+        text = f"the file states its unit, {unit.name}: converted to metres{ignored}"
+        return np.array(unit.metres), (text,)
+    if units != "m":
+        return given, ()
+    return given, (
+        f"the file names {unit.name} without the length of its unit: read as metres; if it is in feet give "
+        "--units us-ft or ft",
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Format:
     """A format of files; what it does not offer is None.

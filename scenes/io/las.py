@@ -234,27 +234,31 @@ _CHUNK = 100_000  # points that are read at a time
 _COLOURS = ("red", "green", "blue")
 _FORMAT_WITH_COLOUR, _FORMAT_WITHOUT = 7, 6
 _SCALE = "intensity_per_count"
-_TIME = "gps_time"
+_TIME, _NOISE = "gps_time", (7, 18)
 _PROJECTION, _WKT, _GEOKEYS = "LASF_Projection", 2112, 34735  # user and numbers of the records
 _PANIC = "PanicException"  # what Rust's lazrs raises when it stumbles, which is no Exception
 
 
 def read_las_points(path: Path) -> RawPoints:
-    """Return the points of a LAS or LAZ file, without those marked as withheld, and the unit that it states.
+    """Return the points of a LAS or LAZ file, without withheld ones and noise, and the unit that it states.
+
+    Noise is what is classified so: 7 is low, 18 is high noise (LAS 1.4 R15, table 17).
 
     GPS times are given where the file has more than one.
 
     Raises InputError: more points announced than can be held; coordinates in degrees; laspy is not installed.
     """
     with _open_reader(path) as file:
-        n_points, n_kept, unit = file.header.point_count, 0, _unit(file.header)
+        n_points, n_kept, n_noise, unit = file.header.point_count, 0, 0, _unit(file.header)
         step = float(np.abs(file.header.scales).max())
         has_colour, largest = "red" in file.header.point_format.dimension_names, 0
         points, wide = np.empty((n_points, 3)), np.empty((n_points if has_colour else 0, 3), np.uint16)
         has_times = _TIME in file.header.point_format.dimension_names
         times = np.empty(n_points if has_times else 0)
         for part in _chunks(file):
-            kept = ~np.asarray(part.withheld, dtype=np.bool_)
+            is_noise = np.isin(np.asarray(part.classification), _NOISE)
+            n_noise += int(is_noise.sum())
+            kept = ~np.asarray(part.withheld, dtype=np.bool_) & ~is_noise
             held = slice(n_kept, n_kept + int(kept.sum()))
             points[held] = _columns(part, "xyz", np.float64)[kept]
             if has_colour:
@@ -263,8 +267,10 @@ def read_las_points(path: Path) -> RawPoints:
             if has_times:
                 times[held] = np.asarray(part[_TIME], np.float64)[kept]
             n_kept = held.stop
-    n_left = n_points - n_kept
+    n_left = n_points - n_kept - n_noise
     warnings = (f"{n_left} points are marked withheld and were left out",) if n_left else ()
+    if n_noise:
+        warnings += (f"{n_noise} of {n_points} points are classified as noise and were left out",)
     colour = _narrow(wide[:n_kept], largest) if largest else None
     return RawPoints(
         points[:n_kept],

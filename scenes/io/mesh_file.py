@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from scenes.checks import InputError
-from scenes.io.documents import Beside, check_references
+from scenes.io.columns import unit_of_comment
+from scenes.io.crs import LengthUnit
+from scenes.io.documents import Beside, check_references, decode_text
 from scenes.io.format import format_of
 from scenes.io.gltf import Contents, check_gltf, entry_list, read_gltf
 from scenes.io.guard import check_file
@@ -23,6 +25,7 @@ from scenes.io.ply import check_ply, has_faces, plain_ply
 from scenes.io.stl import check_stl, plain_stl, stl_origin
 
 GLTF_SUFFIXES = (".glb", ".gltf")
+_STL_HEADER, _COMMENTS = 80, 4096  # bytes
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
 # What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -40,11 +43,15 @@ class MeshFile:
         Triangles that it holds by its own structure, as placed.
     warnings : tuple of str
         What it names and is not there.
+    unit : LengthUnit, optional
+        What comments state: lines of # (SketchUp writes "File units = inches"), comments of a PLY, the header
+        of an STL.
     """
 
     placed: Any
     n_faces: int
     warnings: tuple[str, ...]
+    unit: LengthUnit | None = None
 
 
 def is_mesh(path: str | PathLike[str]) -> bool:
@@ -114,7 +121,15 @@ def read_mesh_file(file: Path) -> MeshFile:
     )
     if suffix == ".stl":
         placed.apply_translation(stl_origin(file))
-    return MeshFile(placed, held.faces, (*beside.warnings, *doubts))
+    return MeshFile(placed, held.faces, (*beside.warnings, *doubts), unit_of_comment(_comments(data, suffix)))
+
+
+def _comments(data: bytes, suffix: str) -> str:
+    """The comments before what a file holds."""
+    if suffix == ".stl":
+        return decode_text(data[:_STL_HEADER].split(b"\n")[0])
+    lines = decode_text(data[:_COMMENTS]).splitlines()
+    return "\n".join(line for line in lines if line.startswith(("#", "comment")))
 
 
 def _read_off(file: Path) -> Any:

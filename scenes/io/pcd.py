@@ -1,24 +1,24 @@
 # SPDX-License-Identifier: MIT
-"""PCD: point clouds of the Point Cloud Library, read some points at a time, and written."""
+"""PCD: point clouds of the Point Cloud Library, read as scans or points, and written."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
+from scenes.io.columns import AXES, COLOURS, NORMALS, columns_of
 from scenes.io.format import Format, RawPoints, one_cloud, write_single
 from scenes.io.grid_fit import AxesFit, fit_axes, fitted_scan, organised_scan
-from scenes.io.guard import check_size, import_extra
+from scenes.io.guard import import_extra
 from scenes.io.header import (
     apply_header,
     from_comments,
@@ -27,212 +27,17 @@ from scenes.io.header import (
     scan_header,
     to_comments,
 )
-from scenes.io.limits import check_limit, check_unpacked
+from scenes.io.pcd_chunks import PcdHeader, pcd_chunks, read_pcd_header
 from scenes.io.station import scan_from_station
-from scenes.pose import Pose, quaternion_of, rotation_of
+from scenes.pose import Pose, quaternion_of, stated_rotation
 from scenes.run.atomic import write_bytes
 from scenes.run.mapping import allocate, release
-from scenes.scan.colour import colour_bytes
+from scenes.scan.colour import colour_bytes, scaled_bytes
 from scenes.scan.pixels import finite_points, mend_pixels, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection
 from scenes.scan.range_image import RangeImage
 
-_MAX_HEADER = 1 << 22  # bytes
-_MOST_LINES = 10  # of a header, comments apart
-_MOST_VALUES = 4096  # of one point; descriptors have a few hundred
-_VERSIONS = (".7", "0.7")
-_KINDS = {"F": "f", "U": "u", "I": "i"}
-_CHUNK = 100_000  # points that are read at a time
-_PACKED = 1 << 22  # bytes that are unpacked at a time
-_LONGEST = 64  # bytes that an instruction of the packing has at most, and some more
-
-
-@dataclass(frozen=True, slots=True)
-class PcdHeader:
-    """What the text in front of the data says.
-
-    Attributes
-    ----------
-    width, height : int
-        Columns and rows; an unorganised cloud has one row.
-    point : dtype
-        The fields of a point by name; those of several values are name__0000 and so on.
-    encoding : str
-        "ascii", "binary" or "binary_compressed".
-    comments : tuple of str
-        The lines that begin with #, without it.
-    viewpoint : tuple of seven floats
-        tx ty tz qw qx qy qz.
-    data_offset : int
-        Bytes before the points.
-    """
-
-    width: int
-    height: int
-    point: np.dtype[Any]
-    encoding: str
-    comments: tuple[str, ...]
-    viewpoint: tuple[float, ...]
-    data_offset: int
-
-
-def read_pcd_header(path: Path) -> PcdHeader:
-    """Read the text header, and check that the data can be as large as it says.
-
-    Raises InputError: no PCD, of another version, truncated, or a header that contradicts itself.
-    """
-    with path.open("rb") as file:
-        text = file.read(_MAX_HEADER)
-    start = 0 if text.startswith(b"DATA") else text.find(b"\nDATA") + 1
-    end = text.find(b"\n", start)
-    if start <= 0 or end < 0:
-        raise InputError("not a PCD file: there is no DATA line")
-    lines = text[: end + 1].decode("ascii", errors="replace").splitlines()
-    words = {line.split()[0].upper(): line.split()[1:] for line in lines if line.strip() and line[0] != "#"}
-    width, height = int(words["WIDTH"][0]), int(words.get("HEIGHT", ["1"])[0])
-    check_limit("points", width * height, "its points")
-    if height != 1:
-        check_size(height, width)
-    elif width < 1:
-        raise InputError("announces no point")
-    counts = [int(count) for count in words.get("COUNT", ["1"] * len(words["SIZE"]))]
-    if min(counts) < 1 or set(words["SIZE"]) - {"1", "2", "4", "8"}:
-        raise InputError(f"its fields have the sizes {words['SIZE']} and counts {counts}")
-    if sum(counts) > _MOST_VALUES or len(words) > _MOST_LINES:
-        raise InputError(
-            f"its header has {len(words)} lines and gives a point {sum(counts)} values; expected at most "
-            f"{_MOST_LINES} lines and {_MOST_VALUES} values"
-        )
-    announced = int(words.get("POINTS", [str(width * height)])[0])
-    if announced != width * height:
-        raise InputError(f"announces {announced} points in {width} x {height}: are rows or columns missing?")
-    encoding = words["DATA"][0]
-    if encoding not in ("ascii", "binary", "binary_compressed"):
-        raise InputError(f"its data are {encoding!r}; ascii, binary and binary_compressed are known")
-    if words.get("VERSION", _VERSIONS)[0] not in _VERSIONS:
-        raise InputError(f"is PCD of version {words['VERSION'][0]}; 0.7 is known")
-    viewpoint = tuple(float(number) for number in words.get("VIEWPOINT", ["0", "0", "0", "1", "0", "0", "0"]))
-    if len(viewpoint) != 7:
-        raise InputError(f"its VIEWPOINT has {len(viewpoint)} numbers; expected tx ty tz qw qx qy qz")
-    header = PcdHeader(
-        width=width,
-        height=height,
-        point=_point_type(words, counts),
-        encoding=encoding,
-        comments=tuple(line[2:] for line in lines if line.startswith("# ")),
-        viewpoint=viewpoint,
-        data_offset=end + 1,
-    )
-    _check_length(header, path.stat().st_size, text[end + 1 : end + 9])
-    return header
-
-
-def _point_type(words: dict[str, list[str]], counts: list[int]) -> np.dtype[Any]:
-    """The fields of a point; what is called _ only fills up, and is called by its place."""
-    kinds = [_KINDS[kind] + size for kind, size in zip(words["TYPE"], words["SIZE"], strict=True)]
-    names = [f"_{k}" if name == "_" else name for k, name in enumerate(words["FIELDS"])]
-    fields = list[tuple[str, str]]()
-    for name, kind, count in zip(names, kinds, counts, strict=True):
-        parts = [name] if count == 1 else [f"{name}__{k:04d}" for k in range(count)]
-        fields += [(part, kind) for part in parts]
-    return np.dtype(fields)
-
-
-def _check_length(header: PcdHeader, file_bytes: int, start: bytes) -> None:
-    """Raise when the file is shorter than its header says, or would unpack to something else."""
-    expected = header.width * header.height * header.point.itemsize
-    held = file_bytes - header.data_offset
-    check_unpacked(expected, file_bytes, "it")
-    if header.encoding == "binary" and held < expected:
-        raise InputError(f"truncated: {expected} bytes of points announced, {held} present")
-    least = header.width * header.height * len(header.point.names or ()) * 2 - 1  # a digit and a blank each
-    if header.encoding == "ascii" and held < least:
-        raise InputError(f"truncated: {least} bytes of points at least announced, {held} present")
-    if header.encoding == "binary_compressed":
-        packed, unpacked = (int(number) for number in np.frombuffer(start.ljust(8, b"\0"), "<u4"))
-        if held < 8 + packed or unpacked != expected:
-            raise InputError(
-                f"truncated or damaged: {packed} packed and {expected} unpacked bytes announced, "
-                f"{max(held - 8, 0)} and {unpacked} present"
-            )
-
-
-def pcd_chunks(path: Path, header: PcdHeader) -> Iterator[NDArray[Any]]:
-    """Yield the points of a file, in order, as arrays (n,) of `header.point`.
-
-    Raises InputError: damaged, or another number of points than announced.
-    """
-    n_points, n_found = header.width * header.height, 0
-    with path.open("rb") as file:
-        file.seek(header.data_offset)
-        readers = {"ascii": _lines, "binary": _records, "binary_compressed": _unpacked_records}
-        for chunk in readers[header.encoding](file, header.point, n_points):
-            n_found += len(chunk)
-            yield chunk
-    if n_found != n_points:
-        raise InputError(
-            f"{n_found} points of {n_points} announced for WIDTH {header.width} and HEIGHT {header.height} "
-            f"({header.encoding}): is its header damaged?"
-        )
-
-
-def _lines(file: BinaryIO, point: np.dtype[Any], n_points: int) -> Iterator[NDArray[Any]]:
-    """Points as text; the file is to end behind them."""
-    n_left = n_points
-    while lines := list(islice(file, _CHUNK)):
-        text = [line.decode("latin-1") for line in lines if line.strip() and line.strip()[:1] != b"#"]
-        if text:
-            chunk: NDArray[Any] = np.loadtxt(text, point, delimiter=" ", ndmin=1)
-            n_left -= len(chunk)
-            if n_left < 0:
-                raise InputError(f"more than the {n_points} points announced: is its header damaged?")
-            yield chunk
-
-
-def _records(file: BinaryIO, point: np.dtype[Any], n_points: int) -> Iterator[NDArray[Any]]:
-    for start in range(0, n_points, _CHUNK):
-        n_bytes = min(_CHUNK, n_points - start) * point.itemsize
-        yield np.frombuffer(file.read(n_bytes), point)
-
-
-def _unpacked_records(file: BinaryIO, point: np.dtype[Any], n_points: int) -> Iterator[NDArray[Any]]:
-    """Points whose fields stand one behind the other, packed as a whole."""
-    whole = _unpack_lzf(file, n_points * point.itemsize)
-    names = point.names or ()
-    starts = n_points * np.cumsum([0, *(point[name].itemsize for name in names)])
-    for first in range(0, n_points, _CHUNK):
-        chunk = np.empty(min(_CHUNK, n_points - first), point)
-        for name, start in zip(names, starts.tolist(), strict=False):
-            size = point[name].itemsize
-            part = whole[start + first * size : start + (first + len(chunk)) * size]
-            chunk[name] = part.view(point[name])
-        release(whole)
-        yield chunk
-
-
-def _unpack_lzf(file: BinaryIO, n_bytes: int) -> NDArray[np.uint8]:
-    """Unpack (LZF) what follows in a file, whose two sizes come first."""
-    from scenes.io.lzf import unpack_some  # compiled code, which only this encoding needs
-
-    n_packed = int(np.frombuffer(file.read(8), "<u4")[0])
-    out, n_out, remainder = allocate((n_bytes,), np.uint8), 0, b""
-    while n_packed or remainder:
-        read = file.read(min(_PACKED, n_packed))
-        n_packed = n_packed - len(read) if read else 0
-        held = np.frombuffer(remainder + read, np.uint8)
-        n_used, n_out = unpack_some(held, out, n_out, len(held) - (_LONGEST if n_packed else 0))
-        if n_used < 0:
-            raise InputError(f"damaged: its packed points break off after {n_out} of {n_bytes} bytes")
-        remainder = held[n_used:].tobytes()
-        release(out)
-    if n_out != n_bytes:
-        raise InputError(f"damaged: its packed points are {n_out} bytes, {n_bytes} are announced")
-    return out
-
-
-_NORMALS = ("normal_x", "normal_y", "normal_z")
-_COLOURS = ("rgb", "rgba")
-_INTENSITIES = ("intensity", "Intensity", "intensities")
+_PACKED_COLOURS = ("rgb", "rgba")
 
 
 class _PcdColumns(NamedTuple):
@@ -271,7 +76,7 @@ def _organised_scan(
     """An organised cloud as a scan."""
     shape = (header.height, header.width)
     points = mend_pixels(held.points, held.points.dtype, _is_nowhere, np.nan)
-    pose, ours = _viewpoint(header.viewpoint), from_comments(header.comments)
+    (pose, doubts), ours = _viewpoint(header.viewpoint), from_comments(header.comments)
     projection: Projection
     if intrinsics is not None:
         projection = PinholeProjection(header.width, header.height, *intrinsics)
@@ -280,11 +85,11 @@ def _organised_scan(
     elif not any(np.isfinite(points[rows]).any() for rows in row_blocks(shape, points)):
         raise InputError("no point in it is finite; give --intrinsics FX,FY,CX,CY to read an empty scan")
     else:
-        return _told_scan(points, pose, held, name)
+        return _told_scan(points, pose, held, name).add_warnings(doubts)
     if projection.shape != shape:
         raise InputError(f"its comments describe {projection.shape}, WIDTH and HEIGHT say otherwise")
     scan = organised_scan(points, projection, pose, held.colour, name, intensity=held.intensity)
-    return apply_header(scan, ours)
+    return apply_header(scan, ours).add_warnings(doubts)
 
 
 def _told_scan(points: FloatArray, pose: Pose, held: _PcdColumns, name: str) -> RangeImage:
@@ -343,7 +148,7 @@ def read_pcd_points(path: Path) -> RawPoints:
     Normals and place are None where the file does not tell; without a grid a default VIEWPOINT says nothing.
     """
     header = read_pcd_header(path)
-    cloud, pose = _columns(path, header), _viewpoint(header.viewpoint)
+    cloud, (pose, doubts) = _columns(path, header), _viewpoint(header.viewpoint)
     points = np.asarray(cloud.points.reshape(-1, 3), dtype=np.float64)
     kept = np.isfinite(points).all(axis=1)
     left_out = () if header.height > 1 else point_warnings(points)
@@ -353,7 +158,7 @@ def read_pcd_points(path: Path) -> RawPoints:
         points[kept],
         None if cloud.normals is None else cloud.normals.reshape(-1, 3)[kept].astype(np.float64),
         colour=None if cloud.colour is None else cloud.colour.reshape(-1, 3)[kept],
-        warnings=left_out,
+        warnings=(*left_out, *doubts),
     )
     if np.allclose(pose.matrix, np.eye(4)):
         return replace(held, origins=pose.translation if header.height > 1 else None)
@@ -374,7 +179,7 @@ def read_pcd_points(path: Path) -> RawPoints:
         points=pose.apply(held.points),
         normals=None if held.normals is None else pose.rotate(held.normals),
         origins=pose.translation,
-        warnings=(*left_out, "moved from the sensor's frame to the world by VIEWPOINT"),
+        warnings=(*left_out, *doubts, "moved from the sensor's frame to the world by VIEWPOINT"),
     )
 
 
@@ -383,26 +188,30 @@ def _columns(path: Path, header: PcdHeader) -> _PcdColumns:
 
     Raises InputError: without x, y, z; as `pcd_chunks`.
     """
-    names, shape = header.point.names or (), (header.height, header.width)
-    if not {"x", "y", "z"} <= set(names):
+    names, shape = list(header.point.names or ()), (header.height, header.width)
+    held = {role: names[k] for role, k in columns_of(names).items()}
+    if "x" not in held:
         raise InputError(f"has the fields {', '.join(names)}; x, y, z are needed")
-    packed = next((name for name in _COLOURS if name in names and header.point[name].itemsize == 4), None)
-    light = next((name for name in _INTENSITIES if name in names), None)
-    has_normals = set(_NORMALS) <= set(names)
-    are_single = all(header.point[axis] == np.float32 for axis in "xyz")
+    axes, sides, channels = ([held.get(role, "") for role in group] for group in (AXES, NORMALS, COLOURS))
+    is_packed = [name in names and header.point[name].itemsize == 4 for name in _PACKED_COLOURS]
+    packed = next((name for name, is_held in zip(_PACKED_COLOURS, is_packed, strict=True) if is_held), None)
+    light = held.get("intensity")
+    are_single = all(header.point[axis] == np.float32 for axis in axes)
     points = allocate((*shape, 3), np.float32 if are_single else np.float64)
-    normals = allocate((*shape, 3), np.float64) if has_normals else None
-    colour = None if packed is None else allocate((*shape, 3), np.uint8)
+    normals = allocate((*shape, 3), np.float64) if "nx" in held else None
+    colour = None if packed is None and "red" not in held else allocate((*shape, 3), np.uint8)
     intensity = None if light is None else allocate(shape, np.float32)
     start = 0
     for chunk in pcd_chunks(path, header):
         part = slice(start, start + len(chunk))
-        points.reshape(-1, 3)[part] = np.stack([chunk[axis] for axis in "xyz"], axis=-1)
+        points.reshape(-1, 3)[part] = np.stack([chunk[axis] for axis in axes], axis=-1)
         if normals is not None:
-            normals.reshape(-1, 3)[part] = np.stack([chunk[axis] for axis in _NORMALS], axis=-1)
-        if colour is not None:
+            normals.reshape(-1, 3)[part] = np.stack([chunk[axis] for axis in sides], axis=-1)
+        if colour is not None and packed is not None:
             bits = np.ascontiguousarray(chunk[packed]).view(np.uint32)
             colour.reshape(-1, 3)[part] = np.stack([bits >> 16 & 255, bits >> 8 & 255, bits & 255], axis=-1)
+        elif colour is not None:
+            colour.reshape(-1, 3)[part] = scaled_bytes(np.stack([chunk[name] for name in channels], axis=-1))
         if intensity is not None:
             intensity.ravel()[part] = chunk[light]
         start = part.stop
@@ -413,11 +222,11 @@ def _columns(path: Path, header: PcdHeader) -> _PcdColumns:
     return _PcdColumns(points, normals, colour, intensity)
 
 
-def _viewpoint(viewpoint: tuple[float, ...]) -> Pose:
-    """Pose of a VIEWPOINT tx ty tz qw qx qy qz."""
+def _viewpoint(viewpoint: tuple[float, ...]) -> tuple[Pose, tuple[str, ...]]:
+    """Pose of a VIEWPOINT tx ty tz qw qx qy qz, and what is doubtful about it."""
     w, x, y, z = viewpoint[3:7]
-    rotation = rotation_of([x, y, z, w], "VIEWPOINT")
-    return Pose.from_parts(rotation, np.array(viewpoint[:3], dtype=np.float64))
+    rotation, doubts = stated_rotation([x, y, z, w], "VIEWPOINT")
+    return Pose.from_parts(rotation, np.array(viewpoint[:3], dtype=np.float64)), doubts
 
 
 def write_pcd(scan: RangeImage, path: Path) -> None:

@@ -65,6 +65,10 @@ def check_ply(data: bytes) -> int:
     names = {element.name for element in elements}
     if "vertex" not in names:
         raise InputError("has no vertices")
+    if "tristrips" in names:
+        raise InputError(
+            "its faces are strips of triangles (tristrips), which are not read; save it as triangles"
+        )
     vertex = next(element for element in elements if element.name == "vertex")
     if not {"x", "y", "z"} <= {name for name, _, _ in vertex.properties} or vertex.lists:
         raise InputError("its vertices need x, y, z, and no lists")

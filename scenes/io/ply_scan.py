@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
-from scenes.io.columns import AXES, COLOURS, NORMALS, columns_of, times_among
+from scenes.io.columns import AXES, COLOURS, NORMALS, columns_of, times_among, unit_of_comment
 from scenes.io.format import Format, RawPoints, check_single, one_scan, points_of, write_single
 from scenes.io.header import (
     checked_bytes,
@@ -20,7 +20,7 @@ from scenes.io.header import (
     scan_header,
     to_comments,
 )
-from scenes.io.ply import PlyElement, parse_header, plain_ply, read_mesh_ply
+from scenes.io.ply import PlyElement, header_lines, parse_header, plain_ply, read_mesh_ply
 from scenes.io.ply_writer import write_mesh_ply
 from scenes.scan.colour import colour_bytes, scaled_bytes
 from scenes.scan.range_image import RangeImage, without_saturated
@@ -116,7 +116,8 @@ def read_ply_points(path: Path) -> RawPoints:
         colour = colour_bytes(0.5 + _SPLAT_STEP * np.stack([column[name] for name in _SPLAT], axis=-1))
         warnings = (_SPLATS,)
     label, times = column.get(held.get("label", "")), times_among(column)
-    return RawPoints(points, normals, colour=colour, label=label, warnings=warnings, times=times)
+    unit = unit_of_comment("\n".join(line for line in header_lines(data)[0] if line.startswith("comment")))
+    return RawPoints(points, normals, colour=colour, label=label, warnings=warnings, times=times, unit=unit)
 
 
 def _read_text(data: bytes, elements: Sequence[PlyElement]) -> dict[str, FloatArray]:

@@ -24,6 +24,7 @@ from scenes.io.format import (
     RawPoints,
     Units,
     format_of,
+    metres_of,
     point_suffixes,
     points_of,
     step_warnings,
@@ -153,7 +154,7 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
 
 def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
     """The finite points, in metres."""
-    metres, sentences = _metres(raw, units)
+    metres, sentences = metres_of(raw.unit, units)
     kept, normals, origins = usable_rows(raw.points), raw.normals, raw.origins
     step_m = raw.step * float(metres.max())
     warnings = (*raw.warnings, *sentences, *step_warnings(step_m))
@@ -182,23 +183,6 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
         step_m=step_m,
         metres_per_unit=metres,
         times=None if raw.times is None else raw.times[kept],
-    )
-
-
-def _metres(raw: RawPoints, units: Units) -> tuple[FloatArray, tuple[str, ...]]:
-    """Metres (3,) of a unit along x, y, z, the file's own before `units`, and a word where they differ."""
-    given, unit = np.full(3, METRES_PER_UNIT[units]), raw.unit
-    if unit is None or (unit.metres and np.allclose(unit.metres, given, rtol=1e-7, atol=0.0)):
-        return given, ()
-    if unit.metres:
-        ignored = "" if units == "m" else f"; --units {units} was not applied"
-        text = f"the file states its unit, {unit.name}: converted to metres{ignored}"
-        return np.array(unit.metres), (text,)
-    if units != "m":
-        return given, ()
-    return given, (
-        f"the file names {unit.name} without the length of its unit: read as metres; if it is in feet give "
-        "--units us-ft or ft",
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
-from scenes.io.format import Units
+from scenes.io.format import Units, metres_of
 from scenes.io.glb_writer import glb_of
 from scenes.io.guard import guard_reading
 from scenes.io.mesh_file import GLTF_SUFFIXES, check_mesh_suffix, read_mesh_file
@@ -187,11 +187,12 @@ def load_scene(
     """
     if up is not None and up not in get_args(Axis):
         raise InputError(f"unknown up axis {up!r}; known: x, y, z")
-    metres = check_units(units)
+    check_units(units)
     file = check_mesh_suffix(Path(path))
     with guard_reading(file, "a mesh"):
         held = read_mesh_file(file)
-        placed = held.placed
+        placed, (each, stated) = held.placed, metres_of(held.unit, units)
+        metres = float(each[0])
         parts = [part for node in placed.graph.nodes_geometry if (part := _part(placed, node)) is not None]
         mesh, names = _join(file, parts)
         if len(mesh.faces) != held.n_faces:
@@ -204,7 +205,7 @@ def load_scene(
             turned, chosen, doubt = upright, "z", (_Z_UP,)
         mesh = turned
         kind = decide_mode(mesh) if mode is None else mode
-        warnings = (*held.warnings, *doubts, *doubt, *_warnings(mesh, kind, chosen))
+        warnings = (*held.warnings, *stated, *doubts, *doubt, *_warnings(mesh, kind, chosen))
         return Scene(
             mesh=mesh,
             surfaces=(None,) * len(names),

@@ -35,8 +35,11 @@ def write_stl(mesh: LabelledMesh, path: Path) -> None:
 
 
 def plain_stl(data: bytes) -> bytes:
-    """Return the bytes of an STL file; text in UTF-8."""
-    return as_utf8(data) if _is_text(data) else data
+    """Return the bytes of an STL file; text in UTF-8, binary without zeros and blanks after the triangles."""
+    if _is_text(data):
+        return as_utf8(data)
+    end = _HEADER + 4 + _TRIANGLE.itemsize * int.from_bytes(data[80:84], "little")
+    return data if data[end:].strip(b"\0 \r\n") else data[:end]
 
 
 def _is_text(data: bytes) -> bool:

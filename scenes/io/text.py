@@ -102,7 +102,7 @@ def read_point_table(path: Path) -> PointTable:
     else separates the fields. Lines may end in any way; `#`, `//`, `%` and `!` begin comments. Lines of names
     may stand before the points and say which columns are x, y, z (nx, ny, nz, red, green, blue, label, time),
     or easting, northing and elevation (P, N, E, Z, D), and their unit in brackets. Without them the first
-    three columns are taken, three further ones of length one are normals, and whole numbers up to 255 colours. A
+    three columns are taken, three further ones of length one are normals, whole numbers up to 255 colours. A
     first line with one integer announces how many points follow (.pts, and the reference sets of NIST).
 
     Raises InputError: no text, no points, a line that is no point (with its number), another count than

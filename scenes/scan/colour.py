@@ -128,7 +128,7 @@ def known_colours(values: FloatArray, points: FloatArray) -> tuple[ColourArray |
 
     Beside them a warning how many were not known; None where none was. Raises InputError: as `scaled_bytes`.
     """
-    is_known = np.isfinite(values).all(axis=1)
+    is_known = np.asarray(np.isfinite(values).all(axis=1))
     colour = np.zeros(values.shape, np.uint8)
     colour[is_known] = scaled_bytes(values[is_known])
     held = colour_points(colour, is_known, points)

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Text of points by others: which columns are colours, and in which unit the coordinates are."""
 
+import struct
+
 import numpy as np
 import pytest
 
-from scenes import InputError
+from scenes import InputError, load_scene
 from scenes.io.columns import unit_of_comment, unit_of_names
 from scenes.io.point_files import read_points
 from scenes.scan.colour import scaled_bytes
@@ -125,3 +127,42 @@ def test_degrees_are_refused(tmp_path, header):
 def test_colours_of_other_ranges_are_refused():
     with pytest.raises(InputError, match=r"-1\.\.200"):
         scaled_bytes(np.array([-1.0, 200.0]))
+
+
+def mesh_text(suffix, unit):
+    """A triangle of 3 by 4 units, and a comment on them."""
+    return {
+        ".obj": f"# SketchUp\n# File units = {unit}\nv 0 0 0\nv 3 0 0\nv 0 4 0\nf 1 2 3\n",
+        ".stl": f"solid part, units = {unit}\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 3 0 0\n"
+        "vertex 0 4 0\nendloop\nendfacet\nendsolid\n",
+        ".ply": f"ply\nformat ascii 1.0\ncomment Units: {unit}\nelement vertex 3\nproperty float x\n"
+        "property float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\n"
+        "end_header\n0 0 0\n3 0 0\n0 4 0\n3 0 1 2\n",
+    }[suffix]
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".stl", ".ply"])
+@pytest.mark.parametrize(("unit", "metres"), [("inches", 0.0254), ("mm", 0.001), ("Feet", 0.3048)])
+def test_units_in_comments_of_meshes_are_applied(tmp_path, suffix, unit, metres):
+    path = tmp_path / f"a{suffix}"
+    path.write_text(mesh_text(suffix, unit))
+    scene = load_scene(path, units="cm")
+    assert np.ptp(scene.mesh.vertices, axis=0) == pytest.approx([3 * metres, 4 * metres, 0])
+    assert any("states its unit" in warning for warning in scene.warnings)
+
+
+def test_zeros_at_the_end_of_an_stl_are_no_damage(tmp_path):
+    path = tmp_path / "a.stl"
+    corners = struct.pack("<12fH", 0, 0, 1, 0, 0, 0, 3, 0, 0, 0, 4, 0, 0)
+    path.write_bytes(b"x".ljust(80) + struct.pack("<I", 1) + corners + b"\0" * 7)
+    assert len(load_scene(path).mesh.faces) == 1
+    path.write_bytes(path.read_bytes() + b"abc")
+    with pytest.raises(InputError, match="damaged STL"):
+        load_scene(path)
+
+
+def test_strips_of_triangles_are_named(tmp_path):
+    path = tmp_path / "a.ply"
+    path.write_text(mesh_text(".ply", "m").replace("element face", "element tristrips"))
+    with pytest.raises(InputError, match="strips of triangles"):
+        load_scene(path)

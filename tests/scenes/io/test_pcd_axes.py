@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
+from scenes.io.point_files import read_points
 from scenes.io.scan_files import read_scan
 from scenes.pose import Pose, quaternion_of
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
@@ -114,3 +115,22 @@ def test_what_fits_no_axes_is_refused_with_those_that_were_tried(tmp_path: Path)
     ) as e:
         read_scan(path)
     assert str(path) in str(e.value)
+
+
+@pytest.mark.parametrize(
+    ("names", "kind", "scale"), [("r g b", "U", 1), ("red green blue", "F", 1 / 255), ("R G B", "U", 257)]
+)
+def test_colours_in_fields_of_their_own(tmp_path, names, kind, scale):
+    points = np.random.default_rng(0).random((200, 3)) * [5, 4, 2.7]
+    colour = " ".join(repr(value * scale) for value in (200, 100, 50))
+    size = {"U": 2, "F": 4}[kind]
+    path = tmp_path / "a.pcd"
+    path.write_text(
+        f"VERSION 0.7\nFIELDS x y z {names}\nSIZE 4 4 4 {size} {size} {size}\n"
+        f"TYPE F F F {kind} {kind} {kind}\n"
+        "COUNT 1 1 1 1 1 1\nWIDTH 200\nHEIGHT 1\nVIEWPOINT 2 1 1.5 0 0 0 0\nPOINTS 200\nDATA ascii\n"
+        + "".join(f"{x:.5f} {y:.5f} {z:.5f} {colour}\n" for x, y, z in points)
+    )
+    cloud = read_points(path)
+    assert (cloud.colour == [200, 100, 50]).all()
+    assert any("VIEWPOINT has the quaternion 0, 0, 0, 0" in warning for warning in cloud.warnings)

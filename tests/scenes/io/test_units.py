@@ -158,3 +158,18 @@ def test_a_place_is_in_the_units_of_the_file(tmp_path: Path) -> None:
     (scan,) = read_request(request).scans
     assert scan.origin == pytest.approx([5.0, 0.0, 0.0])
     assert np.median(scan.ranges[scan.valid]) == pytest.approx(2.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("number", [7, 18])
+@pytest.mark.parametrize("form", [1, 6])
+def test_noise_by_class_is_left_out(tmp_path: Path, number: int, form: int) -> None:
+    points = np.random.default_rng(0).random((400, 3)) * [5, 4, 2.7]
+    points[:25, 2] += 50
+    cloud = laspy.LasData(laspy.LasHeader(point_format=form, version="1.4"))
+    cloud.header.scales = np.full(3, 1e-4)
+    cloud.x, cloud.y, cloud.z = points.T
+    cloud.classification = np.where(np.arange(400) < 25, number, 6)
+    cloud.write(str(tmp_path / "a.las"))
+    held = read_points(tmp_path / "a.las")
+    assert held.points[:, 2].max() < 3
+    assert "25 of 400 points are classified as noise and were left out" in held.warnings
