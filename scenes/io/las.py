@@ -268,7 +268,7 @@ def read_las_points(path: Path) -> RawPoints:
                 times[held] = np.asarray(part[_TIME], np.float64)[kept]
             n_kept = held.stop
     n_left = n_points - n_kept - n_noise
-    warnings = (f"{n_left} points are marked withheld and were left out",) if n_left else ()
+    warnings: tuple[str, ...] = (f"{n_left} points are marked withheld and were left out",) if n_left else ()
     if n_noise:
         warnings += (f"{n_noise} of {n_points} points are classified as noise and were left out",)
     colour = _narrow(wide[:n_kept], largest) if largest else None

@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from scenes.checks import ColourArray, FloatArray, InputError
+from scenes.io.angle_grid import neighbour_steps
 from scenes.io.format import Units
 from scenes.io.point_files import PointCloud, read_points
 from scenes.io.scan_files import ScanSource
-from scenes.io.station import neighbour_steps
 from scenes.io.track import Trajectory, clock_offset, read_trajectory
 from scenes.limits import FEWEST_POINTS, LONGEST_GAP_S, MOST_STRETCHES, NEW_SHARE
 from scenes.pose import Pose
