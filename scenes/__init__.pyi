@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 from .checks import InputError as InputError
+from .io.formats.station import scan_from_station as scan_from_station
 from .io.point_files import PointCloud as PointCloud
 from .io.point_files import read_points as read_points
 from .io.scan_files import read_scan as read_scan
@@ -9,7 +10,6 @@ from .io.scan_files import write_scans as write_scans
 from .io.scene_files import load_scene as load_scene
 from .io.scene_files import open_scene as open_scene
 from .io.scene_files import save_scene as save_scene
-from .io.station import scan_from_station as scan_from_station
 from .io.walk import read_walk as read_walk
 from .mesh.labelled_mesh import Appearance as Appearance
 from .mesh.labelled_mesh import LabelledMesh as LabelledMesh
