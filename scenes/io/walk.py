@@ -23,8 +23,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import scipy  # its parts load when they are first used
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.io.formats.angle_grid import neighbour_steps
@@ -313,7 +313,7 @@ def _noise(ranges: FloatArray, places: FloatArray) -> float:
 
     On a plane the inverse of the range is linear in small angles. The lower quartile counts: of flat places.
     """
-    near = cKDTree(places).query(places[::10], k=min(_NEIGHBOURS, len(places)))[1]
+    near = scipy.spatial.cKDTree(places).query(places[::10], k=min(_NEIGHBOURS, len(places)))[1]
     basis = np.concatenate([np.ones((*near.shape, 1)), places[near] - places[near[:, :1]]], axis=2)
     inverse = 1.0 / ranges[near]
     terms = np.einsum("nik,nk->ni", np.linalg.pinv(basis), inverse)

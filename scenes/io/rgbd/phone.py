@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # its parts load when they are first used
 
 from scenes.checks import FloatArray, InputError
 from scenes.io.checks.documents import read_json, read_text
@@ -236,7 +236,7 @@ def _arkitscenes(folder: Path, keys: Sequence[str]) -> Views:
         row = rows[int(np.argmin(np.abs(rows[:, 0] - time)))]
         pose = None
         if abs(row[0] - time) <= _ARKIT_GAP_S and np.isfinite(row).all():
-            back = Rotation.from_rotvec(row[1:4]).as_matrix().T
+            back = scipy.spatial.transform.Rotation.from_rotvec(row[1:4]).as_matrix().T
             pose = Pose.from_parts(back, -back @ row[4:7])
         near = min(cameras, key=lambda held: abs(held - time), default=np.inf)
         views[key] = View(pose, cameras[near] if abs(near - time) <= _ARKIT_GAP_S else None, time)

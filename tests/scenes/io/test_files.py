@@ -103,7 +103,7 @@ def test_pcd_refusals(tmp_path: Path) -> None:
             PCD.format(w=3, h=1, n=3, q="1 0 0 0") + row * 3,
             r"the cloud is unorganised \(HEIGHT 1, 3 points\)",
         ),
-        (PCD.format(w=2, h=2, n=4, q="0 0 0 0") + row * 4, "VIEWPOINT has the quaternion .* no rotation"),
+        (PCD.format(w=2, h=2, n=4, q="2 0 0 0") + row * 4, "VIEWPOINT has the quaternion .* no rotation"),
         (
             PCD.format(w=99999999, h=99, n=4, q="1 0 0 0") + row * 4,
             "its points: 9,899,999,901 exceed the limit points",
