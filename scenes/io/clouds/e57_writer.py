@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
 from scenes.io.checks.guard import import_extra
 from scenes.io.clouds.e57 import INFERRED, E57File
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format, each_cloud, each_scan
 from scenes.io.formats.grid_fit import SCANNER_FROM_SENSOR
 from scenes.io.formats.header import scan_header
@@ -263,4 +264,22 @@ def _write_columns(lib: Any, image_file: Any, points: Any, columns: dict[str, An
     writer.close()
 
 
-FORMAT = Format(suffixes=(".e57",), points=each_cloud(E57File), scans=each_scan(E57File), write=write_e57)
+FORMAT = Format(
+    suffixes=(".e57",),
+    points=each_cloud(E57File),
+    scans=each_scan(E57File),
+    write=write_e57,
+    facts=FormatFacts(
+        title="`.e57`",
+        read=(
+            "structured scans with rows and columns, in any order; unstructured ones with a pose are "
+            "projected; first returns; `timeStamp`"
+        ),
+        lost="images, later returns, a second turn of columns; each with a count but images",
+        written="several scans: 1e-14 m",
+        poses="of each scan; `--origin` or `--trajectory` for clouds without",
+        units="metres; steps of scaled integers are errors that all points share",
+        colours="by `colorLimits` or the bounds of the fields; invalid ones take the nearest; intensity",
+        noise="in files of ours, else estimated from the points",
+    ),
+)

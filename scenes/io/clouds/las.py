@@ -22,6 +22,7 @@ from scenes.io.checks.documents import parse_json
 from scenes.io.checks.guard import import_extra
 from scenes.io.checks.limits import check_limit, check_unpacked
 from scenes.io.formats.crs import LengthUnit, unit_of_geokeys, unit_of_wkt
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import (
     NO_RAYS,
     Format,
@@ -432,4 +433,19 @@ FORMAT = Format(
     points=one_cloud(read_las_points),
     scans=one_scan(read_las_scan),
     write=write_single(write_las),
+    facts=FormatFacts(
+        title="`.las` `.laz`",
+        read="points, scans of ours; GPS times",
+        lost=(
+            "withheld points and those classified as noise (7, 18), with a count; intensity, classes and "
+            "extra bytes of files by others"
+        ),
+        written="LAS 1.4: 9e-6 m (steps of .01 mm; coarser beyond 21 km), intensity in 16 bits",
+        poses="in files of ours; `--origin`, `--trajectory`",
+        units=(
+            "WKT or GeoKeys, heights apart; an EPSG code alone gives a warning; degrees are refused; steps "
+            "are errors that all points share"
+        ),
+        colours="16 bits, or 8 in them",
+    ),
 )

@@ -21,6 +21,7 @@ from scenes.checks import InputError, check_point
 from scenes.io.checks.documents import parse_json
 from scenes.io.checks.guard import check_file, guard_reading
 from scenes.io.checks.limits import check_limit, check_unpacked
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import (
     Format,
     RawPoints,
@@ -257,4 +258,14 @@ FORMAT = Format(
     scans=lambda path, _: readers_of(read_npz(path)),
     write=write_single(write_npz),
     marks_misses=True,
+    facts=FormatFacts(
+        title="`.npz`",
+        read="scans of ours; or beams: `origin` (3,), `directions` (n, 3), `ranges` (n,), perhaps `sigma_m`",
+        lost="nothing; pickles are never read",
+        written="scans, exactly, with truth of simulations",
+        poses="in the file",
+        units="metres",
+        colours="in the file",
+        noise="in the file, or `sigma_m`",
+    ),
 )

@@ -18,6 +18,7 @@ from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.checks.guard import import_extra
 from scenes.io.clouds.pcd_chunks import PcdHeader, pcd_chunks, read_pcd_header
 from scenes.io.formats.columns import AXES, COLOURS, NORMALS, columns_of
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format, RawPoints, one_cloud, write_single
 from scenes.io.formats.grid_fit import AxesFit, fit_axes, fitted_scan, organised_scan
 from scenes.io.formats.header import (
@@ -261,4 +262,19 @@ FORMAT = Format(
     points=one_cloud(read_pcd_points),
     scans=lambda path, intrinsics: [partial(read_pcd, path, intrinsics)],
     write=write_single(write_pcd),
+    facts=FormatFacts(
+        title="`.pcd`",
+        read=(
+            "ascii, binary, binary_compressed; organised clouds as scans, HEIGHT 1 as points or from its "
+            "VIEWPOINT"
+        ),
+        lost="descriptors and other fields",
+        written="binary: 7e-7 m (float32 in the sensor frame)",
+        poses=(
+            "VIEWPOINT; world coordinates under it, and axes of cameras and vehicles, are recognised; "
+            "`--origin`"
+        ),
+        colours="rgb, rgba, or r g b; intensity",
+        noise="in files of ours, else estimated from the points",
+    ),
 )

@@ -11,6 +11,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.io.formats.columns import AXES, COLOURS, NORMALS, columns_of, times_among, unit_of_comment
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format, RawPoints, check_single, one_scan, points_of, write_single
 from scenes.io.formats.header import (
     checked_bytes,
@@ -163,5 +164,20 @@ def _points(path: Path, number: int | None) -> RawPoints:
 
 
 FORMAT = Format(
-    suffixes=(".ply",), points=_points, scans=one_scan(read_scan_ply), write=write_single(write_scan_ply)
+    suffixes=(".ply",),
+    points=_points,
+    scans=one_scan(read_scan_ply),
+    write=write_single(write_scan_ply),
+    facts=FormatFacts(
+        title="`.ply` of points",
+        read=(
+            "scans of ours; vertices of any other file as points: coordinates, normals, colours, times "
+            "(`time`, `gps_time`), `label`, also of splat models (their centres, with a warning)"
+        ),
+        lost="other properties, lists of vertices, vertices behind other elements of binary files",
+        written="scans, exactly, row by row in world coordinates",
+        poses="in files of ours; `--origin`, `--trajectory`",
+        units="comments such as `units: mm`, else `--units`",
+        colours="bytes, 16 bits, or 0 to 1; red, r or diffuse_red and so on",
+    ),
 )

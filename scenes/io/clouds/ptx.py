@@ -15,6 +15,7 @@ import numpy as np
 
 from scenes.checks import ColourArray, FloatArray, InputError
 from scenes.io.checks.guard import check_size
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format, RawPoints, each_cloud, each_scan, write_single
 from scenes.io.formats.grid_fit import SCANNER_FROM_SENSOR, fit_grid, fitted_scan
 from scenes.io.formats.header import checked_bytes, not_finite_warnings
@@ -295,5 +296,19 @@ def write_ptx(scan: RangeImage, path: Path) -> None:
 
 
 FORMAT = Format(
-    suffixes=(".ptx",), points=each_cloud(PtxFile), scans=each_scan(PtxFile), write=write_single(write_ptx)
+    suffixes=(".ptx",),
+    points=each_cloud(PtxFile),
+    scans=each_scan(PtxFile),
+    write=write_single(write_ptx),
+    facts=FormatFacts(
+        title="`.ptx`",
+        read="each station as a scan, columns and rows kept; blank lines, short misses; 0 0 0 is no return",
+        lost="transforms that scale are refused",
+        written="one scan: 2e-9 m",
+        poses=(
+            "the transform, whose last *line* is the translation; world coordinates under an identity are "
+            "taken from the position in the header"
+        ),
+        colours="bytes; intensity, where 0.5 everywhere is none",
+    ),
 )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scenes import limits
 from scenes.checks import FloatArray, InputError
 from scenes.io.checks.limits import check_limit
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format, RawPoints, one_cloud
 from scenes.io.formats.station import scan_from_station
 from scenes.scan.range_image import RangeImage
@@ -82,4 +83,11 @@ FORMAT = Format(
     scans=lambda path, _: [partial(read_sweep, path)],
     unit="m",
     is_local=True,
+    facts=FormatFacts(
+        title="`.bin`: KITTI, nuScenes",
+        read="a sweep as a scan, a row a beam",
+        lost="intensity; returns of the carrier, with a count",
+        poses="the sensor stands at 0 0 0; `--poses` moves it",
+        units="metres",
+    ),
 )

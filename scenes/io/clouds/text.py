@@ -25,6 +25,7 @@ from scenes.io.formats.columns import (
     unit_of_names,
 )
 from scenes.io.formats.crs import LengthUnit, degrees_error
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import (
     Format,
     RawPoints,
@@ -403,6 +404,32 @@ FORMAT = (
         scans=one_scan(read_scan_text),
         write=write_single(write_scan_text),
         is_text=True,
+        facts=FormatFacts(
+            title="`.xyz` `.txt` `.csv` `.asc`",
+            read=(
+                "points, scans of ours; separators, decimal commas, comments and names of columns (also "
+                "P,N,E,Z,D) are detected, and times"
+            ),
+            lost="columns without a known name",
+            written="scans: 2e-9 m",
+            poses="in files of ours; `--origin`, `--trajectory`",
+            units=(
+                "in brackets after the names, or a comment such as `units: ft`; longitude and latitude are "
+                "refused; few decimals are steps that all points share"
+            ),
+            colours="named columns, or three whole numbers up to 255; bytes, 16 bits, 0 to 1",
+        ),
     ),
-    Format(suffixes=(".pts", ".ds"), points=one_cloud(_raw_points), is_text=True),
+    Format(
+        suffixes=(".pts", ".ds"),
+        points=one_cloud(_raw_points),
+        is_text=True,
+        facts=FormatFacts(
+            title="`.pts`",
+            read="points; the first line gives their number",
+            lost="intensity",
+            poses="`--origin`",
+            colours="the last three columns of whole numbers",
+        ),
+    ),
 )

@@ -14,6 +14,7 @@ from scenes.io.checks.documents import read_text
 from scenes.io.checks.guard import check_file, guard_reading
 from scenes.io.checks.limits import check_limit
 from scenes.io.clouds.text import read_point_table
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format, RawPoints, one_cloud, one_scan, points_of
 from scenes.io.formats.station import scan_from_station
 from scenes.io.poses.trajectory import natural_key
@@ -125,4 +126,17 @@ def _points(path: Path) -> RawPoints:
     return points_of([without_saturated(_scan(path))])
 
 
-FORMAT = Format(name="3dtk", suffixes=(SUFFIX,), points=one_cloud(_points), scans=one_scan(_scan), unit="cm")
+FORMAT = Format(
+    name="3dtk",
+    suffixes=(SUFFIX,),
+    points=one_cloud(_points),
+    scans=one_scan(_scan),
+    unit="cm",
+    facts=FormatFacts(
+        title="3DTK: a folder of `.3d`",
+        read="points, returned to the grid of angles of the scanner",
+        lost="reflectance",
+        poses="`.pose` beside each, left-handed with y up: turned into ours",
+        units="centimetres",
+    ),
+)

@@ -14,6 +14,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.io.checks.limits import check_limit
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format, RawPoints, one_cloud
 from scenes.scan.colour import colour_bytes
 
@@ -84,4 +85,14 @@ def _numbers(data: bytes, start: int, shape: tuple[int, int], kind: str, *, is_t
     return np.frombuffer(data, dtype, n_numbers, start).astype(np.float64).reshape(shape)
 
 
-FORMAT = Format(suffixes=(".vtk",), points=one_cloud(read_vtk_points))
+FORMAT = Format(
+    suffixes=(".vtk",),
+    points=one_cloud(read_vtk_points),
+    facts=FormatFacts(
+        title="`.vtk`",
+        read="points, normals and colours of legacy PolyData and UnstructuredGrid, ascii or binary",
+        lost="cells and other attributes",
+        poses="`--origin`",
+        colours="COLOR_SCALARS",
+    ),
+)

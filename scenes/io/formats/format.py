@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, freeze_arrays
 from scenes.io.formats.crs import LengthUnit
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.grid_fit import organised_scan
 from scenes.io.formats.header import apply_header, not_finite_warnings, pose_from_header, projection_from_dict
 from scenes.limits import FINE_M
@@ -232,6 +233,8 @@ class Format:
         Why files of a known format are not read, and the cure.
     is_local : bool
         Whether its coordinates are about the instrument, so that poses are those of the file's own axes.
+    facts : FormatFacts, optional
+        Its row of docs/format-table.md; None of formats that are refused.
     """
 
     suffixes: tuple[str, ...]
@@ -244,6 +247,7 @@ class Format:
     marks_misses: bool = False
     refusal: str = ""
     is_local: bool = False
+    facts: FormatFacts | None = None
 
 
 class ScanFile(Protocol):

@@ -16,6 +16,7 @@ from scenes.io.checks.guard import check_file
 from scenes.io.checks.limits import check_limit
 from scenes.io.formats.columns import unit_of_comment
 from scenes.io.formats.crs import LengthUnit
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import format_of
 from scenes.io.meshes.gltf import Contents, check_gltf, entry_list, read_gltf
 from scenes.io.meshes.obj import check_obj, plain_obj
@@ -26,7 +27,85 @@ from scenes.io.meshes.stl import check_stl, plain_stl, stl_origin
 
 GLTF_SUFFIXES = (".glb", ".gltf")
 _STL_HEADER, _COMMENTS = 80, 4096  # bytes
-MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+
+
+@dataclass(frozen=True, slots=True)
+class MeshFormat:
+    """A format of meshes: its suffixes, and its row of docs/format-table.md."""
+
+    suffixes: tuple[str, ...]
+    facts: FormatFacts
+
+
+MESHES = (
+    MeshFormat(
+        (".glb", ".gltf"),
+        FormatFacts(
+            title="`.glb` `.gltf`",
+            read=(
+                "triangles, transforms of nodes, instances, quantised numbers; y is up unless only z makes "
+                "a room"
+            ),
+            lost="Draco, meshopt, sparse accessors, fans are refused; cameras, animations, morphs",
+            written="GLB: 1e-7 of the extent (float32 about an origin nearby that nodes hold in double)",
+            poses="none: a mesh is a scene, or what scanners at `--origin` see of it",
+            units="metres",
+            colours="textures, of vertices, of materials (linear light)",
+            noise="none",
+        ),
+    ),
+    MeshFormat(
+        (".obj",),
+        FormatFacts(
+            title="`.obj` with MTL",
+            read="objects and materials are surfaces",
+            lost="options before a map, curves",
+            written="double, textures as PNG",
+            poses="none: a mesh is a scene, or what scanners at `--origin` see of it",
+            units="a comment such as `File units = inches`, else `--units`",
+            colours="textures, of vertices (0 to 1, or bytes), of materials",
+            noise="none",
+        ),
+    ),
+    MeshFormat(
+        (".ply",),
+        FormatFacts(
+            title="`.ply` with faces",
+            read="triangles and polygons",
+            lost="strips are refused",
+            written="double",
+            poses="none: a mesh is a scene, or what scanners at `--origin` see of it",
+            units="a comment, else `--units`",
+            colours="of vertices and faces; a texture that it names",
+            noise="none",
+        ),
+    ),
+    MeshFormat(
+        (".stl",),
+        FormatFacts(
+            title="`.stl`",
+            read="text or binary",
+            lost="colours, attributes",
+            written="binary float32 about an origin that the header names, which only we read back",
+            poses="none: a mesh is a scene, or what scanners at `--origin` see of it",
+            units="the header, as in `units=mm`, else `--units`",
+            noise="none",
+        ),
+    ),
+    MeshFormat(
+        (".off",),
+        FormatFacts(
+            title="`.off`",
+            read="OFF, COFF, NOFF, STOFF as text",
+            lost="texture coordinates, normals",
+            written="double",
+            poses="none: a mesh is a scene, or what scanners at `--origin` see of it",
+            colours="of vertices and faces",
+            noise="none",
+        ),
+    ),
+)
+MESH_SUFFIXES = tuple(suffix for mesh in MESHES for suffix in mesh.suffixes)
 # What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 

@@ -16,6 +16,7 @@ from scenes.checks import InputError
 from scenes.io.checks.documents import read_json, read_text
 from scenes.io.checks.guard import guard_reading
 from scenes.io.checks.limits import check_limit
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format
 from scenes.io.poses.camera import Camera, intrinsics_of, read_camera
 from scenes.io.poses.trajectory import natural_key, read_poses, read_timed_poses, rounded_pose
@@ -40,6 +41,65 @@ _SENS = (
 FORMAT = (
     Format(suffixes=(".r3d",), name="Record3D", refusal=LZFSE),
     Format(suffixes=(".sens",), name="ScanNet", refusal=_SENS),
+)
+LISTED_FACTS = (
+    FormatFacts(
+        title="plain",
+        read="`depth/`, `color/`, `camera.json`; `depth_encoding` names other encodings",
+        lost="codes for no return (65535 and full narrower numbers), with a count",
+        written="16 bits: half a step, .1 mm up to 6.5 m, 1 mm to 65 m",
+        poses="`pose.txt` or `--poses`",
+        units="`depth_scale` in `camera.json`, or `--depth-scale`",
+        colours="8-bit images, resized where the sides have one ratio",
+        noise="estimated; a step of depth that hides it is shared by all points",
+    ),
+    FormatFacts(
+        title="TUM",
+        read="`depth.txt` and `rgb.txt`, or `associations.txt`",
+        lost="as plain",
+        written="half a step of .2 mm up to 13.1 m",
+        poses="`groundtruth.txt`, nearest in time (20 ms)",
+        units="5000 values a metre",
+        colours="8-bit images, resized where the sides have one ratio",
+        noise="estimated; a step of depth that hides it is shared by all points",
+    ),
+    FormatFacts(
+        title="Redwood, Open3D",
+        read="`depth/`, `color/`",
+        lost="as plain",
+        written="half a step of 1 mm up to 65.5 m",
+        poses="`trajectory.log`",
+        units="1000 values a metre",
+        colours="8-bit images, resized where the sides have one ratio",
+        noise="estimated; a step of depth that hides it is shared by all points",
+    ),
+    FormatFacts(
+        title="align3d",
+        read="`frames.json` and its images",
+        lost="as plain",
+        poses="`rt_cam`",
+        units="its scale",
+        colours="8-bit images, resized where the sides have one ratio",
+        noise="estimated; a step of depth that hides it is shared by all points",
+    ),
+    FormatFacts(
+        title="7-Scenes, tsdf-fusion",
+        read="`frame-000000.depth.png`",
+        lost="frames without a pose, with a count",
+        poses="`.pose.txt`",
+        units="millimetres",
+        colours="`.color.png` or `.jpg`",
+        noise="estimated; a step of depth that hides it is shared by all points",
+    ),
+    FormatFacts(
+        title="nerfstudio",
+        read="`transforms.json` with `depth_file_path`, cameras of each frame",
+        lost="frames without depth, with a count",
+        poses="`transform_matrix`",
+        units="whole numbers are millimetres, floats metres, or `depth_unit_scale_factor`",
+        colours="`file_path`",
+        noise="estimated; a step of depth that hides it is shared by all points",
+    ),
 )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from scenes.checks import FloatArray, InputError
 from scenes.io.checks.limits import check_limit
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.poses.camera import Camera, Intrinsics
 from scenes.io.poses.trajectory import natural_key, rounded_pose
 from scenes.io.rgbd.depth import DEPTH_SUFFIXES
@@ -75,9 +76,12 @@ class ImageLayout:
         Folders inside in which all this may lie.
     depth_scale : float
         Counts a metre.
+    facts : FormatFacts
+        Its row of docs/format-table.md.
     """
 
     name: str
+    facts: FormatFacts
     marks: tuple[tuple[str, ...], ...]
     views: Callable[[Path, Sequence[str]], Views]
     depth: tuple[str, ...]

@@ -25,6 +25,7 @@ import scipy  # its parts load when they are first used
 from scenes.checks import FloatArray, InputError
 from scenes.io.checks.documents import read_json, read_text
 from scenes.io.checks.guard import guard_reading
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.poses.camera import Camera, distortion_of, intrinsics_of, read_camera
 from scenes.io.poses.trajectory import rounded_pose
 from scenes.io.rgbd.frames import VIDEOS, video_image
@@ -246,6 +247,15 @@ def _arkitscenes(folder: Path, keys: Sequence[str]) -> Views:
 LAYOUTS = (
     ImageLayout(
         name="Stray Scanner",
+        facts=FormatFacts(
+            title="Stray Scanner",
+            read="`depth/`, `confidence/`; intrinsics are those of the video",
+            lost="depths of the lowest confidence, with a count",
+            poses="`odometry.csv`, columns by name; y is up",
+            units="millimetres",
+            colours="`rgb.mp4` where it can be decoded",
+            noise="estimated; a step of depth that hides it is shared by all points",
+        ),
         marks=(("odometry.csv", "depth"),),
         views=_stray,
         depth=("depth/*",),
@@ -254,6 +264,15 @@ LAYOUTS = (
     ),
     ImageLayout(
         name="Polycam",
+        facts=FormatFacts(
+            title="Polycam raw data",
+            read="`keyframes/depth`, `confidence`",
+            lost="depths of the lowest confidence, with a count",
+            poses="`corrected_cameras`, else `cameras`; y is up",
+            units="millimetres",
+            colours="`corrected_images`, else `images`",
+            noise="estimated; a step of depth that hides it is shared by all points",
+        ),
         marks=(("keyframes/depth", "keyframes/*cameras"),),
         views=_polycam,
         depth=("keyframes/depth/*",),
@@ -262,6 +281,15 @@ LAYOUTS = (
     ),
     ImageLayout(
         name="Record3D",
+        facts=FormatFacts(
+            title="Record3D, EXR + JPG",
+            read="`EXR_RGBD/depth`, `rgb`",
+            lost="`.r3d` is refused: its depth is packed by LZFSE",
+            poses="`metadata.json`, in the world of the first camera",
+            units="metres",
+            colours="8-bit images, resized where the sides have one ratio",
+            noise="estimated; a step of depth that hides it is shared by all points",
+        ),
         marks=(("metadata.json", "depth/*.exr"), ("metadata", "rgbd/*")),
         roots=("", "EXR_RGBD"),
         views=_record3d,
@@ -270,6 +298,15 @@ LAYOUTS = (
     ),
     ImageLayout(
         name="RTAB-Map",
+        facts=FormatFacts(
+            title="RTAB-Map (`rtabmap-export --images_id --poses_camera`)",
+            read="`*_depth`, `*_rgb`, `*_calib`",
+            lost="several cameras are refused",
+            poses="`*_camera_poses.txt`, else `*_poses.txt` of the robot and `local_transform`",
+            units="millimetres, floats metres",
+            colours="8-bit images, resized where the sides have one ratio",
+            noise="estimated; a step of depth that hides it is shared by all points",
+        ),
         marks=(("*_depth", "*_calib"), ("depth", "calib/*.yaml"), ("depth", "*calibration*.yaml")),
         views=_rtabmap,
         depth=("*_depth/*", "depth/*"),
@@ -277,6 +314,15 @@ LAYOUTS = (
     ),
     ImageLayout(
         name="ARKitScenes",
+        facts=FormatFacts(
+            title="ARKitScenes",
+            read="`lowres_depth`, `lowres_wide`, `confidence`, `.pincam` of each frame",
+            lost="depths of the lowest confidence, with a count",
+            poses="`lowres_wide.traj`, within 5 ms",
+            units="millimetres",
+            colours="8-bit images, resized where the sides have one ratio",
+            noise="estimated; a step of depth that hides it is shared by all points",
+        ),
         marks=(("lowres_depth", "lowres_wide.traj"),),
         views=_arkitscenes,
         depth=("lowres_depth/*",),
@@ -285,6 +331,15 @@ LAYOUTS = (
     ),
     ImageLayout(
         name="ScanNet",
+        facts=FormatFacts(
+            title="ScanNet, unpacked",
+            read="`depth/`, `color/`, `intrinsic/`",
+            lost="frames whose pose is -inf, with a count; `.sens` is refused",
+            poses="`pose/`; `axisAlignment` is applied, with a warning",
+            units="millimetres",
+            colours="8-bit images, resized where the sides have one ratio",
+            noise="estimated; a step of depth that hides it is shared by all points",
+        ),
         marks=(("intrinsic/intrinsic_depth.txt", "depth"), ("pose/*.txt", "depth")),
         views=_scannet,
         depth=("depth/*",),

@@ -23,6 +23,7 @@ from scenes.checks import InputError
 from scenes.io.checks.documents import read_json
 from scenes.io.checks.guard import guard_reading
 from scenes.io.checks.limits import check_limit
+from scenes.io.formats.facts import FormatFacts
 from scenes.io.poses.camera import Camera, check_model, distortion_of
 from scenes.io.poses.colmap import read_model
 from scenes.io.poses.trajectory import rounded_pose
@@ -136,6 +137,15 @@ def _camera(held: Mapping[str, Any]) -> Camera:
 LAYOUTS = (
     ImageLayout(
         name="COLMAP",
+        facts=FormatFacts(
+            title="COLMAP dense workspace",
+            read="`stereo/depth_maps`, geometric, else photometric",
+            lost="images that are not registered, with a count; fisheye models are refused",
+            poses="`sparse`, text or binary, by image name",
+            units="those of the model, which are arbitrary: said",
+            colours="`images`",
+            noise="estimated; a step of depth that hides it is shared by all points",
+        ),
         marks=(("stereo/depth_maps", "sparse"),),
         roots=("", "dense", "dense/0"),
         views=_colmap,
@@ -144,6 +154,15 @@ LAYOUTS = (
     ),
     ImageLayout(
         name="COLMAP model with depth",
+        facts=FormatFacts(
+            title="COLMAP model with renders in `depth/`",
+            read="depth as floats or 16 bits, named as the images",
+            lost="images that are not registered, with a count",
+            poses="from the model, by name",
+            units="metres of the model: said",
+            colours="`images`",
+            noise="estimated; a step of depth that hides it is shared by all points",
+        ),
         marks=tuple(
             (f"{model}/images.{kind}", f"{depth}/*")
             for model in ("sparse/0", "sparse")
@@ -156,6 +175,15 @@ LAYOUTS = (
     ),
     ImageLayout(
         name="cameras.json with depth",
+        facts=FormatFacts(
+            title="`cameras.json` (3-D Gaussian splatting) with renders in `depth/`",
+            read="depth as floats or 16 bits",
+            lost="the Gaussians",
+            poses="`cameras.json`, by name, else in order",
+            units="metres of the model: said",
+            colours="`images`",
+            noise="estimated; a step of depth that hides it is shared by all points",
+        ),
         marks=tuple(("cameras.json", f"{depth}/*") for depth in ("depth", "depths", "train/ours_*/vis")),
         views=_cameras_json,
         depth=("depth/*", "depths/*", "train/ours_*/vis/depth_*"),
