@@ -93,6 +93,11 @@ def scan_from_station(
             f"and {filled} single empty pixels took the nearest: the points lie on no grid of angles "
             "about x, y or z; to keep all take the scan as the scanner wrote it (structured .e57, .ptx)"
         )
+    elif filled > (1 - limits.NEARLY_ALL) * len(kept):
+        sentences.append(
+            f"{len(kept)} of {len(cloud)} points were kept, one a pixel, and {filled} single empty pixels "
+            "between them took the nearest"
+        )
     image = np.where((chosen < 0)[..., None], np.nan, seen[chosen])
     painted = None
     if colour is not None:
