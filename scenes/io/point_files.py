@@ -155,14 +155,15 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
 def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
     """The finite points, in metres."""
     metres, sentences = metres_of(raw.unit, units)
-    kept, normals, origins = usable_rows(raw.points), raw.normals, raw.origins
+    is_usable, normals, origins = usable_rows(raw.points), raw.normals, raw.origins
+    are_all, kept = bool(is_usable.all()), np.flatnonzero(is_usable) if not is_usable.all() else slice(None)
     step_m = raw.step * float(metres.max())
     warnings = (*raw.warnings, *sentences, *step_warnings(step_m))
-    if not kept.all():
-        n_left = int((~kept).sum())
-        warnings += (f"{n_left} of {len(kept)} points are not finite or lie beyond 1e12 m and were left out",)
+    if not are_all:
+        n_left, n_all = int((~is_usable).sum()), len(is_usable)
+        warnings += (f"{n_left} of {n_all} points are not finite or lie beyond 1e12 m and were left out",)
     if not step_m:
-        steps_m = single_steps(raw.points if kept.all() else raw.points[kept], metres)
+        steps_m = single_steps(raw.points[kept], metres)
         warnings += rounding_doubts(raw.points[kept], metres, steps_m)
         step_m = float(steps_m.max())
     if normals is not None:
@@ -171,15 +172,15 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
         origins = np.broadcast_to(origins, raw.points.shape)[kept] * metres
     colour = None if raw.colour is None else raw.colour[kept]
     return PointCloud(
-        points=raw.points[kept] * metres,
+        points=raw.points[kept] if (metres == 1).all() else raw.points[kept] * metres,
         normals=normals,
         origins=origins,
         colour=colour,
         name=name,
         warnings=warnings,
         label=None if raw.label is None else _labels(raw.label[kept], name),
-        rows=None if kept.all() else np.flatnonzero(kept),
-        n_rows=len(kept),
+        rows=None if are_all else np.flatnonzero(is_usable),
+        n_rows=len(is_usable),
         step_m=step_m,
         metres_per_unit=metres,
         times=None if raw.times is None else raw.times[kept],

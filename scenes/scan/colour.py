@@ -118,6 +118,8 @@ def scaled_bytes(values: Any, what: str = "colours") -> ColourArray:
     least, most = float(colour.min()), float(colour.max())
     if not (least >= 0 and most <= _MOST_16):
         raise InputError(f"{what} are to be in 0..255 or 0..65535, got {least:.6g}..{most:.6g}")
+    if colour.dtype.kind in "iu" and most <= _MOST:
+        return colour.astype(np.uint8)
     is_unit = colour.dtype.kind == "f" and most <= 1
     scale = 255.0 if is_unit else 1.0 if most <= _MOST else 1 / _STEP_16
     return np.asarray(np.rint(colour * scale), dtype=np.uint8)

@@ -112,7 +112,7 @@ def read_ply_points(path: Path) -> RawPoints:
     colour, warnings = None, tuple[str, ...]()
     if "red" in held:
         channels = np.stack([column[held[name]] for name in COLOURS], axis=-1)
-        colour = scaled_bytes(channels if types[held["red"]].startswith("f") else channels.astype(np.int64))
+        colour = scaled_bytes(channels if types[held["red"]].startswith("f") else channels.astype(np.int32))
     elif types.keys() >= set(_SPLAT):
         colour = colour_bytes(0.5 + _SPLAT_STEP * np.stack([column[name] for name in _SPLAT], axis=-1))
         warnings = (_SPLATS,)
