@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import (
+    BoolArray,
     ColourArray,
     FloatArray,
     InputError,
@@ -36,6 +37,7 @@ from scenes.io.scene_files import load_scene, rounding_doubts, single_steps
 from scenes.limits import LARGE_PART_M
 from scenes.mesh.labelled_mesh import LabelledMesh
 
+_NO_HEIGHTS = (-9999.0, -99999.0, -999999.0, -32767.0, -32768.0)  # rasters' numbers for no data
 _MOST_LABEL = 2**31 - 1
 
 
@@ -158,8 +160,11 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
     kept, normals, origins = usable_rows(raw.points), raw.normals, raw.origins
     step_m = raw.step * float(metres.max())
     warnings = (*raw.warnings, *sentences, *step_warnings(step_m))
-    if not kept.all():
-        n_left = int((~kept).sum())
+    is_none, number = _without_height(raw.points)
+    if n_none := int((is_none & kept).sum()):
+        warnings += (f"{n_none} of {len(kept)} points have the height {number:g}, which says none: left out",)
+        kept = kept & ~is_none
+    if n_left := len(kept) - n_none - int(kept.sum()):
         warnings += (f"{n_left} of {len(kept)} points are not finite or lie beyond 1e12 m and were left out",)
     if not step_m:
         steps_m = single_steps(raw.points if kept.all() else raw.points[kept], metres)
@@ -184,6 +189,15 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
         metres_per_unit=metres,
         times=None if raw.times is None else raw.times[kept],
     )
+
+
+def _without_height(points: FloatArray) -> tuple[BoolArray, float]:
+    """Which points (n, 3) have a height that stands for none, far below all others, and that number."""
+    for number in _NO_HEIGHTS:
+        is_none = np.asarray(points[:, 2] == number)
+        if is_none.any() and not (points[~is_none, 2] < number / 2).any():
+            return is_none, number
+    return np.zeros(len(points), np.bool_), 0.0
 
 
 def _labels(label: FloatArray, name: str) -> IntArray:
