@@ -50,6 +50,8 @@ FEWEST_POINTS = 100
 """Below which points tell no step, and are no scan. By choice."""
 APART = np.radians(5.0)
 """Between consecutive points, radians: so far apart they are of neither one column nor one row. By eye."""
+FARTHEST_M = 20_000.0
+"""Median range of a moving scanner beyond which its trajectory is of another place. By choice."""
 SPARSE = 1000
 """Pixels for each point beyond which no image is made, above `SPARSE_PIXELS` in all. By choice."""
 SPARSE_PIXELS = 1_000_000

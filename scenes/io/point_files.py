@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scenes.checks import (
+    BoolArray,
     ColourArray,
     FloatArray,
     InputError,
@@ -36,6 +37,7 @@ from scenes.io.scene_files import load_scene, rounding_doubts, single_steps
 from scenes.limits import LARGE_PART_M
 from scenes.mesh.labelled_mesh import LabelledMesh
 
+_NO_HEIGHTS = (-9999.0, -99999.0, -999999.0, -32767.0, -32768.0)  # rasters' numbers for no data
 _MOST_LABEL = 2**31 - 1
 
 
@@ -156,12 +158,17 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
     """The finite points, in metres."""
     metres, sentences = metres_of(raw.unit, units)
     is_usable, normals, origins = usable_rows(raw.points), raw.normals, raw.origins
-    are_all, kept = bool(is_usable.all()), np.flatnonzero(is_usable) if not is_usable.all() else slice(None)
     step_m = raw.step * float(metres.max())
     warnings = (*raw.warnings, *sentences, *step_warnings(step_m))
-    if not are_all:
-        n_left, n_all = int((~is_usable).sum()), len(is_usable)
-        warnings += (f"{n_left} of {n_all} points are not finite or lie beyond 1e12 m and were left out",)
+    is_none, number = _without_height(raw.points)
+    n_all, n_bad, n_none = len(is_usable), int((~is_usable).sum()), int((is_none & is_usable).sum())
+    if n_none:
+        warnings += (f"{n_none} of {n_all} points have the height {number:g}, which says none: left out",)
+        is_usable = is_usable & ~is_none
+    if n_bad:
+        warnings += (f"{n_bad} of {n_all} points are not finite or lie beyond 1e12 m and were left out",)
+    are_all = not (n_bad or n_none)
+    kept = slice(None) if are_all else np.flatnonzero(is_usable)
     if not step_m:
         steps_m = single_steps(raw.points[kept], metres)
         warnings += rounding_doubts(raw.points[kept], metres, steps_m)
@@ -185,6 +192,15 @@ def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
         metres_per_unit=metres,
         times=None if raw.times is None else raw.times[kept],
     )
+
+
+def _without_height(points: FloatArray) -> tuple[BoolArray, float]:
+    """Which points (n, 3) have a height that stands for none, far below all others, and that number."""
+    for number in _NO_HEIGHTS:
+        is_none = np.asarray(points[:, 2] == number)
+        if is_none.any() and not (points[~is_none, 2] < number / 2).any():
+            return is_none, number
+    return np.zeros(len(points), np.bool_), 0.0
 
 
 def _labels(label: FloatArray, name: str) -> IntArray:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
@@ -335,7 +335,7 @@ def _match_images(images: Sequence[tuple[Path, ...]], named: Mapping[str, Pose])
     """
     poses: dict[str, Pose] = {}
     for name, pose in named.items():
-        stem = PurePosixPath(name).stem
+        stem = PureWindowsPath(name).stem  # either slash parts folders
         if stem in poses:
             raise InputError(f"several images are named {stem!r}, as {name!r}; give the poses of one camera")
         poses[stem] = pose

@@ -248,7 +248,26 @@ def read_request(request: ScanRequest, *, posed: bool = True) -> GivenScans:
         scans, paths, names = _read_scans(request, posed=posed)
     if posed and all(_is_at_origin(scan) for scan in scans):
         _refuse_unplaced(scans)
-    return replace(GivenScans.of(scans), paths=tuple(paths), names=tuple(names))
+    new = _first_of_equals(scans) if posed else range(len(scans))
+    given = GivenScans.of([scans[k] for k in new])
+    if n_more := len(scans) - len(new):
+        again = names[min(set(range(len(scans))) - set(new))]
+        told = f"{n_more} of {len(scans)} scans, as {again}, repeat others with their poses and were left out"
+        given = replace(given, doubts=(told, *given.doubts))
+    return replace(given, paths=tuple(paths[k] for k in new), names=tuple(names[k] for k in new))
+
+
+def _first_of_equals(scans: Sequence[RangeImage]) -> list[int]:
+    """The numbers of the scans that no earlier one equals in ranges and pose; empty ones are all kept."""
+    first: dict[tuple[object, ...], list[int]] = {}
+    kept = []
+    for number, scan in enumerate(scans):
+        middle = scan.ranges[scan.shape[0] // 2].tobytes()
+        alike = first.setdefault((scan.shape, scan.world_from_sensor.matrix.tobytes(), middle), [])
+        if not any(np.array_equal(scans[k].ranges, scan.ranges) for k in alike) or not scan.valid.any():
+            kept.append(number)
+            alike.append(number)
+    return kept
 
 
 def _read_scans(request: ScanRequest, *, posed: bool) -> tuple[list[RangeImage], list[str], list[str]]:

@@ -13,6 +13,7 @@ from scenes.checks import BoolArray, FloatArray, InputError, freeze_arrays
 from scenes.io.checks.documents import read_text
 from scenes.io.checks.guard import check_file, guard_reading
 from scenes.io.clouds.text import read_point_table
+from scenes.io.formats.columns import in_seconds, time_column
 from scenes.limits import LONGEST_GAP_S
 
 _FORMS = (
@@ -104,11 +105,16 @@ def _rows(file: Path) -> tuple[FloatArray, FloatArray]:
     try:
         rows = [[float(word) for word in words] for words in lines if words]
     except ValueError as error:
+        words = [line.replace(",", " ").split() for line in read_text(file).splitlines()[:2]]
+        if time_column(words[0]) is not None and len(words) > 1:
+            raise InputError(
+                f"its times, as in the line {' '.join(words[1])[:60]!r}, are no numbers; write seconds"
+            ) from error
         raise InputError(f"names no column of times, and {error}; {_FORMS}") from error
     lengths = {len(row) for row in rows}
     if lengths in ({8}, {9}):
         numbers = np.array(rows)
-        return numbers[:, 0], numbers[:, 1:4]
+        return in_seconds(numbers[:, 0]), numbers[:, 1:4]
     if lengths in ({12}, {16}):
         return _times_beside(file, len(rows)), np.array(rows)[:, [3, 7, 11]]
     raise InputError(f"holds no times of its poses; {_FORMS}")
@@ -147,6 +153,12 @@ def clock_offset(times: FloatArray, track: Trajectory) -> tuple[float, str]:
     if 0.0 in fit:
         return 0.0, ""
     if len(fit) != 1:
+        for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
+            if first <= end / per_second and last >= start / per_second:
+                raise InputError(
+                    f"the times of {track.name}, {start:.3f} to {end:.3f}, fit those of the points, "
+                    f"{first:.3f} to {last:.3f} s, as {unit}: divide them by {per_second:.0f}"
+                )
         raise InputError(
             f"points were measured from {first:.3f} to {last:.3f} s, and {track.name} is from {start:.3f} to "
             f"{end:.3f} s: these do not overlap, whether GPS seconds, adjusted or of the week; give the "

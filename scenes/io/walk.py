@@ -32,7 +32,7 @@ from scenes.io.formats.format import Units
 from scenes.io.point_files import PointCloud, read_points
 from scenes.io.scan_files import ScanSource
 from scenes.io.track import Trajectory, clock_offset, read_trajectory
-from scenes.limits import FEWEST_POINTS, LONGEST_GAP_S, MOST_STRETCHES, NEW_SHARE
+from scenes.limits import FARTHEST_M, FEWEST_POINTS, LONGEST_GAP_S, MOST_STRETCHES, NEW_SHARE
 from scenes.pose import Pose
 from scenes.run.mapping import allocate, release
 from scenes.scan.projection import SphericalProjection
@@ -205,6 +205,11 @@ def walk_of(
         points[start : start + _BLOCK] = cloud.points[order[start : start + _BLOCK]]
         release(points)
     sensor = _sensor_of(points, times, track)
+    if sensor.median_m > FARTHEST_M:
+        raise InputError(
+            f"{cloud.name}: half of its points are {sensor.median_m:.3g} m or more from {track.name}: give "
+            "both in one coordinate system and unit"
+        )
     reach = sensor.reach_m if reach_m is None else reach_m
     cuts = _cuts(times, track, reach)
     if not len(cuts):

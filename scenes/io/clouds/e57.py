@@ -27,6 +27,7 @@ from scenes.io.checks.limits import check_limit, check_unpacked
 from scenes.io.clouds.e57_points import PointChunk, coordinate_step, point_chunks, read_pose, times_of
 from scenes.io.formats.format import RawPoints, step_warnings
 from scenes.io.formats.grid_fit import SCANNER_FROM_SENSOR, fitted_scan, lie_on_rays, organised_scan
+from scenes.io.formats.grid_order import line_steps
 from scenes.io.formats.header import FORMAT, apply_header, not_finite_warnings, projection_from_dict
 from scenes.io.formats.station import scan_from_station
 from scenes.limits import SPARSE, SPARSE_PIXELS
@@ -219,7 +220,8 @@ def _fill_grid(
     images, seen = dict[str, Any](held.images), held.seen
     if projection is None:
         first, last = seen.low - bounds.low, seen.high - bounds.low + 1
-        rows, columns = slice(first[0], last[0]), slice(first[1], last[1])
+        steps = line_steps(images["place"][first[0] : last[0], first[1] : last[1]])
+        rows, columns = (slice(*ends) for ends in zip(first, last, steps, strict=True))
         images = {key: crop_pixels(image, rows, columns) for key, image in images.items()}
     place, n_colourless = images["place"], 0
     if "is_coloured" in images:
@@ -347,15 +349,14 @@ class E57File:
         name = _text(header, "name")
         missing = {"rowIndex", "columnIndex"} - set(header.point_fields)
         if missing and header.has_pose():
-            return _project_cloud(self._points(index, first_returns=True), name or self._stem)
+            cloud = self._points(index, first_returns=True)
+            return _project_cloud(cloud, read_pose(header)[0], name or self._stem)
         if missing:
             names = " and no ".join(sorted(missing, reverse=True))
             raise InputError(f"scan {index + 1} has no {names}: {_CURE}")
         name = name or (f"{self._stem}#{index + 1}" if len(self) > 1 else self._stem)
-        chunks, ours = (
-            partial(point_chunks, self._file, self._own[index]),
-            _ours(_text(header, "description")),
-        )
+        chunks = partial(point_chunks, self._file, self._own[index])
+        ours = _ours(_text(header, "description"))
         pose, doubts = read_pose(header)
         scan = grid_scan(chunks, _announced_size(header), pose, name, ours).add_warnings(doubts)
         step_m = 0.0 if ours else coordinate_step(header, scan.ranges)
@@ -374,10 +375,8 @@ class E57File:
     def _points(self, index: int, *, first_returns: bool) -> RawPoints:
         """The points of scan `index`, or those alone that came back first."""
         header = self._file.get_header(self._own[index])
-        (pose, doubts), is_one_scan = (
-            read_pose(header),
-            header.has_pose() or "rowIndex" in header.point_fields,
-        )
+        (pose, doubts), fields = read_pose(header), header.point_fields
+        is_one_scan = header.has_pose() or "rowIndex" in fields
         world, colour = np.empty((header.point_count, 3)), np.empty((header.point_count, 3), np.uint8)
         is_coloured = np.ones(header.point_count, np.bool_)
         n_kept = n_read = n_bad = n_later = 0
@@ -411,10 +410,20 @@ class E57File:
         return RawPoints(world, origins=stood, colour=held, warnings=warnings, step=step, times=times_s)
 
 
-def _project_cloud(cloud: RawPoints, name: str) -> RangeImage:
-    """An unstructured scan as the image that a scanner at its pose's place would have taken."""
-    scan = scan_from_station(cloud.points, cloud.origins, name, cloud.colour)
+def _project_cloud(cloud: RawPoints, pose: Pose, name: str) -> RangeImage:
+    """An unstructured scan as the image that a scanner at its pose's place would have taken.
+
+    Points that no one scan took from there, unless they are world coordinates already, are taken so.
+    """
     texts = (*cloud.warnings, *step_warnings(cloud.step))
+    try:
+        scan = scan_from_station(cloud.points, cloud.origins, name, cloud.colour)
+    except InputError as unfit:
+        try:
+            scan = scan_from_station(pose.inverse().apply(cloud.points), cloud.origins, name, cloud.colour)
+        except InputError:
+            raise unfit from None
+        texts += ("its points fit its pose only as world coordinates: they were taken as such",)
     return scan.add_warnings(texts).with_facts(step_m=cloud.step)
 
 

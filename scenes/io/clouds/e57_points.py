@@ -38,6 +38,7 @@ _NUMBERS = {
 _TOPS = (1.0, 255.0, 65535.0)  # of colours that have no limits, the least that none is above counts
 _UNBOUNDED = 2.0**32
 _NEGLIGIBLE_M = 1e-6  # steps
+_FULL_TURN = 2 * np.pi + 0.01  # of an azimuth; some count elevations, as zenith angles, up to half of it
 _TYPICAL = 100_000  # points that tell how far they are
 
 
@@ -81,7 +82,7 @@ def point_chunks(file: Any, index: int, *, places_alone: bool = False) -> Iterat
 
     With `places_alone` without colour and intensity, which is faster.
 
-    Raises InputError: without coordinates; what the library raises: damaged.
+    Raises InputError: without coordinates, or angles that are no radians; what the library raises: damaged.
     """
     lib = import_extra("pye57", "e57").libe57
     header = file.get_header(index)
@@ -266,6 +267,13 @@ def _points(data: dict[str, Any]) -> FloatArray:
         return np.stack([data[name] for name in _CARTESIAN], axis=-1)
     if _SPHERICAL[0] in data:
         reach, azimuth, elevation = (data[name] for name in _SPHERICAL)
+        known = reach > 0
+        turns = [np.nan_to_num(abs(angle[known])).max(initial=0) for angle in (azimuth, elevation)]
+        if turns[0] > _FULL_TURN or turns[1] > _FULL_TURN / 2:
+            raise InputError(
+                f"its azimuths reach {turns[0]:.4g} and its elevations {turns[1]:.4g}, which are no radians "
+                "as E57 has them; export it with cartesian coordinates, or with angles in radians"
+            )
         across = reach * np.cos(elevation)
         sides = [across * np.cos(azimuth), across * np.sin(azimuth), reach * np.sin(elevation)]
         return np.stack(sides, axis=-1)

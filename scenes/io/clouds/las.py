@@ -67,11 +67,8 @@ def libraries_muted() -> Iterator[None]:
 
 _START = 375  # bytes of the longest header, LAS 1.4
 _EXTENDED_LENGTH = 20  # where an extended record tells its length
-_LEAST_VLR, _LEAST_EVLR, _LEAST_CHUNK = (
-    54,
-    60,
-    2,
-)  # least bytes of a record, an extended one, a packed chunk's entry and data
+_LEAST_VLR, _LEAST_EVLR = 54, 60  # least bytes of a record, and of an extended one
+_LEAST_CHUNK = 2  # least bytes of a packed chunk's entry and data
 _PACKED = 0xC0  # bits of the point format that say the points are compressed
 _VLR = struct.Struct("<H16sHH32s")
 _RECORD = struct.Struct("<HHBBHIIqqH")
@@ -243,11 +240,11 @@ _PANIC = "PanicException"  # what Rust's lazrs raises when it stumbles, which is
 def read_las_points(path: Path) -> RawPoints:
     """Return the points of a LAS or LAZ file, without withheld ones and noise, and the unit that it states.
 
-    Noise is what is classified so: 7 is low, 18 is high noise (LAS 1.4 R15, table 17).
+    Noise is what is classified so: 7 is low, 18 is high noise (LAS 1.4 R15, table 17). Synthetic points
+    (table 16), which nothing measured, are left out unless all are. GPS times are given where they differ.
 
-    GPS times are given where the file has more than one.
-
-    Raises InputError: more points announced than can be held; coordinates in degrees; laspy is not installed.
+    Raises InputError: no points announced, or more than can be held; coordinates in degrees; laspy is not
+    installed.
     """
     with _open_reader(path) as file:
         n_points, n_kept, n_noise, unit = file.header.point_count, 0, 0, _unit(file.header)
@@ -255,11 +252,13 @@ def read_las_points(path: Path) -> RawPoints:
         has_colour, largest = "red" in file.header.point_format.dimension_names, 0
         points, wide = np.empty((n_points, 3)), np.empty((n_points if has_colour else 0, 3), np.uint16)
         has_times = _TIME in file.header.point_format.dimension_names
-        times = np.empty(n_points if has_times else 0)
+        times, synthetic = np.empty(n_points if has_times else 0), np.zeros(n_points, np.bool_)
+        more = _points_behind(path, file.header)
         for part in _chunks(file):
             is_noise = np.isin(np.asarray(part.classification), _NOISE)
             n_noise += int(is_noise.sum())
             kept = ~np.asarray(part.withheld, dtype=np.bool_) & ~is_noise
+            synthetic[n_kept : n_kept + int(kept.sum())] = np.asarray(part.synthetic, dtype=np.bool_)[kept]
             held = slice(n_kept, n_kept + int(kept.sum()))
             points[held] = _columns(part, "xyz", np.float64)[kept]
             if has_colour:
@@ -270,17 +269,35 @@ def read_las_points(path: Path) -> RawPoints:
             n_kept = held.stop
     n_left = n_points - n_kept - n_noise
     warnings: tuple[str, ...] = (f"{n_left} points are marked withheld and were left out",) if n_left else ()
+    if more:
+        warnings += (f"{more} points more than its header announces follow: did its writer close it?",)
     if n_noise:
         warnings += (f"{n_noise} of {n_points} points are classified as noise and were left out",)
-    colour = _narrow(wide[:n_kept], largest) if largest else None
-    return RawPoints(
-        points[:n_kept],
-        colour=colour,
-        warnings=warnings,
-        unit=unit,
-        step=step,
-        times=times[:n_kept] if times[:n_kept].size and np.ptp(times[:n_kept]) > 0 else None,
-    )
+    chosen: Any = slice(n_kept)
+    if 0 < (n_synthetic := int(synthetic[:n_kept].sum())) < n_kept:
+        warnings += (f"{n_synthetic} of {n_points} points are marked synthetic and were left out",)
+        chosen = np.flatnonzero(~synthetic[:n_kept])
+    colour = _narrow(wide[chosen], largest) if largest else None
+    stamps = times[chosen] if has_times and n_kept and np.ptp(times[chosen]) > 0 else None
+    return RawPoints(points[chosen], colour=colour, warnings=warnings, unit=unit, step=step, times=stamps)
+
+
+def _points_behind(path: Path, header: Any) -> int:
+    """How many plain points stand behind those that the header announces.
+
+    Raises InputError: it announces none.
+    """
+    n_bytes = path.stat().st_size - header.offset_to_point_data
+    waves = getattr(header, "start_of_waveform_data_packet_record", 0)
+    if header.are_points_compressed or header.number_of_evlrs or waves:
+        return 0
+    more = int(n_bytes // header.point_format.size) - int(header.point_count)
+    if more > 0 and not header.point_count:
+        raise InputError(
+            f"its header announces no points, {more} follow: its writer did not close it; repair it (lasinfo "
+            "-repair of LAStools)"
+        )
+    return max(more, 0)
 
 
 def _unit(header: Any) -> LengthUnit | None:

@@ -33,12 +33,13 @@ from scenes.io.formats.station import scan_from_station
 from scenes.pose import Pose, quaternion_of, stated_rotation
 from scenes.run.atomic import write_bytes
 from scenes.run.mapping import allocate, release
-from scenes.scan.colour import colour_bytes, scaled_bytes
+from scenes.scan.colour import colour_bytes, colour_points, colour_warnings, scaled_bytes
 from scenes.scan.pixels import finite_points, mend_pixels, row_blocks
 from scenes.scan.projection import PinholeProjection, Projection
 from scenes.scan.range_image import RangeImage
 
 _PACKED_COLOURS = ("rgb", "rgba")
+_NOT_A_NUMBER, _SIGNLESS = 0x7FC00000, 0x7FFFFFFF  # bits of the float that text calls nan, with either sign
 
 
 class _PcdColumns(NamedTuple):
@@ -48,6 +49,7 @@ class _PcdColumns(NamedTuple):
     normals: NDArray[Any] | None
     colour: ColourArray | None
     intensity: NDArray[np.float32] | None
+    doubts: tuple[str, ...] = ()
 
 
 def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = None) -> RangeImage:
@@ -65,7 +67,8 @@ def read_pcd(path: Path, intrinsics: tuple[float, float, float, float] | None = 
     header = read_pcd_header(path)
     if header.height == 1:
         return _project_unorganised(path, header)
-    return _organised_scan(_columns(path, header), header, intrinsics, path.stem)
+    held = _columns(path, header)
+    return _organised_scan(held, header, intrinsics, path.stem).add_warnings(held.doubts)
 
 
 def _organised_scan(
@@ -137,7 +140,7 @@ def _project_unorganised(path: Path, header: PcdHeader) -> RangeImage:
             "organised cloud of the sensor (HEIGHT > 1, NaN where nothing came back), or say where the "
             "scanner stood (--origin X,Y,Z)"
         )
-    left_out = tuple(text for text in cloud.warnings if "left out" in text)
+    left_out = tuple(text for text in cloud.warnings if "left out" in text or "colour" in text)
     scan = scan_from_station(cloud.points, cloud.origins, path.stem, cloud.colour)
     return scan.add_warnings(left_out)
 
@@ -159,7 +162,7 @@ def read_pcd_points(path: Path) -> RawPoints:
         points[kept],
         None if cloud.normals is None else cloud.normals.reshape(-1, 3)[kept].astype(np.float64),
         colour=None if cloud.colour is None else cloud.colour.reshape(-1, 3)[kept],
-        warnings=(*left_out, *doubts),
+        warnings=(*left_out, *cloud.doubts, *doubts),
     )
     if np.allclose(pose.matrix, np.eye(4)):
         return replace(held, origins=pose.translation if header.height > 1 else None)
@@ -180,7 +183,12 @@ def read_pcd_points(path: Path) -> RawPoints:
         points=pose.apply(held.points),
         normals=None if held.normals is None else pose.rotate(held.normals),
         origins=pose.translation,
-        warnings=(*left_out, *doubts, "moved from the sensor's frame to the world by VIEWPOINT"),
+        warnings=(
+            *left_out,
+            *cloud.doubts,
+            *doubts,
+            "moved from the sensor's frame to the world by VIEWPOINT",
+        ),
     )
 
 
@@ -201,6 +209,7 @@ def _columns(path: Path, header: PcdHeader) -> _PcdColumns:
     points = allocate((*shape, 3), np.float32 if are_single else np.float64)
     normals = allocate((*shape, 3), np.float64) if "nx" in held else None
     colour = None if packed is None and "red" not in held else allocate((*shape, 3), np.uint8)
+    is_coloured = np.ones(shape, np.bool_)
     intensity = None if light is None else allocate(shape, np.float32)
     start = 0
     for chunk in pcd_chunks(path, header):
@@ -209,7 +218,7 @@ def _columns(path: Path, header: PcdHeader) -> _PcdColumns:
         if normals is not None:
             normals.reshape(-1, 3)[part] = np.stack([chunk[axis] for axis in sides], axis=-1)
         if colour is not None and packed is not None:
-            bits = np.ascontiguousarray(chunk[packed]).view(np.uint32)
+            bits, is_coloured.ravel()[part] = _packed_bits(np.ascontiguousarray(chunk[packed]))
             colour.reshape(-1, 3)[part] = np.stack([bits >> 16 & 255, bits >> 8 & 255, bits & 255], axis=-1)
         elif colour is not None:
             colour.reshape(-1, 3)[part] = scaled_bytes(np.stack([chunk[name] for name in channels], axis=-1))
@@ -217,10 +226,36 @@ def _columns(path: Path, header: PcdHeader) -> _PcdColumns:
             intensity.ravel()[part] = chunk[light]
         start = part.stop
         release(points, normals, colour, intensity)
+    doubts: tuple[str, ...] = ()
+    if colour is not None and not is_coloured.all():
+        known = finite_points(points)
+        n_without, filled = int((known & ~is_coloured).sum()), np.zeros_like(colour)
+        painted = colour_points(colour[known], is_coloured[known], points[known])
+        if painted is not None:
+            filled[known] = painted
+        colour, doubts = None if painted is None else filled, colour_warnings(n_without, int(known.sum()))
     for image in (points, normals, colour, intensity):
         if image is not None:
             image.setflags(write=False)
-    return _PcdColumns(points, normals, colour, intensity)
+    return _PcdColumns(points, normals, colour, intensity, doubts)
+
+
+def _packed_bits(column: NDArray[Any]) -> tuple[NDArray[np.uint32], BoolArray]:
+    """Colours (n,) as 0xRRGGBB, and which of them are known.
+
+    PCL keeps the bits of that number in a float; some programs write the number itself, which no such bits
+    make (they are tiny, or no number). Text that says nan has the bits of none.
+    """
+    bits = column.view(np.uint32)
+    if column.dtype.kind != "f":
+        return bits, np.ones(len(bits), np.bool_)
+    is_known = np.asarray((bits & _SIGNLESS) != _NOT_A_NUMBER, dtype=np.bool_)
+    some = np.asarray(column[is_known & (bits != 0)], np.float64)
+    with np.errstate(invalid="ignore"):
+        are_numbers = len(some) and ((some >= 1) & (some < 2**32) & (some == np.rint(some))).all()
+    if are_numbers:
+        bits = np.where(is_known, column, 0).astype(np.uint32)
+    return bits, is_known
 
 
 def _viewpoint(viewpoint: tuple[float, ...]) -> tuple[Pose, tuple[str, ...]]:

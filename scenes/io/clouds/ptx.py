@@ -188,8 +188,9 @@ class PtxFile:
             yield start, table
 
     def _lines(self, n: int) -> Iterator[str]:
-        """The next n lines that are not blank; unlike the file's own iterator this can tell its place."""
-        return islice(filter(str.strip, iter(self._file.readline, "")), n)
+        """The next n lines that are not blank, with decimal points; readline can tell its place."""
+        lines = (line.replace(",", ".") for line in iter(self._file.readline, ""))
+        return islice(filter(str.strip, lines), n)
 
     def _header(self) -> _Header | None:
         """The header of the next scan, None at the end of the file."""

@@ -34,7 +34,15 @@ def read_sweep(path: Path) -> RangeImage:
     Raises InputError: something else than a sweep, or too few points.
     """
     points, ring, doubts = _read(path)
-    return scan_from_station(points, np.zeros(3), path.stem, beam=ring).add_warnings(doubts)
+    scan = scan_from_station(points, np.zeros(3), path.stem, beam=ring)
+    pole = np.abs(scan.world_from_sensor.rotation[:, 1])
+    if pole[2] < pole.max():
+        axis = "xyz"[int(np.argmax(pole))]
+        doubts += (
+            f"its beams turn about {axis}, a lidar's about z: are these the axes of a camera (x right, "
+            "y down, z forward)? write z, -x, -y as x, y, z",
+        )
+    return scan.add_warnings(doubts)
 
 
 def _read(path: Path) -> tuple[FloatArray, NDArray[np.int64] | None, tuple[str, ...]]:

@@ -18,6 +18,7 @@ from scenes.io.formats.columns import (
     COLOURS,
     NORMALS,
     are_degrees,
+    are_polar,
     columns_of,
     time_column,
     times_among,
@@ -42,6 +43,8 @@ _NAME = re.compile(r"[a-z]+")
 _LETTER = re.compile(r"[^\W\d_]")
 _QUOTED = re.compile(r'"([^"\n]*)"')
 _THOUSANDS = re.compile(r"\d{1,3}(?:,\d{3})+(?:\.\d+)?")  # of a quoted field
+_APOSTROPHE = re.compile(r"(?<=\d)['\u2019](?=\d{3}(?!\d))")  # between thousands, in Switzerland
+_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[-+]\d)")  # 1.5D+02
 _SAMPLE, _MOST_COLUMNS = 1000, 16  # lines, and columns of them, that tell what columns without names hold
 _COUNTED = 10  # points from which a first column that counts them is their number
 _TRACK = "track"  # of points3D.txt of COLMAP: any number of fields
@@ -157,6 +160,7 @@ def _clean(text: str) -> str:
     Blanks and separators within quotes, and blanks within a field that has a separator, become _ in words.
     """
     text = _QUOTED.sub(lambda held: _unquoted(held[1]), text).replace('"', "")
+    text = _FORTRAN.sub("e", _APOSTROPHE.sub("", text))
     has_decimal_commas = _has_decimal_commas(text.replace("\t", " "))
     text = _with_whole_words(_with_empty_fields(text), "\t").replace("\t", " ")
     if has_decimal_commas:
@@ -242,18 +246,46 @@ def _layout(lines: list[str]) -> _Layout:
             return _data_layout(index, lines, names, count, unit)
     if count is not None and len(lines) < _MAX_HEADER:
         raise InputError(f"announces {count} points, and none follows")
-    raise InputError(f"no point in its first {min(len(lines), _MAX_HEADER)} lines: three numbers a line are "
-                     "expected")  # fmt: skip
+    named = next((fields for line in lines[:_MAX_HEADER] if _is_named(fields := _fields(line))), None)
+    cure = "three numbers a line are expected"
+    if named is not None:
+        cure = f"they begin with words, as {named[0]!r}; name the columns in the first line (point,x,y,z)"
+    raise InputError(f"no point in its first {min(len(lines), _MAX_HEADER)} lines: {cure}")
+
+
+def _is_named(fields: list[str]) -> bool:
+    """Whether a word stands before the numbers of a point."""
+    return len(fields) > 3 and not _is_number(fields[0]) and all(map(_is_number, fields[1:4]))
+
+
+def _total(count: int | None, lines: list[str], at: int) -> int | None:
+    """The points of all clouds of which the first, of `count` points, begins at line `at`.
+
+    Cyclone writes several into one .pts, each behind the number of its points, which becomes blank here.
+    """
+    total, held = count, [k for k in range(at, len(lines)) if lines[k].strip()]
+    place = count
+    while total and place is not None and place < len(held):
+        fields = _fields(lines[held[place]])
+        if len(fields) != 1 or not re.fullmatch(r"\d+", fields[0]):
+            break
+        lines[held[place]] = ""
+        total, place = total + int(fields[0]), place + 1 + int(fields[0])
+    return total
 
 
 def _data_layout(
     index: int, lines: list[str], names: list[str], count: int | None, unit: LengthUnit | None
 ) -> _Layout:
-    fields = _fields(lines[index])
+    fields, count = _fields(lines[index]), _total(count, lines, index)
     if are_degrees(names):
         raise degrees_error(f"columns {', '.join(names)[:_SHOWN]}")
     named = columns_of(names) if _fits(names, len(fields)) else {}
     warnings: tuple[str, ...] = ()
+    if "x" not in named and are_polar(names):
+        raise InputError(
+            f"columns {', '.join(names)[:_SHOWN]} are angles and distances of an instrument; export x, y, z"
+        )
     if "x" not in named:
         columns = dict(zip(AXES, range(3), strict=True))
         if len(names) == len(fields):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.checks import FloatArray, InputError
+from scenes.checks import MOST_M, FloatArray, InputError
 from scenes.io.checks.limits import check_limit
 from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format, RawPoints, one_cloud
@@ -52,18 +52,37 @@ def read_vtk_points(path: Path) -> RawPoints:
     n_points = int(head[1])
     check_limit("points", n_points, "its points")
     points = _numbers(data, head.end(), (n_points, 3), head[2].decode(), is_text=is_text)
+    is_turned = not is_text and _are_strange(points) and not _are_strange(_turned(points, head[2].decode()))
+    if is_turned:
+        points = _turned(points, head[2].decode())
     normals = colour = None
     said = _OF_POINTS.search(data, head.end())
     if said is not None and int(said[1]) == n_points:
         if found := _NORMALS.search(data, said.end() - 1):
             normals = _numbers(data, found.end(), (n_points, 3), found[1].decode(), is_text=is_text)
+            normals = _turned(normals, found[1].decode()) if is_turned else normals
         if found := _COLOURS.search(data, said.end() - 1):
             kind, shape = "float" if is_text else "unsigned_char", (n_points, int(found[1]))
             shade = _numbers(data, found.end(), shape, kind, is_text=is_text)[:, :3]
             colour = colour_bytes((shade if is_text else shade / 255).astype(np.float32))
     faces = _FACES.search(data, head.end())
-    doubts = ("its polygons are not read: it is taken as points",) if faces else ()
+    doubts: tuple[str, ...] = ("its polygons are not read: it is taken as points",) if faces else ()
+    if is_turned:
+        doubts += ("its numbers are little-endian, where legacy VTK has big-endian ones: they were read so",)
     return RawPoints(points, normals, colour=colour, warnings=doubts)
+
+
+def _turned(numbers: FloatArray, kind: str) -> FloatArray:
+    """Numbers that were read as big-endian ones of a type, as little-endian ones."""
+    dtype = np.dtype(_TYPES[kind.lower()])
+    with np.errstate(over="ignore", invalid="ignore"):
+        return numbers.astype(dtype).view(dtype.newbyteorder("<")).astype(np.float64)
+
+
+def _are_strange(points: FloatArray) -> bool:
+    """Tell whether a tenth of the coordinates are none that anybody measures: not finite, huge or tiny."""
+    size = np.abs(points)
+    return bool(((size == 0) | ((size > 1e-9) & (size < MOST_M))).mean() < 0.9)
 
 
 def _numbers(data: bytes, start: int, shape: tuple[int, int], kind: str, *, is_text: bool) -> FloatArray:

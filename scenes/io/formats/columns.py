@@ -32,6 +32,9 @@ _SECONDS = {  # of a unit of the columns that may hold times, by name; the first
     **dict.fromkeys(("nsecs", "timestamp_ns", "time_ns"), 1e-9),
 }
 _LATEST_S = 1e11  # the year 5138, counted from 1970: larger numbers are of a smaller unit
+_ACROSS = {"azimuth", "azimut", "az", "hz", "theta", "bearing"}  # angles of an instrument
+_UPWARDS = {"elevation", "elev", "zenith", "v", "vz", "phi", "inclination"}
+_AWAY = {"range", "distance", "dist", "sd", "slope_distance", "r", "rho"}
 _DEGREES = {"lon", "lat", "longitude", "latitude"}
 _METRES = {
     "mm": 0.001, "millimeters": 0.001, "millimetres": 0.001, "millimeter": 0.001, "millimetre": 0.001,
@@ -71,6 +74,18 @@ def columns_of(names: Sequence[str]) -> dict[str, int]:
 def are_degrees(names: Sequence[str]) -> bool:
     """Tell whether columns are named longitude and latitude."""
     return len(_DEGREES & {name.lower() for name in names}) > 1
+
+
+def are_polar(names: Sequence[str]) -> bool:
+    """Tell whether columns are named as angles and distances of an instrument.
+
+    Examples
+    --------
+    >>> are_polar(["Pt", "Hz", "V", "SD"]), are_polar(["u", "v"])
+    (True, False)
+    """
+    held = {name.lower() for name in names}
+    return bool(held & _ACROSS) and bool(held & (_UPWARDS | _AWAY))
 
 
 def unit_of_names(line: str) -> LengthUnit | None:
@@ -129,7 +144,17 @@ def times_among(columns: Mapping[str, FloatArray]) -> FloatArray | None:
     name = time_column(columns)
     if name is None:
         return None
-    times = columns[name] * _SECONDS[name.lower().removeprefix("scalar_")]
+    return in_seconds(columns[name] * _SECONDS[name.lower().removeprefix("scalar_")])
+
+
+def in_seconds(times: FloatArray) -> FloatArray:
+    """Return times (n,) whose numbers, where too large for seconds, are of the unit in which they are not.
+
+    Examples
+    --------
+    >>> in_seconds(np.array([1305031102.2])), in_seconds(np.array([1305031102200.0]))
+    (array([1.3050311e+09]), array([1.3050311e+09]))
+    """
     while np.abs(times[np.isfinite(times)]).max(initial=0.0) > _LATEST_S:
         times = times / 1000
     return times

@@ -10,6 +10,7 @@ import numpy as np
 import scipy  # its parts load when they are first used
 
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
+from scenes.io.formats.grid_order import in_other_order, own_pixel_distance
 from scenes.limits import BETTER, ON_RAY_M, PINHOLE_LIMIT_PX, SPHERICAL_LIMIT_PX, STEEP
 from scenes.pose import Pose
 from scenes.scan.pixels import crop_pixels, finite_points, mend_pixels, move_points, ranges_of, row_blocks
@@ -29,6 +30,7 @@ _MOST_JUDGED = 4_000_000  # pixels whose distances tell how well a grid fits: of
 _MOST_FACED = 400_000  # pixels, in every k-th column, that tell which side of a pole rows are on
 _FEWEST_BEYOND = 0.01  # share of the points that is beyond a pole where rows pass it
 _OPPOSITE = 0.9  # share of a row's points, and of columns, that agree where rows pass over a pole
+_FOREIGN_PX = 3.0  # from their own pixels: points that are not in order
 _GATHERED = 1 << 20  # pixels of columns that are looked at together
 
 
@@ -236,9 +238,8 @@ def _level(elevation: FloatArray, usable: BoolArray) -> BoolArray:
 
 def _medians(angles: FloatArray, known: BoolArray) -> FloatArray:
     """Median of each row's known angles, NaN for rows without."""
-    return np.array([
-        np.median(row[use]) if use.any() else np.nan for row, use in zip(angles, known, strict=True)
-    ])  # fmt: skip
+    pairs = zip(angles, known, strict=True)
+    return np.array([np.median(row[use]) if use.any() else np.nan for row, use in pairs])
 
 
 def _median_azimuths(points: FloatArray, usable: BoolArray) -> FloatArray | None:
@@ -304,8 +305,8 @@ def fitted_scan(
     """Return the scan of organised points (rows, columns, 3), metres, whose projection they tell.
 
     Points are in the sensor frame, NaN where nothing came back. Rows that a scanner measured beyond the
-    zenith or nadir are put beside the others. Points that fit a projection only as world coordinates are
-    taken so. Columns after a full turn are left out. A warning tells each.
+    zenith or nadir are put beside the others. Points that fit a projection only as world coordinates, or with
+    rows and columns exchanged, are taken so. Columns after a full turn are left out. A warning tells each.
 
     Parameters
     ----------
@@ -328,6 +329,11 @@ def fitted_scan(
         images[0] = move_points(points, world_from_sensor.inverse() @ file_from_sensor)
         projection, _ = _try_fit(images[0])
         warnings.append("its points fit a pixel grid only as world coordinates: they were taken as such")
+    if projection is None or (known is None and own_pixel_distance(images[0], projection) > _FOREIGN_PX):
+        found = in_other_order([points, colour, intensity], _try_fit)
+        if found is not None:
+            projection, images = found
+            warnings = ["its rows and columns are not in the format's order: they were put in order"]
     if projection is None:
         raise InputError(doubt)
     n_columns = projection.shape[1]

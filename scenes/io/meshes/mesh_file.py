@@ -19,10 +19,11 @@ from scenes.io.formats.crs import LengthUnit
 from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import format_of
 from scenes.io.meshes.gltf import Contents, check_gltf, entry_list, read_gltf
-from scenes.io.meshes.obj import check_obj, plain_obj
+from scenes.io.meshes.obj import check_obj, cut_obj, plain_obj
 from scenes.io.meshes.off import read_off
 from scenes.io.meshes.plain_gltf import plain_glb
 from scenes.io.meshes.ply import check_ply, has_faces, plain_ply
+from scenes.io.meshes.polygons import cut_ply
 from scenes.io.meshes.stl import check_stl, plain_stl, stl_origin
 
 GLTF_SUFFIXES = (".glb", ".gltf")
@@ -180,9 +181,11 @@ def read_mesh_file(file: Path) -> MeshFile:
     if suffix == ".obj":
         data = plain_obj(file.read_bytes())
         held = Contents(check_obj(data))
+        data = cut_obj(data)
     elif suffix == ".ply":
         data = plain_ply(file.read_bytes())
         held = Contents(check_ply(data))
+        data = cut_ply(data)
     elif suffix == ".stl":
         data = plain_stl(file.read_bytes())
         held = Contents(check_stl(data))

@@ -16,6 +16,7 @@ from PIL import Image
 from scenes.checks import InputError
 from scenes.io.checks.documents import as_utf8
 from scenes.io.checks.limits import check_limit
+from scenes.io.meshes.polygons import cut_polygons
 from scenes.mesh.mesh_parts import MeshPart
 from scenes.run.atomic import write_bytes, write_text
 
@@ -26,6 +27,8 @@ _COLOURED = re.compile(
     rb"(?m)^(v (?:\S+[ \t]+){3})(\S+[ \t]+\S+[ \t]+\S+)[ \t]*$"
 )  # a vertex, and its colour
 _COMMENT = re.compile(rb"(?m)^((?:v|vn|vt|f)[ ][^#\n]*)#[^\n]*")
+_POLYGON = re.compile(rb"(?m)^f(?:[ \t]+[^ \t\n]+){4}")
+_BARE = re.compile(rb"(?m)(?<=\d)/+(?=[ \t]|$)")  # 1// is 1
 _WIDTHS = {b"v": (3, 8), b"vt": (1, 3), b"vn": (3, 3)}  # numbers of a line: fewest, most
 _NAMES = {0: "vertex", 1: "texture coordinate", 2: "normal"}
 _KEYS = (b"v", b"vt", b"vn")
@@ -39,6 +42,7 @@ def plain_obj(data: bytes) -> bytes:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     for pattern, instead in ((_CONTINUED, b" "), (_INDENTED, b""), (_KEYWORD, rb"\1 "), (_COMMENT, rb"\1")):
         data = pattern.sub(instead, data)
+    data = re.sub(rb"(?m)^f[ ][^\n]*", lambda face: _BARE.sub(b"", face[0]), data) if b"/ " in data else data
     return _with_unit_colours(data.replace(b"\\\n", b"\\ \n"))  # ends a name: a decoder would join the lines
 
 
@@ -55,6 +59,28 @@ def _with_unit_colours(data: bytes) -> bytes:
         return line[1] + b" ".join(b"%.9f" % (float(word) / 255) for word in line[2].split())
 
     return _COLOURED.sub(scaled, data)
+
+
+def cut_obj(text: bytes) -> bytes:
+    """Return a checked OBJ text whose polygons that are not convex are triangles.
+
+    Raises InputError: thousands of corners in one that is not convex.
+    """
+    if not _POLYGON.search(text):
+        return text
+    lines, vertices, polygons, faces = text.split(b"\n"), list[list[float]](), list[list[int]](), list[int]()
+    for number, line in enumerate(lines):
+        if line.startswith(b"v "):
+            vertices.append([float(word) for word in line.split()[1:4]])
+        elif line.startswith(b"f ") and len(words := line.split()[1:]) > 3:
+            corners = [int(word.partition(b"/")[0]) for word in words]
+            polygons.append([corner - 1 if corner > 0 else len(vertices) + corner for corner in corners])
+            faces.append(number)
+    for number, triangles in zip(faces, cut_polygons(polygons, np.array(vertices)), strict=True):
+        words = lines[number].split()[1:]
+        if triangles[:, 0].any():  # a fan is left to its reader
+            lines[number] = b"\n".join(b"f " + b" ".join(words[k] for k in row) for row in triangles.tolist())
+    return b"\n".join(lines)
 
 
 def check_obj(text: bytes) -> int:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scenes.checks import ColourArray, FloatArray, InputError, check_faces
 from scenes.io.checks.limits import check_limit
+from scenes.io.meshes.polygons import cut_polygons
 from scenes.run.atomic import write_text
 
 _HEADER = re.compile(r"(ST)?(C)?(N)?(4)?(n)?OFF\b")
@@ -27,7 +28,7 @@ class OffMesh:
     vertices : (n, 3) float
         In the file's unit.
     faces : (m, 3) int32
-        Polygons are cut into fans of triangles.
+        Polygons are cut into triangles.
     vertex_colour : (n, 3) uint8, optional
         Of COFF files.
     face_colour : (m, 3) uint8, optional
@@ -67,7 +68,7 @@ def read_off(path: Path) -> OffMesh:
         )
     first = 6 if kind[3] else 3  # column after x y z and perhaps a normal
     vertices, colour = _vertices(body[:n_vertices], first if kind[2] else None)
-    faces, face_colour = _faces(body[n_vertices : n_vertices + n_faces])
+    faces, face_colour = _faces(body[n_vertices : n_vertices + n_faces], vertices)
     return OffMesh(vertices, check_faces(faces, n_vertices), colour, face_colour)
 
 
@@ -96,9 +97,11 @@ def _vertices(
     return table[:, :3].copy(), _colours(table[:, first_colour:], as_integers)
 
 
-def _faces(lines: list[tuple[int, str]]) -> tuple[NDArray[np.int64], ColourArray | None]:
+def _faces(
+    lines: list[tuple[int, str]], vertices: FloatArray
+) -> tuple[NDArray[np.int64], ColourArray | None]:
     """Triangles, and their colours where all polygons have some."""
-    triangles, colours = [], []
+    polygons, shades = list[list[int]](), list[list[str]]()
     as_integers = True
     for number, line in lines:
         words = line.split()
@@ -107,13 +110,13 @@ def _faces(lines: list[tuple[int, str]]) -> tuple[NDArray[np.int64], ColourArray
             raise InputError(
                 f"line {number} announces a face of {n} corners and has {len(words) - 1} numbers"
             )
-        corners = [int(word) for word in words[1 : n + 1]]
-        colour = words[n + 1 : n + 4]
-        as_integers &= all("." not in word for word in colour)
-        for k in range(1, n - 1):
-            triangles.append((corners[0], corners[k], corners[k + 1]))
-            colours.append(colour)
-    faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+        polygons.append([int(word) for word in words[1 : n + 1]])
+        shades.append(words[n + 1 : n + 4])
+        as_integers &= all("." not in word for word in shades[-1])
+    cut = cut_polygons(polygons, vertices)
+    triangles = [np.array(held)[corners] for held, corners in zip(polygons, cut, strict=True)]
+    faces = np.concatenate([np.zeros((0, 3), np.int64), *triangles])
+    colours = [shade for shade, corners in zip(shades, cut, strict=True) for _ in corners]
     if not colours or any(len(colour) != 3 for colour in colours):
         return faces, None
     return faces, _colours(np.array(colours, dtype=np.float64), as_integers)

@@ -84,6 +84,10 @@ def plain_ply(data: bytes) -> bytes:
     order, elements, start = parse_header(data)
     number = next((k for k, element in enumerate(elements) if element.name == "vertex"), None)
     head = as_utf8(data[:start])
+    if b"\n" not in head:
+        data = head.replace(b"\r", b"\n") + (data[start:] if order else data[start:].replace(b"\r", b"\n"))
+        head = data[: len(head)]
+        start = len(head)
     if number is None or not elements[number].lists:
         return data if head == data[:start] else head + data[start:]
     vertex = elements[number]
@@ -161,7 +165,8 @@ def header_lines(data: bytes) -> tuple[list[str], int]:
     Raises InputError: there is no header, or no line end after it.
     """
     end = data.find(b"end_header", 0, _MAX_HEADER)
-    start = data.find(b"\n", end) + 1
+    line_end = b"\n" if b"\n" in data[:end] else b"\r"  # of Macintoshes before OS X
+    start = data.find(line_end, end) + 1
     if not data.startswith(b"ply") or end < 0 or start == 0:
         raise InputError(_NO_HEADER)
     return decode_text(data[:end]).splitlines()[1:], start
@@ -265,7 +270,7 @@ def _check_binary(data: bytes, start: int, elements: list[PlyElement], order: st
     """Check a binary file, in which all lists of one property have one length."""
     n_faces, at = 0, start
     for element in elements:
-        dtype, lengths = _row(data, at, element, order)
+        dtype, lengths = row_type(data, at, element, order)
         end = at + element.count * dtype.itemsize
         if end > len(data):
             raise InputError(
@@ -287,8 +292,10 @@ def _check_binary(data: bytes, start: int, elements: list[PlyElement], order: st
     return n_faces
 
 
-def _row(data: bytes, at: int, element: PlyElement, order: str) -> tuple[np.dtype[np.void], dict[str, int]]:
-    """The type of a row, the lengths of its lists as they stand in the first one."""
+def row_type(
+    data: bytes, at: int, element: PlyElement, order: str
+) -> tuple[np.dtype[np.void], dict[str, int]]:
+    """Return the type of a binary row, and the lengths of its lists as they stand in the first one."""
     fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]] = []
     lengths: dict[str, int] = {}
     for name, length, kind in element.properties:

@@ -12,6 +12,7 @@ import numpy as np
 from scenes.checks import FloatArray, InputError, check_finite
 from scenes.io.checks.documents import parse_json, read_text
 from scenes.io.checks.guard import guard_reading
+from scenes.io.formats.columns import in_seconds
 from scenes.io.poses.colmap import is_images, read_images
 from scenes.limits import FILE_ROTATION, TIME_GAP_S
 from scenes.pose import Pose, quaternion_of, rotation_of
@@ -88,6 +89,7 @@ def read_timed_poses(path: Path) -> tuple[FloatArray, list[Pose]]:
         if not rows or len(rows[0]) != 8:
             raise InputError("expected lines of timestamp tx ty tz qx qy qz qw")
         times = check_finite("timestamps", np.array([row[0] for row in rows]), "correct them first")
+        times = in_seconds(times)
         return times, _number_checked([_matrix(row[1:], k) for k, row in enumerate(rows, start=1)])
 
 

@@ -16,6 +16,7 @@ from scenes.checks import InputError
 from scenes.io.checks.documents import read_json, read_text
 from scenes.io.checks.guard import guard_reading
 from scenes.io.checks.limits import check_limit
+from scenes.io.formats.columns import in_seconds
 from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import Format
 from scenes.io.poses.camera import Camera, intrinsics_of, read_camera
@@ -243,6 +244,12 @@ def _open_tum(folder: Path) -> RgbdFolder:
             for frame, k, (time, _, _) in zip(frames, near, timed, strict=True)
             if abs(stamps[k] - time) <= TIME_GAP_S
         ]
+        if not frames:
+            raise InputError(
+                f"none of its {len(timed)} frames, from {timed[0][0]:.3f} s on, has a pose within "
+                f"{TIME_GAP_S:g} s in groundtruth.txt, which is from {stamps.min():.3f} to "
+                f"{stamps.max():.3f} s; give both in seconds of one clock"
+            )
     return RgbdFolder("tum", tuple(frames), read_camera(folder), 5000.0)
 
 
@@ -253,9 +260,9 @@ def _tum_pairs(folder: Path) -> list[tuple[float, str, str]]:
         for row in _tum_rows(folder / "associations.txt", 4):
             depth = 2 if row[3].startswith("depth") else 0  # both orders are in use
             pairs.append((float(row[depth]), row[depth + 1], row[3 - depth]))
-        return pairs
-    depths = [(float(row[0]), row[1]) for row in _tum_rows(folder / "depth.txt", 2)]
-    colours = [(float(row[0]), row[1]) for row in _tum_rows(folder / "rgb.txt", 2)]
+        times = in_seconds(np.array([time for time, _, _ in pairs])).tolist()
+        return [(time, *names) for time, (_, *names) in zip(times, pairs, strict=True)]
+    depths, colours = _timed_images(folder / "depth.txt"), _timed_images(folder / "rgb.txt")
     if not colours:
         return []
     times = np.array([time for time, _ in colours])
@@ -265,6 +272,13 @@ def _tum_pairs(folder: Path) -> list[tuple[float, str, str]]:
         for (time, name), k in zip(depths, near, strict=True)
         if abs(times[k] - time) <= TIME_GAP_S
     ]
+
+
+def _timed_images(path: Path) -> list[tuple[float, str]]:
+    """Time, seconds, and name of each image of a list."""
+    rows = _tum_rows(path, 2)
+    times = in_seconds(np.array([row[0] for row in rows], np.float64)).tolist()
+    return [(time, name) for time, (_, name) in zip(times, rows, strict=True)]
 
 
 def _tum_rows(path: Path, n_words: int) -> list[list[str]]:

@@ -107,8 +107,9 @@ def test_kilometres_read_as_metres_are_refused(tmp_path: Path) -> None:
 
 
 def test_names_count_empty_scans(tmp_path: Path) -> None:
-    full, empty = room(), Record({name: values[:0] for name, values in room().fields.items()})
-    path = write_records(tmp_path / "a.e57", [empty, full, empty, full])
+    full, empty, away = room(), Record({name: values[:0] for name, values in room().fields.items()}), room()
+    away.pose = ((1, 0, 0, 0), (9.0, 9.0, 1.5))
+    path = write_records(tmp_path / "a.e57", [empty, full, empty, away])
     given = read_request(ScanRequest((str(path),)))
     assert given.names == (f"{path}#2", f"{path}#4")
     assert given.pick([1]).names == (f"{path}#4",)
