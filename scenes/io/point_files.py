@@ -22,7 +22,7 @@ from scenes.checks import (
 from scenes.io.format import METRES_PER_UNIT, RawPoints, Units, format_of, point_suffixes, points_of
 from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import is_mesh
-from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
+from scenes.io.scan_files import check_own_unit, check_units, metres_of, open_scans, split_index
 from scenes.io.scene_files import load_scene, rounding_doubts
 from scenes.limits import FINE_M, LARGE_PART_M
 from scenes.mesh.labelled_mesh import LabelledMesh
@@ -142,7 +142,7 @@ def read_points(path: str | os.PathLike[str], units: Units = "m") -> PointCloud:
 
 def _cloud(raw: RawPoints, units: Units, name: str) -> PointCloud:
     """The finite points, in metres."""
-    metres, sentences = _metres(raw, units)
+    metres, sentences = metres_of(raw.unit, units)
     kept, normals, origins = usable_rows(raw.points), raw.normals, raw.origins
     step_m = raw.step * float(metres.max())
     warnings = (*raw.warnings, *sentences, *_step_warnings(step_m))
@@ -178,16 +178,6 @@ def _step_warnings(step_m: float) -> tuple[str, ...]:
         f"coordinates are rounded to steps of {1000 * step_m:.3g} mm, an error that all points of a plane "
         "share; export more decimals for narrower intervals",
     )
-
-
-def _metres(raw: RawPoints, units: Units) -> tuple[FloatArray, tuple[str, ...]]:
-    """Metres (3,) of a unit along x, y, z, and a sentence where it is not the default, or is contradicted."""
-    given, unit = np.full(3, METRES_PER_UNIT[units]), raw.unit
-    if unit is None or np.allclose(unit.metres, given, rtol=1e-7, atol=0.0):
-        return given, ()
-    if units == "m":
-        return np.array(unit.metres), (f"the file states its unit, {unit.name}: converted to metres",)
-    return given, (f"--units {units} was applied, though the file states {unit.name}",)
 
 
 def _labels(label: FloatArray, name: str) -> IntArray:

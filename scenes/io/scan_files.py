@@ -11,7 +11,8 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from scenes.checks import InputError
+from scenes.checks import FloatArray, InputError
+from scenes.io.crs import LengthUnit
 from scenes.io.format import (
     METRES_PER_UNIT,
     NO_RAYS,
@@ -311,6 +312,21 @@ def check_own_unit(path: Path, kind: str, unit: Units, given: Units) -> None:
     """Raise InputError where another unit is given than the one that a format fixes; metres is none given."""
     if given not in ("m", unit):
         raise InputError(f"{path}: {kind} is in {unit} by its format; leave out --units")
+
+
+def metres_of(unit: LengthUnit | None, units: Units) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return the metres (3,) of a unit along x, y and z, and a sentence where it is not the default.
+
+    `unit` is what a file states, `units` what the user does: metres is nothing stated.
+
+    Raises InputError: unknown units.
+    """
+    given = np.full(3, check_units(units))
+    if unit is None or np.allclose(unit.metres, given, rtol=1e-7, atol=0.0):
+        return given, ()
+    if units == "m":
+        return np.array(unit.metres), (f"the file states its unit, {unit.name}: converted to metres",)
+    return given, (f"--units {units} was applied, though the file states {unit.name}",)
 
 
 def check_units(units: Units) -> float:

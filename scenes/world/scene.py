@@ -18,6 +18,7 @@ from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.surfaces.catalogue import Surface
 from scenes.surfaces.surface import Opening
+from scenes.world.design import Design
 
 Mode = Literal["room", "object"]
 _NAMES_TOLD = 5
@@ -43,6 +44,8 @@ class Scene:
         What a reader noticed and mended.
     openings : tuple of Opening
         Windows and door openings, where they are known.
+    design : Design, optional
+        What a file tells of its elements, one for each surface.
 
     Raises
     ------
@@ -57,11 +60,14 @@ class Scene:
     mode: Mode = "room"
     warnings: tuple[str, ...] = ()
     openings: tuple[Opening, ...] = ()
+    design: Design | None = None
     _trees: list[RayCaster] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if len(self.surfaces) != len(self.surface_names):
             raise InputError(f"{len(self.surfaces)} surfaces but {len(self.surface_names)} names")
+        if self.design is not None and len(self.design.elements) != len(self.surfaces):
+            raise InputError(f"{len(self.surfaces)} surfaces but {len(self.design.elements)} elements")
         labels = self.mesh.face_surface
         unknown = labels[(labels < 0) | (labels >= len(self.surfaces))]
         if len(unknown):
