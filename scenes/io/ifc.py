@@ -31,6 +31,7 @@ _PROGRAM = Path(__file__).with_name("ifc_geometry.py")
 _SECONDS, _SECONDS_A_MB = 60, 30  # a house of 2.4 MB takes 4 s
 _BYTES, _BYTES_A_BYTE = 3 << 30, 200  # address space for data; that house takes 100 MB
 _NAMES_TOLD = 3
+_AT_ENDS = 4096  # bytes
 _GRID_SCALE = 0.01  # by which a map's metre may differ from the design's: maps reach 0.0025
 _MAP_UNITS = {"metre": 1.0, "meter": 1.0, "m": 1.0, "millimetre": 0.001, "foot": 0.3048}
 
@@ -74,16 +75,17 @@ def read_ifc(file: Path) -> IfcFile:
     Raises InputError: no IFC, damaged, ifcopenshell is missing, no element has geometry, more than the limits
     allow, or the geometry takes too long.
     """
-    _check_header(file)
+    _check_frame(file)
     if importlib.util.find_spec("ifcopenshell") is None:
         raise missing_extra("ifcopenshell", "ifc")
     facts, mesh = _in_process(file)
     check_limit("faces", facts["faces"], "its triangles, counted up to there")
     if not facts["elements"]:
-        held = len(facts["bare"]) + len(facts["failed"])
-        raise InputError(f"holds no element with geometry ({held} without)")
+        raise InputError(f"holds no element with geometry; elements without: {len(facts['bare'])}")
     ends = [np.cumsum(mesh[name])[:-1] for name in ("n_vertices", "n_faces", "n_faces")]
-    split = [np.split(mesh[name], at) for name, at in zip(("vertices", "faces", "colours"), ends, strict=True)]
+    split = [
+        np.split(mesh[name], at) for name, at in zip(("vertices", "faces", "colours"), ends, strict=True)
+    ]
     elements = tuple(Element(**held) for held in facts["elements"])
     names = [f"{element.ifc_class} {element.name}".strip() for element in elements]
     unit = _unit(facts["unit"])
@@ -98,14 +100,18 @@ def read_ifc(file: Path) -> IfcFile:
     return IfcFile(parts, body, elements, facts["schema"], unit, conversion, (*doubts, *_left_out(facts)))
 
 
-def _check_header(file: Path) -> None:
-    """Raise InputError where a file does not begin as ISO 10303-21 has it."""
+def _check_frame(file: Path) -> None:
+    """Raise InputError where a file does not begin and end as ISO 10303-21 has it."""
     with file.open("rb") as stream:
-        start = stream.read(4096).removeprefix(b"\xef\xbb\xbf").lstrip()
+        start = stream.read(_AT_ENDS).removeprefix(b"\xef\xbb\xbf").lstrip()
+        stream.seek(max(file.stat().st_size - _AT_ENDS, 0))
+        end = stream.read()
     if not start.startswith(b"ISO-10303-21"):
         is_packed = start.startswith(b"PK")
-        looks = "is an archive (ifcZIP?); unpack it first" if is_packed else "does not begin with ISO-10303-21"
+        looks = "is an archive; unpack it first" if is_packed else "does not begin with ISO-10303-21"
         raise InputError(f"is no IFC file: it {looks}")
+    if b"END-ISO-10303-21" not in end:
+        raise InputError("is cut off: it does not end with END-ISO-10303-21; export or copy it again")
 
 
 def _in_process(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -125,7 +131,7 @@ def _in_process(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             raise _stopped(f"took more than {seconds} s", error.stdout) from None
         facts = Path(folder, "facts.json")
         if done.returncode or not facts.is_file():
-            raise _stopped(f"ended with {done.returncode}", done.stdout)
+            raise _stopped(f"crashed ({done.returncode})", done.stdout)
         held = json.loads(facts.read_text("utf-8"))
         if "error" in held:
             raise InputError(f"cannot be read as IFC: {one_line(held['error'])[:300]}")
@@ -138,7 +144,8 @@ def _stopped(what: str, printed: bytes | None) -> InputError:
     lines = (printed or b"").decode("ascii", "replace").split("\n")
     at = f"at {one_line(lines[-2])[:200]}" if len(lines) > 1 else "before the first element"
     return InputError(
-        f"cannot be read as IFC: its geometry engine {what} {at}; leave that element out, or give the model as GLB"
+        f"cannot be read as IFC: its geometry engine {what} {at}; leave that element out, "
+        "or give the model as GLB"
     )
 
 
@@ -162,8 +169,8 @@ def _unit(held: dict[str, Any] | None) -> LengthUnit | None:
 def _conversion(held: dict[str, Any] | None, metres: float) -> tuple[MapConversion | None, tuple[str, ...]]:
     """The map conversion of a file whose unit has so many metres, and what is doubtful about it.
 
-    Offsets are in the map's unit, the file's own where it names none. `Scale` leads from the file's unit to the
-    map's (IFC 4.3, 8.19.3.10); where it does not, as in files that leave it out, it is 1.
+    Offsets are in the map's unit, the file's own where it names none. `Scale` leads from the file's unit to
+    the map's (ISO 16739-1, IfcMapConversion); where it does not, as in files that leave it out, it is 1.
     """
     if held is None:
         return None, ()
@@ -179,7 +186,11 @@ def _conversion(held: dict[str, Any] | None, metres: float) -> tuple[MapConversi
             f"{scale:.6g} m on the map: sizes are kept",
         )
         scale = 1.0
-    names = (("Eastings", "FirstCoordinate"), ("Northings", "SecondCoordinate"), ("OrthogonalHeight", "Height"))
+    names = (
+        ("Eastings", "FirstCoordinate"),
+        ("Northings", "SecondCoordinate"),
+        ("OrthogonalHeight", "Height"),
+    )
     x, y, z = (next((number[name] for name in pair if name in number), 0.0) * map_metres for pair in names)
     along = number.get("XAxisAbscissa", 0.0), number.get("XAxisOrdinate", 0.0)
     turn = float(np.degrees(np.arctan2(along[1], along[0]))) if any(along) else 0.0
@@ -191,18 +202,17 @@ def _conversion(held: dict[str, Any] | None, metres: float) -> tuple[MapConversi
 
 def _left_out(facts: dict[str, Any]) -> tuple[str, ...]:
     """What of a file is not there, and what is there twice."""
-    n_elements = len(facts["elements"]) + len(facts["bare"]) + len(facts["failed"])
+    bare, n_elements = facts["bare"], len(facts["elements"]) + len(facts["bare"])
     told = []
-    for held, what in (
-        (facts["bare"], "no geometry"),
-        ([label for label, _ in facts["failed"]], "a geometry that cannot be made"),
-    ):
-        if held:
-            names = ", ".join(one_line(name)[:100] for name in held[:_NAMES_TOLD])
-            more = ", ..." if len(held) > _NAMES_TOLD else ""
-            told.append(f"{len(held)} of {n_elements} elements have {what}: {names}{more}")
+    if bare:
+        names = ", ".join(one_line(name)[:100] for name in bare[:_NAMES_TOLD])
+        more = ", ..." if len(bare) > _NAMES_TOLD else ""
+        told.append(
+            f"elements without a body that can be meshed, left out: {len(bare)} of {n_elements} "
+            f"({names}{more})"
+        )
     identities = Counter(element["global_id"] for element in facts["elements"])
     twice = sum(count for count in identities.values() if count > 1)
     if twice:
-        told.append(f"{twice} elements share their GlobalId with another")
+        told.append(f"elements whose GlobalId another has too: {twice} of {n_elements}")
     return tuple(told)

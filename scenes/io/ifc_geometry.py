@@ -25,13 +25,11 @@ _UPWARDS = (  # inverse attribute, and what it leads to: from an element towards
     ("VoidsElements", "RelatingBuildingElement"),
     ("ProjectsElements", "RelatingElement"),
 )
-_PREFIXES = dict(
-    zip(
-        "EXA PETA TERA GIGA MEGA KILO HECTO DECA DECI CENTI MILLI MICRO NANO PICO FEMTO ATTO".split(),
-        (1e18, 1e15, 1e12, 1e9, 1e6, 1e3, 1e2, 10.0, 0.1, 1e-2, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15, 1e-18),
-        strict=True,
-    )
-)
+_PREFIXES = {
+    "EXA": 1e18, "PETA": 1e15, "TERA": 1e12, "GIGA": 1e9, "MEGA": 1e6, "KILO": 1e3, "HECTO": 100.0,
+    "DECA": 10.0, "DECI": 0.1, "CENTI": 0.01, "MILLI": 1e-3, "MICRO": 1e-6, "NANO": 1e-9, "PICO": 1e-12, 
+    "FEMTO": 1e-15, "ATTO": 1e-18,
+}  # fmt: skip
 _DEEPEST = 50  # units that are defined by units, wholes of wholes
 _SETTINGS = {"apply-default-materials": False, "no-normals": True}
 
@@ -74,7 +72,6 @@ def _read(model: Any, most_faces: int) -> tuple[dict[str, Any], dict[str, Any]]:
         "conversion": _conversion(model),
         "elements": [],
         "bare": [],
-        "failed": [],
         "faces": 0,
     }
     parts: list[tuple[Any, ...]] = []
@@ -83,11 +80,12 @@ def _read(model: Any, most_faces: int) -> tuple[dict[str, Any], dict[str, Any]]:
         if product.Representation is None:
             facts["bare"] += [] if getattr(product, "IsDecomposedBy", ()) else [label]
             continue
-        print(label.encode("ascii", "replace").decode(), flush=True)
+        sys.stdout.write(label.encode("ascii", "replace").decode() + "\n")
+        sys.stdout.flush()
         try:
             part = _mesh(ifcopenshell.geom.create_shape(settings, product))
-        except RuntimeError as error:
-            facts["failed"].append([label, str(error)])
+        except RuntimeError:
+            facts["bare"].append(label)
             continue
         if not len(part[1]):
             facts["bare"].append(label)
@@ -121,7 +119,7 @@ def _declared(model: Any) -> set[str]:
 
 
 def _mesh(shape: Any) -> tuple[Any, Any, Any, Any]:
-    """Vertices (n, 3), faces (m, 3), their colours (m, 4), NaN for none, and the item (m,) that they are of."""
+    """Vertices (n, 3), faces (m, 3), their colours (m, 4), NaN for none, and the item (m,) of each."""
     geometry = shape.geometry
     vertices = np.frombuffer(geometry.verts_buffer, np.float64).reshape(-1, 3)
     faces = np.frombuffer(geometry.faces_buffer, np.int32).reshape(-1, 3)
@@ -170,7 +168,7 @@ def _inverse(entity: Any, name: str) -> Any:
 
 
 def _storey(product: Any) -> Any:
-    """The storey that an element is in, be it by its whole, its host or its room; None where it is in none."""
+    """The storey that an element is in, by its whole, its host or its room; None where it is in none."""
     for _ in range(_DEEPEST):
         if product is None or product.is_a("IfcBuildingStorey"):
             return product
@@ -219,7 +217,10 @@ def _conversion(model: Any) -> dict[str, Any] | None:
         held = {name: _number(value) for name, value in operation.get_info().items()}
         system = operation.TargetCRS
         unit = getattr(system, "MapUnit", None)
-        crs = {"name": getattr(system, "Name", None) or "", "unit": None if unit is None else _named_unit(unit)}
+        crs = {
+            "name": getattr(system, "Name", None) or "",
+            "unit": None if unit is None else _named_unit(unit),
+        }
         return {"class": operation.is_a(), "values": held, "crs": crs}
     sets = {one.Name.lower(): one for one in model.by_type("IfcPropertySet") if one.Name}
     if "epset_mapconversion" not in sets:

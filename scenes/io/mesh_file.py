@@ -92,7 +92,7 @@ def check_mesh_suffix(path: Path) -> Path:
 
 
 def read_mesh_file(file: Path) -> MeshFile:
-    """Check and read a mesh file of one of `MESH_SUFFIXES`.
+    """Check and read a mesh file, or one of IFC, of one of `MESH_SUFFIXES`.
 
     Raises InputError: whatever its structure gets wrong, a file that it names outside its folder, or more
     than the limits allow.

@@ -19,7 +19,7 @@ from scenes.checks import (
     frozen_copy,
     usable_rows,
 )
-from scenes.io.format import METRES_PER_UNIT, RawPoints, Units, format_of, point_suffixes, points_of
+from scenes.io.format import RawPoints, Units, format_of, point_suffixes, points_of
 from scenes.io.guard import check_file, guard_reading
 from scenes.io.mesh_file import is_mesh
 from scenes.io.scan_files import check_own_unit, check_units, metres_of, open_scans, split_index

@@ -210,16 +210,17 @@ def _turned(
 ) -> tuple[LabelledMesh, tuple[str, ...]]:
     """The mesh of a design with the outside of its bodies outside, and what was done."""
     turned = turn_outside_out(mesh.at(mesh.vertices * metres), body)
+    n_elements = int(mesh.face_surface.max()) + 1
     counted = (
         (
             turned.n_components,
-            f"{turned.n_components} closed components of {turned.n_surfaces} elements had faces inside out, "
-            "which were turned",
+            f"faces inside out were turned in {turned.n_components} closed components of "
+            f"{turned.n_surfaces} of {n_elements} elements",
         ),
         (
             turned.n_open,
-            f"{turned.n_open} of {int(mesh.face_surface.max()) + 1} elements are not closed all round: which "
-            "side of them is outside is as in the file",
+            f"not closed all round: {turned.n_open} of {n_elements} elements; which side of them is outside "
+            "is as in the file",
         ),
     )
     return turned.mesh.at(mesh.vertices), tuple(sentence for count, sentence in counted if count)

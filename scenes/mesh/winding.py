@@ -117,9 +117,7 @@ def _closed(faces: NDArray[Any], turned: BoolArray, component: NDArray[Any]) -> 
     edges, of = _edges(faces), np.tile(component, 3)
     way = np.where(edges[:, 0] < edges[:, 1], 1, -1) * np.where(np.tile(turned, 3), -1, 1)
     way[edges[:, 0] == edges[:, 1]] = 0
-    found, index = np.unique(
-        np.column_stack([of, np.sort(edges, axis=1)]), axis=0, return_inverse=True
-    )
+    found, index = np.unique(np.column_stack([of, np.sort(edges, axis=1)]), axis=0, return_inverse=True)
     surplus = np.bincount(index.ravel(), way, len(found)) != 0
     return np.asarray(np.bincount(found[:, 0], surplus, component.max() + 1) == 0)
 

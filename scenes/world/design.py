@@ -76,10 +76,12 @@ class MapConversion:
     def sentence(self) -> str:
         """Say where coordinates are, and how they came there."""
         shift = ", ".join(f"{value:.3f}".rstrip("0").rstrip(".") for value in self.shift_m)
-        scaled = "" if set(self.scale) == {1.0} else f", scaled by {' x '.join(f'{k:.9g}' for k in self.scale)}"
+        scaled = (
+            "" if set(self.scale) == {1.0} else f", scaled by {' x '.join(f'{k:.9g}' for k in self.scale)}"
+        )
         return (
-            f"coordinates are those of the map {self.system or '(no name)'}, as the file's map conversion gives "
-            f"them: moved by ({shift}) m and turned by {self.turn_deg:.6g} deg{scaled}"
+            f"coordinates are those of the map {self.system or '(no name)'}, by the file's map conversion: "
+            f"moved by ({shift}) m and turned by {self.turn_deg:.6g} deg{scaled}"
         )
 
 

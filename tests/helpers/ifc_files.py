@@ -12,6 +12,22 @@ UNITS = {
 }
 
 
+# What follows the shape, in IFC4 and IFC2X3
+_MORE = {
+    "IFCDOOR": ("$,$,$,$,$,$", "$,$,$"),
+    "IFCWALL": ("$,$", "$"),
+    "IFCCOLUMN": ("$,$", "$"),
+    "IFCOPENINGELEMENT": ("$,$", "$"),
+    "IFCVIRTUALELEMENT": ("$", "$"),
+    "IFCANNOTATION": ("", ""),
+    "IFCSPACE": ("$,.ELEMENT.,.INTERNAL.,$", "$,.ELEMENT.,.INTERNAL.,$"),
+}
+MAP = (
+    "#40=IFCPROJECTEDCRS('EPSG:25832',$,$,$,$,$,#6)",
+    "#41=IFCMAPCONVERSION(#20,#40,500000.125,5600000.25,100.5,0.5,0.8660254037844386,{scale})",
+)
+
+
 @dataclass(frozen=True)
 class Box:
     """An element that is a box: class, least corner and size in metres, storey, how its body is given."""
@@ -22,9 +38,10 @@ class Box:
     name: str = "wall"
     storey: int = 0
     opening: tuple[float, float, float, float] | None = None  # x, z, width, height, metres
-    body: str = "extruded"  # or "mapped", "brep", "inside out", "open", "hollow", "none", "broken"
+    body: str = "extruded"  # or "mapped", "brep", "inside out", "open", "none", "broken"
     type_name: str = ""
     colour: tuple[float, float, float] | None = None
+    global_id: str = ""
 
 
 class IfcText:
@@ -84,9 +101,6 @@ class IfcText:
         if box.body == "open":
             shell = self.shell(zero, box.size, False, 5)
             return "SurfaceModel", self.add(f"IFCSHELLBASEDSURFACEMODEL(({shell}))")
-        if box.body == "hollow":
-            inner = self.shell([one / 4 for one in box.size], [one / 2 for one in box.size], True)
-            return "Brep", self.add(f"IFCFACETEDBREPWITHVOIDS({self.shell(zero, box.size, False)},({inner}))")
         solid = self.block(zero, box.size)
         if box.body != "mapped":
             return "SweptSolid", solid
@@ -96,42 +110,37 @@ class IfcText:
         return "MappedRepresentation", self.add(f"IFCMAPPEDITEM({source},{target})")
 
     def element(self, box: Box, storey: str) -> str:
+        """An element in the frame `storey`, with its opening and its type."""
         placement, shape = self.placement(storey, box.at), "$"
         if box.body != "none":
             kind, item = self.body(box)
-            if box.colour:
-                rgb = self.add(f"IFCCOLOURRGB($,{','.join(f'{one:.6f}' for one in box.colour)})")
-                shade = self.add(f"IFCSURFACESTYLESHADING({rgb}{'' if self.schema == 'IFC2X3' else ',0.'})")
-                style = self.add(f"IFCSURFACESTYLE('s',.BOTH.,({shade}))")
-                if self.schema == "IFC2X3":
-                    style = self.add(f"IFCPRESENTATIONSTYLEASSIGNMENT(({style}))")
-                self.add(f"IFCSTYLEDITEM({item},({style}),$)")
+            self.paint(item, box.colour)
             held = self.add(f"IFCSHAPEREPRESENTATION(#20,'Body','{kind}',({item}))")
             shape = self.add(f"IFCPRODUCTDEFINITIONSHAPE($,$,({held}))")
-        # as many attributes as the class has after the tag, in IFC4 and IFC2X3
-        more = {"IFCWALL": 1, "IFCSLAB": 1, "IFCDOOR": 5, "IFCWINDOW": 5, "IFCCOLUMN": 1, "IFCBUILDINGELEMENTPROXY": 1}
-        n = more.get(box.ifc_class, 0)
-        if self.schema == "IFC2X3":
-            n = {"IFCWALL": 0, "IFCCOLUMN": 0, "IFCDOOR": 2, "IFCWINDOW": 2}.get(box.ifc_class, n)
-        tail = ",$" * n
-        line = f"{box.ifc_class}({self.guid()},$,'{box.name}',$,$,{placement},{shape},$"
-        if box.ifc_class in ("IFCOPENINGELEMENT",):
-            tail = "" if self.schema == "IFC2X3" else ",$"
-        if box.ifc_class == "IFCSPACE":
-            return self.add(f"IFCSPACE({self.guid()},$,'{box.name}',$,$,{placement},{shape},$,.ELEMENT.,.INTERNAL.,$)")
-        if box.ifc_class in ("IFCANNOTATION", "IFCVIRTUALELEMENT"):
-            tail = "" if box.ifc_class == "IFCANNOTATION" else ",$"
-            line = line[:-2] if box.ifc_class == "IFCANNOTATION" else line
-            tail = tail if box.ifc_class == "IFCANNOTATION" else ""
-        made = self.add(line + tail + ")")
+        more = _MORE.get(box.ifc_class, ("$,$", "$,$"))[self.schema == "IFC2X3"]
+        values = ",".join(["$", f"'{box.name}'", "$", "$", placement, shape, *([more] if more else [])])
+        made = self.add(f"{box.ifc_class}({box.global_id or self.guid()},{values})")
         if box.opening:
             x, z, width, height = box.opening
             hole = Box("IFCOPENINGELEMENT", (x, -1.0, z), (width, 3.0, height), "hole")
             self.add(f"IFCRELVOIDSELEMENT({self.guid()},$,$,$,{made},{self.element(hole, placement)})")
         if box.type_name:
-            kind = self.add(f"{box.ifc_class}TYPE({self.guid()},$,'{box.type_name}',$,$,$,$,$,$,.NOTDEFINED.)")
+            kind = self.add(
+                f"{box.ifc_class}TYPE({self.guid()},$,'{box.type_name}',$,$,$,$,$,$,.NOTDEFINED.)"
+            )
             self.add(f"IFCRELDEFINESBYTYPE({self.guid()},$,$,$,({made}),{kind})")
         return made
+
+    def paint(self, item: str, colour: tuple[float, float, float] | None) -> None:
+        """A style for an item."""
+        if colour is None:
+            return
+        old = self.schema == "IFC2X3"
+        rgb = self.add(f"IFCCOLOURRGB($,{','.join(f'{one:.6f}' for one in colour)})")
+        shade = self.add(f"IFCSURFACESTYLESHADING({rgb}{'' if old else ',0.'})")
+        style = self.add(f"IFCSURFACESTYLE('s',.BOTH.,({shade}))")
+        style = self.add(f"IFCPRESENTATIONSTYLEASSIGNMENT(({style}))") if old else style
+        self.add(f"IFCSTYLEDITEM({item},({style}),$)")
 
 
 def ifc_text(
@@ -143,15 +152,16 @@ def ifc_text(
     site: tuple[float, float, float] = (0.0, 0.0, 0.0),
     conversion: Sequence[str] = (),
 ) -> str:
-    """The text of an IFC file; `conversion` holds lines that name the context #20, from #40 on."""
+    """The text of an IFC file; `conversion` holds lines from #40 on (`MAP`)."""
     file = IfcText(unit, schema)
     ground = file.placement("$", site)
-    held = ",".join([ground])
-    place = file.add(f"IFCSITE({file.guid()},$,'Site',$,$,{held},$,$,.ELEMENT.,$,$,$,$,$)")
+    place = file.add(f"IFCSITE({file.guid()},$,'Site',$,$,{ground},$,$,.ELEMENT.,$,$,$,$,$)")
     file.add(f"IFCRELAGGREGATES({file.guid()},$,$,$,#30,({place}))")
     for k, (name, height) in enumerate(storeys):
         at = file.placement(ground, (0.0, 0.0, height))
-        level = file.add(f"IFCBUILDINGSTOREY({file.guid()},$,'{name}',$,$,{at},$,$,.ELEMENT.,{height * file.scale:.6f})")
+        level = file.add(
+            f"IFCBUILDINGSTOREY({file.guid()},$,'{name}',$,$,{at},$,$,.ELEMENT.,{height * file.scale:.6f})"
+        )
         file.add(f"IFCRELAGGREGATES({file.guid()},$,$,$,{place},({level}))")
         inside = [file.element(box, at) for box in boxes if box.storey == k]
         if inside:
@@ -167,7 +177,7 @@ def ifc_text(
         "#10=IFCUNITASSIGNMENT((#9))",
         "#20=IFCGEOMETRICREPRESENTATIONCONTEXT($,'Model',3,1.E-6,#4,$)",
         "#30=IFCPROJECT('0000000000000000000030',$,'P',$,$,$,$,(#20),#10)",
-        *conversion,
+        *(line.format(scale=1 / file.scale) for line in conversion),
     ]
     lines = [*head, *(f"#{number}={line}" for number, line in enumerate(file.lines, start=100))]
     body = "".join(f"{line};\n" for line in lines)
