@@ -25,7 +25,7 @@ from scenes.io.guard import missing_extra, one_line
 from scenes.io.limits import check_limit, current_limits
 from scenes.mesh.appearance import GeometryLook, PlacedGeometry
 from scenes.run.memory import room
-from scenes.world.design import Element, MapConversion
+from scenes.world.design import Design, Element, MapConversion
 
 _PROGRAM = Path(__file__).with_name("ifc_geometry.py")
 _SECONDS, _SECONDS_A_MB = 60, 30  # a house of 2.4 MB takes 4 s
@@ -45,24 +45,18 @@ class IfcFile(NamedTuple):
         One for each element, in the file's own frame and unit.
     body : (m,) int64
         Which faces of all parts are of one item of one element.
-    elements : tuple of Element
-        What they are.
-    schema : str
-        "IFC4".
+    design : Design
+        What they are, and the map conversion from the file's own frame.
     unit : LengthUnit, optional
         What the file states; None where it states none.
-    conversion : MapConversion, optional
-        From the file's own frame to a map; none where it changes nothing.
     warnings : tuple of str
         What was left out.
     """
 
     parts: list[PlacedGeometry]
     body: NDArray[np.int64]
-    elements: tuple[Element, ...]
-    schema: str
+    design: Design
     unit: LengthUnit | None
-    conversion: MapConversion | None
     warnings: tuple[str, ...]
 
 
@@ -97,7 +91,8 @@ def read_ifc(file: Path) -> IfcFile:
     items = np.column_stack([np.repeat(np.arange(len(parts)), mesh["n_faces"]), mesh["items"]])
     body = np.unique(items, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
     conversion, doubts = _conversion(facts["conversion"], metres)
-    return IfcFile(parts, body, elements, facts["schema"], unit, conversion, (*doubts, *_left_out(facts)))
+    design = Design(elements, facts["schema"], "" if unit is None else unit.name, conversion)
+    return IfcFile(parts, body, design, unit, (*doubts, *_left_out(facts)))
 
 
 def _check_frame(file: Path) -> None:

@@ -27,7 +27,7 @@ _UPWARDS = (  # inverse attribute, and what it leads to: from an element towards
 )
 _PREFIXES = {
     "EXA": 1e18, "PETA": 1e15, "TERA": 1e12, "GIGA": 1e9, "MEGA": 1e6, "KILO": 1e3, "HECTO": 100.0,
-    "DECA": 10.0, "DECI": 0.1, "CENTI": 0.01, "MILLI": 1e-3, "MICRO": 1e-6, "NANO": 1e-9, "PICO": 1e-12, 
+    "DECA": 10.0, "DECI": 0.1, "CENTI": 0.01, "MILLI": 1e-3, "MICRO": 1e-6, "NANO": 1e-9, "PICO": 1e-12,
     "FEMTO": 1e-15, "ATTO": 1e-18,
 }  # fmt: skip
 _DEEPEST = 50  # units that are defined by units, wholes of wholes

@@ -99,9 +99,7 @@ def read_mesh_file(file: Path) -> MeshFile:
     """
     if file.suffix.lower() == ".ifc":
         ifc = read_ifc(file)
-        name = "" if ifc.unit is None else ifc.unit.name
-        design = Design(ifc.elements, ifc.schema, name, ifc.conversion)
-        return MeshFile(ifc.parts, design, len(ifc.body), ifc.warnings, ifc.unit, ifc.body)
+        return MeshFile(ifc.parts, ifc.design, len(ifc.body), ifc.warnings, unit=ifc.unit, body=ifc.body)
     placed, n_faces, warnings = _read_placed(file)
     parts = [part for node in placed.graph.nodes_geometry if (part := _part(placed, node)) is not None]
     return MeshFile(parts, Design(tuple(Element(part.name) for part in parts)), n_faces, warnings)
