@@ -12,6 +12,7 @@ from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 
 _SAME_M = 1e-6  # corners that are so near each other are one
+_MOST_TESTS = 200_000_000  # faces that components are held against: seconds
 _INSIDE = 0.75  # of a full solid angle: within is 1, outside 0
 
 
@@ -42,7 +43,7 @@ def turn_outside_out(mesh: LabelledMesh, body: NDArray[Any]) -> TurnedMesh:
     A component are faces of one `body` (m,) that are joined at edges which two of them share. It is closed
     where its faces can be turned so that each edge is there as often in one direction as in the other.
     Cavities stay: components of negative volume inside a positive one of the same body, by the winding number
-    of one of their corners (Jacobson et al. 2013, section 3).
+    of one of their corners (Jacobson et al. 2013, section 3); at most 200 million faces are looked at for it.
     """
     faces, flipped = _sides(mesh, body)
     component = np.minimum(*flipped.T)
@@ -54,13 +55,7 @@ def turn_outside_out(mesh: LabelledMesh, body: NDArray[Any]) -> TurnedMesh:
     turned = volume[flipped[:, 1]] > volume[flipped[:, 0]]
     closed = (flipped[:, 0] != flipped[:, 1]) & _closed(faces, turned, component)[component]
     turned &= closed
-    n_turned = np.bincount(component, turned, len(volume))
-    inward = np.flatnonzero(n_turned == np.bincount(component, minlength=len(volume)))
-    for k in inward[n_turned[inward] > 0]:
-        own = component == k
-        around = (body == body[own.argmax()]) & closed & ~turned & ~own
-        if around.any() and _is_inside(corners[own.argmax(), 0], corners[around]):
-            turned &= ~own
+    turned &= ~_cavities(corners, body, component, closed, turned)
     look = mesh.appearance
     if look is not None:
         uv = None if look.corner_uv is None else _reverse(look.corner_uv, turned)
@@ -85,17 +80,26 @@ def _sides(mesh: LabelledMesh, body: NDArray[Any]) -> tuple[NDArray[Any], NDArra
 
     corner, n = mesh.faces.ravel(), len(mesh.faces)
     place = np.rint((mesh.vertices - mesh.vertices.min(axis=0)) / _SAME_M).astype(np.int64)[corner]
-    key = np.column_stack([np.repeat(body, 3), place])
-    faces = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1, 3).astype(np.int64)
+    faces = _numbers(np.repeat(body, 3), *place.T).reshape(-1, 3)
     edges = _edges(faces)
-    _, edge, shared = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(edge.ravel(), kind="stable")
-    pair = order[(shared == 2)[edge.ravel()[order]]].reshape(-1, 2)
+    edge = _numbers(*np.sort(edges, axis=1).T)
+    shared = np.bincount(edge)
+    order = np.argsort(edge, kind="stable")
+    pair = order[(shared == 2)[edge[order]]].reshape(-1, 2)
     a, b = (pair % n).T
     same_way = edges[pair[:, 0], 0] == edges[pair[:, 1], 0]
     ends = np.concatenate([a, a + n]), np.concatenate([b + n * same_way, b + n * ~same_way])
     graph = coo_array((np.ones(len(ends[0]), np.bool_), ends), shape=(2 * n, 2 * n))
     return faces, connected_components(graph, directed=False)[1].reshape(2, n).T
+
+
+def _numbers(*columns: NDArray[Any]) -> NDArray[np.int64]:
+    """One number (n,) from 0 for each different row of columns (n,) of integers."""
+    number = np.zeros(len(columns[0]), np.int64)
+    for column in columns:
+        index = np.unique(column, return_inverse=True)[1]
+        number = np.unique(number * (index.max(initial=0) + 1) + index, return_inverse=True)[1]
+    return number.astype(np.int64)
 
 
 def _edges(faces: NDArray[Any]) -> NDArray[Any]:
@@ -117,9 +121,34 @@ def _closed(faces: NDArray[Any], turned: BoolArray, component: NDArray[Any]) -> 
     edges, of = _edges(faces), np.tile(component, 3)
     way = np.where(edges[:, 0] < edges[:, 1], 1, -1) * np.where(np.tile(turned, 3), -1, 1)
     way[edges[:, 0] == edges[:, 1]] = 0
-    found, index = np.unique(np.column_stack([of, np.sort(edges, axis=1)]), axis=0, return_inverse=True)
-    surplus = np.bincount(index.ravel(), way, len(found)) != 0
-    return np.asarray(np.bincount(found[:, 0], surplus, component.max() + 1) == 0)
+    edge = _numbers(of, *np.sort(edges, axis=1).T)
+    uneven = np.bincount(edge, way)[edge] != 0
+    return np.asarray(np.bincount(of, uneven) == 0)
+
+
+def _cavities(
+    corners: FloatArray,
+    body: NDArray[Any],
+    component: NDArray[Any],
+    closed: BoolArray,
+    turned: BoolArray,
+) -> BoolArray:
+    """Which faces (m,) are of components to be turned as a whole that lie inside others that stay."""
+    share = np.bincount(component, turned) / np.maximum(np.bincount(component), 1)
+    order = np.argsort(body, kind="stable")
+    starts = np.flatnonzero(np.diff(body[order], prepend=body[order[0]] - 1))
+    cavity = np.zeros(len(body), np.bool_)
+    left = _MOST_TESTS
+    for faces in np.split(order, starts[1:]):
+        around = faces[closed[faces] & (share[component[faces]] == 0)]
+        inward = np.unique(component[faces[share[component[faces]] == 1]])
+        left -= len(inward) * len(faces)
+        if left < 0:
+            break
+        for k in inward if len(around) else ():
+            own = faces[component[faces] == k]
+            cavity[own] = _is_inside(corners[own[0], 0], corners[around])
+    return cavity
 
 
 def _is_inside(place: FloatArray, corners: FloatArray) -> bool:
