@@ -23,6 +23,7 @@ from scenes.io.scan_files import ScanSource, open_scans, split_index
 from scenes.io.scene_files import open_scene, units_doubt
 from scenes.io.trajectory import read_poses
 from scenes.limits import FAR_M, SMALL_M, SPHERICAL_LIMIT_PX
+from scenes.mesh.design import Design
 from scenes.mesh.orientation import Axis, axis_in_file, suggest_up
 from scenes.run.atomic import to_plain
 from scenes.run.mapping import trim
@@ -30,7 +31,6 @@ from scenes.scan.convention import convention_doubt
 from scenes.scan.doubts import merge_warnings
 from scenes.scan.projection import PinholeProjection, Projection, SphericalProjection
 from scenes.scan.range_image import RangeImage
-from scenes.world.design import Design
 from scenes.world.scene import Scene
 
 _NO_RAYS = "no ray can be traced: to use these points as a scan say where the scanner stood (--origin X,Y,Z)"

@@ -24,8 +24,8 @@ from scenes.io.crs import LengthUnit
 from scenes.io.guard import missing_extra, one_line
 from scenes.io.limits import check_limit, current_limits
 from scenes.mesh.appearance import GeometryLook, PlacedGeometry
+from scenes.mesh.design import Design, Element, MapConversion
 from scenes.run.memory import room
-from scenes.world.design import Design, Element, MapConversion
 
 _PROGRAM = Path(__file__).with_name("ifc_geometry.py")
 _SECONDS, _SECONDS_A_MB = 60, 30  # a house of 2.4 MB takes 4 s

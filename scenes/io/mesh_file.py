@@ -28,7 +28,7 @@ from scenes.io.plain_gltf import plain_glb
 from scenes.io.ply import check_ply, has_faces, plain_ply
 from scenes.io.stl import check_stl, plain_stl, stl_origin
 from scenes.mesh.appearance import PlacedGeometry, look_of
-from scenes.world.design import Design, Element
+from scenes.mesh.design import Design, Element
 
 MESH_SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off", ".ifc")
 _NAMELESS = re.compile(

@@ -12,13 +12,13 @@ from typing import Literal
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.mesh.design import Design
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.orientation import decide_mode
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.surfaces.catalogue import Surface
 from scenes.surfaces.surface import Opening
-from scenes.world.design import Design
 
 Mode = Literal["room", "object"]
 _NAMES_TOLD = 5

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Design: what the file of a scene tells of its elements, its unit, and the map that it lies in."""
+"""Design: what the file of a building tells of its elements, its unit, and the map that it lies in."""
 
 from __future__ import annotations
 
