@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +31,7 @@ from scenes.io.scan_files import ScanSource, open_scans, split_index
 from scenes.io.scene_files import open_scene, units_doubt
 from scenes.io.walk import open_walk
 from scenes.limits import FAR_M, SMALL_M, SPHERICAL_LIMIT_PX
+from scenes.mesh.design import Design
 from scenes.mesh.orientation import Axis, axis_in_file, suggest_up
 from scenes.run.atomic import to_plain
 from scenes.run.mapping import trim
@@ -371,7 +374,8 @@ def _describe_scene(scene: Scene, path: str) -> dict[str, Any]:
     bounds = mesh.bounds()
     extent = bounds[1] - bounds[0]
     appearance = mesh.appearance
-    suggested = "z" if path.startswith("builtin:") else suggest_up(mesh, scene.mode)  # there it is known
+    is_known = path.startswith("builtin:") or bool(scene.design and scene.design.schema)
+    suggested = "z" if is_known else suggest_up(mesh, scene.mode)
     in_file = None if suggested is None else axis_in_file(suggested, scene.file_up)
     warnings = list(scene.warnings)
     kinds = [surface.kind for surface in scene.surfaces if surface is not None]
@@ -393,8 +397,21 @@ def _describe_scene(scene: Scene, path: str) -> dict[str, Any]:
         "has_colour": appearance is not None,
         "up": scene.file_up,
         "suggested_up": in_file,
+        **_describe_design(scene.design),
         "warnings": warnings,
     }
+
+
+def _describe_design(design: Design | None) -> dict[str, Any]:
+    """What a file of a design tells beside its geometry: elements by class and storey, unit, map."""
+    if design is None or not design.schema:
+        return {}
+    counts = {
+        name: dict(sorted(Counter(getattr(one, field) or "none" for one in design.elements).items()))
+        for name, field in (("classes", "ifc_class"), ("storeys", "storey"))
+    }
+    moved = None if design.conversion is None else asdict(design.conversion)
+    return {"schema": design.schema, **counts, "unit": design.unit or None, "map_conversion": moved}
 
 
 def describe_image(path: Path) -> dict[str, Any]:

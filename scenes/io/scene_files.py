@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +15,18 @@ from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.checks.guard import guard_reading
 from scenes.io.formats.format import Units, metres_of
 from scenes.io.meshes.glb_writer import glb_of
-from scenes.io.meshes.mesh_file import GLTF_SUFFIXES, check_mesh_suffix, read_mesh_file
+from scenes.io.meshes.mesh_file import GLTF_SUFFIXES, MeshFile, check_mesh_suffix, read_mesh_file
 from scenes.io.meshes.obj import write_obj
 from scenes.io.meshes.off import write_off
 from scenes.io.meshes.ply_writer import write_mesh_ply
 from scenes.io.meshes.stl import write_stl
 from scenes.io.scan_files import check_units
 from scenes.limits import FINE_M, LARGE_M, SMALL_M
-from scenes.mesh.appearance import GeometryLook, join_looks, look_of
+from scenes.mesh.appearance import PlacedGeometry, join_looks
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.mesh_parts import parts_of
 from scenes.mesh.orientation import Axis, axis_in_file, decide_mode, suggest_up, world_from_file_up
+from scenes.mesh.winding import turn_outside_out
 from scenes.run.atomic import write_bytes
 from scenes.world.scene import Mode, Scene
 
@@ -37,10 +37,13 @@ _NEGLIGIBLE_M = 1e-5  # steps
 _FEW = 10_000  # points that tell whether all went through 32 bits
 
 
-def mesh_doubts(mesh: LabelledMesh, metres: float = 1.0) -> tuple[str, ...]:
+def mesh_doubts(
+    mesh: LabelledMesh, metres: float | FloatArray = 1.0, body: NDArray[np.int64] | None = None
+) -> tuple[str, ...]:
     """Return warnings: faces without area, twice there, the other way round; coordinates that are rounded.
 
-    `metres` is the unit of its vertices.
+    `metres` is the unit of its vertices, one for all or one of each axis (3,). Faces of
+    different bodies (m,) meet at no edge.
 
     Raises InputError: no face has an area, so that no ray can hit any.
     """
@@ -48,12 +51,12 @@ def mesh_doubts(mesh: LabelledMesh, metres: float = 1.0) -> tuple[str, ...]:
     if not has_area.any():
         raise InputError(f"none of its {len(mesh.faces)} faces has an area, so that no ray can hit any")
     return (
-        *_face_doubts(mesh, has_area),
+        *_face_doubts(mesh, has_area, body),
         *rounding_doubts(mesh.vertices, metres, single_steps(mesh.vertices, metres)),
     )
 
 
-def _face_doubts(mesh: LabelledMesh, has_area: BoolArray) -> Iterator[str]:
+def _face_doubts(mesh: LabelledMesh, has_area: BoolArray, body: NDArray[np.int64] | None) -> Iterator[str]:
     n_faces, flat = len(mesh.faces), int((~has_area).sum())
     if flat:
         yield f"{flat} of {n_faces} faces have no area; no ray can hit them"
@@ -62,7 +65,10 @@ def _face_doubts(mesh: LabelledMesh, has_area: BoolArray) -> Iterator[str]:
     twice = len(faces) - len(single)
     if twice:
         yield f"{twice} of {n_faces} faces are there more than once; their area counts each time"
-        faces = faces[single]
+    faces = faces[single]
+    if body is not None:
+        numbers = faces + len(mesh.vertices) * body[has_area][single, None]
+        faces = np.unique(numbers, return_inverse=True)[1].reshape(-1, 3).astype(np.int64)
     edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
     _, same = np.unique(_keys(edges), return_counts=True)
     _, shared = np.unique(_keys(np.sort(edges, axis=1)), return_counts=True)
@@ -128,11 +134,6 @@ def rounding_doubts(points: FloatArray, metres: float | FloatArray, steps_m: Flo
     )
 
 
-_NAMELESS = re.compile(
-    r"^\d+$|_[0-9a-f]{6}$"
-)  # node numbers, and what trimesh draws at random for parts of one
-
-
 def open_scene(
     spec: str | os.PathLike[str], *, up: Axis | None = None, units: Units = "m", mode: Mode | None = None
 ) -> Scene:
@@ -159,13 +160,21 @@ def open_scene(
 
 
 def load_scene(
-    path: str | os.PathLike[str], *, up: Axis | None = None, units: Units = "m", mode: Mode | None = None
+    path: str | os.PathLike[str],
+    *,
+    up: Axis | None = None,
+    units: Units = "m",
+    mode: Mode | None = None,
+    design: bool = False,
 ) -> Scene:
-    """Read a mesh file: GLB, glTF, OBJ + MTL, PLY, STL or OFF.
+    """Read a mesh file: GLB, glTF, OBJ + MTL, PLY, STL or OFF; or IFC.
 
     Every placed geometry of the file, of an OBJ every object and material, becomes one surface with its name;
     its true surface is unknown (None). Textures, vertex and face colours are kept; base colours multiply.
     Which side of a face is outside is told by the order of its corners; normals in the file do not count.
+
+    Of an IFC file every element with geometry becomes one surface, its openings cut, in the frame of the map
+    where the file has a map conversion; `Scene.design` tells what it is.
 
     Parameters
     ----------
@@ -175,9 +184,12 @@ def load_scene(
         Axis of the file that is up; it becomes the world's z. When not given it is z, but y of GLB and glTF
         (glTF 2.0, section 3.4), unless the geometry stands on z: that gives a warning.
     units : "mm", "cm", "m", "in", "ft" or "us-ft"
-        Unit of the file's coordinates.
+        Unit of the file's coordinates; metres where the file states another means that one.
     mode : "room" or "object", optional
         How to scan it; decided from the geometry when not given (see `scenes.mesh.orientation.decide_mode`).
+    design : bool
+        Whether its surfaces are bodies: those that are inside out are turned (see `scenes.mesh.winding`). IFC
+        always is a design.
 
     Raises
     ------
@@ -191,36 +203,40 @@ def load_scene(
     file = check_mesh_suffix(Path(path))
     with guard_reading(file, "a mesh"):
         held = read_mesh_file(file)
-        placed, (each, stated) = held.placed, metres_of(held.unit, units)
-        metres = float(each[0])
-        parts = [part for node in placed.graph.nodes_geometry if (part := _part(placed, node)) is not None]
-        mesh, names = _join(file, parts)
+        mesh, names = _join(file, held.parts)
         if len(mesh.faces) != held.n_faces:
             raise InputError(f"holds {held.n_faces} faces, of which {len(mesh.faces)} can be read")
-        doubts = mesh_doubts(mesh, metres)
-        is_gltf = file.suffix.lower() in GLTF_SUFFIXES
-        chosen: Axis = up or ("y" if is_gltf else "z")
-        turned, doubt = _turned(mesh, chosen, metres), tuple[str, ...]()
-        if up is None and is_gltf and _stands_on_z(turned, upright := _turned(mesh, "z", metres)):
-            turned, chosen, doubt = upright, "z", (_Z_UP,)
-        mesh = turned
+        metres, told = metres_of(held.unit, units)
+        body = mesh.face_surface.astype(np.int64) if design and held.body is None else held.body
+        mesh, turned = (mesh, ()) if body is None else _turn_outside_out(mesh, metres, body)
+        doubts = [*held.warnings, *told, *turned, *mesh_doubts(mesh, metres, body)]
+        places = mesh.vertices * metres
+        if held.design.conversion is not None:
+            places = held.design.conversion.apply(places)
+            doubts.append(held.design.conversion.sentence())
+        mesh, chosen, said = _upright(mesh.at(places), up, is_gltf=file.suffix.lower() in GLTF_SUFFIXES)
         kind = decide_mode(mesh) if mode is None else mode
-        warnings = (*held.warnings, *stated, *doubts, *doubt, *_warnings(mesh, kind, chosen))
         return Scene(
             mesh=mesh,
             surfaces=(None,) * len(names),
             surface_names=names,
             name=file.stem,
             mode=kind,
-            warnings=warnings,
+            warnings=(*doubts, *said, *_warnings(mesh, kind, chosen, held)),
             file_up=chosen,
+            design=held.design,
         )
 
 
-def _turned(mesh: LabelledMesh, up: Axis, metres: float) -> LabelledMesh:
-    """A mesh of a file in the world, in metres."""
-    vertices = world_from_file_up(up).apply(mesh.vertices * metres)
-    return LabelledMesh(vertices, mesh.faces, mesh.face_surface, mesh.appearance)
+def _upright(
+    mesh: LabelledMesh, up: Axis | None, *, is_gltf: bool
+) -> tuple[LabelledMesh, Axis, tuple[str, ...]]:
+    """A mesh of a file, metres, in the world; the axis that became z, and what is to be said of it."""
+    chosen: Axis = up or ("y" if is_gltf else "z")
+    turned = mesh.at(world_from_file_up(chosen).apply(mesh.vertices))
+    if up is None and is_gltf and _stands_on_z(turned, mesh):
+        return mesh, "z", (_Z_UP,)
+    return turned, chosen, ()
 
 
 def _stands_on_z(mesh: LabelledMesh, upright: LabelledMesh) -> bool:
@@ -231,31 +247,28 @@ def _stands_on_z(mesh: LabelledMesh, upright: LabelledMesh) -> bool:
     return suggest_up(mesh, mode) == "y" or decide_mode(upright) == "room"  # y of the world is the file's z
 
 
-class _PlacedGeometry(NamedTuple):
-    """One placed geometry: name, world vertices, faces and what it looks like."""
-
-    name: str
-    vertices: FloatArray
-    faces: Any
-    look: GeometryLook
-
-
-def _part(placed: Any, node: str) -> _PlacedGeometry | None:
-    """Return a node's geometry in the file's world frame, None for points and lines."""
-    transform, key = placed.graph[node]
-    geometry = placed.geometry[key]
-    if np.shape(getattr(geometry, "faces", ()))[1:] != (3,):
-        return None
-    matrix = np.asarray(transform, dtype=np.float64)
-    with np.errstate(invalid="ignore"):  # what is not finite is counted later
-        vertices = np.asarray(geometry.vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-    faces, look = np.asarray(geometry.faces), look_of(geometry)
-    if np.linalg.det(matrix[:3, :3]) < 0:  # mirrored by its transform: keep the outside outside
-        faces, look = faces[:, ::-1], look.flip()
-    return _PlacedGeometry(str(key) if _NAMELESS.search(str(node)) else str(node), vertices, faces, look)
+def _turn_outside_out(
+    mesh: LabelledMesh, metres: FloatArray, body: NDArray[np.int64]
+) -> tuple[LabelledMesh, tuple[str, ...]]:
+    """The mesh of a design with the outside of its bodies outside, and what was done."""
+    turned = turn_outside_out(mesh.at(mesh.vertices * metres), body)
+    n_elements = int(mesh.face_surface.max()) + 1
+    counted = (
+        (
+            turned.n_components,
+            f"faces inside out were turned in {turned.n_components} closed components of "
+            f"{turned.n_surfaces} of {n_elements} elements",
+        ),
+        (
+            turned.n_open,
+            f"not closed all round: {turned.n_open} of {n_elements} elements; which side of them is outside "
+            "is as in the file",
+        ),
+    )
+    return turned.mesh.at(mesh.vertices), tuple(sentence for count, sentence in counted if count)
 
 
-def _join(file: Path, parts: list[_PlacedGeometry]) -> tuple[LabelledMesh, tuple[str, ...]]:
+def _join(file: Path, parts: list[PlacedGeometry]) -> tuple[LabelledMesh, tuple[str, ...]]:
     """Return all parts as one mesh, and the surfaces' names."""
     if not any(len(part.faces) for part in parts):
         raise InputError(
@@ -282,12 +295,12 @@ def _unique_names(names: list[str]) -> tuple[str, ...]:
     return tuple(unique)
 
 
-def _warnings(mesh: LabelledMesh, mode: Mode, up: Axis) -> list[str]:
-    """What a user should know before scanning."""
+def _warnings(mesh: LabelledMesh, mode: Mode, up: Axis, held: MeshFile) -> list[str]:
+    """What a user should know before scanning; IFC is z up by its specification."""
     warnings = []
     diagonal = float(np.linalg.norm(np.diff(mesh.bounds(), axis=0)))
     doubt = units_doubt(diagonal)
-    suggested = suggest_up(mesh, mode)
+    suggested = None if held.design.schema else suggest_up(mesh, mode)
     if suggested not in (None, "z"):
         axis = axis_in_file(suggested, up)
         warnings.append(f"the geometry suggests that {axis} is up, not {up}; give --up {axis} if so")

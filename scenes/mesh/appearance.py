@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import Appearance
 
 _GREY = 0.5  # what a face without any colour shows
@@ -40,6 +41,15 @@ class GeometryLook:
         """Return the look of the same faces with their corners in reverse order."""
         uv = None if self.corner_uv is None else self.corner_uv[:, ::-1]
         return GeometryLook(self.corner_colour[:, ::-1], self.image, uv, self.is_plain)
+
+
+class PlacedGeometry(NamedTuple):
+    """One placed geometry: name, world vertices (n, 3), faces (m, 3) and what it looks like."""
+
+    name: str
+    vertices: FloatArray
+    faces: Any
+    look: GeometryLook
 
 
 def look_of(geometry: Any) -> GeometryLook:

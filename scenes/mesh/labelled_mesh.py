@@ -173,8 +173,12 @@ class LabelledMesh:
         corners = index.reshape(-1, 3).astype(np.int32)
         return LabelledMesh(self.vertices[used], corners, self.face_surface[faces], look)
 
+    def at(self, vertices: FloatArray) -> LabelledMesh:
+        """Return the mesh with its vertices at other places (n, 3)."""
+        return LabelledMesh(vertices, self.faces, self.face_surface, self.appearance)
+
     def transform(self, pose: Pose) -> LabelledMesh:
         """Return the mesh moved by `pose`."""
-        return LabelledMesh(pose.apply(self.vertices), self.faces, self.face_surface, self.appearance)
+        return self.at(pose.apply(self.vertices))
 
     transformed = transform  # earlier name

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from scenes.checks import InputError
+from scenes.mesh.design import Design
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.orientation import Axis, decide_mode
 from scenes.pose import Pose
@@ -45,6 +46,8 @@ class Scene:
         Windows and door openings, where they are known.
     file_up : "x", "y" or "z"
         Axis of the file that became z.
+    design : Design, optional
+        What a file tells of its elements, one for each surface.
 
     Raises
     ------
@@ -60,11 +63,14 @@ class Scene:
     warnings: tuple[str, ...] = ()
     openings: tuple[Opening, ...] = ()
     file_up: Axis = "z"
+    design: Design | None = None
     _trees: list[RayCaster] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if len(self.surfaces) != len(self.surface_names):
             raise InputError(f"{len(self.surfaces)} surfaces but {len(self.surface_names)} names")
+        if self.design is not None and len(self.design.elements) != len(self.surfaces):
+            raise InputError(f"{len(self.surfaces)} surfaces but {len(self.design.elements)} elements")
         labels = self.mesh.face_surface
         unknown = labels[(labels < 0) | (labels >= len(self.surfaces))]
         if len(unknown):

@@ -17,7 +17,6 @@ from tests.robustness.fuzzing.supervision import Tally, supervise
 from tests.robustness.fuzzing.targets import TARGETS
 from tests.robustness.fuzzing.trial import attempt, judge
 
-N_EXAMPLES = 20
 _steps = st.lists(st.integers(0, 2**48 - 1), min_size=1, max_size=4)
 
 
@@ -39,7 +38,7 @@ def test_what_is_mutated_is_read_or_refused(reader: str, tmp_path: Path) -> None
     @settings(
         derandomize=True,
         deadline=None,
-        max_examples=N_EXAMPLES,
+        max_examples=TARGETS[reader].n_examples,
         suppress_health_check=list(HealthCheck),
         database=None,
     )

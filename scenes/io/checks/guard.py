@@ -85,4 +85,9 @@ def import_extra(module: str, extra: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise InputError(f'{module} is not installed; the cure: pip install "unseen[{extra}]"') from error
+        raise missing_extra(module, extra) from error
+
+
+def missing_extra(module: str, extra: str) -> InputError:
+    """Return the error of an optional dependency that is not there, with the cure."""
+    return InputError(f'{module} is not installed; the cure: pip install "unseen[{extra}]"')

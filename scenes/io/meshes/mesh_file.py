@@ -5,10 +5,14 @@ from __future__ import annotations
 
 import io
 import logging
+import re
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from scenes.checks import InputError
 from scenes.io.checks.documents import Beside, check_references, decode_text
@@ -19,14 +23,20 @@ from scenes.io.formats.crs import LengthUnit
 from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import format_of
 from scenes.io.meshes.gltf import Contents, check_gltf, entry_list, read_gltf
+from scenes.io.meshes.ifc import read_ifc
 from scenes.io.meshes.obj import check_obj, cut_obj, plain_obj
 from scenes.io.meshes.off import read_off
 from scenes.io.meshes.plain_gltf import plain_glb
 from scenes.io.meshes.ply import check_ply, has_faces, plain_ply
 from scenes.io.meshes.polygons import cut_ply
 from scenes.io.meshes.stl import check_stl, plain_stl, stl_origin
+from scenes.mesh.appearance import PlacedGeometry, look_of
+from scenes.mesh.design import Design, Element
 
 GLTF_SUFFIXES = (".glb", ".gltf")
+_NAMELESS = re.compile(
+    r"^\d+$|_[0-9a-f]{6}$"
+)  # node numbers, and what trimesh draws at random for parts of one
 _STL_HEADER, _COMMENTS = 80, 4096  # bytes
 
 
@@ -105,6 +115,19 @@ MESHES = (
             noise="none",
         ),
     ),
+    MeshFormat(
+        (".ifc",),
+        FormatFacts(
+            title="`.ifc` (`unseen[ifc]`)",
+            read="elements with geometry, openings cut: class, name, GlobalId, storey, type, map conversion",
+            lost="elements without a body, with a count; ifcXML, ifcZIP; spaces, grids, annotations",
+            written="exports of completions",
+            poses="none: a mesh is a scene, or what scanners at `--origin` see of it",
+            units="the file's",
+            colours="of items",
+            noise="none",
+        ),
+    ),
 )
 MESH_SUFFIXES = tuple(suffix for mesh in MESHES for suffix in mesh.suffixes)
 # What trimesh logs of files is said by our warnings; without a handler it would go to the standard error.
@@ -117,21 +140,27 @@ class MeshFile:
 
     Attributes
     ----------
-    placed : trimesh.Scene
-        Its geometries and where they are placed, in the file's frame and unit.
+    parts : list of PlacedGeometry
+        Its geometries where they are placed, in the file's frame and unit.
+    design : Design
+        What it tells of them.
     n_faces : int
         Triangles that it holds by its own structure, as placed.
     warnings : tuple of str
         What it names and is not there.
     unit : LengthUnit, optional
-        What comments state: lines of # (SketchUp writes "File units = inches"), comments of a PLY, the header
-        of an STL.
+        What IFC states, or comments: lines of # (SketchUp writes "File units = inches"), comments of a PLY,
+        the header of an STL.
+    body : (m,) int64, optional
+        Which of its faces are of one solid; None where it does not tell.
     """
 
-    placed: Any
+    parts: list[PlacedGeometry]
+    design: Design
     n_faces: int
     warnings: tuple[str, ...]
     unit: LengthUnit | None = None
+    body: NDArray[np.int64] | None = None
 
 
 def is_mesh(path: str | PathLike[str]) -> bool:
@@ -160,11 +189,21 @@ def check_mesh_suffix(path: Path) -> Path:
 
 
 def read_mesh_file(file: Path) -> MeshFile:
-    """Check and read a mesh file of one of `MESH_SUFFIXES`.
+    """Check and read a mesh file, or one of IFC, of one of `MESH_SUFFIXES`.
 
     Raises InputError: whatever its structure gets wrong, a file that it names outside its folder, or more
     than the limits allow.
     """
+    if file.suffix.lower() == ".ifc":
+        ifc = read_ifc(file)
+        return MeshFile(ifc.parts, ifc.design, len(ifc.body), ifc.warnings, unit=ifc.unit, body=ifc.body)
+    placed, n_faces, warnings, unit = _read_placed(file)
+    parts = [part for node in placed.graph.nodes_geometry if (part := _part(placed, node)) is not None]
+    return MeshFile(parts, Design(tuple(Element(part.name) for part in parts)), n_faces, warnings, unit=unit)
+
+
+def _read_placed(file: Path) -> tuple[Any, int, tuple[str, ...], LengthUnit | None]:
+    """A trimesh scene, how many triangles the file holds by its structure, warnings, and a stated unit."""
     suffix = file.suffix.lower()
     data, held, doubts = b"", Contents(0), tuple[str, ...]()
     if suffix in GLTF_SUFFIXES:
@@ -192,9 +231,8 @@ def read_mesh_file(file: Path) -> MeshFile:
     check_limit("texels", beside.texels + held.texels, "texels of its textures")
     if suffix == ".off":
         placed = _read_off(file)
-        return MeshFile(
-            placed, sum(len(geometry.faces) for geometry in placed.geometry.values()), beside.warnings
-        )
+        n_faces = sum(len(geometry.faces) for geometry in placed.geometry.values())
+        return placed, n_faces, beside.warnings, None
     import trimesh  # slow to load: only where a mesh is read
 
     stream = io.BytesIO(data or file.read_bytes())
@@ -203,7 +241,7 @@ def read_mesh_file(file: Path) -> MeshFile:
     )
     if suffix == ".stl":
         placed.apply_translation(stl_origin(file))
-    return MeshFile(placed, held.faces, (*beside.warnings, *doubts), unit_of_comment(_comments(data, suffix)))
+    return placed, held.faces, (*beside.warnings, *doubts), unit_of_comment(_comments(data, suffix))
 
 
 def _comments(data: bytes, suffix: str) -> str:
@@ -221,3 +259,18 @@ def _read_off(file: Path) -> Any:
     off = read_off(file)
     colours = {"vertex_colors": off.vertex_colour, "face_colors": off.face_colour}
     return trimesh.Scene({file.name: trimesh.Trimesh(off.vertices, off.faces, process=False, **colours)})
+
+
+def _part(placed: Any, node: str) -> PlacedGeometry | None:
+    """Return a node's geometry in the file's world frame, None for points and lines."""
+    transform, key = placed.graph[node]
+    geometry = placed.geometry[key]
+    if np.shape(getattr(geometry, "faces", ()))[1:] != (3,):
+        return None
+    matrix = np.asarray(transform, dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # what is not finite is counted later
+        vertices = np.asarray(geometry.vertices, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    faces, look = np.asarray(geometry.faces), look_of(geometry)
+    if np.linalg.det(matrix[:3, :3]) < 0:  # mirrored by its transform: keep the outside outside
+        faces, look = faces[:, ::-1], look.flip()
+    return PlacedGeometry(str(key) if _NAMELESS.search(str(node)) else str(node), vertices, faces, look)

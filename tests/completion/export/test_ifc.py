@@ -13,6 +13,7 @@ from completion.export.ifc_products import ProductEvidence, property_set, state_
 from completion.options import CompletionOptions
 from completion.pipeline import complete
 from scenes.checks import InputError
+from scenes.io.scene_files import load_scene
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
@@ -118,6 +119,24 @@ def test_what_is_not_known_is_not_written():
     for name in ("State", "MeasuredShare", "Confidence", "StandardDeviation_mm"):
         assert name not in text
     assert [state_of(share) for share in (1.0, 0.5, 0.0)] == ["measured", "partly", "inferred"]
+
+
+def test_scenes_read_it_back(tmp_path):
+    """Walls within 1 mm of the bodies, in the scans' coordinates, from another unit too."""
+    pytest.importorskip("ifcopenshell", reason="the extra ifc is not installed")
+    (tmp_path / "a.ifc").write_text(ifc_text(house_parts(), "mm"))
+    scene = load_scene(tmp_path / "a.ifc")
+    assert scene.mode == "room"
+    body = next(one for one in house_parts().bodies if one.kind == "wall")
+    classes = [element.ifc_class for element in scene.design.elements]
+    places = [scene.mesh.some(scene.mesh.face_surface == k).vertices for k in range(len(classes))]
+    off = [body.frame.height(place) for place, kind in zip(places, classes, strict=True) if kind == "IfcWall"]
+    thick = [one for one in off if np.abs(one).max() < 2 * PARTITION_M and np.ptp(one) > PARTITION_M / 2]
+    assert len(thick) == 1  # the partition; the other walls are surfaces
+    assert thick[0].max() == pytest.approx(0, abs=1e-3)
+    assert thick[0].min() == pytest.approx(-body.thickness_m, abs=1e-3)
+    assert np.linalg.norm(scene.mesh.vertices.mean(axis=0) - UTM.translation) < 10
+    assert any("left out: 1 of" in one and "IfcDoor" in one for one in scene.warnings)  # drawn as a line
 
 
 @pytest.fixture(scope="module")

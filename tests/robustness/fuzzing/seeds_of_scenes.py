@@ -17,6 +17,7 @@ from scenes.io.meshes.ply_writer import write_mesh_ply
 from scenes.io.meshes.stl import write_stl
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.mesh_parts import MeshPart
+from tests.helpers.ifc_files import MAP, Box, ifc_text
 from tests.robustness.fuzzing.case import Case
 from tests.robustness.fuzzing.seeds_of_scans import POSES, made, world_points
 
@@ -136,6 +137,14 @@ def off_files() -> list[Case]:
         made(lambda folder: write_off(folder / "m.off", _VERTICES, _FACES, colour), "m.off"),
         Case({"m.off": text.encode()}, "m.off"),
     ]
+
+
+def ifc_files() -> list[Case]:
+    """Walls with an opening, a type and a map; solids of other kinds in feet."""
+    walls = [Box(opening=(1, 0, 1, 2), type_name="W", colour=(0.8, 0.1, 0.1)), Box(body="mapped")]
+    solids = [Box("IFCCOLUMN", body=body) for body in ("brep", "inside out", "open")]
+    texts = (ifc_text(walls, conversion=MAP), ifc_text(solids, unit="ft", schema="IFC2X3"))
+    return [Case({"m.ifc": text.encode()}, "m.ifc") for text in texts]
 
 
 def mesh_files() -> list[Case]:

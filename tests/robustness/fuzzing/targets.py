@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -40,11 +41,14 @@ class Target:
         Returns its valid files.
     read : function
         Reads a path and checks what comes back.
+    n_examples : int
+        Mutants that the gate tries.
     """
 
     name: str
     seeds: Callable[[], list[Case]]
     read: Callable[[Path], object]
+    n_examples: int = 20
 
 
 def read_scene(path: Path) -> None:
@@ -156,6 +160,7 @@ _MESHES: dict[str, Callable[[], list[Case]]] = {
     "stl text": _scenes.stl_text_files,
     "off": _scenes.off_files,
 }
+_IFC = {"ifc": _scenes.ifc_files} if find_spec("ifcopenshell") else {}  # a process each
 _POINTS: dict[str, Callable[[], list[Case]]] = {
     "npz": lambda: [_scans.points_npz(), *_SCANS["npz"]()],
     "ply": lambda: [*_scenes.ply_binary_files(), *_scenes.ply_text_files(), *_SCANS["ply"]()],
@@ -173,6 +178,7 @@ def _anything() -> list[Case]:
     """A file of every kind."""
     makers = [
         *_MESHES.values(),
+        *_IFC.values(),
         *_SCANS.values(),
         *_POINTS.values(),
         _scans.pose_files,
@@ -187,6 +193,7 @@ TARGETS: dict[str, Target] = {
     target.name: target
     for target in (
         *(Target(f"mesh {name}", seeds, read_scene) for name, seeds in _MESHES.items()),
+        *(Target(f"mesh {name}", seeds, read_scene, n_examples=4) for name, seeds in _IFC.items()),
         *(Target(f"scan {name}", seeds, read_every_scan) for name, seeds in _SCANS.items()),
         *(Target(f"points {name}", seeds, read_cloud) for name, seeds in _POINTS.items()),
         Target("poses", _scans.pose_files, read_trajectory),

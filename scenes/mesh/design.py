@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: MIT
+"""Design: what the file of a building tells of its elements, its unit, and the map that it lies in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.checks import FloatArray, InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """What a file tells of one element of a design; "" for what it does not tell.
+
+    Attributes
+    ----------
+    name : str
+        As in the file; several may have the same.
+    ifc_class : str
+        "IfcWall".
+    global_id : str
+        Its GlobalId, 22 characters.
+    storey : str
+        Name of the storey that it is in.
+    type_name : str
+        Name of its type.
+    """
+
+    name: str
+    ifc_class: str = ""
+    global_id: str = ""
+    storey: str = ""
+    type_name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MapConversion:
+    """What leads from the frame of a design to a map (IfcMapConversion, ISO 16739-1).
+
+    Attributes
+    ----------
+    system : str
+        Name of the map's coordinate reference system, "EPSG:25832".
+    shift_m : tuple of 3 float
+        Easting, northing and height of the design's origin, metres.
+    turn_deg : float
+        From the map's east to the design's x axis, anticlockwise.
+    scale : tuple of 3 float
+        Of the design's metres to those of the map, along its own x, y and z.
+
+    Raises
+    ------
+    InputError
+        Numbers that are not finite, a scale that is not positive.
+    """
+
+    system: str
+    shift_m: tuple[float, float, float]
+    turn_deg: float
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        numbers = [*self.shift_m, self.turn_deg, *self.scale]
+        if not np.isfinite(numbers).all() or min(self.scale) <= 0:
+            raise InputError(f"its map conversion has numbers that cannot be used: {numbers}")
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Return points (n, 3) of the design, metres, in the map's frame."""
+        cosine, sine = np.cos(np.radians(self.turn_deg)), np.sin(np.radians(self.turn_deg))
+        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        moved: FloatArray = points * np.array(self.scale) @ turn.T + np.array(self.shift_m)
+        return moved
+
+    def sentence(self) -> str:
+        """Say where coordinates are, and how they came there."""
+        shift = ", ".join(f"{value:.3f}".rstrip("0").rstrip(".") for value in self.shift_m)
+        scaled = (
+            "" if set(self.scale) == {1.0} else f", scaled by {' x '.join(f'{k:.9g}' for k in self.scale)}"
+        )
+        return (
+            f"coordinates are those of the map {self.system or '(no name)'}, by the file's map conversion: "
+            f"moved by ({shift}) m and turned by {self.turn_deg:.6g} deg{scaled}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """What a file tells beside its geometry.
+
+    Attributes
+    ----------
+    elements : tuple of Element
+        One for each surface of the scene, in their order.
+    schema : str
+        "IFC4", "" for meshes.
+    unit : str
+        Of lengths, as the file names it; "" where it names none.
+    conversion : MapConversion, optional
+        Which was applied.
+    """
+
+    elements: tuple[Element, ...]
+    schema: str = ""
+    unit: str = ""
+    conversion: MapConversion | None = None
