@@ -83,7 +83,7 @@ def read_ifc(file: Path) -> IfcFile:
     elements = tuple(Element(**held) for held in facts["elements"])
     names = [f"{element.ifc_class} {element.name}".strip() for element in elements]
     unit = _unit(facts["unit"])
-    metres = 1.0 if unit is None else unit.metres[0]
+    metres = 1.0 if unit is None or unit.metres is None else unit.metres[0]
     parts = [
         PlacedGeometry(name, vertices / metres, faces, _look(colours))
         for name, vertices, faces, colours in zip(names, *split, strict=True)

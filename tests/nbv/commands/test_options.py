@@ -22,26 +22,26 @@ from scenes.checks import InputError
 SHARED = "out seed=0 json quiet threads max-memory limit"
 DOCUMENTED = {
     "demo": "",
-    "scan": "at look poses sensor=generic60 noise=none no-truth up=z units=m",
+    "scan": "at look poses sensor=generic60 noise=none no-truth up units=m",
     "plan": "method=nbv sensor=generic60 max-incidence=60.0 max-range min-density max-sd "
     "registration-sd=0.0 averaging-radius=0.0 k=1 target=0.99 views mode rooms=all without "
     "outdoors all-round heights spacing clearance=0.3 start several-heights candidates scans "
     "intrinsics depth-scale poses origin plan region keep-out noise=none polish-steps=100000 "
-    "time-budget overlap infer scheduler up=z units=m",
+    "time-budget overlap infer scheduler trajectory up units=m",
     "coverage": "plan scans register intrinsics depth-scale poses origin sensor=generic60 "
     "max-incidence=60.0 max-range mode rooms=all without outdoors all-round heights spacing "
-    "clearance=0.3 inference=standard up=z units=m",
+    "clearance=0.3 inference=standard trajectory up units=m",
     "study": "scheduler",
     "complete": "mode=standard sigma projector max-sd=0.02 flatness min-area only registration=0.005 "
     "keep-poses register resolution origin edits relations=auto features=auto flatten texture "
     "no-texture export export-units=m tolerance=0.01 observed=auto scheduler intrinsics depth-scale poses "
-    "units=m up=auto",
+    "trajectory units=m up=auto",
     "texture": "mask grow window order=paper surface",
     "fit": "shape=auto metric=euclidean robust rays origin radius axis between export units=m",
     "part": "relations=auto noise ignore-labels flatten export units=m",
-    "feature": "find given evaluations=200000 origin intrinsics depth-scale poses units=m up=auto",
-    "register": "upright start check level=0.01 intrinsics depth-scale units=m up=z",
-    "info": "up=z units=m intrinsics depth-scale",
+    "feature": "find given evaluations=200000 origin intrinsics depth-scale poses trajectory units=m up=auto",
+    "register": "upright start check level=0.01 origin intrinsics depth-scale units=m up",
+    "info": "up units=m intrinsics depth-scale trajectory",
     "warm": "",
 }
 """Options of the commands before they were declared once, with the defaults that help showed."""
