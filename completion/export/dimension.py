@@ -147,4 +147,7 @@ def length_between(
     )
 
 
-UNKNOWN = "A mesh does not say how wrong it is: no interval is known unless --sigma M says so."
+UNKNOWN = (
+    "Where no interval stands, neither the file nor its points tell the noise; a mesh never does. "
+    "--sigma M says it."
+)

@@ -34,7 +34,7 @@ def test_of_a_mesh_none_may_be_relied_on():
     one = replace(panorama().decisions().dimensions[0], low=0.0, high=np.inf)
     sheet = DecisionSheet((one,), 0.01)
     (section,) = decision_sections(sheet)
-    assert "A mesh does not say how wrong it is" in section.blocks[0].text
+    assert "a mesh never does" in section.blocks[0].text
     (row,) = section.blocks[1].rows
     assert [cell.text for cell in row[2:5]] == ["6.00 m", "not known", "not known"]
     assert row[-1].text == "check"
