@@ -149,7 +149,7 @@ def test_of_a_mesh_no_interval_is_known_until_somebody_says_how_wrong_it_is():
     assert {one.high for one in sheet.dimensions} == {np.inf}
     assert min(one.low for one in sheet.dimensions) == 0
     assert sheet.counts()["rely"] == 0
-    assert "unless --sigma M says so" in sheet.told_doubt
+    assert "--sigma M says it" in sheet.told_doubt
     assert panorama().decisions().told_doubt == ""
 
 
