@@ -196,7 +196,7 @@ def coordinate_step(header: Any, reach: FloatArray) -> float:
         How far its points are from the scanner, metres, not finite where there is none.
     """
     lib = import_extra("pye57", "e57").libe57
-    few = reach.ravel()[:: -(-reach.size // _TYPICAL) or 1]
+    few = reach[:: -(-reach.size // _TYPICAL) or 1]  # of an image whole rows, so that few pages are read
     known = few[np.isfinite(few)]
     typical, largest = (float(pick(known)) if len(known) else 0.0 for pick in (np.median, np.max))
     record, names = lib.StructureNode(header.points.prototype()), set(header.point_fields)

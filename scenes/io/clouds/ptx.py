@@ -167,7 +167,7 @@ class PtxFile:
         for start in range(0, n, _CHUNK):
             n_lines = min(_CHUNK, n - start)
             try:
-                table = _table(list(self._lines(n_lines)), max(n_numbers, _WITHOUT_COLOUR), start)
+                table = _table(_with_points(list(self._lines(n_lines))), max(n_numbers, _WITHOUT_COLOUR), start)
             except InputError:
                 raise
             except ValueError as error:  # numpy counts from the chunk's first line
@@ -188,13 +188,12 @@ class PtxFile:
             yield start, table
 
     def _lines(self, n: int) -> Iterator[str]:
-        """The next n lines that are not blank, with decimal points; readline can tell its place."""
-        lines = (line.replace(",", ".") for line in iter(self._file.readline, ""))
-        return islice(filter(str.strip, lines), n)
+        """The next n lines that are not blank; readline can tell its place."""
+        return islice(filter(str.strip, iter(self._file.readline, "")), n)
 
     def _header(self) -> _Header | None:
         """The header of the next scan, None at the end of the file."""
-        lines = list(self._lines(_HEADER_LINES))
+        lines = _with_points(list(self._lines(_HEADER_LINES)))
         if not lines:
             return None
         if len(lines) < _HEADER_LINES:
@@ -208,6 +207,11 @@ class PtxFile:
         transform = np.array(numbers[6:])
         stated = _stated(np.array(numbers[2:6])) if np.allclose(transform, np.eye(4)) else ()
         return _Header((rows, columns), transform, stated)
+
+
+def _with_points(lines: list[str]) -> list[str]:
+    """Lines with decimal points instead of commas."""
+    return [line.replace(",", ".") for line in lines] if "," in "".join(lines) else lines
 
 
 def _stated(rows: FloatArray) -> tuple[Pose, ...]:

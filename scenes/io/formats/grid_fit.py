@@ -359,7 +359,8 @@ def _row_faces(points: FloatArray) -> IntArray | None:
     None where all are on one side. Where not, each column has two azimuths, opposite to each other.
     """
     step = -(-points.shape[0] * points.shape[1] // _MOST_FACED)
-    part = np.asarray(points[:, ::step], np.float64)
+    blocks = row_blocks(points.shape, points)
+    part = np.concatenate([np.asarray(points[rows, ::step], np.float64) for rows in blocks])
     level, azimuth = _level(_elevation(part), _usable(part)), _azimuth(part)
     doubled = np.where(level, np.exp(2j * np.where(level, azimuth, 0.0)), 0.0).sum(axis=0)
     n_level = level.sum(axis=0)
