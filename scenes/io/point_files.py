@@ -25,6 +25,8 @@ from scenes.io.formats.format import (
     METRES_PER_UNIT,
     RawPoints,
     Units,
+    check_own_unit,
+    check_units,
     format_of,
     metres_of,
     point_suffixes,
@@ -32,7 +34,7 @@ from scenes.io.formats.format import (
     step_warnings,
 )
 from scenes.io.meshes.mesh_file import is_mesh
-from scenes.io.scan_files import check_own_unit, check_units, open_scans, split_index
+from scenes.io.scan_files import open_scans, split_index
 from scenes.io.scene_files import load_scene, rounding_doubts, single_steps
 from scenes.limits import LARGE_PART_M
 from scenes.mesh.labelled_mesh import LabelledMesh

@@ -20,6 +20,8 @@ from scenes.io.formats.format import (
     Intrinsics,
     ScanReader,
     Units,
+    check_own_unit,
+    check_units,
     empty_warnings,
     format_of,
     scan_suffixes,
@@ -310,22 +312,6 @@ def read_scans(
     check_units(units)
     base, number = split_index(path)
     return open_scans(base, intrinsics=intrinsics, depth_scale=depth_scale).read(number, poses, units)
-
-
-def check_own_unit(path: Path, kind: str, unit: Units, given: Units) -> None:
-    """Raise InputError where another unit is given than the one that a format fixes; metres is none given."""
-    if given not in ("m", unit):
-        raise InputError(f"{path}: {kind} is in {unit} by its format; leave out --units")
-
-
-def check_units(units: Units) -> float:
-    """Return the metres of a unit.
-
-    Raises InputError: an unknown one.
-    """
-    if units not in METRES_PER_UNIT:
-        raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
-    return METRES_PER_UNIT[units]
 
 
 def _match_images(images: Sequence[tuple[Path, ...]], named: Mapping[str, Pose]) -> dict[int, Pose]:

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scenes.checks import InputError, check_point
 from scenes.inclination import SignedAxis
 from scenes.io.describe import scan_warnings
-from scenes.io.formats.format import METRES_PER_UNIT, Units
+from scenes.io.formats.format import METRES_PER_UNIT, Units, check_units
 from scenes.io.formats.station import scan_from_station
 from scenes.io.meshes.mesh_file import is_mesh
 from scenes.io.point_files import read_points
 from scenes.io.poses.trajectory import read_named_poses, read_poses
-from scenes.io.scan_files import ScanSource, check_units, open_scans, spill_for, split_index
+from scenes.io.scan_files import ScanSource, open_scans, spill_for, split_index
 from scenes.io.scene_files import load_scene
 from scenes.io.walk import open_walk
 from scenes.limits import LEAST_PIXELS, MOSTLY_SEEN, TINY_M

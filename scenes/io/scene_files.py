@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.checks.guard import guard_reading
-from scenes.io.formats.format import Units, metres_of
+from scenes.io.formats.format import Units, check_units, metres_of
 from scenes.io.meshes.glb_writer import glb_of
 from scenes.io.meshes.mesh_file import GLTF_SUFFIXES, MeshFile, check_mesh_suffix, read_mesh_file
 from scenes.io.meshes.obj import write_obj
 from scenes.io.meshes.off import write_off
 from scenes.io.meshes.ply_writer import write_mesh_ply
 from scenes.io.meshes.stl import write_stl
-from scenes.io.scan_files import check_units
 from scenes.limits import FINE_M, LARGE_M, SMALL_M
 from scenes.mesh.appearance import PlacedGeometry, join_looks
 from scenes.mesh.labelled_mesh import LabelledMesh

@@ -167,7 +167,9 @@ class PtxFile:
         for start in range(0, n, _CHUNK):
             n_lines = min(_CHUNK, n - start)
             try:
-                table = _table(_with_points(list(self._lines(n_lines))), max(n_numbers, _WITHOUT_COLOUR), start)
+                table = _table(
+                    _with_points(list(self._lines(n_lines))), max(n_numbers, _WITHOUT_COLOUR), start
+                )
             except InputError:
                 raise
             except ValueError as error:  # numpy counts from the chunk's first line

@@ -189,6 +189,22 @@ ScanReader = Callable[[], RangeImage]
 METRES_PER_UNIT = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254, "ft": 0.3048, "us-ft": 1200 / 3937}
 
 
+def check_own_unit(path: Path, kind: str, unit: Units, given: Units) -> None:
+    """Raise InputError where another unit is given than the one that a format fixes; metres is none given."""
+    if given not in ("m", unit):
+        raise InputError(f"{path}: {kind} is in {unit} by its format; leave out --units")
+
+
+def check_units(units: Units) -> float:
+    """Return the metres of a unit.
+
+    Raises InputError: an unknown one.
+    """
+    if units not in METRES_PER_UNIT:
+        raise InputError(f"unknown units {units!r}; known: {', '.join(METRES_PER_UNIT)}")
+    return METRES_PER_UNIT[units]
+
+
 def metres_of(unit: LengthUnit | None, units: Units) -> tuple[FloatArray, tuple[str, ...]]:
     """Return the metres (3,) of a unit along x, y, z, the file's own before `units`, and what to tell."""
     given = np.full(3, METRES_PER_UNIT[units])

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from scenes.io.clouds.las import libraries_muted
+from scenes.io.clouds.las_header import libraries_muted
 from tests.helpers.data_paths import ROOT
 
 
@@ -37,7 +37,7 @@ def test_threads_leave_the_standard_error_as_it_was(capfd):
 
 
 def test_without_a_standard_error_there_is_nothing_to_mute():
-    code = "import os; os.close(2)\nfrom scenes.io.clouds.las import libraries_muted\n"
+    code = "import os; os.close(2)\nfrom scenes.io.clouds.las_header import libraries_muted\n"
     code += "with libraries_muted(): print('ran')\n"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "ran\n"
