@@ -85,7 +85,8 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
             text = f"repeat a time and were left out, up to {apart:.3g} (in the file's unit) from the first"
             sentences += _counted(int((~is_new).sum()), len(times), text)
         if is_new.sum() < 2:
-            raise InputError(f"holds {int(is_new.sum())} poses with times; two are needed")
+            why = f"holds {int(is_new.sum())} poses with times; two are needed"
+            raise InputError("; ".join([why, *sentences]))
         return Trajectory(times[is_new], places[is_new], file.name, tuple(sentences))
 
 
@@ -95,16 +96,19 @@ def _counted(n: int, n_all: int, what: str) -> list[str]:
 
 def _rows(file: Path) -> tuple[FloatArray, FloatArray]:
     """Times (n,) and places (n, 3) of a file, as it has them."""
+    refused: InputError | None = None
     try:
         table = read_point_table(file)
-    except InputError as error:
-        raise InputError(f"is no trajectory: {error}; {_FORMS}") from error
-    if table.times is not None:
-        return table.times, table.points
-    lines = (line.split("#", 1)[0].replace(",", " ").split() for line in read_text(file).splitlines())
+        if table.times is not None:
+            return table.times, table.points
+    except InputError as error:  # as whole seconds in a first column without a name, which count
+        refused = error
     try:
+        lines = (line.split("#", 1)[0].replace(",", " ").split() for line in read_text(file).splitlines())
         rows = [[float(word) for word in words] for words in lines if words]
-    except ValueError as error:
+    except (InputError, ValueError) as error:
+        if refused is not None:
+            raise InputError(f"is no trajectory: {refused}; {_FORMS}") from refused
         words = [line.replace(",", " ").split() for line in read_text(file).splitlines()[:2]]
         if time_column(words[0]) is not None and len(words) > 1:
             raise InputError(
@@ -117,7 +121,8 @@ def _rows(file: Path) -> tuple[FloatArray, FloatArray]:
         return in_seconds(numbers[:, 0]), numbers[:, 1:4]
     if lengths in ({12}, {16}):
         return _times_beside(file, len(rows)), np.array(rows)[:, [3, 7, 11]]
-    raise InputError(f"holds no times of its poses; {_FORMS}")
+    why = "holds no times of its poses" if refused is None else f"is no trajectory: {refused}"
+    raise InputError(f"{why}; {_FORMS}")
 
 
 def _times_beside(file: Path, n_poses: int) -> FloatArray:
