@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,17 +30,20 @@ class GeometryLook:
         Texture coordinates of the corners, (0, 0) the lower left corner of the image.
     is_plain : bool
         True when the file says nothing of its colour.
+    opacity : (m,) float32 or None
+        From 0, clear glass, to 1; None: all 1.
     """
 
     corner_colour: NDArray[np.float32]
     image: Any = None
     corner_uv: NDArray[np.float32] | None = None
     is_plain: bool = False
+    opacity: NDArray[np.float32] | None = None
 
     def flip(self) -> GeometryLook:
         """Return the look of the same faces with their corners in reverse order."""
         uv = None if self.corner_uv is None else self.corner_uv[:, ::-1]
-        return GeometryLook(self.corner_colour[:, ::-1], self.image, uv, self.is_plain)
+        return replace(self, corner_colour=self.corner_colour[:, ::-1], corner_uv=uv)
 
 
 class PlacedGeometry(NamedTuple):
@@ -78,9 +81,19 @@ def _texture_look(visual: Any, faces: NDArray[Any]) -> GeometryLook:
     colour = np.broadcast_to(base, (len(faces), 3, 3)).astype(np.float32)
     uv = visual.uv
     places = None if uv is None else np.asarray(uv, dtype=np.float32)
+    opacity = _opacity(material, len(faces))
     if image is None or places is None or not np.isfinite(places).all():
-        return GeometryLook(colour)
-    return GeometryLook(colour, image, places[faces])
+        return GeometryLook(colour, opacity=opacity)
+    return GeometryLook(colour, image, places[faces], opacity=opacity)
+
+
+def _opacity(material: Any, n: int) -> NDArray[np.float32] | None:
+    """Opacity (n,) by the base colour of a material with alphaMode BLEND (glTF), None for full."""
+    factor = getattr(material, "baseColorFactor", None)
+    if getattr(material, "alphaMode", None) != "BLEND" or factor is None or len(factor) < 4:
+        return None
+    alpha = float(factor[3])
+    return np.full(n, alpha / 255 if np.asarray(factor).dtype.kind in "iu" else alpha, np.float32)
 
 
 def _is_stand_in(image: Any) -> bool:
@@ -138,9 +151,14 @@ def join_looks(looks: Sequence[GeometryLook]) -> Appearance | None:
         face_image.append(np.full(n_faces, number, np.int32))
         empty = np.zeros((n_faces, 3, 2), np.float32)
         corner_uv.append(empty if look.corner_uv is None else look.corner_uv)
+    opacity = [
+        np.ones(len(look.corner_colour), np.float32) if look.opacity is None else look.opacity
+        for look in looks
+    ]
     return Appearance(
         np.concatenate([look.corner_colour for look in looks]),
         tuple(images),
         np.concatenate(face_image) if images else None,
         np.concatenate(corner_uv) if images else None,
+        None if all(look.opacity is None for look in looks) else np.concatenate(opacity),
     )

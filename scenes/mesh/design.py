@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.checks import FloatArray, InputError
+from scenes.mesh.labelled_mesh import LabelledMesh
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,3 +106,33 @@ class Design:
     schema: str = ""
     unit: str = ""
     conversion: MapConversion | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ElementMesh:
+    """A mesh whose surfaces are elements of a design.
+
+    Attributes
+    ----------
+    mesh : LabelledMesh
+        World coordinates of the design, metres, outside of closed bodies outside; `face_surface` indexes
+        `elements`.
+    elements : tuple of Element
+        One for each surface.
+    name : str
+        What to call the design in reports.
+
+    Raises
+    ------
+    InputError
+        Faces of an element that is not there.
+    """
+
+    mesh: LabelledMesh
+    elements: tuple[Element, ...]
+    name: str = "design"
+
+    def __post_init__(self) -> None:
+        last = int(self.mesh.face_surface.max(initial=-1))
+        if last >= len(self.elements):
+            raise InputError(f"faces name element {last}, but {self.name} has {len(self.elements)} elements")

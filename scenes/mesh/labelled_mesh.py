@@ -27,6 +27,8 @@ class Appearance:
         Index into `images`, -1 for faces without a texture.
     corner_uv : (m, 3, 2) float32
         Texture coordinates of the corners, (0, 0) the lower left corner of the image.
+    opacity : (m,) float32, optional
+        From 0, clear glass, to 1; all 1 when not given.
 
     Raises
     ------
@@ -38,10 +40,13 @@ class Appearance:
     images: tuple[NDArray[np.uint8], ...] = ()
     face_image: NDArray[np.int32] | None = None
     corner_uv: NDArray[np.float32] | None = None
+    opacity: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        n_faces = len(self.corner_colour)
-        shapes = {"corner_colour": (n_faces, 3, 3), "face_image": (n_faces,), "corner_uv": (n_faces, 3, 2)}
+        n = len(self.corner_colour)
+        shapes = {
+            "corner_colour": (n, 3, 3), "face_image": (n,), "corner_uv": (n, 3, 2), "opacity": (n,)
+        }  # fmt: skip
         for name, shape in shapes.items():
             array = getattr(self, name)
             if array is None:
@@ -55,7 +60,7 @@ class Appearance:
                 raise InputError(
                     f"expected image {index} as (h, w, 3) uint8, got {image.shape} {image.dtype}"
                 )
-        if self.face_image is not None and n_faces and int(self.face_image.max()) >= len(self.images):
+        if self.face_image is not None and n and int(self.face_image.max()) >= len(self.images):
             raise InputError(
                 f"faces name image {int(self.face_image.max())}, but there are {len(self.images)} images"
             )
@@ -169,7 +174,8 @@ class LabelledMesh:
         if look is not None:
             image = None if look.face_image is None else look.face_image[faces]
             uv = None if look.corner_uv is None else look.corner_uv[faces]
-            look = Appearance(look.corner_colour[faces], look.images, image, uv)
+            opacity = None if look.opacity is None else look.opacity[faces]
+            look = Appearance(look.corner_colour[faces], look.images, image, uv, opacity)
         corners = index.reshape(-1, 3).astype(np.int32)
         return LabelledMesh(self.vertices[used], corners, self.face_surface[faces], look)
 

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import BoolArray, FloatArray
-from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
+from scenes.mesh.labelled_mesh import LabelledMesh
 
 _SAME_M = 1e-6  # corners that are so near each other are one
 _MOST_TESTS = 200_000_000  # faces that components are held against: seconds
@@ -59,7 +60,7 @@ def turn_outside_out(mesh: LabelledMesh, body: NDArray[Any]) -> TurnedMesh:
     look = mesh.appearance
     if look is not None:
         uv = None if look.corner_uv is None else _reverse(look.corner_uv, turned)
-        look = Appearance(_reverse(look.corner_colour, turned), look.images, look.face_image, uv)
+        look = replace(look, corner_colour=_reverse(look.corner_colour, turned), corner_uv=uv)
     surface = mesh.face_surface
     return TurnedMesh(
         LabelledMesh(mesh.vertices, _reverse(mesh.faces, turned), surface, look),

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from scenes.checks import InputError
-from scenes.mesh.design import Design
+from scenes.mesh.design import Design, Element, ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.orientation import Axis, decide_mode
 from scenes.pose import Pose
@@ -126,6 +126,12 @@ class Scene:
         if not self._trees:
             self._trees.append(RayCaster(self.mesh.vertices, self.mesh.faces))
         return self._trees[0].on_threads(n_threads)
+
+    @property
+    def element_mesh(self) -> ElementMesh:
+        """The scene as a design: an element for each surface, by its name where the file tells no more."""
+        known = None if self.design is None else self.design.elements
+        return ElementMesh(self.mesh, known or tuple(map(Element, self.surface_names)), self.name)
 
     def without(self, patterns: Sequence[str]) -> Scene:
         """Return the scene without the surfaces whose names match any of `patterns`, as shells match files.

@@ -148,7 +148,12 @@ def _look(colours: Any) -> GeometryLook:
     """Colours (m, 4) of faces, NaN for none, as a look; sRGB as in the file."""
     plain = np.isnan(colours[:, :1])
     rgb = np.where(plain, np.float32(0.5), np.clip(colours[:, :3], 0, 1))
-    return GeometryLook(np.repeat(rgb[:, None], 3, axis=1), is_plain=bool(plain.all()))
+    opacity = np.where(np.isnan(colours[:, 3]), np.float32(1), colours[:, 3])
+    return GeometryLook(
+        np.repeat(rgb[:, None], 3, axis=1),
+        is_plain=bool(plain.all()),
+        opacity=None if (opacity == 1).all() else opacity,
+    )
 
 
 def _unit(held: dict[str, Any] | None) -> LengthUnit | None:
