@@ -82,7 +82,7 @@ class Building:
 
     @cached_property
     def seen(self) -> list[MainFace]:
-        """Main faces of which all stations together see at least half a square metre, by coarse scans."""
+        """Upright main faces across their element of which stations see half a square metre, coarsely."""
         number = np.full(len(self.design.mesh.faces) + 1, -1)
         for k, face in enumerate(self.main_faces):
             number[face.faces] = k
@@ -93,7 +93,18 @@ class Building:
             assert scan.truth is not None
             met = np.where(scan.truth.face >= 0, number[source[scan.truth.face]], -1)
             area += np.bincount(met[met >= 0], pixel_areas(scan)[met >= 0], len(area))
-        return [face for face, own in zip(self.main_faces, area, strict=True) if own >= _LEAST_SEEN_M2]
+        return [
+            face
+            for face, own in zip(self.main_faces, area, strict=True)
+            if own >= _LEAST_SEEN_M2 and self._is_across(face)
+        ]
+
+    def _is_across(self, face: MainFace) -> bool:
+        """Tell whether a face is upright and its normal along the lesser of the level extents."""
+        mesh = self.design.mesh
+        places = mesh.corners[mesh.face_surface == face.element].reshape(-1, 3)
+        thick, wide = (np.ptp(places @ way) for way in (face.normal, np.cross([0, 0, 1.0], face.normal)))
+        return bool(abs(face.normal[2]) < 0.1 and thick < wide)
 
 
 @cache
@@ -239,7 +250,7 @@ def planted_state(building: Building, seed: int) -> PlantedState:
         for chosen in rng.permutation(len(seen)):
             face = seen[chosen]
             ifc_class = building.design.elements[face.element].ifc_class
-            if face.element in changes or not ifc_class.startswith(classes) or abs(face.normal[2]) > 0.1:
+            if face.element in changes or not ifc_class.startswith(classes):
                 continue
             if kind.startswith("hidden"):
                 boxes = _boxes_before(building, [one for one in seen if one.element == face.element])
