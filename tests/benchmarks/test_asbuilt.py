@@ -61,7 +61,7 @@ def oracle(state: PlantedState, seen: Sighting, off_m: float = 0.0) -> DesignChe
             verdict = "deviates"
         faces = tuple(
             FaceFinding(
-                k, "plane", True, one.centre, one.normal, one.area_m2, is_tested=True,
+                k, "plane", True, one.centre, one.normal, one.area_m2, is_tested=True, place=one.centre,
                 offset=interval(change.offset_at(one.centre, one.normal)),
             )
             for one in state.main_faces if one.element == k and not change.is_gone
