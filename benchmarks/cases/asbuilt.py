@@ -20,7 +20,7 @@ from benchmarks.cases.frames import DATA
 from benchmarks.cases.houses.solids import box, tube
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import SphericalSensor
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.design import Element, ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.winding import turn_outside_out
@@ -64,10 +64,11 @@ class Building:
 
     @cached_property
     def main_faces(self) -> list[MainFace]:
-        """Main faces of all elements, largest first in each."""
+        """Main faces of all elements, largest first in each; glass is none."""
         mesh = self.design.mesh
         known = mesh.corners, mesh.face_normals(), mesh.face_areas()
         owned = np.argsort(mesh.face_surface, kind="stable")
+        owned = owned[~_is_glass(mesh)[owned]]
         starts = np.searchsorted(mesh.face_surface[owned], np.arange(len(self.design.elements) + 1))
         return [
             one
@@ -331,18 +332,22 @@ def _leaf(mesh: LabelledMesh, element: int) -> NDArray[np.int64]:
     return np.asarray(own[part[faces[:, 0]] == part[faces[largest, 0]]])
 
 
+def _is_glass(mesh: LabelledMesh) -> BoolArray:
+    """Tell which triangles (m,) beams pass."""
+    look = mesh.appearance
+    if look is None or look.opacity is None:
+        return np.zeros(len(mesh.faces), np.bool_)
+    return np.asarray(look.opacity < 0.5)
+
+
 def _built(
     design: ElementMesh, changes: Mapping[int, Change], extras: list[FloatArray]
 ) -> tuple[Scene, NDArray[np.int64]]:
     """Return the scene that was built, and the design's triangle of each of its own."""
     mesh, n = design.mesh, len(design.elements)
-    look = mesh.appearance
-    glass = np.zeros(len(mesh.faces), np.bool_)
-    if look is not None and look.opacity is not None:
-        glass = look.opacity < 0.5
-    every, corners, source = mesh.corners, [], []
+    every, corners, source, is_glass = mesh.corners, [], [], _is_glass(mesh)
     for element in range(n):
-        own = np.flatnonzero((mesh.face_surface == element) & ~glass)
+        own = np.flatnonzero((mesh.face_surface == element) & ~is_glass)
         change = changes.get(element, UNCHANGED)
         if change.is_gone or not len(own):
             continue
