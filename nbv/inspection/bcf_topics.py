@@ -127,7 +127,8 @@ def _millimetres(interval: Interval) -> str:
 
 
 def _extra_topic(check: DesignCheck, extra: Extra, camera: Camera, snapshot: bytes | None) -> BcfTopic:
-    near = [one.element for one in check.elements if one.element.name and one.element.name == extra.near]
+    elements = [one.element for one in check.elements]
+    near = [one for one in elements if extra.near and extra.near in (one.name, element_label(one))]
     size = " x ".join(f"{side:.2f}" for side in np.ptp(extra.box_m, axis=0))
     beside = f", near {extra.near}" if extra.near else ""
     hides = f" It hides {', '.join(extra.hides)}." if extra.hides else ""

@@ -79,7 +79,7 @@ def _changes(before: Mapping[str, Any], check: DesignCheck) -> Iterator[Change]:
     for key, held in earlier.items():
         if key not in now:
             label, was = _label(held), str(held["verdict"])
-            yield Change(label, was, "", None, f"{label} is not checked any more; it was {was}.")
+            yield Change(label, was, "", None, f"{label}: not checked any more, {was} before.")
     yield from _extra_changes(before["extra"], check.extra)
 
 
@@ -103,27 +103,27 @@ def _element_change(earlier: Mapping[str, Any] | None, held: Mapping[str, Any]) 
     """What changed of one element, None for nothing."""
     label, now, surface = _label(held), str(held["verdict"]), int(held["surface"])
     if earlier is None:
-        return Change(label, "", now, None, f"{label} was not checked before; it is {now}.", surface)
+        return Change(label, "", now, None, f"{label}: not checked before, {now} now.", surface=surface)
     was, difference = str(earlier["verdict"]), _difference(earlier["offset_m"], held["offset_m"])
     is_other = difference is not None and not difference.low <= 0 <= difference.high
     if was == now and not is_other:
         return None
-    sentence = f"{label} was {was}, now it is {now}"
+    sentence = f"{was} before, {now} now"
     if was == now:
-        sentence = f"{label} is {now} as before"
+        sentence = f"{now} as before"
     elif was in _UNMEASURED and now not in _UNMEASURED:
-        sentence = f"{label} is measured for the first time: it was {was}, now it is {now}"
+        sentence = f"measured for the first time, {sentence}"
     elif now in _UNMEASURED and was not in _UNMEASURED:
-        sentence = f"{label} is not measured any more: it was {was}, now it is {now}"
+        sentence = f"not measured any more, {sentence}"
     if difference is not None:
         value, low, high = (1000 * x for x in (difference.value, difference.low, difference.high))
         told = "its offset changed by" if is_other else "its offset may be the same, difference"
         sentence += f"; {told} {value:+.1f} mm ({low:+.1f} to {high:+.1f} mm)"
-    return Change(label, was, now, difference, f"{sentence}.", surface)
+    return Change(label, was, now, difference, f"{label}: {sentence}.", surface=surface)
 
 
 def _difference(earlier: Mapping[str, Any] | None, now: Mapping[str, Any] | None) -> Interval | None:
-    """How much an offset grew; None where there are not two along one direction."""
+    """How much an offset grew; None where two along one direction are not known."""
     if earlier is None or now is None:
         return None
     old, new = (np.array([held[key] for key in ("value", "low", "high")], float) for held in (earlier, now))
@@ -134,6 +134,8 @@ def _difference(earlier: Mapping[str, Any] | None, now: Mapping[str, Any] | None
             return None
         old = old if cosine > 0 else -old[[0, 2, 1]]
     value, low, high = (new - old[[0, 2, 1]]).tolist()
+    if not np.isfinite([value, low, high]).all():
+        return None
     return Interval(value, low, high, None if along is None else (along[0], along[1], along[2]))
 
 

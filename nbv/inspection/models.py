@@ -70,7 +70,8 @@ def deviation_colours(check: DesignCheck) -> ColourArray:
     colours = _LEVEL + np.abs(share) * (np.where(share > 0, _BEFORE, _BEHIND) - _LEVEL)
     colours = np.where(known, colours, _NOT_COMPARED)
     colours[cloud.state == POINT_STATES.index("extra")] = rgb_of(EXTRA_COLOUR)
-    return np.rint(255 * colours).astype(np.uint8)
+    painted: ColourArray = np.rint(255 * colours).astype(np.uint8)
+    return painted
 
 
 def write_design_glb(path: str | PathLike[str], check: DesignCheck) -> None:

@@ -21,14 +21,7 @@ from scenes.mesh.design import Element
 from scenes.run.atomic import to_plain
 
 FORMAT = "unseen-check/1"
-_UNITS = {
-    "lengths, bow, thickness, radius, names with _m": "m",
-    "areas, names with _m2": "m2",
-    "tilt": "rad",
-    "names with _deg": "deg",
-    "low, high": "ends of the 95 % interval",
-    "coordinates": "those of the design",
-}
+_UNITS = {"length": "m", "area": "m2", "tilt": "rad", "turn_deg": "deg", "interval": "95 %"}
 _INTERVALS = {"offset": "_m", "tilt": "_rad", "bow": "_m", "thickness": "_m", "radius": "_m"}
 
 
@@ -185,7 +178,7 @@ def _row(held: dict[str, Any]) -> dict[str, Any]:
         }
     along = (held["offset_m"] or {}).get("along") or (None, None, None)
     row |= {f"offset_along_{axis}": value for axis, value in zip("xyz", along, strict=True)}
-    moved = held["shift_m"] or ({}, {}, {})
+    moved: Sequence[dict[str, Any]] = held["shift_m"] or ({}, {}, {})
     row |= {f"shift_{axis}_m": one.get("value") for axis, one in zip("xyz", moved, strict=True)}
     row |= {f"loa_{name}": band for name, band in held["loa"].items()}
     row["exposed_m2"] = held["exposed_m2"]

@@ -45,7 +45,9 @@ def main(path: str, folder: str, most: dict[str, int]) -> None:
 
         model = ifcopenshell.open(path)
         if asked.is_file():
-            facts = {"written": _write_properties(model, **json.loads(asked.read_text("utf-8")))}
+            facts: dict[str, Any] = {
+                "written": _write_properties(model, **json.loads(asked.read_text("utf-8")))
+            }
             model.write(str(Path(folder, "copy.ifc")))
         else:
             facts, arrays = _read(model, most["faces"])

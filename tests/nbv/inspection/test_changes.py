@@ -32,10 +32,10 @@ def test_the_same_check_has_not_changed():
 @pytest.mark.parametrize(
     ("k", "verdict", "part"),
     [
-        (0, "deviates", "was within, now it is deviates"),
-        (3, "within", "is measured for the first time: it was hidden, now it is within"),
-        (1, "hidden", "is not measured any more: it was deviates, now it is hidden"),
-        (4, "within", "was missing, now it is within"),
+        (0, "deviates", "IfcSlab floor: within before, deviates now."),
+        (3, "within", "measured for the first time, hidden before, within now"),
+        (1, "hidden", "not measured any more, deviates before, hidden now"),
+        (4, "within", "missing before, within now"),
     ],
 )
 def test_verdicts_that_changed_are_told(k, verdict, part):
@@ -66,6 +66,12 @@ def test_offsets_changed_where_their_intervals_have_nothing_in_common(low_mm, al
         sign = along[1]
         assert sign * change.difference.value == pytest.approx(low * sign + 0.0013 * sign + 0.0199)
         assert not change.difference.low <= 0 <= change.difference.high
+
+
+def test_what_is_not_known_has_not_changed():
+    unknown = Interval(float("nan"), -0.01, float("nan"), (0, 1, 0))
+    assert changes_since(BEFORE, changed(1, offset=unknown)) == []
+    assert changes_since(check_record(changed(1, offset=unknown)), CHECK) == []
 
 
 def test_elements_are_found_again_by_their_global_id_or_their_order():
