@@ -20,6 +20,7 @@ from scenes.run.atomic import write_bytes
 
 _NO_DATE = datetime(1980, 1, 1, tzinfo=UTC)  # the first that a zip knows
 _LEAST_EXTRA_M2 = 0.25  # smaller ones are in the table alone
+_HIDES_TOLD = 3  # names
 _STEEP = 0.98  # cosine with the vertical from which y is up in a view
 _FARTHEST = 2.4  # half diagonals of a box, which then fills a view of 60 degrees
 
@@ -87,11 +88,12 @@ def _element_topic(
     label = element_label(element)
     is_alone = sum(one.element.global_id == element.global_id for one in check.elements) == 1
     is_far = offset is None or abs(offset.value) >= 2 * finding.tolerance_m
+    title = f"{label} {'deviates' if finding.verdict == 'deviates' else 'is missing'}"
     told = f" (see {finding.related_extra})" if finding.related_extra else ""
     return BcfTopic(
         _guid(check, element.global_id if is_alone else f"{label}/{finding.surface}", finding.verdict),
-        title=f"{label} {'deviates' if finding.verdict == 'deviates' else 'is missing'}",
-        description=f"{finding.sentence}{told} {_numbers(finding)}".strip(),
+        title=title,
+        description=f"{title}: {finding.sentence.rstrip('.')}{told}. {_numbers(finding)}",
         kind="Deviation" if finding.verdict == "deviates" else "Missing",
         status="Open",
         priority="High" if is_far else "Normal",
@@ -131,7 +133,8 @@ def _extra_topic(check: DesignCheck, extra: Extra, camera: Camera, snapshot: byt
     near = [one for one in elements if extra.near and extra.near in (one.name, element_label(one))]
     size = " x ".join(f"{side:.2f}" for side in np.ptp(extra.box_m, axis=0))
     beside = f", near {extra.near}" if extra.near else ""
-    hides = f" It hides {', '.join(extra.hides)}." if extra.hides else ""
+    more = f" and {len(extra.hides) - _HIDES_TOLD} more" if len(extra.hides) > _HIDES_TOLD else ""
+    hides = f" It hides {', '.join(extra.hides[:_HIDES_TOLD])}{more}." if extra.hides else ""
     centre = ",".join(f"{x:.3f}" for x in extra.box_m.mean(axis=0))
     return BcfTopic(
         _guid(check, f"{extra.name}/{centre}", "extra"),

@@ -134,6 +134,7 @@ def _face_record(face: FaceFinding) -> dict[str, Any]:
         "deviation_m": _interval_record(face.deviation),
         "offset_m": _interval_record(face.offset),
         **{name: _interval_record(getattr(face, name)) for name in ("tilt", "bow", "radius")},
+        "place_m": face.place,
         "rms_m": face.rms_m,
         "histogram": {"first_m": first, "last_m": last, "beams": face.histogram}
         if face.histogram.any()
