@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
-from scenes.io.checks.guard import missing_extra, one_line
+from scenes.io.checks.guard import guard_reading, missing_extra, one_line
 from scenes.io.checks.limits import check_limit, current_limits
 from scenes.io.formats.crs import LengthUnit
 from scenes.mesh.appearance import GeometryLook, PlacedGeometry
@@ -139,7 +139,8 @@ def write_ifc_properties(
     """
     with TemporaryDirectory(prefix="unseen-ifc-") as folder:
         write_json(Path(folder, "properties.json"), {"name": name, "properties": properties})
-        facts = _in_process(source, Path(folder), "copied")
+        with guard_reading(source, "IFC"):
+            facts = _in_process(source, Path(folder), "copied")
         with atomic_path(target) as temporary:
             shutil.copyfile(Path(folder, "copy.ifc"), temporary)
     return int(facts["written"])

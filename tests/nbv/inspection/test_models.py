@@ -149,8 +149,10 @@ def test_a_program_that_crashes_leaves_no_copy(tmp_path, monkeypatch):
     (tmp_path / "a.ifc").write_text(ifc_text([Box()]))
     (tmp_path / "crash.py").write_text("import os; os._exit(11)")
     monkeypatch.setattr(ifc, "_PROGRAM", tmp_path / "crash.py")
-    with pytest.raises(ifc.InputError, match=r"cannot be copied as IFC: ifcopenshell crashed \(11\)"):
+    with pytest.raises(ifc.InputError, match=r"a.ifc: cannot be copied as IFC: ifcopenshell crashed \(11\)"):
         write_ifc_copy(tmp_path / "b.ifc", tmp_path / "a.ifc", example_check())
+    with pytest.raises(ifc.InputError, match=r"none.ifc: "):
+        write_ifc_copy(tmp_path / "b.ifc", tmp_path / "none.ifc", example_check())
     assert not (tmp_path / "b.ifc").exists()
     with pytest.raises(ifc.InputError, match=r"crashed \(11\) before the first element"):
         ifc.read_ifc(tmp_path / "a.ifc")
