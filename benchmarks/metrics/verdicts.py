@@ -93,7 +93,7 @@ def _intervals(one: ElementFinding, change: Change) -> Iterator[Covered]:
         if face.kind != "plane" or not face.is_tested or face.area_m2 < _LEAST_FACE_M2:
             continue
         if face.offset is not None and change.kind != "displaced":
-            yield held("offset", face.offset, change.offset_at(face.centre, face.normal))
+            yield held("offset", face.offset, change.offset_at(face.place, face.normal))
         if face.is_main and face.bow is not None and change.kind == "bowed":
             yield held("bow", face.bow, change.size * float(face.normal @ change.normal))
         if face.is_main and face.tilt is not None and change.kind == "tilted":

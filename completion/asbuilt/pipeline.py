@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.asbuilt import limits
-from completion.asbuilt.agreement import FaceBeams, FaceSurface, beams_on_faces, find_surface
+from completion.asbuilt.agreement import FaceBeams, FaceSurface, beams_on_faces, bend, find_surface
 from completion.asbuilt.alignment import Aligned, PoseErrors, align
 from completion.asbuilt.beams import Evidence, Gates, Surfaces, trace
 from completion.asbuilt.conclusion import Measurements, conclude
@@ -275,13 +275,16 @@ class _Model:
         surfaces = [
             find_surface(
                 beams, part, registration[part],
-                scale=self.scale, is_flat=not self.faces.sign[beams.face[part.start]],
+                scale=self.scale, may_bend=not is_far and not self.faces.sign[beams.face[part.start]],
             )
             for part in parts
         ]  # fmt: skip
-        on = np.zeros(len(beams.face), np.bool_)
+        on, columns = np.zeros(len(beams.face), np.bool_), beams.columns.copy()
         for surface, part in zip(surfaces, parts, strict=True):
             on[part] = surface.is_on
+            if surface.is_bent:
+                columns[part] = bend(columns[part], beams.uv[part])
+        beams = replace(beams, columns=columns)
         aligned = align(beams, on, origins, errors=self.errors, scale=self.scale)
         return _Agreed(beams, tuple(surfaces), tuple(parts), aligned, origins)
 
