@@ -81,11 +81,12 @@ def beams_on_faces(
     faces: DesignFaces,
     *,
     scale: float,
-    is_far: bool = False,
+    with_far: bool,
 ) -> FaceBeams:
-    """Gather the beams of faces; `is_far`: those that ended farther off, as a displaced element's do."""
+    """Gather the beams of F faces; those that ended farther off, as a displaced element's do, as of F + f."""
     parts = [
         _of_scan(number, seen, flat, found, faces, scale=scale, is_far=is_far)
+        for is_far in (False, True)[: 1 + with_far]
         for number, (seen, flat, found) in enumerate(zip(observations, pixels, evidence, strict=True))
     ]
     columns = [np.concatenate([part[k] for part in parts]) for k in range(len(parts[0]))]
@@ -120,7 +121,8 @@ def _of_scan(
     sigma = np.maximum(seen.noise.sigma(ranges), 1e-4 * scale) * cosine
     area = found.area[order] / cosine * step[face]
     return (
-        face, np.full(len(face), number, np.int32), points, at.distance, at.normal, at.columns, at.uv, sigma,
+        face + np.int32(len(faces) * is_far), np.full(len(face), number, np.int32), points, at.distance,
+        at.normal, at.columns, at.uv, sigma,
         area, _shared(seen, points, at.normal),
     )  # fmt: skip
 

@@ -343,9 +343,7 @@ def _with_doors(
                 finding = replace(finding, verdict="undecided", related_extra=name, sentence=text)
         told.append(finding)
     hides = {
-        one.name: tuple(
-            sorted({f.element.name for f in told if any(by.by == one.name for by in f.hidden)})
-        )
+        one.name: tuple(sorted({f.element.name for f in told if any(by.by == one.name for by in f.hidden)}))
         for one in extra
     }
     return told, tuple(replace(one, hides=hides[one.name]) for one in extra)

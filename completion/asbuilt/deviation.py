@@ -36,6 +36,8 @@ class Judged:
         Those places.
     is_flat_enough : bool
         Whether its beams lie about one surface as those of other faces do.
+    is_far : bool
+        Whether they ended far from the face: they may be of it if it was displaced.
     """
 
     finding: FaceFinding
@@ -45,6 +47,7 @@ class Judged:
     sd: FloatArray
     columns: FloatArray
     is_flat_enough: bool
+    is_far: bool = False
 
     def is_within(self, tolerance_m: float) -> bool:
         """Whether all of it is within the tolerance, with 95 %."""
@@ -69,14 +72,15 @@ def judge_faces(
     scale: float,
 ) -> list[Judged]:
     """Judge all faces with beams; `support` and `exposed` (F,) are shares."""
-    median = float(np.median([surface.sd for surface in surfaces])) if surfaces else 0.0
+    near = [surface.sd for surface in surfaces if surface.face < len(faces)]
+    median = float(np.median(near)) if near else 0.0
     row_of = {int(face): row for row, face in enumerate(aligned.faces)}
     judged = []
     for surface, part in zip(surfaces, parts, strict=True):
         if surface.face not in row_of:
             continue
         one = _judge(beams, surface, part, aligned, faces, row_of[surface.face], origins, scale)
-        f = surface.face
+        f = surface.face % len(faces)
         n = int(surface.is_on.sum())
         tested = (
             support[f] >= limits.LEAST_SUPPORT
@@ -102,7 +106,7 @@ def _judge(
     origins: FloatArray,
     scale: float,
 ) -> Judged:
-    f, on = surface.face, np.flatnonzero(surface.is_on) + part.start
+    f, on = surface.face % len(faces), np.flatnonzero(surface.is_on) + part.start
     x, covariance = aligned.own_x[row], aligned.own_covariance[row]
     is_round = faces.sign[f] != 0
     uv, columns = beams.uv[on], beams.columns[on]
@@ -142,7 +146,7 @@ def _judge(
         ),
         **_histogram(beams.distance[on] - _posed(beams, on, aligned, origins), scale),
     )
-    return Judged(finding, f, row, delta, sd, places, True)
+    return Judged(finding, f, row, delta, sd, places, True, is_far=surface.face >= len(faces))
 
 
 def _posed(beams: FaceBeams, rows: NDArray[np.int64], aligned: Aligned, origins: FloatArray) -> FloatArray:

@@ -136,20 +136,36 @@ def _beyond(number: Interval, tolerance_m: float, z: float) -> bool:
 
 
 def _displaced(known: ElementEvidence, faces: DesignFaces, scale: float) -> Judged | None:
-    """The far face that is like a main one of an element that is not in its place: as wide, high, level."""
+    """The far face that is like a main one of an element that is not in its place.
+
+    It is as wide, high and level; or it has the element's thickness with one that looks the other way.
+    """
     if "door" in known.element.ifc_class.lower():  # whose leaves turn
         return None
-    like = [
+    level = [
         one
         for one in known.far
         if one.finding.is_main
         and not faces.sign[one.face]
         and one.is_flat_enough
-        and one.finding.measured_m2 >= limits.MAIN_SHARE * one.finding.area_m2
-        and (np.ptp(one.columns[:, 1:3], axis=0) >= 2 * limits.LIKE_EXTENT).all()
+        and one.finding.measured_m2 >= limits.LEAST_MEASURED_M2 * scale**2
         and (np.abs(one.delta - one.delta[-1]) <= limits.START_M * scale).all()
     ]
+    like = [
+        one
+        for one in level
+        if any(_are_opposite(one, b, faces) and _moved_alike(one, b, scale) for b in level)
+        or (
+            one.finding.measured_m2 >= limits.MAIN_SHARE * one.finding.area_m2
+            and (np.ptp(one.columns[:, 1:3], axis=0) >= 2 * limits.LIKE_EXTENT).all()
+        )
+    ]
     return max(like, key=lambda one: one.finding.measured_m2) if like else None
+
+
+def _moved_alike(a: Judged, b: Judged, scale: float) -> bool:
+    """Whether two faces that look away from each other went the same way."""
+    return bool(abs(a.delta[-1] + b.delta[-1]) <= limits.GATE_M * scale)
 
 
 def _displaced_finding(finding: ElementFinding, moved: Judged) -> ElementFinding:
@@ -199,7 +215,7 @@ def _are_opposite(a: Judged, b: Judged, faces: DesignFaces) -> bool:
     fa, fb = a.face, b.face
     is_flat = faces.sign[fa] == faces.sign[fb] == 0
     gap = float((faces.centre[fa] - faces.centre[fb]) @ faces.normal[fa])
-    return bool(is_flat and faces.normal[fa] @ faces.normal[fb] < _OPPOSITE and gap > 0)
+    return bool(is_flat and gap > 0 and faces.normal[fa] @ faces.normal[fb] < _OPPOSITE)
 
 
 def _reach(one: Judged) -> float:
@@ -303,7 +319,7 @@ def _unseen_sentence(known: ElementEvidence) -> str:
 
 def _mm(metres: float) -> str:
     value = 1000 * metres
-    return f"{value:.1f} mm" if abs(value) < 100 else f"{value / 1000:.2f} m"
+    return f"{value:.1f} mm" if abs(value) < 1000 else f"{value / 1000:.2f} m"
 
 
 def _way(one: Judged) -> tuple[float, float, float]:
