@@ -120,7 +120,9 @@ class _Sight:
         hidden = sum(self.by_extra.values())
         most = max(self.seen, hidden, self.behind, self.out)
         if most == self.out:
-            return f"all standing places see it {'too obliquely' if self.is_near else 'from out of range'}"
+            if not self.is_near:
+                return "it is out of range of all standing places"
+            return "all standing places are behind its main faces, or see them too obliquely"
         if most == self.behind:
             return "it is behind the design from all standing places"
         return (

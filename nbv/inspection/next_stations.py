@@ -71,8 +71,11 @@ class NextStations:
     left: tuple[Left, ...]
 
     def sentences(self) -> tuple[str, ...]:
-        """Return what to do, a sentence each."""
-        stays = (f"{entry.element.element.name} stays open: {entry.reason}." for entry in self.left)
+        """Return what to do and what stays open, a sentence each."""
+        by_reason = dict[str, list[ElementFinding]]()
+        for entry in self.left:
+            by_reason.setdefault(entry.reason, []).append(entry.element)
+        stays = (f"Left open, since {reason}: {named(held)}." for reason, held in by_reason.items())
         return (*(one.sentence() for one in (*self.promised, *self.moves)), *stays)
 
     def to_json(self) -> dict[str, Any]:
@@ -147,7 +150,7 @@ def plan_next_stations(
     can_settle = np.asarray(instance.coverable[: len(targets.elements)])
     open_ = [k for k, element in enumerate(targets.elements) if element.surface not in settled]
     later = [k for k in open_ if can_settle[k]]
-    why = f"one more station than {count(n_stations, 'proposed station')} would settle it"
+    why = f"it takes more than {count(n_stations, 'station')} to settle all that can be settled"
     moves, left = find_blockers(
         check, targets, [k for k in open_ if not can_settle[k]], places=standing.candidates.positions,
         obstacles=obstacles, limits=limits,

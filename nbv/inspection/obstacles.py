@@ -57,9 +57,8 @@ class Obstacles:
         design = _caster(mesh.some(opaque), n_threads)
         eyes = np.array([pose.translation for pose in check.alignment.poses]).reshape(-1, 3)
         cells = [_Cells.around(extra.points) for extra in check.extra]
-        measured = join_meshes([mesh.some(opaque), *(held.mesh(0) for held in cells)])
-        filled = [held.filled(eyes, _caster(measured, n_threads)) for held in cells]
-        extras = [held.mesh(-2 - k) for k, held in enumerate(filled)]
+        measured = _caster(join_meshes([mesh.some(opaque), *(held.mesh(0) for held in cells)]), n_threads)
+        extras = [held.filled(eyes, measured).mesh(-2 - k) for k, held in enumerate(cells)]
         barrier = join_meshes([mesh.some(opaque), *extras])
         owner, caster = barrier.face_surface, _caster(barrier, n_threads)
         return cls(join_meshes([mesh.some(stands), *extras]), caster, owner, design)

@@ -123,9 +123,8 @@ def _open_faces(
     check: DesignCheck, element: ElementFinding, obstacles: Obstacles, limits: SightLimits
 ) -> list[_Face] | str:
     """Return the faces of an element that are to be looked at, or why there are none."""
-    held = check.samples
-    mine = held.element == element.surface
-    open_ = mine & (held.state != _MEASURED) & (held.reason != _NOT_MET)
+    held, mine = check.samples, np.flatnonzero(check.samples.element == element.surface)
+    open_ = mine[(held.state[mine] != _MEASURED) & (held.reason[mine] != _NOT_MET)]
     mains = [face for face in element.faces if face.is_main]
     tested = [face for face in mains if face.is_tested and face.deviation is not None]
     if element.verdict == "undecided":
@@ -135,16 +134,16 @@ def _open_faces(
     untested = [face for face in mains if not face.is_tested] or mains
     found = list[_Face]()
     for face in untested:
-        rows = np.flatnonzero(open_ & _lies_on(check, face))
+        rows = open_[_lies_on(check, open_, face)]
         counts = face.support >= TESTED_SUPPORT and not face.is_tested
         if len(rows):
             had = (face.measured_m2, float(face.n_beams)) if counts else (0.0, 0.0)
             found.append(_Face(rows, *had))
-    if not mains and open_.any():
-        found = [_Face(np.flatnonzero(open_))]
+    if not mains and len(open_):
+        found = [_Face(open_)]
     if found:
         return found
-    passed = float(held.area_m2[mine & (held.reason == _NOT_MET)].sum())
+    passed = float(held.area_m2[mine[held.reason[mine] == _NOT_MET]].sum())
     if passed > 0:
         return f"beams passed {passed:.2f} m2 of it and met nothing there: another scan would do the same"
     return "its main faces are measured, and more scans of them add nothing"
@@ -158,11 +157,11 @@ def _doubtful_faces(
     limits: SightLimits,
 ) -> list[_Face] | str:
     """Return the faces whose intervals hold the tolerance, or why another scan does not change that."""
-    mine = check.samples.element == element.surface
+    mine = np.flatnonzero(check.samples.element == element.surface)
     eyes = np.array([pose.translation for pose in check.alignment.poses]).reshape(-1, 3)
     found = list[_Face]()
     for face in doubtful:
-        rows = np.flatnonzero(mine & _lies_on(check, face))
+        rows = mine[_lies_on(check, mine, face)]
         seen = visible_from_positions(obstacles.caster, eyes, samples_at(check, rows), limits)
         n_scans = max(int((np.diff(seen.indptr) > 0).sum()), 1)
         shrink = float(np.sqrt(n_scans / (n_scans + 1)))
@@ -191,11 +190,10 @@ def _decides(face: FaceFinding, tolerance_m: float, z: float, shrink: float = 1.
     return off + half <= tolerance_m or off - half * z / _QUANTILE > tolerance_m
 
 
-def _lies_on(check: DesignCheck, face: FaceFinding) -> BoolArray:
-    """Tell which samples of a check lie on a face; of a cylinder all that its element has."""
-    held = check.samples
-    mine = held.element == face.element
+def _lies_on(check: DesignCheck, rows: NDArray[np.int64], face: FaceFinding) -> BoolArray:
+    """Tell which of a check's samples, rows (n,) of its element, lie on a face; of a cylinder all do."""
     if face.kind == "cylinder":
-        return np.asarray(mine)
-    off = (held.points - face.centre) @ face.normal
-    return np.asarray(mine & (np.abs(off) <= _SAME_PLANE_M) & (held.normals @ face.normal >= _SAME_WAY))
+        return np.ones(len(rows), np.bool_)
+    off = (check.samples.points[rows] - face.centre) @ face.normal
+    alike = check.samples.normals[rows] @ face.normal >= _SAME_WAY
+    return np.asarray(alike & (np.abs(off) <= _SAME_PLANE_M))

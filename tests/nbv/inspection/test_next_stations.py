@@ -93,6 +93,7 @@ def test_missing_walls_and_glass_do_not_stop_beams(how: str) -> None:
         reasons = {entry.element.element.name: entry.reason for entry in found.left}
         assert reasons["board"] == "it is behind the design from all standing places"
         assert found.moves == ()
+        assert "Left open, since it is behind the design from all standing places: board." in found.sentences()
     else:
         assert "board" in names(found.promised[0].elements)
 
@@ -131,14 +132,14 @@ def test_settled_elements_count_more_than_area() -> None:
     assert names(found.promised[0].elements) == ["board 0", "board 1"]
     assert found.plan.stopped_because == "the limit of 1 station is reached"
     assert [(names([e.element]), e.reason) for e in found.left] == [
-        (["north 2"], "one more station than 1 proposed station would settle it")
+        (["north 2"], "it takes more than 1 station to settle all that can be settled")
     ]
 
 
 def test_range_and_sensor_bound_what_is_promised(one_room_scanned) -> None:
     short = Requirement(max_incidence_deg=80.0, max_range_m=0.2)
     found = plan_next_stations(one_room_scanned, PANORAMA, short)
-    assert found.left[0].reason == "all standing places see it from out of range"
+    assert found.left[0].reason == "it is out of range of all standing places"
     coarse = replace(PANORAMA, width=12, height=6)
     assert plan_next_stations(one_room_scanned, coarse).promised == ()  # fewer than 50 beams
     camera = plan_next_stations(one_room_scanned, load_sensor("generic60"))
