@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.asbuilt.findings import DesignCheck, ElementFinding, Extra
 from nbv.inspection.obstacles import Obstacles
-from nbv.inspection.targets import TESTED_BEAMS, TESTED_M2, Left, Targets
+from nbv.inspection.targets import PROMISED_BEAMS, PROMISED_M2, Left, Targets
 from nbv.visibility.requirement import SightLimits
 from scenes.checks import FloatArray
 
@@ -59,7 +59,7 @@ def find_blockers(
         element = targets.elements[number]
         sight = _Sight.of(targets, number, places=places, obstacles=obstacles, limits=limits)
         most = max(sight.by_extra, key=lambda k: (sight.by_extra[k], -k), default=None)
-        if most is not None and sight.by_extra[most] >= TESTED_M2:
+        if most is not None and sight.by_extra[most] >= PROMISED_M2:
             of_extra.setdefault(most, []).append((element, sight.by_extra[most]))
         else:
             left.append(Left(element, sight.reason()))
@@ -126,7 +126,7 @@ class _Sight:
         if most == self.behind:
             return "it is behind the design from all standing places"
         return (
-            f"no standing place sees {TESTED_M2:g} m2 of a main face with {TESTED_BEAMS} beams: "
+            f"no standing place sees {PROMISED_M2:g} m2 of a main face with {PROMISED_BEAMS} beams: "
             f"{self.seen:.2f} m2 are in sight, {self.behind:.2f} m2 behind the design, {hidden:.2f} m2 behind "
             "extras"
         )

@@ -14,7 +14,7 @@ from completion.asbuilt.findings import DesignCheck, ElementFinding
 from nbv.cover.instance import CoverInstance
 from nbv.inspection.blockers import Move, find_blockers, named
 from nbv.inspection.obstacles import Obstacles
-from nbv.inspection.targets import TESTED_BEAMS, TESTED_M2, Left, Targets
+from nbv.inspection.targets import PROMISED_BEAMS, Left, Targets
 from nbv.plan.plan import Plan, Resumption
 from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor, View
@@ -30,7 +30,6 @@ from scenes.world.scene import Scene
 
 CHECKED = Requirement(max_incidence_deg=80.0)
 """What the check itself takes: beams that meet a face at a cosine of 0.17 or more."""
-_MARGIN = 2.0  # times the area and the beams of a test that a promise takes: samples are 10 cm apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,9 +218,8 @@ def _settled(targets: Targets, poses: csr_array, beams: NDArray[np.float64]) -> 
     row = np.repeat(np.arange(poses.shape[0], dtype=np.int64), np.diff(poses.indptr))
     key, entry = np.unique(row * n_faces + targets.face[poses.indices], return_inverse=True)
     face = key % n_faces
-    area = targets.area_m2[face] + np.bincount(entry, targets.samples.areas[poses.indices], len(key))
-    n_beams = targets.beams[face] + np.bincount(entry, beams, len(key))
-    enough = (area >= _MARGIN * TESTED_M2) & (n_beams >= _MARGIN * TESTED_BEAMS)
+    area = np.bincount(entry, targets.samples.areas[poses.indices], len(key))
+    enough = (area >= targets.needed_m2[face]) & (np.bincount(entry, beams, len(key)) >= PROMISED_BEAMS)
     met = (key // n_faces)[enough] * n_elements + targets.owner[face[enough]]
     pair, n_met = np.unique(met, return_counts=True)
     pair = pair[n_met >= targets.n_needed[pair % n_elements]]

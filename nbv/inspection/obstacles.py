@@ -8,16 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from completion.asbuilt import limits
 from completion.asbuilt.findings import DesignCheck
 from nbv.online.occupancy import BoundaryFaces
 from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.labelled_mesh import LabelledMesh, join_meshes
 from scenes.rays.raycast import RayCaster
 
-OPAQUE = 0.9
-"""Opacity from which a face stops beams; as the check has it."""
-CELL_M = 0.05
-"""Side of the cells of extras, metres; as the check has it."""
 _MOST_CELLS = 20_000  # in the box of an extra: beyond, its cells are twice as large
 
 
@@ -53,7 +50,7 @@ class Obstacles:
         gone = [e.surface for e in check.elements if e.verdict == "missing" or e.kind == "displaced"]
         stands = ~np.isin(mesh.face_surface, gone)
         look = None if mesh.appearance is None else mesh.appearance.opacity
-        opaque = stands if look is None else stands & (look >= OPAQUE)
+        opaque = stands if look is None else stands & (look >= limits.SEE_THROUGH)
         design = _caster(mesh.some(opaque), n_threads)
         eyes = np.array([pose.translation for pose in check.alignment.poses]).reshape(-1, 3)
         cells = [_Cells.around(extra.points) for extra in check.extra]
@@ -74,9 +71,9 @@ class _Cells:
 
     @classmethod
     def around(cls, points: FloatArray) -> _Cells:
-        """Return the cells that have points (n, 3), middles of cells of `CELL_M`."""
-        low, side = points.min(axis=0) - CELL_M / 2, CELL_M
-        extent = np.ptp(points, axis=0) + CELL_M
+        """Return the cells that have points (n, 3), middles of cells of `limits.CELL_M`."""
+        low, side = points.min(axis=0) - limits.CELL_M / 2, limits.CELL_M
+        extent = np.ptp(points, axis=0) + limits.CELL_M
         while np.prod(np.ceil(extent / side - 1e-6)) > _MOST_CELLS:
             side *= 2
         shape = np.maximum(np.ceil(extent / side - 1e-6), 1).astype(np.int64)

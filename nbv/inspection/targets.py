@@ -8,7 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.asbuilt.findings import SAMPLE_REASONS, SAMPLE_STATES, DesignCheck, ElementFinding, FaceFinding
+from completion.asbuilt import limits
+from completion.asbuilt.deviation import HALF_95
+from completion.asbuilt.findings import (
+    SAMPLE_REASONS,
+    SAMPLE_STATES,
+    DesignCheck,
+    ElementFinding,
+    FaceFinding,
+    Samples,
+)
 from nbv.inspection.obstacles import Obstacles
 from nbv.run.wording import count
 from nbv.visibility.requirement import SightLimits
@@ -18,10 +27,12 @@ from scenes.checks import BoolArray, FloatArray
 
 OPEN = ("undecided", "hidden", "not seen")
 """Verdicts that further scans may change."""
-TESTED_M2, TESTED_BEAMS, TESTED_SUPPORT = 0.05, 50, 0.3
-"""Area, beams and support from which the check tests a face."""
-_QUANTILE = 1.96  # of intervals of 95 %
-_SAME_PLANE_M, _SAME_WAY = 0.03, 0.98  # from a face to its samples, and cosine of their normals
+PROMISED_M2, PROMISED_BEAMS, PROMISED_SHARE = 2 * limits.LEAST_MEASURED_M2, 2 * limits.FEWEST_BEAMS, 0.1
+"""Area, beams and share of a main face from which a station is promised to settle it: twice what a test takes,
+since samples are 10 cm apart, and not a corner alone, whose deviation would be too uncertain."""
+_WIDE = 2.0  # times the median half interval: more area narrows such an interval, not only more scans
+_SAME_PLANE_M, _SAME_WAY = 0.03, 0.98  # between samples of a plane, and cosine of their normals
+_CURVED = 0.3  # share of an element's area in its main planes, below which all of it is one face
 _MEASURED, _NOT_MET = SAMPLE_STATES.index("measured"), SAMPLE_REASONS.index("not met")
 
 
@@ -47,8 +58,8 @@ class Targets:
         Number of the face of each.
     owner : (f,) int
         Which of the elements each face belongs to.
-    area_m2, beams : (f,) float
-        What was measured of each face and counts with what is added to it.
+    needed_m2 : (f,) float
+        Area of each that a station must see.
     n_needed : (k,) int
         How many faces of each element are to be tested.
     left : tuple of Left
@@ -59,24 +70,31 @@ class Targets:
     samples: SurfaceSamples
     face: NDArray[np.int64]
     owner: NDArray[np.int64]
-    area_m2: FloatArray
-    beams: FloatArray
+    needed_m2: FloatArray
     n_needed: NDArray[np.int64]
     left: tuple[Left, ...]
 
     @classmethod
-    def of(cls, check: DesignCheck, obstacles: Obstacles, limits: SightLimits) -> Targets:
+    def of(cls, check: DesignCheck, obstacles: Obstacles, sight: SightLimits) -> Targets:
         """Return the targets of a check.
 
-        An element that nobody measured needs one main face with enough area and beams for a test. One whose
-        interval holds the tolerance needs another scan of that face, if that makes the interval narrow
-        enough: its variance is taken to fall with the number of scans that measured the face.
+        An element that nobody measured needs one main face with enough area and beams for a test, and so does
+        one whose interval is wide because little of it was measured. One whose interval holds the tolerance
+        needs another scan of that face, if that makes the interval narrow enough: its variance is taken to
+        fall with the number of scans that measured the face.
         """
+        halves = [
+            _off_and_half(face)[1]
+            for element in check.elements
+            for face in element.faces
+            if face.is_main and face.is_tested and face.deviation is not None
+        ]
+        typical = float(np.median(halves)) if halves else np.inf
         elements, left, wanted = list[ElementFinding](), list[Left](), list[list[_Face]]()
         for element in check.elements:
             if element.verdict not in OPEN:
                 continue
-            faces = _open_faces(check, element, obstacles, limits)
+            faces = _open_faces(check, element, obstacles, sight, _WIDE * typical)
             if isinstance(faces, str):
                 left.append(Left(element, faces))
             else:
@@ -90,8 +108,7 @@ class Targets:
             samples_at(check, rows),
             np.repeat(np.arange(len(flat)), [len(face.rows) for face in flat]),
             np.repeat(np.arange(len(counts)), counts),
-            np.array([face.area_m2 for face in flat], np.float64),
-            np.array([face.beams for face in flat], np.float64),
+            np.array([face.needed_m2 for face in flat], np.float64),
             np.array([sum(face.is_doubtful for face in faces) or 1 for faces in wanted], np.int64),
             tuple(left),
         )
@@ -99,11 +116,10 @@ class Targets:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Face:
-    """Rows of `check.samples` on a face, what counts of its measurement, and whether its interval holds T."""
+    """Rows of `check.samples` on a face, the area that a station must see, whether its interval holds T."""
 
     rows: NDArray[np.int64]
-    area_m2: float = 0.0
-    beams: float = 0.0
+    needed_m2: float
     is_doubtful: bool = False
 
 
@@ -120,27 +136,24 @@ def samples_at(check: DesignCheck, rows: NDArray[np.int64]) -> SurfaceSamples:
 
 
 def _open_faces(
-    check: DesignCheck, element: ElementFinding, obstacles: Obstacles, limits: SightLimits
+    check: DesignCheck, element: ElementFinding, obstacles: Obstacles, sight: SightLimits, wide_m: float
 ) -> list[_Face] | str:
     """Return the faces of an element that are to be looked at, or why there are none."""
     held, mine = check.samples, np.flatnonzero(check.samples.element == element.surface)
-    open_ = mine[(held.state[mine] != _MEASURED) & (held.reason[mine] != _NOT_MET)]
-    mains = [face for face in element.faces if face.is_main]
-    tested = [face for face in mains if face.is_tested and face.deviation is not None]
+    sure = [face for face in element.faces if face.is_main and face.is_tested and face.deviation is not None]
+    sure = [face for face in sure if _off_and_half(face)[1] <= wide_m]
     if element.verdict == "undecided":
-        doubtful = [face for face in tested if not _decides(face, element.tolerance_m, check.z)]
+        doubtful = [face for face in sure if not _decides(face, element.tolerance_m, check.z)]
         if doubtful:
-            return _doubtful_faces(check, element, doubtful, obstacles, limits)
-    untested = [face for face in mains if not face.is_tested] or mains
+            return _doubtful_faces(check, element, doubtful, obstacles, sight)
+    is_open = (held.state != _MEASURED) & (held.reason != _NOT_MET)
+    planes = _main_planes(held, mine)
+    left = [rows for rows in planes if not any(_lie_on(held, rows[:1], face).all() for face in sure)]
     found = list[_Face]()
-    for face in untested:
-        rows = open_[_lies_on(check, open_, face)]
-        counts = face.support >= TESTED_SUPPORT and not face.is_tested
-        if len(rows):
-            had = (face.measured_m2, float(face.n_beams)) if counts else (0.0, 0.0)
-            found.append(_Face(rows, *had))
-    if not mains and len(open_):
-        found = [_Face(open_)]
+    for rows in left or planes:
+        if is_open[rows].any():
+            needed = max(PROMISED_M2, PROMISED_SHARE * float(held.area_m2[rows].sum()))
+            found.append(_Face(rows[is_open[rows]], needed))
     if found:
         return found
     passed = float(held.area_m2[mine[held.reason[mine] == _NOT_MET]].sum())
@@ -149,20 +162,35 @@ def _open_faces(
     return "its main faces are measured, and more scans of them add nothing"
 
 
+def _main_planes(held: Samples, mine: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Return the samples of an element, rows (n,), by main plane; all of them together of a curved one."""
+    left, planes, areas = mine, list[NDArray[np.int64]](), list[float]()
+    while len(left):
+        alike = held.normals[left] @ held.normals[left[0]] >= _SAME_WAY
+        off = (held.points[left] - held.points[left[0]]) @ held.normals[left[0]]
+        alike &= np.abs(off) <= _SAME_PLANE_M
+        planes.append(left[alike])
+        areas.append(float(held.area_m2[left[alike]].sum()))
+        left = left[~alike]
+    mains = [k for k, area in enumerate(areas) if area >= limits.MAIN_SHARE * max(areas)]
+    is_curved = sum(areas[k] for k in mains) < _CURVED * sum(areas)
+    return [mine] if is_curved else [planes[k] for k in mains]
+
+
 def _doubtful_faces(
     check: DesignCheck,
     element: ElementFinding,
     doubtful: list[FaceFinding],
     obstacles: Obstacles,
-    limits: SightLimits,
+    sight: SightLimits,
 ) -> list[_Face] | str:
     """Return the faces whose intervals hold the tolerance, or why another scan does not change that."""
     mine = np.flatnonzero(check.samples.element == element.surface)
     eyes = np.array([pose.translation for pose in check.alignment.poses]).reshape(-1, 3)
     found = list[_Face]()
     for face in doubtful:
-        rows = mine[_lies_on(check, mine, face)]
-        seen = visible_from_positions(obstacles.caster, eyes, samples_at(check, rows), limits)
+        rows = mine[_lie_on(check.samples, mine, face)]
+        seen = visible_from_positions(obstacles.caster, eyes, samples_at(check, rows), sight)
         n_scans = max(int((np.diff(seen.indptr) > 0).sum()), 1)
         shrink = float(np.sqrt(n_scans / (n_scans + 1)))
         if not _decides(face, element.tolerance_m, check.z, shrink):
@@ -173,7 +201,7 @@ def _doubtful_faces(
                 f"+-{1e3 * half * shrink:.1f} mm: do not scan it again for this"
             )
         if len(rows):
-            found.append(_Face(rows, is_doubtful=True))
+            found.append(_Face(rows, PROMISED_M2, is_doubtful=True))
     return found or "no exposed sample lies on the face that decides"
 
 
@@ -187,13 +215,12 @@ def _decides(face: FaceFinding, tolerance_m: float, z: float, shrink: float = 1.
     """Whether a face with an interval `shrink` times as wide is within the tolerance, or deviates."""
     off, half = _off_and_half(face)
     half *= shrink
-    return off + half <= tolerance_m or off - half * z / _QUANTILE > tolerance_m
+    return off + half <= tolerance_m or off - half * z / HALF_95 > tolerance_m
 
 
-def _lies_on(check: DesignCheck, rows: NDArray[np.int64], face: FaceFinding) -> BoolArray:
-    """Tell which of a check's samples, rows (n,) of its element, lie on a face; of a cylinder all do."""
+def _lie_on(held: Samples, rows: NDArray[np.int64], face: FaceFinding) -> BoolArray:
+    """Tell which samples, rows (n,) of one element, lie on a face of it; on a cylinder all do."""
     if face.kind == "cylinder":
         return np.ones(len(rows), np.bool_)
-    off = (check.samples.points[rows] - face.centre) @ face.normal
-    alike = check.samples.normals[rows] @ face.normal >= _SAME_WAY
-    return np.asarray(alike & (np.abs(off) <= _SAME_PLANE_M))
+    off = (held.points[rows] - face.centre) @ face.normal
+    return np.asarray((held.normals[rows] @ face.normal >= _SAME_WAY) & (np.abs(off) <= _SAME_PLANE_M))

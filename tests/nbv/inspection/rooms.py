@@ -132,7 +132,11 @@ def _faces(design, k, move, deviation, measured):
         normal = way * np.eye(3)[axis]
         centre = (low + high) / 2 + normal * (high - low)[axis] / 2
         on_it = np.abs((measured - centre) @ normal) < 1e-6
-        more = {} if deviation is None or not on_it.any() else {"is_tested": True, "deviation": deviation, "support": 0.9}
+        more = (
+            {}
+            if deviation is None or not on_it.any()
+            else {"is_tested": True, "deviation": deviation, "support": 0.9}
+        )
         faces.append(FaceFinding(k, "plane", True, move.apply(centre[None])[0], move.rotation @ normal, area,
                                  **more))  # fmt: skip
     return tuple(faces)

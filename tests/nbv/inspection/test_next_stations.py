@@ -93,7 +93,9 @@ def test_missing_walls_and_glass_do_not_stop_beams(how: str) -> None:
         reasons = {entry.element.element.name: entry.reason for entry in found.left}
         assert reasons["board"] == "it is behind the design from all standing places"
         assert found.moves == ()
-        assert "Left open, since it is behind the design from all standing places: board." in found.sentences()
+        assert (
+            "Left open, since it is behind the design from all standing places: board." in found.sentences()
+        )
     else:
         assert "board" in names(found.promised[0].elements)
 
@@ -114,7 +116,9 @@ def test_beams_that_passed_would_pass_again(one_room_scanned) -> None:
     north = held.element == names(one_room_scanned.elements).index("north 2")
     check = replace(one_room_scanned, samples=replace(held, reason=np.where(north, 6, held.reason)))
     found = plan_next_stations(check, PANORAMA)
-    assert found.promised == () and "met nothing there: another scan would do the same" in found.left[0].reason
+    assert (
+        found.promised == () and "met nothing there: another scan would do the same" in found.left[0].reason
+    )
 
 
 def test_settled_elements_count_more_than_area() -> None:
