@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Next stations of a check: what was open and is settled once they are taken, beside stations for coverage."""
+"""Next stations of a check: what was open and is settled once they are taken, beside coverage alone."""
 
 from __future__ import annotations
 
@@ -30,9 +30,10 @@ _SITE = SiteOptions(heights_m=(1.6,))
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Of one state: elements that were open, promised, settled of these, settled in all; likewise by coverage.
+    """Numbers of elements in one state; `n_stations` proposed.
 
-    `moves` and `left` count elements; `n_stations` those that were proposed.
+    `opened` by the first check, `promised` to be settled, `kept` of these, `settled` in all, with stations
+    for the check and for coverage; `moves` and `left` as in `NextStations`.
     """
 
     n_stations: int

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Inspection: designs that were checked against scans, and what is to be scanned next."""
+"""Inspection: a design checked against scans, its files, what changed, and where to stand next."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Blockers: what to move so that elements can be seen that no standing place sees, and what cannot be seen."""
+"""Blockers: what to move so that elements can be seen, and why others cannot be."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ class Move:
 
     def sentence(self) -> str:
         """Say what to move, and what that shows."""
-        size = " x ".join(f"{side:.1f}" for side in np.ptp(self.extra.box_m, axis=0))
+        sides = np.maximum(np.ptp(self.extra.box_m, axis=0), 0.1)
+        size = " x ".join(f"{side:.1f}" for side in sides)
         names = named(self.elements)
         return f"Move {self.extra.name} ({size} m) to see {names}: {self.area_m2:.2f} m2."
 
@@ -127,6 +128,6 @@ class _Sight:
             return "it is behind the design from all standing places"
         return (
             f"no standing place sees {PROMISED_M2:g} m2 of a main face with {PROMISED_BEAMS} beams: "
-            f"{self.seen:.2f} m2 are in sight, {self.behind:.2f} m2 behind the design, {hidden:.2f} m2 behind "
-            "extras"
+            f"{self.seen:.2f} m2 are in sight, {self.behind:.2f} m2 behind the design, "
+            f"{hidden:.2f} m2 behind extras"
         )

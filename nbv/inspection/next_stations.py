@@ -34,7 +34,7 @@ CHECKED = Requirement(max_incidence_deg=80.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Promise:
-    """What a station should settle: its number, from 1, the elements, and the area that it sees of targets."""
+    """What a station should settle: its number, from 1, the elements, and how much of targets it sees."""
 
     station: int
     elements: tuple[ElementFinding, ...]

@@ -28,8 +28,8 @@ from scenes.checks import BoolArray, FloatArray
 OPEN = ("undecided", "hidden", "not seen")
 """Verdicts that further scans may change."""
 PROMISED_M2, PROMISED_BEAMS, PROMISED_SHARE = 2 * limits.LEAST_MEASURED_M2, 2 * limits.FEWEST_BEAMS, 0.1
-"""Area, beams and share of a main face from which a station is promised to settle it: twice what a test takes,
-since samples are 10 cm apart, and not a corner alone, whose deviation would be too uncertain."""
+"""Area, beams and share of a main face that a station is to see to settle it: twice what a test takes, since
+samples are 10 cm apart, and not a corner alone, from which the deviation of the whole is too uncertain."""
 _WIDE = 2.0  # times the median half interval: more area narrows such an interval, not only more scans
 _SAME_PLANE_M, _SAME_WAY = 0.03, 0.98  # between samples of a plane, and cosine of their normals
 _CURVED = 0.3  # share of an element's area in its main planes, below which all of it is one face
@@ -151,9 +151,12 @@ def _open_faces(
     left = [rows for rows in planes if not any(_lie_on(held, rows[:1], face).all() for face in sure)]
     found = list[_Face]()
     for rows in left or planes:
-        if is_open[rows].any():
-            needed = max(PROMISED_M2, PROMISED_SHARE * float(held.area_m2[rows].sum()))
-            found.append(_Face(rows[is_open[rows]], needed))
+        needed = max(PROMISED_M2, PROMISED_SHARE * float(held.area_m2[rows].sum()))
+        unseen = rows[is_open[rows]]
+        if not len(unseen) and left:  # measured too sparsely
+            unseen = rows[held.reason[rows] != _NOT_MET]
+        if len(unseen):
+            found.append(_Face(unseen, needed))
     if found:
         return found
     passed = float(held.area_m2[mine[held.reason[mine] == _NOT_MET]].sum())

@@ -105,8 +105,8 @@ def check_of(design, eyes, crates=(), missing=(), doubtful=None, moved=None) -> 
         cells = move.apply(cells_of(low, high))
         box = np.stack([cells.min(axis=0) - 0.025, cells.max(axis=0) + 0.025])
         extra.append(Extra(f"extra-{k + 1}", box, 1.0, cells))
-    poses = tuple(Pose.looking_at(move.apply(np.array([eye]))[0], move.apply(np.array([eye]) + [[1, 0, 0]])[0])
-                  for eye in eyes)  # fmt: skip
+    upright = Pose.looking_at((0, 0, 0), (1, 0, 0)).rotation
+    poses = tuple(move @ Pose.from_parts(upright, np.array(eye)) for eye in eyes)
     turned = design.mesh.at(move.apply(design.mesh.vertices))
     return DesignCheck(
         ElementMesh(turned, design.elements, design.name), tuple(f"s{k}" for k in range(len(eyes))),
@@ -132,11 +132,9 @@ def _faces(design, k, move, deviation, measured):
         normal = way * np.eye(3)[axis]
         centre = (low + high) / 2 + normal * (high - low)[axis] / 2
         on_it = np.abs((measured - centre) @ normal) < 1e-6
-        more = (
-            {}
-            if deviation is None or not on_it.any()
-            else {"is_tested": True, "deviation": deviation, "support": 0.9}
-        )
-        faces.append(FaceFinding(k, "plane", True, move.apply(centre[None])[0], move.rotation @ normal, area,
-                                 **more))  # fmt: skip
+        is_tested = deviation is not None and bool(on_it.any())
+        faces.append(FaceFinding(
+            k, "plane", True, move.apply(centre[None])[0], move.rotation @ normal, area, support=0.9,
+            is_tested=is_tested, deviation=deviation if is_tested else None,
+        ))  # fmt: skip
     return tuple(faces)

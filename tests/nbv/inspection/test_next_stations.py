@@ -42,16 +42,19 @@ def places(found):
 def test_a_room_that_nobody_scanned_gets_the_station(one_room_scanned) -> None:
     found = plan_next_stations(one_room_scanned, PANORAMA, n_stations=3)
     assert [names(one.elements) for one in found.promised] == [["north 2"]]
-    assert found.moves == () and found.left == ()
+    assert found.moves == ()
+    assert found.left == ()
     assert found.promised[0].area_m2 == pytest.approx(4.1 * 2.5, rel=0.03)  # all of its inner side
-    assert places(found)[0, 0] > 4.0 and found.plan.stopped_because == "no station settles more"
+    assert places(found)[0, 0] > 4.0
+    assert found.plan.stopped_because == "no station settles more"
     assert found.plan.views[0].predicted_gain_m2 == found.promised[0].area_m2
     assert found.sentences()[0].startswith("Station 1 should settle 1 element (10.")
 
 
 def test_what_a_crate_hides_from_everywhere_says_to_move_it(panel_hidden) -> None:
     found = plan_next_stations(panel_hidden, PANORAMA, n_stations=3)
-    assert found.plan.views == () and found.left == ()
+    assert found.plan.views == ()
+    assert found.left == ()
     assert [(move.extra.name, names(move.elements)) for move in found.moves] == [("extra-1", ["panel"])]
     assert found.moves[0].area_m2 == pytest.approx(1.2 * 1.5, rel=0.02)
     assert found.sentences() == ("Move extra-1 (2.0 x 0.7 x 2.3 m) to see panel: 1.80 m2.",)
@@ -63,7 +66,8 @@ def test_a_crate_that_one_can_walk_around_is_not_moved() -> None:
     crate = ((6.0, 1.2, 0.0), (6.6, 2.8, 2.3))
     check = check_of(design_of(TWO_ROOMS | board), [WEST, (5.0, 2.0, 1.6)], [crate])
     found = plan_next_stations(check, PANORAMA)
-    assert [names(one.elements) for one in found.promised] == [["board"]] and found.moves == ()
+    assert [names(one.elements) for one in found.promised] == [["board"]]
+    assert found.moves == ()
     (x, y, _) = places(found)[0]
     assert not (5.7 < x < 6.9 and 0.9 < y < 3.1)  # clear of the crate
 
@@ -104,11 +108,13 @@ def test_what_lies_at_the_tolerance_asks_for_no_scan(one_room_scanned) -> None:
     design = design_of(TWO_ROOMS)
     near, far = {"west": (0.0098, 0.0012)}, {"west": (0.0085, 0.0017)}
     found = plan_next_stations(check_of(design, [WEST, EAST], doubtful=near), PANORAMA)
-    assert found.promised == () and names([entry.element for entry in found.left]) == ["west"]
+    assert found.promised == ()
+    assert names([entry.element for entry in found.left]) == ["west"]
     assert "9.8 mm off its place, 0.2 mm from its tolerance" in found.left[0].reason
     assert "after 1 scan leaves +-0.8 mm: do not scan it again" in found.left[0].reason
     found = plan_next_stations(check_of(design, [WEST, EAST], doubtful=far), PANORAMA)  # 8.5 + 1.2 < 10 mm
-    assert names(found.promised[0].elements) == ["west"] and found.left == ()
+    assert names(found.promised[0].elements) == ["west"]
+    assert found.left == ()
 
 
 def test_beams_that_passed_would_pass_again(one_room_scanned) -> None:
@@ -116,9 +122,8 @@ def test_beams_that_passed_would_pass_again(one_room_scanned) -> None:
     north = held.element == names(one_room_scanned.elements).index("north 2")
     check = replace(one_room_scanned, samples=replace(held, reason=np.where(north, 6, held.reason)))
     found = plan_next_stations(check, PANORAMA)
-    assert (
-        found.promised == () and "met nothing there: another scan would do the same" in found.left[0].reason
-    )
+    assert found.promised == ()
+    assert "met nothing there: another scan would do the same" in found.left[0].reason
 
 
 def test_settled_elements_count_more_than_area() -> None:
@@ -155,7 +160,8 @@ def test_range_and_sensor_bound_what_is_promised(one_room_scanned) -> None:
 def test_an_object_is_looked_at_from_around() -> None:
     box = {"front": ((1, 1, 0.5), (2, 1.1, 1.5)), "back": ((1, 1.9, 0.5), (2, 2, 1.5))}
     found = plan_next_stations(check_of(design_of(box), [(1.5, -1, 1)]), PANORAMA)
-    assert names(found.promised[0].elements) == ["back"] and places(found)[0, 1] > 1.2
+    assert names(found.promised[0].elements) == ["back"]
+    assert places(found)[0, 1] > 1.2
 
 
 @pytest.mark.parametrize("degrees", [0.0, 90.0])
@@ -179,7 +185,8 @@ def test_threads_change_nothing_and_the_plan_is_written(panel_hidden, one_room_s
         texts.append((tmp_path / f"{n}.json").read_bytes() + json.dumps(found.to_json()).encode())
     assert texts[0] == texts[1]
     written = plan_next_stations(panel_hidden, PANORAMA).to_json()
-    assert written["move"][0]["what"] == "extra-1" and written["stations"] == []
+    assert written["move"][0]["what"] == "extra-1"
+    assert written["stations"] == []
 
 
 def test_what_no_station_saw_of_an_extra_is_solid(panel_hidden) -> None:
