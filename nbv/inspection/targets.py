@@ -87,7 +87,7 @@ class Targets:
             _off_and_half(face)[1]
             for element in check.elements
             for face in element.faces
-            if face.is_main and face.is_tested and face.deviation is not None
+            if face.is_main and face.is_tested
         ]
         typical = float(np.median(halves)) if halves else np.inf
         elements, left, wanted = list[ElementFinding](), list[Left](), list[list[_Face]]()
@@ -140,29 +140,33 @@ def _open_faces(
 ) -> list[_Face] | str:
     """Return the faces of an element that are to be looked at, or why there are none."""
     held, mine = check.samples, np.flatnonzero(check.samples.element == element.surface)
-    sure = [face for face in element.faces if face.is_main and face.is_tested and face.deviation is not None]
-    sure = [face for face in sure if _off_and_half(face)[1] <= wide_m]
+    mains = [f for f in element.faces if f.is_main and 2 * f.n_beams >= limits.FEWEST_BEAMS]
+    sure = [face for face in mains if face.is_tested and _off_and_half(face)[1] <= wide_m]
     if element.verdict == "undecided":
         doubtful = [face for face in sure if not _decides(face, element.tolerance_m, check.z)]
         if doubtful:
             return _doubtful_faces(check, element, doubtful, obstacles, sight)
-    is_open = (held.state != _MEASURED) & (held.reason != _NOT_MET)
     planes = _main_planes(held, mine)
     left = [rows for rows in planes if not any(_lie_on(held, rows[:1], face).all() for face in sure)]
-    found = list[_Face]()
+    found, passed = list[_Face](), 0.0
     for rows in left or planes:
-        needed = max(PROMISED_M2, PROMISED_SHARE * float(held.area_m2[rows].sum()))
-        unseen = rows[is_open[rows]]
-        if not len(unseen) and left:  # measured too sparsely
-            unseen = rows[held.reason[rows] != _NOT_MET]
-        if len(unseen):
+        own = [face for face in mains if _lie_on(held, rows[:1], face).all()]
+        passed += float(held.area_m2[rows[held.reason[rows] == _NOT_MET]].sum())
+        passed += sum(face.area_m2 - face.measured_m2 for face in own if face.support < limits.LEAST_SUPPORT)
+        area = float(held.area_m2[rows].sum())
+        needed = max(PROMISED_M2, PROMISED_SHARE * area, *(f.measured_m2 for f in own if f.is_tested))
+        rows = rows[held.reason[rows] != _NOT_MET]
+        unseen = rows[held.state[rows] != _MEASURED]
+        if left and not len(unseen):  # measured, but too sparsely
+            unseen = rows
+        is_met = all(face.support >= limits.LEAST_SUPPORT for face in own)
+        if is_met and held.area_m2[unseen].sum() >= needed:
             found.append(_Face(unseen, needed))
     if found:
         return found
-    passed = float(held.area_m2[mine[held.reason[mine] == _NOT_MET]].sum())
     if passed > 0:
         return f"beams passed {passed:.2f} m2 of it and met nothing there: another scan would do the same"
-    return "its main faces are measured, and more scans of them add nothing"
+    return "too little of its main faces is left to be measured"
 
 
 def _main_planes(held: Samples, mine: NDArray[np.int64]) -> list[NDArray[np.int64]]:
@@ -210,7 +214,8 @@ def _doubtful_faces(
 
 def _off_and_half(face: FaceFinding) -> tuple[float, float]:
     """Distance of a tested face from its place, and half its 95 % interval, metres."""
-    assert face.deviation is not None
+    if face.deviation is None:
+        return np.inf, np.inf
     return abs(face.deviation.value), (face.deviation.high - face.deviation.low) / 2
 
 

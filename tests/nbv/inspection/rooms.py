@@ -135,6 +135,6 @@ def _faces(design, k, move, deviation, measured):
         is_tested = deviation is not None and bool(on_it.any())
         faces.append(FaceFinding(
             k, "plane", True, move.apply(centre[None])[0], move.rotation @ normal, area, support=0.9,
-            is_tested=is_tested, deviation=deviation if is_tested else None,
+            is_tested=is_tested, deviation=deviation if is_tested else None, n_beams=900 * is_tested,
         ))  # fmt: skip
     return tuple(faces)
