@@ -143,6 +143,10 @@ class FaceSurface:
         Its number.
     is_on : (n,) bool
         Which beams of the face are on it.
+    is_core : (n,) bool
+        Which are in the middle of those, and tell where it lies.
+    residual : (n,) float
+        How far each is off it, scans at their own levels, metres.
     area_m2 : float
         What they stand for.
     level : float
@@ -157,6 +161,8 @@ class FaceSurface:
 
     face: int
     is_on: BoolArray
+    is_core: BoolArray
+    residual: FloatArray
     area_m2: float
     level: float
     sd: float
@@ -185,6 +191,8 @@ def find_surface(
     return FaceSurface(
         face=int(beams.face[part.start]),
         is_on=best.is_on,
+        is_core=best.is_core,
+        residual=best.residual,
         area_m2=float(area[best.is_on].sum()),
         level=best.level,
         sd=best.sd,
@@ -211,9 +219,10 @@ def _mode(y: FloatArray, area: FloatArray, width: float) -> float:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
     is_on: BoolArray
+    is_core: BoolArray
+    residual: FloatArray
     level: float
     sd: float
-    factors: FloatArray
 
 
 def _fit(
@@ -228,25 +237,32 @@ def _fit(
 ) -> _Fit:
     """Fit a surface to what is near it, scans at their own levels, and narrow the gate round by round."""
     used = columns[:, np.abs(columns).max(axis=0) > 1e-9]
-    on = np.abs(y - start) <= limits.START_M * scale + 2 * sigma
-    factors, residual, sd = np.zeros(used.shape[1]), y - start, float(np.median(sigma))
+    residual, sd = y - start, float(np.median(sigma))
     names, own = np.unique(scan, return_inverse=True)
-    floor = limits.WINDOW_SIGMAS * sigma
     level_sd = np.array([np.median(registration[own == k]) for k in range(len(names))])
-    for _ in range(_ROUNDS):
-        if on.sum() < 2 * used.shape[1]:
+    on = core = np.abs(residual) <= limits.START_M * scale + 2 * sigma
+    for turn in range(2 * _ROUNDS):
+        if core.sum() < 2 * used.shape[1]:
             break
-        index = np.flatnonzero(on)[:: max(1, int(on.sum()) // _MOST_HELD)]
-        weight = 1.0 / sigma[index]
-        held = used[index] * weight[:, None]
-        ridge = 1e-6 * np.trace(held.T @ held) / used.shape[1] * np.eye(used.shape[1])
-        factors = np.linalg.solve(held.T @ held + ridge, held.T @ (weight * y[index]))
-        residual = y - used @ factors
+        residual = y - used @ _plane(y, used, sigma, core)
         for k in range(len(names)):  # few: the scans that see this face
-            mine = on & (own == k)
+            mine = core & (own == k)
             if mine.any():
                 bound = limits.LEVEL_SD * level_sd[k]
                 residual[own == k] -= np.clip(np.median(residual[mine]), -bound, bound)
-        sd = 1.4826 * float(np.median(np.abs(residual[on])))
-        on = np.abs(residual) <= np.maximum(3 * sd, floor)
-    return _Fit(on, float(np.median(y[on])) if on.any() else start, sd, factors)
+        if turn < _ROUNDS:
+            sd = 1.4826 * float(np.median(np.abs(residual[core])))
+        on = np.abs(residual) <= np.maximum(3 * sd, limits.WINDOW_SIGMAS * sigma)
+        # what stands before a face is seen, what may lie behind it is not: only the middle has no side
+        core = on if turn < _ROUNDS - 1 else np.abs(residual) <= limits.CORE_SIGMAS * np.maximum(sd, sigma)
+    return _Fit(on, core, residual, float(np.median(y[core])) if core.any() else start, sd)
+
+
+def _plane(y: FloatArray, columns: FloatArray, sigma: FloatArray, used: BoolArray) -> FloatArray:
+    """Factors (k,) of columns (n, k) that fit the distances of used beams (n,) best."""
+    index = np.flatnonzero(used)[:: max(1, int(used.sum()) // _MOST_HELD)]
+    weight = 1.0 / sigma[index]
+    held = columns[index] * weight[:, None]
+    information = held.T @ held
+    ridge = 1e-6 * np.trace(information) / len(information) * np.eye(len(information))
+    return np.asarray(np.linalg.solve(information + ridge, held.T @ (weight * y[index])))

@@ -11,12 +11,15 @@ design has them but for a Student distribution of three degrees of freedom, whos
 expectation and maximisation (Lange, Little & Taylor 1989): one face pulls on the alignment with at most
 1 / tau^2, however many beams it has, and one that moved with almost nothing.
 
-Faces are eliminated one by one, so that what is solved has as many unknowns as poses have.
+Faces are eliminated one by one, so that what is solved has as many unknowns as poses have. What pairs of a
+face and a scan are off by beyond their noise, as where things stand before walls, widens all variances.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +29,8 @@ from completion.asbuilt.agreement import N_SHARED, FaceBeams
 from completion.asbuilt.faces import N_COLUMNS
 from scenes.checks import FloatArray, freeze_arrays
 
+_MEDIAN_SQUARE = 0.455  # of a standard normal number
+_FEWEST_LEFT = 30  # pairs more than unknowns, that tell by how much they differ
 _UNUSED = 1e-12  # information of a parameter that no beam tells
 
 
@@ -90,7 +95,8 @@ def align(
     is_on: NDArray[np.bool_],
     origins: FloatArray,
     *,
-    n_faces: int,
+    speaks: NDArray[np.bool_],
+    moved: FloatArray,
     errors: PoseErrors,
     scale: float,
 ) -> Aligned:
@@ -104,30 +110,25 @@ def align(
         Those that lie on the surface of their face.
     origins : (s, 3) float
         Where the scans stood, metres; the design's middle is the origin.
-    n_faces : int
-        Faces from this number on may lie anywhere, and say nothing of the alignment.
+    speaks : (F,) bool
+        Which faces say something of the alignment; others may lie anywhere.
+    moved : (s + 1, 6) float
+        Motions that were taken off the scans already, and off all of them.
     errors : PoseErrors
         How well poses are known.
     scale : float
         Of lengths, 1 for a building.
     """
-    system = _assemble(beams, is_on, origins, n_faces, scale)
+    system = _assemble(beams, is_on, origins, speaks, scale)
     size = system.poses.shape[0]
     prior = _pose_precision(len(origins), errors)
-    tau, weight = 2e-3 * scale, np.ones(len(system.faces))
-    least, most = limits.LEAST_TAU_M * scale, limits.MOST_TAU_M * scale
-    near, anywhere = system.faces < n_faces, 1.0 / (limits.FAR_M * scale) ** 2
-    for _ in range(limits.ROUNDS):
-        precision = np.where(near, weight / tau**2, anywhere)
-        solved = _solve(system, prior, precision)
-        spread = np.einsum("qii->qi", _own_blocks(system, solved))
-        square = np.where(system.used, np.square(solved.x) + spread, 0.0).sum(axis=1)
-        used = system.n_used
-        weight = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2)
-        if near.any():
-            tau = float(np.clip(np.sqrt((weight * square)[near].sum() / used[near].sum()), least, most))
-    precision = np.where(near, weight / tau**2, anywhere)
-    solved = _solve(system, prior, precision)
+    prior_right = np.zeros(size)
+    prior_right[: moved.size] = -prior[: moved.size] * moved.ravel()
+    solved, tau, precision = _estimate(system, prior, prior_right, scale)
+    excess = _excess(system, solved)
+    if excess > 1.0:
+        system = system.widened(excess)
+        solved, tau, precision = _estimate(system, prior, prior_right, scale)
     blocks = _own_blocks(system, solved)
     own = np.linalg.inv(blocks) - np.eye(N_COLUMNS) * precision[:, None, None]
     own = _positive(own)
@@ -148,6 +149,51 @@ def align(
     )
 
 
+def _estimate(
+    system: _System, prior: FloatArray, prior_right: FloatArray, scale: float
+) -> tuple[_Solved, float, FloatArray]:
+    """Solve, with tau and the weight of each face by expectation and maximisation."""
+    tau, weight = 2e-3 * scale, np.ones(len(system.faces))
+    least, most = limits.LEAST_TAU_M * scale, limits.MOST_TAU_M * scale
+    near, anywhere = system.speaks, 1.0 / (limits.FAR_M * scale) ** 2
+    used = system.used.sum(axis=1)
+    for _ in range(limits.ROUNDS):
+        precision = np.where(near, weight / tau**2, anywhere)
+        solved = _solve(system, prior, prior_right, precision)
+        spread = np.einsum("qii->qi", _own_blocks(system, solved))
+        square = np.where(system.used, np.square(solved.x) + spread, 0.0).sum(axis=1)
+        weight = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2)
+        if near.any():
+            tau = float(np.clip(np.sqrt((weight * square)[near].sum() / used[near].sum()), least, most))
+    precision = np.where(near, weight / tau**2, anywhere)
+    return _solve(system, prior, prior_right, precision), tau, precision
+
+
+def _excess(system: _System, solved: _Solved) -> float:
+    """How much larger the squares of what pairs are off by are than their variances, robustly; 1 at least."""
+    pairs = system.pairs
+    left_over = len(pairs.y) - len(np.unique(pairs.face)) - 3 * len(np.unique(pairs.scan))
+    if left_over < _FEWEST_LEFT:
+        return 1.0
+    own = solved.poses[: -6 - N_SHARED].reshape(-1, 6)[pairs.scan]
+    left = pairs.y - np.einsum("pi,pi->p", pairs.columns, solved.x[pairs.face])
+    left -= np.einsum("pi,pi->p", pairs.about_scan, own) + pairs.rest @ solved.poses[-6 - N_SHARED :]
+    square = float(np.median(np.square(left) * pairs.weight)) / _MEDIAN_SQUARE
+    return max(square * len(pairs.y) / left_over, 1.0)
+
+
+class _Pairs(NamedTuple):
+    """Means over the beams of each pair (p,) of a face that speaks and a scan, and its weight."""
+
+    face: NDArray[np.int64]
+    scan: NDArray[np.int64]
+    y: FloatArray
+    columns: FloatArray
+    about_scan: FloatArray
+    rest: FloatArray
+    weight: FloatArray
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _System:
     """Normal equations: blocks of faces (q, 5, 5), of poses and sensor (k, k), between, and right sides."""
@@ -159,18 +205,24 @@ class _System:
     right_faces: FloatArray
     right_poses: FloatArray
     used: NDArray[np.bool_]  # (q, 5) parameters that there are
-    n_near: int  # faces before this say something of the poses
+    speaks: NDArray[np.bool_]  # (q,) which say something of the poses
+    pairs: _Pairs
 
-    @property
-    def n_used(self) -> FloatArray:
-        return self.used.sum(axis=1).astype(float)
+    def widened(self, factor: float) -> _System:
+        """The same with all variances so many times as large."""
+        names = ("blocks", "coupling", "poses", "right_faces", "right_poses")
+        return replace(self, **{name: getattr(self, name) / factor for name in names})
 
 
 def _assemble(
-    beams: FaceBeams, is_on: NDArray[np.bool_], origins: FloatArray, n_faces: int, scale: float
+    beams: FaceBeams,
+    is_on: NDArray[np.bool_],
+    origins: FloatArray,
+    speaks: NDArray[np.bool_],
+    scale: float,
 ) -> _System:
     faces = np.unique(beams.face[is_on]).astype(np.int64)
-    n_near = int(np.searchsorted(faces, n_faces))
+    speaks = speaks[faces]
     n_scans, size = len(origins), 6 * (len(origins) + 1) + N_SHARED
     blocks, coupling = np.zeros((len(faces), N_COLUMNS, N_COLUMNS)), np.zeros((len(faces), N_COLUMNS, size))
     right_faces, right_poses = np.zeros((len(faces), N_COLUMNS)), np.zeros(size)
@@ -179,7 +231,7 @@ def _assemble(
     index = np.flatnonzero(is_on)
     pair = beams.face[index].astype(np.int64) * n_scans + beams.scan[index]
     starts = np.flatnonzero(np.diff(pair, prepend=-1))
-    common = slice(6 * n_scans, size)
+    common, pairs = slice(6 * n_scans, size), list[tuple[Any, ...]]()
     for rows in np.split(index, starts[1:]) if len(index) else ():
         n = len(rows)
         rows = rows[:: max(1, -(-n // limits.PAIR_BEAMS))]
@@ -189,7 +241,8 @@ def _assemble(
         spread = 1.4826 * float(np.median(np.abs(y - np.median(y)))) if n > 10 else 0.0
         flat = np.median(sigma)
         weight = n / len(rows) / np.square(np.maximum(sigma, min(spread, 3 * flat)))
-        weight = weight / (1.0 + weight.sum() * (limits.FORM_M * scale) ** 2)
+        form = np.hypot(limits.FORM_M * scale, limits.BIAS_SHARE * np.median(beams.sigma[rows]))
+        weight = weight / (1.0 + weight.sum() * form**2)
         normal, points = beams.normal[rows], beams.points[rows]
         about_scan = np.column_stack([np.cross(points - origins[scan], normal), normal])
         rest = np.column_stack([np.cross(points, normal), normal, beams.shared[rows]])
@@ -201,8 +254,13 @@ def _assemble(
         coupling[place][:, common] += weighted.T @ rest
         right_faces[place] += weighted.T @ y
         left = about_scan * weight[:, None]
-        if place >= n_near:
+        if not speaks[place]:
             continue
+        total = weight.sum()
+        pairs.append((
+            place, scan, weight @ y / total, weight @ g / total, weight @ about_scan / total,
+            weight @ rest / total, total,
+        ))  # fmt: skip
         poses[own, own] += left.T @ about_scan
         cross = left.T @ rest
         poses[own, common] += cross
@@ -210,7 +268,27 @@ def _assemble(
         poses[common, common] += (rest * weight[:, None]).T @ rest
         right_poses[own] += left.T @ y
         right_poses[common] += rest.T @ (weight * y)
-    return _System(faces, blocks, coupling, poses, right_faces, right_poses, used, n_near)
+    return _System(
+        faces,
+        blocks,
+        coupling,
+        poses,
+        right_faces,
+        right_poses,
+        used,
+        speaks,
+        _joined(pairs, size - 6 * n_scans),
+    )
+
+
+def _joined(pairs: Sequence[tuple[Any, ...]], n_rest: int) -> _Pairs:
+    """Pairs as arrays."""
+    face, scan, y, columns, about_scan, rest, weight = zip(*pairs, strict=True) if pairs else ((),) * 7
+    return _Pairs(
+        np.array(face, np.int64), np.array(scan, np.int64), np.array(y, float),
+        np.array(columns).reshape(-1, N_COLUMNS), np.array(about_scan).reshape(-1, 6),
+        np.array(rest).reshape(-1, n_rest), np.array(weight, float),
+    )  # fmt: skip
 
 
 def _pose_precision(n_scans: int, errors: PoseErrors) -> FloatArray:
@@ -231,14 +309,14 @@ class _Solved:
     inverse: FloatArray
 
 
-def _solve(system: _System, prior: FloatArray, precision: FloatArray) -> _Solved:
+def _solve(system: _System, prior: FloatArray, prior_right: FloatArray, precision: FloatArray) -> _Solved:
     """Solve by the Schur complement of the faces."""
     inverse = np.linalg.inv(system.blocks + np.eye(N_COLUMNS) * precision[:, None, None])
     reduced = np.einsum("qij,qjk->qik", inverse, system.coupling)
-    near, size = slice(0, system.n_near), len(prior)
+    near, size = system.speaks, len(prior)
     held, rest = system.coupling[near].reshape(-1, size), reduced[near].reshape(-1, size)
     left = system.poses + np.diag(prior) - held.T @ rest
-    right = system.right_poses - rest.T @ system.right_faces[near].ravel()
+    right = system.right_poses + prior_right - rest.T @ system.right_faces[near].ravel()
     covariance = np.linalg.inv((left + left.T) / 2)
     poses = covariance @ right
     x = np.einsum("qij,qj->qi", inverse, system.right_faces) - reduced @ poses

@@ -330,7 +330,7 @@ def _nearest(
         t_met = crossings.distance[k, j]
         if (t_met - r) * cosine <= gates.near_m:
             of_faces[f] += t_met * t_met * angle / cosine
-        if abs(along) < nearest:
+        if abs(along) < (nearest if best < 0 else limits.NEARER * nearest):
             best, nearest = f, abs(along)
     return best, nearest
 

@@ -78,6 +78,7 @@ class Measurements:
     faces: DesignFaces
     surfaces: Surfaces
     samples: SurfaceSamples
+    exposed: FloatArray
     gates: Gates
     scale: float
     middle: FloatArray
@@ -196,15 +197,22 @@ def _rivals(known: Measurements, cloud: DeviationPoints) -> frozenset[int]:
     asked = [
         one
         for one in (*known.judged, *known.far)
-        if one.finding.is_tested
-        and not known.faces.sign[one.face]
+        if not known.faces.sign[one.face]
         and float(np.abs(one.delta).max()) > limits.RIVAL_M * known.scale
+        and (one.is_far or one.finding.is_tested)
     ]
     if not asked:
         return frozenset()
     off = ~(np.abs(cloud.deviation_m) <= limits.RIVAL_M * known.scale)  # what is in its place is no rival
     tree = cKDTree(cloud.points[off])
-    return frozenset(id(one) for one in asked if _goes_on(one, known, tree))
+    return frozenset(id(one) for one in asked if _is_thing(one, known) or _goes_on(one, known, tree))
+
+
+def _is_thing(one: Judged, known: Measurements) -> bool:
+    """Whether so little lies before a face that it may be a thing that stands there."""
+    exposed = known.exposed[one.face] * known.faces.area[one.face]
+    is_before = float(np.median(one.delta)) > 2 * limits.RIVAL_M * known.scale
+    return not one.is_far and is_before and one.finding.measured_m2 < limits.BEFORE_SHARE * exposed
 
 
 def _goes_on(one: Judged, known: Measurements, tree: cKDTree) -> bool:

@@ -25,7 +25,7 @@ FEWEST_FACETS = 5
 """Of a cylinder. By choice."""
 ROUND = 0.01
 """From a circle to the corners of its facets, of the radius: they lie on it but for rounding. By choice."""
-MAIN_SHARE = 0.5
+MAIN_SHARE = 0.25
 """Of the largest exposed face of an element, from which on a face is main. By choice."""
 SEE_THROUGH = 0.9
 """Opacity below which material is not tested: glass. By choice."""
@@ -45,6 +45,8 @@ NEAR_M = 0.15
 """From a face, within which a beam may belong to it. Page."""
 FAR_M = 0.5
 """Within which a displaced element is looked for. Page."""
+NEARER = 0.5
+"""Of the distance from the first face, within which a face behind it takes a beam: layers. By choice."""
 AT_ONCE_M = 0.01
 """From its first face, within which nothing nearer is looked for. By choice: less than NEAR_M."""
 GATE_SIGMAS = 5.0
@@ -61,6 +63,8 @@ SUBSET = 1_200_000
 # Support
 WINDOW_SIGMAS = 2.5
 """Of noise, beside 3 standard deviations of the residuals, of the gate about a face's plane. Page."""
+CORE_SIGMAS = 1.5
+"""Of the gate within which beams tell where a surface is: half as wide as that for being on it. By choice."""
 START_M = 0.025
 """Of the first gate about the commonest deviation: what tilts and bows reach. By choice."""
 LEVEL_SD = 3.0
@@ -85,6 +89,10 @@ PAIR_BEAMS = 250
 """Of a face in a scan that enter the alignment. Page."""
 FORM_M = 5e-4
 """Error of form of each face as a scan sees it: no pair of face and scan tells more. Page."""
+BIAS_SHARE = 0.1
+"""The same, of the noise of single beams, by what stands before a face: depth frames of one furnished house,
+at known poses.
+"""
 FREE_M, FREE_RAD = 0.05, 0.01
 """Standard deviation of the motion of all scans together. Page."""
 FREEDOM = 3.0
@@ -101,18 +109,20 @@ CORNERS = 0.05
 """Quantiles of what was measured, along both axes of a face, at whose corners it is judged. Page."""
 WITHIN_SHARE = 0.7
 """Of the measured area of an element that must be within. Page."""
-RIVAL_M = 0.02
+RIVAL_M = 0.01
 """Of an offset from which on rivals are asked. Page."""
 RING_M = 0.1
 """Around the outline of a face. Page."""
 RING_SHARE = 0.3
 """Of beams in the ring at the same offset, from which on something else is before a face. Page."""
+BEFORE_SHARE = 0.3
+"""Of a face's exposed area, below which what lies before it may be a thing that stands there. By choice."""
 BODY_SHARE = 0.7
 """Of the thickness of a body by which the surface behind it lies back. Page."""
 
 # Missing
 LEAST_THROUGH_M2 = 0.02
-"""Page."""
+"""Of a body that beams passed. Page."""
 THROUGH_OF_SEEN = 0.5
 """Of through and on. Page."""
 THROUGH_OF_ALL = 0.1
@@ -122,8 +132,8 @@ BEYOND_M = 0.03
 BEFORE_M = 0.02
 """Before a body, beside the gate, for a beam to be stopped before it. Page."""
 
-LIKE_EXTENT = 0.8
-"""Of both extents of a face that a displaced one must have. By choice."""
+LIKE_EXTENT, LIKE_AREA = 0.8, 0.5
+"""Of both extents and of the area of a face that a displaced one must have. By choice."""
 MOST_THROUGH = 0.2
 """Of through and measured, beyond which an element is not within. By choice."""
 
@@ -137,4 +147,4 @@ COVERED_M = 0.01
 CELL_M = 0.05
 """Of cells of extra surface. Page."""
 LEAST_EXTRA_M2 = 0.05
-"""Page."""
+"""Of a thing. Page."""

@@ -25,6 +25,7 @@ from completion.asbuilt.conclusion import Measurements, conclude
 from completion.asbuilt.deviation import Judged, judge_faces
 from completion.asbuilt.faces import DesignFaces, find_faces, scale_of
 from completion.asbuilt.findings import LOA_BANDS_M, DesignCheck
+from completion.asbuilt.noise import fitted_sigma
 from completion.asbuilt.samples import SurfaceSamples, exposed_share, sample_design
 from completion.observe.observation import Observation, observe
 from completion.observe.rays import rays_of
@@ -108,17 +109,18 @@ def check_against_design(
     told = progress or _silent
     model = _Model.of(design, options, n_threads)
     observations = model.observe(scans, options, told)
-    observations = model.place(observations, options, told)
+    observations, moved = model.place(observations, options, told)
     every = [np.arange(seen.scan.ranges.size) for seen in observations]
     evidence = model.trace(observations, every, options, told)
     told("deviations", 0, 1)
-    agreed = model.agree(observations, every, evidence, with_far=True)
+    agreed = model.agree(observations, every, evidence, moved, with_far=True)
     judged, far = model.judge(agreed, evidence)
     measured = Measurements(
         design=model.design,
         faces=model.faces,
         surfaces=model.surfaces,
         samples=model.samples,
+        exposed=model.exposed,
         gates=model.gates,
         scale=model.scale,
         middle=model.middle,
@@ -217,25 +219,29 @@ class _Model:
 
     def place(
         self, observations: Sequence[Observation], options: CheckOptions, told: Progress
-    ) -> list[Observation]:
-        """Move scans to where a subset of their beams fits the design best; once more where that was far."""
-        placed = list(observations)
+    ) -> tuple[list[Observation], FloatArray]:
+        """Move scans to where a subset of their beams fits the design best; once more where that was far.
+
+        Return them with the motions (s + 1, 6) that were taken off.
+        """
+        placed, moved = list(observations), np.zeros((len(observations) + 1, 6))
         pixels = [_subset(seen, len(placed)) for seen in placed]
         for _ in range(3):
             evidence = self.trace(placed, pixels, options, told)
-            agreed = self.agree(placed, pixels, evidence, with_far=False)
-            moved = [
+            agreed = self.agree(placed, pixels, evidence, moved, with_far=False)
+            moved = moved + agreed.aligned.motion
+            nearer = [
                 _move(seen, agreed.aligned.motion[k], agreed.aligned.motion[-1])
                 for k, seen in enumerate(placed)
             ]
             step = max(
                 float(np.linalg.norm(b.scan.origin - a.scan.origin))
-                for a, b in zip(placed, moved, strict=True)
+                for a, b in zip(placed, nearer, strict=True)
             )
-            placed = moved
+            placed = nearer
             if step < limits.AGAIN_M * self.scale:
                 break
-        return placed
+        return placed, moved
 
     def trace(
         self,
@@ -263,6 +269,7 @@ class _Model:
         observations: Sequence[Observation],
         pixels: Sequence[IntArray],
         evidence: Sequence[Evidence],
+        moved: FloatArray,
         *,
         with_far: bool,
     ) -> _Agreed:
@@ -274,21 +281,74 @@ class _Model:
         away = np.linalg.norm(beams.points - origins[beams.scan], axis=1)
         registration = np.hypot(self.errors.scan[0], self.errors.scan[1] * away)
         parts = [part for part in beams.of_faces() if part.stop - part.start >= limits.FEWEST_BEAMS // 2]
-        surfaces = [
+        surfaces = self._surfaces(beams, parts, registration)
+        beams = self._with_noise(beams, parts, surfaces, observations)
+        surfaces = self._surfaces(beams, parts, registration)
+        on, columns = np.zeros(len(beams.face), np.bool_), beams.columns.copy()
+        for surface, part in zip(surfaces, parts, strict=True):
+            on[part] = _shown(surface.is_core, beams.scan[part])
+            if surface.is_bent:
+                columns[part] = bend(columns[part], beams.uv[part])
+        beams = replace(beams, columns=columns)
+        aligned = align(
+            beams, on, origins,
+            speaks=self._speaks(surfaces, evidence), moved=moved, errors=self.errors, scale=self.scale,
+        )  # fmt: skip
+        return _Agreed(beams, tuple(surfaces), tuple(parts), aligned, origins)
+
+    def _surfaces(
+        self, beams: FaceBeams, parts: Sequence[slice], registration: FloatArray
+    ) -> list[FaceSurface]:
+        """Find the surface of each face."""
+        return [
             find_surface(
                 beams, part, registration[part],
                 scale=self.scale, may_bend=self._may_bend(int(beams.face[part.start])),
             )
             for part in parts
         ]  # fmt: skip
-        on, columns = np.zeros(len(beams.face), np.bool_), beams.columns.copy()
+
+    def _with_noise(
+        self,
+        beams: FaceBeams,
+        parts: Sequence[slice],
+        surfaces: Sequence[FaceSurface],
+        observations: Sequence[Observation],
+    ) -> FaceBeams:
+        """The beams with the noise that the faces show, instrument by instrument."""
+        on, residual = np.zeros(len(beams.face), np.bool_), np.zeros(len(beams.face))
         for surface, part in zip(surfaces, parts, strict=True):
-            on[part] = surface.is_on
-            if surface.is_bent:
-                columns[part] = bend(columns[part], beams.uv[part])
-        beams = replace(beams, columns=columns)
-        aligned = align(beams, on, origins, n_faces=len(self.faces), errors=self.errors, scale=self.scale)
-        return _Agreed(beams, tuple(surfaces), tuple(parts), aligned, origins)
+            on[part], residual[part] = surface.is_on, surface.residual
+        on &= beams.face < len(self.faces)
+        kinds = [(seen.scan.sensor, seen.scan.projection.kind) for seen in observations]
+        instrument = np.array([kinds.index(kind) for kind in kinds])[beams.scan]
+        rays = beams.points - np.array([seen.scan.origin for seen in observations])[beams.scan]
+        ranges = np.linalg.norm(rays, axis=1)
+        cosine = np.abs(np.einsum("ij,ij->i", rays, beams.normal)) / np.maximum(ranges, 1e-12)
+        sigma = fitted_sigma(residual, ranges, cosine, instrument, on)
+        least = 1e-4 * self.scale * cosine
+        return replace(beams, sigma=np.where(np.isfinite(sigma), np.maximum(sigma, least), beams.sigma))
+
+    def _speaks(self, surfaces: Sequence[FaceSurface], evidence: Sequence[Evidence]) -> BoolArray:
+        """Which faces (2 F,) are shown well enough to say something of the poses; far ones never are."""
+        speaks, support = np.zeros(2 * len(self.faces), np.bool_), self._support(surfaces, evidence)
+        for surface in surfaces:
+            if surface.face < len(self.faces):
+                speaks[surface.face] = (
+                    support[surface.face] >= limits.LEAST_SUPPORT
+                    and surface.is_on.sum() >= limits.FEWEST_BEAMS
+                    and surface.area_m2 >= limits.LEAST_MEASURED_M2 * self.scale**2
+                    and self.exposed[surface.face] >= limits.LEAST_EXPOSED
+                )
+        return speaks
+
+    def _support(self, surfaces: Sequence[FaceSurface], evidence: Sequence[Evidence]) -> FloatArray:
+        """Share (F,) of what beams could have met of each face that they met."""
+        reach = np.sum([found.reach for found in evidence], axis=0)
+        on = np.zeros(2 * len(self.faces))
+        for surface in surfaces:
+            on[surface.face] = surface.area_m2
+        return np.minimum(on[: len(self.faces)] / np.maximum(reach, 1e-12), 1.0)
 
     def _may_bend(self, face: int) -> bool:
         """Whether a face may be judged as bent: planes in their places."""
@@ -298,11 +358,7 @@ class _Model:
         self, agreed: _Agreed, evidence: Sequence[Evidence]
     ) -> tuple[tuple[Judged, ...], tuple[Judged, ...]]:
         """Judge all faces, and what lies farther off and may be theirs."""
-        reach = np.sum([found.reach for found in evidence], axis=0)
-        on = np.zeros(2 * len(self.faces))
-        for surface in agreed.surfaces:
-            on[surface.face] = surface.area_m2
-        support = np.minimum(on[: len(self.faces)] / np.maximum(reach, 1e-12), 1.0)
+        support = self._support(agreed.surfaces, evidence)
         open_area = self.exposed * self.faces.area
         largest = np.zeros(len(self.design.elements))
         np.maximum.at(largest, self.faces.element, open_area)
@@ -333,6 +389,13 @@ def is_like(pattern: str, design: ElementMesh, surface: int) -> bool:
     """Tell whether a pattern fits the class, the name or the GlobalId of an element."""
     element = design.elements[surface]
     return any(fnmatchcase(text, pattern) for text in (element.ifc_class, element.name, element.global_id))
+
+
+def _shown(is_on: BoolArray, scan: NDArray[np.int32]) -> BoolArray:
+    """The beams (n,) on a face without those of scans of whose beams too few are on it."""
+    n = int(scan.max()) + 1
+    share = np.bincount(scan[is_on], minlength=n) / np.maximum(np.bincount(scan, minlength=n), 1)
+    return np.asarray(is_on & (share >= limits.LEAST_SUPPORT)[scan])
 
 
 def _subset(seen: Observation, n_scans: int) -> NDArray[np.int64]:

@@ -64,7 +64,10 @@ def decide(
         beams=known.beams,
         hidden=known.hidden,
         not_seen=known.not_seen,
-        faces=tuple(one.finding for one in known.faces),
+        faces=tuple(
+            replace(one.finding, is_tested=one.finding.is_tested and k not in known.rivals)
+            for k, one in enumerate(known.faces)
+        ),
     )
     gone = _is_gone(known, tested, scale)
     moved = _displaced(known, faces, scale) if gone or not main else None
@@ -73,14 +76,14 @@ def decide(
     if gone:
         return replace(finding, verdict="missing", sentence=_gone_sentence(known))
     finding = _with_numbers(finding, known, tested, main, aligned, faces)
-    deviating = [k for k in tested if _deviates(known, k, tested, z)]
+    deviating = [k for k in main if _deviates(known, k, tested, z)]
     rivalled = [k for k in deviating if k in known.rivals]
     sure = [k for k in deviating if k not in known.rivals]
     thick = finding.thickness
     is_thick = thick is not None and _beyond(thick, known.tolerance_m, z)
     if sure or is_thick:
         return _deviating(finding, known, sure, is_thick)
-    if rivalled and len(rivalled) == len([k for k in main if k in rivalled] or rivalled):
+    if rivalled:
         return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
     measured = sum(known.faces[k].finding.measured_m2 for k in tested)
     within = [k for k in tested if known.faces[k].is_within(known.tolerance_m)]
@@ -156,7 +159,7 @@ def _displaced(known: ElementEvidence, faces: DesignFaces, scale: float) -> Judg
         for one in level
         if any(_are_opposite(one, b, faces) and _moved_alike(one, b, scale) for b in level)
         or (
-            one.finding.measured_m2 >= limits.MAIN_SHARE * one.finding.area_m2
+            one.finding.measured_m2 >= limits.LIKE_AREA * one.finding.area_m2
             and (np.ptp(one.columns[:, 1:3], axis=0) >= 2 * limits.LIKE_EXTENT).all()
         )
     ]
