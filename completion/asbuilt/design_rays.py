@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from completion.asbuilt.group_rays import GroupRays
+from completion.asbuilt.limits import SEE_THROUGH
 from completion.registration.limits import RIDGE
 from completion.registration.motions import perturb
 from scenes.checks import BoolArray, FloatArray
@@ -24,7 +25,6 @@ _ON, _BEFORE, _BEYOND = 0.6, 0.03, 0.004
 _LEAST_COSINE = 0.1
 _SAME = 0.8  # cosine between a facet and the face that it lies on: 37 deg
 _LEAF_WORDS = "door", "window", "curtain", "glass", "glazing"
-_CLEAR = 0.9  # opacity below which beams may pass
 _COARSE_GATES_M = 0.4, 0.3, 0.2, 0.15, 0.1, 0.1
 _FINE_GATES_M = (0.1, 0.1, 0.08, 0.08) + (0.06,) * 36
 _STILL_M, _LEAST_MET = 1e-10, 12  # when steps end; facets that a step needs
@@ -58,7 +58,7 @@ class DesignRays:
         self.is_leaf = leaf[self.mesh.face_surface]
         look = self.mesh.appearance
         if look is not None and look.opacity is not None:
-            self.is_leaf = self.is_leaf | (look.opacity < _CLEAR)
+            self.is_leaf = self.is_leaf | (look.opacity < SEE_THROUGH)
         self._shut = RayCaster(self.mesh.vertices, self.mesh.faces, n_threads)
         solid = self.mesh.faces[~self.is_leaf]
         self._open = (

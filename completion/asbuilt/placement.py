@@ -28,8 +28,8 @@ _N_SCREENED, _N_REFINED, _FEW = 400, 30, 4
 _OTHER = (0.3, np.radians(3.0)), (0.1, np.radians(1.0))
 """Metres and radians from which on poses are different: before their last refinement, and after it."""
 _LEAST_ON, _LEAST_ABOVE, _MOST_BEHIND = 0.4, 0.9, 0.05
-"""Of a right pose: least share of beams that end on the design; of those that go up, near it; largest share of
-those behind it among both. Measured on twelve sets of rooms that are not those of the benchmark `placement`:
+"""Of a right pose: least share of beams that end on the design, and of those that go up, near it; largest
+share of those behind it among both. Measured on twelve sets of rooms that are not those of the benchmark `placement`:
 right poses 0.90, 0.99 and 0.001, other storeys at best 0.82, 0.94 and 0.005."""
 _CLEARLY = 6.0
 """Log odds by which beams must prefer a pose to any other. Measured there: 3.9 at most for a wrong one."""
