@@ -11,7 +11,7 @@ import numpy as np
 from completion.observe.observation import observe
 from completion.registration.facets import facets_of
 from completion.room.up import PlaneNormals
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray, InputError, IntArray
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
 
@@ -59,11 +59,15 @@ class GroupRays:
         """Return what scans measured, by their poses in the group; `up` (3,) is that of their own worlds.
 
         They know it to some degrees. What their facets face tells it to tenths.
+        Raises InputError: no facet in any of them.
         """
         parts, said = [], np.zeros(3)
         for number, (scan, pose) in enumerate(zip(scans, poses, strict=True)):
             said += pose.rotate(up @ scan.world_from_sensor.rotation)
             parts.append(_part(number, scan, pose))
+        if not sum(len(part[0]) for part in parts):
+            names = ", ".join(scan.name for scan in scans)
+            raise InputError(f"{names}: no flat surface to place on a design; leave it out, or scan walls")
         joined = [np.concatenate(each) for each in zip(*parts, strict=True)]
         together = cls(np.eye(3), *joined)
         largest = float(together.area.max(initial=1e-12))
