@@ -90,7 +90,7 @@ class GroupRays:
         return replace(self, **some)
 
 
-def _part(number: int, scan: RangeImage, pose: Pose) -> tuple[FloatArray, ...]:
+def _part(number: int, scan: RangeImage, pose: Pose) -> tuple[FloatArray | IntArray, ...]:
     """All that `GroupRays` has of a scan but the turn."""
     seen = observe(scan.with_facts(world_from_sensor=pose), Pose.identity())
     facets = facets_of(seen, curved=True)
