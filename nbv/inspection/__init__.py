@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Inspection: a design checked against scans, its files, what changed, and where to stand next."""

