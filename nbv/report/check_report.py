@@ -16,12 +16,15 @@ from nbv.report.blocks.check_tables import (
     elements_table,
     extras_blocks,
     loa_blocks,
+    meanings_table,
+    next_blocks,
     numbered,
     verdict_bar,
 )
-from nbv.report.blocks.page import Block, Gallery, Headline, Page, PageSection, Text
+from nbv.report.blocks.page import Block, Gallery, Headline, Page, PageSection
 from nbv.report.blocks.verdict_plans import design_storeys, verdict_plans
 from nbv.report.viewer.check_view import check_view
+from nbv.report.viewer.markers import view_markers
 from nbv.run.wording import count, percent
 
 _EYE_M = 1.5  # above the highest floor: where the view is cut at first
@@ -32,7 +35,13 @@ def check_page(checked: CheckedDesign, title: str, *, n_threads: int | None = No
     """Return the report of a checked design."""
     check, numbers = checked.findings, numbered(checked.findings)
     shown = {one.surface: numbers[one.surface] for one in check.elements if one.verdict in _LABELLED}
-    plans = tuple(verdict_plans(check, shown))
+    following = checked.next_stations
+    views = () if following is None else following.plan.views
+    poses = [view.world_from_sensor for view in views]
+    markers = view_markers(poses, [view.sensor.projection for view in views])
+    plans = tuple(
+        verdict_plans(check, shown, [(str(k), pose.translation) for k, pose in enumerate(poses, 1)])
+    )
     return Page(
         title=title,
         kicker="Check against a design",
@@ -42,13 +51,14 @@ def check_page(checked: CheckedDesign, title: str, *, n_threads: int | None = No
         sections=(
             PageSection("Verdicts by storey and class", (counts_table(check),)),
             *((PageSection("Plans", (Gallery(plans, min(len(plans), 2)),)),) if plans else ()),
-            PageSection("In three dimensions", (check_view(check, _cut(check), n_threads=n_threads),)),
+            PageSection("In three dimensions", (check_view(check, _cut(check), markers, n_threads),)),
             PageSection("Elements", (
                 *elements_table(check, numbers, within=False), *elements_table(check, numbers, within=True),
-                Text(_WORDS, is_note=True),
+                meanings_table(),
             )),
             *((PageSection("Evidence", cards(check, numbers)),) if numbers else ()),
             PageSection("Surface that is no element", extras_blocks(check)),
+            *((PageSection("Where to stand next", next_blocks(following)),) if following else ()),
             *_changes_section(checked),
             PageSection("Accuracy by level", loa_blocks(check)),
             PageSection("Where the scans lie", alignment_blocks(check)),
@@ -57,26 +67,17 @@ def check_page(checked: CheckedDesign, title: str, *, n_threads: int | None = No
     )  # fmt: skip
 
 
-_WORDS = (
-    "within: each corner of what was measured lies within the tolerance T with its 95 % interval, on 70 % of it, "
-    "a main face among it. deviates: a corner lies beyond T by more than chance explains in that many tests. "
-    "undecided: measured, but the interval holds T, or small faces alone were measured; an element that is off "
-    "by exactly T stays undecided however often it is scanned. missing: beams went through the whole of its "
-    "body. hidden: something measured stands before it. not seen: no station looked. not tested: glass, and what "
-    "no scanner can see. Inferred surface is never part of a verdict."
-)
-
-
 def summary(check: DesignCheck) -> str:
     """Return the verdict on the building in a few sentences with numbers."""
     counts = Counter(finding.verdict for finding in check.elements)
     verdicts = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
-    tolerances = sorted({1000 * finding.tolerance_m for finding in check.elements})
-    span = " to ".join(f"{end:g}" for end in dict.fromkeys((tolerances[0], tolerances[-1]))) if tolerances else "-"
+    tolerances = sorted({1000 * finding.tolerance_m for finding in check.elements}) or [0.0]
+    span = " to ".join(f"{end:g}" for end in dict.fromkeys((tolerances[0], tolerances[-1])))
     text = (
         f"{count(len(check.elements), 'element')} at a tolerance of {span} mm: {verdicts}. "
-        f"{count(check.faces_tested, 'face was', 'faces were')} tested; {check.false_alarms_expected:g} wrong "
-        f"\u201cdeviates\u201d are expected in the whole building, which takes z = {check.z:.2f} for each test. "
+        f"{count(check.faces_tested, 'face was', 'faces were')} tested; {check.false_alarms_expected:g} "
+        "wrong \u201cdeviates\u201d are expected in the whole building, which takes "
+        f"z = {check.z:.2f} for each test. "
     )
     shift = ", ".join(f"{1000 * part:.1f}" for part in check.alignment.shift_m)
     moved = f"Alignment: all scans were moved by ({shift}) mm. " if check.alignment.is_free else ""
@@ -99,9 +100,13 @@ def _headlines(check: DesignCheck) -> tuple[Headline, ...]:
 
 
 def _cut(check: DesignCheck) -> float | None:
-    """Height, metres, above which the view shows nothing at first: eye level of the highest storey with walls."""
+    """Height, metres, above which the view shows nothing at first: eye level of the highest storey."""
     top = max((float(finding.centre[2]) for one in check.elements for finding in one.faces), default=None)
-    floors = [storey.floor_m for storey in design_storeys(check.design) if top is not None and storey.floor_m + 1 < top]
+    floors = [
+        storey.floor_m
+        for storey in design_storeys(check.design)
+        if top is not None and storey.floor_m + 1 < top
+    ]
     return floors[-1] + _EYE_M if floors else None
 
 

@@ -10,9 +10,13 @@ import numpy as np
 
 from completion.asbuilt.findings import VERDICTS, DesignCheck, ElementFinding, FaceFinding, Interval, Verdict
 from nbv.inspection.changes import Change
+from nbv.inspection.next_stations import NextStations
 from nbv.inspection.record import element_label
 from nbv.inspection.verdict_colours import EXTRA_COLOUR, VERDICT_COLOURS
+from nbv.report.blocks.coverage_tables import PLACE_COLUMNS, place_cells
 from nbv.report.blocks.page import Bar, BarShare, Block, Card, Cell, Histogram, State, Table, Text
+from nbv.report.blocks.verdict_plans import design_storeys
+from nbv.report.viewer.check_view import worst_face
 from nbv.run.wording import count, letters, percent, square_metres
 
 WORST_FIRST: tuple[Verdict, ...] = (
@@ -22,7 +26,7 @@ _STATES: Mapping[Verdict, State] = {
     "within": "within", "deviates": "deviates", "undecided": "undecided", "missing": "missing",
     "hidden": "hidden", "not seen": "not-seen", "not tested": "not-tested",
 }  # fmt: skip
-_MANY_ROWS, _MANY_CARDS, _MOST_CARDS, _MOST_FACES = 40, 30, 300, 3
+_MANY_ROWS, _MANY_ELEMENTS, _MANY_CARDS, _MOST_CARDS, _MOST_FACES = 40, 100, 30, 300, 3
 
 
 def numbered(check: DesignCheck) -> dict[int, int]:
@@ -46,12 +50,6 @@ def millimetres(interval: Interval | None) -> str:
     return f"{value} [{low}, {high}]"
 
 
-def worst_face(finding: ElementFinding) -> FaceFinding | None:
-    """Return the tested face of an element that is farthest off; None where none was tested."""
-    faces = [face for face in finding.faces if face.is_tested and face.deviation is not None]
-    return max(faces, key=lambda face: abs(face.deviation.value) if face.deviation else 0.0, default=None)
-
-
 def verdict_bar(check: DesignCheck) -> Bar:
     """Return how many elements got each verdict."""
     counts = Counter(finding.verdict for finding in check.elements)
@@ -72,6 +70,7 @@ def counts_table(check: DesignCheck) -> Table:
     for finding in check.elements:
         key = (finding.element.storey, finding.element.ifc_class)
         groups.setdefault(key, Counter())[finding.verdict] += 1
+    order = {storey.name: k for k, storey in enumerate(design_storeys(check.design))}
     shown = [verdict for verdict in VERDICTS if any(group[verdict] for group in groups.values())]
     rows = tuple(
         (
@@ -80,9 +79,11 @@ def counts_table(check: DesignCheck) -> Table:
             Cell(str(group.total())),
             *(Cell(str(group[verdict]) if group[verdict] else "") for verdict in shown),
         )
-        for (storey, kind), group in sorted(groups.items())
+        for (storey, kind), group in sorted(
+            groups.items(), key=lambda one: (order.get(one[0][0], 0), one[0][1])
+        )
     )
-    return Table(("Storey", "Class", "#elements", *(f"#{verdict}" for verdict in shown)), rows)
+    return Table(("Storey", "Class", "#all", *(f"#{verdict}" for verdict in shown)), rows)
 
 
 def elements_table(check: DesignCheck, numbers: Mapping[int, int], *, within: bool) -> tuple[Block, ...]:
@@ -96,8 +97,12 @@ def elements_table(check: DesignCheck, numbers: Mapping[int, int], *, within: bo
         "#No.", "Verdict", "Element", "Class", "Storey", "#T, mm", "#worst corner, mm [95 %]",
         "#measured, %", "#LOA",
     )  # fmt: skip
-    text = f"{count(len(rows), 'element')} within tolerance" if within else f"{count(len(rows), 'element')} not within tolerance"
-    return (Table(columns, rows, text, is_folded=within or len(rows) > _MANY_ROWS),)
+    text = (
+        f"{count(len(rows), 'element')} within tolerance"
+        if within
+        else f"{count(len(rows), 'element')} not within tolerance"
+    )
+    return (Table(columns, rows, text, is_folded=within or len(rows) > _MANY_ELEMENTS),)
 
 
 def _element_row(finding: ElementFinding, numbers: Mapping[int, int]) -> tuple[Cell, ...]:
@@ -118,6 +123,34 @@ def _element_row(finding: ElementFinding, numbers: Mapping[int, int]) -> tuple[C
 
 def _word(finding: ElementFinding) -> str:
     return f"{finding.verdict}: {finding.kind}" if finding.kind else finding.verdict
+
+
+_MEANINGS: Mapping[Verdict, str] = {
+    "within": "each corner of what was measured lies within the tolerance T with its 95 % interval; 70 % of it "
+    "was measured, a main face among it",
+    "deviates": "a corner lies beyond T by more than chance explains in so many tests",
+    "undecided": "measured, but the interval holds T, or small faces alone were measured; an element that is "
+    "off by exactly T stays undecided however often it is scanned",
+    "missing": "beams went through the whole of its body",
+    "hidden": "something that is not the element was measured before it",
+    "not seen": "no station looked there, or the design itself stands before it",
+    "not tested": "glass, which beams pass, and elements without any exposed face",
+}
+
+
+def meanings_table() -> Table:
+    """Return what each verdict means, folded."""
+    rows = tuple(
+        (Cell(verdict, swatch=VERDICT_COLOURS[verdict]), Cell(text)) for verdict, text in _MEANINGS.items()
+    )
+    rows += (
+        (
+            Cell("deviation"),
+            Cell("along the outward normal of the design's face: positive stands proud of it"),
+        ),
+        (Cell("inferred"), Cell("continued behind what hides it, by completion; never part of a verdict")),
+    )
+    return Table(("Word", "Meaning"), rows, "What the words mean", is_folded=True)
 
 
 def cards(check: DesignCheck, numbers: Mapping[int, int]) -> tuple[Block, ...]:
@@ -158,21 +191,25 @@ def _evidence(finding: ElementFinding) -> tuple[Bar | Text | Table | Histogram, 
 
 def _measures(finding: ElementFinding) -> tuple[Table, ...]:
     """Offset, tilt, bow, thickness, radius and shift, those that there are, with their intervals."""
-    held: list[tuple[str, Interval | None, float, str]] = [
-        ("offset", finding.offset, 1000, "mm"), ("tilt", finding.tilt, 1000, "mrad"),
-        ("bow", finding.bow, 1000, "mm"), ("thickness, measured minus designed", finding.thickness, 1000, "mm"),
-        ("radius, measured minus designed", finding.radius, 1000, "mm"),
-        *((f"shift along {axis}", moved, 1000, "mm") for axis, moved in zip("xyz", finding.shift_m or (), strict=False)),
-    ]  # fmt: skip
+    moved = zip("xyz", finding.shift_m or (), strict=False)
+    held = [
+        ("offset", finding.offset, "mm"),
+        ("tilt", finding.tilt, "mrad"),
+        ("bow", finding.bow, "mm"),
+        ("thickness, measured minus designed", finding.thickness, "mm"),
+        ("radius, measured minus designed", finding.radius, "mm"),
+        *((f"shift along {axis}", one, "mm") for axis, one in moved),
+    ]
     rows = tuple(
         (
-            Cell(name), Cell(f"{scale * one.value:.1f} {unit}"),
-            Cell(f"{scale * one.low:.1f} to {scale * one.high:.1f} {unit}"),
+            Cell(name),
+            Cell(f"{1000 * one.value:.1f} {unit}"),
+            Cell(f"{1000 * one.low:.1f} to {1000 * one.high:.1f} {unit}"),
             Cell("" if one.along is None else ", ".join(f"{part:.2f}" for part in one.along)),
         )
-        for name, one, scale, unit in held
+        for name, one, unit in held
         if one is not None
-    )  # fmt: skip
+    )
     return (Table(("Measure", "#value", "#95 % interval", "#along x, y, z"), rows),) if rows else ()
 
 
@@ -202,7 +239,9 @@ def _beams(finding: ElementFinding) -> tuple[Bar, ...]:
     if not sum(area for *_, area in parts):
         return ()
     shares = tuple(
-        BarShare(label, state, area, f"{square_metres(area)} m\u00b2") for label, state, area in parts if area > 0
+        BarShare(label, state, area, f"{square_metres(area)} m\u00b2")
+        for label, state, area in parts
+        if area > 0
     )
     return (Bar(f"{count(beams.n_beams, 'beam')} towards its body, by the area of its silhouette", shares),)
 
@@ -210,15 +249,17 @@ def _beams(finding: ElementFinding) -> tuple[Bar, ...]:
 def _hiders(finding: ElementFinding) -> tuple[Table | Text, ...]:
     """What hides an element, from which stations, and why the rest was not seen."""
     rows = tuple(
-        (Cell(one.by), Cell(", ".join(one.stations)), Cell(square_metres(one.area_m2))) for one in finding.hidden
-    )  # fmt: skip
+        (Cell(one.by), Cell(", ".join(one.stations)), Cell(square_metres(one.area_m2)))
+        for one in finding.hidden
+    )
     table = (Table(("Hidden by", "From stations", "#area, m\u00b2"), rows),) if rows else ()
     reasons = ", ".join(
         f"{reason} {percent(share, 0)} %"
         for reason, share in sorted(finding.not_seen.items(), key=lambda item: -item[1])
         if share > 0.005
     )
-    text = f"Exposed area {square_metres(finding.exposed_m2)} m\u00b2: measured {percent(finding.share.measured, 0)} %"
+    measured = percent(finding.share.measured, 0)
+    text = f"Exposed area {square_metres(finding.exposed_m2)} m\u00b2: measured {measured} %"
     return (*table, Text(f"{text}; not measured: {reasons}." if reasons else f"{text}.", is_note=True))
 
 
@@ -226,7 +267,7 @@ def _inference(finding: ElementFinding) -> tuple[Text, ...]:
     """What completion says, which takes no part in the verdict."""
     if finding.inference is None:
         return ()
-    return (Text(f"Inferred, not measured, and no part of the verdict: {finding.inference.sentence}"),)
+    return (Text(f"Inferred, not measured, no part of the verdict. {finding.inference.sentence}"),)
 
 
 def extras_blocks(check: DesignCheck) -> tuple[Block, ...]:
@@ -246,7 +287,8 @@ def extras_blocks(check: DesignCheck) -> tuple[Block, ...]:
         for extra in check.extra
     )
     columns = (
-        "Extra", "#area, m\u00b2", "#box x, y, z, m", "#its middle x, y, z, m", "Touches", "Hides", "Seen from",
+        "Extra", "#area, m\u00b2", "#box x, y, z, m", "#its middle x, y, z, m", "Touches", "Hides",
+        "Seen from",
     )  # fmt: skip
     many = len(rows) > _MANY_ROWS
     return (Table(columns, rows, count(len(rows), "extra") if many else "", is_folded=many),)
@@ -268,7 +310,7 @@ def loa_blocks(check: DesignCheck) -> tuple[Block, ...]:
     rows += ((Cell("nothing measured"), Cell(""), *(Cell(str(counts[""])) for counts in found)),)
     note = (
         "At 95 %. Represented accuracy: deviation of the worst measured corner and the half-width of its "
-        "interval. Measured accuracy: that half-width alone. Publishers print different bands; these were used."
+        "interval. Measured accuracy: that half-width alone. Publishers print different bands."
     )
     return (
         Table(("Band", "Limit", "#elements, represented", "#elements, measured"), rows),
@@ -327,7 +369,9 @@ def alignment_sentence(check: DesignCheck) -> str:
 def changes_blocks(changes: Sequence[Change]) -> tuple[Block, ...]:
     """Return a row for each element or extra that is not as it was before."""
     if not changes:
-        return (Text("Nothing changed since then: same verdicts, offsets within both intervals, same extras."),)
+        return (
+            Text("Nothing changed since then: same verdicts, offsets within both intervals, same extras."),
+        )
     rows = tuple(
         (
             Cell(change.element),
@@ -340,3 +384,24 @@ def changes_blocks(changes: Sequence[Change]) -> tuple[Block, ...]:
     )
     columns = ("Element or extra", "Before", "Now", "#offset, now minus before, mm [95 %]", "What changed")
     return (Table(columns, rows, count(len(rows), "change"), is_folded=len(rows) > _MANY_ROWS),)
+
+
+def next_blocks(following: NextStations) -> tuple[Block, ...]:
+    """Return a row for each next station, then what to move, and what neither settles."""
+    promised = {one.station: one for one in following.promised}
+    rows = tuple(
+        (
+            Cell(str(number)),
+            *place_cells(view.world_from_sensor),
+            Cell(str(len(promised[number].elements)) if number in promised else ""),
+            Cell(square_metres(view.predicted_gain_m2 or 0.0)),
+        )
+        for number, view in enumerate(following.plan.views, start=1)
+    )
+    columns = ("#Station", *PLACE_COLUMNS, "#elements settled", "#open area seen, m\u00b2")
+    note = (
+        f"With {following.plan.sensor.name}. The list ends because: {following.plan.stopped_because}. An "
+        "element whose deviation is about its tolerance stays undecided from everywhere."
+    )
+    table = (Table(columns, rows),) if rows else ()
+    return (*table, *map(Text, following.sentences()), Text(note, is_note=True))

@@ -22,6 +22,7 @@ from scenes.mesh.design import ElementMesh
 _CUT_M = 1.2  # above a floor: through doors and most windows
 _CELL_M = 0.05  # of extras, as the check has it
 _ENDS_MEET_M = 1e-5
+_LINE = 0.002  # of the plan's extent: half as wide as a line is drawn
 _MOST_STATIONS = 60  # with letters on one plan
 _PATTERNS: Mapping[Verdict, str] = {"hidden": "//////", "not seen": "....."}
 
@@ -79,7 +80,8 @@ def verdict_plans(
         segments, surface = cut_by_surface(check.design.mesh, storey.floor_m + storey.cut_m)
         if not len(segments):
             continue
-        areas = {k: _area(segments[surface == k]) for k in np.unique(surface).tolist()}
+        grown = _LINE * float(np.ptp(segments, axis=(0, 1)).max())
+        areas = {k: _area(segments[surface == k], grown) for k in np.unique(surface).tolist()}
         above = storeys[number + 1].floor_m if number + 1 < len(storeys) else np.inf
         below = storey.floor_m if number else -np.inf
         plan = StoreyPlan(
@@ -87,21 +89,23 @@ def verdict_plans(
             title=storey.name,
             outline=segments,
             cut_m=storey.cut_m,
-            rooms=[(str(numbers[k]), _label_place(areas[k], segments[surface == k])) for k in areas if k in numbers],
+            rooms=[(str(numbers[k]), _label_place(areas[k])) for k in areas if k in numbers],
             stations=[(name, at[:2], ()) for name, at in stations if below <= at[2] < above],
             given=[(name, at[:2]) for name, at in given if below <= at[2] < above],
             fills=[
                 (_extra_cells(check, storey.floor_m + storey.cut_m), EXTRA_COLOUR, ""),
-                ([path for k in areas if verdicts.get(k) == verdict for path in _paths(areas[k])], colour,
-                 _PATTERNS.get(verdict, ""))
-                for verdict, colour in VERDICT_COLOURS.items()
+                *(
+                    ([path for k in areas if verdicts.get(k) == verdict for path in _paths(areas[k])], colour,
+                     _PATTERNS.get(verdict, ""))
+                    for verdict, colour in VERDICT_COLOURS.items()
+                ),
             ],
         )  # fmt: skip
         yield plan.plot().picture(storey.name or "Plan.", _caption(storey, has_next=bool(plan.stations)))
 
 
 def _caption(storey: DesignStorey, *, has_next: bool) -> str:
-    text = f"Cut {storey.cut_m:.2f} m above the floor at z = {storey.floor_m:.2f} m. Numbers are those of the cards."
+    text = f"Cut {storey.cut_m:.2f} m above the floor at z = {storey.floor_m:.2f} m. Numbers: the cards' own."
     text += " Blue: surface of no element. Squares: scans."
     return f"{text} Dots: where to stand next." if has_next else text
 
@@ -114,10 +118,11 @@ def _extra_cells(check: DesignCheck, height_m: float) -> list[PlotPath]:
     return [PlotPath(middle + corners, closed=True) for middle in middles]
 
 
-def _area(segments: FloatArray) -> shapely.Geometry:
-    """The area that segments (k, 2, 2) enclose, holes left out."""
+def _area(segments: FloatArray, grown: float) -> shapely.Geometry:
+    """The area that segments (k, 2, 2) enclose, holes left out, and their own: panes are drawn as lines."""
     lines = shapely.linestrings(np.round(segments / _ENDS_MEET_M) * _ENDS_MEET_M)
-    return shapely.build_area(shapely.node(shapely.geometrycollections(lines)))
+    joined = shapely.node(shapely.geometrycollections(lines))
+    return shapely.union(shapely.build_area(joined), shapely.buffer(joined, grown, cap_style="flat"))
 
 
 def _paths(area: shapely.Geometry) -> list[PlotPath]:
@@ -131,10 +136,7 @@ def _paths(area: shapely.Geometry) -> list[PlotPath]:
     ]
 
 
-def _label_place(area: shapely.Geometry, segments: FloatArray) -> FloatArray:
-    """A place (2,) in the largest polygon of an area, or amid segments that enclose none."""
-    parts = shapely.get_parts(area)
-    if not len(parts):
-        return np.asarray(segments.mean(axis=(0, 1)))
-    inside = shapely.point_on_surface(max(parts, key=shapely.area))
+def _label_place(area: shapely.Geometry) -> FloatArray:
+    """A place (2,) in the largest polygon of an area."""
+    inside = shapely.point_on_surface(max(shapely.get_parts(area), key=shapely.area))
     return np.array([inside.x, inside.y])

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from completion.asbuilt.findings import VERDICTS, DesignCheck, Verdict
+from completion.asbuilt.findings import VERDICTS, DesignCheck, ElementFinding, FaceFinding, Verdict
 from completion.parts.division.result import thin_points
 from nbv.inspection.record import element_label
 from nbv.inspection.verdict_colours import EXTRA_COLOUR, VERDICT_COLOURS, rgb_of
@@ -16,12 +16,13 @@ from nbv.report.figures.picture import Picture, overview_cameras, picture_of
 from nbv.report.viewer.layers import NOTHING, Category, Classes, Layer, Marker, Numbers, Pattern, Viewer
 from nbv.report.viewer.part_view import neighbour_normals, point_squares
 from nbv.run.wording import letters
-from scenes.checks import IntArray
+from scenes.checks import FloatArray, IntArray
 
 _MOST_POINTS, _WIDTH = 30_000, 760
 _PATTERNS: Mapping[Verdict, Pattern] = {"hidden": "hatched", "not seen": "dotted"}
 _CATEGORIES = tuple(
-    Category(verdict, rgb_of(VERDICT_COLOURS[verdict]), _PATTERNS.get(verdict, "plain")) for verdict in VERDICTS
+    Category(verdict, rgb_of(VERDICT_COLOURS[verdict]), _PATTERNS.get(verdict, "plain"))
+    for verdict in VERDICTS
 )
 _EXTRA = Category("extra: no element", rgb_of(EXTRA_COLOUR))
 _GREY = Category("not asked for", (0.90, 0.91, 0.91))
@@ -51,17 +52,24 @@ def check_view(
     )
 
 
+def worst_face(finding: ElementFinding) -> FaceFinding | None:
+    """Return the tested face of an element that is farthest off; None where none was tested."""
+    faces = [face for face in finding.faces if face.is_tested and face.deviation is not None]
+    return max(faces, key=lambda face: abs(face.deviation.value) if face.deviation else 0.0, default=None)
+
+
 def _design_layer(check: DesignCheck, verdict: IntArray) -> Layer:
     mesh = check.design.mesh
-    share = np.full(len(verdict), np.nan)
+    share, off_mm = np.full((2, len(verdict)), np.nan)
     for finding in check.elements:
         share[finding.surface] = 100 * finding.share.measured
-    names = tuple(
-        Category(element_label(element), _GREY.colour) for element in check.design.elements
-    )
+        face = worst_face(finding)
+        off_mm[finding.surface] = 1000 * face.deviation.value if face and face.deviation else np.nan
+    names = tuple(Category(element_label(element), _GREY.colour) for element in check.design.elements)
     channels = (
         Classes("verdict", "Verdict", _CATEGORIES, verdict, can_hide=True),
         Numbers("share", "Measured share", "%", share, 0, 100, small_is_good=False, absent="not asked for"),
+        _deviations(check, off_mm),
         Classes("element", "Element", names, np.arange(len(names), dtype=np.uint16)),
     )
     return Layer("design", "design", mesh.vertices, mesh.faces, _GREY, mesh.face_surface, channels)
@@ -89,13 +97,18 @@ def _point_layers(check: DesignCheck, verdict: IntArray) -> tuple[Layer, ...]:
     kept = known[thin_points(cloud.points[known], _MOST_POINTS)]
     points, element = cloud.points[kept], cloud.element[kept]
     mesh = point_squares(points, neighbour_normals(points, points))
-    tolerance = np.median([finding.tolerance_m for finding in check.elements])
-    end = 3000 * float(tolerance)
     channels = (
         Classes("verdict", "Verdict", _CATEGORIES, np.repeat(verdict[element], 2), can_hide=True),
-        Numbers("deviation", "Deviation", "mm", np.repeat(1000 * cloud.deviation_m[kept], 2), -end, end, digits=1),
-    )  # fmt: skip
-    return (Layer("points", "measured points", mesh.vertices, mesh.faces, _GREY, channels=channels),)
+        _deviations(check, np.repeat(1000 * cloud.deviation_m[kept], 2)),
+    )
+    drawn = ("points", "measured points", mesh.vertices, mesh.faces, _GREY)
+    return (Layer(*drawn, channels=channels, shown=False),)
+
+
+def _deviations(check: DesignCheck, off_mm: FloatArray) -> Numbers:
+    """Deviations (n,) along outward normals, on a scale that ends at thrice the usual tolerance."""
+    end = 3000 * float(np.median([finding.tolerance_m for finding in check.elements]))
+    return Numbers("deviation", "Deviation", "mm", off_mm, -end, end, digits=1, absent="not measured")
 
 
 def verdict_pictures(
@@ -107,11 +120,17 @@ def verdict_pictures(
     shown = np.ones(len(top), np.bool_) if cut_m is None else top < cut_m
     drawing = MeshDrawing(mesh, n_threads=n_threads)
     around = overview_cameras(mesh.bounds())
-    colours = {number: category.colour for number, category in enumerate(_CATEGORIES)} | {NOTHING: _GREY.colour}
+    colours = {number: category.colour for number, category in enumerate(_CATEGORIES)} | {
+        NOTHING: _GREY.colour
+    }
     pictures = []
-    for side, camera in zip(("one side", "the other side"), (around[0], around[len(around) // 2]), strict=True):
+    for side, camera in zip(
+        ("one side", "the other side"), (around[0], around[len(around) // 2]), strict=True
+    ):
         layer = drawing.look(camera, camera.shape(_WIDTH), shown)
         state = np.full(layer.face.shape, -1, np.int64)
         state[layer.hit] = verdict[mesh.face_surface[layer.face[layer.hit]]]
-        pictures.append(picture_of(paint_states(state, drawing.shade(layer), colours), f"Verdicts, from {side}."))
+        pictures.append(
+            picture_of(paint_states(state, drawing.shade(layer), colours), f"Verdicts, from {side}.")
+        )
     return tuple(pictures)
