@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.visibility.site import find_site
+from nbv.visibility.site_options import SiteOptions
 from scenes import RayCaster
 from scenes.checks import BoolArray, FloatArray
+from scenes.world.scene import Scene
 
 SHELL = ("IfcWall", "IfcSlab", "IfcCovering")
 LEAVES = ("IfcDoor", "IfcWindow")
@@ -114,3 +118,17 @@ class TrueBuilding:
         is_own = hits.hit & (self.shell_element[hits.face] == number) & (np.abs(hits.ranges - _OFF_M) < 1e-3)
         is_below_ceiling = self.class_hit(before, np.array([0.0, 0.0, 1.0])) == "IfcCovering"
         return Side(number, normal, places, is_own & is_below_ceiling)
+
+
+_HEIGHT_M = 1.6
+
+
+def station_places(scene: Scene, n: int) -> FloatArray:
+    """Places (n, 3) to stand in the middle of the rooms with most of them, metres."""
+    site = find_site(scene, SiteOptions(heights_m=(_HEIGHT_M,)), turns=True)
+    largest = [room for room, _ in Counter(site.position_room.tolist()).most_common(n)]
+    middles = []
+    for room in largest:
+        own = site.positions[site.position_room == room]
+        middles.append(own[np.argmin(np.linalg.norm(own - np.median(own, axis=0), axis=1))])
+    return np.array(middles)

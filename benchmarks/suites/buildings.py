@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -15,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from benchmarks.cases.buildings import LEAVES, STEP_M, Side, TrueBuilding
+from benchmarks.cases.buildings import LEAVES, STEP_M, Side, TrueBuilding, station_places
 from benchmarks.cases.frames import DATA
 from benchmarks.run import head, suite
 from completion import CompletionOptions, complete
@@ -25,13 +24,10 @@ from completion.export.building.parts import BuildingParts
 from completion.export.building.rooms import BuildingRoom
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, SphericalSensor
-from nbv.visibility.site import find_site
-from nbv.visibility.site_options import SiteOptions
 from scenes.checks import FloatArray
 from scenes.io.scene_files import open_scene
 from scenes.pose import Pose
 from scenes.scan.range_image import RangeImage
-from scenes.world.scene import Scene
 
 _NEAR_M = 0.02  # between a true side and a face that is its model
 _SEEN_M = 0.06  # between a place and the nearest measured point, where it counts as seen
@@ -328,17 +324,3 @@ def house_scans(n: int, noise: str, sensor: str) -> Iterator[RangeImage]:
             pose = Pose.looking_at(place, place + np.array([np.cos(turn), np.sin(turn), down]))
             chosen = _PANORAMA if sensor == "panorama" else _CAMERA
             yield scan_scene(scene, pose, chosen, noise=noise, rng=100 * k + j, truth=False, caster=caster)
-
-
-_HEIGHT_M = 1.6
-
-
-def station_places(scene: Scene, n: int) -> FloatArray:
-    """Places (n, 3) to stand in the middle of the rooms with most of them, metres."""
-    site = find_site(scene, SiteOptions(heights_m=(_HEIGHT_M,)), turns=True)
-    largest = [room for room, _ in Counter(site.position_room.tolist()).most_common(n)]
-    middles = []
-    for room in largest:
-        own = site.positions[site.position_room == room]
-        middles.append(own[np.argmin(np.linalg.norm(own - np.median(own, axis=0), axis=1))])
-    return np.array(middles)

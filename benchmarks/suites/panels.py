@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.cases.buildings import station_places
 from benchmarks.cases.frames import DATA
 from benchmarks.cases.rooms import random_case
 from benchmarks.methods.meshes import PEERS
@@ -23,7 +24,6 @@ from benchmarks.metrics.folds import (
     true_places,
 )
 from benchmarks.run import suite
-from benchmarks.suites.buildings import station_places
 from completion import Completion, CompletionOptions, complete
 from nbv import PinholeSensor, scan_scene
 from scenes import RangeImage, builtin_scene, read_scan
