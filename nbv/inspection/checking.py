@@ -107,6 +107,7 @@ class CheckedDesign:
         """
         with hold_lock(make_folder(folder)), Stage(make_folder(folder)) as stage:
             self.write(stage.path)
+            stage.commit(last="check.json")
 
     def show(self, *, n_threads: int | None = None) -> Path:
         """Show the full report; see `nbv.show`."""

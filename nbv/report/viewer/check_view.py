@@ -107,7 +107,7 @@ def _point_layers(check: DesignCheck, verdict: IntArray) -> tuple[Layer, ...]:
 
 def _deviations(check: DesignCheck, off_mm: FloatArray) -> Numbers:
     """Deviations (n,) along outward normals, on a scale that ends at thrice the usual tolerance."""
-    end = 3000 * float(np.median([finding.tolerance_m for finding in check.elements]))
+    end = 3000 * float(np.median([finding.tolerance_m for finding in check.elements] or [0.01]))
     return Numbers("deviation", "Deviation", "mm", off_mm, -end, end, digits=1, absent="not measured")
 
 
