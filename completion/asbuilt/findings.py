@@ -113,6 +113,8 @@ class FaceFinding:
         Offset of the middle, largest turn (radians), rise of the middle over its ends, change of the radius.
     rms_m : float
         Of beams about the fitted surface.
+    place : (3,) float
+        Where `offset` holds: the middle of what was measured of a plane.
     histogram : (40,) int
         Beams by deviation from the design, in 40 equal bins of `histogram_m`.
     histogram_m : (2,) float
@@ -135,6 +137,7 @@ class FaceFinding:
     bow: Interval | None = None
     radius: Interval | None = None
     rms_m: float = 0.0
+    place: FloatArray = field(default_factory=lambda: np.zeros(3))
     histogram: NDArray[np.int64] = field(default_factory=lambda: np.zeros(40, np.int64))
     histogram_m: tuple[float, float] = (-0.05, 0.05)
 

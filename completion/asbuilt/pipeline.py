@@ -1,14 +1,41 @@
 # SPDX-License-Identifier: MIT
-"""Check of scans against a design, on one page."""
+"""Check of scans against a design, on one page.
+
+Faces of the design are planes and cylinders. Beams are cast through it: each ends on a face, on an element,
+or on something else, and passes others or is stopped before them. What the beams of a face agree on is its
+surface. One mixed model of all faces and poses then says how far each face is from its place, and how the
+scans lie (`alignment`). From these, each element gets a verdict with an interval, a reason, and the share of
+it that was measured. Nothing inferred enters a verdict.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.asbuilt import limits
+from completion.asbuilt.agreement import FaceBeams, FaceSurface, beams_on_faces, find_surface
+from completion.asbuilt.alignment import Aligned, PoseErrors, align
+from completion.asbuilt.beams import Evidence, Gates, Surfaces, trace
+from completion.asbuilt.conclusion import Measurements, conclude
+from completion.asbuilt.deviation import Judged, judge_faces
+from completion.asbuilt.faces import DesignFaces, find_faces, scale_of
 from completion.asbuilt.findings import LOA_BANDS_M, DesignCheck
+from completion.asbuilt.samples import SurfaceSamples, exposed_share, sample_design
+from completion.observe.observation import Observation, observe
+from completion.observe.rays import rays_of
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.mesh.design import ElementMesh
+from scenes.mesh.winding import turn_outside_out
+from scenes.pose import Pose
+from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
+
+Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,9 +47,9 @@ class CheckOptions:
     tolerance_m : float
         T, metres.
     tolerances : mapping
-        Tolerance by a pattern of "class name" as shells match files, "IfcDoor*"; the last that fits counts.
-    registration : (m, deg)
-        Standard deviation of each scan's pose.
+        Tolerance by a pattern of class or name as shells match files, "IfcDoor*"; the last that fits counts.
+    registration : (m, deg), optional
+        Standard deviation of each scan's pose; 2 mm and 0.006 deg in a building.
     align : bool
         Whether the scans may move as a whole to fit the design; False: a control network holds.
     only, without : tuple of str
@@ -39,7 +66,7 @@ class CheckOptions:
 
     tolerance_m: float = 0.01
     tolerances: Mapping[str, float] = field(default_factory=dict)
-    registration: tuple[float, float] = (0.002, 0.006)
+    registration: tuple[float, float] | None = None
     align: bool = True
     only: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
@@ -55,6 +82,265 @@ def check_against_design(
     options: CheckOptions | None = None,
     *,
     n_threads: int | None = None,
+    progress: Progress | None = None,
 ) -> DesignCheck:
-    """Check `scans` against `design`."""
-    raise NotImplementedError
+    """Check scans against a design.
+
+    Parameters
+    ----------
+    design : ElementMesh
+        Elements in the frame of the scans' poses, metres.
+    scans : sequence of RangeImage
+        With poses that fit the design to a few centimetres.
+    options : CheckOptions, optional
+        Tolerances, errors of poses, what to check.
+    n_threads : int, optional
+        Threads; the result does not depend on it.
+    progress : callable, optional
+        Called with a stage, steps done and steps in all.
+
+    Raises
+    ------
+    InputError
+        No scan, no element left, a pattern that fits none, scans of which hardly a beam ends on the design.
+    """
+    options = options or CheckOptions()
+    told = progress or _silent
+    model = _Model.of(design, options, n_threads)
+    observations = model.observe(scans, options, told)
+    observations = model.place(observations, options, told)
+    every = [np.arange(seen.scan.ranges.size) for seen in observations]
+    evidence = model.trace(observations, every, options, told)
+    told("deviations", 0, 1)
+    agreed = model.agree(observations, every, evidence)
+    far = model.agree(observations, every, evidence, is_far=True)
+    measured = Measurements(
+        design=model.design,
+        faces=model.faces,
+        surfaces=model.surfaces,
+        samples=model.samples,
+        gates=model.gates,
+        scale=model.scale,
+        middle=model.middle,
+        observations=tuple(observations),
+        given=tuple(scans),
+        evidence=tuple(evidence),
+        aligned=agreed.aligned,
+        judged=model.judge(agreed, evidence),
+        far=model.judge(far, evidence),
+        chosen=tuple(model.chosen),
+        warnings=model.warnings,
+    )
+    return conclude(measured, options)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Agreed:
+    """Beams of faces, their surfaces, and the alignment."""
+
+    beams: FaceBeams
+    surfaces: tuple[FaceSurface, ...]
+    parts: tuple[slice, ...]
+    aligned: Aligned
+    origins: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Model:
+    """A design prepared for checks, its middle at the origin."""
+
+    design: ElementMesh
+    faces: DesignFaces
+    surfaces: Surfaces
+    samples: SurfaceSamples
+    exposed: FloatArray
+    caster: RayCaster
+    gates: Gates
+    errors: PoseErrors
+    scale: float
+    middle: FloatArray
+    chosen: tuple[int, ...]
+    warnings: tuple[str, ...]
+    n_threads: int | None
+
+    @classmethod
+    def of(cls, design: ElementMesh, options: CheckOptions, n_threads: int | None) -> _Model:
+        left_out = _matching(design, options.without)
+        mesh = design.mesh.some(~left_out[design.mesh.face_surface])
+        if not len(mesh.faces):
+            raise InputError(f"{design.name} has no element with a surface left to check")
+        middle = mesh.bounds().mean(axis=0)
+        turned = turn_outside_out(mesh.at(mesh.vertices - middle), mesh.face_surface.astype(np.int64))
+        mesh, scale = turned.mesh, scale_of(turned.mesh)
+        faces = find_faces(mesh, scale)
+        surfaces = Surfaces.of(mesh, faces, turned.is_closed)
+        shift, turn = options.registration or (2e-3 * scale, 0.006)
+        pose = float(shift), float(np.radians(turn))
+        common = (limits.FREE_M * scale, limits.FREE_RAD) if options.align else (0.0, 0.0)
+        caster = RayCaster(mesh.vertices, mesh.faces, n_threads)
+        samples = sample_design(mesh, surfaces, caster, scale)
+        exposed = exposed_share(samples, surfaces, faces.area, (limits.SAMPLE_M * scale) ** 2)
+        chosen = _matching(design, options.only) if options.only else np.ones(len(design.elements), np.bool_)
+        present = np.bincount(mesh.face_surface, minlength=len(design.elements)) > 0
+        told = (
+            f"elements with parts that were inside out, which were turned: {turned.n_surfaces} of "
+            f"{int(present.sum())}",
+        )
+        return cls(
+            design=ElementMesh(mesh, design.elements, design.name),
+            faces=faces,
+            surfaces=surfaces,
+            samples=samples,
+            exposed=exposed,
+            caster=caster,
+            gates=Gates.of(scale, pose),
+            errors=PoseErrors(pose, common),
+            scale=scale,
+            middle=middle,
+            chosen=tuple(np.flatnonzero(chosen & present & ~left_out).tolist()),
+            warnings=told if turned.n_surfaces else (),
+            n_threads=n_threads,
+        )
+
+    def observe(
+        self, scans: Sequence[RangeImage], options: CheckOptions, told: Progress
+    ) -> list[Observation]:
+        """Prepare scans in the frame whose origin is the design's middle."""
+        if not scans:
+            raise InputError("no scan to check; name at least one")
+        frame = Pose.from_parts(np.eye(3), self.middle)
+        seen = []
+        for number, scan in enumerate(scans):
+            told("observe", number, len(scans))
+            seen.append(observe(scan, frame, options.sigma_m))
+        return seen
+
+    def place(
+        self, observations: Sequence[Observation], options: CheckOptions, told: Progress
+    ) -> list[Observation]:
+        """Move scans to where a subset of their beams fits the design best; once more where that was far."""
+        placed = list(observations)
+        pixels = [_subset(seen, len(placed)) for seen in placed]
+        for _ in range(3):
+            evidence = self.trace(placed, pixels, options, told)
+            agreed = self.agree(placed, pixels, evidence)
+            moved = [
+                _move(seen, agreed.aligned.motion[k], agreed.aligned.motion[-1])
+                for k, seen in enumerate(placed)
+            ]
+            step = max(
+                float(np.linalg.norm(b.scan.origin - a.scan.origin))
+                for a, b in zip(placed, moved, strict=True)
+            )
+            placed = moved
+            if step < limits.AGAIN_M * self.scale:
+                break
+        return placed
+
+    def trace(
+        self,
+        observations: Sequence[Observation],
+        pixels: Sequence[IntArray],
+        options: CheckOptions,
+        told: Progress,
+    ) -> list[Evidence]:
+        """Cast the beams of all scans through the design."""
+        found = []
+        for number, (seen, flat) in enumerate(zip(observations, pixels, strict=True)):
+            told("beams", number, len(observations))
+            found.append(
+                trace(
+                    seen, flat, self.caster, self.surfaces, self.gates,
+                    n_elements=len(self.design.elements),
+                    no_return_is_free=options.no_return_is_free,
+                    n_threads=self.n_threads,
+                )
+            )  # fmt: skip
+        return found
+
+    def agree(
+        self,
+        observations: Sequence[Observation],
+        pixels: Sequence[IntArray],
+        evidence: Sequence[Evidence],
+        *,
+        is_far: bool = False,
+    ) -> _Agreed:
+        """Find the surface of each face, then deviations of all faces and motions of all scans."""
+        beams = beams_on_faces(observations, pixels, evidence, self.faces, scale=self.scale, is_far=is_far)
+        origins = np.array([seen.scan.origin for seen in observations])
+        away = np.linalg.norm(beams.points - origins[beams.scan], axis=1)
+        registration = np.hypot(self.errors.scan[0], self.errors.scan[1] * away)
+        parts = [part for part in beams.of_faces() if part.stop - part.start >= limits.FEWEST_BEAMS // 2]
+        surfaces = [
+            find_surface(
+                beams, part, registration[part],
+                scale=self.scale, is_flat=not self.faces.sign[beams.face[part.start]],
+            )
+            for part in parts
+        ]  # fmt: skip
+        on = np.zeros(len(beams.face), np.bool_)
+        for surface, part in zip(surfaces, parts, strict=True):
+            on[part] = surface.is_on
+        aligned = align(beams, on, origins, errors=self.errors, scale=self.scale)
+        return _Agreed(beams, tuple(surfaces), tuple(parts), aligned, origins)
+
+    def judge(self, agreed: _Agreed, evidence: Sequence[Evidence]) -> tuple[Judged, ...]:
+        """Judge all faces."""
+        reach = np.sum([found.reach for found in evidence], axis=0)
+        on = np.zeros(len(self.faces))
+        for surface in agreed.surfaces:
+            on[surface.face] = surface.area_m2
+        open_area = self.exposed * self.faces.area
+        largest = np.zeros(len(self.design.elements))
+        np.maximum.at(largest, self.faces.element, open_area)
+        is_main = open_area >= limits.MAIN_SHARE * np.maximum(largest[self.faces.element], 1e-12)
+        return tuple(
+            judge_faces(
+                agreed.beams, agreed.surfaces, agreed.parts, agreed.aligned, self.faces,
+                is_main=is_main, support=np.minimum(on / np.maximum(reach, 1e-12), 1.0), exposed=self.exposed,
+                origins=agreed.origins, scale=self.scale,
+            )
+        )  # fmt: skip
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    """Progress that nobody wants to see."""
+
+
+def _matching(design: ElementMesh, patterns: Sequence[str]) -> BoolArray:
+    """Which elements have a class, name or GlobalId that fits one of the patterns."""
+    found = np.zeros(len(design.elements), np.bool_)
+    for pattern in patterns:
+        fits = np.array([is_like(pattern, design, k) for k in range(len(design.elements))], np.bool_)
+        if not fits.any():
+            raise InputError(f"no element of {design.name} is like {pattern!r}; give a class or name")
+        found |= fits
+    return found
+
+
+def is_like(pattern: str, design: ElementMesh, surface: int) -> bool:
+    """Tell whether a pattern fits the class, the name or the GlobalId of an element."""
+    element = design.elements[surface]
+    return any(fnmatchcase(text, pattern) for text in (element.ifc_class, element.name, element.global_id))
+
+
+def _subset(seen: Observation, n_scans: int) -> NDArray[np.int64]:
+    """Flat pixels of a grid over a scan's image, so that all scans together have enough."""
+    rows, columns = seen.scan.shape
+    step = max(1, int(np.sqrt(rows * columns * n_scans / limits.SUBSET)))
+    grid = np.arange(step // 2, rows, step)[:, None] * columns + np.arange(step // 2, columns, step)
+    return np.asarray(grid.ravel(), dtype=np.int64)
+
+
+def _move(seen: Observation, own: FloatArray, common: FloatArray) -> Observation:
+    """A scan moved back by its own motion about its place, and by that of all about the design's middle."""
+    from scipy.spatial.transform import Rotation
+
+    pose = seen.scan.world_from_sensor
+    turn, shift = Rotation.from_rotvec(-own[:3]).as_matrix(), -own[3:]
+    rotation, place = turn @ pose.rotation, pose.translation + shift
+    turn = Rotation.from_rotvec(-common[:3]).as_matrix()
+    moved = Pose.from_parts(turn @ rotation, turn @ place - common[3:])
+    scan = seen.scan.with_facts(world_from_sensor=moved)
+    return replace(seen, scan=scan, rays=rays_of(scan))

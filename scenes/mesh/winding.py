@@ -28,6 +28,8 @@ class TurnedMesh(NamedTuple):
         How many had faces that were turned.
     n_surfaces : int
         How many surfaces they belong to.
+    is_closed : (m,) bool
+        Which faces are of closed components.
     n_open : int
         Surfaces with faces of no closed component.
     """
@@ -35,6 +37,7 @@ class TurnedMesh(NamedTuple):
     mesh: LabelledMesh
     n_components: int
     n_surfaces: int
+    is_closed: BoolArray
     n_open: int
 
 
@@ -66,6 +69,7 @@ def turn_outside_out(mesh: LabelledMesh, body: NDArray[Any]) -> TurnedMesh:
         LabelledMesh(mesh.vertices, _reverse(mesh.faces, turned), surface, look),
         len(np.unique(component[turned])),
         len(np.unique(surface[turned])),
+        closed,
         len(np.unique(surface[~closed])),
     )
 

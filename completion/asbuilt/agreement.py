@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: MIT
+"""Agreement of beams with faces: which beams of a face lie on one surface, and how much of it they show.
+
+The beams of a face may be of the face, of things before it and of things behind it. Its surface is where most
+area lies: the mode of the distances, then a robust plane, to which those belong that are within a gate about
+the level of their own scan. A gate about the level of all would cut off scans whose poses are off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.asbuilt import limits
+from completion.asbuilt.beams import Evidence
+from completion.asbuilt.faces import DesignFaces
+from completion.observe.observation import Observation
+from completion.observe.sensor_modes import N_MODES, displacements, range_displacements
+from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
+
+N_SHARED = N_MODES + 2
+"""Errors that a sensor has alike over its image, of unit variance."""
+
+_ROUNDS = 4
+_MOST_HELD = 4_000  # beams of a face whose surface is fitted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceBeams:
+    """Beams (n,) by face and scan, evenly taken from all that belong to faces.
+
+    Attributes
+    ----------
+    face, scan : (n,) int32
+        Ascending by face, then by scan.
+    points : (n, 3) float
+        Where they ended, metres, at the poses as given.
+    distance : (n,) float
+        From the face, outwards.
+    normal : (n, 3) float
+        Of the face there.
+    columns : (n, 5) float
+        Derivative of the distance by the parameters of the face.
+    uv : (n, 2) float
+        Place on the face, -1 to 1.
+    sigma : (n,) float
+        Standard deviation of the distance by the range noise.
+    area : (n,) float
+        Of the face that a beam stands for, square metres.
+    shared : (n, 12) float
+        Derivative by the errors of the sensor.
+    """
+
+    face: NDArray[np.int32]
+    scan: NDArray[np.int32]
+    points: FloatArray
+    distance: FloatArray
+    normal: FloatArray
+    columns: FloatArray
+    uv: FloatArray
+    sigma: FloatArray
+    area: FloatArray
+    shared: FloatArray
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def of_faces(self) -> list[slice]:
+        """Where the beams of each face that has any are."""
+        starts = np.flatnonzero(np.diff(self.face, prepend=-1))
+        return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(self.face)], strict=True)]
+
+
+def beams_on_faces(
+    observations: Sequence[Observation],
+    pixels: Sequence[IntArray],
+    evidence: Sequence[Evidence],
+    faces: DesignFaces,
+    *,
+    scale: float,
+    is_far: bool = False,
+) -> FaceBeams:
+    """Gather the beams of faces; `is_far`: those that ended farther off, as a displaced element's do."""
+    parts = [
+        _of_scan(number, seen, flat, found, faces, scale=scale, is_far=is_far)
+        for number, (seen, flat, found) in enumerate(zip(observations, pixels, evidence, strict=True))
+    ]
+    columns = [np.concatenate([part[k] for part in parts]) for k in range(len(parts[0]))]
+    order = np.lexsort((columns[1], columns[0]))
+    return FaceBeams(*(column[order] for column in columns))
+
+
+def _of_scan(
+    number: int,
+    seen: Observation,
+    flat: IntArray,
+    found: Evidence,
+    faces: DesignFaces,
+    *,
+    scale: float,
+    is_far: bool,
+) -> tuple[NDArray[np.int32] | FloatArray, ...]:
+    own = -2 - found.face if is_far else found.face
+    chosen = np.flatnonzero(own >= 0)
+    order = chosen[np.argsort(own[chosen], kind="stable")]
+    face = own[order]
+    count = np.bincount(face, minlength=len(faces))
+    step = np.maximum(np.ceil(count / limits.MOST_A_PAIR), 1).astype(np.int64)
+    place = np.arange(len(face)) - np.repeat(np.cumsum(count) - count, count)
+    kept = place % step[face] == step[face] // 2
+    order, face = order[kept], np.ascontiguousarray(face[kept])
+    points, rays = seen.points_at(flat[order]), seen.rays_at(flat[order])
+    at = faces.places(face, points)
+    cosine = np.maximum(np.abs(np.einsum("ij,ij->i", rays, at.normal)), limits.LEAST_COSINE)
+    ranges = np.linalg.norm(points - seen.scan.origin, axis=1)
+    # footprints smear a slanted surface by no more than neighbouring pixels do: noise along the ray is all
+    sigma = np.maximum(seen.noise.sigma(ranges), 1e-4 * scale) * cosine
+    area = found.area[order] / cosine * step[face]
+    return (
+        face, np.full(len(face), number, np.int32), points, at.distance, at.normal, at.columns, at.uv, sigma,
+        area, _shared(seen, points, at.normal),
+    )  # fmt: skip
+
+
+def _shared(seen: Observation, points: FloatArray, normals: FloatArray) -> FloatArray:
+    """What errors of the sensor do along normals: (n, 12)."""
+    modes = np.concatenate([displacements(seen, points), range_displacements(seen, points)])
+    return np.asarray(np.einsum("mij,ij->im", modes, normals))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceSurface:
+    """The surface that the beams of a face show.
+
+    Attributes
+    ----------
+    face : int
+        Its number.
+    is_on : (n,) bool
+        Which beams of the face are on it.
+    area_m2 : float
+        What they stand for.
+    level : float
+        Its offset from the face, metres.
+    sd : float
+        Of beams about it, robust.
+    bow : (3,) float
+        Factors of u^2, uv and v^2 where it is bent, else 0.
+    corners : (2, 2) float
+        Quantiles of what was measured along u and v, -1 to 1.
+    """
+
+    face: int
+    is_on: BoolArray
+    area_m2: float
+    level: float
+    sd: float
+    bow: FloatArray
+    corners: FloatArray
+
+
+def find_surface(
+    beams: FaceBeams, part: slice, registration: FloatArray, *, scale: float, is_flat: bool
+) -> FaceSurface:
+    """Find the surface of a face from its beams (n,), and the registration's sd there (n,), metres."""
+    y, area, sigma = beams.distance[part], beams.area[part], beams.sigma[part]
+    own_scan, columns, uv = beams.scan[part], beams.columns[part], beams.uv[part]
+    typical = float(np.median(sigma))
+    start = _mode(y, area, max(2e-3 * scale, typical))
+    squares = np.column_stack([uv[:, 0] ** 2, uv[:, 0] * uv[:, 1], uv[:, 1] ** 2])
+    best = _fit(y, columns, own_scan, sigma, registration, start=start, scale=scale)
+    bow = np.zeros(3)
+    if is_flat and best.is_on.sum() > 3 * limits.FEWEST_BEAMS:
+        bent = _fit(
+            y, np.column_stack([columns[:, :3], squares]), own_scan, sigma, registration, start=start,
+            scale=scale,
+        )  # fmt: skip
+        gain = area[bent.is_on].sum() / max(area[best.is_on].sum(), 1e-12)
+        if gain > 1.02 or bent.sd < 0.8 * best.sd:
+            best, bow = bent, bent.factors[-3:]
+    on = uv[best.is_on] if best.is_on.any() else uv
+    corners = np.quantile(on, [limits.CORNERS, 1 - limits.CORNERS], axis=0).T
+    return FaceSurface(
+        face=int(beams.face[part.start]),
+        is_on=best.is_on,
+        area_m2=float(area[best.is_on].sum()),
+        level=best.level,
+        sd=best.sd,
+        bow=bow,
+        corners=corners,
+    )
+
+
+def _mode(y: FloatArray, area: FloatArray, width: float) -> float:
+    """Where most area lies, within a width on either side."""
+    low = y.min()
+    cell = np.floor((y - low) / (width / 2)).astype(np.int64)
+    held = np.convolve(np.bincount(cell, area), np.ones(5), "same")
+    top = low + (np.argmax(held) + 0.5) * width / 2
+    near = np.abs(y - top) <= width
+    return float(np.median(y[near])) if near.any() else float(top)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    is_on: BoolArray
+    level: float
+    sd: float
+    factors: FloatArray
+
+
+def _fit(
+    y: FloatArray,
+    columns: FloatArray,
+    scan: NDArray[np.int32],
+    sigma: FloatArray,
+    registration: FloatArray,
+    *,
+    start: float,
+    scale: float,
+) -> _Fit:
+    """Fit a surface to what is near it, scans at their own levels, and narrow the gate round by round."""
+    used = columns[:, np.abs(columns).max(axis=0) > 1e-9]
+    on = np.abs(y - start) <= limits.START_M * scale + 2 * sigma
+    factors, residual, sd = np.zeros(used.shape[1]), y - start, float(np.median(sigma))
+    names, own = np.unique(scan, return_inverse=True)
+    floor = limits.WINDOW_SIGMAS * sigma
+    level_sd = np.array([np.median(registration[own == k]) for k in range(len(names))])
+    for _ in range(_ROUNDS):
+        if on.sum() < 2 * used.shape[1]:
+            break
+        index = np.flatnonzero(on)[:: max(1, int(on.sum()) // _MOST_HELD)]
+        weight = 1.0 / sigma[index]
+        held = used[index] * weight[:, None]
+        ridge = 1e-6 * np.trace(held.T @ held) / used.shape[1] * np.eye(used.shape[1])
+        factors = np.linalg.solve(held.T @ held + ridge, held.T @ (weight * y[index]))
+        residual = y - used @ factors
+        for k in range(len(names)):  # few: the scans that see this face
+            mine = on & (own == k)
+            if mine.any():
+                bound = limits.LEVEL_SD * level_sd[k]
+                residual[own == k] -= np.clip(np.median(residual[mine]), -bound, bound)
+        sd = 1.4826 * float(np.median(np.abs(residual[on])))
+        on = np.abs(residual) <= np.maximum(3 * sd, floor)
+    return _Fit(on, float(np.median(y[on])) if on.any() else start, sd, factors)

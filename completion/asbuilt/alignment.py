@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: MIT
+"""Alignment and deviations in one estimate: a mixed model of faces, poses and sensor.
+
+A beam that ended on face f, seen from station s, says of the distance y of its end from the face
+
+    y = g x_f + J(p; s) xi_s + J(p; 0) gamma + M(p) beta + noise,    J(p; o) = [(p - o) x n, n]
+
+with the deviation x_f of the face (g: `FaceBeams.columns`), the pose error xi_s ~ N(0, registration), the
+misfit gamma of all scans, nearly free, and the sensor's own errors beta of unit variance. Faces are where the
+design has them but for a Student distribution of three degrees of freedom, whose scale tau is estimated by
+expectation and maximisation (Lange, Little & Taylor 1989): one face pulls on the alignment with at most
+1 / tau^2, however many beams it has, and one that moved with almost nothing.
+
+Faces are eliminated one by one, so that what is solved has as many unknowns as poses have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from completion.asbuilt import limits
+from completion.asbuilt.agreement import N_SHARED, FaceBeams
+from completion.asbuilt.faces import N_COLUMNS
+from scenes.checks import FloatArray, freeze_arrays
+
+_UNUSED = 1e-12  # information of a parameter that no beam tells
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aligned:
+    """Deviations of faces, and motions of scans, with their errors.
+
+    Attributes
+    ----------
+    faces : (q,) int
+        Faces with beams, ascending.
+    x : (q, 5) float
+        Their deviations, metres, as the alignment has them.
+    own_x, own_covariance : (q, 5), (q, 5, 5) float
+        The same without the assumption that the tested face is near its place.
+    tau_m : float
+        Scale of their distribution.
+    motion : (s + 1, 6) float
+        Rotation vector and shift of the points of each scan, in the end of all scans together; to be
+        subtracted.
+    covariance : (6 (s + 1) + 12,) * 2 float
+        Of all of these and the sensor's errors.
+    inverse : (q, 5, 5) float
+        Inverse information of each face, as if the poses were known, with the prior.
+    coupling : (q, 5, k) float
+        Information between a face and the poses.
+    prior : (q,) float
+        Precision of the prior of each parameter of a face.
+    """
+
+    faces: NDArray[np.int64]
+    x: FloatArray
+    own_x: FloatArray
+    own_covariance: FloatArray
+    tau_m: float
+    motion: FloatArray
+    covariance: FloatArray
+    inverse: FloatArray
+    coupling: FloatArray
+    prior: FloatArray
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def among(self, a: int, b: int) -> FloatArray:
+        """Covariance (5, 5) of the parameters of two faces, by their places in `faces`."""
+        left, right = self.inverse[a] @ self.coupling[a], self.inverse[b] @ self.coupling[b]
+        total = left @ self.covariance @ right.T
+        return np.asarray(total + self.inverse[a] if a == b else total)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseErrors:
+    """Standard deviations of poses: of each scan (m, rad), and of all together, 0 where they are fixed."""
+
+    scan: tuple[float, float]
+    common: tuple[float, float]
+
+
+def align(
+    beams: FaceBeams,
+    is_on: NDArray[np.bool_],
+    origins: FloatArray,
+    *,
+    errors: PoseErrors,
+    scale: float,
+) -> Aligned:
+    """Estimate deviations of faces and motions of s scans jointly.
+
+    Parameters
+    ----------
+    beams : FaceBeams
+        Beams (n,) of faces.
+    is_on : (n,) bool
+        Those that lie on the surface of their face.
+    origins : (s, 3) float
+        Where the scans stood, metres; the design's middle is the origin.
+    errors : PoseErrors
+        How well poses are known.
+    scale : float
+        Of lengths, 1 for a building.
+    """
+    system = _assemble(beams, is_on, origins, scale)
+    size = system.poses.shape[0]
+    prior = _pose_precision(len(origins), errors)
+    tau, weight = 2e-3 * scale, np.ones(len(system.faces))
+    least, most = limits.LEAST_TAU_M * scale, limits.MOST_TAU_M * scale
+    for _ in range(limits.ROUNDS):
+        precision = weight / tau**2
+        solved = _solve(system, prior, precision)
+        spread = np.einsum("qii->qi", _own_blocks(system, solved))
+        square = np.where(system.used, np.square(solved.x) + spread, 0.0).sum(axis=1)
+        used = system.n_used
+        weight = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2)
+        tau = float(np.clip(np.sqrt((weight * square).sum() / used.sum()), least, most)) if len(used) else tau
+    precision = weight / tau**2
+    solved = _solve(system, prior, precision)
+    blocks = _own_blocks(system, solved)
+    own = np.linalg.inv(blocks) - np.eye(N_COLUMNS) * precision[:, None, None]
+    own = _positive(own)
+    own_covariance = np.linalg.inv(own)
+    own_x = np.einsum("qij,qjk,qk->qi", own_covariance, np.linalg.inv(blocks), solved.x)
+    motion = solved.poses[: size - N_SHARED].reshape(-1, 6)
+    return Aligned(
+        faces=system.faces,
+        x=solved.x,
+        own_x=np.where(system.used, own_x, 0.0),
+        own_covariance=own_covariance,
+        tau_m=tau,
+        motion=motion,
+        covariance=solved.covariance,
+        inverse=solved.inverse,
+        coupling=system.coupling,
+        prior=precision,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _System:
+    """Normal equations: blocks of faces (q, 5, 5), of poses and sensor (k, k), between, and right sides."""
+
+    faces: NDArray[np.int64]
+    blocks: FloatArray
+    coupling: FloatArray
+    poses: FloatArray
+    right_faces: FloatArray
+    right_poses: FloatArray
+    used: NDArray[np.bool_]  # (q, 5) parameters that there are
+
+    @property
+    def n_used(self) -> FloatArray:
+        return self.used.sum(axis=1).astype(float)
+
+
+def _assemble(beams: FaceBeams, is_on: NDArray[np.bool_], origins: FloatArray, scale: float) -> _System:
+    faces = np.unique(beams.face[is_on]).astype(np.int64)
+    n_scans, size = len(origins), 6 * (len(origins) + 1) + N_SHARED
+    blocks, coupling = np.zeros((len(faces), N_COLUMNS, N_COLUMNS)), np.zeros((len(faces), N_COLUMNS, size))
+    right_faces, right_poses, poses = (
+        np.zeros((len(faces), N_COLUMNS)),
+        np.zeros(size),
+        np.zeros((size, size)),
+    )
+    used = np.zeros((len(faces), N_COLUMNS), np.bool_)
+    index = np.flatnonzero(is_on)
+    pair = beams.face[index].astype(np.int64) * n_scans + beams.scan[index]
+    starts = np.flatnonzero(np.diff(pair, prepend=-1))
+    common = slice(6 * n_scans, size)
+    for rows in np.split(index, starts[1:]) if len(index) else ():
+        n = len(rows)
+        rows = rows[:: max(1, -(-n // limits.PAIR_BEAMS))]
+        place, scan = int(np.searchsorted(faces, beams.face[rows[0]])), int(beams.scan[rows[0]])
+        y, g = beams.distance[rows], beams.columns[rows]
+        sigma = beams.sigma[rows]
+        spread = 1.4826 * float(np.median(np.abs(y - np.median(y)))) if n > 10 else 0.0
+        flat = np.median(sigma)
+        weight = n / len(rows) / np.square(np.maximum(sigma, min(spread, 3 * flat)))
+        weight = weight / (1.0 + weight.sum() * (limits.FORM_M * scale) ** 2)
+        normal, points = beams.normal[rows], beams.points[rows]
+        about_scan = np.column_stack([np.cross(points - origins[scan], normal), normal])
+        rest = np.column_stack([np.cross(points, normal), normal, beams.shared[rows]])
+        weighted = g * weight[:, None]
+        own = slice(6 * scan, 6 * scan + 6)
+        blocks[place] += weighted.T @ g
+        used[place] |= np.abs(g).max(axis=0) > 1e-9
+        coupling[place][:, own] += weighted.T @ about_scan
+        coupling[place][:, common] += weighted.T @ rest
+        right_faces[place] += weighted.T @ y
+        left = about_scan * weight[:, None]
+        poses[own, own] += left.T @ about_scan
+        cross = left.T @ rest
+        poses[own, common] += cross
+        poses[common, own] += cross.T
+        poses[common, common] += (rest * weight[:, None]).T @ rest
+        right_poses[own] += left.T @ y
+        right_poses[common] += rest.T @ (weight * y)
+    return _System(faces, blocks, coupling, poses, right_faces, right_poses, used)
+
+
+def _pose_precision(n_scans: int, errors: PoseErrors) -> FloatArray:
+    """Precision of the unknowns of poses and sensor (k,)."""
+
+    def of(pair: tuple[float, float]) -> list[float]:
+        shift, turn = (1.0 / max(sd, 1e-9) ** 2 for sd in pair)
+        return [turn] * 3 + [shift] * 3
+
+    return np.array(of(errors.scan) * n_scans + of(errors.common) + [1.0] * N_SHARED)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    x: FloatArray
+    poses: FloatArray
+    covariance: FloatArray
+    inverse: FloatArray
+
+
+def _solve(system: _System, prior: FloatArray, precision: FloatArray) -> _Solved:
+    """Solve by the Schur complement of the faces."""
+    inverse = np.linalg.inv(system.blocks + np.eye(N_COLUMNS) * precision[:, None, None])
+    reduced = np.einsum("qij,qjk->qik", inverse, system.coupling)
+    left = system.poses + np.diag(prior) - np.einsum("qik,qil->kl", system.coupling, reduced, optimize=True)
+    right = system.right_poses - np.einsum("qik,qi->k", reduced, system.right_faces)
+    covariance = np.linalg.inv((left + left.T) / 2)
+    poses = covariance @ right
+    x = np.einsum("qij,qj->qi", inverse, system.right_faces) - reduced @ poses
+    return _Solved(x, poses, covariance, inverse)
+
+
+def _own_blocks(system: _System, solved: _Solved) -> FloatArray:
+    """Posterior covariance (q, 5, 5) of each face."""
+    reduced = np.einsum("qij,qjk->qik", solved.inverse, system.coupling)
+    shared = np.einsum("qik,kl,qjl->qij", reduced, solved.covariance, reduced, optimize=True)
+    return np.asarray(solved.inverse + shared)
+
+
+def _positive(information: FloatArray) -> FloatArray:
+    """The information (q, 5, 5) with what is not known as nearly nothing, so that it can be inverted."""
+    values, vectors = np.linalg.eigh((information + np.swapaxes(information, 1, 2)) / 2)
+    top = np.maximum(values[:, -1:], _UNUSED)
+    kept = np.maximum(values, top * 1e-9)
+    fixed = np.einsum("qij,qj,qkj->qik", vectors, kept, vectors)
+    return np.asarray(fixed)

@@ -1,0 +1,410 @@
+# SPDX-License-Identifier: MIT
+"""Conclusion: from deviations, beams and samples to a verdict on each element, extras, shares and bands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from completion.asbuilt import limits
+from completion.asbuilt.alignment import Aligned
+from completion.asbuilt.beams import NO_RETURN, NOT_USED, Evidence, Gates, Surfaces
+from completion.asbuilt.deviation import HALF_95, Judged
+from completion.asbuilt.extra import ExtraCells, find_cells, things_of
+from completion.asbuilt.faces import DesignFaces
+from completion.asbuilt.findings import (
+    POINT_STATES,
+    SAMPLE_REASONS,
+    Alignment,
+    BeamEvidence,
+    DesignCheck,
+    DeviationPoints,
+    ElementFinding,
+    Extra,
+    Samples,
+    Shares,
+)
+from completion.asbuilt.samples import SampleStates, SurfaceSamples, judge_samples, samples_of
+from completion.asbuilt.verdicts import ElementEvidence, decide, quantile
+from completion.observe.observation import Observation
+from scenes.checks import FloatArray
+from scenes.mesh.design import ElementMesh
+from scenes.pose import Pose
+from scenes.rays.raycast import RayCaster
+from scenes.scan.range_image import RangeImage
+
+_MOST_POINTS = 1_000_000  # of the thinned cloud
+_MOST_PASSED = 200  # beams through a body that are looked at again
+_RING_STEP = 0.05  # metres
+_COMMON_SD = 3.0  # beyond which a common motion is worth a sentence
+
+
+class Asked(Protocol):
+    """What of the options of a check this page reads."""
+
+    @property
+    def tolerance_m(self) -> float:
+        """T, metres."""
+
+    @property
+    def tolerances(self) -> Mapping[str, float]:
+        """By pattern."""
+
+    @property
+    def false_alarms(self) -> float:
+        """Expected a building."""
+
+    @property
+    def align(self) -> bool:
+        """Whether scans may move."""
+
+    @property
+    def loa_bands_m(self) -> Mapping[str, float]:
+        """Upper ends."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurements:
+    """All that was measured, in the frame whose origin is the design's `middle`; `given` are the scans."""
+
+    design: ElementMesh
+    faces: DesignFaces
+    surfaces: Surfaces
+    samples: SurfaceSamples
+    gates: Gates
+    scale: float
+    middle: FloatArray
+    observations: tuple[Observation, ...]
+    given: tuple[RangeImage, ...]
+    evidence: tuple[Evidence, ...]
+    aligned: Aligned
+    judged: tuple[Judged, ...]
+    far: tuple[Judged, ...]
+    chosen: tuple[int, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def pixels(self) -> list[NDArray[np.int64]]:
+        """Flat pixels of all scans."""
+        return [np.arange(seen.scan.ranges.size) for seen in self.observations]
+
+
+def conclude(known: Measurements, options: Asked) -> DesignCheck:
+    """Return the findings on all elements."""
+    cells = _cells(known)
+    states = judge_samples(
+        known.samples,
+        known.observations,
+        [found.label for found in known.evidence],
+        cells,
+        known.gates,
+        [element.name or element.ifc_class for element in known.design.elements],
+    )
+    cloud = _cloud(known)
+    tested = [one for one in known.judged if one.finding.is_tested]
+    z = quantile(len(tested), options.false_alarms)
+    rivals = _rivals(known, cloud)
+    passed = _passed_bodies(known)
+    findings = [
+        decide(
+            _evidence_of(known, k, states, rivals, passed, _tolerance(known.design, k, options)),
+            known.aligned, known.faces, z=z, scale=known.scale,
+        )
+        for k in known.chosen
+    ]  # fmt: skip
+    extra = things_of(cells, [seen.scan.name for seen in known.observations], known.design)
+    findings = [_with_bands(one, options.loa_bands_m) for one in findings]
+    findings, extra = _with_doors(findings, extra)
+    return DesignCheck(
+        design=_moved_design(known),
+        scans=tuple(scan.name for scan in known.given),
+        elements=tuple(_shifted(one, known.middle) for one in findings),
+        extra=tuple(
+            replace(one, box_m=one.box_m + known.middle, points=one.points + known.middle) for one in extra
+        ),
+        alignment=_alignment(known, options),
+        faces_tested=len(tested),
+        z=z,
+        false_alarms_expected=options.false_alarms,
+        loa_bands_m=dict(options.loa_bands_m),
+        samples=_moved_samples(samples_of(known.samples, states), known.middle),
+        cloud=replace(cloud, points=cloud.points + known.middle),
+        warnings=known.warnings,
+    )
+
+
+def _moved_design(known: Measurements) -> ElementMesh:
+    mesh = known.design.mesh
+    return replace(known.design, mesh=mesh.at(mesh.vertices + known.middle))
+
+
+def _moved_samples(samples: Samples, middle: FloatArray) -> Samples:
+    return replace(samples, points=samples.points + middle)
+
+
+def _shifted(finding: ElementFinding, middle: FloatArray) -> ElementFinding:
+    """The finding in the design's own frame."""
+    faces = tuple(replace(one, centre=one.centre + middle, place=one.place + middle) for one in finding.faces)
+    return replace(finding, faces=faces)
+
+
+def _tolerance(design: ElementMesh, surface: int, options: Asked) -> float:
+    element, tolerance = design.elements[surface], options.tolerance_m
+    for pattern, value in options.tolerances.items():
+        if any(fnmatchcase(text, pattern) for text in (element.ifc_class, element.name, element.global_id)):
+            tolerance = value
+    return tolerance
+
+
+def _cells(known: Measurements) -> ExtraCells:
+    sigma = max(
+        (float(seen.noise.sigma(np.array([3.0 * known.scale]))[0]) for seen in known.observations),
+        default=0.0,
+    )
+    gate = limits.GATE_SIGMAS * float(np.hypot(sigma, known.gates.registration[0])) + known.gates.gate_m
+    return find_cells(
+        known.observations, known.pixels, known.evidence, known.design, scale=known.scale, gate_m=gate
+    )
+
+
+def _cloud(known: Measurements) -> DeviationPoints:
+    """Points of all scans, thinned evenly, with the distance of those on faces."""
+    total = sum(seen.scan.ranges.size for seen in known.observations)
+    step = max(1, -(-total // _MOST_POINTS))
+    parts = []
+    for seen, found in zip(known.observations, known.evidence, strict=True):
+        flat = np.arange(step // 2, seen.scan.ranges.size, step)
+        flat = flat[(found.label[flat] != NO_RETURN) & (found.label[flat] != NOT_USED)]
+        points, face, label = seen.points_at(flat), found.face[flat], found.label[flat]
+        distance, state = np.full(len(flat), np.nan), np.where(label >= 0, 1, 2).astype(np.int8)
+        on = np.flatnonzero(face >= 0)
+        distance[on] = known.faces.places(face[on], points[on]).distance
+        state[on] = POINT_STATES.index("on a face")
+        parts.append((points, np.maximum(label, -1), distance, state))
+    points, label, distance, state = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return DeviationPoints(points, label.astype(np.int32), distance, state)
+
+
+def _rivals(known: Measurements, cloud: DeviationPoints) -> frozenset[int]:
+    """Faces whose large offset goes on beyond their outline: something else is before or behind them."""
+    asked = [
+        one
+        for one in (*known.judged, *known.far)
+        if one.finding.is_tested
+        and not known.faces.sign[one.face]
+        and float(np.abs(one.delta).max()) > limits.RIVAL_M * known.scale
+    ]
+    if not asked:
+        return frozenset()
+    tree = cKDTree(cloud.points)
+    return frozenset(id(one) for one in asked if _goes_on(one, known, cloud, tree))
+
+
+def _goes_on(one: Judged, known: Measurements, cloud: DeviationPoints, tree: cKDTree) -> bool:
+    """Whether the same offset is measured in a ring around the outline of a face."""
+    own = one.finding
+    u, v, (hu, hv) = known.faces.u[one.face], known.faces.v[one.face], known.faces.half[one.face]
+    ring, step = limits.RING_M * known.scale, _RING_STEP * known.scale
+    along_u = np.arange(-hu - ring, hu + ring + step / 2, step)
+    along_v = np.arange(-hv - ring, hv + ring + step / 2, step)
+    grid = np.stack(np.meshgrid(along_u, along_v, indexing="ij"), axis=-1).reshape(-1, 2)
+    outside = (np.abs(grid[:, 0]) > hu + step / 4) | (np.abs(grid[:, 1]) > hv + step / 4)
+    grid = grid[outside]
+    offset = float(np.median(one.delta))
+    places = own.centre + grid[:, :1] * u + grid[:, 1:] * v + offset * own.normal
+    gate = max(0.01 * known.scale, 3 * own.rms_m)
+    near = tree.query_ball_point(places, 1.2 * step)
+    found = [
+        bool(len(k)) and bool((np.abs((cloud.points[k] - place) @ own.normal) < gate).any())
+        for k, place in zip(near, places, strict=True)
+    ]
+    return float(np.mean(found)) > limits.RING_SHARE
+
+
+def _passed_bodies(known: Measurements) -> FloatArray:
+    """Share (E,) of the beams through each element's body that pass it well inside its outline.
+
+    A beam that clips an edge of a body that is where it should be passes it, too, if poses are off.
+    """
+    n = len(known.design.elements)
+    share = np.ones(n)
+    through = np.sum([found.through for found in known.evidence], axis=0)
+    gate = limits.GATE_SIGMAS * known.gates.registration[0] + known.gates.gate_m
+    for element in np.flatnonzero(through > limits.LEAST_THROUGH_M2 * known.scale**2):
+        starts, ways = _through_beams(known, int(element))
+        if not len(starts):
+            continue
+        body = known.design.mesh.some(known.surfaces.element == element)
+        caster = RayCaster(body.vertices, body.faces, 1)
+        side = np.cross(ways, np.where(np.abs(ways[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
+        side /= np.linalg.norm(side, axis=1, keepdims=True)
+        up = np.cross(ways, side)
+        inside = np.ones(len(ways), np.bool_)
+        for shift in (side, -side, up, -up):
+            inside &= caster.first_hit(starts + gate * shift, ways).hit
+        share[element] = inside.mean()
+    return share
+
+
+def _through_beams(known: Measurements, element: int) -> tuple[FloatArray, FloatArray]:
+    """Origins and rays (n, 3) of some beams that passed an element."""
+    starts, ways = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for seen, found in zip(known.observations, known.evidence, strict=True):
+        flat = np.flatnonzero(found.passed == element)
+        flat = flat[:: max(1, len(flat) // (_MOST_PASSED // 4))]
+        ways.append(seen.rays_at(flat))
+        starts.append(np.tile(seen.scan.origin, (len(flat), 1)))
+    return np.concatenate(starts), np.concatenate(ways)
+
+
+def _evidence_of(
+    known: Measurements,
+    surface: int,
+    states: SampleStates,
+    rivals: frozenset[int],
+    passed: FloatArray,
+    tolerance_m: float,
+) -> ElementEvidence:
+    """Gather what is known of one element."""
+    mine = known.samples.element == surface
+    area = known.samples.area_m2[mine]
+    total = float(area.sum())
+    reason = states.reason[mine]
+    shares = {
+        SAMPLE_REASONS[k]: float(area[reason == k].sum()) / total for k in np.unique(reason) if k and total
+    }
+    measured = float(area[reason == 0].sum()) / total if total else 0.0
+    on, through, hidden = (
+        float(sum(getattr(found, name)[surface] for found in known.evidence))
+        for name in ("on", "through", "hidden")
+    )
+    count = int(sum(found.n_beams[surface] for found in known.evidence))
+    faces = tuple(one for one in known.judged if one.finding.element == surface)
+    return ElementEvidence(
+        surface=surface,
+        element=known.design.elements[surface],
+        tolerance_m=tolerance_m,
+        faces=faces,
+        far=tuple(one for one in known.far if one.finding.element == surface and id(one) not in rivals),
+        beams=BeamEvidence(on, through * float(passed[surface]), hidden, count),
+        share=Shares(measured, 0.0, 1.0 - measured),
+        exposed_m2=total,
+        hidden=states.hiders.get(surface, ()),
+        not_seen=shares,
+        rivals=frozenset(k for k, one in enumerate(faces) if id(one) in rivals),
+        thin_m=_thickness(known, surface),
+    )
+
+
+def _thickness(known: Measurements, surface: int) -> float:
+    """Thickness of an element across its largest face."""
+    mine = np.flatnonzero((known.faces.element == surface) & (known.faces.sign == 0))
+    if not len(mine):
+        return np.inf
+    normal = known.faces.normal[mine[np.argmax(known.faces.area[mine])]]
+    corners = known.design.mesh.corners[known.surfaces.element == surface].reshape(-1, 3)
+    return float(np.ptp(corners @ normal))
+
+
+def _with_bands(finding: ElementFinding, bands: Mapping[str, float]) -> ElementFinding:
+    """Name the bands of an element's represented and measured accuracy, by its worst tested face."""
+    tested = [one.deviation for one in finding.faces if one.is_tested and one.deviation is not None]
+    if not tested:
+        return finding
+    half = max((one.high - one.low) / 2 for one in tested)
+    reach = max(max(abs(one.low), abs(one.high)) for one in tested)
+    return replace(finding, loa_measured=_band(half, bands), loa_represented=_band(reach, bands))
+
+
+def _band(value: float, bands: Mapping[str, float]) -> str:
+    """The narrowest band that holds a value; "beyond" and the widest's name where none does."""
+    held = sorted(bands.items(), key=lambda item: item[1])
+    return next((name for name, top in held if value <= top), "beyond " + held[-1][0] if held else "")
+
+
+def _with_doors(
+    findings: Sequence[ElementFinding], extra: Sequence[Extra]
+) -> tuple[list[ElementFinding], tuple[Extra, ...]]:
+    """Say of empty doors beside which an extra of the leaf's size stands that they are open.
+
+    And of each extra which elements it hides.
+    """
+    told = []
+    for finding in findings:
+        if finding.verdict == "missing" and "Door" in finding.element.ifc_class:
+            leaf = _leaf_of(finding, extra)
+            if leaf is not None:
+                text = f"its leaf is not in its place, and {leaf.name}, of its size, is beside it: it is open"
+                finding = replace(finding, verdict="undecided", related_extra=leaf.name, sentence=text)
+        told.append(finding)
+    hides = {
+        one.name: tuple(sorted({f.element.name for f in told if any(by.by == one.name for by in f.hidden)}))
+        for one in extra
+    }
+    return told, tuple(replace(one, hides=hides[one.name]) for one in extra)
+
+
+def _leaf_of(finding: ElementFinding, extra: Sequence[Extra]) -> Extra | None:
+    """The extra that may be the leaf of a door: beside its box, as high, no wider than it."""
+    if not finding.faces:
+        return None
+    centres = np.array([one.centre for one in finding.faces])
+    width = max(np.sqrt(one.area_m2) for one in finding.faces)
+    middle = centres.mean(axis=0)
+    for one in extra:
+        size = np.ptp(one.box_m, axis=0)
+        gap = np.linalg.norm(np.maximum(np.maximum(one.box_m[0] - middle, middle - one.box_m[1]), 0.0))
+        if gap < width and 0.5 * width < size[2] < 2.0 * width and np.hypot(size[0], size[1]) < 1.5 * width:
+            return one
+    return None
+
+
+def _alignment(known: Measurements, options: Asked) -> Alignment:
+    """How the scans were moved in all, in the design's frame."""
+    frame = Pose.from_parts(np.eye(3), known.middle)
+    poses = tuple(frame @ seen.scan.world_from_sensor for seen in known.observations)
+    shifts = np.array([
+        new.translation - old.world_from_sensor.translation
+        for new, old in zip(poses, known.given, strict=True)
+    ])  # fmt: skip
+    common = np.median(shifts, axis=0)
+    size = len(known.observations) * 6
+    sd = np.sqrt(np.maximum(np.diag(known.aligned.covariance)[size : size + 6], 0.0))
+    turns = np.array([
+        _rotation_vector(new.rotation @ old.world_from_sensor.rotation.T)
+        for new, old in zip(poses, known.given, strict=True)
+    ])  # fmt: skip
+    return Alignment(
+        poses=poses,
+        shift_m=common,
+        turn_deg=np.degrees(np.median(turns, axis=0)),
+        shift_sd_m=sd[3:],
+        turn_sd_deg=np.degrees(sd[:3]),
+        station_shift_m=shifts - common,
+        tau_m=known.aligned.tau_m,
+        is_free=options.align,
+        sentences=_alignment_sentences(common, sd[3:], options.align),
+    )
+
+
+def _rotation_vector(matrix: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
+
+
+def _alignment_sentences(shift: FloatArray, sd: FloatArray, is_free: bool) -> tuple[str, ...]:
+    if not is_free:
+        return ("the scans stay where their control network has them",)
+    numbers = ", ".join(f"{1000 * a:.1f} ± {1000 * HALF_95 * b:.1f}" for a, b in zip(shift, sd, strict=True))
+    text = (
+        f"all scans together were moved by ({numbers}) mm to fit the design; what all of the building has "
+        "alike, as floors that are all as much too high, is in these numbers and in no element's"
+    )
+    return (text,)

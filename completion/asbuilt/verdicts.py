@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: MIT
+"""Verdicts: what faces, beams and samples together say of each element."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtri
+
+from completion.asbuilt import limits
+from completion.asbuilt.alignment import Aligned
+from completion.asbuilt.deviation import HALF_95, Judged, thickness_of
+from completion.asbuilt.faces import DesignFaces
+from completion.asbuilt.findings import BeamEvidence, ElementFinding, Hider, Interval, Kind, Shares
+from scenes.mesh.design import Element
+
+_OPPOSITE = -0.999  # cosine between normals of two sides of one body
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ElementEvidence:
+    """All that is known of an element before its verdict.
+
+    `faces` that were judged, `far` those that lie farther off and like it (a displaced element), `beams`,
+    `share` and `hidden` by samples, `not_seen` shares by reason, `rivals` places in `faces` of those whose
+    deviation something else explains, `thin_m` thickness of its body.
+    """
+
+    surface: int
+    element: Element
+    tolerance_m: float
+    faces: tuple[Judged, ...]
+    far: tuple[Judged, ...]
+    beams: BeamEvidence
+    share: Shares
+    exposed_m2: float
+    hidden: tuple[Hider, ...]
+    not_seen: dict[str, float]
+    rivals: frozenset[int]
+    thin_m: float
+
+
+def quantile(n_tested: int, false_alarms: float) -> float:
+    """Number of standard deviations beyond which n tested faces deviate by chance `false_alarms` times."""
+    return float(max(ndtri(1 - false_alarms / (2 * max(n_tested, 1))), HALF_95))
+
+
+def decide(
+    known: ElementEvidence, aligned: Aligned, faces: DesignFaces, *, z: float, scale: float
+) -> ElementFinding:
+    """Return the verdict on one element."""
+    tested = [k for k, one in enumerate(known.faces) if one.finding.is_tested]
+    main = [k for k in tested if known.faces[k].finding.is_main]
+    finding = ElementFinding(
+        surface=known.surface,
+        element=known.element,
+        verdict="undecided",
+        tolerance_m=known.tolerance_m,
+        directions_measured=tuple(_way(known.faces[k]) for k in main),
+        share=known.share,
+        exposed_m2=known.exposed_m2,
+        beams=known.beams,
+        hidden=known.hidden,
+        not_seen=known.not_seen,
+        faces=tuple(one.finding for one in known.faces),
+    )
+    gone = _is_gone(known, tested, scale)
+    moved = _displaced(known) if gone else None
+    if moved is not None:
+        return _displaced_finding(finding, moved)
+    if gone:
+        return replace(finding, verdict="missing", sentence=_gone_sentence(known))
+    finding = _with_numbers(finding, known, tested, main, aligned, faces)
+    deviating = [k for k in tested if _deviates(known, k, tested, z)]
+    rivalled = [k for k in deviating if k in known.rivals]
+    sure = [k for k in deviating if k not in known.rivals]
+    thick = finding.thickness
+    is_thick = thick is not None and _beyond(thick, known.tolerance_m, z)
+    if sure or is_thick:
+        return _deviating(finding, known, sure, is_thick)
+    if rivalled and len(rivalled) == len([k for k in main if k in rivalled] or rivalled):
+        return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+    measured = sum(known.faces[k].finding.measured_m2 for k in tested)
+    within = [k for k in tested if known.faces[k].is_within(known.tolerance_m)]
+    share = sum(known.faces[k].finding.measured_m2 for k in within) / max(measured, 1e-12)
+    if share >= limits.WITHIN_SHARE and set(within) & set(main):
+        return replace(finding, verdict="within", sentence=_within_sentence(known, finding))
+    if not main and known.beams.hidden_m2 > max(measured, known.beams.on_m2, known.beams.through_m2):
+        return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+    if tested or known.beams.on_m2 > limits.LEAST_MEASURED_M2 * scale**2:
+        return replace(finding, sentence=_undecided_sentence(known, tested, main))
+    if known.hidden and known.not_seen.get("hidden", 0.0) >= max(known.not_seen.values(), default=0.0):
+        return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+    return replace(finding, verdict="not seen", sentence=_unseen_sentence(known))
+
+
+def _is_gone(known: ElementEvidence, tested: Sequence[int], scale: float) -> bool:
+    """Whether beams went through the whole of its body, or its surface lies where its back should be."""
+    beams = known.beams
+    measured = sum(
+        known.faces[k].finding.measured_m2 for k in tested if k not in known.rivals and _stands(known, k)
+    )
+    stays = beams.on_m2 + measured
+    is_through = (
+        beams.through_m2 > limits.LEAST_THROUGH_M2 * scale**2
+        and beams.through_m2 > limits.THROUGH_OF_SEEN * (beams.through_m2 + stays)
+        and beams.through_m2 > limits.THROUGH_OF_ALL * (beams.through_m2 + stays + beams.hidden_m2)
+    )
+    back = [k for k in tested if known.faces[k].finding.is_main and not _stands(known, k)]
+    standing = [k for k in tested if known.faces[k].finding.is_main and _stands(known, k)]
+    return is_through or bool(back and not standing)
+
+
+def _stands(known: ElementEvidence, k: int) -> bool:
+    """Whether a face is nearer to its place than to the other side of its body."""
+    return not float(np.median(known.faces[k].delta)) < -max(limits.BODY_SHARE * known.thin_m, limits.RIVAL_M)
+
+
+def _deviates(known: ElementEvidence, k: int, tested: Sequence[int], z: float) -> bool:
+    one = known.faces[k]
+    measured = sum(known.faces[j].finding.measured_m2 for j in tested)
+    return (
+        one.deviates(known.tolerance_m, z)
+        and one.finding.support >= limits.SURE_SUPPORT
+        and one.is_flat_enough
+        and one.finding.measured_m2 >= limits.LEAST_PART * measured
+    )
+
+
+def _beyond(number: Interval, tolerance_m: float, z: float) -> bool:
+    sd = (number.high - number.low) / (2 * HALF_95)
+    return abs(number.value) - z * sd > tolerance_m
+
+
+def _displaced(known: ElementEvidence) -> Judged | None:
+    """The far face that is like a main one of an element that is not in its place."""
+    like = [
+        one
+        for one in known.far
+        if one.finding.is_main
+        and one.finding.support >= limits.SURE_SUPPORT
+        and one.is_flat_enough
+        and one.finding.measured_m2 >= limits.MAIN_SHARE * one.finding.area_m2
+    ]
+    return max(like, key=lambda one: one.finding.measured_m2) if like else None
+
+
+def _displaced_finding(finding: ElementFinding, moved: Judged) -> ElementFinding:
+    offset = moved.finding.offset
+    assert offset is not None
+    text = (
+        f"its body is empty, and a surface like its own lies {_mm(offset.value)} from its place "
+        f"(95 %: {_mm(offset.low)} to {_mm(offset.high)})"
+    )
+    return replace(finding, verdict="deviates", kind="displaced", offset=offset, sentence=text)
+
+
+def _with_numbers(
+    finding: ElementFinding,
+    known: ElementEvidence,
+    tested: Sequence[int],
+    main: Sequence[int],
+    aligned: Aligned,
+    faces: DesignFaces,
+) -> ElementFinding:
+    """Add the numbers of the face that is farthest off, and the thickness."""
+    chosen = main or tested
+    if not chosen:
+        return finding
+    worst = max(chosen, key=lambda k: _reach(known.faces[k]))
+    face = known.faces[worst].finding
+    bent = [known.faces[k].finding.bow for k in chosen if known.faces[k].finding.bow is not None]
+    thick = [
+        one
+        for a in main
+        for b in main
+        if a < b and _are_opposite(known.faces[a], known.faces[b], faces)
+        for one in [thickness_of(known.faces[a], known.faces[b], aligned, faces)]
+        if one is not None
+    ]
+    return replace(
+        finding,
+        offset=face.offset,
+        tilt=face.tilt,
+        bow=max(bent, key=lambda one: abs(one.value)) if bent else None,
+        radius=face.radius,
+        thickness=max(thick, key=lambda one: abs(one.value)) if thick else None,
+    )
+
+
+def _are_opposite(a: Judged, b: Judged, faces: DesignFaces) -> bool:
+    fa, fb = a.face, b.face
+    is_flat = faces.sign[fa] == faces.sign[fb] == 0
+    gap = float((faces.centre[fa] - faces.centre[fb]) @ faces.normal[fa])
+    return bool(is_flat and faces.normal[fa] @ faces.normal[fb] < _OPPOSITE and gap > 0)
+
+
+def _reach(one: Judged) -> float:
+    return float((np.abs(one.delta) + HALF_95 * one.sd).max())
+
+
+def _deviating(
+    finding: ElementFinding, known: ElementEvidence, sure: Sequence[int], is_thick: bool
+) -> ElementFinding:
+    """The verdict on an element that deviates, with its kind: what most of the deviation is made of."""
+    if not sure:
+        return replace(
+            finding, verdict="deviates", kind="thickness", sentence=_kind_sentence(finding, "thickness")
+        )
+    face = known.faces[max(sure, key=lambda k: _reach(known.faces[k]))]
+    kind = _kind(face, known.tolerance_m)
+    if is_thick and kind == "offset" and len(sure) == 1:
+        kind = "thickness"
+    own = face.finding
+    finding = replace(
+        finding,
+        verdict="deviates",
+        kind=kind,
+        offset=own.offset,
+        tilt=own.tilt,
+        bow=own.bow,
+        radius=own.radius,
+    )
+    return replace(finding, sentence=_kind_sentence(finding, kind))
+
+
+def _kind(face: Judged, tolerance_m: float) -> Kind:
+    own = face.finding
+    if own.radius is not None and abs(own.radius.value) > abs(own.offset.value if own.offset else 0.0):
+        return "radius"
+    if own.bow is not None and abs(own.bow.value) > max(tolerance_m, np.ptp(face.delta[:4]) / 2):
+        return "bow"
+    middle = abs(own.offset.value) if own.offset is not None else 0.0
+    return "tilt" if np.ptp(face.delta) / 2 > middle else "offset"
+
+
+def _kind_sentence(finding: ElementFinding, kind: Kind) -> str:
+    number = {"thickness": finding.thickness, "bow": finding.bow, "radius": finding.radius}.get(
+        kind, finding.offset
+    )
+    if kind == "tilt" and finding.tilt is not None:
+        low, high = (np.degrees(max(value, 0.0)) for value in (finding.tilt.low, finding.tilt.high))
+        return f"it is turned by {np.degrees(finding.tilt.value):.2f} deg (95 %: {low:.2f} to {high:.2f})"
+    assert number is not None
+    what = {
+        "thickness": "its thickness differs",
+        "bow": "its middle bows",
+        "radius": "its radius differs",
+    }.get(kind, "it is off")
+    return (
+        f"{what} by {_mm(number.value)} (95 %: {_mm(number.low)} to {_mm(number.high)}), "
+        f"beyond {_mm(finding.tolerance_m)}"
+    )
+
+
+def _within_sentence(known: ElementEvidence, finding: ElementFinding) -> str:
+    sides = len(finding.directions_measured)
+    reach = max(_reach(one) for one in known.faces if one.finding.is_tested and one.finding.is_main)
+    return (
+        f"{sides} main {'face' if sides == 1 else 'faces'} measured: no corner of them is farther than "
+        f"{_mm(reach)} from its place"
+    )
+
+
+def _undecided_sentence(known: ElementEvidence, tested: Sequence[int], main: Sequence[int]) -> str:
+    if not tested:
+        return f"beams end on it ({known.beams.on_m2:.2f} m2), but no face has enough of them for a number"
+    if not main:
+        return "only smaller faces of it are measured"
+    reach = max(_reach(known.faces[k]) for k in tested)
+    return f"a corner may be as far as {_mm(reach)} from its place, which is beyond {_mm(known.tolerance_m)}"
+
+
+def _gone_sentence(known: ElementEvidence) -> str:
+    beams = known.beams
+    return (
+        f"beams passed {beams.through_m2:.2f} m2 of its body and ended on {beams.on_m2:.2f} m2 of it"
+        if beams.through_m2
+        else "what is measured lies where its back should be"
+    )
+
+
+def _hidden_sentence(known: ElementEvidence) -> str:
+    named = [f"{one.by} ({one.area_m2:.1f} m2)" for one in known.hidden[:2]]
+    return "hidden by " + (" and ".join(named) if named else "what was measured before it")
+
+
+def _unseen_sentence(known: ElementEvidence) -> str:
+    if not known.not_seen:
+        return "nothing of it is exposed"
+    reason = max(known.not_seen, key=lambda name: known.not_seen[name])
+    return f"no scan looked: {known.not_seen[reason]:.0%} of its exposed surface is {reason}"
+
+
+def _mm(metres: float) -> str:
+    value = 1000 * metres
+    return f"{value:.1f} mm" if abs(value) < 100 else f"{value / 1000:.2f} m"
+
+
+def _way(one: Judged) -> tuple[float, float, float]:
+    x, y, z = one.finding.normal.tolist()
+    return x, y, z
