@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """A small house checked against its design: what is off, missing and hidden, on its plan.
 
-Run it with `python examples/plot_check.py [-o FOLDER] [--report FOLDER]`: it scans a house that was built with
-four faults (2 mm of noise), checks the scans against the design, prints each verdict with its reason, and
-writes `check_plan.png` into FOLDER/pictures (default: docs). With `--report` it writes all files of a check
-there.
+Run it with `python examples/plot_check.py [-o FOLDER] [--report FOLDER]`: it scans a house with a wall 20 mm
+off, a door that is missing and a wall behind crates (2 mm of noise), checks the scans against the design,
+prints each verdict with its reason, and writes `check_plan.png` into FOLDER/pictures (default: docs). With
+`--report` it writes all files of a check there.
 """
 
 import argparse
@@ -38,10 +38,10 @@ DESIGN: Mapping[str, list[Box]] = {
     "IfcFurniture shelf": [((0.05, 0.05, 0.0), (1.6, 0.4, 1.8))],
 }  # fmt: skip
 """Elements of the design: boxes by their least and largest corners, metres."""
-MOVED = {"IfcWall south": (0.0, 0.02, 0.0), "IfcColumn": (0.05, 0.0, 0.0)}
+MOVED = {"IfcWall south": (0.0, 0.02, 0.0)}
 """By how much elements were built off their places, metres."""
 REMOVED = ("IfcDoor of the toilet",)
-CRATES: list[Box] = [((6.5, 0.02, 0.0), (7.0, 2.98, 2.3))]
+CRATES: list[Box] = [((6.5, 0.02, 0.0), (7.0, 2.98, 2.45))]
 """What stands before the eastern wall."""
 PLACES = ((1.0, 1.6, 1.5), (3.2, 1.2, 1.5), (4.9, 2.3, 1.5), (5.1, 1.1, 1.5))
 _QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])

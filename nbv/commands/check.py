@@ -15,7 +15,14 @@ from completion.asbuilt.findings import VERDICTS, DesignCheck
 from completion.asbuilt.pipeline import CheckOptions
 from nbv.commands.options import CheckCommandOptions, Shared
 from nbv.commands.process import Run, start_run
-from nbv.inspection.checking import CheckedDesign, check_design, open_design, read_changes, read_loa_bands
+from nbv.inspection.checking import (
+    CheckedDesign,
+    check_design,
+    compare_with,
+    open_design,
+    read_earlier,
+    read_loa_bands,
+)
 from nbv.inspection.inference import infer_elements
 from nbv.inspection.next_stations import plan_next_stations
 from nbv.report.check_report import check_page
@@ -30,11 +37,10 @@ from scenes.world.scene import Scene
 def check_options(asked: CheckCommandOptions) -> CheckOptions:
     """Return what is asked of a check; bands of accuracy are read from their file."""
     bands = {} if asked.loa is None else {"loa_bands_m": read_loa_bands(asked.loa)}
-    metres, degrees = asked.registration
     return CheckOptions(
         tolerance_m=asked.tolerances.get("", CheckOptions().tolerance_m),
         tolerances={pattern: value for pattern, value in asked.tolerances.items() if pattern},
-        registration=(metres, degrees),
+        registration=None if asked.registration is None else (asked.registration[0], asked.registration[1]),
         align=asked.align == "yes",
         only=asked.only,
         without=asked.without,
@@ -52,6 +58,7 @@ def run_check(shared: Shared, asked: CheckCommandOptions) -> None:
         run.read(asked.inputs)
         options = check_options(asked)
         sensor = None if asked.next is None else load_sensor(asked.sensor)
+        earlier = {} if asked.before is None else read_earlier(asked.before)
         scene = open_design(asked.design, up=asked.up, units=asked.design_units or asked.units)
         given, placement = _given_scans(run, scene, asked)
         record = {**asked.request().options(), "instruments": given.instruments, **asked.record()}
@@ -70,7 +77,7 @@ def run_check(shared: Shared, asked: CheckCommandOptions) -> None:
         checked = replace(checked, findings=findings, source=Path(asked.design) if is_ifc else None)
         # Compare with an earlier check, and plan what is to be scanned next
         if asked.before is not None:
-            checked = replace(checked, changes=read_changes(asked.before, findings))
+            checked = replace(checked, changes=compare_with(asked.before, earlier, findings))
         if asked.next is not None and sensor is not None:
             run.watch.enter("next stations")
             following = plan_next_stations(findings, sensor, n_stations=asked.next, n_threads=shared.threads)
@@ -141,5 +148,5 @@ def _alignment_line(findings: DesignCheck) -> str:
     """Say how the scans were moved into the design."""
     if not findings.alignment.is_free:
         return "aligned: not at all, the control network holds"
-    shift = ", ".join(f"{1000 * part:.1f}" for part in findings.alignment.shift_m)
+    shift = ", ".join(f"{round(1000 * part, 1) + 0.0:.1f}" for part in findings.alignment.shift_m)
     return f"aligned: all scans moved by ({shift}) mm; what all elements are off by is in this, in no verdict"

@@ -669,9 +669,9 @@ class CheckCommandOptions:
             metavar="M|PATTERN=M", shown="0.010", is_repeated=True, parse=parse_tolerances,
         ).metadata,
     )  # fmt: skip
-    registration: tuple[float, ...] = option(
-        "--registration", "Standard deviation of each scan's pose: metres and degrees.", (0.002, 0.006),
-        metavar="M,DEG", shown="0.002,0.006", parse=numbers(2),
+    registration: tuple[float, ...] | None = option(
+        "--registration", "Standard deviation of each scan's pose: metres and degrees.", None,
+        metavar="M,DEG", shown="0.002,0.006 in buildings", parse=numbers(2),
     )  # fmt: skip
     align: Literal["yes", "no"] = option(
         "--align", "Move all scans together to fit the design; no: a control network holds.", "yes"
@@ -715,7 +715,7 @@ class CheckCommandOptions:
 
     def check(self) -> None:
         """Raise a usage error for options that contradict each other."""
-        if min(self.registration) < 0:
+        if self.registration is not None and min(self.registration) < 0:
             raise typer.BadParameter("--registration M,DEG: both are 0 or more")
         if self.register and self.read.poses is not None:
             raise typer.BadParameter("--register finds the poses: leave --poses out, or --register")

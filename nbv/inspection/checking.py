@@ -16,7 +16,7 @@ from nbv.inspection.bcf_topics import BcfVersion, write_bcf
 from nbv.inspection.changes import Change, changes_since
 from nbv.inspection.models import write_design_glb, write_deviation_ply, write_ifc_copy
 from nbv.inspection.next_stations import NextStations
-from nbv.inspection.record import check_record, elements_csv
+from nbv.inspection.record import FORMAT, check_record, elements_csv
 from nbv.run.showing import show_report
 from scenes.checks import InputError
 from scenes.io.checks.documents import read_json, read_toml
@@ -161,6 +161,7 @@ def check_design(
     >>> checked = check_design("house.ifc", ["s1.e57", "s2.e57"], 0.01)  # doctest: +SKIP
     >>> [one.sentence for one in checked.elements if one.verdict == "deviates"]  # doctest: +SKIP
     """
+    earlier = {} if before is None else read_earlier(before)
     held, source, conversion, doubts = _opened(design)
     given = [scan for scan in scans if isinstance(scan, RangeImage)]
     if len(given) < len(scans):
@@ -171,7 +172,7 @@ def check_design(
     asked = replace(options or CheckOptions(), tolerance_m=tolerance_m, tolerances=dict(tolerances or {}))
     findings = check_against_design(held, given, asked, n_threads=n_threads, progress=progress)
     findings = replace(findings, warnings=tuple(dict.fromkeys((*doubts, *findings.warnings))))
-    changes = None if before is None else read_changes(before, findings)
+    changes = None if before is None else compare_with(before, earlier, findings)
     return CheckedDesign(findings, source, conversion, changes=changes)
 
 
@@ -194,11 +195,22 @@ def open_design(spec: str, *, up: Axis | None = None, units: Units = "m") -> Sce
     return load_scene(spec, up=up, units=units, design=True)
 
 
-def read_changes(before: str | os.PathLike[str], findings: DesignCheck) -> Sequence[Change]:
-    """Return what changed since the check of a check.json; raises InputError for other files."""
+def read_earlier(before: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return what a check.json holds; raises InputError for other files."""
     path = Path(before)
     with guard_reading(path, "an earlier check"):
-        return changes_since(read_json(path, dict), findings)
+        held = read_json(path, dict)
+        if held.get("format") != FORMAT:
+            raise InputError("is no check of a design; name the check.json of an earlier check")
+        return held
+
+
+def compare_with(
+    before: str | os.PathLike[str], earlier: Mapping[str, Any], findings: DesignCheck
+) -> Sequence[Change]:
+    """Return what changed since an `earlier` check, which was read from `before`; a damaged one is named."""
+    with guard_reading(Path(before), "an earlier check"):
+        return changes_since(earlier, findings)
 
 
 def read_loa_bands(path: str | os.PathLike[str]) -> Mapping[str, float]:

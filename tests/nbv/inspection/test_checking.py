@@ -9,7 +9,7 @@ import pytest
 
 from completion.asbuilt.findings import SAMPLE_STATES
 from nbv.inspection import inference
-from nbv.inspection.checking import CheckedDesign, read_changes, read_loa_bands
+from nbv.inspection.checking import CheckedDesign, compare_with, read_earlier, read_loa_bands
 from nbv.inspection.record import check_record
 from nbv.run import showing
 from scenes.checks import InputError
@@ -45,12 +45,16 @@ def test_a_check_shows_its_report(monkeypatch, tmp_path):
     )
 
 
-def test_changes_are_read_from_an_earlier_check(tmp_path):
-    (tmp_path / "check.json").write_text(json.dumps(check_record(CHECK)))
-    assert list(read_changes(tmp_path / "check.json", CHECK)) == []
+def test_an_earlier_check_is_read_and_compared(tmp_path):
+    path = tmp_path / "check.json"
+    path.write_text(json.dumps(check_record(CHECK)))
+    earlier = read_earlier(path)
+    assert list(compare_with(path, earlier, CHECK)) == []
+    with pytest.raises(InputError, match=r"check\.json: .*damaged"):
+        compare_with(path, {**earlier, "elements": [1]}, CHECK)
     (tmp_path / "other.json").write_text("{}")
-    with pytest.raises(InputError, match=r"other\.json: is no check of a design.*check\.json"):
-        read_changes(tmp_path / "other.json", CHECK)
+    with pytest.raises(InputError, match=r"other\.json: is no check of a design; name the check\.json"):
+        read_earlier(tmp_path / "other.json")
 
 
 @pytest.mark.parametrize(("name", "text"), [
