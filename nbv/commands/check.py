@@ -19,6 +19,7 @@ from nbv.inspection.checking import (
     CheckedDesign,
     check_design,
     compare_with,
+    distinctly_named,
     open_design,
     read_earlier,
     read_loa_bands,
@@ -92,7 +93,7 @@ def run_check(shared: Shared, asked: CheckCommandOptions) -> None:
 def _given_scans(run: Run, scene: Scene, asked: CheckCommandOptions) -> tuple[GivenScans, Sequence[str]]:
     """Return the scans in the frame of the design, and what is to be told of their placement."""
     if not asked.register:
-        return read_request(asked.request()).with_z_up(scene.file_up), ()
+        return distinctly_named(read_request(asked.request())).with_z_up(scene.file_up), ()
     given, copies = without_copies(read_request(asked.request(), posed=False))
     placement = place_on_design(
         scene.element_mesh, given.scans, n_threads=run.shared.threads, progress=run.progress
@@ -106,7 +107,7 @@ def _given_scans(run: Run, scene: Scene, asked: CheckCommandOptions) -> tuple[Gi
         scan.with_facts(world_from_sensor=pose)
         for scan, pose in zip(given.scans, placement.poses, strict=True)
     )
-    return replace(given, scans=placed), (*copies, *placement.sentences)
+    return distinctly_named(replace(given, scans=placed)), (*copies, *placement.sentences)
 
 
 def summary_of(checked: CheckedDesign) -> dict[str, Any]:

@@ -126,8 +126,8 @@ def _word(finding: ElementFinding) -> str:
 
 
 _MEANINGS: Mapping[Verdict, str] = {
-    "within": "each corner of what was measured lies within the tolerance T with its 95 % interval, on 70 % of "
-    "the measured area, a main face among it; how much was measured stands beside it",
+    "within": "each corner of what was measured lies within the tolerance T with its 95 % interval, on 70 % "
+    "of the measured area, a main face among it; how much was measured stands beside it",
     "deviates": "a corner lies beyond T by more than chance explains in so many tests",
     "undecided": "measured, but the interval holds T, or small faces alone were measured; an element that is "
     "off by exactly T stays undecided however often it is scanned",

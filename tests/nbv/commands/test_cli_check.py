@@ -49,12 +49,12 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """The design as OBJ, and two scans of it with the northern wall 30 mm off, and no door."""
+    """The design as OBJ, and two scans of it with the northern wall 20 mm off, and no door."""
     here, design = tmp_path_factory.mktemp("check"), example_design()
     names = tuple(element.name for element in design.elements)
     save_scene(Scene(design.mesh, (None,) * len(names), names, "room"), here / "room.obj")
     places = design.mesh.vertices.copy()
-    places[16:24, 1] -= 0.03
+    places[16:24, 1] -= 0.02
     stands = design.mesh.face_surface != 4
     mesh = LabelledMesh(places, design.mesh.faces[stands], design.mesh.face_surface[stands])
     built = Scene(mesh, (None,) * len(names), names, "built", mode="room")
@@ -77,8 +77,9 @@ def test_a_check_finds_what_was_planted_and_writes_its_files(checked):
     assert {path.name for path in out.iterdir() if not path.name.startswith(".")} == FILES
     record = json.loads((out / "check.json").read_text())
     verdicts = {one["name"]: one["verdict"] for one in record["elements"]}
-    assert verdicts["wall north"] == "deviates"
-    assert verdicts["floor"] == "within"
+    assert verdicts["wall_north"] == "deviates"
+    assert verdicts["wall_east"] == "within"
+    assert record["scans"] == ["s1.npz", "s2.npz"]
     assert said["elements"] == 6
     assert sum(said["verdicts"].values()) == 6
     manifest = json.loads((out / "manifest.json").read_text())
