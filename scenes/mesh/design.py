@@ -69,10 +69,17 @@ class MapConversion:
 
     def apply(self, points: FloatArray) -> FloatArray:
         """Return points (n, 3) of the design, metres, in the map's frame."""
-        cosine, sine = np.cos(np.radians(self.turn_deg)), np.sin(np.radians(self.turn_deg))
-        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        moved: FloatArray = points * np.array(self.scale) @ turn.T + np.array(self.shift_m)
+        moved: FloatArray = points * np.array(self.scale) @ self._turn().T + np.array(self.shift_m)
         return moved
+
+    def undo(self, points: FloatArray) -> FloatArray:
+        """Return points (n, 3) of the map in the design's own frame, metres."""
+        own: FloatArray = (points - np.array(self.shift_m)) @ self._turn() / np.array(self.scale)
+        return own
+
+    def _turn(self) -> FloatArray:
+        cosine, sine = np.cos(np.radians(self.turn_deg)), np.sin(np.radians(self.turn_deg))
+        return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
     def sentence(self) -> str:
         """Say where coordinates are, and how they came there."""

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import shutil
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -20,11 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.checks import InputError
-from scenes.io.checks.guard import missing_extra, one_line
+from scenes.io.checks.guard import guard_reading, missing_extra, one_line
 from scenes.io.checks.limits import check_limit, current_limits
 from scenes.io.formats.crs import LengthUnit
 from scenes.mesh.appearance import GeometryLook, PlacedGeometry
 from scenes.mesh.design import Design, Element, MapConversion
+from scenes.run.atomic import atomic_path, write_json
 from scenes.run.memory import room
 
 _PROGRAM = Path(__file__).with_name("ifc_geometry.py")
@@ -33,6 +36,9 @@ _BYTES, _BYTES_A_BYTE = 3 << 30, 200  # address space for data; that house takes
 _NAMES_TOLD = 3
 _AT_ENDS = 4096  # bytes
 _GRID_SCALE = 0.01  # by which a map's metre may differ from the design's: maps reach 0.0025
+TypedValue = tuple[str, str | float]
+"""A measure of IFC, "IfcLabel", and its value; lengths in metres."""
+
 _MAP_UNITS = {"metre": 1.0, "meter": 1.0, "m": 1.0, "millimetre": 0.001, "foot": 0.3048}
 
 
@@ -69,10 +75,10 @@ def read_ifc(file: Path) -> IfcFile:
     Raises InputError: no IFC, damaged, ifcopenshell is missing, no element has geometry, more than the limits
     allow, or the geometry takes too long.
     """
-    _check_frame(file)
-    if importlib.util.find_spec("ifcopenshell") is None:
-        raise missing_extra("ifcopenshell", "ifc")
-    facts, mesh = _in_process(file)
+    with TemporaryDirectory(prefix="unseen-ifc-") as folder:
+        facts = _in_process(file, Path(folder), "read")
+        with np.load(Path(folder, "mesh.npz")) as arrays:
+            mesh = dict(arrays)
     check_limit("faces", facts["faces"], "its triangles, counted up to there")
     if not facts["elements"]:
         raise InputError(f"holds no element with geometry; elements without: {len(facts['bare'])}")
@@ -109,33 +115,67 @@ def _check_frame(file: Path) -> None:
         raise InputError("is cut off: it does not end with END-ISO-10303-21; export or copy it again")
 
 
-def _in_process(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What the program `ifc_geometry` tells of a file, and its arrays."""
+def write_ifc_properties(
+    source: Path, target: Path, name: str, properties: Mapping[str, Mapping[str, TypedValue]]
+) -> int:
+    """Write a copy of an IFC file in which elements have a property set; return how many have it.
+
+    What the source holds stays as it is, but for sets of that name, which earlier copies have. Identifiers
+    follow from those of the elements: the same source and properties give the same bytes.
+
+    Parameters
+    ----------
+    source, target : Path
+        IFC files.
+    name : str
+        Of the property set.
+    properties : mapping
+        By GlobalId of elements: values by name. Lengths are written in the unit of the file.
+
+    Raises
+    ------
+    InputError
+        The source cannot be read, ifcopenshell is missing, or the target cannot be written.
+    """
+    with TemporaryDirectory(prefix="unseen-ifc-") as folder:
+        write_json(Path(folder, "properties.json"), {"name": name, "properties": properties})
+        with guard_reading(source, "IFC"):
+            facts = _in_process(source, Path(folder), "copied")
+        with atomic_path(target) as temporary:
+            shutil.copyfile(Path(folder, "copy.ifc"), temporary)
+    return int(facts["written"])
+
+
+def _in_process(file: Path, folder: Path, done_to: str) -> dict[str, Any]:
+    """What the program `ifc_geometry` tells of a file; it writes more into the folder."""
+    _check_frame(file)
+    if importlib.util.find_spec("ifcopenshell") is None:
+        raise missing_extra("ifcopenshell", "ifc")
     megabytes = file.stat().st_size / 1e6
     seconds = int(_SECONDS + _SECONDS_A_MB * megabytes)
     most_bytes = min(room(), _BYTES + _BYTES_A_BYTE * int(megabytes * 1e6))
     most = {"faces": current_limits().faces, "seconds": seconds, "bytes": most_bytes}
-    with TemporaryDirectory(prefix="unseen-ifc-") as folder:
-        command = [sys.executable, "-P", str(_PROGRAM), str(file.resolve()), folder, json.dumps(most)]
-        try:
-            done = subprocess.run(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                timeout=seconds, check=False,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired as error:
-            raise _stopped(f"took more than {seconds} s", error.stdout) from None
-        facts = Path(folder, "facts.json")
-        if done.returncode or not facts.is_file():
-            raise _stopped(f"crashed ({done.returncode})", done.stdout)
-        held = json.loads(facts.read_text("utf-8"))
-        if "error" in held:
-            raise InputError(f"cannot be read as IFC: {one_line(held['error'])[:300]}")
-        with np.load(Path(folder, "mesh.npz")) as arrays:
-            return held, dict(arrays)
+    command = [sys.executable, "-P", str(_PROGRAM), str(file.resolve()), str(folder), json.dumps(most)]
+    try:
+        done = subprocess.run(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            timeout=seconds, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as error:
+        raise _stopped(done_to, f"took more than {seconds} s", error.stdout) from None
+    facts = folder / "facts.json"
+    if done.returncode or not facts.is_file():
+        raise _stopped(done_to, f"crashed ({done.returncode})", done.stdout)
+    held: dict[str, Any] = json.loads(facts.read_text("utf-8"))
+    if "error" in held:
+        raise InputError(f"cannot be {done_to} as IFC: {one_line(held['error'])[:300]}")
+    return held
 
 
-def _stopped(what: str, printed: bytes | None) -> InputError:
-    """The refusal of a file whose geometry was not finished."""
+def _stopped(done_to: str, what: str, printed: bytes | None) -> InputError:
+    """The refusal of a file with which the program did not end."""
+    if done_to != "read":
+        return InputError(f"cannot be {done_to} as IFC: ifcopenshell {what}")
     lines = (printed or b"").decode("ascii", "replace").split("\n")
     at = f"at {one_line(lines[-2])[:200]}" if len(lines) > 1 else "before the first element"
     return InputError(

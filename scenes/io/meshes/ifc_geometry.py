@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""Geometry of an IFC file by ifcopenshell: a program of its own, which `ifc` beside starts as a process.
+"""Geometry of an IFC file, or a copy with more properties, by ifcopenshell: a program that `ifc` starts.
 
 A damaged file may make the geometry engine crash, hang or fill the memory; it is this process that then ends.
 It imports nothing of ours. Arguments: the file, a folder for the results, and limits as JSON. It prints each
-element before that is meshed.
+element before that is meshed. Where the folder holds `properties.json`, it writes the copy.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -35,13 +36,21 @@ _SETTINGS = {"apply-default-materials": False, "no-normals": True}
 
 
 def main(path: str, folder: str, most: dict[str, int]) -> None:
-    """Write `facts.json` and `mesh.npz` of an IFC file into a folder, or an error into `facts.json`."""
+    """Write `facts.json` and `mesh.npz`, or `copy.ifc`, into a folder, or an error into `facts.json`."""
     _limit_process(most)
     arrays: dict[str, Any] = {}
+    asked = Path(folder, "properties.json")
     try:
         import ifcopenshell
 
-        facts, arrays = _read(ifcopenshell.open(path), most["faces"])
+        model = ifcopenshell.open(path)
+        if asked.is_file():
+            facts: dict[str, Any] = {
+                "written": _write_properties(model, **json.loads(asked.read_text("utf-8")))
+            }
+            model.write(str(Path(folder, "copy.ifc")))
+        else:
+            facts, arrays = _read(model, most["faces"])
     except Exception as error:
         facts = {"error": str(error) or type(error).__name__}
     np.savez(Path(folder, "mesh.npz"), **arrays)
@@ -242,6 +251,60 @@ def _properties(held: Any) -> dict[str, Any]:
     """Values of a property set by name."""
     single = [one for one in getattr(held, "HasProperties", ()) if one.is_a("IfcPropertySingleValue")]
     return {one.Name: getattr(one.NominalValue, "wrappedValue", None) for one in single}
+
+
+def _write_properties(model: Any, name: str, properties: dict[str, dict[str, tuple[str, Any]]]) -> int:
+    """Give elements a property set, in place of one of that name; how many elements have it then."""
+    unit = _unit(model)
+    metres = 1.0 if unit is None else unit["metres"]
+    chosen = [product for product in _products(model) if product.GlobalId in properties]
+    for product in chosen:
+        _remove_set(model, product, name)
+    owner = next(iter(model.by_type("IfcOwnerHistory")), None)
+    taken = {one.GlobalId for one in model.by_type("IfcRoot")}
+    for product in chosen:
+        single = []
+        for key, (kind, value) in properties[product.GlobalId].items():
+            held = model.create_entity(kind, value / metres if kind == "IfcLengthMeasure" else value)
+            single.append(model.create_entity("IfcPropertySingleValue", Name=key, NominalValue=held))
+        both = {"OwnerHistory": product.OwnerHistory or owner}
+        guid = _guid(f"{name}/{product.GlobalId}", taken)
+        given = model.create_entity("IfcPropertySet", guid, **both, Name=name, HasProperties=single)
+        relation = {"RelatedObjects": [product], "RelatingPropertyDefinition": given}
+        guid = _guid(f"{name}/{product.GlobalId}/relation", taken)
+        model.create_entity("IfcRelDefinesByProperties", guid, **both, **relation)
+    return len(chosen)
+
+
+def _remove_set(model: Any, product: Any, name: str) -> None:
+    """Take property sets of a name from an element, and out of the file where they are of no other."""
+    for relation in list(_inverse(product, "IsDefinedBy")):
+        held = getattr(relation, "RelatingPropertyDefinition", None)
+        if held is None or not held.is_a("IfcPropertySet") or held.Name != name:
+            continue
+        others = [one for one in relation.RelatedObjects if one != product]
+        if others:
+            relation.RelatedObjects = others
+            continue
+        model.remove(relation)
+        if not model.get_total_inverses(held):
+            single = list(held.HasProperties)
+            model.remove(held)
+            for one in single:
+                if not model.get_total_inverses(one):
+                    model.remove(one)
+
+
+def _guid(what: str, taken: set[str]) -> str:
+    """A GlobalId that follows from what it is of, and is not taken; takes it."""
+    import ifcopenshell.guid
+
+    number, found = 0, ""
+    while not found or found in taken:
+        found = ifcopenshell.guid.compress(uuid.uuid5(uuid.NAMESPACE_URL, f"unseen/{what}/{number}").hex)
+        number += 1
+    taken.add(found)
+    return found
 
 
 if __name__ == "__main__":
