@@ -15,7 +15,7 @@ from nbv.scans.scan_coverage import ScanCoverage
 from nbv.scans.scan_mesh import scan_faces
 from nbv.visibility.requirement import Requirement
 from scenes.checks import BoolArray, FloatArray
-from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.mesh.labelled_mesh import LabelledMesh, join_meshes
 from scenes.scan.colour import colour_bytes
 from scenes.scan.range_image import RangeImage
 
@@ -56,7 +56,7 @@ class StateMesh:
             front = np.repeat(unseen.faces.outward[chosen], 2, axis=0)
             parts.append(_plain(*unseen.triangles(chosen, voxel_m), state, front))
         return cls(
-            _joined_meshes([part.mesh for part in parts]),
+            join_meshes([part.mesh for part in parts]),
             np.concatenate([part.state for part in parts]),
             np.concatenate([part.cosine for part in parts]),
             np.concatenate([part.front for part in parts]),
@@ -103,13 +103,3 @@ def _plain(
     front = mesh.face_normals() if front is None else front
     colour = np.full((n, 3), _GREY, np.uint8) if colour is None else colour
     return StateMesh(mesh, np.full(n, state, np.uint8), np.zeros(n, np.float32), front, colour)
-
-
-def _joined_meshes(meshes: list[LabelledMesh]) -> LabelledMesh:
-    start = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + offset for mesh, offset in zip(meshes, start, strict=False)]
-    return LabelledMesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate(faces).astype(np.int32),
-        np.concatenate([mesh.face_surface for mesh in meshes]),
-    )

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -188,3 +189,14 @@ class LabelledMesh:
         return self.at(pose.apply(self.vertices))
 
     transformed = transform  # earlier name
+
+
+def join_meshes(meshes: Sequence[LabelledMesh]) -> LabelledMesh:
+    """Return all faces as one mesh, with their labels and without appearance."""
+    start = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + offset for mesh, offset in zip(meshes, start, strict=False)]
+    return LabelledMesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate(faces).astype(np.int32),
+        np.concatenate([mesh.face_surface for mesh in meshes]),
+    )
