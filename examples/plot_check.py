@@ -16,6 +16,7 @@ import numpy as np
 from nbv import CheckedDesign, check_design, scan_scene
 from nbv.report.blocks.check_tables import numbered
 from nbv.report.blocks.verdict_plans import verdict_plans
+from nbv.report.check_report import check_page
 from nbv.scanning.sensor import SphericalSensor
 from scenes import Pose, RangeImage, Scene
 from scenes.mesh.design import Element, ElementMesh
@@ -33,14 +34,14 @@ DESIGN: Mapping[str, list[Box]] = {
         ((4.0, 0.0, 0.0), (4.15, 0.8, 2.5)), ((4.0, 1.9, 0.0), (4.15, 3.0, 2.5)),
         ((4.0, 0.8, 2.1), (4.15, 1.9, 2.5)),
     ],
-    "IfcDoor of the toilet": [((1.8, 2.0, 0.0), (1.84, 2.9, 2.1))],
-    "IfcColumn": [((5.8, 0.5, 0.0), (6.1, 0.8, 2.5))],
+    "IfcDoor of the bath": [((1.8, 2.0, 0.0), (1.84, 2.9, 2.1))],
+    "IfcColumn column": [((5.8, 0.5, 0.0), (6.1, 0.8, 2.5))],
     "IfcFurniture shelf": [((0.05, 0.05, 0.0), (1.6, 0.4, 1.8))],
 }  # fmt: skip
 """Elements of the design: boxes by their least and largest corners, metres."""
 MOVED = {"IfcWall south": (0.0, 0.02, 0.0)}
 """By how much elements were built off their places, metres."""
-REMOVED = ("IfcDoor of the toilet",)
+REMOVED = ("IfcDoor of the bath",)
 CRATES: list[Box] = [((6.5, 0.02, 0.0), (7.0, 2.98, 2.45))]
 """What stands before the eastern wall."""
 PLACES = ((1.0, 1.6, 1.5), (3.2, 1.2, 1.5), (4.9, 2.3, 1.5), (5.1, 1.1, 1.5))
@@ -65,8 +66,7 @@ def mesh_of(boxes: Sequence[Sequence[Box]]) -> LabelledMesh:
 def design() -> ElementMesh:
     """The design, as an IFC file would give it."""
     elements = [
-        Element(name.partition(" ")[2] or name, name.partition(" ")[0], storey="Ground floor")
-        for name in DESIGN
+        Element(name.partition(" ")[2], name.partition(" ")[0], storey="Ground floor") for name in DESIGN
     ]
     return ElementMesh(mesh_of(list(DESIGN.values())), tuple(elements), "house")
 
@@ -115,6 +115,7 @@ def main(given: Sequence[str] | None = None) -> None:
     (pictures / "check_plan.png").write_bytes(plan.png)
     if asked.report is not None:
         checked.save(asked.report)
+        check_page(checked, "house").write(asked.report / "report.html")
 
 
 if __name__ == "__main__":

@@ -9,10 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from completion.asbuilt.placement import place_on_design
-
 from completion.asbuilt.findings import VERDICTS, DesignCheck
 from completion.asbuilt.pipeline import CheckOptions
+from completion.asbuilt.placement import place_on_design
 from nbv.commands.options import CheckCommandOptions, Shared
 from nbv.commands.process import Run, start_run
 from nbv.inspection.checking import (
@@ -93,7 +92,8 @@ def run_check(shared: Shared, asked: CheckCommandOptions) -> None:
 def _given_scans(run: Run, scene: Scene, asked: CheckCommandOptions) -> tuple[GivenScans, Sequence[str]]:
     """Return the scans in the frame of the design, and what is to be told of their placement."""
     if not asked.register:
-        return distinctly_named(read_request(asked.request())).with_z_up(scene.file_up), ()
+        given = read_request(asked.request()).with_z_up(scene.file_up)
+        return replace(given, scans=distinctly_named(given.scans, given.names)), ()
     given, copies = without_copies(read_request(asked.request(), posed=False))
     placement = place_on_design(
         scene.element_mesh, given.scans, n_threads=run.shared.threads, progress=run.progress
@@ -107,7 +107,7 @@ def _given_scans(run: Run, scene: Scene, asked: CheckCommandOptions) -> tuple[Gi
         scan.with_facts(world_from_sensor=pose)
         for scan, pose in zip(given.scans, placement.poses, strict=True)
     )
-    return distinctly_named(replace(given, scans=placed)), (*copies, *placement.sentences)
+    return replace(given, scans=distinctly_named(placed, given.names)), (*copies, *placement.sentences)
 
 
 def summary_of(checked: CheckedDesign) -> dict[str, Any]:

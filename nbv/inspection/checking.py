@@ -22,7 +22,7 @@ from scenes.checks import InputError
 from scenes.io.checks.documents import read_json, read_toml
 from scenes.io.checks.guard import guard_reading
 from scenes.io.formats.format import Units
-from scenes.io.scan_request import GivenScans, ScanRequest, read_request
+from scenes.io.scan_request import ScanRequest, read_request
 from scenes.io.scene_files import load_scene, open_scene
 from scenes.mesh.design import ElementMesh, MapConversion
 from scenes.mesh.orientation import Axis
@@ -168,7 +168,8 @@ def check_design(
         if given:
             raise InputError(f"{len(given)} of {len(scans)} scans are no paths; give paths or RangeImages")
         request = read_request(ScanRequest(tuple(os.fspath(scan) for scan in scans)))  # type: ignore[arg-type]
-        given, doubts = list(distinctly_named(request).scans), (*doubts, *request.doubts)
+        given, doubts = list(distinctly_named(request.scans, request.names)), (*doubts, *request.doubts)
+    given = list(distinctly_named(given))
     asked = replace(options or CheckOptions(), tolerance_m=tolerance_m, tolerances=dict(tolerances or {}))
     findings = check_against_design(held, given, asked, n_threads=n_threads, progress=progress)
     findings = replace(findings, warnings=tuple(dict.fromkeys((*doubts, *findings.warnings))))
@@ -195,12 +196,12 @@ def open_design(spec: str, *, up: Axis | None = None, units: Units = "m") -> Sce
     return load_scene(spec, up=up, units=units, design=True)
 
 
-def distinctly_named(given: GivenScans) -> GivenScans:
-    """Return scans that are called by their files where their own names are not all different."""
-    if len({scan.name for scan in given.scans}) == len(given.scans):
-        return given
-    pairs = zip(given.scans, given.names, strict=True)
-    return replace(given, scans=tuple(scan.with_facts(name=Path(name).name) for scan, name in pairs))
+def distinctly_named(scans: Sequence[RangeImage], names: Sequence[str] = ()) -> tuple[RangeImage, ...]:
+    """Return scans that have `names` (n,), or numbers, where their own names are not all different."""
+    if len({scan.name for scan in scans}) == len(scans):
+        return tuple(scans)
+    others = [Path(name).name for name in names] or [f"scan {k}" for k in range(1, len(scans) + 1)]
+    return tuple(scan.with_facts(name=name) for scan, name in zip(scans, others, strict=True))
 
 
 def read_earlier(before: str | os.PathLike[str]) -> dict[str, Any]:

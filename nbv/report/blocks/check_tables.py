@@ -26,6 +26,7 @@ _STATES: Mapping[Verdict, State] = {
     "within": "within", "deviates": "deviates", "undecided": "undecided", "missing": "missing",
     "hidden": "hidden", "not seen": "not-seen", "not tested": "not-tested",
 }  # fmt: skip
+_MEASURED = ("within", "deviates", "undecided")
 _MANY_ROWS, _MANY_ELEMENTS, _MANY_CARDS, _MOST_CARDS, _MOST_FACES = 40, 100, 30, 300, 3
 
 
@@ -156,6 +157,7 @@ def meanings_table() -> Table:
 def cards(check: DesignCheck, numbers: Mapping[int, int]) -> tuple[Block, ...]:
     """Return a card for each element that is not within: reason, deviations, beams, what hides it."""
     by_surface = {finding.surface: finding for finding in check.elements}
+    stations = {name: f"{letters(k)} {name}" for k, name in enumerate(check.scans)}
     shown = [(number, by_surface[surface]) for surface, number in numbers.items()][:_MOST_CARDS]
     is_long = len(numbers) > _MANY_CARDS
     blocks: list[Block] = [
@@ -163,7 +165,7 @@ def cards(check: DesignCheck, numbers: Mapping[int, int]) -> tuple[Block, ...]:
             f"{number}  {element_label(finding.element)}",
             _STATES[finding.verdict],
             " \u00b7 ".join(part for part in (finding.element.storey, _word(finding)) if part),
-            _evidence(finding),
+            _evidence(finding, stations),
             is_open=finding.verdict in ("deviates", "missing") or not is_long,
         )
         for number, finding in shown
@@ -173,20 +175,28 @@ def cards(check: DesignCheck, numbers: Mapping[int, int]) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def _evidence(finding: ElementFinding) -> tuple[Bar | Text | Table | Histogram, ...]:
+def _evidence(
+    finding: ElementFinding, stations: Mapping[str, str]
+) -> tuple[Bar | Text | Table | Histogram, ...]:
     """All that speaks for the verdict on an element."""
     faces = sorted(
-        (face for face in finding.faces if face.n_beams),
-        key=lambda face: (not face.is_tested, -abs(face.deviation.value) if face.deviation else 0.0),
+        (face for face in finding.faces if face.is_tested and face.n_beams),
+        key=lambda face: -abs(face.deviation.value) if face.deviation else 0.0,
     )
+    is_measured = finding.verdict in _MEASURED
     return (
-        Text(finding.sentence),
-        *_measures(finding),
-        *(_histogram(face, finding.tolerance_m) for face in faces[:_MOST_FACES]),
-        *_beams(finding),
-        *_hiders(finding),
+        Text(_as_sentence(finding.sentence)),
+        *(_measures(finding) if is_measured else ()),
+        *(_histogram(face, finding.tolerance_m) for face in faces[:_MOST_FACES] if is_measured),
+        *(() if is_measured else _beams(finding)),
+        *_hiders(finding, stations),
         *_inference(finding),
     )
+
+
+def _as_sentence(text: str) -> str:
+    """A reason with a capital and a full stop."""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
 
 
 def _measures(finding: ElementFinding) -> tuple[Table, ...]:
@@ -236,20 +246,26 @@ def _beams(finding: ElementFinding) -> tuple[Bar, ...]:
         ("went through it", "missing", beams.through_m2),
         ("ended before it", "hidden", beams.hidden_m2),
     ]
-    if not sum(area for *_, area in parts):
+    total = sum(area for *_, area in parts)
+    if not total:
         return ()
     shares = tuple(
-        BarShare(label, state, area, f"{square_metres(area)} m\u00b2")
+        BarShare(label, state, area / total, f"{square_metres(area)} m\u00b2")
         for label, state, area in parts
         if area > 0
     )
-    return (Bar(f"{count(beams.n_beams, 'beam')} towards its body, by the area of its silhouette", shares),)
+    label = f"{count(beams.n_beams, 'beam')} towards its body, by the area across them"
+    return (Bar(label, shares),)
 
 
-def _hiders(finding: ElementFinding) -> tuple[Table | Text, ...]:
+def _hiders(finding: ElementFinding, stations: Mapping[str, str]) -> tuple[Table | Text, ...]:
     """What hides an element, from which stations, and why the rest was not seen."""
     rows = tuple(
-        (Cell(one.by), Cell(", ".join(one.stations)), Cell(square_metres(one.area_m2)))
+        (
+            Cell(one.by),
+            Cell(", ".join(stations.get(name, name) for name in one.stations)),
+            Cell(square_metres(one.area_m2)),
+        )
         for one in finding.hidden
     )
     table = (Table(("Hidden by", "From stations", "#area, m\u00b2"), rows),) if rows else ()

@@ -85,7 +85,8 @@ def _extra_layers(check: DesignCheck) -> tuple[Layer, ...]:
     mesh = point_squares(points[kept], neighbour_normals(points[kept], points[kept]))
     names = tuple(Category(extra.name, _EXTRA.colour) for extra in check.extra)
     channel = Classes("element", "Element", names, np.repeat(owner[kept], 2).astype(np.uint16))
-    return (Layer("extra", "extra", mesh.vertices, mesh.faces, _EXTRA, channels=(channel,)),)
+    drawn = ("extra", "extra", mesh.vertices, mesh.faces, _EXTRA)
+    return (Layer(*drawn, channels=(channel,), is_framed=False),)
 
 
 def _point_layers(check: DesignCheck, verdict: IntArray) -> tuple[Layer, ...]:
@@ -114,7 +115,7 @@ def _deviations(check: DesignCheck, off_mm: FloatArray) -> Numbers:
 def verdict_pictures(
     check: DesignCheck, verdict: IntArray, cut_m: float | None, n_threads: int | None
 ) -> tuple[Picture, ...]:
-    """The design from two sides, coloured by verdict, what lies above the cut left out."""
+    """Return the design from two sides by the verdict (n,) of each element, what is above the cut left out."""
     mesh = check.design.mesh
     top = mesh.vertices[:, 2][mesh.faces].min(axis=1)
     shown = np.ones(len(top), np.bool_) if cut_m is None else top < cut_m
