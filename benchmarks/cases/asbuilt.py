@@ -20,7 +20,7 @@ from benchmarks.cases.frames import DATA
 from benchmarks.cases.houses.solids import box, tube
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import SphericalSensor
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.design import Element, ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.winding import turn_outside_out
@@ -64,10 +64,11 @@ class Building:
 
     @cached_property
     def main_faces(self) -> list[MainFace]:
-        """Main faces of all elements, largest first in each."""
+        """Main faces of all elements, largest first in each; glass is none."""
         mesh = self.design.mesh
         known = mesh.corners, mesh.face_normals(), mesh.face_areas()
         owned = np.argsort(mesh.face_surface, kind="stable")
+        owned = owned[~_is_glass(mesh)[owned]]
         starts = np.searchsorted(mesh.face_surface[owned], np.arange(len(self.design.elements) + 1))
         return [
             one
@@ -82,7 +83,7 @@ class Building:
 
     @cached_property
     def seen(self) -> list[MainFace]:
-        """Main faces of which all stations together see at least half a square metre, by coarse scans."""
+        """Upright main faces across their element of which stations see half a square metre, coarsely."""
         number = np.full(len(self.design.mesh.faces) + 1, -1)
         for k, face in enumerate(self.main_faces):
             number[face.faces] = k
@@ -93,7 +94,18 @@ class Building:
             assert scan.truth is not None
             met = np.where(scan.truth.face >= 0, number[source[scan.truth.face]], -1)
             area += np.bincount(met[met >= 0], pixel_areas(scan)[met >= 0], len(area))
-        return [face for face, own in zip(self.main_faces, area, strict=True) if own >= _LEAST_SEEN_M2]
+        return [
+            face
+            for face, own in zip(self.main_faces, area, strict=True)
+            if own >= _LEAST_SEEN_M2 and self._is_across(face)
+        ]
+
+    def _is_across(self, face: MainFace) -> bool:
+        """Tell whether a face is upright and its normal along the lesser of the level extents."""
+        mesh = self.design.mesh
+        places = mesh.corners[mesh.face_surface == face.element].reshape(-1, 3)
+        thick, wide = (np.ptp(places @ way) for way in (face.normal, np.cross([0, 0, 1.0], face.normal)))
+        return bool(abs(face.normal[2]) < 0.1 and thick < wide)
 
 
 @cache
@@ -239,7 +251,7 @@ def planted_state(building: Building, seed: int) -> PlantedState:
         for chosen in rng.permutation(len(seen)):
             face = seen[chosen]
             ifc_class = building.design.elements[face.element].ifc_class
-            if face.element in changes or not ifc_class.startswith(classes) or abs(face.normal[2]) > 0.1:
+            if face.element in changes or not ifc_class.startswith(classes):
                 continue
             if kind.startswith("hidden"):
                 boxes = _boxes_before(building, [one for one in seen if one.element == face.element])
@@ -320,18 +332,22 @@ def _leaf(mesh: LabelledMesh, element: int) -> NDArray[np.int64]:
     return np.asarray(own[part[faces[:, 0]] == part[faces[largest, 0]]])
 
 
+def _is_glass(mesh: LabelledMesh) -> BoolArray:
+    """Tell which triangles (m,) beams pass."""
+    look = mesh.appearance
+    if look is None or look.opacity is None:
+        return np.zeros(len(mesh.faces), np.bool_)
+    return np.asarray(look.opacity < 0.5)
+
+
 def _built(
     design: ElementMesh, changes: Mapping[int, Change], extras: list[FloatArray]
 ) -> tuple[Scene, NDArray[np.int64]]:
     """Return the scene that was built, and the design's triangle of each of its own."""
     mesh, n = design.mesh, len(design.elements)
-    look = mesh.appearance
-    glass = np.zeros(len(mesh.faces), np.bool_)
-    if look is not None and look.opacity is not None:
-        glass = look.opacity < 0.5
-    every, corners, source = mesh.corners, [], []
+    every, corners, source, is_glass = mesh.corners, [], [], _is_glass(mesh)
     for element in range(n):
-        own = np.flatnonzero((mesh.face_surface == element) & ~glass)
+        own = np.flatnonzero((mesh.face_surface == element) & ~is_glass)
         change = changes.get(element, UNCHANGED)
         if change.is_gone or not len(own):
             continue

@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 from scenes.mesh.design import ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
 
 _NEAR_M, _LEAST_POINTS = 0.1, 10  # of points that belong to an element
 _PIECE_M, _NEAREST = 0.3, 8  # triangles are cut so small; these pieces are tried
 _ROUNDS, _FITTED = 6, 8_000  # of least squares, and points of each
-_MOST_POINTS = 500_000
+_MOST_POINTS = 300_000
 _STEP_M, _RADIUS_M, _HALF_M, _REGISTRATION_M = 0.2, 0.05, 0.15, 0.002  # of M3C2
 
 
@@ -59,8 +60,7 @@ class DesignTree:
 
 def aligned_points(scans: Sequence[RangeImage], design: ElementMesh, tree: DesignTree) -> FloatArray:
     """Return points (n, 3) of scans, moved together by least squares of distances to the design's planes."""
-    step = max(sum(scan.ranges.size for scan in scans) // _MOST_POINTS, 1)
-    points = np.concatenate([scan.points()[scan.valid][::step] for scan in scans])
+    points = np.concatenate([scan.points()[scan.valid] for scan in scans])
     normals, some = design.mesh.face_normals(), slice(None, None, max(len(points) // _FITTED, 1))
     for _ in range(_ROUNDS):
         moved = points[some]
@@ -82,25 +82,28 @@ def judged(deviation: FloatArray, tolerance_m: float) -> list[str]:
 
 def cloud_to_mesh(points: FloatArray, design: ElementMesh, tree: DesignTree) -> FloatArray:
     """Return the median distance (n,) of the points nearest to each element within 0.1 m; NaN below 10."""
-    near = tree.nearest(points)
+    near = tree.nearest(points[:: max(len(points) // _MOST_POINTS, 1)])
     close = np.abs(near.distance) <= _NEAR_M
     return _medians(
         design.mesh.face_surface[near.face[close]], near.distance[close], len(design.elements), _LEAST_POINTS
     )
 
 
-def multiscale(points: FloatArray, design: ElementMesh) -> FloatArray:
+def multiscale(points: FloatArray, design: ElementMesh, origins: FloatArray) -> FloatArray:
     """Return the median distance (n,) of each element by M3C2, NaN without data.
 
     Lague, Brodu and Leroux 2013, section 3: the mean along the normal of the points in a cylinder about each
     core point; what is not significant, within 1.96 (sd / sqrt n + registration error), counts as 0. Core
-    points lie on the design, about every 0.2 m; it is exact.
+    points lie about every 0.2 m where the design, which is exact, faces one of the `origins`
+    (s, 3) with nothing between.
     """
     mesh = design.mesh
     count = int(mesh.face_areas().sum() / _STEP_M**2)
     solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     cores, face = trimesh.sample.sample_surface(solid, count, seed=0)
-    cores, normals = np.asarray(cores), mesh.face_normals()[face]
+    faced = _faced(mesh, np.asarray(cores), mesh.face_normals()[face], origins)
+    cores, face = np.asarray(cores)[faced], face[faced]
+    normals = mesh.face_normals()[face]
     tree = cKDTree(points)
     around = tree.query_ball_point(cores, np.hypot(_RADIUS_M, _HALF_M), return_sorted=True)
     core = np.repeat(np.arange(len(cores)), [len(one) for one in around])
@@ -114,6 +117,16 @@ def multiscale(points: FloatArray, design: ElementMesh) -> FloatArray:
     least = 1.96 * (np.sqrt(spread / np.maximum(n - 1, 1) / np.maximum(n, 1)) + _REGISTRATION_M)
     told = np.where(np.abs(mean) > least, mean, 0.0)
     return _medians(mesh.face_surface[face[n >= 4]], told[n >= 4], len(design.elements), 1)
+
+
+def _faced(mesh: LabelledMesh, cores: FloatArray, normals: FloatArray, origins: FloatArray) -> BoolArray:
+    """Tell which places (n, 3) of a mesh face one of the origins (s, 3) with nothing between."""
+    caster, before = RayCaster(mesh.vertices, mesh.faces), cores + 1e-3 * normals
+    found = np.zeros(len(cores), np.bool_)
+    for origin in origins:
+        front = np.flatnonzero(~found & (np.einsum("ij,ij->i", origin - cores, normals) > 0))
+        found[front] = ~caster.are_blocked(before[front], np.tile(origin, (len(front), 1)))
+    return found
 
 
 def _medians(element: NDArray[np.int32], values: FloatArray, n: int, least: int) -> FloatArray:

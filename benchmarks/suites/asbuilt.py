@@ -59,7 +59,7 @@ def of_state(
         tree = DesignTree(state.design.mesh)
         points = aligned_points(scans.given, state.design, tree)
         verdicts["C2M"] = judged(cloud_to_mesh(points, state.design, tree), tolerance_m)
-        verdicts["M3C2"] = judged(multiscale(points, state.design), tolerance_m)
+        verdicts["M3C2"] = judged(multiscale(points, state.design, state.stations), tolerance_m)
     return StateResult(found, verdicts, cost.cpu_s, (cost.peak_bytes or 0) / 1e6, scans.n_pixels / 1e6)
 
 
@@ -105,23 +105,26 @@ def _is_worth(one: Judged, tolerance_m: float) -> bool:
 
 
 def _verdicts(states: Sequence[StateResult]) -> Iterator[str]:
-    """Truth by verdict, measured elements apart, and the same of the peers."""
+    """Truth by verdict, measured elements (of removed ones: with beams behind) apart; the peers beside."""
     names = list(states[0].peers)
     yield from head("truth", "n", *VERDICTS, *(f"{name}: within / deviates / no data" for name in names))
     for truth in _TRUTHS:
-        for is_measured, word in ((True, ", measured"), (False, ", not measured")):
+        words = ("no beam behind", "beams behind") if truth == "removed" else ("not measured", "measured")
+        for is_known in (True, False):
             own = [
                 (one, [state.peers[name][one.surface] for name in names])
                 for state in states
                 for one in state.score.judged
-                if one.truth == truth and one.measured == is_measured
+                if one.truth == truth and (one.behind if truth == "removed" else one.measured) == is_known
             ]
             if not own:
                 continue
             count = Counter(one.verdict for one, _ in own)
             beside = [Counter(said[k] for _, said in own) for k in range(len(names))]
             told = (" / ".join(str(one[w]) for w in ("within", "deviates", "no data")) for one in beside)
-            yield row(truth + word, len(own), *(count[verdict] for verdict in VERDICTS), *told)
+            yield row(
+                f"{truth}, {words[is_known]}", len(own), *(count[verdict] for verdict in VERDICTS), *told
+            )
 
 
 def _promises(states: Sequence[StateResult], tolerance_m: float) -> Iterator[str]:

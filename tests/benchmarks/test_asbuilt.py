@@ -61,7 +61,7 @@ def oracle(state: PlantedState, seen: Sighting, off_m: float = 0.0) -> DesignChe
             verdict = "deviates"
         faces = tuple(
             FaceFinding(
-                k, "plane", True, one.centre, one.normal, one.area_m2, is_tested=True,
+                k, "plane", True, one.centre, one.normal, one.area_m2, is_tested=True, place=one.centre,
                 offset=interval(change.offset_at(one.centre, one.normal)),
             )
             for one in state.main_faces if one.element == k and not change.is_gone
@@ -162,7 +162,10 @@ def test_peers_measure_what_moved() -> None:
     rng = np.random.default_rng(0)
     flat = rng.uniform([0.1, 0, 0.1], [1.9, 0, 1.9], (8000, 3))
     points = np.concatenate([flat, flat + [3, -0.02, 0]]) + rng.normal(0, 0.002, (16000, 1)) * [0, 1, 0]
-    for found in (cloud_to_mesh(points, design, DesignTree(mesh)), multiscale(points, design)):
+    for found in (
+        cloud_to_mesh(points, design, DesignTree(mesh)),
+        multiscale(points, design, np.array([[2.5, -3.0, 1.0]])),
+    ):
         assert found[:2] == pytest.approx([0.0, 0.02], abs=1.5e-3)
         assert judged(found, T) == ["within", "deviates", "no data"]
 
