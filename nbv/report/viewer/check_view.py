@@ -115,7 +115,7 @@ def _deviations(check: DesignCheck, off_mm: FloatArray) -> Numbers:
 def verdict_pictures(
     check: DesignCheck, verdict: IntArray, cut_m: float | None, n_threads: int | None
 ) -> tuple[Picture, ...]:
-    """Return the design from two sides by the verdict (n,) of each element, what is above the cut left out."""
+    """Return the design from two sides by the verdict (n,) of each element, up to the cut."""
     mesh = check.design.mesh
     top = mesh.vertices[:, 2][mesh.faces].min(axis=1)
     shown = np.ones(len(top), np.bool_) if cut_m is None else top < cut_m
