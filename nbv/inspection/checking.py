@@ -155,11 +155,6 @@ def check_design(
     ------
     InputError
         Unusable files or options; scans of another place.
-
-    Examples
-    --------
-    >>> checked = check_design("house.ifc", ["s1.e57", "s2.e57"], 0.01)  # doctest: +SKIP
-    >>> [one.sentence for one in checked.elements if one.verdict == "deviates"]  # doctest: +SKIP
     """
     earlier = {} if before is None else read_earlier(before)
     held, source, conversion, doubts = _opened(design)

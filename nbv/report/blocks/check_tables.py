@@ -95,8 +95,7 @@ def elements_table(check: DesignCheck, numbers: Mapping[int, int], *, within: bo
         return ()
     rows = tuple(_element_row(finding, numbers) for finding in chosen)
     columns = (
-        "#No.", "Verdict", "Element", "Class", "Storey", "#T, mm", "#worst corner, mm [95 %]",
-        "#measured, %", "#LOA",
+        "#No.", "Verdict", "Element", "Storey, class", "#T, mm", "#corner, mm [95 %]", "#measured, %", "LOA",
     )  # fmt: skip
     text = (
         f"{count(len(rows), 'element')} within tolerance"
@@ -113,8 +112,7 @@ def _element_row(finding: ElementFinding, numbers: Mapping[int, int]) -> tuple[C
         Cell("" if number is None else str(number)),
         Cell(_word(finding), swatch=VERDICT_COLOURS[finding.verdict]),
         Cell(element.name),
-        Cell(element.ifc_class),
-        Cell(element.storey),
+        Cell(", ".join(part for part in (element.storey, element.ifc_class) if part)),
         Cell(f"{1000 * finding.tolerance_m:g}"),
         Cell(millimetres(None if face is None else face.deviation)),
         Cell(percent(finding.share.measured), share=finding.share.measured, state="measured"),

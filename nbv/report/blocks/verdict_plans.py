@@ -20,6 +20,7 @@ from scenes.checks import FloatArray
 from scenes.mesh.design import ElementMesh
 
 _CUT_M = 1.2  # above a floor: through doors and most windows
+_APART_M = 1.8  # floors
 _CELL_M = 0.05  # of extras, as the check has it
 _ENDS_MEET_M = 1e-5
 _LINE = 0.002  # of the plan's extent: half as wide as a line is drawn
@@ -29,7 +30,7 @@ _PATTERNS: Mapping[Verdict, str] = {"hidden": "//////", "not seen": "....."}
 
 @dataclass(frozen=True, slots=True)
 class DesignStorey:
-    """A storey of a design: its name, "" where the file names none, and the height of its floor, metres."""
+    """A storey of a design: its name, the height of its floor, and how far above it is cut, metres."""
 
     name: str
     floor_m: float
@@ -40,18 +41,21 @@ def design_storeys(design: ElementMesh) -> tuple[DesignStorey, ...]:
     """Return the storeys from the lowest up.
 
     A floor is where most elements of the storey begin that are higher than the cut, 1.2 m; where there is
-    none, the lowest place of the storey, which is then cut half way up.
+    none, the lowest place of the storey, which is then cut half way up. Elements that name no storey are on
+    as many as there are heights, 1.8 m apart or more, at which higher ones begin.
     """
     low, high = element_heights(design)
-    names = dict.fromkeys(element.storey for element in design.elements)
     storeys = []
-    for name in names:
+    for name in dict.fromkeys(element.storey for element in design.elements):
         here = np.array([element.storey == name for element in design.elements]) & np.isfinite(low)
         if not here.any():
             continue
-        tall = here & (high - low > _CUT_M)
-        floor = float(np.median(low[tall])) if tall.any() else float(low[here].min())
-        storeys.append(DesignStorey(name, floor, min(_CUT_M, float(high[here].max() - floor) / 2)))
+        begin = np.sort(low[here & (high - low > _CUT_M)])
+        levels = [] if name else np.split(begin, np.flatnonzero(np.diff(begin) > _APART_M) + 1)
+        for several in levels or [begin]:
+            floor = float(np.median(several)) if len(several) else float(low[here].min())
+            cut = min(_CUT_M, float(high[here].max() - floor) / 2)
+            storeys.append(DesignStorey(name or f"Level {floor:.2f} m", floor, cut))
     return tuple(sorted(storeys, key=lambda storey: storey.floor_m))
 
 
@@ -101,7 +105,7 @@ def verdict_plans(
                 ),
             ],
         )  # fmt: skip
-        yield plan.plot().picture(storey.name or "Plan.", _caption(storey, has_next=bool(plan.stations)))
+        yield plan.plot().picture(storey.name, _caption(storey, has_next=bool(plan.stations)))
 
 
 def _caption(storey: DesignStorey, *, has_next: bool) -> str:

@@ -86,7 +86,7 @@ def test_the_list_of_the_others_is_folded_away():
     (open_,), (folded,) = (elements_table(CHECK, numbers, within=within) for within in (False, True))
     assert (len(open_.rows), open_.is_folded) == (5, False)
     assert (len(folded.rows), folded.is_folded) == (1, True)
-    assert open_.rows[0][6].text == "-19.9 [-21.2, -18.6]"
+    assert open_.rows[0][5].text == "-19.9 [-21.2, -18.6]"
     everything = replace(CHECK, elements=CHECK.elements[:1])
     assert elements_table(everything, numbered(everything), within=False) == ()
 
