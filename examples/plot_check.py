@@ -8,10 +8,12 @@ prints each verdict with its reason, and writes `check_plan.png` into FOLDER/pic
 """
 
 import argparse
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from nbv import CheckedDesign, check_design, scan_scene
 from nbv.report.blocks.check_tables import numbered
@@ -112,7 +114,8 @@ def main(given: Sequence[str] | None = None) -> None:
     pictures = asked.out / "pictures"
     pictures.mkdir(parents=True, exist_ok=True)
     (plan,) = verdict_plans(checked.findings, numbered(checked.findings))
-    (pictures / "check_plan.png").write_bytes(plan.png)
+    drawn = Image.open(io.BytesIO(plan.png)).convert("RGBA")
+    Image.alpha_composite(Image.new("RGBA", drawn.size, "white"), drawn).save(pictures / "check_plan.png")
     if asked.report is not None:
         checked.save(asked.report)
         check_page(checked, "house").write(asked.report / "report.html")

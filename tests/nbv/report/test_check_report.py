@@ -150,6 +150,9 @@ def test_storeys_stand_one_on_the_other():
     low[40:48, 2] += 3.0  # the column is upstairs
     design = replace(CHECK.design, mesh=CHECK.design.mesh.at(low), elements=elements)
     assert [storey.floor_m for storey in design_storeys(design)] == [0.0, 3.0]
+    nameless = replace(design, elements=tuple(replace(one, storey="") for one in elements))
+    found = [(storey.name, storey.floor_m) for storey in design_storeys(nameless)]
+    assert found == [("Level 0.00 m", 0.0), ("Level 3.00 m", 3.0)]
 
 
 def test_the_view_colours_each_element_by_its_verdict():
