@@ -100,9 +100,9 @@ def _intervals(one: ElementFinding, change: Change, rise_m: FloatArray) -> Itera
             yield held("tilt", face.tilt, change.size, -change.size)
     if one.thickness is not None and change.kind in ("unchanged", "moved", "thickness"):
         yield held("thickness", one.thickness, change.size if change.kind == "thickness" else 0.0)
-    if one.shift_m is not None and change.kind == "displaced":
-        for axis in np.flatnonzero(np.abs(change.normal) > 0.5):
-            yield held("shift", one.shift_m[int(axis)], float(change.motion[axis, 3]))
+    if one.kind == "displaced" and one.offset is not None and change.kind == "displaced":
+        along = np.array(one.offset.along)
+        yield held("shift", one.offset, float(change.motion[:3, 3] @ along))
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,11 +82,12 @@ def beams_on_faces(
     faces: DesignFaces,
     *,
     scale: float,
-    is_far: bool = False,
+    with_far: bool,
 ) -> FaceBeams:
-    """Gather the beams of faces; `is_far`: those that ended farther off, as a displaced element's do."""
+    """Gather the beams of F faces; those that ended farther off, as a displaced element's do, as of F + f."""
     parts = [
         _of_scan(number, seen, flat, found, faces, scale=scale, is_far=is_far)
+        for is_far in (False, True)[: 1 + with_far]
         for number, (seen, flat, found) in enumerate(zip(observations, pixels, evidence, strict=True))
     ]
     columns = [np.concatenate([part[k] for part in parts]) for k in range(len(parts[0]))]
@@ -121,7 +122,8 @@ def _of_scan(
     sigma = np.maximum(seen.noise.sigma(ranges), 1e-4 * scale) * cosine
     area = found.area[order] / cosine * step[face]
     return (
-        face, np.full(len(face), number, np.int32), points, at.distance, at.normal, at.columns, at.uv, sigma,
+        face + np.int32(len(faces) * is_far), np.full(len(face), number, np.int32), points, at.distance,
+        at.normal, at.columns, at.uv, sigma,
         area, _shared(seen, points, at.normal),
     )  # fmt: skip
 
@@ -148,8 +150,8 @@ class FaceSurface:
         Its offset from the face, metres.
     sd : float
         Of beams about it, robust.
-    bow : (3,) float
-        Factors of u^2, uv and v^2 where it is bent, else 0.
+    is_bent : bool
+        Whether it is bent rather than flat.
     corners : (2, 2) float
         Quantiles of what was measured along u and v, -1 to 1.
     """
@@ -159,29 +161,26 @@ class FaceSurface:
     area_m2: float
     level: float
     sd: float
-    bow: FloatArray
+    is_bent: bool
     corners: FloatArray
 
 
 def find_surface(
-    beams: FaceBeams, part: slice, registration: FloatArray, *, scale: float, is_flat: bool
+    beams: FaceBeams, part: slice, registration: FloatArray, *, scale: float, may_bend: bool
 ) -> FaceSurface:
     """Find the surface of a face from its beams (n,), and the registration's sd there (n,), metres."""
     y, area, sigma = beams.distance[part], beams.area[part], beams.sigma[part]
     own_scan, columns, uv = beams.scan[part], beams.columns[part], beams.uv[part]
     typical = float(np.median(sigma))
     start = _mode(y, area, max(2e-3 * scale, typical))
-    squares = np.column_stack([uv[:, 0] ** 2, uv[:, 0] * uv[:, 1], uv[:, 1] ** 2])
     best = _fit(y, columns, own_scan, sigma, registration, start=start, scale=scale)
-    bow = np.zeros(3)
-    if is_flat and best.is_on.sum() > 3 * limits.FEWEST_BEAMS:
-        bent = _fit(
-            y, np.column_stack([columns[:, :3], squares]), own_scan, sigma, registration, start=start,
-            scale=scale,
-        )  # fmt: skip
+    is_bent = False
+    if may_bend and best.is_on.sum() > 3 * limits.FEWEST_BEAMS:
+        bent = _fit(y, bend(columns, uv), own_scan, sigma, registration, start=start, scale=scale)
         gain = area[bent.is_on].sum() / max(area[best.is_on].sum(), 1e-12)
-        if gain > 1.02 or bent.sd < 0.8 * best.sd:
-            best, bow = bent, bent.factors[-3:]
+        reach = np.ptp(uv[bent.is_on], axis=0).max() if bent.is_on.any() else 0.0
+        if reach > 1.0 and (gain > 1.05 or bent.sd < 0.8 * best.sd):
+            best, is_bent = bent, True
     on = uv[best.is_on] if best.is_on.any() else uv
     corners = np.quantile(on, [limits.CORNERS, 1 - limits.CORNERS], axis=0).T
     return FaceSurface(
@@ -190,9 +189,14 @@ def find_surface(
         area_m2=float(area[best.is_on].sum()),
         level=best.level,
         sd=best.sd,
-        bow=bow,
+        is_bent=is_bent,
         corners=corners,
     )
+
+
+def bend(columns: FloatArray, uv: FloatArray) -> FloatArray:
+    """Columns (n, 5) of planes at places (n, 2) with those of bends."""
+    return np.column_stack([columns[:, :3], np.square(uv)])
 
 
 def _mode(y: FloatArray, area: FloatArray, width: float) -> float:

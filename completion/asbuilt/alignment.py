@@ -90,6 +90,7 @@ def align(
     is_on: NDArray[np.bool_],
     origins: FloatArray,
     *,
+    n_faces: int,
     errors: PoseErrors,
     scale: float,
 ) -> Aligned:
@@ -103,25 +104,29 @@ def align(
         Those that lie on the surface of their face.
     origins : (s, 3) float
         Where the scans stood, metres; the design's middle is the origin.
+    n_faces : int
+        Faces from this number on may lie anywhere, and say nothing of the alignment.
     errors : PoseErrors
         How well poses are known.
     scale : float
         Of lengths, 1 for a building.
     """
-    system = _assemble(beams, is_on, origins, scale)
+    system = _assemble(beams, is_on, origins, n_faces, scale)
     size = system.poses.shape[0]
     prior = _pose_precision(len(origins), errors)
     tau, weight = 2e-3 * scale, np.ones(len(system.faces))
     least, most = limits.LEAST_TAU_M * scale, limits.MOST_TAU_M * scale
+    near, anywhere = system.faces < n_faces, 1.0 / (limits.FAR_M * scale) ** 2
     for _ in range(limits.ROUNDS):
-        precision = weight / tau**2
+        precision = np.where(near, weight / tau**2, anywhere)
         solved = _solve(system, prior, precision)
         spread = np.einsum("qii->qi", _own_blocks(system, solved))
         square = np.where(system.used, np.square(solved.x) + spread, 0.0).sum(axis=1)
         used = system.n_used
         weight = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2)
-        tau = float(np.clip(np.sqrt((weight * square).sum() / used.sum()), least, most)) if len(used) else tau
-    precision = weight / tau**2
+        if near.any():
+            tau = float(np.clip(np.sqrt((weight * square)[near].sum() / used[near].sum()), least, most))
+    precision = np.where(near, weight / tau**2, anywhere)
     solved = _solve(system, prior, precision)
     blocks = _own_blocks(system, solved)
     own = np.linalg.inv(blocks) - np.eye(N_COLUMNS) * precision[:, None, None]
@@ -154,21 +159,22 @@ class _System:
     right_faces: FloatArray
     right_poses: FloatArray
     used: NDArray[np.bool_]  # (q, 5) parameters that there are
+    n_near: int  # faces before this say something of the poses
 
     @property
     def n_used(self) -> FloatArray:
         return self.used.sum(axis=1).astype(float)
 
 
-def _assemble(beams: FaceBeams, is_on: NDArray[np.bool_], origins: FloatArray, scale: float) -> _System:
+def _assemble(
+    beams: FaceBeams, is_on: NDArray[np.bool_], origins: FloatArray, n_faces: int, scale: float
+) -> _System:
     faces = np.unique(beams.face[is_on]).astype(np.int64)
+    n_near = int(np.searchsorted(faces, n_faces))
     n_scans, size = len(origins), 6 * (len(origins) + 1) + N_SHARED
     blocks, coupling = np.zeros((len(faces), N_COLUMNS, N_COLUMNS)), np.zeros((len(faces), N_COLUMNS, size))
-    right_faces, right_poses, poses = (
-        np.zeros((len(faces), N_COLUMNS)),
-        np.zeros(size),
-        np.zeros((size, size)),
-    )
+    right_faces, right_poses = np.zeros((len(faces), N_COLUMNS)), np.zeros(size)
+    poses = np.zeros((size, size))
     used = np.zeros((len(faces), N_COLUMNS), np.bool_)
     index = np.flatnonzero(is_on)
     pair = beams.face[index].astype(np.int64) * n_scans + beams.scan[index]
@@ -195,6 +201,8 @@ def _assemble(beams: FaceBeams, is_on: NDArray[np.bool_], origins: FloatArray, s
         coupling[place][:, common] += weighted.T @ rest
         right_faces[place] += weighted.T @ y
         left = about_scan * weight[:, None]
+        if place >= n_near:
+            continue
         poses[own, own] += left.T @ about_scan
         cross = left.T @ rest
         poses[own, common] += cross
@@ -202,7 +210,7 @@ def _assemble(beams: FaceBeams, is_on: NDArray[np.bool_], origins: FloatArray, s
         poses[common, common] += (rest * weight[:, None]).T @ rest
         right_poses[own] += left.T @ y
         right_poses[common] += rest.T @ (weight * y)
-    return _System(faces, blocks, coupling, poses, right_faces, right_poses, used)
+    return _System(faces, blocks, coupling, poses, right_faces, right_poses, used, n_near)
 
 
 def _pose_precision(n_scans: int, errors: PoseErrors) -> FloatArray:
@@ -227,8 +235,10 @@ def _solve(system: _System, prior: FloatArray, precision: FloatArray) -> _Solved
     """Solve by the Schur complement of the faces."""
     inverse = np.linalg.inv(system.blocks + np.eye(N_COLUMNS) * precision[:, None, None])
     reduced = np.einsum("qij,qjk->qik", inverse, system.coupling)
-    left = system.poses + np.diag(prior) - np.einsum("qik,qil->kl", system.coupling, reduced, optimize=True)
-    right = system.right_poses - np.einsum("qik,qi->k", reduced, system.right_faces)
+    near, size = slice(0, system.n_near), len(prior)
+    held, rest = system.coupling[near].reshape(-1, size), reduced[near].reshape(-1, size)
+    left = system.poses + np.diag(prior) - held.T @ rest
+    right = system.right_poses - rest.T @ system.right_faces[near].ravel()
     covariance = np.linalg.inv((left + left.T) / 2)
     poses = covariance @ right
     x = np.einsum("qij,qj->qi", inverse, system.right_faces) - reduced @ poses

@@ -161,7 +161,7 @@ def _cross(
     surfaces: Surfaces,
     gates: Gates,
 ) -> _Crossings:
-    """Cast beams from crossing to crossing; those that end on their first face only once."""
+    """Cast beams from crossing to crossing; those that end on their first face, or far before it, once."""
     ways = np.empty((len(pixels), 3))
     pick_rays(rays, pixels, ways)
     triangle = np.full((len(pixels), limits.MOST_CROSSINGS), -1, np.int32)
@@ -174,13 +174,13 @@ def _cross(
         along = ways[left]
         hits = caster.first_hit(origin + along * reached[:, None], along)
         reached = reached + hits.ranges
-        near = np.flatnonzero(hits.hit & (reached <= measured[left] + gates.behind_m))
-        left, reached, met = left[near], reached[near], hits.face[near]
-        triangle[left, wave], distance[left, wave] = met, reached
+        is_near = hits.hit & (reached <= measured[left] + gates.behind_m)
+        kept = np.flatnonzero(is_near if wave else hits.hit)
+        triangle[left[kept], wave], distance[left[kept], wave] = hits.face[kept], reached[kept]
         if wave == 0:
-            off = np.abs(measured[left] - reached) * hits.incidence_cosine[near]
-            goes_on = (off > gates.at_once_m) | (surfaces.face[met] < 0)
-            left, reached = left[goes_on], reached[goes_on]
+            off = np.abs(measured[left] - reached) * hits.incidence_cosine
+            is_near &= (off > gates.at_once_m) | (surfaces.face[hits.face] < 0)
+        left, reached = left[is_near], reached[is_near]
         reached = reached + gates.step_m
     return _Crossings(triangle, distance)
 
@@ -264,13 +264,21 @@ def _weigh(
                 if j == 0:
                     of_elements[2, e] += met
                     of_elements[3, e] += 1
-            elif is_known and r > leave + gate / cosine + gates.beyond_m:
+            elif is_known and r > _behind_body(entry, leave, gate / cosine, gates.beyond_m):
                 of_elements[1, e] += met
                 of_elements[3, e] += 1
                 passed[k] = e
-            elif r >= entry - gate / cosine and (not is_known or r <= leave + gate / cosine):
+            elif label[k] == e:
                 of_elements[0, e] += met
                 of_elements[3, e] += 1
+
+
+@inlined
+def _behind_body(entry: float, leave: float, gate: float, beyond_m: float) -> float:
+    """Range from which on a beam has passed a body: of a thick one nearly to its back."""
+    if leave - entry > 3.0 * (gate + beyond_m):
+        return entry + limits.BODY_SHARE * (leave - entry)
+    return leave + gate + beyond_m
 
 
 @inlined

@@ -16,6 +16,7 @@ from completion.asbuilt import limits
 from completion.asbuilt.alignment import Aligned
 from completion.asbuilt.beams import NO_RETURN, NOT_USED, Evidence, Gates, Surfaces
 from completion.asbuilt.deviation import HALF_95, Judged
+from completion.asbuilt.doors import leaf_of
 from completion.asbuilt.extra import ExtraCells, find_cells, things_of
 from completion.asbuilt.faces import DesignFaces
 from completion.asbuilt.findings import (
@@ -104,7 +105,6 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
         [found.label for found in known.evidence],
         cells,
         known.gates,
-        [element.name or element.ifc_class for element in known.design.elements],
     )
     cloud = _cloud(known)
     tested = [one for one in known.judged if one.finding.is_tested]
@@ -120,7 +120,7 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
     ]  # fmt: skip
     extra = things_of(cells, [seen.scan.name for seen in known.observations], known.design)
     findings = [_with_bands(one, options.loa_bands_m) for one in findings]
-    findings, extra = _with_doors(findings, extra)
+    findings, extra = _with_doors(findings, extra, known.faces, known.scale)
     return DesignCheck(
         design=_moved_design(known),
         scans=tuple(scan.name for scan in known.given),
@@ -202,11 +202,12 @@ def _rivals(known: Measurements, cloud: DeviationPoints) -> frozenset[int]:
     ]
     if not asked:
         return frozenset()
-    tree = cKDTree(cloud.points)
-    return frozenset(id(one) for one in asked if _goes_on(one, known, cloud, tree))
+    off = ~(np.abs(cloud.deviation_m) <= limits.RIVAL_M * known.scale)  # what is in its place is no rival
+    tree = cKDTree(cloud.points[off])
+    return frozenset(id(one) for one in asked if _goes_on(one, known, tree))
 
 
-def _goes_on(one: Judged, known: Measurements, cloud: DeviationPoints, tree: cKDTree) -> bool:
+def _goes_on(one: Judged, known: Measurements, tree: cKDTree) -> bool:
     """Whether the same offset is measured in a ring around the outline of a face."""
     own = one.finding
     u, v, (hu, hv) = known.faces.u[one.face], known.faces.v[one.face], known.faces.half[one.face]
@@ -221,7 +222,7 @@ def _goes_on(one: Judged, known: Measurements, cloud: DeviationPoints, tree: cKD
     gate = max(0.01 * known.scale, 3 * own.rms_m)
     near = tree.query_ball_point(places, 1.2 * step)
     found = [
-        bool(len(k)) and bool((np.abs((cloud.points[k] - place) @ own.normal) < gate).any())
+        bool(len(k)) and bool((np.abs((tree.data[k] - place) @ own.normal) < gate).any())
         for k, place in zip(near, places, strict=True)
     ]
     return float(np.mean(found)) > limits.RING_SHARE
@@ -329,40 +330,23 @@ def _band(value: float, bands: Mapping[str, float]) -> str:
 
 
 def _with_doors(
-    findings: Sequence[ElementFinding], extra: Sequence[Extra]
+    findings: Sequence[ElementFinding], extra: Sequence[Extra], faces: DesignFaces, scale: float
 ) -> tuple[list[ElementFinding], tuple[Extra, ...]]:
-    """Say of empty doors beside which an extra of the leaf's size stands that they are open.
-
-    And of each extra which elements it hides.
-    """
+    """Say of doors whose leaf stands open that they do, and of each extra which elements it hides."""
     told = []
     for finding in findings:
-        if finding.verdict == "missing" and "Door" in finding.element.ifc_class:
-            leaf = _leaf_of(finding, extra)
+        if finding.verdict == "missing" and "door" in finding.element.ifc_class.lower():
+            leaf = leaf_of(faces, finding.surface, extra, scale)
             if leaf is not None:
-                text = f"its leaf is not in its place, and {leaf.name}, of its size, is beside it: it is open"
-                finding = replace(finding, verdict="undecided", related_extra=leaf.name, sentence=text)
+                name, angle = leaf
+                text = f"its leaf stands open by {np.degrees(angle):.0f} deg: it is {name}"
+                finding = replace(finding, verdict="undecided", related_extra=name, sentence=text)
         told.append(finding)
     hides = {
         one.name: tuple(sorted({f.element.name for f in told if any(by.by == one.name for by in f.hidden)}))
         for one in extra
     }
     return told, tuple(replace(one, hides=hides[one.name]) for one in extra)
-
-
-def _leaf_of(finding: ElementFinding, extra: Sequence[Extra]) -> Extra | None:
-    """The extra that may be the leaf of a door: beside its box, as high, no wider than it."""
-    if not finding.faces:
-        return None
-    centres = np.array([one.centre for one in finding.faces])
-    width = max(np.sqrt(one.area_m2) for one in finding.faces)
-    middle = centres.mean(axis=0)
-    for one in extra:
-        size = np.ptp(one.box_m, axis=0)
-        gap = np.linalg.norm(np.maximum(np.maximum(one.box_m[0] - middle, middle - one.box_m[1]), 0.0))
-        if gap < width and 0.5 * width < size[2] < 2.0 * width and np.hypot(size[0], size[1]) < 1.5 * width:
-            return one
-    return None
 
 
 def _alignment(known: Measurements, options: Asked) -> Alignment:

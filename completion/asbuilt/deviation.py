@@ -36,6 +36,8 @@ class Judged:
         Those places.
     is_flat_enough : bool
         Whether its beams lie about one surface as those of other faces do.
+    is_far : bool
+        Whether they ended far from the face: they may be of it if it was displaced.
     """
 
     finding: FaceFinding
@@ -45,6 +47,7 @@ class Judged:
     sd: FloatArray
     columns: FloatArray
     is_flat_enough: bool
+    is_far: bool = False
 
     def is_within(self, tolerance_m: float) -> bool:
         """Whether all of it is within the tolerance, with 95 %."""
@@ -69,14 +72,15 @@ def judge_faces(
     scale: float,
 ) -> list[Judged]:
     """Judge all faces with beams; `support` and `exposed` (F,) are shares."""
-    median = float(np.median([surface.sd for surface in surfaces])) if surfaces else 0.0
+    near = [surface.sd for surface in surfaces if surface.face < len(faces)]
+    median = float(np.median(near)) if near else 0.0
     row_of = {int(face): row for row, face in enumerate(aligned.faces)}
     judged = []
     for surface, part in zip(surfaces, parts, strict=True):
         if surface.face not in row_of:
             continue
         one = _judge(beams, surface, part, aligned, faces, row_of[surface.face], origins, scale)
-        f = surface.face
+        f = surface.face % len(faces)
         n = int(surface.is_on.sum())
         tested = (
             support[f] >= limits.LEAST_SUPPORT
@@ -102,32 +106,21 @@ def _judge(
     origins: FloatArray,
     scale: float,
 ) -> Judged:
-    f, on = surface.face, np.flatnonzero(surface.is_on) + part.start
+    f, on = surface.face % len(faces), np.flatnonzero(surface.is_on) + part.start
     x, covariance = aligned.own_x[row], aligned.own_covariance[row]
     is_round = faces.sign[f] != 0
     uv, columns = beams.uv[on], beams.columns[on]
     middle = surface.corners.mean(axis=1)
-    bow, bow_sd = np.zeros((3, 2)), 0.0
     if is_round:
         places = _around(uv, columns)
-        delta = places @ x
     else:
-        low, high = surface.corners.T
-        at = np.array([[u, v] for u in (low[0], high[0]) for v in (low[1], high[1])])
-        if surface.bow.any():
-            at = np.concatenate([at, [middle], *[[[middle[0], v], [u, middle[1]]] for u, v in (low, high)]])
-        places = np.column_stack([np.ones(len(at)), at, np.zeros((len(at), 2))])
-        delta = places @ x
-        if surface.bow.any():
-            bend = _Bend.of(beams, on, aligned, surface, origins, scale)
-            delta = delta + bend.at(at)
-            bow, bow_sd = bend.rises, bend.sd_m
-    sd = np.sqrt(np.maximum(np.einsum("ei,ij,ej->e", places, covariance, places), 0.0) + bow_sd**2)
+        at = np.concatenate([_corners(uv), [middle]])
+        places = np.column_stack([np.ones(len(at)), at, np.square(at) * surface.is_bent])
+    delta = places @ x
+    sd = np.sqrt(np.maximum(np.einsum("ei,ij,ej->e", places, covariance, places), 0.0))
     worst = int(np.argmax(np.abs(delta) + HALF_95 * sd))
     away = faces.normal[f] if not is_round else beams.normal[on].mean(axis=0)
     along = _unit(away)
-    centre_column = np.zeros(N_COLUMNS)
-    centre_column[:3] = (1.0, *middle) if not is_round else 0.0
     finding = FaceFinding(
         element=int(faces.element[f]),
         kind="cylinder" if is_round else "plane",
@@ -140,9 +133,9 @@ def _judge(
         deviation=_interval(delta[worst], sd[worst], along),
         offset=_axis_shift(x, covariance, faces, f)
         if is_round
-        else _linear(centre_column, x, covariance, along),
+        else _linear(places[-1], x, covariance, along),
         tilt=None if is_round else _tilt(x, covariance, faces.half[f]),
-        bow=_bow(bow, bow_sd, along),
+        bow=_bow(x, covariance, along) if surface.is_bent else None,
         radius=_linear(np.eye(N_COLUMNS)[4], x, covariance, None) if is_round else None,
         rms_m=float(surface.sd),
         place=faces.centre[f]
@@ -153,7 +146,7 @@ def _judge(
         ),
         **_histogram(beams.distance[on] - _posed(beams, on, aligned, origins), scale),
     )
-    return Judged(finding, f, row, delta, sd, places, True)
+    return Judged(finding, f, row, delta, sd, places, True, is_far=surface.face >= len(faces))
 
 
 def _posed(beams: FaceBeams, rows: NDArray[np.int64], aligned: Aligned, origins: FloatArray) -> FloatArray:
@@ -163,6 +156,14 @@ def _posed(beams: FaceBeams, rows: NDArray[np.int64], aligned: Aligned, origins:
     total = np.einsum("ij,ij->i", np.cross(points - origins[scan], normal), own[:, :3])
     total += np.einsum("ij,ij->i", normal, own[:, 3:])
     return np.asarray(total + np.cross(points, normal) @ common[:3] + normal @ common[3:])
+
+
+def _corners(uv: FloatArray) -> FloatArray:
+    """Middles (8, 2) of the outermost twentieth of what was measured, in eight directions over a plane."""
+    turns = np.arange(8) * np.pi / 4
+    along = uv @ np.stack([np.cos(turns), np.sin(turns)])
+    edge = np.quantile(along, 1 - limits.CORNERS, axis=0)
+    return np.array([uv[along[:, k] >= edge[k]].mean(axis=0) for k in range(8)])
 
 
 def _around(uv: FloatArray, columns: FloatArray) -> FloatArray:
@@ -177,61 +178,11 @@ def _around(uv: FloatArray, columns: FloatArray) -> FloatArray:
     return np.array(rows or [columns.mean(axis=0)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Bend:
-    """A bent face: its deviation beyond its plane.
-
-    `factors` (6,) of 1, u, v, u^2, uv, v^2; `rises` (3, 2) of the middle over both ends, along u and v, and
-    where; `sd_m` of each.
-    """
-
-    factors: FloatArray
-    rises: FloatArray
-    sd_m: float
-
-    @classmethod
-    def of(
-        cls,
-        beams: FaceBeams,
-        on: NDArray[np.int64],
-        aligned: Aligned,
-        surface: FaceSurface,
-        origins: FloatArray,
-        scale: float,
-    ) -> _Bend:
-        """Fit what the plane leaves."""
-        row = int(np.searchsorted(aligned.faces, surface.face))
-        left = (
-            beams.distance[on] - _posed(beams, on, aligned, origins) - beams.columns[on] @ aligned.own_x[row]
-        )
-        design = _six(beams.uv[on])
-        weight = 1.0 / beams.sigma[on]
-        held = design * weight[:, None]
-        information = held.T @ held + 1e-9 * np.trace(held.T @ held) * np.eye(6)
-        factors = np.linalg.solve(information, held.T @ (weight * left))
-        half = np.ptp(surface.corners, axis=1) / 2
-        rises = np.zeros((3, 2))
-        rises[0] = -factors[3] * half[0] ** 2, 0
-        rises[1] = -factors[5] * half[1] ** 2, 1
-        variance = np.linalg.inv(information)
-        noise = np.sqrt(max(variance[3, 3] * half[0] ** 4, variance[5, 5] * half[1] ** 4))
-        return cls(factors, rises, float(np.hypot(noise, limits.FORM_M * scale)))
-
-    def at(self, uv: FloatArray) -> FloatArray:
-        """Deviation (e,) beyond the plane at places (e, 2)."""
-        return np.asarray(_six(uv) @ self.factors)
-
-
-def _six(uv: FloatArray) -> FloatArray:
-    u, v = uv.T
-    return np.column_stack([np.ones(len(u)), u, v, u * u, u * v, v * v])
-
-
-def _bow(rises: FloatArray, sd: float, along: tuple[float, float, float]) -> Interval | None:
-    """The larger rise, where there is one."""
-    if sd == 0.0:
-        return None
-    return _interval(float(rises[np.argmax(np.abs(rises[:2, 0])), 0]), sd, along)
+def _bow(x: FloatArray, covariance: FloatArray, along: tuple[float, float, float]) -> Interval:
+    """Rise of the middle over both ends, along u or v, whichever is larger, as if all were bent alike."""
+    column = np.zeros(N_COLUMNS)
+    column[3 + int(np.abs(x[4]) > np.abs(x[3]))] = -1.0
+    return _linear(column, x, covariance, along)
 
 
 def _interval(value: float, sd: float, along: tuple[float, float, float] | None) -> Interval:
@@ -239,7 +190,10 @@ def _interval(value: float, sd: float, along: tuple[float, float, float] | None)
 
 
 def _linear(
-    column: FloatArray, x: FloatArray, covariance: FloatArray, along: tuple[float, float, float] | None
+    column: FloatArray,
+    x: FloatArray,
+    covariance: FloatArray,
+    along: tuple[float, float, float] | None,
 ) -> Interval:
     return _interval(column @ x, np.sqrt(max(column @ covariance @ column, 0.0)), along)
 

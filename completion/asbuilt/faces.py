@@ -25,7 +25,7 @@ from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 N_COLUMNS = 5
-"""Parameters of a face: offset and two tilts of a plane; two shifts, two tilts, radius of a cylinder."""
+"""Parameters of a face: offset, two tilts and two bends of a plane; shifts, tilts, radius of a cylinder."""
 
 _SAME_M = 1e-5  # of corners, times the scale
 _MOST_PATCHES = 2_000  # of an element, that are compared with each other

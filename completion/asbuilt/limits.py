@@ -122,6 +122,11 @@ BEYOND_M = 0.03
 BEFORE_M = 0.02
 """Before a body, beside the gate, for a beam to be stopped before it. Page."""
 
+LIKE_EXTENT = 0.8
+"""Of both extents of a face that a displaced one must have. By choice."""
+MOST_THROUGH = 0.2
+"""Of through and measured, beyond which an element is not within. By choice."""
+
 # Shares
 SAMPLE_M = 0.1
 """Between samples. Page."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.asbuilt import limits
-from completion.asbuilt.agreement import FaceBeams, FaceSurface, beams_on_faces, find_surface
+from completion.asbuilt.agreement import FaceBeams, FaceSurface, beams_on_faces, bend, find_surface
 from completion.asbuilt.alignment import Aligned, PoseErrors, align
 from completion.asbuilt.beams import Evidence, Gates, Surfaces, trace
 from completion.asbuilt.conclusion import Measurements, conclude
@@ -112,8 +112,8 @@ def check_against_design(
     every = [np.arange(seen.scan.ranges.size) for seen in observations]
     evidence = model.trace(observations, every, options, told)
     told("deviations", 0, 1)
-    agreed = model.agree(observations, every, evidence)
-    far = model.agree(observations, every, evidence, is_far=True)
+    agreed = model.agree(observations, every, evidence, with_far=True)
+    judged, far = model.judge(agreed, evidence)
     measured = Measurements(
         design=model.design,
         faces=model.faces,
@@ -126,8 +126,8 @@ def check_against_design(
         given=tuple(scans),
         evidence=tuple(evidence),
         aligned=agreed.aligned,
-        judged=model.judge(agreed, evidence),
-        far=model.judge(far, evidence),
+        judged=judged,
+        far=far,
         chosen=tuple(model.chosen),
         warnings=model.warnings,
     )
@@ -223,7 +223,7 @@ class _Model:
         pixels = [_subset(seen, len(placed)) for seen in placed]
         for _ in range(3):
             evidence = self.trace(placed, pixels, options, told)
-            agreed = self.agree(placed, pixels, evidence)
+            agreed = self.agree(placed, pixels, evidence, with_far=False)
             moved = [
                 _move(seen, agreed.aligned.motion[k], agreed.aligned.motion[-1])
                 for k, seen in enumerate(placed)
@@ -264,10 +264,12 @@ class _Model:
         pixels: Sequence[IntArray],
         evidence: Sequence[Evidence],
         *,
-        is_far: bool = False,
+        with_far: bool,
     ) -> _Agreed:
         """Find the surface of each face, then deviations of all faces and motions of all scans."""
-        beams = beams_on_faces(observations, pixels, evidence, self.faces, scale=self.scale, is_far=is_far)
+        beams = beams_on_faces(
+            observations, pixels, evidence, self.faces, scale=self.scale, with_far=with_far
+        )
         origins = np.array([seen.scan.origin for seen in observations])
         away = np.linalg.norm(beams.points - origins[beams.scan], axis=1)
         registration = np.hypot(self.errors.scan[0], self.errors.scan[1] * away)
@@ -275,33 +277,41 @@ class _Model:
         surfaces = [
             find_surface(
                 beams, part, registration[part],
-                scale=self.scale, is_flat=not self.faces.sign[beams.face[part.start]],
+                scale=self.scale, may_bend=self._may_bend(int(beams.face[part.start])),
             )
             for part in parts
         ]  # fmt: skip
-        on = np.zeros(len(beams.face), np.bool_)
+        on, columns = np.zeros(len(beams.face), np.bool_), beams.columns.copy()
         for surface, part in zip(surfaces, parts, strict=True):
             on[part] = surface.is_on
-        aligned = align(beams, on, origins, errors=self.errors, scale=self.scale)
+            if surface.is_bent:
+                columns[part] = bend(columns[part], beams.uv[part])
+        beams = replace(beams, columns=columns)
+        aligned = align(beams, on, origins, n_faces=len(self.faces), errors=self.errors, scale=self.scale)
         return _Agreed(beams, tuple(surfaces), tuple(parts), aligned, origins)
 
-    def judge(self, agreed: _Agreed, evidence: Sequence[Evidence]) -> tuple[Judged, ...]:
-        """Judge all faces."""
+    def _may_bend(self, face: int) -> bool:
+        """Whether a face may be judged as bent: planes in their places."""
+        return face < len(self.faces) and not self.faces.sign[face]
+
+    def judge(
+        self, agreed: _Agreed, evidence: Sequence[Evidence]
+    ) -> tuple[tuple[Judged, ...], tuple[Judged, ...]]:
+        """Judge all faces, and what lies farther off and may be theirs."""
         reach = np.sum([found.reach for found in evidence], axis=0)
-        on = np.zeros(len(self.faces))
+        on = np.zeros(2 * len(self.faces))
         for surface in agreed.surfaces:
             on[surface.face] = surface.area_m2
+        support = np.minimum(on[: len(self.faces)] / np.maximum(reach, 1e-12), 1.0)
         open_area = self.exposed * self.faces.area
         largest = np.zeros(len(self.design.elements))
         np.maximum.at(largest, self.faces.element, open_area)
         is_main = open_area >= limits.MAIN_SHARE * np.maximum(largest[self.faces.element], 1e-12)
-        return tuple(
-            judge_faces(
-                agreed.beams, agreed.surfaces, agreed.parts, agreed.aligned, self.faces,
-                is_main=is_main, support=np.minimum(on / np.maximum(reach, 1e-12), 1.0), exposed=self.exposed,
-                origins=agreed.origins, scale=self.scale,
-            )
+        every = judge_faces(
+            agreed.beams, agreed.surfaces, agreed.parts, agreed.aligned, self.faces,
+            is_main=is_main, support=support, exposed=self.exposed, origins=agreed.origins, scale=self.scale,
         )  # fmt: skip
+        return tuple(one for one in every if not one.is_far), tuple(one for one in every if one.is_far)
 
 
 def _silent(stage: str, done: int, total: int) -> None:

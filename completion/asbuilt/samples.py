@@ -100,7 +100,6 @@ def judge_samples(
     labels: Sequence[NDArray[np.int32]],
     cells: ExtraCells,
     gates: Gates,
-    element_names: Sequence[str],
 ) -> SampleStates:
     """Look every sample up in every scan; `labels` are those of all pixels of each (`beams.Evidence`)."""
     n = len(samples.points)
@@ -122,7 +121,7 @@ def judge_samples(
         reason[better], blocker[better] = code[better], by[better]
         kept = stopped[by[stopped] != -1]
         hidden.append((kept, by[kept]))
-    return SampleStates(reason, blocker, _hiders(samples, reason, hidden, observations, element_names))
+    return SampleStates(reason, blocker, _hiders(samples, reason, hidden, observations))
 
 
 def _hiders(
@@ -130,12 +129,11 @@ def _hiders(
     reason: NDArray[np.int8],
     hidden: Sequence[tuple[NDArray[np.int64], NDArray[np.int32]]],
     observations: Sequence[Observation],
-    names: Sequence[str],
 ) -> dict[int, tuple[Hider, ...]]:
     """What hides each element's samples that no scan measured, and from where."""
     rows = []
     for number, (index, by) in enumerate(hidden):
-        left = (reason[index] == _HIDDEN) | (reason[index] == _BEHIND)
+        left = (reason[index] == _HIDDEN) & (by < -1)
         index, by = index[left], by[left]
         key = np.column_stack([samples.element[index], by, np.full(len(by), number)])
         rows.append(np.column_stack([key, index]))
@@ -143,9 +141,7 @@ def _hiders(
     found: dict[int, list[Hider]] = {}
     for (element, by), part in _by_pair(table):
         area = float(samples.area_m2[np.unique(part[:, 3])].sum())
-        who = names[by] if by >= 0 else f"extra-{-1 - by}"
-        if by == element:
-            who = "itself"
+        who = f"extra-{-1 - by}"
         stations = tuple(observations[k].scan.name for k in np.unique(part[:, 2]))
         found.setdefault(element, []).append(Hider(who, stations, area))
     return {k: tuple(sorted(held, key=lambda one: -one.area_m2)) for k, held in found.items()}

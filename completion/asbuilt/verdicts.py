@@ -67,7 +67,7 @@ def decide(
         faces=tuple(one.finding for one in known.faces),
     )
     gone = _is_gone(known, tested, scale)
-    moved = _displaced(known) if gone else None
+    moved = _displaced(known, faces, scale) if gone or not main else None
     if moved is not None:
         return _displaced_finding(finding, moved)
     if gone:
@@ -85,7 +85,8 @@ def decide(
     measured = sum(known.faces[k].finding.measured_m2 for k in tested)
     within = [k for k in tested if known.faces[k].is_within(known.tolerance_m)]
     share = sum(known.faces[k].finding.measured_m2 for k in within) / max(measured, 1e-12)
-    if share >= limits.WITHIN_SHARE and set(within) & set(main):
+    passed = known.beams.through_m2 <= limits.MOST_THROUGH * (known.beams.through_m2 + measured)
+    if share >= limits.WITHIN_SHARE and set(within) & set(main) and passed:
         return replace(finding, verdict="within", sentence=_within_sentence(known, finding))
     if not main and known.beams.hidden_m2 > max(measured, known.beams.on_m2, known.beams.through_m2):
         return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
@@ -134,17 +135,37 @@ def _beyond(number: Interval, tolerance_m: float, z: float) -> bool:
     return abs(number.value) - z * sd > tolerance_m
 
 
-def _displaced(known: ElementEvidence) -> Judged | None:
-    """The far face that is like a main one of an element that is not in its place."""
-    like = [
+def _displaced(known: ElementEvidence, faces: DesignFaces, scale: float) -> Judged | None:
+    """The far face that is like a main one of an element that is not in its place.
+
+    It is as wide, high and level; or it has the element's thickness with one that looks the other way.
+    """
+    if "door" in known.element.ifc_class.lower():  # whose leaves turn
+        return None
+    level = [
         one
         for one in known.far
         if one.finding.is_main
-        and one.finding.support >= limits.SURE_SUPPORT
+        and not faces.sign[one.face]
         and one.is_flat_enough
-        and one.finding.measured_m2 >= limits.MAIN_SHARE * one.finding.area_m2
+        and one.finding.measured_m2 >= limits.LEAST_MEASURED_M2 * scale**2
+        and (np.abs(one.delta - one.delta[-1]) <= limits.START_M * scale).all()
+    ]
+    like = [
+        one
+        for one in level
+        if any(_are_opposite(one, b, faces) and _moved_alike(one, b, scale) for b in level)
+        or (
+            one.finding.measured_m2 >= limits.MAIN_SHARE * one.finding.area_m2
+            and (np.ptp(one.columns[:, 1:3], axis=0) >= 2 * limits.LIKE_EXTENT).all()
+        )
     ]
     return max(like, key=lambda one: one.finding.measured_m2) if like else None
+
+
+def _moved_alike(a: Judged, b: Judged, scale: float) -> bool:
+    """Whether two faces that look away from each other went the same way."""
+    return bool(abs(a.delta[-1] + b.delta[-1]) <= limits.GATE_M * scale)
 
 
 def _displaced_finding(finding: ElementFinding, moved: Judged) -> ElementFinding:
@@ -194,7 +215,7 @@ def _are_opposite(a: Judged, b: Judged, faces: DesignFaces) -> bool:
     fa, fb = a.face, b.face
     is_flat = faces.sign[fa] == faces.sign[fb] == 0
     gap = float((faces.centre[fa] - faces.centre[fb]) @ faces.normal[fa])
-    return bool(is_flat and faces.normal[fa] @ faces.normal[fb] < _OPPOSITE and gap > 0)
+    return bool(is_flat and gap > 0 and faces.normal[fa] @ faces.normal[fb] < _OPPOSITE)
 
 
 def _reach(one: Judged) -> float:
@@ -230,7 +251,7 @@ def _kind(face: Judged, tolerance_m: float) -> Kind:
     own = face.finding
     if own.radius is not None and abs(own.radius.value) > abs(own.offset.value if own.offset else 0.0):
         return "radius"
-    if own.bow is not None and abs(own.bow.value) > max(tolerance_m, np.ptp(face.delta[:4]) / 2):
+    if own.bow is not None and abs(own.bow.value) > max(tolerance_m, np.ptp(face.delta[:8]) / 2):
         return "bow"
     middle = abs(own.offset.value) if own.offset is not None else 0.0
     return "tilt" if np.ptp(face.delta) / 2 > middle else "offset"
@@ -269,6 +290,8 @@ def _undecided_sentence(known: ElementEvidence, tested: Sequence[int], main: Seq
         return f"beams end on it ({known.beams.on_m2:.2f} m2), but no face has enough of them for a number"
     if not main:
         return "only smaller faces of it are measured"
+    if known.beams.through_m2 > limits.LEAST_THROUGH_M2:
+        return f"its faces are measured, but beams passed {known.beams.through_m2:.2f} m2 of its body"
     reach = max(_reach(known.faces[k]) for k in tested)
     return f"a corner may be as far as {_mm(reach)} from its place, which is beyond {_mm(known.tolerance_m)}"
 
@@ -296,7 +319,7 @@ def _unseen_sentence(known: ElementEvidence) -> str:
 
 def _mm(metres: float) -> str:
     value = 1000 * metres
-    return f"{value:.1f} mm" if abs(value) < 100 else f"{value / 1000:.2f} m"
+    return f"{value:.1f} mm" if abs(value) < 1000 else f"{value / 1000:.2f} m"
 
 
 def _way(one: Judged) -> tuple[float, float, float]:

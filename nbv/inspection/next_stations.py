@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,7 +76,7 @@ class NextStations:
         for entry in self.left:
             by_reason.setdefault(entry.reason, []).append(entry.element)
         stays = (f"Left open, since {reason}: {named(held)}." for reason, held in by_reason.items())
-        return (*(one.sentence() for one in (*self.promised, *self.moves)), *stays)
+        return (*(one.sentence() for one in self.promised), *(one.sentence() for one in self.moves), *stays)
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `check.json`; elements by their surface ids, boxes in metres."""
@@ -140,10 +141,10 @@ def plan_next_stations(
     limits, obstacles = requirement.limits(sensor), Obstacles.of(check, n_threads)
     targets = Targets.of(check, obstacles, limits)
     if not targets.elements:
-        plan = _plan(check, sensor, requirement, None, [], "there is nothing that a scan would settle")
+        plan = _plan(check, sensor, requirement, None, reason="there is nothing that a scan would settle")
         return NextStations(plan, (), (), targets.left)
     standing = _standing(check, obstacles, sensor, site)
-    instance = _instance(targets, standing, obstacles, sensor, limits, n_threads)
+    instance = _instance(targets, standing, obstacles, sensor=sensor, limits=limits, n_threads=n_threads)
     chosen, promised = _choose(targets, instance, n_stations, _spots(standing, site))
     settled = {element.surface for one in promised for element in one.elements}
     can_settle = np.asarray(instance.coverable[: len(targets.elements)])
@@ -160,7 +161,9 @@ def plan_next_stations(
         for c, one in zip(chosen, promised, strict=True)
     ]
     reason = f"the limit of {count(n_stations, 'station')} is reached" if later else "no station settles more"
-    return NextStations(_plan(check, sensor, requirement, standing, views, reason), promised, moves, left)
+    return NextStations(
+        _plan(check, sensor, requirement, standing, views=views, reason=reason), promised, moves, left
+    )
 
 
 def _standing(check: DesignCheck, obstacles: Obstacles, sensor: Sensor, site: SiteOptions) -> Standing:
@@ -190,6 +193,7 @@ def _instance(
     targets: Targets,
     standing: Standing,
     obstacles: Obstacles,
+    *,
     sensor: Sensor,
     limits: SightLimits,
     n_threads: int | None,
@@ -258,7 +262,8 @@ def _plan(
     sensor: Sensor,
     requirement: Requirement,
     standing: Standing | None,
-    views: list[View],
+    *,
+    views: Sequence[View] = (),
     reason: str,
 ) -> Plan:
     """Return the stations as a plan, resumed from the scans of the check."""

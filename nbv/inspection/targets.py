@@ -116,7 +116,10 @@ class Targets:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Face:
-    """Rows of `check.samples` on a face, the area that a station must see, whether its interval holds T."""
+    """Rows of `check.samples` on a face, the area that a station must see, and whether its interval holds T.
+
+    All faces of an element whose intervals hold T must be seen again.
+    """
 
     rows: NDArray[np.int64]
     needed_m2: float
@@ -160,8 +163,11 @@ def _open_faces(
         if left and not len(unseen):  # measured, but too sparsely
             unseen = rows
         is_met = all(face.support >= limits.LEAST_SUPPORT for face in own)
+        is_wide = any(face.is_tested for face in own)
         if is_met and held.area_m2[unseen].sum() >= needed:
-            found.append(_Face(unseen, needed))
+            found.append(_Face(unseen, needed, is_doubtful=is_wide))
+        elif is_wide and element.verdict == "undecided":
+            return f"{sum(f.measured_m2 for f in own):.2f} m2 of a face are measured, and too little is left"
     if found:
         return found
     if passed > 0:
