@@ -9,13 +9,39 @@ import pytest
 
 from completion.asbuilt.findings import SAMPLE_STATES
 from nbv.inspection import inference
-from nbv.inspection.checking import CheckedDesign, compare_with, read_earlier, read_loa_bands
+from nbv.inspection.checking import CheckedDesign, check_design, compare_with, read_earlier, read_loa_bands
 from nbv.inspection.record import check_record
 from nbv.run import showing
+from nbv.scanning.scanner import scan_scene
+from nbv.scanning.sensor import PinholeSensor, View
 from scenes.checks import InputError
+from scenes.pose import Pose
+from scenes.world.builtin import builtin_scene
 from tests.nbv.inspection.checks import example_check
 
 CHECK = example_check()
+
+
+def test_a_room_that_is_as_designed_has_nothing_to_report():
+    room, camera = builtin_scene("two_occluders"), PinholeSensor(fov_deg=70, width=72, height=60)
+    views = [
+        View(Pose.looking_at((5.0, 1.5, 1.4), (2.0, 2.0, 0.6)), camera),
+        View(Pose.looking_at((1.0, 4.4, 1.5), (3.0, 2.0, 0.6)), camera),
+    ]
+    scans = [scan_scene(room, view, noise="gaussian-2mm", rng=k) for k, view in enumerate(views)]
+    checked = check_design(room, scans, 0.02, n_threads=1)
+    assert {one.verdict for one in checked.elements} <= {"within", "undecided", "hidden", "not seen"}
+    assert sum(one.verdict == "within" for one in checked.elements) >= 5
+    assert checked.extra == ()
+    assert checked.findings.scans == ("scan 1", "scan 2")
+    strict = check_design(room, scans, 0.02, tolerances={"floor": 0.0005}, n_threads=1)
+    assert strict.elements[0].verdict == "undecided"  # its interval is wider than that
+
+
+def test_scans_are_all_paths_or_none():
+    scan = scan_scene(builtin_scene("two_occluders"), Pose.identity(), PinholeSensor(70, 8, 8))
+    with pytest.raises(InputError, match="1 of 2 scans are no paths; give paths or RangeImages"):
+        check_design(CHECK.design, [scan, "s1.npz"])
 
 
 def test_saved_files_appear_together(tmp_path):
