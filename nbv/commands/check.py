@@ -26,6 +26,7 @@ from nbv.inspection.checking import (
 from nbv.inspection.inference import infer_elements
 from nbv.inspection.next_stations import plan_next_stations
 from nbv.report.check_report import check_page
+from nbv.report.figures.check_snapshots import check_snapshots
 from nbv.run.wording import count
 from nbv.scanning.sensor_profile import load_sensor
 from nbv.scans.registering import without_copies
@@ -83,7 +84,7 @@ def run_check(shared: Shared, asked: CheckCommandOptions) -> None:
             following = plan_next_stations(findings, sensor, n_stations=asked.next, n_threads=shared.threads)
             checked = replace(checked, next_stations=following)
         run.watch.enter("save")
-        checked.write(run.path, bcf=asked.bcf)
+        checked.write(run.path, bcf=asked.bcf, snapshots={**check_snapshots(findings, shared.threads)})
         run.watch.enter("report")
         run.report(check_page(checked, Path(asked.design).name, n_threads=shared.threads), record)
         run.finish(record, summary_of(checked), lines_of(checked))

@@ -82,13 +82,24 @@ class CheckedDesign:
             record["next"] = self.next_stations.to_json()
         return record
 
-    def write(self, path: Callable[[str], Path], *, bcf: BcfVersion = "3.0") -> None:
-        """Write the files of `save`, each to the path that `path` returns for its name."""
+    def write(
+        self,
+        path: Callable[[str], Path],
+        *,
+        bcf: BcfVersion = "3.0",
+        snapshots: Mapping[int | str, bytes] | None = None,
+    ) -> None:
+        """Write the files of `save`, each to the path that `path` returns for its name.
+
+        `snapshots` are PNGs for the issues, by surface ids.
+        """
         write_json(path("check.json"), self.record())
         write_text(path("elements.csv"), elements_csv(self.findings))
         write_deviation_ply(path("deviation.ply"), self.findings)
         write_design_glb(path("design.glb"), self.findings)
-        write_bcf(path("issues.bcf"), self.findings, version=bcf, conversion=self.conversion)
+        write_bcf(
+            path("issues.bcf"), self.findings, version=bcf, snapshots=snapshots, conversion=self.conversion
+        )
         if self.source is not None:
             write_ifc_copy(path("design-checked.ifc"), self.source, self.findings)
         if self.next_stations is not None:

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: MIT
 """The report of a check: verdicts, plans, cards with evidence, and sentences that an inspector can defend."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from completion.asbuilt.findings import VERDICTS, Interval
 from nbv.inspection.changes import changes_since
 from nbv.inspection.checking import CheckedDesign
 from nbv.inspection.record import check_record
-from nbv.inspection.verdict_colours import VERDICT_COLOURS
+from nbv.inspection.verdict_colours import VERDICT_COLOURS, rgb_of
 from nbv.report.blocks.check_tables import (
     WORST_FIRST,
     alignment_sentence,
@@ -26,6 +28,7 @@ from nbv.report.blocks.coverage_tables import cut_by_surface
 from nbv.report.blocks.page import Card, Histogram
 from nbv.report.blocks.verdict_plans import _area, _paths, design_storeys, verdict_plans
 from nbv.report.check_report import check_page, summary
+from nbv.report.figures.check_snapshots import check_snapshots
 from nbv.report.viewer.check_view import check_view
 from tests.nbv.inspection.checks import BOXES, example_check
 
@@ -174,3 +177,16 @@ def test_a_check_of_nothing_has_a_page():
     ))  # fmt: skip
     text = check_page(CheckedDesign(empty), "none", n_threads=1).to_html()
     assert "0 elements" in text
+
+
+def test_issues_have_a_snapshot_of_their_element():
+    found = check_snapshots(CHECK, 1)
+    assert set(found) == {1, 4}  # what deviates, and what is missing
+    for surface, verdict in ((1, "deviates"), (4, "missing")):
+        pixels = np.asarray(Image.open(io.BytesIO(found[surface])).convert("RGB"), float)
+        hue = np.array(rgb_of(VERDICT_COLOURS[verdict]))
+        lit = pixels / np.maximum(pixels.sum(axis=2, keepdims=True), 1)
+        share = float((np.abs(lit - hue / hue.sum()).max(axis=2) < 0.03).mean())
+        assert 0.03 < share < 0.9, verdict
+    nowhere = replace(CHECK, alignment=replace(CHECK.alignment, poses=()))
+    assert check_snapshots(nowhere, 1) == {}
