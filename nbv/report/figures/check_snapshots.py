@@ -14,6 +14,7 @@ from scenes.checks import FloatArray
 _SHAPE = (240, 320)  # rows and columns
 _MOST = 40  # snapshots: later topics have none
 _MARGIN, _WIDEST = 1.3, 1.2  # of the element in the picture; tangent of half the widest field of view
+_THROUGH = 0.6  # opacity of what other elements hide
 _GREY = (0.80, 0.82, 0.83)
 
 
@@ -29,12 +30,15 @@ def check_snapshots(check: DesignCheck, n_threads: int | None = None) -> dict[in
     for finding in told:
         corners = mesh.corners[mesh.face_surface == finding.surface].reshape(-1, 3)
         camera = _camera(corners, places, finding.directions_measured)
-        layer = drawing.look(camera, _SHAPE)
-        state = np.full(_SHAPE, -1, np.int64)
-        state[layer.hit] = mesh.face_surface[layer.face[layer.hit]] == finding.surface
-        colours = {0: _GREY, 1: rgb_of(VERDICT_COLOURS[finding.verdict])}
-        image = paint_states(state, drawing.shade(layer), colours)
+        around = drawing.look(camera, _SHAPE)
+        own = drawing.look(camera, _SHAPE, mesh.face_surface == finding.surface)
+        image = paint_states(np.where(around.hit, 0, -1), drawing.shade(around), {0: _GREY})
         white = image[..., :3] * image[..., 3:] + 1.0 - image[..., 3:]
+        hue = paint_states(
+            np.where(own.hit, 0, -1), drawing.shade(own), {0: rgb_of(VERDICT_COLOURS[finding.verdict])}
+        )
+        covers = np.where(own.face == around.face, 1.0, _THROUGH)[..., None] * hue[..., 3:]
+        white = covers * hue[..., :3] + (1 - covers) * white
         pictures[finding.surface] = picture_of(white, "").png
     return pictures
 
