@@ -84,7 +84,7 @@ def run_check(shared: Shared, asked: CheckCommandOptions) -> None:
             following = plan_next_stations(findings, sensor, n_stations=asked.next, n_threads=shared.threads)
             checked = replace(checked, next_stations=following)
         run.watch.enter("save")
-        checked.write(run.path, bcf=asked.bcf, snapshots={**check_snapshots(findings, shared.threads)})
+        checked.write(run.path, bcf=asked.bcf, snapshots=check_snapshots(findings, shared.threads))
         run.watch.enter("report")
         run.report(check_page(checked, Path(asked.design).name, n_threads=shared.threads), record)
         run.finish(record, summary_of(checked), lines_of(checked))

@@ -12,7 +12,8 @@ from typing import Any
 
 from completion.asbuilt.findings import DesignCheck, ElementFinding, Extra
 from completion.asbuilt.pipeline import CheckOptions, check_against_design
-from nbv.inspection.bcf_topics import BcfVersion, write_bcf
+from completion.export.bcf import BcfVersion
+from nbv.inspection.bcf_topics import write_bcf
 from nbv.inspection.changes import Change, changes_since
 from nbv.inspection.models import write_design_glb, write_deviation_ply, write_ifc_copy
 from nbv.inspection.next_stations import NextStations

@@ -18,7 +18,7 @@ _THROUGH = 0.6  # opacity of what other elements hide
 _GREY = (0.80, 0.82, 0.83)
 
 
-def check_snapshots(check: DesignCheck, n_threads: int | None = None) -> dict[int, bytes]:
+def check_snapshots(check: DesignCheck, n_threads: int | None = None) -> dict[int | str, bytes]:
     """Return PNGs by the surface ids of the elements, which have the colour of their verdict."""
     told = [finding for finding in check.elements if finding.verdict in ("deviates", "missing")][:_MOST]
     if not told or not check.alignment.poses:
@@ -26,7 +26,7 @@ def check_snapshots(check: DesignCheck, n_threads: int | None = None) -> dict[in
     mesh = check.design.mesh
     drawing = MeshDrawing(mesh, n_threads=n_threads)
     places = np.array([pose.translation for pose in check.alignment.poses])
-    pictures = {}
+    pictures: dict[int | str, bytes] = {}
     for finding in told:
         corners = mesh.corners[mesh.face_surface == finding.surface].reshape(-1, 3)
         camera = _camera(corners, places, finding.directions_measured)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from completion.asbuilt.findings import VERDICTS, DesignCheck, ElementFinding, FaceFinding, Verdict
 from completion.parts.division.result import thin_points
@@ -16,7 +17,7 @@ from nbv.report.figures.picture import Picture, overview_cameras, picture_of
 from nbv.report.viewer.layers import NOTHING, Category, Classes, Layer, Marker, Numbers, Pattern, Viewer
 from nbv.report.viewer.part_view import neighbour_normals, point_squares
 from nbv.run.wording import letters
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray
 
 _MOST_POINTS, _WIDTH = 30_000, 760
 _PATTERNS: Mapping[Verdict, Pattern] = {"hidden": "hatched", "not seen": "dotted"}
@@ -58,7 +59,7 @@ def worst_face(finding: ElementFinding) -> FaceFinding | None:
     return max(faces, key=lambda face: abs(face.deviation.value) if face.deviation else 0.0, default=None)
 
 
-def _design_layer(check: DesignCheck, verdict: IntArray) -> Layer:
+def _design_layer(check: DesignCheck, verdict: NDArray[np.uint16]) -> Layer:
     mesh = check.design.mesh
     share, off_mm = np.full((2, len(verdict)), np.nan)
     for finding in check.elements:
@@ -89,7 +90,7 @@ def _extra_layers(check: DesignCheck) -> tuple[Layer, ...]:
     return (Layer(*drawn, channels=(channel,), is_framed=False),)
 
 
-def _point_layers(check: DesignCheck, verdict: IntArray) -> tuple[Layer, ...]:
+def _point_layers(check: DesignCheck, verdict: NDArray[np.uint16]) -> tuple[Layer, ...]:
     """Measured points on the elements, by deviation and by the verdict on their element."""
     cloud = check.cloud
     known = np.flatnonzero((cloud.element >= 0) & np.isfinite(cloud.deviation_m))
@@ -113,7 +114,7 @@ def _deviations(check: DesignCheck, off_mm: FloatArray) -> Numbers:
 
 
 def verdict_pictures(
-    check: DesignCheck, verdict: IntArray, cut_m: float | None, n_threads: int | None
+    check: DesignCheck, verdict: NDArray[np.uint16], cut_m: float | None, n_threads: int | None
 ) -> tuple[Picture, ...]:
     """Return the design from two sides by the verdict (n,) of each element, up to the cut."""
     mesh = check.design.mesh
