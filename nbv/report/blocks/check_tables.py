@@ -106,16 +106,16 @@ def elements_table(check: DesignCheck, numbers: Mapping[int, int], *, within: bo
 
 
 def _element_row(finding: ElementFinding, numbers: Mapping[int, int]) -> tuple[Cell, ...]:
-    face, element = worst_face(finding), finding.element
+    element, face = finding.element, worst_face(finding) if finding.verdict in _MEASURED else None
     number = numbers.get(finding.surface)
     return (
         Cell("" if number is None else str(number)),
-        Cell(_word(finding), swatch=VERDICT_COLOURS[finding.verdict]),
+        Cell(finding.verdict, swatch=VERDICT_COLOURS[finding.verdict]),
         Cell(element.name),
         Cell(", ".join(part for part in (element.storey, element.ifc_class) if part)),
         Cell(f"{1000 * finding.tolerance_m:g}"),
         Cell(millimetres(None if face is None else face.deviation)),
-        Cell(percent(finding.share.measured), share=finding.share.measured, state="measured"),
+        Cell(percent(finding.share.measured, 0), share=finding.share.measured, state="measured"),
         Cell(finding.loa_represented),
     )
 
