@@ -43,6 +43,7 @@ SMALL = {
     "plot_exchange": ["-o", "{out}"],
     "plot_holes": ["--docs", "{out}"],
     "plot_decisions": ["-o", "{out}"],
+    "plot_check": ["-o", "{out}"],
     "plot_ifc": ["-o", "{out}"],
     "plot_flattening": ["--docs", "{out}", "--seeds", "0"],
     "plot_simulated_against_real": ["--docs", "{out}"],

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The picture of a report in the README: its first screen, as headless Chromium draws it.
 
-Run it with `python examples/plot_report.py [REPORT] [--docs FOLDER]` after `make demo`: it writes
-FOLDER/pictures/first_report.png (default: docs). Without Chromium it says so and leaves the picture as it is.
+Run it with `python examples/plot_report.py [REPORT] [--docs FOLDER] [--name NAME]` after `make demo`: it
+writes FOLDER/pictures/NAME.png (default: docs, first_report). Without Chromium it says so and leaves the
+picture as it is.
 """
 
 import argparse
@@ -41,6 +42,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("report", nargs="?", type=Path, default=ROOT / "out/demo/report.html")
     parser.add_argument("--docs", type=Path, default=ROOT / "docs")
+    parser.add_argument("--name", default="first_report", help="of the picture")
     asked = parser.parse_args(arguments)
     browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if browser is None:
@@ -50,8 +52,8 @@ def main(arguments: list[str] | None = None) -> None:
     else:
         folder = asked.docs / "pictures"
         folder.mkdir(parents=True, exist_ok=True)
-        photograph(asked.report, browser, folder / "first_report.png")
-        print("first_report.png")
+        photograph(asked.report, browser, folder / f"{asked.name}.png")
+        print(f"{asked.name}.png")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,8 @@ from .coverage.coverage import FaceCoverage as FaceCoverage
 from .coverage.coverage import SurfaceCoverage as SurfaceCoverage
 from .coverage.measurement import measure_coverage as measure_coverage
 from .coverage.measurement import measure_scan_coverage as measure_scan_coverage
+from .inspection.checking import CheckedDesign as CheckedDesign
+from .inspection.checking import check_design as check_design
 from .online.planner import PlannerOptions as PlannerOptions
 from .online.planner import explore as explore
 from .plan.plan import Plan as Plan

@@ -127,6 +127,8 @@ _JOBS = """Scan what can be scanned, infer what cannot, and say which is which.
             unseen complete scan.e57 -o out/completed
   coverage  which surface did these stations measure well enough, and why not the rest?
             unseen coverage room.glb --plan out/plan/plan.json -o out/coverage
+  check     is it built as designed? within tolerance, deviating, missing, or hidden, and by what
+            unseen check house.ifc s1.e57 s2.e57 --tolerance 0.010 -o out/check
 
 All of it at once: unseen demo -o out/demo      All commands: unseen --help
 Many of them, overnight: unseen study STUDY.toml    Tab completion: unseen --install-completion"""
@@ -166,6 +168,14 @@ COMMANDS = {
         "coverage:run_coverage",
         "Which surface was measured well enough, and why not.",
         "Report which surface was measured well enough: coverage.json, .csv, .ply and report.html.",
+    ),
+    "check": Command(
+        options.CheckCommandOptions,
+        "check:run_check",
+        "Is each element of a design there, and within tolerance?",
+        "Check scans against a design: check.json, elements.csv, issues.bcf, design.glb, report.html.\n\n"
+        "Each element is within its tolerance, deviates, is missing, hidden (by what, from where), not seen "
+        "or undecided; each deviation has its 95 % interval.",
     ),
     "study": Command(
         options.StudyOptions,

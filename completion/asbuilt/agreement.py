@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,8 +71,8 @@ class FaceBeams:
 
     def of_faces(self) -> list[slice]:
         """Where the beams of each face that has any are."""
-        starts = np.flatnonzero(np.diff(self.face, prepend=-1))
-        return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(self.face)], strict=True)]
+        ends = np.flatnonzero(np.diff(self.face, prepend=-1, append=-1))
+        return [slice(a, b) for a, b in pairwise(ends)]
 
 
 def beams_on_faces(

@@ -178,7 +178,7 @@ def _cross(
         kept = np.flatnonzero(is_near if wave else hits.hit)
         triangle[left[kept], wave], distance[left[kept], wave] = hits.face[kept], reached[kept]
         if wave == 0:
-            off = np.abs(measured[left] - reached) * hits.incidence_cosine
+            off = np.abs(measured[left] - reached) * np.where(hits.hit, hits.incidence_cosine, 1.0)
             is_near &= (off > gates.at_once_m) | (surfaces.face[hits.face] < 0)
         left, reached = left[is_near], reached[is_near]
         reached = reached + gates.step_m

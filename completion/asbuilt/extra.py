@@ -76,7 +76,7 @@ def find_cells(
     own = own.reshape(-1)
     count = np.bincount(own, minlength=len(key))
     middle = np.column_stack([np.bincount(own, every[:, k], len(key)) for k in range(3)])
-    middle /= np.maximum(count, 1)[:, None]
+    middle = middle / np.maximum(count, 1)[:, None]
     area, by = np.zeros(len(key)), np.zeros((len(key), len(evidence)), np.bool_)
     ends = np.cumsum([len(part) for part in points])
     for number, (found, k, mine) in enumerate(zip(evidence, held, np.split(own, ends[:-1]), strict=True)):

@@ -33,6 +33,7 @@ FEATURES = (
 )  # fmt: skip
 EXPORTS = ("obj", "e57", "dxf", "svg", "ifc")
 _AUTO_OFF = ("auto", "off")
+_MOST_TOLERANCE_M = 1.0
 
 
 def parse_bytes(text: str) -> int:
@@ -76,6 +77,30 @@ def parse_limits(texts: Iterable[str]) -> Mapping[str, int]:
         if limits[name] < 1:
             raise ValueError(f"{number!r} is no number of 1 or more; write {name}=100M")
     return limits
+
+
+def parse_tolerances(texts: Iterable[str]) -> Mapping[str, float]:
+    """Return tolerances in metres by pattern, "" for the one of all other elements.
+
+    Examples
+    --------
+    >>> parse_tolerances(["0.01", "IfcDoor*=0.005"])
+    {'': 0.01, 'IfcDoor*': 0.005}
+    """
+    tolerances: dict[str, float] = {}
+    for text in texts:
+        pattern, _, number = text.rpartition("=")
+        try:
+            tolerance = float(number)
+        except ValueError:
+            tolerance = 0.0
+        if not 0 < tolerance <= _MOST_TOLERANCE_M:
+            raise ValueError(
+                f"{number!r} is no tolerance above 0 and up to {_MOST_TOLERANCE_M:g} m; write 0.010, or "
+                "IfcDoor*=0.005"
+            )
+        tolerances[pattern] = tolerance
+    return tolerances
 
 
 def parse_shape(text: str) -> tuple[int, int]:
@@ -622,6 +647,95 @@ class RegisterOptions:
     def record(self) -> dict[str, Any]:
         """Return the options beside those of the scans, for manifest and report."""
         return {"upright": self.upright, "checks": self.checks, "level": self.level}
+
+
+def _patterns(flags: str, help: str) -> Any:  # noqa: A002  # as typer calls it
+    return option(
+        flags, f'{help} of such a class or name, like "IfcWall*"; repeat it.', (), metavar="PATTERN",
+        shown=False, is_repeated=True,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CheckCommandOptions:
+    """A design, scans, and what is asked of the design's elements."""
+
+    design: str = argument("DESIGN", "IFC, or a mesh file whose parts have names.")
+    scans: tuple[str, ...] = argument("SCAN...", SCAN_HELP, is_repeated=True)
+    tolerances: Mapping[str, float] = field(
+        default_factory=dict,
+        metadata=option(
+            "--tolerance", 'Tolerance of all elements, or of some: "IfcDoor*=0.005"; repeat it.', None,
+            metavar="M|PATTERN=M", shown="0.010", is_repeated=True, parse=parse_tolerances,
+        ).metadata,
+    )  # fmt: skip
+    registration: tuple[float, ...] | None = option(
+        "--registration", "Standard deviation of each scan's pose: metres and degrees.", None,
+        metavar="M,DEG", shown="0.002,0.006 in buildings", parse=numbers(2),
+    )  # fmt: skip
+    align: Literal["yes", "no"] = option(
+        "--align", "Move all scans together to fit the design; no: a control network holds.", "yes"
+    )
+    only: tuple[str, ...] = _patterns("--only", "Check only elements")
+    without: tuple[str, ...] = _patterns("--without", "Leave out elements")
+    false_alarms: float = option(
+        "--false-alarms", 'Expected number of wrong "deviates" in the whole design.', 0.05, metavar="P",
+        limits=NumberRange(least=1e-9, most=100.0),
+    )  # fmt: skip
+    no_return: Literal["unknown", "free"] = option(
+        "--no-return", "What beams without a return say: nothing, or that their way was free.", "unknown"
+    )
+    infer: bool = option(
+        "--infer", "Also complete the scans, and report what that says of what is not measured.", False
+    )
+    next: int | None = option(
+        "--next", "Also plan up to N next stations.", None, metavar="N", shown=False,
+        limits=NumberRange(least=1, most=1000),
+    )  # fmt: skip
+    sensor: str = _sensor()
+    loa: str | None = option(
+        "--loa", "Bands of accuracy, TOML or JSON: name = upper end in metres.", None, metavar="FILE",
+        shown="LOA50 to LOA20 of USIBD",
+    )  # fmt: skip
+    before: str | None = option(
+        "--before", "An earlier check, to report what changed.", None, metavar="check.json", shown=False
+    )
+    bcf: Literal["2.1", "3.0"] = option("--bcf", "Version of issues.bcf.", "3.0")
+    sigma_m: float | None = option(
+        "--sigma", "Standard deviation of the range noise.", None, metavar="M", shown="from the scans",
+        limits=NOT_NEGATIVE,
+    )  # fmt: skip
+    register: bool = option("--register", "Register the scans and place them on the design first.", False)
+    read: ReadOptions = group(ReadOptions)
+    units: Units = _units()
+    design_units: Units | None = option(
+        "--design-units", "Length unit of a mesh as design.", None, shown="that of --units"
+    )
+    up: Axis | None = _up()
+
+    def check(self) -> None:
+        """Raise a usage error for options that contradict each other."""
+        if self.registration is not None and min(self.registration) < 0:
+            raise typer.BadParameter("--registration M,DEG: both are 0 or more")
+        if self.register and self.read.poses is not None:
+            raise typer.BadParameter("--register finds the poses: leave --poses out, or --register")
+
+    def request(self) -> ScanRequest:
+        """Return the scans."""
+        return self.read.request(self.scans, self.units)
+
+    @property
+    def inputs(self) -> list[str]:
+        """What the manifest lists."""
+        sensor = [self.sensor] if self.next is not None else []
+        files = [file for file in (self.loa, self.before) if file is not None]
+        return [self.design, *self.request().inputs, *files, *sensor]
+
+    def record(self) -> dict[str, Any]:
+        """Return the options beside those of the scans, for manifest and report."""
+        read = ("scans", "origins", "intrinsics", "depth_scale", "poses", "trajectory", "units")
+        record = record_of(self, files=("design", "loa", "before", "sensor"), without=read)
+        return {**record, "tolerances": {name or "all": m for name, m in self.tolerances.items()} or 0.01}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

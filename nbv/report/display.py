@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Display: the full report of a scan, a plan, a coverage or a completion, in the browser or the notebook."""
+"""Display: full reports of scans, plans, coverage, completions and checks, in the browser or a notebook."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ import numpy as np
 from completion.result.completion import Completion
 from nbv.coverage.coverage import Coverage
 from nbv.coverage.measurement import measure_coverage, visibility_history
+from nbv.inspection.checking import CheckedDesign
 from nbv.plan.plan import Plan
 from nbv.report.blocks.page import Gallery, Headline, Page, PageSection, Text
+from nbv.report.check_report import check_page
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.report.figures.picture import Picture, picture_of, range_colours
@@ -35,7 +37,7 @@ _FRAME_PX = 720  # height of a report in a notebook
 
 
 def show(
-    thing: Plan | Coverage | Completion | RangeImage,
+    thing: Plan | Coverage | Completion | CheckedDesign | RangeImage,
     scene: Scene | None = None,
     stations: Sequence[View] | Sequence[RangeImage] = (),
     *,
@@ -49,14 +51,15 @@ def show(
 
     Parameters
     ----------
-    thing : Plan, Coverage, Completion or RangeImage
+    thing : Plan, Coverage, Completion, CheckedDesign or RangeImage
         What to report on.
     scene : Scene, optional
         What a plan or a coverage is of; these need it.
     stations : sequence of View or of RangeImage
         What a coverage was measured by, in the order of the curve.
     title : str, optional
-        Heading of a completion's report; the first scan's name when not given.
+        Heading of a completion's or a check's report; the name of the first scan or of the design when not
+        given.
     seed : int
         What the report is to say of its seed; a plan knows its own, other things do not keep it.
     n_threads : int, optional
@@ -97,10 +100,12 @@ def _page_of(
         return replace(page, options=asked)
     if isinstance(thing, RangeImage):
         return scan_page(thing)
+    if isinstance(thing, CheckedDesign):
+        return check_page(thing, title or thing.findings.design.name, n_threads=n_threads)
     if not isinstance(thing, Plan | Coverage):
         raise InputError(
             f"there is no report of a {type(thing).__name__}; "
-            "show a Plan, a Coverage, a Completion or a RangeImage"
+            "show a Plan, a Coverage, a Completion, a CheckedDesign or a RangeImage"
         )
     if scene is None:
         kind = type(thing).__name__.lower()

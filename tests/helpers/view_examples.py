@@ -12,9 +12,11 @@ from completion.options import CompletionOptions
 from completion.pipeline import complete
 from nbv.cover.pipeline import CoverOptions
 from nbv.coverage.measurement import visibility_history
+from nbv.inspection.checking import CheckedDesign
 from nbv.online.planner import PlannerOptions
 from nbv.plan.planning import plan_views
 from nbv.report.blocks.page import Cell, Page, PageSection, Table
+from nbv.report.check_report import check_page
 from nbv.report.completion_report import completion_page
 from nbv.report.coverage_report import coverage_page, plan_page
 from nbv.report.demo_report import compare, demo_page
@@ -36,6 +38,7 @@ from nbv.visibility.viewpoints import Candidates
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
 from tests.helpers.study_examples import write_study
+from tests.nbv.inspection.checks import example_check
 
 EVIL = "<img src=x onerror=alert(1)></script><!-- \"'"
 UTM = np.array([500_000.25, 5_000_000.5, 100.125])
@@ -99,6 +102,7 @@ KINDS = (
     "next-stations",
     "scan-coverage",
     "study",
+    "check",
 )
 FEW = ("plan-nbv", "completion", "next-stations")  # the others are put together of the same parts
 ROOM = builtin_scene("two_occluders")
@@ -141,6 +145,8 @@ def plain_page(kind):
         return plan_page(ROOM, plan, plan.coverage, 1)
     if kind == "study":
         return page_of_study()
+    if kind == "check":
+        return check_page(CheckedDesign(example_check()), "room.ifc", n_threads=1)
     if kind in ("next-stations", "scan-coverage"):
         return page_of_scans(kind)
     plan = online_plan()

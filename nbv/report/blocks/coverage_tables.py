@@ -22,7 +22,7 @@ from nbv.report.figures.plots import coverage_curve
 from nbv.run.wording import count, letters, percent, percent_within, square_metres
 from nbv.scanning.sensor import Sensor
 from nbv.visibility.zones import EVERYWHERE, Zones
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.run.mapping import trim
@@ -296,8 +296,15 @@ def outline_of(scene: Scene) -> FloatArray:
 
 def cut_of(mesh: LabelledMesh, height_m: float) -> FloatArray:
     """Segments (k, 2, 2) in which the level plane at a height cuts a mesh, x and y in metres."""
+    return cut_by_surface(mesh, height_m)[0]
+
+
+def cut_by_surface(mesh: LabelledMesh, height_m: float) -> tuple[FloatArray, IntArray]:
+    """Segments (k, 2, 2) of a level cut, as `cut_of`, and the surface (k,) that each belongs to."""
     heights = mesh.vertices[:, 2][mesh.faces]
     near = (heights.min(axis=1) <= height_m + 1e-6) & (heights.max(axis=1) >= height_m + 1e-6)
     solid = trimesh.Trimesh(mesh.vertices, mesh.faces[near], process=False)
-    cut = trimesh.intersections.mesh_plane(solid, (0.0, 0.0, 1.0), (0.0, 0.0, height_m + 1e-6))
-    return np.asarray(cut, dtype=np.float64).reshape(-1, 2, 3)[:, :, :2]
+    level = ((0.0, 0.0, 1.0), (0.0, 0.0, height_m + 1e-6))
+    cut, face = trimesh.intersections.mesh_plane(solid, *level, return_faces=True)
+    segments = np.asarray(cut, dtype=np.float64).reshape(-1, 2, 3)[:, :, :2]
+    return segments, np.asarray(mesh.face_surface[near][np.asarray(face, np.int64)], np.int64)

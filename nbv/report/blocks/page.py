@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Literal
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from nbv.inspection.verdict_colours import VERDICT_COLOURS
 from nbv.report.figures.picture import INFERRED, MEASURED, MODELLED, UNKNOWN, Picture
 from nbv.report.viewer.encoding import encode_view
 from nbv.report.viewer.layers import Viewer
@@ -22,7 +23,10 @@ from nbv.run.manifest import versions
 from nbv.run.wording import percent_within, square_metres
 from scenes.run.atomic import write_text
 
-State = Literal["", "measured", "modelled", "inferred", "unknown", "unreachable"]
+State = Literal[
+    "", "measured", "modelled", "inferred", "unknown", "unreachable",
+    "within", "deviates", "undecided", "missing", "hidden", "not-seen", "not-tested",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +117,49 @@ class Table:
     kind: ClassVar[str] = "table"
 
 
-Block = Bar | Text | Gallery | Legend | Table | Viewer
+@dataclass(frozen=True, slots=True)
+class Histogram:
+    """Counts in equal bins from `low` to `high` in a unit, with limits either side of 0 and an interval."""
+
+    label: str
+    counts: tuple[int, ...]
+    low: float
+    high: float
+    unit: str
+    limit: float
+    interval: tuple[float, float] | None = None
+    kind: ClassVar[str] = "histogram"
+
+    def at(self, value: float) -> float:
+        """Where a value is along the axis, percent; what lies beyond it is at its end."""
+        return 100 * min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
+
+    @property
+    def heights(self) -> tuple[float, ...]:
+        """Percent of the highest bin."""
+        most = max(*self.counts, 1)
+        return tuple(100 * n / most for n in self.counts)
+
+    @property
+    def ticks(self) -> tuple[float, ...]:
+        """Numbers below the axis."""
+        inner = (-self.limit, 0.0, self.limit) if self.at(self.limit) - 50 > 6 else (0.0,)
+        return tuple(value for value in (self.low, *inner, self.high) if self.low <= value <= self.high)
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """What is known of one thing: its title, the colour of its state, a word for that, and blocks."""
+
+    title: str
+    state: State
+    word: str
+    blocks: tuple[Bar | Text | Table | Histogram, ...]
+    is_open: bool = True
+    kind: ClassVar[str] = "card"
+
+
+Block = Bar | Text | Gallery | Legend | Table | Histogram | Card | Viewer
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +238,8 @@ def plain_text(value: Any) -> str:
 
 def _colours() -> dict[str, str]:
     pairs = (("measured", MEASURED), ("modelled", MODELLED), ("inferred", INFERRED), ("unknown", UNKNOWN))
-    return {name: "#" + "".join(f"{round(255 * part):02x}" for part in rgb) for name, rgb in pairs}
+    states = {name: "#" + "".join(f"{round(255 * part):02x}" for part in rgb) for name, rgb in pairs}
+    return states | {name.replace(" ", "-"): colour for name, colour in VERDICT_COLOURS.items()}
 
 
 def _environment() -> Environment:

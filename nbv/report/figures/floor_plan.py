@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.figure import Figure
+from matplotlib.path import Path as PlotPath
 
 from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import LIGHT, Plot, Theme, drawn_plot
@@ -242,6 +243,8 @@ class StoreyPlan:
         Name and place of each scan that had been taken before.
     zones : Zones
         Where surface counts, and where no station may be.
+    fills : sequence of (sequence of Path, str, str)
+        Areas, their colour, and the pattern that lies over it, as matplotlib names hatches.
     """
 
     storey: int
@@ -253,6 +256,7 @@ class StoreyPlan:
     ways: Sequence[FloatArray] = ()
     given: Sequence[tuple[str, FloatArray]] = ()
     zones: Zones = EVERYWHERE
+    fills: Sequence[tuple[Sequence[PlotPath], str, str]] = ()
 
     def plot(self) -> Plot:
         """Return it as a picture of a page, no scale promised."""
@@ -313,7 +317,13 @@ class StoreyPlan:
 
     def _draw(self, axes: Axes, theme: Theme, metre_pt: float) -> None:
         """Draw all but the frame of it, about so many points a metre."""
-        axes.add_collection(LineCollection(list(self.outline), colors=theme.ink, linewidths=1.3))
+        for areas, colour, pattern in self.fills:
+            axes.add_collection(
+                PathCollection(areas, facecolors=colour, edgecolors="white", hatch=pattern, linewidths=0)
+            )
+        axes.add_collection(
+            LineCollection(list(self.outline), colors=theme.ink, linewidths=0.5 if self.fills else 1.3)
+        )
         for way in self.ways:
             axes.plot(way[:, 0], way[:, 1], color=theme.accent, linewidth=0.9, alpha=0.75, zorder=2)
         draw_zones(axes, theme, self.zones)

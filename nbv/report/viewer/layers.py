@@ -135,6 +135,8 @@ class Layer:
         Whether it can be marked by its paint among natural colours: what is inferred.
     facts : mapping
         What else is read out at a picked point, for the whole layer.
+    is_framed : bool
+        Whether it is to fill the picture at first; others are seen as far as they lie in it.
     """
 
     key: str
@@ -149,6 +151,7 @@ class Layer:
     shown: bool = True
     is_marked: bool = False
     facts: Mapping[str, str] | None = None
+    is_framed: bool = True
 
     def __post_init__(self) -> None:
         n = len(self.faces) if self.place is None else int(np.max(self.place, initial=-1)) + 1
@@ -250,7 +253,7 @@ def focus(layers: Sequence[Layer], forward: FloatArray, *, is_room: bool) -> Flo
 
     Of a room it is what turns its front to an eye that looks `forward` (3,).
     """
-    shown = [layer for layer in layers if layer.shown]
+    shown = [layer for layer in layers if layer.shown and layer.is_framed]
     seen = [layer.faces[_faces_the_eye(layer, forward)] for layer in shown] if is_room else []
     faces = seen if any(map(len, seen)) else None
     columns = [_coordinates(shown, axis, faces) for axis in range(3)]

@@ -61,7 +61,7 @@ def shown_part(part: Part) -> ShownPart:
     kept = thin_points(part.points, _MOST_POINTS)
     points = part.points[kept]
     number = _places(part, part.surface[kept])
-    mesh = _squares(points, _normals(part, points, number))
+    mesh = point_squares(points, _normals(part, points, number))
     off_m = np.repeat(_distances(part, points, number), 2)
     return ShownPart(mesh, np.repeat(number, 2), off_m, np.repeat(kept, 4))
 
@@ -112,15 +112,20 @@ def _normals(part: Part, points: FloatArray, place: IntArray) -> FloatArray:
     unassigned = np.flatnonzero(place == 0)
     if not len(unassigned):
         return normals
-    near = cKDTree(points).query(points[unassigned], k=min(_N_NEAR, len(points)))[1]
-    near = near.reshape(len(unassigned), min(_N_NEAR, len(points)))
-    offset = points[near] - points[near].mean(axis=1, keepdims=True)
-    normals[unassigned] = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
+    normals[unassigned] = neighbour_normals(points, points[unassigned])
     return normals
 
 
-def _squares(points: FloatArray, normals: FloatArray) -> LabelledMesh:
-    """Two triangles a point (n, 3), across its normal (n, 3)."""
+def neighbour_normals(points: FloatArray, places: FloatArray) -> FloatArray:
+    """Return unit normals (k, 3) across the points (n, 3) around each place (k, 3), either way round."""
+    near = cKDTree(points).query(places, k=min(_N_NEAR, len(points)))[1]
+    near = near.reshape(len(places), min(_N_NEAR, len(points)))
+    offset = points[near] - points[near].mean(axis=1, keepdims=True)
+    return np.asarray(np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0])
+
+
+def point_squares(points: FloatArray, normals: FloatArray) -> LabelledMesh:
+    """Return two triangles a point (n, 3), across its normal (n, 3)."""
     near = min(_N_APART, len(points) - 1)
     apart = cKDTree(points).query(points, k=near + 1)[0][:, near] if near else np.ones(len(points))
     half = _OVERLAP * float(np.median(apart)) if len(points) else 0.0

@@ -79,13 +79,24 @@ def assert_fails_in_one_line(result, *words):
 
 def test_help_names_the_commands_and_only_those_that_work():
     text = succeed("--help").stdout
-    for command in ("demo", "scan", "plan", "coverage", "complete", "texture", "fit", "info", "study"):
+    for command in (
+        "demo",
+        "scan",
+        "plan",
+        "coverage",
+        "check",
+        "complete",
+        "texture",
+        "fit",
+        "info",
+        "study",
+    ):
         assert command in text
 
 
 def test_unseen_alone_shows_the_three_jobs():
     text = succeed().stdout
-    for line in ("unseen plan", "unseen complete", "unseen coverage"):
+    for line in ("unseen plan", "unseen complete", "unseen coverage", "unseen check"):
         assert line in text
 
 

@@ -31,6 +31,9 @@ DOCUMENTED = {
     "coverage": "plan scans register intrinsics depth-scale poses origin sensor=generic60 "
     "max-incidence=60.0 max-range mode rooms=all without outdoors all-round heights spacing "
     "clearance=0.3 inference=standard trajectory up units=m",
+    "check": "tolerance registration align=yes only without false-alarms=0.05 no-return=unknown infer next "
+    "sensor=generic60 loa before bcf=3.0 sigma register origin intrinsics depth-scale poses trajectory "
+    "units=m design-units up",
     "study": "scheduler",
     "complete": "mode=standard sigma projector max-sd=0.02 flatness min-area only registration=0.005 "
     "keep-poses register resolution origin edits relations=auto features=auto flatten texture "

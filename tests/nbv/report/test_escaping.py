@@ -73,10 +73,11 @@ SCENE, SCANS = f"{HACK}.obj", [f"one{HACK}.npz", f"two{HACK}.npz"]
             ["plan", "--scans", SCANS[0], "--scans", SCANS[1], "--sensor", f"{HACK}.toml", "--views", "1"],
             ["coverage", SCENE, "--scans", SCANS[0], "--scans", SCANS[1]],
             ["coverage", "--scans", SCANS[0], "--scans", SCANS[1]],
+            ["check", SCENE, *SCANS, "--tolerance", "0.05"],
             ["complete", *SCANS, "--no-texture"],
         ],
     ),
-    ids=["study", "plan", "next-stations", "coverage", "scan-coverage", "completion"],
+    ids=["study", "plan", "next-stations", "coverage", "scan-coverage", "check", "completion"],
 )
 def test_names_of_strangers_are_shown_and_do_nothing(words, here, browser, tmp_path, monkeypatch):
     monkeypatch.chdir(here)
