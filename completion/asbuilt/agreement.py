@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +85,7 @@ def beams_on_faces(
     scale: float,
     with_far: bool,
 ) -> FaceBeams:
-    """Gather the beams of F faces; those that ended farther off, as a displaced element's do, as of F + f."""
+    """Gather the beams (n,) of F faces; those that ended farther off, as a displaced one's, as of F + f."""
     parts = [
         _of_scan(number, seen, flat, found, faces, scale=scale, is_far=is_far)
         for is_far in (False, True)[: 1 + with_far]
@@ -179,10 +180,11 @@ def find_surface(
     own_scan, columns, uv = beams.scan[part], beams.columns[part], beams.uv[part]
     typical = float(np.median(sigma))
     start = _mode(y, area, max(2e-3 * scale, typical))
-    best = _fit(y, columns, own_scan, sigma, registration, start=start, scale=scale)
+    held = _Held(y=y, scan=own_scan, sigma=sigma, registration=registration, start=start, scale=scale)
+    best = _fit(held, columns)
     is_bent = False
     if may_bend and best.is_on.sum() > 3 * limits.FEWEST_BEAMS:
-        bent = _fit(y, bend(columns, uv), own_scan, sigma, registration, start=start, scale=scale)
+        bent = _fit(held, bend(columns, uv))
         gain = area[bent.is_on].sum() / max(area[best.is_on].sum(), 1e-12)
         reach = np.ptp(uv[bent.is_on], axis=0).max() if bent.is_on.any() else 0.0
         if reach > 1.0 and (gain > 1.05 or bent.sd < 0.8 * best.sd):
@@ -226,17 +228,20 @@ class _Fit:
     sd: float
 
 
-def _fit(
-    y: FloatArray,
-    columns: FloatArray,
-    scan: NDArray[np.int32],
-    sigma: FloatArray,
-    registration: FloatArray,
-    *,
-    start: float,
-    scale: float,
-) -> _Fit:
+class _Held(NamedTuple):
+    """Beams (n,) of a face: distance, scan, noise, registration's sd, metres; where the surface may start."""
+
+    y: FloatArray
+    scan: NDArray[np.int32]
+    sigma: FloatArray
+    registration: FloatArray
+    start: float
+    scale: float
+
+
+def _fit(held: _Held, columns: FloatArray) -> _Fit:
     """Fit a surface to what is near it, scans at their own levels, and narrow the gate round by round."""
+    y, scan, sigma, registration, start, scale = held
     used = columns[:, np.abs(columns).max(axis=0) > 1e-9]
     residual, sd = y - start, float(np.median(sigma))
     names, own = np.unique(scan, return_inverse=True)

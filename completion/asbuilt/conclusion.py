@@ -93,7 +93,7 @@ class Measurements:
 
     @property
     def pixels(self) -> list[NDArray[np.int64]]:
-        """Flat pixels of all scans."""
+        """Flat pixels (n,) of each scan."""
         return [np.arange(seen.scan.ranges.size) for seen in self.observations]
 
 
@@ -114,7 +114,10 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
     passed = _passed_bodies(known)
     findings = [
         decide(
-            _evidence_of(known, k, states, rivals, passed, _tolerance(known.design, k, options)),
+            _evidence_of(
+                known, k, states, rivals=rivals, passed=passed,
+                tolerance_m=_tolerance(known.design, k, options),
+            ),
             known.aligned, known.faces, z=z, scale=known.scale,
         )
         for k in known.chosen
@@ -276,6 +279,7 @@ def _evidence_of(
     known: Measurements,
     surface: int,
     states: SampleStates,
+    *,
     rivals: frozenset[int],
     passed: FloatArray,
     tolerance_m: float,

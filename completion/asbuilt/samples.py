@@ -101,7 +101,7 @@ def judge_samples(
     cells: ExtraCells,
     gates: Gates,
 ) -> SampleStates:
-    """Look every sample up in every scan; `labels` are those of all pixels of each (`beams.Evidence`)."""
+    """Look all samples (n,) up in every scan; `labels` are those of all pixels of each (`beams.Evidence`)."""
     n = len(samples.points)
     reason, blocker = np.full(n, _VIEW, np.int8), np.full(n, -1, np.int32)
     hidden: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = []
@@ -136,12 +136,12 @@ def _hiders(
         left = (reason[index] == _HIDDEN) & (by < -1)
         index, by = index[left], by[left]
         key = np.column_stack([samples.element[index], by, np.full(len(by), number)])
-        rows.append(np.column_stack([key, index]))
+        rows.append(np.column_stack([key, index]).astype(np.int64))
     table = np.concatenate([*rows, np.zeros((0, 4), np.int64)]).astype(np.int64)
     found: dict[int, list[Hider]] = {}
-    for (element, by), part in _by_pair(table):
+    for (element, thing), part in _by_pair(table):
         area = float(samples.area_m2[np.unique(part[:, 3])].sum())
-        who = f"extra-{-1 - by}"
+        who = f"extra-{-1 - thing}"
         stations = tuple(observations[k].scan.name for k in np.unique(part[:, 2]))
         found.setdefault(element, []).append(Hider(who, stations, area))
     return {k: tuple(sorted(held, key=lambda one: -one.area_m2)) for k, held in found.items()}
@@ -160,13 +160,13 @@ def samples_of(samples: SurfaceSamples, states: SampleStates) -> Samples:
     """Return samples with their states for the findings."""
     unknown = (states.reason != _MEASURED).astype(np.int8) * 2
     return Samples(
-        samples.points,
-        samples.normals,
-        samples.element,
-        samples.area_m2,
-        unknown,
-        states.reason,
-        states.blocker,
+        points=samples.points,
+        normals=samples.normals,
+        element=samples.element,
+        area_m2=samples.area_m2,
+        state=unknown,
+        reason=states.reason,
+        blocker=states.blocker,
     )
 
 

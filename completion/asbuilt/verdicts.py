@@ -75,7 +75,7 @@ def decide(
         return _displaced_finding(finding, moved)
     if gone:
         return replace(finding, verdict="missing", sentence=_gone_sentence(known))
-    finding = _with_numbers(finding, known, tested, main, aligned, faces)
+    finding = _with_numbers(finding, known, main or tested, main, aligned=aligned, faces=faces)
     deviating = [k for k in main if _deviates(known, k, tested, z)]
     rivalled = [k for k in deviating if k in known.rivals]
     sure = [k for k in deviating if k not in known.rivals]
@@ -184,18 +184,19 @@ def _displaced_finding(finding: ElementFinding, moved: Judged) -> ElementFinding
 def _with_numbers(
     finding: ElementFinding,
     known: ElementEvidence,
-    tested: Sequence[int],
+    chosen: Sequence[int],
     main: Sequence[int],
+    *,
     aligned: Aligned,
     faces: DesignFaces,
 ) -> ElementFinding:
-    """Add the numbers of the face that is farthest off, and the thickness."""
-    chosen = main or tested
+    """Add the numbers of the chosen face that is farthest off, and the thickness between main ones."""
     if not chosen:
         return finding
     worst = max(chosen, key=lambda k: _reach(known.faces[k]))
     face = known.faces[worst].finding
-    bent = [known.faces[k].finding.bow for k in chosen if known.faces[k].finding.bow is not None]
+    bows = [known.faces[k].finding.bow for k in chosen]
+    bent = [one for one in bows if one is not None]
     thick = [
         one
         for a in main
