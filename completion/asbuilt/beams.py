@@ -109,7 +109,7 @@ class Evidence(NamedTuple):
     face: NDArray[np.int32]
     label: NDArray[np.int32]
     passed: NDArray[np.int32]
-    area: FloatArray
+    area: NDArray[np.float32]
 
 
 def trace(
@@ -126,7 +126,7 @@ def trace(
     """Cast the beams of flat pixels (n,) of a scan through the design, and weigh what they say."""
     n, n_faces = len(pixels), len(surfaces.centre)
     face, label, passed = (np.full(n, -1, np.int32) for _ in range(3))
-    area = np.zeros(n)
+    area = np.zeros(n, np.float32)
     noise = seen.noise.constant_m, seen.noise.linear, seen.noise.quadratic_per_m
     ranges, sums = seen.scan.ranges.ravel(), dict[int, tuple[FloatArray, FloatArray]]()
     stride = np.sqrt(ranges.size / max(n, 1)) if n < ranges.size else 1.0
@@ -207,7 +207,7 @@ def _weigh(
     stride: float,
     of_elements: FloatArray,
     of_faces: FloatArray,
-    out: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], FloatArray],
+    out: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]],
 ) -> None:
     """Weigh beams; add areas on, through, hidden and counts to (4, E), what could be met to (F,)."""
     face, label, passed, area = out

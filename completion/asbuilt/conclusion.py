@@ -92,9 +92,9 @@ class Measurements:
     warnings: tuple[str, ...]
 
     @property
-    def pixels(self) -> list[NDArray[np.int64]]:
+    def pixels(self) -> list[NDArray[np.int32]]:
         """Flat pixels (n,) of each scan."""
-        return [np.arange(seen.scan.ranges.size) for seen in self.observations]
+        return [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in self.observations]
 
 
 def conclude(known: Measurements, options: Asked) -> DesignCheck:
@@ -286,7 +286,7 @@ def _evidence_of(
     tolerance_m: float,
 ) -> ElementEvidence:
     """Gather what is known of one element."""
-    mine = known.samples.element == surface
+    mine = known.samples.of_element(surface)
     area = known.samples.area_m2[mine]
     total = float(area.sum())
     reason = states.reason[mine]

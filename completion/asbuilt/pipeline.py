@@ -36,6 +36,7 @@ from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
 
+_MOST_PLACED = 2  # times that scans are moved before all beams are looked at
 Progress = Callable[[str, int, int], None]
 
 
@@ -110,7 +111,7 @@ def check_against_design(
     model = _Model.of(design, options, n_threads)
     observations = model.observe(scans, options, told)
     observations, moved = model.place(observations, options, told)
-    every = [np.arange(seen.scan.ranges.size) for seen in observations]
+    every = [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in observations]
     evidence = model.trace(observations, every, options, told)
     told("deviations", 0, 1)
     agreed = model.agree(observations, every, evidence, moved, with_far=True)
@@ -215,7 +216,7 @@ class _Model:
         """
         placed, moved = list(observations), np.zeros((len(observations) + 1, 6))
         pixels = [_subset(seen, len(placed)) for seen in placed]
-        for _ in range(3):
+        for _ in range(_MOST_PLACED):
             evidence = self.trace(placed, pixels, options, told)
             agreed = self.agree(placed, pixels, evidence, moved, with_far=False)
             moved = moved + agreed.aligned.motion
