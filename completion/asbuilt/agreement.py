@@ -317,4 +317,5 @@ def _plane(y: FloatArray, columns: FloatArray, sigma: FloatArray, used: BoolArra
     ridge = 1e-6 * np.trace(information) / size
     for i in range(size):
         information[i, i] += ridge
-    return np.linalg.solve(information, right)
+    factors: FloatArray = np.linalg.solve(information, right).astype(np.float64)
+    return factors
