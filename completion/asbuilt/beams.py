@@ -286,9 +286,8 @@ def _weigh(
 @inlined
 def _behind_body(entry: float, leave: float, gate: float, beyond_m: float) -> float:
     """Range from which on a beam has passed a body: of a thick one nearly to its back."""
-    if leave - entry > 3.0 * (gate + beyond_m):
-        return entry + limits.BODY_SHARE * (leave - entry)
-    return leave + gate + beyond_m
+    deep = limits.BODY_SHARE * (leave - entry)
+    return entry + deep if deep >= gate + beyond_m else leave + gate + beyond_m
 
 
 @inlined
