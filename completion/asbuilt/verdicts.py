@@ -16,6 +16,7 @@ from completion.asbuilt.faces import DesignFaces
 from completion.asbuilt.findings import BeamEvidence, ElementFinding, Hider, Interval, Kind, Shares
 from scenes.mesh.design import Element
 
+_ALIKE = 0.9  # cosine between normals of faces that look the same way, or away from each other
 _OPPOSITE = -0.999  # cosine between normals of two sides of one body
 
 
@@ -127,7 +128,9 @@ def _stands(known: ElementEvidence, k: int) -> bool:
 
 def _deviates(known: ElementEvidence, k: int, tested: Sequence[int], z: float) -> bool:
     one = known.faces[k]
-    measured = sum(known.faces[j].finding.measured_m2 for j in tested)
+    along = one.finding.normal
+    alike = [known.faces[j].finding for j in tested if abs(known.faces[j].finding.normal @ along) > _ALIKE]
+    measured = sum(face.measured_m2 for face in alike)
     return (
         one.deviates(known.tolerance_m, z)
         and one.finding.support >= limits.SURE_SUPPORT
