@@ -105,14 +105,12 @@ class Sighting:
 
     `measured`: one station has at least 50 beams and 0.05 m2 on main faces. `worst_m`: 95 % of the beams on
     them are off the design by less, metres. `through_m2`: beams went through the whole body of what was
-    removed. `rise_m` (n, 2): rise of the middle of a bow over the ends of what beams met (5 to 95 %), on the
-    back and on the front. `extra` (m, 3): what was met of no element's place, at true poses.
+    removed. `extra` (m, 3): what was met of no element's place, at true poses.
     """
 
     measured: NDArray[np.bool_]
     worst_m: FloatArray
     through_m2: FloatArray
-    rise_m: FloatArray
     extra: FloatArray
 
 
@@ -123,7 +121,7 @@ def sighting(state: PlantedState, scans: tuple[RangeImage, ...]) -> Sighting:
     is_main[np.concatenate([face.faces for face in state.main_faces])] = True
     normals, start = mesh.face_normals(), mesh.corners[:, 0]
     beams, area = np.zeros((2, n, len(scans)))
-    off: list[tuple[NDArray[np.int32], FloatArray, NDArray[np.int64], FloatArray]] = []
+    off: list[tuple[NDArray[np.int32], FloatArray]] = []
     extra = []
     through = np.zeros(n)
     for number, scan in enumerate(scans):
@@ -136,22 +134,17 @@ def sighting(state: PlantedState, scans: tuple[RangeImage, ...]) -> Sighting:
         beams[:, number] = np.bincount(element, minlength=n)
         area[:, number] = np.bincount(element, areas[own], n)
         away = np.einsum("ij,ij->i", points[own] - start[source[own]], normals[source[own]])
-        off.append((element, np.abs(away), source[own], points[own]))
+        off.append((element, np.abs(away)))
         extra.append(points[source < 0][::4])
         for gone in (k for k, change in state.changes.items() if change.is_gone):
             through[gone] += _through(mesh.corners[mesh.face_surface == gone], scan)
-    element, away, face, points = (np.concatenate(one) for one in zip(*off, strict=True))
-    worst, rise = np.zeros(n), np.zeros((n, 2))
-    for k, change in state.changes.items():
+    element, away = (np.concatenate(one) for one in zip(*off, strict=True))
+    worst = np.zeros(n)
+    for k in state.changes:
         own = element == k
         worst[k] = np.quantile(away[own], 0.95) if own.any() else 0.0
-        is_front = normals[face] @ change.normal > 0
-        for side in (0, 1) if change.kind == "bowed" else ():
-            along = (points[own & (is_front == side)] - change.centre) @ change.along
-            ends = np.quantile(along, [0.05, 0.95]) if len(along) else np.zeros(2)
-            rise[k, side] = (2 * side - 1) * change.size * (np.ptp(ends) / 2) ** 2
     measured = np.asarray(((beams >= _LEAST_BEAMS) & (area >= _LEAST_M2)).any(axis=1))
-    return Sighting(measured, worst, through, rise, np.concatenate(extra))
+    return Sighting(measured, worst, through, np.concatenate(extra))
 
 
 def _through(corners: FloatArray, scan: RangeImage) -> float:

@@ -66,7 +66,7 @@ def score(check: DesignCheck, state: PlantedState, seen: Sighting) -> StateScore
                 bool(seen.through_m2[k] >= _BEHIND_M2), one.verdict, one.kind, bool(one.related_extra),
             )
         )  # fmt: skip
-        covered += _intervals(one, change, seen.rise_m[k])
+        covered += _intervals(one, change)
     found = [extra.points for extra in check.extra if len(extra.points)]
     places = np.concatenate(found) if found else np.zeros((0, 3))
     right, told = _near(places, seen.extra), _near(seen.extra, places)
@@ -80,7 +80,7 @@ def _near(places: FloatArray, others: FloatArray) -> float:
     return float((cKDTree(others).query(places)[0] <= _EXTRA_M).mean())
 
 
-def _intervals(one: ElementFinding, change: Change, rise_m: FloatArray) -> Iterator[Covered]:
+def _intervals(one: ElementFinding, change: Change) -> Iterator[Covered]:
     """Yield the intervals of an element that was built."""
     if change.is_gone or change.kind == "open":
         return
@@ -95,7 +95,7 @@ def _intervals(one: ElementFinding, change: Change, rise_m: FloatArray) -> Itera
         if face.offset is not None and change.kind != "displaced":
             yield held("offset", face.offset, change.offset_at(face.place, face.normal))
         if face.is_main and face.bow is not None and change.kind == "bowed":
-            yield held("bow", face.bow, float(rise_m[int(face.normal @ change.normal > 0)]))
+            yield held("bow", face.bow, change.size * float(face.normal @ change.normal))
         if face.is_main and face.tilt is not None and change.kind == "tilted":
             yield held("tilt", face.tilt, change.size, -change.size)
     if one.thickness is not None and change.kind in ("unchanged", "moved", "thickness"):
