@@ -39,7 +39,7 @@ def tube(radius_m, length_m, n=24, *, is_hole=False) -> LabelledMesh:
 
 
 def scanned(design, eye, *, n_pixels=60_000, sigma_m=0.0, rng=None, extras=(), name="s1", wrong=None):
-    """A scan of a design and of boxes (low, high) that stand in it, from a level scanner; `wrong` moves it."""
+    """A scan of a design and of boxes (low, high) that stand in it, from a level scanner."""
     meshes = [design.mesh, *(boxes({"extra": box}).mesh for box in extras)]
     mesh = join_meshes([LabelledMesh(one.vertices, one.faces) for one in meshes])
     width = int(np.sqrt(n_pixels * 360 / 145))

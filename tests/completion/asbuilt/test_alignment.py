@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Alignment: the Schur solve is the dense one, one moved wall does not pull the poses, far scans are found."""
+"""Alignment: the dense solution, one moved wall that does not pull the poses, and far scans."""
 
 from functools import cache
 
@@ -30,8 +30,8 @@ def faces_within():
     return faces, np.flatnonzero(np.einsum("ij,ij->i", faces.centre, faces.normal) < 0)
 
 
-def beams_of(offsets=None, motions=None, *, n=60, rng=0, shift=None) -> FaceBeams:
-    """Beams of both scans on all inner faces, `offsets` by face, `motions` (3, 6) what the scans are off by."""
+def beams_of(offsets=None, motions=None, *, n=60, rng=0) -> FaceBeams:
+    """Beams of both scans on all inner faces, `offsets` by face, `motions` (3, 6) of the scans."""
     faces, inner = faces_within()
     random, motions = np.random.default_rng(rng), np.zeros((3, 6)) if motions is None else motions
     rows = []
@@ -70,7 +70,9 @@ def dense(beams, found, errors=NEAR):
         for scan in range(2):
             mine = np.flatnonzero((beams.face == f) & (beams.scan == scan))
             y, normal, points = beams.distance[mine], beams.normal[mine], beams.points[mine]
-            weight = 1 / np.maximum(SIGMA_M, min(1.4826 * np.median(np.abs(y - np.median(y))), 3 * SIGMA_M)) ** 2
+            weight = (
+                1 / np.maximum(SIGMA_M, min(1.4826 * np.median(np.abs(y - np.median(y))), 3 * SIGMA_M)) ** 2
+            )
             form = np.hypot(5e-4, 0.1 * SIGMA_M)
             weight /= 1 + len(mine) * weight * form**2
             row = np.zeros((len(mine), q * N_COLUMNS + size))
@@ -82,7 +84,10 @@ def dense(beams, found, errors=NEAR):
             )
             rows.append(row * np.sqrt(weight))
             right.append(y * np.sqrt(weight))
-    sd = [*[errors.scan[1]] * 3, *[errors.scan[0]] * 3] * 2 + [*[errors.common[1]] * 3, *[errors.common[0]] * 3]
+    sd = [*[errors.scan[1]] * 3, *[errors.scan[0]] * 3] * 2 + [
+        *[errors.common[1]] * 3,
+        *[errors.common[0]] * 3,
+    ]
     precision = np.concatenate([np.repeat(found.prior, N_COLUMNS), 1 / np.square([*sd, *[1.0] * N_SHARED])])
     system = np.vstack([*rows, np.diag(np.sqrt(precision))])
     values = np.concatenate([*right, np.zeros(len(precision))])
@@ -170,7 +175,7 @@ def test_what_was_taken_off_already_still_counts_against_the_prior() -> None:
 
 
 def test_intervals_hold_as_often_as_they_say() -> None:
-    """Offsets of walls of which most moved by less than 2 mm, in 20 draws of noise and of the scans' poses."""
+    """Offsets of faces, most of less than 2 mm, in 20 draws of noise and of the scans' poses."""
     random, held, sizes = np.random.default_rng(7), [], []
     _, inner = faces_within()
     for draw in range(20):
