@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from completion.asbuilt import limits
 from completion.asbuilt.agreement import N_SHARED, FaceBeams
 from completion.asbuilt.alignment import PoseErrors, align
 from completion.asbuilt.faces import N_COLUMNS, find_faces
@@ -73,7 +74,7 @@ def dense(beams, found, errors=NEAR):
             weight = (
                 1 / np.maximum(SIGMA_M, min(1.4826 * np.median(np.abs(y - np.median(y))), 3 * SIGMA_M)) ** 2
             )
-            form = np.hypot(5e-4, 0.1 * SIGMA_M)
+            form = np.hypot(limits.FORM_M, limits.BIAS_SHARE * SIGMA_M)
             weight /= 1 + len(mine) * weight * form**2
             row = np.zeros((len(mine), q * N_COLUMNS + size))
             row[:, N_COLUMNS * place :][:, :N_COLUMNS] = beams.columns[mine]
