@@ -15,7 +15,7 @@ from completion.asbuilt.findings import DesignCheck, ElementFinding
 from nbv.cover.instance import CoverInstance
 from nbv.inspection.blockers import Move, find_blockers, named
 from nbv.inspection.obstacles import Obstacles
-from nbv.inspection.targets import PROMISED_BEAMS, Left, Targets
+from nbv.inspection.targets import PROMISED_BEAMS, SURE_COSINE, SURE_M, Left, Targets
 from nbv.plan.plan import Plan, Resumption
 from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor, View
@@ -24,7 +24,7 @@ from nbv.visibility.clearance import Clearance
 from nbv.visibility.requirement import Requirement, SightLimits
 from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.visibility import orient, visible_from_positions
-from scenes.checks import InputError
+from scenes.checks import FloatArray, InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.orientation import decide_mode
 from scenes.world.scene import Scene
@@ -35,18 +35,23 @@ CHECKED = Requirement(max_incidence_deg=80.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Promise:
-    """What a station should settle: its number, from 1, the elements, and how much of targets it sees."""
+    """What a station should settle: its number, from 1, the elements, and how much of targets it sees.
+
+    `hoped` are elements that it settles only if nothing stands in space that no scan saw.
+    """
 
     station: int
     elements: tuple[ElementFinding, ...]
     area_m2: float
+    hoped: tuple[ElementFinding, ...] = ()
 
     def sentence(self) -> str:
         """Say what the station is for."""
-        n = count(len(self.elements), "element")
-        return (
-            f"Station {self.station} should settle {n} ({self.area_m2:.1f} m2 seen): {named(self.elements)}."
-        )
+        n, more = count(len(self.elements), "element"), count(len(self.hoped), "element")
+        sure = f" should settle {n} ({self.area_m2:.1f} m2 seen): {named(self.elements)}"
+        hope = f" may settle {more} behind space that no scan saw: {named(self.hoped)}"
+        told = " and".join(text for text, held in ((sure, self.elements), (hope, self.hoped)) if held)
+        return f"Station {self.station}{told}."
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +87,8 @@ class NextStations:
         """Return the entry of `check.json`; elements by their surface ids, boxes in metres."""
         return {
             "stations": [
-                {"station": one.station, "settles": _ids(one.elements), "area_m2": one.area_m2}
+                {"station": one.station, "settles": _ids(one.elements), "may_settle": _ids(one.hoped),
+                 "area_m2": one.area_m2}
                 for one in self.promised
             ],
             "move": [
@@ -146,8 +152,8 @@ def plan_next_stations(
     standing = _standing(check, obstacles, sensor, site)
     instance = _instance(targets, standing, obstacles, sensor=sensor, limits=limits, n_threads=n_threads)
     chosen, promised = _choose(targets, instance, n_stations, _spots(standing, site))
-    settled = {element.surface for one in promised for element in one.elements}
-    can_settle = np.asarray(instance.coverable[: len(targets.elements)])
+    settled = {element.surface for one in promised for element in (*one.elements, *one.hoped)}
+    can_settle = np.asarray(instance.coverable[len(targets.elements) :][: len(targets.elements)])
     open_ = [k for k, element in enumerate(targets.elements) if element.surface not in settled]
     later = [k for k in open_ if can_settle[k]]
     why = f"it takes more than {count(n_stations, 'station')} to settle all that can be settled"
@@ -198,9 +204,9 @@ def _instance(
     limits: SightLimits,
     n_threads: int | None,
 ) -> CoverInstance:
-    """Return which pose settles which of the k elements, and then which sees which of the n samples.
+    """Return which pose surely settles which of the k elements, which it may settle, and sees of n samples.
 
-    All samples together weigh half as much as one element.
+    All samples together weigh half as much as one element that may be settled.
     """
     candidates, samples = standing.candidates, targets.samples
     visible = visible_from_positions(
@@ -208,21 +214,26 @@ def _instance(
     )
     poses = orient(visible, candidates.positions, candidates.rotations(), samples.points, sensor)
     place = np.repeat(np.arange(poses.shape[0]) // candidates.n_directions, np.diff(poses.indptr))
-    away = np.linalg.norm(samples.points[poses.indices] - candidates.positions[place], axis=1)
+    eyes, points = candidates.positions[place], samples.points[poses.indices]
+    away = np.linalg.norm(points - eyes, axis=1)
+    sure = poses.data >= SURE_COSINE
+    veiled = np.flatnonzero(sure & targets.is_hidden[poses.indices])
+    sure[veiled] = obstacles.space.unseen_m(eyes[veiled], points[veiled]) <= SURE_M
     assert limits.precision is not None
     beams = limits.precision.density_per_m2(away, poses.data) * samples.areas[poses.indices]
-    both = csr_array(hstack([_settled(targets, poses, beams), poses], format="csr"))
-    weights = np.append(np.ones(len(targets.elements)), samples.areas / (2 * samples.total_m2))
-    return CoverInstance(both, weights)
+    may = [_settled(targets, poses, beams * held, samples.areas[poses.indices] * held)
+           for held in (sure, np.ones(len(sure)))]  # fmt: skip
+    weights = np.append(np.ones(2 * len(targets.elements)), samples.areas / (2 * samples.total_m2))
+    return CoverInstance(csr_array(hstack([*may, poses], format="csr")), weights)
 
 
-def _settled(targets: Targets, poses: csr_array, beams: NDArray[np.float64]) -> csr_array:
-    """Ones (c, k) where a pose measures enough of an element's main faces; `beams` by entry of `poses`."""
+def _settled(targets: Targets, poses: csr_array, beams: FloatArray, areas: FloatArray) -> csr_array:
+    """Ones (c, k) where a pose measures enough of an element's main faces; the others by entry of `poses`."""
     n_faces, n_elements = len(targets.owner), len(targets.elements)
     row = np.repeat(np.arange(poses.shape[0], dtype=np.int64), np.diff(poses.indptr))
     key, entry = np.unique(row * n_faces + targets.face[poses.indices], return_inverse=True)
     face = key % n_faces
-    area = np.bincount(entry, targets.samples.areas[poses.indices], len(key))
+    area = np.bincount(entry, areas, len(key))
     enough = (area >= targets.needed_m2[face]) & (np.bincount(entry, beams, len(key)) >= PROMISED_BEAMS)
     met = (key // n_faces)[enough] * n_elements + targets.owner[face[enough]]
     pair, n_met = np.unique(met, return_counts=True)
@@ -244,14 +255,15 @@ def _choose(
         if gains[best] < 1:
             break
         seen = instance.seen_by(best)
-        new = seen[weights[seen] > 0]
-        elements = tuple(targets.elements[k] for k in np.sort(new[new < n_elements]))
-        area = float(targets.samples.areas[new[new >= n_elements] - n_elements].sum())
+        new = np.sort(seen[weights[seen] > 0])
+        sure, may = new[new < n_elements], new[(new >= n_elements) & (new < 2 * n_elements)] - n_elements
+        area = float(targets.samples.areas[new[new >= 2 * n_elements] - 2 * n_elements].sum())
         chosen.append(best)
-        promised.append(Promise(len(chosen), elements, area))
+        of = [tuple(targets.elements[k] for k in held) for held in (sure, np.setdiff1d(may, sure))]
+        promised.append(Promise(len(chosen), of[0], area, of[1]))
         weights[seen] = 0.0
         settled = np.flatnonzero(weights[:n_elements] == 0)
-        weights[n_elements:][np.isin(targets.owner[targets.face], settled)] = 0.0
+        weights[2 * n_elements :][np.isin(targets.owner[targets.face], settled)] = 0.0
         if spots is not None:
             free &= spots != spots[best]
     return chosen, tuple(promised)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_closing
 
 from completion.asbuilt import limits
 from completion.asbuilt.findings import DesignCheck
@@ -16,6 +17,9 @@ from scenes.mesh.labelled_mesh import LabelledMesh, join_meshes
 from scenes.rays.raycast import RayCaster
 
 _MOST_CELLS = 20_000  # in the box of an extra: beyond, its cells are twice as large
+_HOLE = 2  # cells of an extra: narrower gaps between measured ones are surface too
+_SPACE_M, _MOST_SPACE = 0.15, 600_000  # side of cells of space at least, and how many there are at most
+_STEPS = 48  # along a line of sight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,12 +36,15 @@ class Obstacles:
         Of each face of `caster`, as `completion.asbuilt.findings.Samples.blocker`.
     design : RayCaster
         What stops beams of the design alone.
+    space : Space
+        Which of it the scans so far could see.
     """
 
     solid: LabelledMesh
     caster: RayCaster
     owner: NDArray[np.int32]
     design: RayCaster
+    space: Space
 
     @classmethod
     def of(cls, check: DesignCheck, n_threads: int | None = None) -> Obstacles:
@@ -58,7 +65,43 @@ class Obstacles:
         extras = [held.filled(eyes, measured).mesh(-2 - k) for k, held in enumerate(cells)]
         barrier = join_meshes([mesh.some(opaque), *extras])
         owner, caster = barrier.face_surface, _caster(barrier, n_threads)
-        return cls(join_meshes([mesh.some(stands), *extras]), caster, owner, design)
+        space = Space.seen_from(eyes, measured, mesh.bounds())
+        return cls(join_meshes([mesh.some(stands), *extras]), caster, owner, design, space)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Space:
+    """Cells of space from `low` (3,) on, of side `side_m`, metres; no scan saw those `unseen`."""
+
+    low: FloatArray
+    side_m: float
+    unseen: BoolArray
+
+    @classmethod
+    def seen_from(cls, eyes: FloatArray, caster: RayCaster, bounds: FloatArray) -> Space:
+        """Return which cells within bounds (2, 3) no eye (s, 3) sees."""
+        extent = np.maximum(np.ptp(bounds, axis=0), _SPACE_M)
+        side = max(_SPACE_M, float(np.cbrt(extent.prod() / _MOST_SPACE)))
+        shape = np.ceil(extent / side).astype(np.int64)
+        unseen = _unseen_from(eyes, caster, bounds[0] + (np.argwhere(np.ones(shape)) + 0.5) * side)
+        return cls(bounds[0], side, unseen.reshape(shape))
+
+    def unseen_m(self, starts: FloatArray, ends: FloatArray) -> FloatArray:
+        """Return how much of the lines between places (n, 3) lies in cells that nobody saw, metres."""
+        way, found = ends - starts, np.zeros(len(starts))
+        for step in (np.arange(_STEPS) + 0.5) / _STEPS:
+            cell = ((starts + step * way - self.low) / self.side_m).astype(np.int64)
+            found += self.unseen[tuple(np.clip(cell, 0, np.array(self.unseen.shape) - 1).T)]
+        return np.asarray(found / _STEPS * np.linalg.norm(way, axis=1))
+
+
+def _unseen_from(eyes: FloatArray, caster: RayCaster, places: FloatArray) -> BoolArray:
+    """Tell which places (n, 3) no eye (s, 3) sees."""
+    unseen = np.ones(len(places), np.bool_)
+    for eye in eyes:
+        left = np.flatnonzero(unseen)
+        unseen[left] = caster.are_blocked(places[left], eye[None])
+    return unseen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,15 +122,13 @@ class _Cells:
         shape = np.maximum(np.ceil(extent / side - 1e-6), 1).astype(np.int64)
         solid = np.zeros(shape, np.bool_)
         solid[tuple(np.minimum(((points - low) / side).astype(np.int64), shape - 1).T)] = True
-        return cls(low, side, solid)
+        closed = binary_closing(np.pad(solid, _HOLE), np.ones((3, 3, 3)), _HOLE)
+        return cls(low, side, solid | closed[(slice(_HOLE, -_HOLE),) * 3])
 
     def filled(self, eyes: FloatArray, caster: RayCaster) -> _Cells:
         """Return the cells with those that no eye (s, 3) sees."""
         open_ = np.argwhere(~self.solid)
-        middles, hidden = self.low + (open_ + 0.5) * self.side_m, np.ones(len(open_), np.bool_)
-        for eye in eyes:
-            left = np.flatnonzero(hidden)
-            hidden[left] = caster.are_blocked(middles[left], eye[None])
+        hidden = _unseen_from(eyes, caster, self.low + (open_ + 0.5) * self.side_m)
         solid = self.solid.copy()
         solid[tuple(open_[hidden].T)] = True
         return _Cells(self.low, self.side_m, solid)

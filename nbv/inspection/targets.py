@@ -30,10 +30,16 @@ OPEN = ("undecided", "hidden", "not seen")
 PROMISED_M2, PROMISED_BEAMS, PROMISED_SHARE = 2 * limits.LEAST_MEASURED_M2, 2 * limits.FEWEST_BEAMS, 0.1
 """Area, beams and share of a main face that a station is to see to settle it: twice what a test takes, since
 samples are 10 cm apart, and not a corner alone, from which the deviation of the whole is too uncertain."""
+SURE_COSINE, SURE_M = 0.26, 0.3
+"""Of incidence (75 degrees), and metres in space that no scan saw of a line of sight to what something hides,
+within which a station is sure to measure a sample: behind the front of a thing is its body, as a rule."""
 _WIDE = 2.0  # times the median half interval: more area narrows such an interval, not only more scans
 _SAME_PLANE_M, _SAME_WAY = 0.03, 0.98  # between samples of a plane, and cosine of their normals
 _CURVED = 0.3  # share of an element's area in its main planes, below which all of it is one face
-_MEASURED, _NOT_MET = SAMPLE_STATES.index("measured"), SAMPLE_REASONS.index("not met")
+_MEASURED, _HIDDEN, _NOT_MET = (
+    SAMPLE_STATES.index("measured"),
+    *map(SAMPLE_REASONS.index, ("hidden", "not met")),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +62,8 @@ class Targets:
         Of their main faces, n.
     face : (n,) int
         Number of the face of each.
+    is_hidden : (n,) bool
+        Which of them something hides that stands there.
     owner : (f,) int
         Which of the elements each face belongs to.
     needed_m2 : (f,) float
@@ -69,6 +77,7 @@ class Targets:
     elements: tuple[ElementFinding, ...]
     samples: SurfaceSamples
     face: NDArray[np.int64]
+    is_hidden: BoolArray
     owner: NDArray[np.int64]
     needed_m2: FloatArray
     n_needed: NDArray[np.int64]
@@ -107,6 +116,7 @@ class Targets:
             elements=tuple(elements),
             samples=samples_at(check, rows),
             face=np.repeat(np.arange(len(flat)), [len(face.rows) for face in flat]),
+            is_hidden=check.samples.reason[rows] == _HIDDEN,
             owner=np.repeat(np.arange(len(counts)), counts),
             needed_m2=np.array([face.needed_m2 for face in flat], np.float64),
             n_needed=np.array([sum(face.is_doubtful for face in faces) or 1 for faces in wanted], np.int64),
@@ -143,6 +153,8 @@ def _open_faces(
 ) -> list[_Face] | str:
     """Return the faces of an element that are to be looked at, or why there are none."""
     held, mine = check.samples, np.flatnonzero(check.samples.element == element.surface)
+    if element.related_extra:
+        return element.sentence  # an open door
     mains = [f for f in element.faces if f.is_main and 2 * f.n_beams >= limits.FEWEST_BEAMS]
     sure = [face for face in mains if face.is_tested and _off_and_half(face)[1] <= wide_m]
     if element.verdict == "undecided":

@@ -61,15 +61,52 @@ def test_what_a_crate_hides_from_everywhere_says_to_move_it(panel_hidden) -> Non
 
 
 def test_a_crate_that_one_can_walk_around_is_not_moved() -> None:
-    """Seen from the west side alone, the panel on the east wall is behind it; it stands 1.5 m before that."""
+    """Seen from the west side alone, the board on the east wall is behind it; it stands 1.5 m before that.
+
+    What nobody saw behind the crate may be more of it, until a scan from beside it shows that it is not.
+    """
     board = {"board": ((8.18, 1.5, 0.5), (8.2, 2.5, 1.5))}
     crate = ((6.0, 1.2, 0.0), (6.6, 2.8, 2.3))
-    check = check_of(design_of(TWO_ROOMS | board), [WEST, (5.0, 2.0, 1.6)], [crate])
-    found = plan_next_stations(check, PANORAMA)
-    assert [names(one.elements) for one in found.promised] == [["board"]]
-    assert found.moves == ()
+    eyes = [WEST, (5.0, 2.0, 1.6)]
+    found = plan_next_stations(check_of(design_of(TWO_ROOMS | board), eyes, [crate]), PANORAMA)
+    assert [(one.elements, names(one.hoped)) for one in found.promised] == [((), ["board"])]
+    assert found.sentences() == ("Station 1 may settle 1 element behind space that no scan saw: board.",)
+    assert found.moves == found.left == ()
     (x, y, _) = places(found)[0]
     assert not (5.7 < x < 6.9 and 0.9 < y < 3.1)  # clear of the crate
+    beside = [(8.0, y, z) for y in (0.5, 3.5) for z in (0.5, 1.6, 2.3)]  # too oblique for the board
+    seen = check_of(design_of(TWO_ROOMS | board), [*eyes, *beside], [crate])
+    hidden = replace(one_open(seen, "board", "hidden"), samples=replace(
+        seen.samples, state=np.full_like(seen.samples.state, 2), reason=np.ones_like(seen.samples.reason)
+    ))  # fmt: skip
+    found = plan_next_stations(hidden, PANORAMA)
+    assert [(names(one.elements), one.hoped) for one in found.promised] == [(["board"], ())]
+
+
+def one_open(check, name, verdict, **fields):
+    """The check of one element alone, that is open."""
+    (element,) = (one for one in check.elements if one.element.name == name)
+    faces = tuple(replace(face, is_tested=False) for face in element.faces)
+    return replace(check, elements=(replace(element, verdict=verdict, faces=faces, **fields),))
+
+
+def test_a_door_whose_leaf_stands_open_is_settled(one_room_scanned) -> None:
+    told = "its leaf stands open by 60 deg: it is extra-1"
+    check = one_open(one_room_scanned, "north 2", "undecided", related_extra="extra-1", sentence=told)
+    found = plan_next_stations(check, PANORAMA)
+    assert found.promised == ()
+    assert found.left[0].reason == told
+
+
+def test_holes_between_measured_cells_of_an_extra_let_no_beam_through(panel_hidden) -> None:
+    """Cells of its front are missing here and there, as where beams were far apart."""
+    cells = cells_of((1.0, 3.2, 0.0), (2.0, 3.9, 2.3))
+    place = np.floor(cells[:, [0, 2]] / 0.05).astype(int)
+    sparse = cells[(place % 3 > 0).any(axis=1) | (cells[:, 1] > 3.25)]
+    assert len(sparse) < len(cells) - 100
+    found = Obstacles.of(replace(panel_hidden, extra=(replace(panel_hidden.extra[0], points=sparse),)))
+    behind = np.random.default_rng(1).uniform((1.1, 3.4, 0.1), (1.9, 3.8, 2.0), (2000, 3))
+    assert found.caster.are_blocked(behind, np.array([WEST])).all()
 
 
 def test_nothing_open_asks_for_no_station() -> None:

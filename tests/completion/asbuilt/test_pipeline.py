@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: MIT
+"""Check of a small room: what moved, what is missing, and the same findings wherever the room stands."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from completion.asbuilt.pipeline import CheckOptions, check_against_design
+from scenes.checks import InputError
+from scenes.mesh.design import ElementMesh
+from scenes.pose import Pose
+from tests.completion.asbuilt.designs import boxes, scanned
+from tests.completion.asbuilt.test_beams import ROOM
+
+SIGMA_M, MOVED_M = 0.002, 0.03
+PIERS = {"pier": ((2.2, 3.2, 0), (3.4, 3.35, 2.5)), "screen": ((2.4, 1.2, 0.0), (2.45, 2.4, 2.0))}
+DESIGN = boxes(ROOM | PIERS, classes={"screen": "IfcPlate"})
+EYES = ((1.2, 1.2, 1.4), (1.4, 4.0, 1.5))
+SEEN = {"floor", "ceiling", "west", "east", "south", "north", "pier", "screen"}
+OPTIONS = CheckOptions(registration=(0.001, 0.003))
+
+
+@cache
+def scans(east_m=0.0, screen=True, wrong=(0.0, 0.0, 0.0), eyes=EYES, sigma_m=SIGMA_M):
+    """Two scans of 60,000 pixels of a room whose east wall moved inwards, and which may lack its screen."""
+    solids = ROOM | PIERS | {"east": ((4 - east_m, 0, 0), (4.2 - east_m, 5, 2.5))}
+    built = boxes({name: box for name, box in solids.items() if screen or name != "screen"})
+    move = Pose.from_parts(np.eye(3), np.array(wrong))
+    return tuple(
+        scanned(built, eye, sigma_m=sigma_m, rng=k, name=f"s{k + 1}", wrong=move)
+        for k, eye in enumerate(eyes)
+    )
+
+
+@cache
+def checked(**state):
+    return check_against_design(DESIGN, scans(**state), OPTIONS, n_threads=1)
+
+
+def verdicts(check):
+    return {one.element.name: one.verdict for one in check.elements}
+
+
+def offsets(check):
+    return {one.element.name: one.offset.value for one in check.elements if one.offset is not None}
+
+
+def moved(design, given, pose):
+    """A design and its scans elsewhere."""
+    mesh = design.mesh.transform(pose)
+    there = [scan.with_facts(world_from_sensor=pose @ scan.world_from_sensor) for scan in given]
+    return ElementMesh(mesh, design.elements, design.name), there
+
+
+def test_a_room_as_designed_is_within() -> None:
+    check = checked()
+    assert verdicts(check) == dict.fromkeys(SEEN, "within")
+    assert check.extra == ()
+    tested = [face for one in check.elements for face in one.faces if face.is_tested and face.is_main]
+    assert len(tested) >= len(SEEN)
+    held = [face.offset.low <= 0 <= face.offset.high for face in tested]
+    assert np.mean(held) > 0.85
+    assert np.median([face.offset.high - face.offset.low for face in tested]) < 0.004
+    assert check.alignment.tau_m < 0.002
+
+
+def test_a_wall_that_moved_deviates_with_an_interval_that_holds() -> None:
+    check = checked(east_m=MOVED_M)
+    assert verdicts(check) == dict.fromkeys(SEEN, "within") | {"east": "deviates"}
+    east = next(one for one in check.elements if one.element.name == "east")
+    assert east.kind == "offset"
+    assert east.offset.low <= MOVED_M <= east.offset.high
+    assert east.offset.high - east.offset.low < 0.006
+    assert east.offset.along == pytest.approx((-1, 0, 0))
+    assert np.abs(check.alignment.shift_m).max() < 0.002
+    near = check.cloud.deviation_m[(check.cloud.element == east.surface) & (check.cloud.points[:, 0] < 4.0)]
+    assert np.nanmedian(near) == pytest.approx(MOVED_M, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("east_m", "expected"), [(0.004, "within"), (0.01, "undecided"), (0.018, "deviates")]
+)
+def test_verdicts_follow_the_tolerance(east_m: float, expected: str) -> None:
+    assert verdicts(checked(east_m=east_m))["east"] == expected
+
+
+def test_what_is_not_there_is_missing_and_what_no_scan_saw_is_not_seen() -> None:
+    assert verdicts(checked(screen=False)) == dict.fromkeys(SEEN, "within") | {"screen": "missing"}
+    far = boxes(ROOM | PIERS | {"shed": ((9, 0, 0), (9.2, 2, 2))})
+    found = check_against_design(far, scans(), OPTIONS, n_threads=1)
+    assert verdicts(found)["shed"] == "not seen"
+
+
+def asked(given, **options):
+    """The check with other options."""
+    chosen = CheckOptions(registration=OPTIONS.registration, **options)
+    return check_against_design(DESIGN, given, chosen, n_threads=1)
+
+
+def test_tolerances_are_by_class_or_name() -> None:
+    given = scans(east_m=0.018)
+    assert verdicts(asked(given, tolerances={"IfcW*": 0.03}))["east"] == "within"
+    assert verdicts(asked(given, tolerances={"east": 0.03, "IfcW*": 0.01}))["east"] == "deviates"
+
+
+def test_elements_are_asked_for_or_left_out() -> None:
+    given = scans(east_m=0.018)
+    assert set(verdicts(asked(given, only=("east", "IfcPlate")))) == {"east", "screen"}
+    found = asked(given, without=("screen",))
+    assert "screen" not in verdicts(found)
+    assert len(found.extra) == 1
+
+
+def test_scans_that_may_not_move_show_what_is_off() -> None:
+    assert verdicts(asked(scans(wrong=(0.02, 0.0, 0.0)), align=False))["west"] == "deviates"
+
+
+def test_scans_three_centimetres_off_are_aligned() -> None:
+    wrong = np.array([0.03, -0.02, 0.01])
+    check = checked(wrong=tuple(wrong.tolist()))
+    assert verdicts(check) == dict.fromkeys(SEEN, "within")
+    assert check.alignment.shift_m == pytest.approx(-wrong, abs=0.002)
+    assert (np.abs(check.alignment.shift_m + wrong) < 3 * check.alignment.shift_sd_m).all()
+
+
+def test_far_from_the_origin_nothing_changes() -> None:
+    """500 km away, as surveyors' frames are: the same findings to a micrometre."""
+    here, move = checked(east_m=MOVED_M), Pose.from_parts(np.eye(3), np.array([5e5, -4e5, 300.0]))
+    there = check_against_design(*moved(DESIGN, scans(east_m=MOVED_M), move), OPTIONS, n_threads=1)
+    assert verdicts(there) == verdicts(here)
+    assert offsets(there) == pytest.approx(offsets(here), abs=2e-5)
+    assert there.alignment.shift_m == pytest.approx(here.alignment.shift_m, abs=2e-5)
+    assert len(there.samples.points) == pytest.approx(len(here.samples.points), abs=1)  # a rounded number
+
+
+def test_a_turned_room_has_the_same_findings() -> None:
+    here = checked(east_m=MOVED_M)
+    turn = Rotation.from_euler("zx", [37.0, 12.0], degrees=True).as_matrix()
+    pose = Pose.from_parts(turn, np.array([20.0, -3.0, 7.0]))
+    there = check_against_design(*moved(DESIGN, scans(east_m=MOVED_M), pose), OPTIONS, n_threads=1)
+    assert verdicts(there) == verdicts(here)
+    assert offsets(there) == pytest.approx(offsets(here), abs=5e-4)
+    assert there.alignment.shift_m == pytest.approx(turn @ here.alignment.shift_m, abs=1e-3)
+
+
+def test_threads_change_nothing() -> None:
+    one, two = (check_against_design(DESIGN, scans(east_m=MOVED_M), OPTIONS, n_threads=n) for n in (1, 2))
+    assert repr(one.elements) == repr(two.elements)
+    assert one.cloud.deviation_m.tobytes() == two.cloud.deviation_m.tobytes()
+    assert one.samples.reason.tobytes() == two.samples.reason.tobytes()
+
+
+def test_what_cannot_be_checked_is_refused() -> None:
+    with pytest.raises(InputError, match="no scan to check"):
+        check_against_design(DESIGN, [])
+    with pytest.raises(InputError, match="no element of boxes is like 'IfcDoor'"):
+        check_against_design(DESIGN, scans(), CheckOptions(only=("IfcDoor",)))
+    with pytest.raises(InputError, match="no element with a surface left"):
+        check_against_design(DESIGN, scans(), CheckOptions(without=("Ifc*",)))
