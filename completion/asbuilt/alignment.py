@@ -31,7 +31,7 @@ from scenes.checks import FloatArray, freeze_arrays
 
 _MEDIAN_SQUARE = 0.455  # of a standard normal number
 _FEWEST_LEFT = 30  # pairs more than unknowns, that tell by how much they differ
-_SETTLED = 0.01  # of tau, between two rounds
+_SETTLED = 0.01  # of tau, and of the weights of faces, between two rounds
 _UNUSED = 1e-12  # information of a parameter that no beam tells
 
 
@@ -163,10 +163,12 @@ def _estimate(
         solved = _solve(system, prior, prior_right, precision)
         spread = np.einsum("qii->qi", _own_blocks(system, solved))
         square = np.where(system.used, np.square(solved.x) + spread, 0.0).sum(axis=1)
-        weight, before = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2), tau
+        before = tau, weight
+        weight = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2)
         if near.any():
             tau = float(np.clip(np.sqrt((weight * square)[near].sum() / used[near].sum()), least, most))
-        if abs(tau - before) < _SETTLED * tau:
+        change = np.abs(weight - before[1]).max(initial=0.0)
+        if abs(tau - before[0]) < _SETTLED * tau and change < _SETTLED:
             break
     precision = np.where(near, weight / tau**2, anywhere)
     return _solve(system, prior, prior_right, precision), tau, precision

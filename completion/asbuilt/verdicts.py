@@ -76,8 +76,10 @@ def decide(
         return _displaced_finding(finding, moved)
     if gone:
         return replace(finding, verdict="missing", sentence=_gone_sentence(known))
-    finding = _with_numbers(finding, known, main or tested, main, aligned=aligned, faces=faces)
-    deviating = [k for k in main if _deviates(known, k, tested, z)]
+    shown = [k for k in main if _is_sure(known, k, tested)]
+    sides = [k for k in shown if k not in known.rivals]
+    finding = _with_numbers(finding, known, main or tested, sides, aligned=aligned, faces=faces)
+    deviating = [k for k in shown if known.faces[k].deviates(known.tolerance_m, z)]
     rivalled = [k for k in deviating if k in known.rivals]
     sure = [k for k in deviating if k not in known.rivals]
     thick = finding.thickness
@@ -126,14 +128,14 @@ def _stands(known: ElementEvidence, k: int) -> bool:
     return not float(np.median(known.faces[k].delta)) < -max(limits.BODY_SHARE * known.thin_m, limits.RIVAL_M)
 
 
-def _deviates(known: ElementEvidence, k: int, tested: Sequence[int], z: float) -> bool:
+def _is_sure(known: ElementEvidence, k: int, tested: Sequence[int]) -> bool:
+    """Whether a face is shown so well that a number of it may be called a deviation."""
     one = known.faces[k]
     along = one.finding.normal
     alike = [known.faces[j].finding for j in tested if abs(known.faces[j].finding.normal @ along) > _ALIKE]
     measured = sum(face.measured_m2 for face in alike)
     return (
-        one.deviates(known.tolerance_m, z)
-        and one.finding.support >= limits.SURE_SUPPORT
+        one.finding.support >= limits.SURE_SUPPORT
         and one.is_flat_enough
         and one.finding.measured_m2 >= limits.LEAST_PART * measured
     )
@@ -191,12 +193,12 @@ def _with_numbers(
     finding: ElementFinding,
     known: ElementEvidence,
     chosen: Sequence[int],
-    main: Sequence[int],
+    sides: Sequence[int],
     *,
     aligned: Aligned,
     faces: DesignFaces,
 ) -> ElementFinding:
-    """Add the numbers of the chosen face that is farthest off, and the thickness between main ones."""
+    """Add the numbers of the chosen face that is farthest off, and the thickness between sides."""
     if not chosen:
         return finding
     worst = max(chosen, key=lambda k: _reach(known.faces[k]))
@@ -205,8 +207,8 @@ def _with_numbers(
     bent = [one for one in bows if one is not None]
     thick = [
         one
-        for a in main
-        for b in main
+        for a in sides
+        for b in sides
         if a < b and _are_opposite(known.faces[a], known.faces[b], faces)
         for one in [thickness_of(known.faces[a], known.faces[b], aligned, faces)]
         if one is not None
