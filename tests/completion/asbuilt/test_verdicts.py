@@ -115,14 +115,21 @@ def test_more_tests_ask_for_more_certainty() -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    "fields", [{"support": 0.4}, {"is_flat": False}, {"is_tested": False}, {"of": END}, {"measured_m2": 2.0}]
-)
+@pytest.mark.parametrize("fields", [{"support": 0.4}, {"is_flat": False}, {"is_tested": False}, {"of": END}])
 def test_what_is_shown_badly_does_not_deviate(fields) -> None:
-    """Little support, a rough surface, no test, a minor face, and less than a third of what was measured."""
+    """Little support, a rough surface, no test, a minor face."""
     sound = face(0.0, of=END, row=1, measured_m2=8.0)
     assert verdict(face(0.03), sound).verdict == "deviates"
     assert verdict(face(0.03, **fields), sound).verdict != "deviates"
+
+
+def test_less_than_a_third_of_what_looks_the_same_way_does_not_deviate() -> None:
+    back = face(0.0, of=BACK, row=1, measured_m2=8.0)
+    assert verdict(face(0.03), back).verdict == "deviates"
+    assert verdict(face(0.03, measured_m2=2.0), back).verdict != "deviates"
+    assert (
+        verdict(face(0.03, measured_m2=2.0), face(0.0, of=END, row=1, measured_m2=8.0)).verdict == "deviates"
+    )
 
 
 def test_most_of_an_element_and_a_main_face_must_be_within() -> None:
