@@ -73,7 +73,8 @@ def run_check(shared: Shared, asked: CheckCommandOptions) -> None:
         findings = replace(checked.findings, warnings=warnings)
         if asked.infer:
             run.watch.enter("infer")
-            findings = infer_elements(findings, given.scans, n_threads=shared.threads)
+            kept = [scan for scan in given.scans if scan.name in findings.scans]
+            findings = infer_elements(findings, kept, n_threads=shared.threads)
         is_ifc = Path(asked.design).suffix.lower() == ".ifc"
         checked = replace(checked, findings=findings, source=Path(asked.design) if is_ifc else None)
         # Compare with an earlier check, and plan what is to be scanned next
