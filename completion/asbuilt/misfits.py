@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.asbuilt import limits
+from completion.asbuilt.deviation import Agreed
 from completion.asbuilt.faces import scale_of
 from completion.observe.rays import pick_rays, rays_of
 from scenes.checks import BoolArray, FloatArray, InputError
@@ -74,9 +75,10 @@ def _share(on: BoolArray, of: BoolArray) -> float:
 class _Fit(NamedTuple):
     """How a scan lies on the design: how many rays meet it, shares of them, and the box (2, 3) of its points.
 
-    `share` and `reached` are `_Met.shares`; after the best `shift` (3,), metres, `moved` end on it. Of
-    the beams that notice that shift, two shares end on it before and after it, then on elements `shown`, while
-    beams end on elements `seen` without it. `is_sure` tells whether the shift is the scan's, not an element's.
+    `share` and `reached` are `_Met.shares`; after the best `shift` (3,), metres, `moved` end on it. Of the
+    beams that notice that shift, `notice` are the shares on it before and after, the latter on elements
+    `shown`; `seen` are the elements that beams end on as it is. `is_sure`: the shift is the scan's, not that
+    of an element.
     """
 
     name: str
@@ -98,7 +100,7 @@ class _Fit(NamedTuple):
         return self.is_sure and before < limits.FITS_NOTICED[0] and after > limits.FITS_NOTICED[1]
 
     def beside(self, others: Sequence[_Fit]) -> _Fit:
-        """The same, sure where a shift brings it to several elements, or to one that others see in its place."""
+        """The same, sure where a shift brings it to several elements, or to one that others see there."""
         seen = frozenset[int]().union(*(fit.seen for fit in others if fit is not self))
         return self._replace(is_sure=len(self.shown) > 1 or bool(self.shown & seen))
 
@@ -155,6 +157,30 @@ def without_misfits(
             told.append(f"{fit.name} hardly fits {sentence}; unless much is not built, its pose is wrong")
         kept.append(scan)
     return tuple(kept), tuple(told)
+
+
+def unlike_others(agreed: Agreed, n_faces: int, names: Sequence[str]) -> tuple[BoolArray, tuple[str, ...]]:
+    """Return which scans (s,) to leave out: few of their beams near faces lie on what all show; and why.
+
+    `names` are those of the scans; sentences on doubtful ones, too.
+    """
+    on, near = np.zeros(len(names)), np.zeros(len(names))
+    for surface, part in zip(agreed.surfaces, agreed.parts, strict=True):
+        if surface.face < n_faces:
+            scan = agreed.beams.scan[part]
+            on += np.bincount(scan[surface.is_on], minlength=len(names))
+            near += np.bincount(scan, minlength=len(names))
+    share = on / np.maximum(near, 1)
+    asked = near >= limits.FEWEST_BEAMS
+    usual = float(np.median(share[asked])) if asked.any() else 0.0
+    out, doubtful = (asked & (share < least * usual) for least in limits.UNLIKE)
+    told = tuple(
+        f"{names[k]} {'was left out, since it does not fit' if out[k] else 'hardly fits'} the design and the "
+        f"other scans: {share[k]:.0%} of its beams near faces of the design lie on the surfaces that all "
+        f"show, {usual:.0%} of the usual scan's; mend its pose"
+        for k in np.flatnonzero(doubtful)
+    )
+    return out, told
 
 
 class _Beams:
