@@ -159,6 +159,16 @@ def without_misfits(
     return tuple(kept), tuple(told)
 
 
+def agreeing(mesh: LabelledMesh, scans: Sequence[RangeImage], n_threads: int | None = None) -> float:
+    """Return the mean share of the scans' beams that end on the mesh of a design, or near it."""
+    middle, gate = mesh.bounds().mean(axis=0), limits.FITS_M * scale_of(mesh)
+    local = mesh.at(mesh.vertices - middle)
+    caster = RayCaster(local.vertices, local.faces, n_threads)
+    beams = [_Beams(scan, local, caster, middle) for scan in scans]
+    shares = [float(one.scaled(1.0).on(gate).mean()) for one in beams if len(one.ranges)]
+    return float(np.mean(shares)) if shares else 0.0
+
+
 def unlike_others(agreed: Agreed, n_faces: int, names: Sequence[str]) -> tuple[BoolArray, tuple[str, ...]]:
     """Return which scans (s,) to leave out: few of their beams near faces lie on what all show; and why.
 
@@ -199,15 +209,15 @@ class _Beams:
 
     def cast(self, shift: FloatArray) -> _Met:
         """Cast them from a shifted place."""
-        return self._cast(self.start + shift, self.ways, self.ranges)
+        return self._cast((self.start + shift)[None], self.ways, self.ranges)
 
     def scaled(self, factor: float) -> _Met:
         """Cast them as if all lengths of the scan were larger by a factor."""
         start = factor * (self.start + self.middle) - self.middle
-        return self._cast(start, self.ways, factor * self.ranges)
+        return self._cast(start[None], self.ways, factor * self.ranges)
 
     def _cast(self, start: FloatArray, ways: FloatArray, ranges: FloatArray) -> _Met:
-        hits = self.caster.first_hit(start[None], ways)
+        hits = self.caster.first_hit(start, ways)
         normal = self.normals[hits.face]
         along = np.abs(np.einsum("ij,ij->i", normal, ways))
         off = np.where(hits.hit, (ranges - np.where(hits.hit, hits.ranges, 0.0)) * along, -np.inf)
@@ -241,7 +251,11 @@ class _Beams:
         ways, ranges = self.ways[::_SPARSE], self.ranges[::_SPARSE]
         grid = _COARSE * gate * (np.array([*np.ndindex(*_GRID)]) - np.array(_GRID) // 2)
         grid = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")]
-        near = [int(self._cast(self.start + shift, ways, ranges).on(_COARSE * gate).sum()) for shift in grid]
+        near = list[int]()
+        for some in np.array_split(grid, _GRID[2]):
+            start = np.repeat(self.start + some, len(ways), axis=0)
+            met = self._cast(start, np.tile(ways, (len(some), 1)), np.tile(ranges, len(some)))
+            near += met.on(_COARSE * gate).reshape(len(some), -1).sum(axis=1).tolist()
         return np.asarray(grid[int(np.argmax(near))])
 
     def _step(self, met: _Met, gate: float, rng: np.random.Generator) -> FloatArray:
