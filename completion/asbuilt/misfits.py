@@ -188,7 +188,7 @@ def unlike_others(agreed: Agreed, n_faces: int, names: Sequence[str]) -> tuple[B
         f"{names[k]} {'was left out, since it does not fit' if out[k] else 'hardly fits'} the design and the "
         f"other scans: {share[k]:.0%} of its beams near faces of the design lie on the surfaces that all "
         f"show, {usual:.0%} of the usual scan's; mend its pose"
-        for k in np.flatnonzero(doubtful)
+        for k in np.flatnonzero(doubtful).tolist()
     )
     return out, told
 
@@ -241,10 +241,19 @@ class _Beams:
         shown = best.elements(
             noticed & best.on(gate), max(_FEWEST, _TELLING * n_met, _TELLING * noticed.sum())
         )
+        share, reached = first.shares(gate)
         return _Fit(
-            self.name, n_met, *first.shares(gate), best.shares(gate)[0], shift, shares, shown,
-            first.elements(first.on(gate), _FEWEST), self.box,
-        )  # fmt: skip
+            name=self.name,
+            n_met=n_met,
+            share=share,
+            reached=reached,
+            moved=best.shares(gate)[0],
+            shift=shift,
+            notice=shares,
+            shown=shown,
+            seen=first.elements(first.on(gate), _FEWEST),
+            box=self.box,
+        )
 
     def _start(self, gate: float) -> FloatArray:
         """The shift (3,) of a grid after which most of some beams end near the design."""

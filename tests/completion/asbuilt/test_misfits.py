@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Misfits: scans of a room off by a shift, a turn or a unit are left out or refused, and the shift is named."""
+"""Misfits: scans off by a shift, a turn or a unit are left out or refused, and the shift is named."""
 
 from functools import cache
 
