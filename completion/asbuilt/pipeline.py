@@ -151,6 +151,7 @@ def _fitting(
     design: ElementMesh, scans: Sequence[RangeImage], options: CheckOptions, n_threads: int | None
 ) -> tuple[Sequence[RangeImage], tuple[str, ...]]:
     """The scans that lie on what is asked of a design, and what is to be said of others."""
+    _matching(design, tuple(options.tolerances))  # each fits an element
     mesh = design.mesh.some(~_matching(design, options.without)[design.mesh.face_surface])
     return without_misfits(mesh, scans, design.name, n_threads) if len(mesh.faces) else (scans, ())
 

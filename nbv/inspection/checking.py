@@ -199,8 +199,9 @@ def _opened(
     design: str | os.PathLike[str] | Scene | ElementMesh, scene: Scene | None
 ) -> tuple[ElementMesh, Path | None, MapConversion | None, tuple[str, ...]]:
     """Return a design, its file where that is IFC, the conversion that was applied, and its warnings."""
-    if scene is None:
+    if isinstance(design, ElementMesh):
         return design, None, None, ()
+    scene = scene or _scene_of(design)
     is_ifc = not isinstance(design, Scene) and Path(design).suffix.lower() == ".ifc"
     conversion = None if scene.design is None else scene.design.conversion
     return scene.element_mesh, Path(design) if is_ifc else None, conversion, scene.warnings  # type: ignore[arg-type]

@@ -126,3 +126,9 @@ def test_a_scan_turned_by_a_degree_has_no_say_in_verdicts():
 def test_the_share_of_beams_on_a_design():
     assert agreeing(room(), surveyed()) > 0.99
     assert agreeing(room(shift=(0, 0, 0.5)), surveyed()) < 0.8
+
+
+def test_a_tolerance_of_no_element_is_refused():
+    design = ElementMesh(room(), tuple(Element(name) for name in SIDES), "room")
+    with pytest.raises(InputError, match=r"no element of room is like 'dor\*'"):
+        check_against_design(design, surveyed(), CheckOptions(tolerances={"dor*": 0.005}))
