@@ -139,7 +139,23 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
         loa_bands_m=dict(options.loa_bands_m),
         samples=_moved_samples(samples_of(known.samples, states), known.middle),
         cloud=replace(cloud, points=cloud.points + known.middle),
-        warnings=known.warnings,
+        warnings=(*known.warnings, *_moved_far(known)),
+    )
+
+
+def _moved_far(known: Measurements) -> tuple[str, ...]:
+    """Say which scans were moved by more, beside the others, than their poses are stated to be off."""
+    stated = known.gates.registration[0]
+    own = np.array([
+        new.scan.origin - (old.origin - known.middle)
+        for new, old in zip(known.observations, known.given, strict=True)
+    ])  # fmt: skip
+    far = np.linalg.norm(own - np.median(own, axis=0), axis=1)
+    return tuple(
+        f"{scan.name} was moved by {1000 * distance:.0f} mm beside the other scans to fit the design; its "
+        f"pose is stated to be off by {1000 * stated:.3g} mm: mend the registration, or give --registration"
+        for scan, distance in zip(known.given, far, strict=True)
+        if len(known.given) > 1 and distance > max(limits.MOVED_SIGMAS * stated, limits.AGAIN_M * known.scale)
     )
 
 

@@ -231,6 +231,8 @@ class _Collected:
             if taken[seed] or area[seed] < small:
                 continue
             ways = near[~taken[near] & (normal[near] @ normal[seed] > np.cos(np.radians(COPLANAR_DEG)))]
+            if area[ways].sum() < LEAST_FACE_M2 * self.scale**2:
+                continue
             held = np.isin(own, ways)
             start = corners[own == seed].reshape(-1, 3).mean(axis=0)
             off = np.zeros(len(names))

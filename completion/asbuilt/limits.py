@@ -30,6 +30,20 @@ MAIN_SHARE = 0.25
 SEE_THROUGH = 0.9
 """Opacity below which material is not tested: glass. By choice."""
 
+# Fit of scans
+FITS_M = 0.1
+"""From the design's first surface on a ray, across it, for a beam to end on it: twice FREE_M. By choice."""
+FITS_SHARE, FITS_REACHED = 0.01, 0.2
+"""Least share of beams towards the design that end on it; of those not stopped before it. By choice."""
+FITS_UNLIKE = 0.5, 0.5
+"""The latter beside that of other scans, to be left out below it; and, to be told of. By choice."""
+FITS_UNIT = 0.25
+"""How much larger the share of beams on the design must be in another unit. By choice."""
+FITS_SHIFT = 1.5
+"""Of FITS_M, across a surface, from which on a beam notices a shift. By choice: what NEAR_M forgives."""
+FITS_NOTICED = 0.3, 0.6
+"""Most share of such beams on the design before a shift, least after it, of a scan elsewhere. By choice."""
+
 # Crossings
 BEHIND_M = 0.45
 """Behind what was measured, within which surfaces of the design are looked for. Page."""
@@ -102,6 +116,12 @@ ROUNDS = 12
 """Of expectation and maximisation. Page."""
 AGAIN_M = 0.01
 """Motion of a scan after which the subset is aligned once more. By choice."""
+UNLIKE = 0.5, 0.75
+"""Share of a scan's beams near faces that lie on what all scans show, beside that of the usual one, to be
+left out below it, and to be told of. By choice: a scan turned by 1 deg in a room has 0.3, one 5 cm off 0.6.
+"""
+MOVED_SIGMAS = 5.0
+"""Stated errors of poses, beyond which the motion of one scan is told. By choice."""
 
 # Decision
 CORNERS = 0.05
@@ -141,6 +161,8 @@ MOST_THROUGH = 0.2
 # Shares
 SAMPLE_M = 0.1
 """Between samples. Page."""
+MOST_SAMPLES = 2_000_000
+"""Of a design; those of a larger one are farther apart. By choice: half a gigabyte."""
 COVERED_M = 0.01
 """Before a face, within which other surface of the design covers it. By choice."""
 

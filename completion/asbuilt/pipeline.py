@@ -25,6 +25,7 @@ from completion.asbuilt.conclusion import Measurements, conclude
 from completion.asbuilt.deviation import Agreed, FaceStanding, Judged, is_shown, judge_faces
 from completion.asbuilt.faces import DesignFaces, find_faces, scale_of
 from completion.asbuilt.findings import LOA_BANDS_M, DesignCheck
+from completion.asbuilt.misfits import unlike_others, without_misfits
 from completion.asbuilt.noise import fitted_sigma
 from completion.asbuilt.samples import SurfaceSamples, exposed_share, sample_design
 from completion.observe.observation import Observation, observe
@@ -108,6 +109,9 @@ def check_against_design(
     """
     options = options or CheckOptions()
     told = progress or _silent
+    if not scans:
+        raise InputError("no scan to check; name at least one")
+    scans, doubts = _fitting(design, scans, options, n_threads)
     model = _Model.of(design, options, n_threads)
     observations = model.observe(scans, options, told)
     observations, moved = model.place(observations, options, told)
@@ -115,6 +119,12 @@ def check_against_design(
     evidence = model.trace(observations, every, options, told)
     told("deviations", 0, 1)
     agreed = model.agree(observations, every, evidence, moved, with_far=True)
+    left_out, said = unlike_others(agreed, len(model.faces), [scan.name for scan in scans])
+    doubts = (*doubts, *said)
+    if left_out.any():
+        kept = [scan for scan, is_off in zip(scans, left_out, strict=True) if not is_off]
+        again = check_against_design(design, kept, options, n_threads=n_threads, progress=progress)
+        return replace(again, warnings=tuple(dict.fromkeys((*doubts, *again.warnings))))
     judged, far = model.judge(agreed, evidence)
     measured = Measurements(
         design=model.design,
@@ -132,9 +142,18 @@ def check_against_design(
         judged=judged,
         far=far,
         chosen=tuple(model.chosen),
-        warnings=model.warnings,
+        warnings=(*doubts, *model.warnings),
     )
     return conclude(measured, options)
+
+
+def _fitting(
+    design: ElementMesh, scans: Sequence[RangeImage], options: CheckOptions, n_threads: int | None
+) -> tuple[Sequence[RangeImage], tuple[str, ...]]:
+    """The scans that lie on what is asked of a design, and what is to be said of others."""
+    _matching(design, tuple(options.tolerances))  # each fits an element
+    mesh = design.mesh.some(~_matching(design, options.without)[design.mesh.face_surface])
+    return without_misfits(mesh, scans, design.name, n_threads) if len(mesh.faces) else (scans, ())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +190,7 @@ class _Model:
         common = (limits.FREE_M * scale, limits.FREE_RAD) if options.align else (0.0, 0.0)
         caster = RayCaster(mesh.vertices, mesh.faces, n_threads)
         samples = sample_design(mesh, surfaces, caster, scale)
-        exposed = exposed_share(samples, surfaces, faces.area, (limits.SAMPLE_M * scale) ** 2)
+        exposed = exposed_share(samples, surfaces, faces.area)
         chosen = _matching(design, options.only) if options.only else np.ones(len(design.elements), np.bool_)
         present = np.bincount(mesh.face_surface, minlength=len(design.elements)) > 0
         told = (
@@ -198,8 +217,6 @@ class _Model:
         self, scans: Sequence[RangeImage], options: CheckOptions, told: Progress
     ) -> list[Observation]:
         """Prepare scans in the frame whose origin is the design's middle."""
-        if not scans:
-            raise InputError("no scan to check; name at least one")
         frame = Pose.from_parts(np.eye(3), self.middle)
         seen = []
         for number, scan in enumerate(scans):

@@ -53,9 +53,9 @@ class SurfaceSamples:
 def sample_design(mesh: LabelledMesh, surfaces: Surfaces, caster: RayCaster, scale: float) -> SurfaceSamples:
     """Sample the surface of a design evenly, where nothing of it covers it, element by element."""
     area = np.where(surfaces.is_solid, mesh.face_areas(), 0.0)
-    each = (limits.SAMPLE_M * scale) ** 2
     ends = np.cumsum(area)
-    n = int(ends[-1] / each) if len(ends) else 0
+    each = max((limits.SAMPLE_M * scale) ** 2, float(ends[-1]) / limits.MOST_SAMPLES)
+    n = int(ends[-1] / each)
     triangle = np.searchsorted(ends, (np.arange(n) + 0.5) * each)
     a, b = ((0.5 + step * np.arange(1, n + 1)) % 1.0 for step in _GOLDEN)
     root = np.sqrt(a)
@@ -74,13 +74,11 @@ def sample_design(mesh: LabelledMesh, surfaces: Surfaces, caster: RayCaster, sca
     return SurfaceSamples(points[free], normals[free], triangle, element, np.full(len(free), each))
 
 
-def exposed_share(
-    samples: SurfaceSamples, surfaces: Surfaces, face_area: FloatArray, each_m2: float
-) -> FloatArray:
+def exposed_share(samples: SurfaceSamples, surfaces: Surfaces, face_area: FloatArray) -> FloatArray:
     """Share (F,) of each face that nothing covers."""
     face = surfaces.face[samples.triangle]
-    count = np.bincount(face[face >= 0], minlength=len(face_area))
-    return np.asarray(np.minimum(count * each_m2 / np.maximum(face_area, 1e-12), 1.0))
+    area = np.bincount(face[face >= 0], samples.area_m2[face >= 0], len(face_area))
+    return np.asarray(np.minimum(area / np.maximum(face_area, 1e-12), 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,6 +19,7 @@ from nbv.inspection.checking import (
     check_design,
     compare_with,
     distinctly_named,
+    in_frame_of,
     open_design,
     read_earlier,
     read_loa_bands,
@@ -73,7 +74,8 @@ def run_check(shared: Shared, asked: CheckCommandOptions) -> None:
         findings = replace(checked.findings, warnings=warnings)
         if asked.infer:
             run.watch.enter("infer")
-            findings = infer_elements(findings, given.scans, n_threads=shared.threads)
+            kept = [scan for scan in given.scans if scan.name in findings.scans]
+            findings = infer_elements(findings, kept, n_threads=shared.threads)
         is_ifc = Path(asked.design).suffix.lower() == ".ifc"
         checked = replace(checked, findings=findings, source=Path(asked.design) if is_ifc else None)
         # Compare with an earlier check, and plan what is to be scanned next
@@ -93,9 +95,10 @@ def run_check(shared: Shared, asked: CheckCommandOptions) -> None:
 def _given_scans(run: Run, scene: Scene, asked: CheckCommandOptions) -> tuple[GivenScans, Sequence[str]]:
     """Return the scans in the frame of the design, and what is to be told of their placement."""
     if not asked.register:
-        given = read_request(asked.request()).with_z_up(scene.file_up)
-        return replace(given, scans=distinctly_named(given.scans, given.names)), ()
+        given, turned = in_frame_of(scene, read_request(asked.request()))
+        return replace(given, scans=distinctly_named(given.scans, given.names)), turned
     given, copies = without_copies(read_request(asked.request(), posed=False))
+    given = replace(given, scans=distinctly_named(given.scans, given.names))
     placement = place_on_design(
         scene.element_mesh, given.scans, n_threads=run.shared.threads, progress=run.progress
     )
@@ -108,7 +111,7 @@ def _given_scans(run: Run, scene: Scene, asked: CheckCommandOptions) -> tuple[Gi
         scan.with_facts(world_from_sensor=pose)
         for scan, pose in zip(given.scans, placement.poses, strict=True)
     )
-    return replace(given, scans=distinctly_named(placed, given.names)), (*copies, *placement.sentences)
+    return replace(given, scans=placed), (*copies, *placement.sentences)
 
 
 def summary_of(checked: CheckedDesign) -> dict[str, Any]:

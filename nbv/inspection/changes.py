@@ -63,11 +63,18 @@ def changes_since(before: Mapping[str, Any], check: DesignCheck) -> list[Change]
             "name the check.json of an earlier check"
         )
     try:
-        return list(_changes(before, check))
+        changes = list(_changes(before, check))
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise InputError(
             f"is a damaged check: {type(error).__name__} at {error}; check that design again"
         ) from error
+    if (
+        check.elements
+        and changes
+        and {one.surface for one in changes if not one.before} >= {one.surface for one in check.elements}
+    ):
+        raise InputError(f"is of another design: none of its elements is in {check.design.name}")
+    return changes
 
 
 def _changes(before: Mapping[str, Any], check: DesignCheck) -> Iterator[Change]:

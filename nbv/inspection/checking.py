@@ -10,7 +10,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from completion.asbuilt import limits
 from completion.asbuilt.findings import DesignCheck, ElementFinding, Extra
+from completion.asbuilt.misfits import agreeing
 from completion.asbuilt.pipeline import CheckOptions, check_against_design
 from completion.export.bcf import BcfVersion
 from nbv.inspection.bcf_topics import write_bcf
@@ -23,7 +25,7 @@ from scenes.checks import InputError
 from scenes.io.checks.documents import read_json, read_toml
 from scenes.io.checks.guard import guard_reading
 from scenes.io.formats.format import Units
-from scenes.io.scan_request import ScanRequest, read_request
+from scenes.io.scan_request import GivenScans, ScanRequest, read_request
 from scenes.io.scene_files import load_scene, open_scene
 from scenes.mesh.design import ElementMesh, MapConversion
 from scenes.mesh.orientation import Axis
@@ -169,13 +171,18 @@ def check_design(
         Unusable files or options; scans of another place.
     """
     earlier = {} if before is None else read_earlier(before)
-    held, source, conversion, doubts = _opened(design)
+    scene = None if isinstance(design, ElementMesh) else _scene_of(design)
+    held, source, conversion, doubts = _opened(design, scene)
     given = [scan for scan in scans if isinstance(scan, RangeImage)]
     if len(given) < len(scans):
         if given:
             raise InputError(f"{len(given)} of {len(scans)} scans are no paths; give paths or RangeImages")
         request = read_request(ScanRequest(tuple(os.fspath(scan) for scan in scans)))  # type: ignore[arg-type]
-        given, doubts = list(distinctly_named(request.scans, request.names)), (*doubts, *request.doubts)
+        turned: tuple[str, ...] = ()
+        if scene is not None:
+            request, turned = in_frame_of(scene, request)
+        given = list(distinctly_named(request.scans, request.names))
+        doubts = (*doubts, *request.doubts, *turned)
     given = list(distinctly_named(given))
     asked = replace(options or CheckOptions(), tolerance_m=tolerance_m, tolerances=dict(tolerances or {}))
     findings = check_against_design(held, given, asked, n_threads=n_threads, progress=progress)
@@ -184,13 +191,17 @@ def check_design(
     return CheckedDesign(findings, source, conversion, changes=changes)
 
 
+def _scene_of(design: str | os.PathLike[str] | Scene) -> Scene:
+    return design if isinstance(design, Scene) else open_design(os.fspath(design))
+
+
 def _opened(
-    design: str | os.PathLike[str] | Scene | ElementMesh,
+    design: str | os.PathLike[str] | Scene | ElementMesh, scene: Scene | None
 ) -> tuple[ElementMesh, Path | None, MapConversion | None, tuple[str, ...]]:
     """Return a design, its file where that is IFC, the conversion that was applied, and its warnings."""
     if isinstance(design, ElementMesh):
         return design, None, None, ()
-    scene = design if isinstance(design, Scene) else open_design(os.fspath(design))
+    scene = scene or _scene_of(design)
     is_ifc = not isinstance(design, Scene) and Path(design).suffix.lower() == ".ifc"
     conversion = None if scene.design is None else scene.design.conversion
     return scene.element_mesh, Path(design) if is_ifc else None, conversion, scene.warnings  # type: ignore[arg-type]
@@ -201,6 +212,21 @@ def open_design(spec: str, *, up: Axis | None = None, units: Units = "m") -> Sce
     if spec.startswith("builtin:"):
         return open_scene(spec)
     return load_scene(spec, up=up, units=units, design=True)
+
+
+def in_frame_of(scene: Scene, given: GivenScans) -> tuple[GivenScans, tuple[str, ...]]:
+    """Return scans in the world of a design, whose z is up, and what is to be said of it.
+
+    Scans of a design whose file has another axis up may have that axis up, too, or z as scanners have: more
+    of their beams end on the design in one of both.
+    """
+    turned = given.with_z_up(scene.file_up)
+    mesh, least = scene.element_mesh.mesh, limits.FITS_UNIT
+    if scene.file_up == "z" or agreeing(mesh, given.scans) < agreeing(mesh, turned.scans) + least:
+        return turned, ()
+    return given, (
+        f"the scans are z up, the file of the design {scene.file_up} up: only the design was turned",
+    )
 
 
 def distinctly_named(scans: Sequence[RangeImage], names: Sequence[str] = ()) -> tuple[RangeImage, ...]:

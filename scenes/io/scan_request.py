@@ -319,8 +319,8 @@ def _refuse_unplaced(scans: Sequence[RangeImage]) -> None:
     if len(scans) > 1:
         raise InputError(
             f"{len(scans)} scans without poses cannot be joined; give --poses FILE with one line a scan "
-            "(tx ty tz qx qy qz qw, world from sensor), find poses by `unseen register`, or complete them "
-            "one by one"
+            "(tx ty tz qx qy qz qw, world from sensor), find poses by `unseen register`, in a design by "
+            "`unseen check --register`, or complete them one by one"
         )
 
 

@@ -221,6 +221,9 @@ def _read_placed(file: Path) -> tuple[Any, int, tuple[str, ...], LengthUnit | No
         data = plain_obj(file.read_bytes())
         held = Contents(check_obj(data))
         data = cut_obj(data)
+        objects = re.findall(rb"(?m)^o [^\n]*", data)
+        if n_same := len(objects) - len(set(objects)):
+            doubts = (f"{n_same} of {len(objects)} objects have the name of another; those are one surface",)
     elif suffix == ".ply":
         data = plain_ply(file.read_bytes())
         held = Contents(check_ply(data))

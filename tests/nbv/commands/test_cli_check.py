@@ -2,6 +2,7 @@
 """`unseen check`: a room of six elements with a moved wall and no door, its files, options and errors."""
 
 import json
+import re
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -21,9 +22,10 @@ from nbv.inspection.checking import CheckedDesign
 from nbv.inspection.record import check_record
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import SphericalSensor, View
-from scenes.io.scan_files import write_scan
-from scenes.io.scene_files import save_scene
+from scenes.io.scan_files import read_scan, write_scan
+from scenes.io.scene_files import load_scene, save_scene
 from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.mesh.orientation import world_from_file_up
 from scenes.pose import Pose
 from scenes.world.scene import Scene
 from tests.nbv.inspection.checks import example_check, example_design
@@ -206,6 +208,31 @@ def test_unusable_options_fail_in_one_line(folder, tmp_path, words, code, cause)
     if code == 1:
         assert len(result.stderr.strip().splitlines()) == 1
         assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("words", "cause"), [
+    (("--design-units", "mm"), "the scans do not fit the design: it spans 0.006"),
+    (("--design-units", "ft"), "[0-9]+% with --units ft --design-units m; give that|do not fit the design"),
+])  # fmt: skip
+def test_scans_that_do_not_fit_the_design_fail_in_one_line(folder, tmp_path, words, cause):
+    result = run(folder / "room.obj", folder / "s1.npz", *words, "-o", tmp_path / "out")
+    assert result.exit_code == 1
+    assert re.search(cause, result.stderr)
+    assert len([line for line in result.stderr.strip().splitlines() if "warning" not in line]) == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_scans_of_a_design_that_is_y_up_keep_the_axis_on_which_they_fit(folder, quick, tmp_path, up):
+    design = load_scene(folder / "room.obj")
+    save_scene(design, tmp_path / "room.glb")  # y up
+    scan = read_scan(folder / "s1.npz")
+    given = scan if up == "z" else scan.transform(world_from_file_up("y").inverse())
+    write_scan(given, tmp_path / "s.npz")
+    result = run(tmp_path / "room.glb", tmp_path / "s.npz", "--up", "y", "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert np.allclose(quick["scans"][0].world_from_sensor.matrix, scan.world_from_sensor.matrix, atol=1e-9)
+    assert ("only the design was turned" in result.stderr) == (up == "z")
 
 
 def test_the_summary_counts_what_was_found():

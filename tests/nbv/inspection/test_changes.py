@@ -120,3 +120,11 @@ def test_what_is_no_check_is_refused_in_one_line(damage, part):
     with pytest.raises(InputError, match=part) as caught:
         changes_since({**BEFORE, **damage}, CHECK)
     assert "\n" not in str(caught.value)
+
+
+def test_a_check_of_another_design_is_refused():
+    check = example_check()
+    held = check_record(check)
+    others = [{**one, "global_id": f"9{k}", "name": f"other {k}"} for k, one in enumerate(held["elements"])]
+    with pytest.raises(InputError, match="is of another design"):
+        changes_since({**held, "elements": others}, check)
