@@ -292,7 +292,8 @@ class _Model:
         beams = replace(beams, columns=columns)
         aligned = align(
             beams, on, origins,
-            speaks=self._speaks(surfaces, evidence), moved=moved, errors=self.errors, scale=self.scale,
+            speaks=self._speaks(surfaces, evidence), moved=moved, errors=self.errors,
+            bias=np.where(_rounded(observations), 1.0, limits.BIAS_SHARE), scale=self.scale,
         )  # fmt: skip
         return _Agreed(beams, tuple(surfaces), tuple(parts), aligned, origins)
 
@@ -326,7 +327,8 @@ class _Model:
         ranges = np.linalg.norm(rays, axis=1)
         cosine = np.abs(np.einsum("ij,ij->i", rays, beams.normal)) / np.maximum(ranges, 1e-12)
         sigma = fitted_sigma(residual, ranges, cosine, instrument, on)
-        least = 1e-4 * self.scale * cosine
+        # what is rounded shows less noise than it has: all of a face may lie in one step
+        least = np.where(_rounded(observations)[beams.scan], beams.sigma, 1e-4 * self.scale * cosine)
         return replace(beams, sigma=np.where(np.isfinite(sigma), np.maximum(sigma, least), beams.sigma))
 
     def _speaks(self, surfaces: Sequence[FaceSurface], evidence: Sequence[Evidence]) -> BoolArray:
@@ -396,6 +398,11 @@ def _shown(is_on: BoolArray, scan: NDArray[np.int32]) -> BoolArray:
     n = int(scan.max()) + 1
     share = np.bincount(scan[is_on], minlength=n) / np.maximum(np.bincount(scan, minlength=n), 1)
     return np.asarray(is_on & (share >= limits.LEAST_SUPPORT)[scan])
+
+
+def _rounded(observations: Sequence[Observation]) -> BoolArray:
+    """The scans (s,) whose ranges come in steps that hide the noise: means of beams are no more exact."""
+    return np.array([seen.noise.step_m > 0 for seen in observations], np.bool_)
 
 
 def _subset(seen: Observation, n_scans: int) -> NDArray[np.int64]:

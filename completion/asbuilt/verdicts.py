@@ -254,7 +254,10 @@ def _kind(face: Judged, tolerance_m: float) -> Kind:
     own = face.finding
     if own.radius is not None and abs(own.radius.value) > abs(own.offset.value if own.offset else 0.0):
         return "radius"
-    if own.bow is not None and abs(own.bow.value) > max(tolerance_m, np.ptp(face.delta[:8]) / 2):
+    around = face.delta[:8]
+    if own.bow is not None and abs(own.bow.value) > max(
+        tolerance_m, np.ptp(around) / 2, abs(float(around.mean()))
+    ):
         return "bow"
     middle = abs(own.offset.value) if own.offset is not None else 0.0
     return "tilt" if np.ptp(face.delta) / 2 > middle else "offset"
