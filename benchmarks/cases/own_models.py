@@ -38,7 +38,7 @@ class RealSet:
 
 
 SETS = {
-    "tdtk": RealSet(("tdtk",), 0.02, is_registered=False),
+    "tdtk": RealSet(("tdtk",), 0.04, is_registered=False),
     "pumpA": RealSet(("e57/pumpA.e57",), 0.01),
     "office1": RealSet(("pcl/office1.pcd",), 0.03),
     "pcl_room": RealSet(
