@@ -314,7 +314,7 @@ def _evidence_of(
 def _thickness(known: Measurements, surface: int) -> float:
     """Thickness of an element across its largest face; endless for sheets, which have no back."""
     mine = np.flatnonzero((known.faces.element == surface) & (known.faces.sign == 0))
-    if not len(mine) or known.surfaces.is_open[known.surfaces.element == surface].any():
+    if not len(mine) or known.surfaces.is_sheet[known.surfaces.element == surface].any():
         return np.inf
     normal = known.faces.normal[mine[np.argmax(known.faces.area[mine])]]
     corners = known.design.mesh.corners[known.surfaces.element == surface].reshape(-1, 3)

@@ -23,7 +23,7 @@ from completion.asbuilt.alignment import Aligned, PoseErrors, align
 from completion.asbuilt.beams import Evidence, Gates, Surfaces, trace
 from completion.asbuilt.conclusion import Measurements, conclude
 from completion.asbuilt.deviation import Judged, judge_faces
-from completion.asbuilt.faces import DesignFaces, find_faces, scale_of
+from completion.asbuilt.faces import DesignFaces, elements_of, find_faces, scale_of
 from completion.asbuilt.findings import LOA_BANDS_M, DesignCheck
 from completion.asbuilt.noise import fitted_sigma
 from completion.asbuilt.samples import SurfaceSamples, exposed_share, sample_design
@@ -175,7 +175,12 @@ class _Model:
         turned = turn_outside_out(mesh.at(mesh.vertices - middle), mesh.face_surface.astype(np.int64))
         mesh, scale = turned.mesh, scale_of(turned.mesh)
         faces = find_faces(mesh, scale)
-        surfaces = Surfaces.of(mesh, faces, turned.is_closed)
+        is_part = _is_part(design) and len(faces) > 1
+        if is_part:
+            design = elements_of(design, mesh, faces)
+            faces = replace(faces, element=np.arange(len(faces), dtype=np.int32))
+            mesh, left_out = design.mesh, np.zeros(len(design.elements), np.bool_)
+        surfaces = Surfaces.of(mesh, faces, turned.is_closed, is_part=is_part)
         shift, turn = options.registration or (2e-3 * scale, 0.006)
         pose = float(shift), float(np.radians(turn))
         common = (limits.FREE_M * scale, limits.FREE_RAD) if options.align else (0.0, 0.0)
@@ -403,6 +408,11 @@ def _shown(is_on: BoolArray, scan: NDArray[np.int32]) -> BoolArray:
 def _rounded(observations: Sequence[Observation]) -> BoolArray:
     """The scans (s,) whose ranges come in steps that hide the noise: means of beams are no more exact."""
     return np.array([seen.noise.step_m > 0 for seen in observations], np.bool_)
+
+
+def _is_part(design: ElementMesh) -> bool:
+    """Whether a design is one body without anything said of it."""
+    return len(design.elements) == 1 and not design.elements[0].ifc_class
 
 
 def _subset(seen: Observation, n_scans: int) -> NDArray[np.int64]:
