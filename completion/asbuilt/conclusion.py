@@ -34,7 +34,7 @@ from completion.asbuilt.findings import (
 from completion.asbuilt.samples import SampleStates, SurfaceSamples, judge_samples, samples_of
 from completion.asbuilt.verdicts import ElementEvidence, decide, quantile
 from completion.observe.observation import Observation
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, InputError
 from scenes.mesh.design import ElementMesh
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
@@ -99,6 +99,7 @@ class Measurements:
 
 def conclude(known: Measurements, options: Asked) -> DesignCheck:
     """Return the findings on all elements."""
+    doubts = _doubts_of_beams(known)
     cells = _cells(known)
     states = judge_samples(
         known.samples,
@@ -136,7 +137,35 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
         loa_bands_m=dict(options.loa_bands_m),
         samples=_moved_samples(samples_of(known.samples, states), known.middle),
         cloud=replace(cloud, points=cloud.points + known.middle),
-        warnings=known.warnings,
+        warnings=(*known.warnings, *doubts),
+    )
+
+
+def _doubts_of_beams(known: Measurements) -> tuple[str, ...]:
+    """Say if the noise of most beams is too large; raise InputError where they are not of the design."""
+    label = np.concatenate([found.label for found in known.evidence])
+    returned, unused = int((label != NO_RETURN).sum()), int((label == NOT_USED).sum())
+    points = [seen.points_at(np.flatnonzero(seen.valid)) for seen in known.observations]
+    scanned = np.ptp(np.quantile(np.concatenate(points), [0.05, 0.95], axis=0), axis=0) if returned else 0.0
+    sizes = [float(np.linalg.norm(np.ptp(known.design.mesh.bounds(), axis=0))), float(np.linalg.norm(scanned))]
+    is_other_unit = max(sizes) > limits.OTHER_UNIT * min(sizes)
+    is_tested = any(one.finding.is_tested for one in known.judged)
+    few = (label >= 0).sum() < limits.LEAST_ON * (returned - unused)
+    if returned and (few or (is_other_unit and not is_tested)):
+        cure = (
+            "give the unit of the design (--design-units) or of the scans (--units)"
+            if is_other_unit
+            else "give scans of it in its frame, or place them on it (--register)"
+        )
+        raise InputError(
+            f"hardly a beam ends on {known.design.name}: it is {sizes[0]:.3g} m across, what was scanned "
+            f"{sizes[1]:.3g} m; {cure}"
+        )
+    if unused <= returned / 2:
+        return ()
+    return (
+        f"{unused / returned:.0%} of the beams were left out: their noise is beyond "
+        f"{1000 * known.gates.most_sigma_m:.2g} mm, too much for a design of this size",
     )
 
 

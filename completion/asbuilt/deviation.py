@@ -131,7 +131,7 @@ def _judge(
         measured_m2=min(surface.area_m2, float(faces.area[f])),
         n_beams=len(on),
         deviation=_interval(delta[worst], sd[worst], along),
-        offset=_axis_shift(x, covariance, faces, f)
+        offset=_axis_shift(x, covariance, faces, f, float(middle[0]))
         if is_round
         else _linear(places[-1], x, covariance, along),
         tilt=None if is_round else _tilt(x, covariance, faces.half[f]),
@@ -140,7 +140,7 @@ def _judge(
         rms_m=float(surface.sd),
         place=faces.centre[f]
         + (
-            0.0
+            middle[0] * faces.half[f, 0] * faces.normal[f]
             if is_round
             else middle[0] * faces.half[f, 0] * faces.u[f] + middle[1] * faces.half[f, 1] * faces.v[f]
         ),
@@ -198,12 +198,15 @@ def _linear(
     return _interval(column @ x, np.sqrt(max(column @ covariance @ column, 0.0)), along)
 
 
-def _axis_shift(x: FloatArray, covariance: FloatArray, faces: DesignFaces, f: int) -> Interval:
-    """Shift of a cylinder's axis, along the direction that it went."""
-    size = float(np.hypot(x[0], x[1]))
-    way = x[:2] / size if size else np.array([1.0, 0.0])
+def _axis_shift(
+    x: FloatArray, covariance: FloatArray, faces: DesignFaces, f: int, place: float
+) -> Interval:
+    """Shift of a cylinder's axis at a place along it, -1 to 1, along the direction that it went."""
+    shift = x[:2] + place * x[2:4]
+    size = float(np.linalg.norm(shift))
+    way = shift / size if size else np.array([1.0, 0.0])
     along = _unit(way[0] * faces.u[f] + way[1] * faces.v[f])
-    return _linear(np.array([*way, 0.0, 0.0, 0.0]), x, covariance, along)
+    return _linear(np.array([*way, *(place * way), 0.0]), x, covariance, along)
 
 
 def _tilt(x: FloatArray, covariance: FloatArray, half: FloatArray) -> Interval:

@@ -334,7 +334,9 @@ def _unseen_sentence(known: ElementEvidence) -> str:
 
 def _mm(metres: float) -> str:
     value = 1000 * metres
-    return f"{value:.1f} mm" if abs(value) < 1000 else f"{value / 1000:.2f} m"
+    if abs(value) >= 1000:
+        return f"{value / 1000:.2f} m"
+    return f"{value:.1f} mm" if abs(value) >= 1 or not value else f"{value:.3f} mm"
 
 
 def _way(one: Judged) -> tuple[float, float, float]:
