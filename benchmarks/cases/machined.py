@@ -57,7 +57,9 @@ def machined(design: Scene, seed: int) -> MachinedPart:
     away = vertices - faces.centre[hole]
     along = away @ faces.normal[hole]
     radial = np.linalg.norm(away - along[:, None] * faces.normal[hole], axis=1)
-    is_rim = (np.abs(radial - faces.radius[hole]) < _NEAR_M) & (np.abs(along) <= faces.half[hole, 0] + _NEAR_M)
+    is_rim = (np.abs(radial - faces.radius[hole]) < _NEAR_M) & (
+        np.abs(along) <= faces.half[hole, 0] + _NEAR_M
+    )
     vertices[is_rim] += shift
     height = float(FACE_M * rng.choice([-1.0, 1.0]))
     on_face = np.abs((mesh.vertices - faces.centre[face]) @ faces.normal[face]) < _NEAR_M

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from completion import CompletionOptions, complete
 from completion.result.completed_model import CompletedModel
 from nbv.scans.registering import register_request
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import FloatArray
 from scenes.io.scan_request import ScanRequest, read_request
 from scenes.mesh.design import Element, ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
@@ -77,16 +77,14 @@ def own_model(name: str) -> OwnModel:
     request = ScanRequest(tuple(str(FOLDER / file) for file in one.files), origins=one.origins)
     given = read_request(request) if one.is_registered else register_request(request).given
     model = complete(given.scans, CompletionOptions(texture=False), rng=0)
-    scans = tuple(
-        scan.with_facts(name=f"{name} {k}") for k, scan in enumerate(model.scans, start=1)
-    )
+    scans = tuple(scan.with_facts(name=f"{name} {k}") for k, scan in enumerate(model.scans, start=1))
     return OwnModel(scans, as_design(model, name), np.array([
         *(surface.patch.observed_m2 for surface in model.surfaces), 0.0
     ]))  # fmt: skip
 
 
 def as_design(model: CompletedModel, name: str) -> ElementMesh:
-    """Return the light model of a completion: an element for each surface, and one for all that is on none."""
+    """Return the light model of a completion: an element for each surface, and one for the rest."""
     vertices, faces, surface, start = [], [], [], 0
     rest = model.light_remainder
     for number, points, triangles in [
@@ -97,7 +95,9 @@ def as_design(model: CompletedModel, name: str) -> ElementMesh:
         faces.append(np.asarray(triangles, np.int32) + start)
         surface.append(np.full(len(triangles), number, np.int32))
         start += len(points)
-    elements = [Element(f"surface {k + 1} {patch.grid.surface.kind}") for k, patch in enumerate(model.patches)]
+    elements = [
+        Element(f"surface {k + 1} {patch.grid.surface.kind}") for k, patch in enumerate(model.patches)
+    ]
     mesh = LabelledMesh(np.concatenate(vertices), np.concatenate(faces), np.concatenate(surface))
     return ElementMesh(mesh, (*elements, Element("remainder")), name)
 
@@ -121,7 +121,9 @@ def planted(own: OwnModel, shift_m: float, seed: int) -> Planted:
     surface = np.concatenate([
         mesh.face_surface[kept], np.full(len(box), len(own.design.elements), np.int32)
     ]).astype(np.int32)  # fmt: skip
-    changed = LabelledMesh(every.reshape(-1, 3), np.arange(3 * len(every), dtype=np.int32).reshape(-1, 3), surface)
+    changed = LabelledMesh(
+        every.reshape(-1, 3), np.arange(3 * len(every), dtype=np.int32).reshape(-1, 3), surface
+    )
     elements = (*own.design.elements, Element("box that is not there"))
     design = ElementMesh(changed, elements, own.design.name)
     return Planted(design, moved, len(own.design.elements), removed, shift, corners[~kept])
@@ -135,7 +137,9 @@ def _free_place(scans: tuple[RangeImage, ...], rng: np.random.Generator) -> Floa
     for _ in range(_TRIES // 100):
         scan = scans[rng.integers(len(scans))]
         ends = scan.points()[scan.valid]
-        place = scan.origin + rng.uniform(0.3, 0.8, (100, 1)) * (ends[rng.integers(len(ends), size=100)] - scan.origin)
+        place = scan.origin + rng.uniform(0.3, 0.8, (100, 1)) * (
+            ends[rng.integers(len(ends), size=100)] - scan.origin
+        )
         away = tree.query(place)[0]
         for k in np.flatnonzero(away > np.linalg.norm(_BOX_M) / 2 + _CLEAR_M):
             ways = ends - scan.origin

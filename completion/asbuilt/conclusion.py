@@ -147,7 +147,10 @@ def _doubts_of_beams(known: Measurements) -> tuple[str, ...]:
     returned, unused = int((label != NO_RETURN).sum()), int((label == NOT_USED).sum())
     points = [seen.points_at(np.flatnonzero(seen.valid)) for seen in known.observations]
     scanned = np.ptp(np.quantile(np.concatenate(points), [0.05, 0.95], axis=0), axis=0) if returned else 0.0
-    sizes = [float(np.linalg.norm(np.ptp(known.design.mesh.bounds(), axis=0))), float(np.linalg.norm(scanned))]
+    sizes = [
+        float(np.linalg.norm(np.ptp(known.design.mesh.bounds(), axis=0))),
+        float(np.linalg.norm(scanned)),
+    ]
     is_other_unit = max(sizes) > limits.OTHER_UNIT * min(sizes)
     is_tested = any(one.finding.is_tested for one in known.judged)
     few = (label >= 0).sum() < limits.LEAST_ON * (returned - unused)

@@ -198,9 +198,7 @@ def _linear(
     return _interval(column @ x, np.sqrt(max(column @ covariance @ column, 0.0)), along)
 
 
-def _axis_shift(
-    x: FloatArray, covariance: FloatArray, faces: DesignFaces, f: int, place: float
-) -> Interval:
+def _axis_shift(x: FloatArray, covariance: FloatArray, faces: DesignFaces, f: int, place: float) -> Interval:
     """Shift of a cylinder's axis at a place along it, -1 to 1, along the direction that it went."""
     shift = x[:2] + place * x[2:4]
     size = float(np.linalg.norm(shift))
