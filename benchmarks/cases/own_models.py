@@ -42,7 +42,8 @@ SETS = {
     "pumpA": RealSet(("e57/pumpA.e57",), 0.01),
     "office1": RealSet(("pcl/office1.pcd",), 0.03),
     "pcl_room": RealSet(
-        ("pcl_room/room_scan1.pcd", "pcl_room/room_scan2.pcd"), 0.04, ((0.0, 0.0, 0.0),) * 2, is_registered=False
+        ("pcl_room/room_scan1.pcd", "pcl_room/room_scan2.pcd"), 0.04, ((0.0, 0.0, 0.0),) * 2,
+        is_registered=False,
     ),
 }  # fmt: skip
 

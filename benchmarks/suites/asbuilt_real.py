@@ -16,7 +16,7 @@ from benchmarks.store import each
 from completion.asbuilt.findings import DesignCheck, ElementFinding, Interval
 from completion.asbuilt.pipeline import CheckOptions, check_against_design
 from nbv.inspection.checking import open_design
-from scenes.checks import InputError
+from scenes.checks import FloatArray, InputError
 from scenes.mesh.triangle_distance import TriangleTree
 
 _ALARMS = "deviates", "missing"
@@ -88,7 +88,7 @@ def _word(one: ElementFinding) -> str:
     return f"{one.verdict} ({one.kind})" if one.kind else one.verdict
 
 
-def _extra_points(check: DesignCheck) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _extra_points(check: DesignCheck) -> FloatArray:
     return np.concatenate([np.zeros((0, 3)), *(one.points for one in check.extra)])
 
 
@@ -150,7 +150,7 @@ def of_part(seed: int, tolerance_m: float) -> PartResult:
     )  # fmt: skip
 
 
-def _is_beside(normal: np.ndarray[tuple[int], np.dtype[np.float64]], made: MachinedPart, surface: int) -> bool:
+def _is_beside(normal: FloatArray, made: MachinedPart, surface: int) -> bool:
     """Whether a face is slanted to one with a normal, so that it moves with it."""
     faces = made.faces
     return (
@@ -194,9 +194,8 @@ def _real_table(names: list[str], seeds: int, align: bool) -> Iterator[str]:
                 f"{1000 * one.shift_m:.0f} ± {1000 * one.half_m:.0f}, {1000 * one.true_m:.0f} mm", one.added,
                 f"{one.removed_m2:.2f}", f"{one.found_m2:.2f}, {one.other_m2:.2f}", one.false,
             )  # fmt: skip
-        moved, added = (
-            dict(Counter(word)) for word in (([one.moved.split(" ")[0] for one in results], [one.added for one in results])
-        )
+        moved = dict(Counter(one.moved.split(" ")[0] for one in results))
+        added = dict(Counter(one.added for one in results))
         yield row(f"{name}, all", *("",) * 3, moved, "", added, "", "", sum(one.false for one in results))
 
 

@@ -122,7 +122,7 @@ def align(
     scale : float
         Of lengths, 1 for a building.
     """
-    system = _assemble(beams, is_on, origins, speaks, bias, scale)
+    system = _assemble(beams, is_on, origins, speaks, bias=bias, scale=scale)
     size = system.poses.shape[0]
     prior = _pose_precision(len(origins), errors)
     prior_right = np.zeros(size)
@@ -222,6 +222,7 @@ def _assemble(
     is_on: NDArray[np.bool_],
     origins: FloatArray,
     speaks: NDArray[np.bool_],
+    *,
     bias: FloatArray,
     scale: float,
 ) -> _System:
