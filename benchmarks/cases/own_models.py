@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from completion import CompletionOptions, complete
@@ -88,10 +89,11 @@ def as_design(model: CompletedModel, name: str) -> ElementMesh:
     """Return the light model of a completion: an element for each surface, and one for the rest."""
     vertices, faces, surface, start = [], [], [], 0
     rest = model.light_remainder
-    for number, points, triangles in [
+    parts: list[tuple[int, FloatArray, NDArray[np.integer]]] = [
         *((one.number - 1, one.part.vertices, one.part.faces) for one in model.textured),
         (len(model.surfaces), rest.vertices, rest.faces),
-    ]:
+    ]
+    for number, points, triangles in parts:
         vertices.append(model.world_from_reference.apply(np.asarray(points, float)))
         faces.append(np.asarray(triangles, np.int32) + start)
         surface.append(np.full(len(triangles), number, np.int32))
