@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from completion.asbuilt.faces import DesignFaces
 from completion.observe.observation import Observation
 from completion.observe.sensor_modes import N_MODES, displacements, range_displacements
 from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
+from texture.engine.compiled import compiled
 
 N_SHARED = N_MODES + 2
 """Errors that a sensor has alike over its image, of unit variance."""
@@ -84,7 +86,7 @@ def beams_on_faces(
     scale: float,
     with_far: bool,
 ) -> FaceBeams:
-    """Gather the beams of F faces; those that ended farther off, as a displaced element's do, as of F + f."""
+    """Gather the beams (n,) of F faces; those that ended farther off, as a displaced one's, as of F + f."""
     parts = [
         _of_scan(number, seen, flat, found, faces, scale=scale, is_far=is_far)
         for is_far in (False, True)[: 1 + with_far]
@@ -179,10 +181,11 @@ def find_surface(
     own_scan, columns, uv = beams.scan[part], beams.columns[part], beams.uv[part]
     typical = float(np.median(sigma))
     start = _mode(y, area, max(2e-3 * scale, typical))
-    best = _fit(y, columns, own_scan, sigma, registration, start=start, scale=scale)
+    held = _Held(y=y, scan=own_scan, sigma=sigma, registration=registration, start=start, scale=scale)
+    best = _fit(held, columns)
     is_bent = False
     if may_bend and best.is_on.sum() > 3 * limits.FEWEST_BEAMS:
-        bent = _fit(y, bend(columns, uv), own_scan, sigma, registration, start=start, scale=scale)
+        bent = _fit(held, bend(columns, uv))
         gain = area[bent.is_on].sum() / max(area[best.is_on].sum(), 1e-12)
         reach = np.ptp(uv[bent.is_on], axis=0).max() if bent.is_on.any() else 0.0
         if reach > 1.0 and (gain > 1.05 or bent.sd < 0.8 * best.sd):
@@ -226,44 +229,93 @@ class _Fit:
     sd: float
 
 
-def _fit(
-    y: FloatArray,
-    columns: FloatArray,
-    scan: NDArray[np.int32],
-    sigma: FloatArray,
-    registration: FloatArray,
-    *,
-    start: float,
-    scale: float,
-) -> _Fit:
+class _Held(NamedTuple):
+    """Beams (n,) of a face: distance, scan, noise, registration's sd, metres; where the surface may start."""
+
+    y: FloatArray
+    scan: NDArray[np.int32]
+    sigma: FloatArray
+    registration: FloatArray
+    start: float
+    scale: float
+
+
+def _fit(held: _Held, columns: FloatArray) -> _Fit:
     """Fit a surface to what is near it, scans at their own levels, and narrow the gate round by round."""
-    used = columns[:, np.abs(columns).max(axis=0) > 1e-9]
-    residual, sd = y - start, float(np.median(sigma))
-    names, own = np.unique(scan, return_inverse=True)
-    level_sd = np.array([np.median(registration[own == k]) for k in range(len(names))])
-    on = core = np.abs(residual) <= limits.START_M * scale + 2 * sigma
-    for turn in range(2 * _ROUNDS):
-        if core.sum() < 2 * used.shape[1]:
-            break
-        residual = y - used @ _plane(y, used, sigma, core)
-        for k in range(len(names)):  # few: the scans that see this face
-            mine = core & (own == k)
-            if mine.any():
-                bound = limits.LEVEL_SD * level_sd[k]
-                residual[own == k] -= np.clip(np.median(residual[mine]), -bound, bound)
-        if turn < _ROUNDS:
-            sd = 1.4826 * float(np.median(np.abs(residual[core])))
-        on = np.abs(residual) <= np.maximum(3 * sd, limits.WINDOW_SIGMAS * sigma)
-        # what stands before a face is seen, what may lie behind it is not: only the middle has no side
-        core = on if turn < _ROUNDS - 1 else np.abs(residual) <= limits.CORE_SIGMAS * np.maximum(sd, sigma)
+    y, scan, sigma, registration, start, scale = held
+    used = np.ascontiguousarray(columns[:, np.abs(columns).max(axis=0) > 1e-9])
+    own = np.unique(scan, return_inverse=True)[1].reshape(-1).astype(np.int64)  # ascending: scans are sorted
+    bounds = np.flatnonzero(np.diff(own, prepend=-1, append=-1))
+    bound = limits.LEVEL_SD * np.array([np.median(registration[a:b]) for a, b in pairwise(bounds)])
+    residual, on, core = y - start, np.empty(len(y), np.bool_), np.empty(len(y), np.bool_)
+    sd = _settle(y, used, sigma, bounds, bound, limits.START_M * scale, (residual, on, core))
     return _Fit(on, core, residual, float(np.median(y[core])) if core.any() else start, sd)
 
 
-def _plane(y: FloatArray, columns: FloatArray, sigma: FloatArray, used: BoolArray) -> FloatArray:
-    """Factors (k,) of columns (n, k) that fit the distances of used beams (n,) best."""
-    index = np.flatnonzero(used)[:: max(1, int(used.sum()) // _MOST_HELD)]
-    weight = 1.0 / sigma[index]
-    held = columns[index] * weight[:, None]
-    information = held.T @ held
-    ridge = 1e-6 * np.trace(information) / len(information) * np.eye(len(information))
-    return np.asarray(np.linalg.solve(information + ridge, held.T @ (weight * y[index])))
+@compiled
+def _settle(
+    y: FloatArray,
+    columns: FloatArray,
+    sigma: FloatArray,
+    bounds: NDArray[np.int64],
+    bound: FloatArray,
+    gate: float,
+    out: tuple[FloatArray, BoolArray, BoolArray],
+) -> float:
+    """Write residuals, and which beams are on the surface and in its middle; return the robust sd.
+
+    Beams of scan k are those from `bounds[k]` to `bounds[k + 1]`, and may be off by `bound[k]` as a whole.
+    """
+    residual, on, core = out
+    n, sd = y.size, float(np.median(sigma))
+    for k in range(n):
+        on[k] = abs(residual[k]) <= gate + 2.0 * sigma[k]
+        core[k] = on[k]
+    for turn in range(2 * _ROUNDS):
+        count = 0
+        for k in range(n):
+            count += core[k]
+        if count < 2 * columns.shape[1]:
+            break
+        factors = _plane(y, columns, sigma, core, count)
+        for k in range(n):
+            total = 0.0
+            for j in range(columns.shape[1]):
+                total += columns[k, j] * factors[j]
+            residual[k] = y[k] - total
+        for scan in range(bound.size):
+            part = residual[bounds[scan] : bounds[scan + 1]]
+            held = part[core[bounds[scan] : bounds[scan + 1]]]
+            if held.size:
+                part -= min(max(float(np.median(held)), -bound[scan]), bound[scan])
+        if turn < _ROUNDS:
+            sd = 1.4826 * float(np.median(np.abs(residual[core])))
+        for k in range(n):
+            off = abs(residual[k])
+            on[k] = off <= max(3.0 * sd, limits.WINDOW_SIGMAS * sigma[k])
+            # what stands before a face is seen, what may lie behind it is not: only the middle has no side
+            narrow = turn >= _ROUNDS - 1
+            core[k] = off <= limits.CORE_SIGMAS * max(sd, sigma[k]) if narrow else on[k]
+    return sd
+
+
+@compiled
+def _plane(y: FloatArray, columns: FloatArray, sigma: FloatArray, used: BoolArray, count: int) -> FloatArray:
+    """Factors (k,) of columns (n, k) that fit the distances of `count` used beams (n,) best."""
+    size, step = columns.shape[1], max(1, count // _MOST_HELD)
+    information, right, seen = np.zeros((size, size)), np.zeros(size), 0
+    for k in range(y.size):
+        if not used[k]:
+            continue
+        if seen % step == 0:
+            weight = 1.0 / (sigma[k] * sigma[k])
+            for i in range(size):
+                right[i] += weight * columns[k, i] * y[k]
+                for j in range(size):
+                    information[i, j] += weight * columns[k, i] * columns[k, j]
+        seen += 1
+    ridge = 1e-6 * np.trace(information) / size
+    for i in range(size):
+        information[i, i] += ridge
+    factors: FloatArray = np.linalg.solve(information, right).astype(np.float64)
+    return factors

@@ -31,6 +31,7 @@ from scenes.checks import FloatArray, freeze_arrays
 
 _MEDIAN_SQUARE = 0.455  # of a standard normal number
 _FEWEST_LEFT = 30  # pairs more than unknowns, that tell by how much they differ
+_SETTLED = 0.01  # of tau, between two rounds
 _UNUSED = 1e-12  # information of a parameter that no beam tells
 
 
@@ -135,7 +136,7 @@ def align(
     blocks = _own_blocks(system, solved)
     own = np.linalg.inv(blocks) - np.eye(N_COLUMNS) * precision[:, None, None]
     own = _positive(own)
-    own_covariance = np.linalg.inv(own)
+    own_covariance: FloatArray = np.linalg.inv(own).astype(np.float64)
     own_x = np.einsum("qij,qjk,qk->qi", own_covariance, np.linalg.inv(blocks), solved.x)
     motion = solved.poses[: size - N_SHARED].reshape(-1, 6)
     return Aligned(
@@ -165,9 +166,11 @@ def _estimate(
         solved = _solve(system, prior, prior_right, precision)
         spread = np.einsum("qii->qi", _own_blocks(system, solved))
         square = np.where(system.used, np.square(solved.x) + spread, 0.0).sum(axis=1)
-        weight = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2)
+        weight, before = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2), tau
         if near.any():
             tau = float(np.clip(np.sqrt((weight * square)[near].sum() / used[near].sum()), least, most))
+        if abs(tau - before) < _SETTLED * tau:
+            break
     precision = np.where(near, weight / tau**2, anywhere)
     return _solve(system, prior, prior_right, precision), tau, precision
 
@@ -274,26 +277,23 @@ def _assemble(
         right_poses[own] += left.T @ y
         right_poses[common] += rest.T @ (weight * y)
     return _System(
-        faces,
-        blocks,
-        coupling,
-        poses,
-        right_faces,
-        right_poses,
-        used,
-        speaks,
-        _joined(pairs, size - 6 * n_scans),
-    )
+        faces=faces, blocks=blocks, coupling=coupling, poses=poses, right_faces=right_faces,
+        right_poses=right_poses, used=used, speaks=speaks, pairs=_joined(pairs, size - 6 * n_scans),
+    )  # fmt: skip
 
 
 def _joined(pairs: Sequence[tuple[Any, ...]], n_rest: int) -> _Pairs:
     """Pairs as arrays."""
     face, scan, y, columns, about_scan, rest, weight = zip(*pairs, strict=True) if pairs else ((),) * 7
     return _Pairs(
-        np.array(face, np.int64), np.array(scan, np.int64), np.array(y, float),
-        np.array(columns).reshape(-1, N_COLUMNS), np.array(about_scan).reshape(-1, 6),
-        np.array(rest).reshape(-1, n_rest), np.array(weight, float),
-    )  # fmt: skip
+        face=np.array(face, np.int64),
+        scan=np.array(scan, np.int64),
+        y=np.array(y, float),
+        columns=np.array(columns).reshape(-1, N_COLUMNS),
+        about_scan=np.array(about_scan).reshape(-1, 6),
+        rest=np.array(rest).reshape(-1, n_rest),
+        weight=np.array(weight, float),
+    )
 
 
 def _pose_precision(n_scans: int, errors: PoseErrors) -> FloatArray:
@@ -316,13 +316,14 @@ class _Solved:
 
 def _solve(system: _System, prior: FloatArray, prior_right: FloatArray, precision: FloatArray) -> _Solved:
     """Solve by the Schur complement of the faces."""
-    inverse = np.linalg.inv(system.blocks + np.eye(N_COLUMNS) * precision[:, None, None])
+    blocks = system.blocks + np.eye(N_COLUMNS) * precision[:, None, None]
+    inverse: FloatArray = np.linalg.inv(blocks).astype(np.float64)
     reduced = np.einsum("qij,qjk->qik", inverse, system.coupling)
     near, size = system.speaks, len(prior)
     held, rest = system.coupling[near].reshape(-1, size), reduced[near].reshape(-1, size)
     left = system.poses + np.diag(prior) - held.T @ rest
     right = system.right_poses + prior_right - rest.T @ system.right_faces[near].ravel()
-    covariance = np.linalg.inv((left + left.T) / 2)
+    covariance: FloatArray = np.linalg.inv((left + left.T) / 2).astype(np.float64)
     poses = covariance @ right
     x = np.einsum("qij,qj->qi", inverse, system.right_faces) - reduced @ poses
     return _Solved(x, poses, covariance, inverse)

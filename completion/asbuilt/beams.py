@@ -83,11 +83,18 @@ class Gates(NamedTuple):
     @classmethod
     def of(cls, scale: float, registration: tuple[float, float]) -> Gates:
         """Return the gates of a design of a scale, for poses of some standard deviation (m, rad)."""
-        lengths = (
-            limits.NEAR_M, limits.FAR_M, limits.GATE_M, limits.BEYOND_M, limits.BEFORE_M, limits.AT_ONCE_M,
-            limits.BEHIND_M, limits.STEP_M,
-        )  # fmt: skip
-        return cls(*(scale * length for length in lengths), registration, limits.MOST_SIGMA_M * scale)
+        return cls(
+            near_m=limits.NEAR_M * scale,
+            far_m=limits.FAR_M * scale,
+            gate_m=limits.GATE_M * scale,
+            beyond_m=limits.BEYOND_M * scale,
+            before_m=limits.BEFORE_M * scale,
+            at_once_m=limits.AT_ONCE_M * scale,
+            behind_m=limits.BEHIND_M * scale,
+            step_m=limits.STEP_M * scale,
+            registration=registration,
+            most_sigma_m=limits.MOST_SIGMA_M * scale,
+        )
 
 
 class Evidence(NamedTuple):
@@ -107,7 +114,7 @@ class Evidence(NamedTuple):
     face: NDArray[np.int32]
     label: NDArray[np.int32]
     passed: NDArray[np.int32]
-    area: FloatArray
+    area: NDArray[np.float32]
 
 
 def trace(
@@ -124,7 +131,7 @@ def trace(
     """Cast the beams of flat pixels (n,) of a scan through the design, and weigh what they say."""
     n, n_faces = len(pixels), len(surfaces.centre)
     face, label, passed = (np.full(n, -1, np.int32) for _ in range(3))
-    area = np.zeros(n)
+    area = np.zeros(n, np.float32)
     noise = seen.noise.constant_m, seen.noise.linear, seen.noise.quadratic_per_m
     ranges, sums = seen.scan.ranges.ravel(), dict[int, tuple[FloatArray, FloatArray]]()
     stride = np.sqrt(ranges.size / max(n, 1)) if n < ranges.size else 1.0
@@ -148,7 +155,10 @@ def trace(
         of_elements += sums[start][0]
         of_faces += sums[start][1]
     on, through, hidden, count = of_elements
-    return Evidence(on, through, hidden, count.astype(np.int64), of_faces, face, label, passed, area)
+    return Evidence(
+        on=on, through=through, hidden=hidden, n_beams=count.astype(np.int64), reach=of_faces,
+        face=face, label=label, passed=passed, area=area,
+    )  # fmt: skip
 
 
 class _Crossings(NamedTuple):
@@ -202,7 +212,7 @@ def _weigh(
     stride: float,
     of_elements: FloatArray,
     of_faces: FloatArray,
-    out: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], FloatArray],
+    out: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float32]],
 ) -> None:
     """Weigh beams; add areas on, through, hidden and counts to (4, E), what could be met to (F,)."""
     face, label, passed, area = out
@@ -281,15 +291,14 @@ def _weigh(
 @inlined
 def _behind_body(entry: float, leave: float, gate: float, beyond_m: float) -> float:
     """Range from which on a beam has passed a body: of a thick one nearly to its back."""
-    if leave - entry > 3.0 * (gate + beyond_m):
-        return entry + limits.BODY_SHARE * (leave - entry)
-    return leave + gate + beyond_m
+    deep = limits.BODY_SHARE * (leave - entry)
+    return entry + deep if deep >= gate + beyond_m else leave + gate + beyond_m
 
 
 @inlined
 def _slope(normals: FloatArray, t: int, way: tuple[float, float, float]) -> float:
     """Cosine between a triangle's normal and a ray: negative where the ray comes from outside."""
-    return normals[t, 0] * way[0] + normals[t, 1] * way[1] + normals[t, 2] * way[2]
+    return float(normals[t, 0] * way[0] + normals[t, 1] * way[1] + normals[t, 2] * way[2])
 
 
 @inlined
@@ -352,7 +361,7 @@ def _solid_angle(rays: Rays, row: int, column: int) -> float:
     if rows < 2 or columns < 2:
         return dot(a, a) + dot(b, b)
     x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    return np.sqrt(x * x + y * y + z * z)
+    return float(np.sqrt(x * x + y * y + z * z))
 
 
 @inlined

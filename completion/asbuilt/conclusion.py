@@ -92,9 +92,9 @@ class Measurements:
     warnings: tuple[str, ...]
 
     @property
-    def pixels(self) -> list[NDArray[np.int64]]:
-        """Flat pixels of all scans."""
-        return [np.arange(seen.scan.ranges.size) for seen in self.observations]
+    def pixels(self) -> list[NDArray[np.int32]]:
+        """Flat pixels (n,) of each scan."""
+        return [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in self.observations]
 
 
 def conclude(known: Measurements, options: Asked) -> DesignCheck:
@@ -115,7 +115,10 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
     passed = _passed_bodies(known)
     findings = [
         decide(
-            _evidence_of(known, k, states, rivals, passed, _tolerance(known.design, k, options)),
+            _evidence_of(
+                known, k, states, rivals=rivals, passed=passed,
+                tolerance_m=_tolerance(known.design, k, options),
+            ),
             known.aligned, known.faces, z=z, scale=known.scale,
         )
         for k in known.chosen
@@ -224,8 +227,8 @@ def _cloud(known: Measurements) -> DeviationPoints:
     return DeviationPoints(points, label.astype(np.int32), distance, state)
 
 
-def _rivals(known: Measurements, cloud: DeviationPoints) -> frozenset[int]:
-    """Faces whose large offset goes on beyond their outline: something else is before or behind them."""
+def _rivals(known: Measurements, cloud: DeviationPoints) -> dict[int, bool]:
+    """Faces, by identity, whose large offset something else explains; whether it goes on beyond them."""
     asked = [
         one
         for one in (*known.judged, *known.far)
@@ -234,10 +237,11 @@ def _rivals(known: Measurements, cloud: DeviationPoints) -> frozenset[int]:
         and (one.is_far or one.finding.is_tested)
     ]
     if not asked:
-        return frozenset()
+        return {}
     off = ~(np.abs(cloud.deviation_m) <= limits.RIVAL_M * known.scale)  # what is in its place is no rival
     tree = cKDTree(cloud.points[off])
-    return frozenset(id(one) for one in asked if _is_thing(one, known) or _goes_on(one, known, tree))
+    goes_on = {id(one): _goes_on(one, known, tree) for one in asked}
+    return {id(one): goes_on[id(one)] for one in asked if goes_on[id(one)] or _is_thing(one, known)}
 
 
 def _is_thing(one: Judged, known: Measurements) -> bool:
@@ -308,12 +312,13 @@ def _evidence_of(
     known: Measurements,
     surface: int,
     states: SampleStates,
-    rivals: frozenset[int],
+    *,
+    rivals: Mapping[int, bool],
     passed: FloatArray,
     tolerance_m: float,
 ) -> ElementEvidence:
     """Gather what is known of one element."""
-    mine = known.samples.element == surface
+    mine = known.samples.of_element(surface)
     area = known.samples.area_m2[mine]
     total = float(area.sum())
     reason = states.reason[mine]
@@ -338,7 +343,7 @@ def _evidence_of(
         exposed_m2=total,
         hidden=states.hiders.get(surface, ()),
         not_seen=shares,
-        rivals=frozenset(k for k, one in enumerate(faces) if id(one) in rivals),
+        rivals={k: rivals[id(one)] for k, one in enumerate(faces) if id(one) in rivals},
         thin_m=_thickness(known, surface),
     )
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from completion.asbuilt.findings import FaceFinding, Interval
 from scenes.checks import FloatArray
 
 HALF_95 = 1.959964
+_HISTOGRAM_M = 0.05
 _OCTANTS = 8  # around a cylinder, where it is judged if it was measured there
 
 
@@ -46,7 +46,7 @@ class Judged:
     delta: FloatArray
     sd: FloatArray
     columns: FloatArray
-    is_flat_enough: bool
+    is_flat_enough: bool = True
     is_far: bool = False
 
     def is_within(self, tolerance_m: float) -> bool:
@@ -58,69 +58,89 @@ class Judged:
         return bool((np.abs(self.delta) - z * self.sd > tolerance_m).any())
 
 
-def judge_faces(
-    beams: FaceBeams,
-    surfaces: Sequence[FaceSurface],
-    parts: Sequence[slice],
-    aligned: Aligned,
-    faces: DesignFaces,
-    *,
-    is_main: NDArray[np.bool_],
-    support: FloatArray,
-    exposed: FloatArray,
-    origins: FloatArray,
-    scale: float,
-) -> list[Judged]:
-    """Judge all faces with beams; `support` and `exposed` (F,) are shares."""
-    near = [surface.sd for surface in surfaces if surface.face < len(faces)]
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreed:
+    """Beams of faces, the surface of each and where its beams are, the alignment.
+
+    `origins` (s, 3) is where scans stood, metres.
+    """
+
+    beams: FaceBeams
+    surfaces: tuple[FaceSurface, ...]
+    parts: tuple[slice, ...]
+    aligned: Aligned
+    origins: FloatArray
+
+    def posed(self, rows: NDArray[np.int64]) -> FloatArray:
+        """What the motions of scans make of the distances (n,) of some beams."""
+        beams, motion = self.beams, self.aligned.motion
+        points, normal, scan = beams.points[rows], beams.normal[rows], beams.scan[rows]
+        own, common = motion[:-1][scan], motion[-1]
+        total = np.einsum("ij,ij->i", np.cross(points - self.origins[scan], normal), own[:, :3])
+        total += np.einsum("ij,ij->i", normal, own[:, 3:])
+        return np.asarray(total + np.cross(points, normal) @ common[:3] + normal @ common[3:])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceStanding:
+    """Of F faces: which `is_main` of their elements, the `support` by beams, and the `exposed` share."""
+
+    is_main: NDArray[np.bool_]
+    support: FloatArray
+    exposed: FloatArray
+
+
+def judge_faces(agreed: Agreed, faces: DesignFaces, standing: FaceStanding, scale: float) -> list[Judged]:
+    """Judge all faces with beams."""
+    near = [surface.sd for surface in agreed.surfaces if surface.face < len(faces)]
     median = float(np.median(near)) if near else 0.0
-    row_of = {int(face): row for row, face in enumerate(aligned.faces)}
+    row_of = {int(face): row for row, face in enumerate(agreed.aligned.faces)}
     judged = []
-    for surface, part in zip(surfaces, parts, strict=True):
+    for surface, part in zip(agreed.surfaces, agreed.parts, strict=True):
         if surface.face not in row_of:
             continue
-        one = _judge(beams, surface, part, aligned, faces, row_of[surface.face], origins, scale)
-        f = surface.face % len(faces)
-        n = int(surface.is_on.sum())
-        tested = (
-            support[f] >= limits.LEAST_SUPPORT
-            and n >= limits.FEWEST_BEAMS
-            and surface.area_m2 >= limits.LEAST_MEASURED_M2 * scale**2
-            and exposed[f] >= limits.LEAST_EXPOSED
-        )
+        f, row = surface.face % len(faces), row_of[surface.face]
+        one = _judge(agreed, surface, np.flatnonzero(surface.is_on) + part.start, faces, row)
+        support = float(standing.support[f])
+        tested = is_shown(surface, support, float(standing.exposed[f]), scale)
         finding = replace(
-            one.finding, is_tested=bool(tested), support=float(support[f]), is_main=bool(is_main[f])
-        )
+            one.finding, is_tested=tested, support=support, is_main=bool(standing.is_main[f]),
+            histogram=_histogram(agreed, surface, part, scale), histogram_m=_edges(scale),
+        )  # fmt: skip
         enough = surface.sd <= limits.MOST_RMS * max(median, 1e-9)
         judged.append(replace(one, finding=finding, is_flat_enough=bool(enough)))
     return judged
 
 
+def is_shown(surface: FaceSurface, support: float, exposed: float, scale: float) -> bool:
+    """Tell whether a face is shown well enough to be tested."""
+    return bool(
+        support >= limits.LEAST_SUPPORT
+        and surface.is_on.sum() >= limits.FEWEST_BEAMS
+        and surface.area_m2 >= limits.LEAST_MEASURED_M2 * scale**2
+        and exposed >= limits.LEAST_EXPOSED
+    )
+
+
 def _judge(
-    beams: FaceBeams,
-    surface: FaceSurface,
-    part: slice,
-    aligned: Aligned,
-    faces: DesignFaces,
-    row: int,
-    origins: FloatArray,
-    scale: float,
+    agreed: Agreed, surface: FaceSurface, on: NDArray[np.int64], faces: DesignFaces, row: int
 ) -> Judged:
-    f, on = surface.face % len(faces), np.flatnonzero(surface.is_on) + part.start
-    x, covariance = aligned.own_x[row], aligned.own_covariance[row]
+    f, beams = surface.face % len(faces), agreed.beams
+    x, covariance = agreed.aligned.own_x[row], agreed.aligned.own_covariance[row]
     is_round = faces.sign[f] != 0
-    uv, columns = beams.uv[on], beams.columns[on]
-    middle = surface.corners.mean(axis=1)
+    place, middle = faces.centre[f], surface.corners.mean(axis=1)
     if is_round:
-        places = _around(uv, columns)
+        place = place + middle[0] * faces.half[f, 0] * faces.normal[f]
+        places, along = _around(beams.uv[on], beams.columns[on]), _unit(beams.normal[on].mean(axis=0))
     else:
-        at = np.concatenate([_corners(uv), [middle]])
+        at = np.concatenate([_corners(beams.uv[on]), [middle]])
         places = np.column_stack([np.ones(len(at)), at, np.square(at) * surface.is_bent])
+        along = _unit(faces.normal[f])
+        place = place + (middle * faces.half[f]) @ np.stack([faces.u[f], faces.v[f]])
     delta = places @ x
     sd = np.sqrt(np.maximum(np.einsum("ei,ij,ej->e", places, covariance, places), 0.0))
     worst = int(np.argmax(np.abs(delta) + HALF_95 * sd))
-    away = faces.normal[f] if not is_round else beams.normal[on].mean(axis=0)
-    along = _unit(away)
+    middle_offset = _linear(places[-1], x, covariance, along)
     finding = FaceFinding(
         element=int(faces.element[f]),
         kind="cylinder" if is_round else "plane",
@@ -130,32 +150,15 @@ def _judge(
         area_m2=float(faces.area[f]),
         measured_m2=min(surface.area_m2, float(faces.area[f])),
         n_beams=len(on),
-        deviation=_interval(delta[worst], sd[worst], along),
-        offset=_axis_shift(x, covariance, faces, f, float(middle[0]))
-        if is_round
-        else _linear(places[-1], x, covariance, along),
+        deviation=_interval(float(delta[worst]), float(sd[worst]), along),
+        offset=_axis_shift(x, covariance, faces, f, float(middle[0])) if is_round else middle_offset,
         tilt=None if is_round else _tilt(x, covariance, faces.half[f]),
         bow=_bow(x, covariance, along) if surface.is_bent else None,
         radius=_linear(np.eye(N_COLUMNS)[4], x, covariance, None) if is_round else None,
         rms_m=float(surface.sd),
-        place=faces.centre[f]
-        + (
-            middle[0] * faces.half[f, 0] * faces.normal[f]
-            if is_round
-            else middle[0] * faces.half[f, 0] * faces.u[f] + middle[1] * faces.half[f, 1] * faces.v[f]
-        ),
-        **_histogram(beams.distance[on] - _posed(beams, on, aligned, origins), scale),
+        place=place,
     )
-    return Judged(finding, f, row, delta, sd, places, True, is_far=surface.face >= len(faces))
-
-
-def _posed(beams: FaceBeams, rows: NDArray[np.int64], aligned: Aligned, origins: FloatArray) -> FloatArray:
-    """What the motions of scans make of the distances (n,) of beams."""
-    points, normal, scan = beams.points[rows], beams.normal[rows], beams.scan[rows]
-    own, common = aligned.motion[:-1][scan], aligned.motion[-1]
-    total = np.einsum("ij,ij->i", np.cross(points - origins[scan], normal), own[:, :3])
-    total += np.einsum("ij,ij->i", normal, own[:, 3:])
-    return np.asarray(total + np.cross(points, normal) @ common[:3] + normal @ common[3:])
+    return Judged(finding, f, row, delta, sd, columns=places, is_far=surface.face >= len(faces))
 
 
 def _corners(uv: FloatArray) -> FloatArray:
@@ -195,7 +198,7 @@ def _linear(
     covariance: FloatArray,
     along: tuple[float, float, float] | None,
 ) -> Interval:
-    return _interval(column @ x, np.sqrt(max(column @ covariance @ column, 0.0)), along)
+    return _interval(float(column @ x), float(np.sqrt(max(float(column @ covariance @ column), 0.0))), along)
 
 
 def _axis_shift(x: FloatArray, covariance: FloatArray, faces: DesignFaces, f: int, place: float) -> Interval:
@@ -211,19 +214,26 @@ def _tilt(x: FloatArray, covariance: FloatArray, half: FloatArray) -> Interval:
     """Angle of a plane to the design's, radians, at most a right one."""
     turns = x[1:3] / half
     spread = covariance[1:3, 1:3] / np.outer(half, half)
-    size = float(np.linalg.norm(turns))
+    size = float(np.hypot(*turns))
     way = turns / size if size else np.array([1.0, 0.0])
-    return _interval(size, float(np.sqrt(max(way @ spread @ way, 0.0))), None)
+    return _interval(size, float(np.sqrt(max(float(way @ spread @ way), 0.0))), None)
 
 
-def _histogram(distances: FloatArray, scale: float) -> dict[str, object]:
-    edge = 0.05 * scale
-    counts = np.histogram(np.clip(distances, -edge, edge), bins=40, range=(-edge, edge))[0]
-    return {"histogram": counts.astype(np.int64), "histogram_m": (-edge, edge)}
+def _edges(scale: float) -> tuple[float, float]:
+    """First and last edge of a histogram, metres."""
+    return -_HISTOGRAM_M * scale, _HISTOGRAM_M * scale
+
+
+def _histogram(agreed: Agreed, surface: FaceSurface, part: slice, scale: float) -> NDArray[np.int64]:
+    """Beams on a face by their deviation, (40,)."""
+    rows = np.flatnonzero(surface.is_on) + part.start
+    low, high = _edges(scale)
+    distances = np.clip(agreed.beams.distance[rows] - agreed.posed(rows), low, high)
+    return np.histogram(distances, bins=40, range=(low, high))[0].astype(np.int64)
 
 
 def _unit(vector: FloatArray) -> tuple[float, float, float]:
-    x, y, z = (vector / max(float(np.linalg.norm(vector)), 1e-30)).tolist()
+    x, y, z = (vector / max(float(np.sqrt(vector @ vector)), 1e-30)).tolist()
     return x, y, z
 
 

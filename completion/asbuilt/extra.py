@@ -66,28 +66,28 @@ def find_cells(
     scale: float,
     gate_m: float,
 ) -> ExtraCells:
-    """Find the cells of all beams on nothing of the design, and join them to things, largest first."""
+    """Find the cells (c,) of all beams on nothing of the design, and join them to things, largest first."""
     size = limits.CELL_M * scale
     held = [np.flatnonzero(found.label == EXTRA) for found in evidence]
     points = [seen.points_at(flat[k]) for seen, flat, k in zip(observations, pixels, held, strict=True)]
     every = np.concatenate([*points, np.zeros((0, 3))])
     low = every.min(axis=0) - size if len(every) else np.zeros(3)
-    key, own = np.unique(_keys(every, low, size), return_inverse=True)
-    own = own.reshape(-1)
-    count = np.bincount(own, minlength=len(key))
-    middle = np.column_stack([np.bincount(own, every[:, k], len(key)) for k in range(3)])
-    middle = middle / np.maximum(count, 1)[:, None]
+    key, place = np.unique(_keys(every, low, size), return_inverse=True)
+    own = place.reshape(-1)
+    count = np.maximum(np.bincount(own, minlength=len(key)), 1)
+    sums = [np.bincount(own, every[:, k], len(key)) / count for k in range(3)]
+    middle: FloatArray = np.column_stack(sums).astype(np.float64)
     area, by = np.zeros(len(key)), np.zeros((len(key), len(evidence)), np.bool_)
     ends = np.cumsum([len(part) for part in points])
     for number, (found, k, mine) in enumerate(zip(evidence, held, np.split(own, ends[:-1]), strict=True)):
-        seen_area = np.bincount(mine, found.area[k], len(key))
+        seen_area: FloatArray = np.bincount(mine, found.area[k], len(key)).astype(np.float64)
         area = np.maximum(area, seen_area)
         by[:, number] = seen_area > 0
     area = np.minimum(area, 2 * size**2)
     free = TriangleTree.of(design.mesh.corners).distances(middle) > gate_m if len(key) else np.zeros(0, bool)
     thing = np.full(len(key), -1, np.int32)
     thing[free] = _things(middle[free], area[free], size, limits.LEAST_EXTRA_M2 * scale**2)
-    return ExtraCells(size, low, key, middle, area, thing, by)
+    return ExtraCells(size_m=size, low=low, key=key, points=middle, area=area, thing=thing, scans=by)
 
 
 def _things(points: FloatArray, area: FloatArray, size: float, least_m2: float) -> NDArray[np.int32]:

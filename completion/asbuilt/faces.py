@@ -132,7 +132,8 @@ def elements_of(design: ElementMesh, mesh: LabelledMesh, faces: DesignFaces) -> 
 
 def scale_of(mesh: LabelledMesh) -> float:
     """By what the lengths of a building shrink for a design: 1 for what is as large as a room."""
-    return float(min(1.0, np.linalg.norm(np.ptp(mesh.vertices[mesh.faces.ravel()], axis=0)) / FULL_SIZE_M))
+    size = np.ptp(mesh.vertices[mesh.faces.ravel()], axis=0)
+    return min(1.0, float(np.sqrt(size @ size)) / FULL_SIZE_M)
 
 
 def find_faces(mesh: LabelledMesh, scale: float) -> DesignFaces:
@@ -168,7 +169,8 @@ def _neighbours(mesh: LabelledMesh, usable: BoolArray, scale: float) -> NDArray[
 
 def _components(pairs: NDArray[np.int64], n: int) -> NDArray[np.int64]:
     graph = coo_array((np.ones(len(pairs), np.bool_), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    label: NDArray[np.int64] = connected_components(graph, directed=False)[1].astype(np.int64)
+    return label
 
 
 class _Collected:
@@ -235,9 +237,8 @@ class _Collected:
     def _planes_of(self, triangles: NDArray[np.int64], patch: NDArray[np.int64]) -> None:
         names, own = np.unique(patch, return_inverse=True)
         area = np.bincount(own, self.areas[triangles])
-        normal = np.column_stack([
-            np.bincount(own, self.normals[triangles, k] * self.areas[triangles]) for k in range(3)
-        ])  # fmt: skip
+        weighted = self.normals[triangles] * self.areas[triangles, None]
+        normal = np.column_stack([np.bincount(own, weighted[:, k]) for k in range(3)]).astype(np.float64)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
         taken = np.zeros(len(names), np.bool_)
         order = np.argsort(-area, kind="stable")
@@ -301,7 +302,7 @@ class _Collected:
             v=np.array(v).reshape(n, 3),
             half=np.array(half).reshape(n, 2),
             radius=np.array(radius, float),
-            area=np.bincount(self.of_triangle[held], self.areas[held], n),
+            area=np.bincount(self.of_triangle[held], self.areas[held], n).astype(np.float64),
         )
 
 

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from completion.asbuilt import limits
 from completion.asbuilt.agreement import FaceBeams, FaceSurface, beams_on_faces, bend, find_surface
-from completion.asbuilt.alignment import Aligned, PoseErrors, align
+from completion.asbuilt.alignment import PoseErrors, align
 from completion.asbuilt.beams import Evidence, Gates, Surfaces, trace
 from completion.asbuilt.conclusion import Measurements, conclude
-from completion.asbuilt.deviation import Judged, judge_faces
+from completion.asbuilt.deviation import Agreed, FaceStanding, Judged, is_shown, judge_faces
 from completion.asbuilt.faces import DesignFaces, elements_of, find_faces, scale_of
 from completion.asbuilt.findings import LOA_BANDS_M, DesignCheck
 from completion.asbuilt.noise import fitted_sigma
@@ -36,6 +36,7 @@ from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 from scenes.scan.range_image import RangeImage
 
+_MOST_PLACED = 2  # times that scans are moved before all beams are looked at
 Progress = Callable[[str, int, int], None]
 
 
@@ -110,7 +111,7 @@ def check_against_design(
     model = _Model.of(design, options, n_threads)
     observations = model.observe(scans, options, told)
     observations, moved = model.place(observations, options, told)
-    every = [np.arange(seen.scan.ranges.size) for seen in observations]
+    every = [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in observations]
     evidence = model.trace(observations, every, options, told)
     told("deviations", 0, 1)
     agreed = model.agree(observations, every, evidence, moved, with_far=True)
@@ -134,17 +135,6 @@ def check_against_design(
         warnings=model.warnings,
     )
     return conclude(measured, options)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Agreed:
-    """Beams of faces, their surfaces, and the alignment."""
-
-    beams: FaceBeams
-    surfaces: tuple[FaceSurface, ...]
-    parts: tuple[slice, ...]
-    aligned: Aligned
-    origins: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,7 +221,7 @@ class _Model:
         """
         placed, moved = list(observations), np.zeros((len(observations) + 1, 6))
         pixels = [_subset(seen, len(placed)) for seen in placed]
-        for _ in range(3):
+        for _ in range(_MOST_PLACED):
             evidence = self.trace(placed, pixels, options, told)
             agreed = self.agree(placed, pixels, evidence, moved, with_far=False)
             moved = moved + agreed.aligned.motion
@@ -277,7 +267,7 @@ class _Model:
         moved: FloatArray,
         *,
         with_far: bool,
-    ) -> _Agreed:
+    ) -> Agreed:
         """Find the surface of each face, then deviations of all faces and motions of all scans."""
         beams = beams_on_faces(
             observations, pixels, evidence, self.faces, scale=self.scale, with_far=with_far
@@ -300,7 +290,7 @@ class _Model:
             speaks=self._speaks(surfaces, evidence), moved=moved, errors=self.errors,
             bias=np.where(_rounded(observations), 1.0, limits.BIAS_SHARE), scale=self.scale,
         )  # fmt: skip
-        return _Agreed(beams, tuple(surfaces), tuple(parts), aligned, origins)
+        return Agreed(beams, tuple(surfaces), tuple(parts), aligned, origins)
 
     def _surfaces(
         self, beams: FaceBeams, parts: Sequence[slice], registration: FloatArray
@@ -341,12 +331,8 @@ class _Model:
         speaks, support = np.zeros(2 * len(self.faces), np.bool_), self._support(surfaces, evidence)
         for surface in surfaces:
             if surface.face < len(self.faces):
-                speaks[surface.face] = (
-                    support[surface.face] >= limits.LEAST_SUPPORT
-                    and surface.is_on.sum() >= limits.FEWEST_BEAMS
-                    and surface.area_m2 >= limits.LEAST_MEASURED_M2 * self.scale**2
-                    and self.exposed[surface.face] >= limits.LEAST_EXPOSED
-                )
+                at = float(support[surface.face]), float(self.exposed[surface.face])
+                speaks[surface.face] = is_shown(surface, *at, self.scale)
         return speaks
 
     def _support(self, surfaces: Sequence[FaceSurface], evidence: Sequence[Evidence]) -> FloatArray:
@@ -355,14 +341,15 @@ class _Model:
         on = np.zeros(2 * len(self.faces))
         for surface in surfaces:
             on[surface.face] = surface.area_m2
-        return np.minimum(on[: len(self.faces)] / np.maximum(reach, 1e-12), 1.0)
+        share: FloatArray = np.minimum(on[: len(self.faces)] / np.maximum(reach, 1e-12), 1.0)
+        return share
 
     def _may_bend(self, face: int) -> bool:
         """Whether a face may be judged as bent: planes in their places."""
         return face < len(self.faces) and not self.faces.sign[face]
 
     def judge(
-        self, agreed: _Agreed, evidence: Sequence[Evidence]
+        self, agreed: Agreed, evidence: Sequence[Evidence]
     ) -> tuple[tuple[Judged, ...], tuple[Judged, ...]]:
         """Judge all faces, and what lies farther off and may be theirs."""
         support = self._support(agreed.surfaces, evidence)
@@ -370,10 +357,7 @@ class _Model:
         largest = np.zeros(len(self.design.elements))
         np.maximum.at(largest, self.faces.element, open_area)
         is_main = open_area >= limits.MAIN_SHARE * np.maximum(largest[self.faces.element], 1e-12)
-        every = judge_faces(
-            agreed.beams, agreed.surfaces, agreed.parts, agreed.aligned, self.faces,
-            is_main=is_main, support=support, exposed=self.exposed, origins=agreed.origins, scale=self.scale,
-        )  # fmt: skip
+        every = judge_faces(agreed, self.faces, FaceStanding(is_main, support, self.exposed), self.scale)
         return tuple(one for one in every if not one.is_far), tuple(one for one in every if one.is_far)
 
 

@@ -44,9 +44,14 @@ class SurfaceSamples:
     def __post_init__(self) -> None:
         freeze_arrays(self)
 
+    def of_element(self, surface: int) -> NDArray[np.int64]:
+        """Return the rows (k,) of an element's samples, which lie together."""
+        ends = np.searchsorted(self.element, [surface, surface + 1])
+        return np.arange(ends[0], ends[1])
+
 
 def sample_design(mesh: LabelledMesh, surfaces: Surfaces, caster: RayCaster, scale: float) -> SurfaceSamples:
-    """Sample the surface of a design evenly, where nothing of it covers it."""
+    """Sample the surface of a design evenly, where nothing of it covers it, element by element."""
     area = np.where(surfaces.is_solid, mesh.face_areas(), 0.0)
     each = (limits.SAMPLE_M * scale) ** 2
     ends = np.cumsum(area)
@@ -62,14 +67,11 @@ def sample_design(mesh: LabelledMesh, surfaces: Surfaces, caster: RayCaster, sca
     inside = np.einsum("ij,ij->i", surfaces.normal[hits.face], normals) > 0
     inside &= ~surfaces.is_open[hits.face]
     covered = hits.hit & (inside | (hits.ranges < limits.COVERED_M * scale))
-    free = ~covered
-    return SurfaceSamples(
-        points[free],
-        normals[free],
-        triangle[free],
-        surfaces.element[triangle[free]],
-        np.full(free.sum(), each),
-    )
+    free = np.flatnonzero(~covered)
+    free = free[np.argsort(surfaces.element[triangle[free]], kind="stable")]
+    triangle = triangle[free]
+    element = surfaces.element[triangle]
+    return SurfaceSamples(points[free], normals[free], triangle, element, np.full(len(free), each))
 
 
 def exposed_share(
@@ -101,16 +103,17 @@ def judge_samples(
     cells: ExtraCells,
     gates: Gates,
 ) -> SampleStates:
-    """Look every sample up in every scan; `labels` are those of all pixels of each (`beams.Evidence`)."""
+    """Look all samples (n,) up in every scan; `labels` are those of all pixels of each (`beams.Evidence`)."""
     n = len(samples.points)
     reason, blocker = np.full(n, _VIEW, np.int8), np.full(n, -1, np.int32)
     hidden: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = []
     tolerance = Tolerance(n_sigma=limits.GATE_SIGMAS, flatness_m=0.0, registration_m=0.0, max_m=np.inf)
     for seen, label in zip(observations, labels, strict=True):
-        code, pixel = np.empty(n, np.int8), np.empty(n, np.int64)
+        code, pixel = np.full(n, _VIEW, np.int8), np.empty(n, np.int64)
+        left = np.flatnonzero(reason != _MEASURED)
         noise = seen.noise.constant_m, seen.noise.linear, seen.noise.quadratic_per_m
         at = samples.points, samples.normals, samples.element
-        _look_up(sight_of(seen, tolerance), label, *at, noise, gates, code, pixel)
+        _look_up(sight_of(seen, tolerance), label, left, *at, noise, gates, code, pixel)
         by = np.full(n, -1, np.int32)
         stopped = np.flatnonzero((code == _HIDDEN) | (code == _BEHIND))
         by[stopped] = label[pixel[stopped]]
@@ -136,12 +139,12 @@ def _hiders(
         left = (reason[index] == _HIDDEN) & (by < -1)
         index, by = index[left], by[left]
         key = np.column_stack([samples.element[index], by, np.full(len(by), number)])
-        rows.append(np.column_stack([key, index]))
+        rows.append(np.column_stack([key, index]).astype(np.int64))
     table = np.concatenate([*rows, np.zeros((0, 4), np.int64)]).astype(np.int64)
     found: dict[int, list[Hider]] = {}
-    for (element, by), part in _by_pair(table):
+    for (element, thing), part in _by_pair(table):
         area = float(samples.area_m2[np.unique(part[:, 3])].sum())
-        who = f"extra-{-1 - by}"
+        who = f"extra-{-1 - thing}"
         stations = tuple(observations[k].scan.name for k in np.unique(part[:, 2]))
         found.setdefault(element, []).append(Hider(who, stations, area))
     return {k: tuple(sorted(held, key=lambda one: -one.area_m2)) for k, held in found.items()}
@@ -160,13 +163,13 @@ def samples_of(samples: SurfaceSamples, states: SampleStates) -> Samples:
     """Return samples with their states for the findings."""
     unknown = (states.reason != _MEASURED).astype(np.int8) * 2
     return Samples(
-        samples.points,
-        samples.normals,
-        samples.element,
-        samples.area_m2,
-        unknown,
-        states.reason,
-        states.blocker,
+        points=samples.points,
+        normals=samples.normals,
+        element=samples.element,
+        area_m2=samples.area_m2,
+        state=unknown,
+        reason=states.reason,
+        blocker=states.blocker,
     )
 
 
@@ -174,6 +177,7 @@ def samples_of(samples: SurfaceSamples, states: SampleStates) -> Samples:
 def _look_up(
     sight: ScanSight,
     label: NDArray[np.int32],
+    left: NDArray[np.int64],
     points: FloatArray,
     normals: FloatArray,
     element: NDArray[np.int32],
@@ -182,9 +186,9 @@ def _look_up(
     code: NDArray[np.int8],
     pixel: NDArray[np.int64],
 ) -> None:
-    """Write what a scan says of samples: reason and pixel."""
+    """Write what a scan says of the samples that are left (k,): reason and pixel."""
     eye = sight.eye
-    for k in range(code.size):
+    for k in left:
         place = points[k, 0], points[k, 1], points[k, 2]
         ray = minus(place, eye.origin)
         distance = np.sqrt(dot(ray, ray))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ class ElementEvidence:
 
     `faces` that were judged, `far` those that lie farther off and like it (a displaced element), `beams`,
     `share` and `hidden` by samples, `not_seen` shares by reason, `rivals` places in `faces` of those whose
-    deviation something else explains, `thin_m` thickness of its body.
+    deviation something else explains, and whether that goes on beyond them, `thin_m` thickness of its body.
     """
 
     surface: int
@@ -38,7 +38,7 @@ class ElementEvidence:
     exposed_m2: float
     hidden: tuple[Hider, ...]
     not_seen: dict[str, float]
-    rivals: frozenset[int]
+    rivals: Mapping[int, bool]
     thin_m: float
 
 
@@ -75,7 +75,7 @@ def decide(
         return _displaced_finding(finding, moved)
     if gone:
         return replace(finding, verdict="missing", sentence=_gone_sentence(known))
-    finding = _with_numbers(finding, known, tested, main, aligned, faces)
+    finding = _with_numbers(finding, known, main or tested, main, aligned=aligned, faces=faces)
     deviating = [k for k in main if _deviates(known, k, tested, z)]
     rivalled = [k for k in deviating if k in known.rivals]
     sure = [k for k in deviating if k not in known.rivals]
@@ -83,15 +83,18 @@ def decide(
     is_thick = thick is not None and _beyond(thick, known.tolerance_m, z)
     if sure or is_thick:
         return _deviating(finding, known, sure, is_thick)
-    if rivalled:
-        return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
     measured = sum(known.faces[k].finding.measured_m2 for k in tested)
+    is_hidden = known.beams.hidden_m2 > max(measured, known.beams.on_m2, known.beams.through_m2)
+    if rivalled:
+        if is_hidden or any(known.rivals[k] for k in rivalled):
+            return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+        return replace(finding, sentence=_before_sentence(known, rivalled))
     within = [k for k in tested if known.faces[k].is_within(known.tolerance_m)]
     share = sum(known.faces[k].finding.measured_m2 for k in within) / max(measured, 1e-12)
     passed = known.beams.through_m2 <= limits.MOST_THROUGH * (known.beams.through_m2 + measured)
     if share >= limits.WITHIN_SHARE and set(within) & set(main) and passed:
         return replace(finding, verdict="within", sentence=_within_sentence(known, finding))
-    if not main and known.beams.hidden_m2 > max(measured, known.beams.on_m2, known.beams.through_m2):
+    if is_hidden and known.share.measured < limits.HIDDEN_SHARE:
         return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
     if tested or known.beams.on_m2 > limits.LEAST_MEASURED_M2 * scale**2:
         return replace(finding, sentence=_undecided_sentence(known, tested, main))
@@ -193,18 +196,19 @@ def _displaced_finding(finding: ElementFinding, moved: Judged) -> ElementFinding
 def _with_numbers(
     finding: ElementFinding,
     known: ElementEvidence,
-    tested: Sequence[int],
+    chosen: Sequence[int],
     main: Sequence[int],
+    *,
     aligned: Aligned,
     faces: DesignFaces,
 ) -> ElementFinding:
-    """Add the numbers of the face that is farthest off, and the thickness."""
-    chosen = main or tested
+    """Add the numbers of the chosen face that is farthest off, and the thickness between main ones."""
     if not chosen:
         return finding
     worst = max(chosen, key=lambda k: _reach(known.faces[k]))
     face = known.faces[worst].finding
-    bent = [known.faces[k].finding.bow for k in chosen if known.faces[k].finding.bow is not None]
+    bows = [known.faces[k].finding.bow for k in chosen]
+    bent = [one for one in bows if one is not None]
     thick = [
         one
         for a in main
@@ -323,6 +327,15 @@ def _gone_sentence(known: ElementEvidence) -> str:
 def _hidden_sentence(known: ElementEvidence) -> str:
     named = [f"{one.by} ({one.area_m2:.1f} m2)" for one in known.hidden[:2]]
     return "hidden by " + (" and ".join(named) if named else "what was measured before it")
+
+
+def _before_sentence(known: ElementEvidence, rivalled: Sequence[int]) -> str:
+    worst = max((known.faces[k] for k in rivalled), key=_reach)
+    share = worst.finding.measured_m2 / max(worst.finding.area_m2, 1e-12)
+    return (
+        f"what lies {_mm(float(np.median(worst.delta)))} before {share:.0%} of its face may be a thing that "
+        "stands there: the rest of the face is not measured"
+    )
 
 
 def _unseen_sentence(known: ElementEvidence) -> str:

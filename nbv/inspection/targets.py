@@ -104,13 +104,13 @@ class Targets:
         counts = [len(faces) for faces in wanted]
         rows = np.concatenate([np.zeros(0, np.int64), *(face.rows for face in flat)])
         return cls(
-            tuple(elements),
-            samples_at(check, rows),
-            np.repeat(np.arange(len(flat)), [len(face.rows) for face in flat]),
-            np.repeat(np.arange(len(counts)), counts),
-            np.array([face.needed_m2 for face in flat], np.float64),
-            np.array([sum(face.is_doubtful for face in faces) or 1 for faces in wanted], np.int64),
-            tuple(left),
+            elements=tuple(elements),
+            samples=samples_at(check, rows),
+            face=np.repeat(np.arange(len(flat)), [len(face.rows) for face in flat]),
+            owner=np.repeat(np.arange(len(counts)), counts),
+            needed_m2=np.array([face.needed_m2 for face in flat], np.float64),
+            n_needed=np.array([sum(face.is_doubtful for face in faces) or 1 for faces in wanted], np.int64),
+            left=tuple(left),
         )
 
 

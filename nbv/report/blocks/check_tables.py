@@ -233,7 +233,9 @@ def _histogram(face: FaceFinding, tolerance_m: float) -> Histogram:
         label += " Blue: 95 % interval of the worst corner."
     ends = None if interval is None else (1000 * interval.low, 1000 * interval.high)
     low, high = (1000 * end for end in face.histogram_m)
-    return Histogram(label, tuple(face.histogram.tolist()), low, high, "mm", 1000 * tolerance_m, ends)
+    return Histogram(
+        label, tuple(face.histogram.tolist()), low, high, unit="mm", limit=1000 * tolerance_m, interval=ends
+    )
 
 
 def _beams(finding: ElementFinding) -> tuple[Bar, ...]:

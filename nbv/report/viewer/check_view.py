@@ -69,11 +69,22 @@ def _design_layer(check: DesignCheck, verdict: NDArray[np.uint16]) -> Layer:
     names = tuple(Category(element_label(element), _GREY.colour) for element in check.design.elements)
     channels = (
         Classes("verdict", "Verdict", _CATEGORIES, verdict, can_hide=True),
-        Numbers("share", "Measured share", "%", share, 0, 100, small_is_good=False, absent="not asked for"),
+        Numbers(
+            "share",
+            "Measured share",
+            "%",
+            share,
+            low=0,
+            high=100,
+            small_is_good=False,
+            absent="not asked for",
+        ),
         _deviations(check, off_mm),
         Classes("element", "Element", names, np.arange(len(names), dtype=np.uint16)),
     )
-    return Layer("design", "design", mesh.vertices, mesh.faces, _GREY, mesh.face_surface, channels)
+    return Layer(
+        "design", "design", mesh.vertices, mesh.faces, paint=_GREY, place=mesh.face_surface, channels=channels
+    )
 
 
 def _extra_layers(check: DesignCheck) -> tuple[Layer, ...]:
@@ -110,7 +121,9 @@ def _point_layers(check: DesignCheck, verdict: NDArray[np.uint16]) -> tuple[Laye
 def _deviations(check: DesignCheck, off_mm: FloatArray) -> Numbers:
     """Deviations (n,) along outward normals, on a scale that ends at thrice the usual tolerance."""
     end = 3000 * float(np.median([finding.tolerance_m for finding in check.elements] or [0.01]))
-    return Numbers("deviation", "Deviation", "mm", off_mm, -end, end, digits=1, absent="not measured")
+    return Numbers(
+        "deviation", "Deviation", "mm", off_mm, low=-end, high=end, digits=1, absent="not measured"
+    )
 
 
 def verdict_pictures(
