@@ -28,7 +28,8 @@ _MODULES = (
     "completion", "ledger", "together", "silence", "dimensions", "buildings", "relations", "panels",
     "room_surfaces", "registration", "alignment", "openings", "holes", "junctions", "evolution",
     "flattening", "segmentation", "parts", "textures", "views", "speed", "free_space", "confidence",
-    "hidden_by_other_scans", "online", "bunny", "survey", "paper_study", "walks", "asbuilt", "next_stations",
+    "hidden_by_other_scans", "online", "bunny", "survey", "paper_study", "walks", "asbuilt", "asbuilt_real",
+    "next_stations",
     "placement",
 )  # fmt: skip
 app = typer.Typer(add_completion=False, no_args_is_help=True, help="Benchmarks of unseen; see docs/guides.")

@@ -126,13 +126,13 @@ def _of_scan(
     return (
         face + np.int32(len(faces) * is_far), np.full(len(face), number, np.int32), points, at.distance,
         at.normal, at.columns, at.uv, sigma,
-        area, _shared(seen, points, at.normal),
+        area, _shared(seen, points, at.normal, scale),
     )  # fmt: skip
 
 
-def _shared(seen: Observation, points: FloatArray, normals: FloatArray) -> FloatArray:
+def _shared(seen: Observation, points: FloatArray, normals: FloatArray, scale: float) -> FloatArray:
     """What errors of the sensor do along normals: (n, 12)."""
-    modes = np.concatenate([displacements(seen, points), range_displacements(seen, points)])
+    modes = np.concatenate([displacements(seen, points), range_displacements(seen, points, scale)])
     return np.asarray(np.einsum("mij,ij->im", modes, normals))
 
 

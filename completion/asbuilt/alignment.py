@@ -99,6 +99,7 @@ def align(
     speaks: NDArray[np.bool_],
     moved: FloatArray,
     errors: PoseErrors,
+    bias: FloatArray,
     scale: float,
 ) -> Aligned:
     """Estimate deviations of faces and motions of s scans jointly.
@@ -117,10 +118,12 @@ def align(
         Motions that were taken off the scans already, and off all of them.
     errors : PoseErrors
         How well poses are known.
+    bias : (s,) float
+        What pairs of a face and a scan are off by alike, as a share of the noise of single beams.
     scale : float
         Of lengths, 1 for a building.
     """
-    system = _assemble(beams, is_on, origins, speaks, scale)
+    system = _assemble(beams, is_on, origins, speaks, bias=bias, scale=scale)
     size = system.poses.shape[0]
     prior = _pose_precision(len(origins), errors)
     prior_right = np.zeros(size)
@@ -224,6 +227,8 @@ def _assemble(
     is_on: NDArray[np.bool_],
     origins: FloatArray,
     speaks: NDArray[np.bool_],
+    *,
+    bias: FloatArray,
     scale: float,
 ) -> _System:
     faces = np.unique(beams.face[is_on]).astype(np.int64)
@@ -246,7 +251,7 @@ def _assemble(
         spread = 1.4826 * float(np.median(np.abs(y - np.median(y)))) if n > 10 else 0.0
         flat = np.median(sigma)
         weight = n / len(rows) / np.square(np.maximum(sigma, min(spread, 3 * flat)))
-        form = np.hypot(limits.FORM_M * scale, limits.BIAS_SHARE * np.median(beams.sigma[rows]))
+        form = np.hypot(limits.FORM_M * scale, bias[scan] * np.median(beams.sigma[rows]))
         weight = weight / (1.0 + weight.sum() * form**2)
         normal, points = beams.normal[rows], beams.points[rows]
         about_scan = np.column_stack([np.cross(points - origins[scan], normal), normal])

@@ -37,14 +37,18 @@ class Surfaces(NamedTuple):
     element: NDArray[np.int32]  # (m,) surface id
     face: NDArray[np.int32]  # (m,) -1 for none
     is_open: BoolArray  # (m,) of no closed body: seen from both sides
+    is_sheet: BoolArray  # (m,) of an element that is no body: what is behind it has passed it
     is_solid: BoolArray  # (m,) not see-through
     centre: FloatArray  # (F, 3)
     axis: FloatArray  # (F, 3) normal of planes, direction of cylinders
     radius: FloatArray  # (F,) 0 of planes, negative of holes
 
     @classmethod
-    def of(cls, mesh: LabelledMesh, faces: DesignFaces, is_closed: BoolArray) -> Surfaces:
-        """Return the surfaces of a mesh whose triangles (m,) belong to closed bodies or not."""
+    def of(cls, mesh: LabelledMesh, faces: DesignFaces, is_closed: BoolArray, *, is_part: bool) -> Surfaces:
+        """Return the surfaces of a mesh whose triangles (m,) belong to closed bodies or not.
+
+        Of a part the faces are its elements.
+        """
         look = mesh.appearance
         opaque = np.ones(len(mesh.faces), np.bool_)
         if look is not None and look.opacity is not None:
@@ -54,6 +58,7 @@ class Surfaces(NamedTuple):
             element=mesh.face_surface,
             face=faces.of_triangle,
             is_open=~is_closed,
+            is_sheet=~is_closed | is_part,
             is_solid=opaque,
             centre=faces.centre,
             axis=faces.normal,
@@ -260,7 +265,7 @@ def _weigh(
             slope = _slope(surfaces.normal, t, way)
             if slope > 0.0 and not surfaces.is_open[t]:
                 continue
-            leave, is_known = entry, surfaces.is_open[t]
+            leave, is_known = entry, surfaces.is_sheet[t]
             for i in range(j + 1, most):
                 other = crossings.triangle[k, i]
                 if other < 0:

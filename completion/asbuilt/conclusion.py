@@ -139,7 +139,7 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
         loa_bands_m=dict(options.loa_bands_m),
         samples=_moved_samples(samples_of(known.samples, states), known.middle),
         cloud=replace(cloud, points=cloud.points + known.middle),
-        warnings=(*known.warnings, *_moved_far(known)),
+        warnings=(*known.warnings, *_moved_far(known), *_too_noisy(known)),
     )
 
 
@@ -156,6 +156,18 @@ def _moved_far(known: Measurements) -> tuple[str, ...]:
         f"pose is stated to be off by {1000 * stated:.3g} mm: mend the registration, or give --registration"
         for scan, distance in zip(known.given, far, strict=True)
         if len(known.given) > 1 and distance > max(limits.MOVED_SIGMAS * stated, limits.AGAIN_M * known.scale)
+    )
+
+
+def _too_noisy(known: Measurements) -> tuple[str, ...]:
+    """Say if the noise of most beams is too large for the design."""
+    label = np.concatenate([found.label for found in known.evidence])
+    returned, unused = int((label != NO_RETURN).sum()), int((label == NOT_USED).sum())
+    if unused <= returned / 2:
+        return ()
+    return (
+        f"{unused / returned:.0%} of the beams were left out: their noise is beyond "
+        f"{1000 * known.gates.most_sigma_m:.2g} mm, too much for a design of this size",
     )
 
 
@@ -333,9 +345,9 @@ def _evidence_of(
 
 
 def _thickness(known: Measurements, surface: int) -> float:
-    """Thickness of an element across its largest face."""
+    """Thickness of an element across its largest face; endless for sheets, which have no back."""
     mine = np.flatnonzero((known.faces.element == surface) & (known.faces.sign == 0))
-    if not len(mine):
+    if not len(mine) or known.surfaces.is_sheet[known.surfaces.element == surface].any():
         return np.inf
     normal = known.faces.normal[mine[np.argmax(known.faces.area[mine])]]
     corners = known.design.mesh.corners[known.surfaces.element == surface].reshape(-1, 3)

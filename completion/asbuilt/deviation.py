@@ -128,11 +128,11 @@ def _judge(
     f, beams = surface.face % len(faces), agreed.beams
     x, covariance = agreed.aligned.own_x[row], agreed.aligned.own_covariance[row]
     is_round = faces.sign[f] != 0
-    place = faces.centre[f]
+    place, middle = faces.centre[f], surface.corners.mean(axis=1)
     if is_round:
+        place = place + middle[0] * faces.half[f, 0] * faces.normal[f]
         places, along = _around(beams.uv[on], beams.columns[on]), _unit(beams.normal[on].mean(axis=0))
     else:
-        middle = surface.corners.mean(axis=1)
         at = np.concatenate([_corners(beams.uv[on]), [middle]])
         places = np.column_stack([np.ones(len(at)), at, np.square(at) * surface.is_bent])
         along = _unit(faces.normal[f])
@@ -151,7 +151,7 @@ def _judge(
         measured_m2=min(surface.area_m2, float(faces.area[f])),
         n_beams=len(on),
         deviation=_interval(float(delta[worst]), float(sd[worst]), along),
-        offset=_axis_shift(x, covariance, faces, f) if is_round else middle_offset,
+        offset=_axis_shift(x, covariance, faces, f, float(middle[0])) if is_round else middle_offset,
         tilt=None if is_round else _tilt(x, covariance, faces.half[f]),
         bow=_bow(x, covariance, along) if surface.is_bent else None,
         radius=_linear(np.eye(N_COLUMNS)[4], x, covariance, None) if is_round else None,
@@ -201,12 +201,13 @@ def _linear(
     return _interval(float(column @ x), float(np.sqrt(max(float(column @ covariance @ column), 0.0))), along)
 
 
-def _axis_shift(x: FloatArray, covariance: FloatArray, faces: DesignFaces, f: int) -> Interval:
-    """Shift of a cylinder's axis, along the direction that it went."""
-    size = float(np.hypot(x[0], x[1]))
-    way = x[:2] / size if size else np.array([1.0, 0.0])
+def _axis_shift(x: FloatArray, covariance: FloatArray, faces: DesignFaces, f: int, place: float) -> Interval:
+    """Shift of a cylinder's axis at a place along it, -1 to 1, along the direction that it went."""
+    shift = x[:2] + place * x[2:4]
+    size = float(np.linalg.norm(shift))
+    way = shift / size if size else np.array([1.0, 0.0])
     along = _unit(way[0] * faces.u[f] + way[1] * faces.v[f])
-    return _linear(np.array([*way, 0.0, 0.0, 0.0]), x, covariance, along)
+    return _linear(np.array([*way, *(place * way), 0.0]), x, covariance, along)
 
 
 def _tilt(x: FloatArray, covariance: FloatArray, half: FloatArray) -> Interval:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from completion.asbuilt.limits import (
     SEE_THROUGH,
 )
 from scenes.checks import BoolArray, FloatArray, freeze_arrays
+from scenes.mesh.design import Element, ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
 
 N_COLUMNS = 5
@@ -110,6 +111,23 @@ class FacePlaces:
     normal: FloatArray
     columns: FloatArray
     uv: FloatArray
+
+
+def elements_of(design: ElementMesh, mesh: LabelledMesh, faces: DesignFaces) -> ElementMesh:
+    """Return a part as a design whose elements are its faces, the last what is on none of them.
+
+    `mesh` is that of the design as `faces` were found on it. Holes and faces of a part have tolerances of
+    their own; as one element it would be judged by its largest faces alone.
+    """
+    kinds = [("face", "cylinder", "hole")[sign] for sign in faces.sign.tolist()]
+    names = [
+        f"{kind} {k}" + (f", radius {1000 * radius:.2f} mm" if radius else "")
+        for k, (kind, radius) in enumerate(zip(kinds, faces.radius.tolist(), strict=True), start=1)
+    ]
+    of = np.where(faces.of_triangle < 0, len(faces), faces.of_triangle).astype(np.int32)
+    return ElementMesh(
+        replace(mesh, face_surface=of), (*map(Element, names), Element("other surface")), design.name
+    )
 
 
 def scale_of(mesh: LabelledMesh) -> float:

@@ -114,7 +114,7 @@ class FaceFinding:
     rms_m : float
         Of beams about the fitted surface.
     place : (3,) float
-        Where `offset` holds: the middle of what was measured of a plane.
+        Where `offset` holds: the middle of what was measured of a plane, or along an axis.
     histogram : (40,) int
         Beams by deviation from the design, in 40 equal bins of `histogram_m`.
     histogram_m : (2,) float

@@ -74,6 +74,13 @@ MOST_A_PAIR = 500
 SUBSET = 800_000
 """Beams that align the scans before all are looked at. By choice."""
 
+LEAST_ON = 2e-3
+"""Of beams that must end on a design for it to be what was scanned. By choice."""
+OTHER_UNIT = 8.0
+"""Times that what was scanned may be larger or smaller before units are in doubt: between an inch and a foot
+lie 12. By choice.
+"""
+
 # Support
 WINDOW_SIGMAS = 2.5
 """Of noise, beside 3 standard deviations of the residuals, of the gate about a face's plane. Page."""

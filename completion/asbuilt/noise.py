@@ -23,6 +23,7 @@ from scenes.checks import FloatArray
 
 _BINS_R, _BINS_COSINE = 10, 5
 _FEWEST = 200  # beams of a bin that tell a variance
+_LEAST = 0.01  # of the median variance of bins: rounded ranges of a face may all be one number
 
 
 def fitted_sigma(
@@ -73,8 +74,8 @@ def _fit(residual: FloatArray, terms: FloatArray) -> FloatArray | None:
         if len(mine) >= _FEWEST:
             rows.append(terms[mine].mean(axis=0))
             variances.append((1.4826 * np.median(np.abs(residual[mine]))) ** 2)
-    variance = np.maximum(np.array(variances), 1e-14)
-    if not len(rows) or not np.isfinite(variance).all():
+    if not rows or not np.isfinite(variances).all():
         return None
+    variance = np.maximum(np.array(variances), max(_LEAST * float(np.median(variances)), 1e-14))
     # relative errors: each bin counts alike
     return np.asarray(nnls(np.array(rows) / variance[:, None], np.ones(len(rows)))[0])

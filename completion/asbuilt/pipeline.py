@@ -23,7 +23,7 @@ from completion.asbuilt.alignment import PoseErrors, align
 from completion.asbuilt.beams import Evidence, Gates, Surfaces, trace
 from completion.asbuilt.conclusion import Measurements, conclude
 from completion.asbuilt.deviation import Agreed, FaceStanding, Judged, is_shown, judge_faces
-from completion.asbuilt.faces import DesignFaces, find_faces, scale_of
+from completion.asbuilt.faces import DesignFaces, elements_of, find_faces, scale_of
 from completion.asbuilt.findings import LOA_BANDS_M, DesignCheck
 from completion.asbuilt.misfits import unlike_others, without_misfits
 from completion.asbuilt.noise import fitted_sigma
@@ -184,7 +184,12 @@ class _Model:
         turned = turn_outside_out(mesh.at(mesh.vertices - middle), mesh.face_surface.astype(np.int64))
         mesh, scale = turned.mesh, scale_of(turned.mesh)
         faces = find_faces(mesh, scale)
-        surfaces = Surfaces.of(mesh, faces, turned.is_closed)
+        is_part = _is_part(design) and len(faces) > 1
+        if is_part:
+            design = elements_of(design, mesh, faces)
+            faces = replace(faces, element=np.arange(len(faces), dtype=np.int32))
+            mesh, left_out = design.mesh, np.zeros(len(design.elements), np.bool_)
+        surfaces = Surfaces.of(mesh, faces, turned.is_closed, is_part=is_part)
         shift, turn = options.registration or (2e-3 * scale, 0.006)
         pose = float(shift), float(np.radians(turn))
         common = (limits.FREE_M * scale, limits.FREE_RAD) if options.align else (0.0, 0.0)
@@ -299,7 +304,8 @@ class _Model:
         beams = replace(beams, columns=columns)
         aligned = align(
             beams, on, origins,
-            speaks=self._speaks(surfaces, evidence), moved=moved, errors=self.errors, scale=self.scale,
+            speaks=self._speaks(surfaces, evidence), moved=moved, errors=self.errors,
+            bias=np.where(_rounded(observations), 1.0, limits.BIAS_SHARE), scale=self.scale,
         )  # fmt: skip
         return Agreed(beams, tuple(surfaces), tuple(parts), aligned, origins)
 
@@ -333,7 +339,8 @@ class _Model:
         ranges = np.linalg.norm(rays, axis=1)
         cosine = np.abs(np.einsum("ij,ij->i", rays, beams.normal)) / np.maximum(ranges, 1e-12)
         sigma = fitted_sigma(residual, ranges, cosine, instrument, on)
-        least = 1e-4 * self.scale * cosine
+        # what is rounded shows less noise than it has: all of a face may lie in one step
+        least = np.where(_rounded(observations)[beams.scan], beams.sigma, 1e-4 * self.scale * cosine)
         return replace(beams, sigma=np.where(np.isfinite(sigma), np.maximum(sigma, least), beams.sigma))
 
     def _speaks(self, surfaces: Sequence[FaceSurface], evidence: Sequence[Evidence]) -> BoolArray:
@@ -397,6 +404,16 @@ def _shown(is_on: BoolArray, scan: NDArray[np.int32]) -> BoolArray:
     n = int(scan.max()) + 1
     share = np.bincount(scan[is_on], minlength=n) / np.maximum(np.bincount(scan, minlength=n), 1)
     return np.asarray(is_on & (share >= limits.LEAST_SUPPORT)[scan])
+
+
+def _rounded(observations: Sequence[Observation]) -> BoolArray:
+    """The scans (s,) whose ranges come in steps that hide the noise: means of beams are no more exact."""
+    return np.array([seen.noise.step_m > 0 for seen in observations], np.bool_)
+
+
+def _is_part(design: ElementMesh) -> bool:
+    """Whether a design is one body without anything said of it."""
+    return len(design.elements) == 1 and not design.elements[0].ifc_class
 
 
 def _subset(seen: Observation, n_scans: int) -> NDArray[np.int64]:

@@ -110,22 +110,31 @@ def _is_gone(known: ElementEvidence, tested: Sequence[int], scale: float) -> boo
     """Whether beams went through the whole of its body, or its surface lies where its back should be."""
     beams = known.beams
     measured = sum(
-        known.faces[k].finding.measured_m2 for k in tested if k not in known.rivals and _stands(known, k)
+        one.finding.measured_m2
+        for k, one in enumerate(known.faces)
+        if _is_in_place(known, k) or (k in tested and k not in known.rivals and _stands(known, k, scale))
     )
     stays = beams.on_m2 + measured
     is_through = (
         beams.through_m2 > limits.LEAST_THROUGH_M2 * scale**2
+        and beams.n_beams >= limits.FEWEST_BEAMS // 2
         and beams.through_m2 > limits.THROUGH_OF_SEEN * (beams.through_m2 + stays)
         and beams.through_m2 > limits.THROUGH_OF_ALL * (beams.through_m2 + stays + beams.hidden_m2)
     )
-    back = [k for k in tested if known.faces[k].finding.is_main and not _stands(known, k)]
-    standing = [k for k in tested if known.faces[k].finding.is_main and _stands(known, k)]
+    back = [k for k in tested if known.faces[k].finding.is_main and not _stands(known, k, scale)]
+    standing = [k for k in tested if known.faces[k].finding.is_main and _stands(known, k, scale)]
     return is_through or bool(back and not standing)
 
 
-def _stands(known: ElementEvidence, k: int) -> bool:
+def _stands(known: ElementEvidence, k: int, scale: float) -> bool:
     """Whether a face is nearer to its place than to the other side of its body."""
-    return not float(np.median(known.faces[k].delta)) < -max(limits.BODY_SHARE * known.thin_m, limits.RIVAL_M)
+    back = max(limits.BODY_SHARE * known.thin_m, limits.RIVAL_M * scale)
+    return not float(np.median(known.faces[k].delta)) < -back
+
+
+def _is_in_place(known: ElementEvidence, k: int) -> bool:
+    """Whether most of what is measured of a face is within the tolerance."""
+    return float(np.median(np.abs(known.faces[k].delta))) <= known.tolerance_m
 
 
 def _is_sure(known: ElementEvidence, k: int, tested: Sequence[int]) -> bool:
@@ -263,7 +272,10 @@ def _kind(face: Judged, tolerance_m: float) -> Kind:
     own = face.finding
     if own.radius is not None and abs(own.radius.value) > abs(own.offset.value if own.offset else 0.0):
         return "radius"
-    if own.bow is not None and abs(own.bow.value) > max(tolerance_m, np.ptp(face.delta[:8]) / 2):
+    around = face.delta[:8]
+    if own.bow is not None and abs(own.bow.value) > max(
+        tolerance_m, np.ptp(around) / 2, abs(float(around.mean()))
+    ):
         return "bow"
     middle = abs(own.offset.value) if own.offset is not None else 0.0
     return "tilt" if np.ptp(face.delta) / 2 > middle else "offset"
@@ -340,7 +352,9 @@ def _unseen_sentence(known: ElementEvidence) -> str:
 
 def _mm(metres: float) -> str:
     value = 1000 * metres
-    return f"{value:.1f} mm" if abs(value) < 1000 else f"{value / 1000:.2f} m"
+    if abs(value) >= 1000:
+        return f"{value / 1000:.2f} m"
+    return f"{value:.1f} mm" if abs(value) >= 1 or not value else f"{value:.3f} mm"
 
 
 def _way(one: Judged) -> tuple[float, float, float]:

@@ -60,18 +60,19 @@ def displacements(seen: Observation, points: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("ij,mnj->mni", pose.rotation, modes))
 
 
-def range_displacements(seen: Observation, points: FloatArray) -> FloatArray:
+def range_displacements(seen: Observation, points: FloatArray, scale: float = 1.0) -> FloatArray:
     """Return how far an offset and a scale of all ranges move points (n, 3) of a scan: (2, n, 3), metres.
 
-    The offset is as large as the noise of single ranges, 1.2 mm at least. Zeros where there is no noise, and
-    of triangulating cameras, whose bends hold both.
+    The offset is as large as the noise of single ranges, 1.2 mm at least, times the `scale` of what is
+    measured: what measures small parts is no scanner of buildings. Zeros where there is no noise, and of
+    triangulating cameras, whose bends hold both.
     """
     modes = np.zeros((2, len(points), 3))
     if not seen.noise.is_known or (seen.scan.projection.kind == "pinhole" and seen.noise.is_triangulated):
         return modes
     along = points - seen.scan.world_from_sensor.translation
     ranges = np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    modes[0] = max(_OFFSET_M, seen.noise.constant_m) * along / ranges
+    modes[0] = max(_OFFSET_M * scale, seen.noise.constant_m) * along / ranges
     modes[1] = _SCALE * along
     return modes
 

@@ -66,7 +66,7 @@ def read_scan_ply(path: Path) -> RangeImage:
     """
     cure = (
         "; a scan needs its grid and sensor pose: use .e57, .pcd (organised), .npz or an RGB-D folder, or "
-        "say where the scanner stood (unseen complete --origin X,Y,Z)"
+        "say where the scanner stood (--origin X,Y,Z)"
     )
     if not is_scan_ply(path):
         raise InputError("is a PLY without sensor position and pixel grid" + cure)
