@@ -44,7 +44,9 @@ class Surfaces(NamedTuple):
     radius: FloatArray  # (F,) 0 of planes, negative of holes
 
     @classmethod
-    def of(cls, mesh: LabelledMesh, faces: DesignFaces, is_closed: BoolArray, *, is_part: bool) -> Surfaces:
+    def of(
+        cls, mesh: LabelledMesh, faces: DesignFaces, is_closed: BoolArray, *, is_part: bool = False
+    ) -> Surfaces:
         """Return the surfaces of a mesh whose triangles (m,) belong to closed bodies or not.
 
         Of a part the faces are its elements.

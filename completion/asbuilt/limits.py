@@ -35,8 +35,12 @@ FITS_M = 0.1
 """From the design's first surface on a ray, across it, for a beam to end on it: twice FREE_M. By choice."""
 FITS_SHARE, FITS_REACHED = 0.01, 0.2
 """Least share of beams towards the design that end on it; of those not stopped before it. By choice."""
-FITS_UNLIKE = 0.5, 0.5
-"""The latter beside that of other scans, to be left out below it; and, to be told of. By choice."""
+FITS_UNLIKE = 0.5
+"""The latter, below which it is told of. By choice."""
+FITS_BEYOND, FITS_MOVED = 0.03, 0.9
+"""Least share of beams behind the design, and after a shift on it, of a scan elsewhere. By choice: what
+stands before walls stops beams, and lets none pass.
+"""
 FITS_UNIT = 0.25
 """How much larger the share of beams on the design must be in another unit. By choice."""
 FITS_SHIFT = 1.5
@@ -73,13 +77,6 @@ MOST_A_PAIR = 500
 """Beams of a face in a scan that are kept, evenly. By choice: more tell nothing that form errors leave."""
 SUBSET = 800_000
 """Beams that align the scans before all are looked at. By choice."""
-
-LEAST_ON = 2e-3
-"""Of beams that must end on a design for it to be what was scanned. By choice."""
-OTHER_UNIT = 8.0
-"""Times that what was scanned may be larger or smaller before units are in doubt: between an inch and a foot
-lie 12. By choice.
-"""
 
 # Support
 WINDOW_SIGMAS = 2.5

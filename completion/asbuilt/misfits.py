@@ -75,16 +75,19 @@ def _share(on: BoolArray, of: BoolArray) -> float:
 class _Fit(NamedTuple):
     """How a scan lies on the design: how many rays meet it, shares of them, and the box (2, 3) of its points.
 
-    `share` and `reached` are `_Met.shares`; after the best `shift` (3,), metres, `moved` end on it. Of the
-    beams that notice that shift, `notice` are the shares on it before and after, the latter on elements
-    `shown`; `seen` are the elements that beams end on as it is. `is_sure`: the shift is the scan's, not that
-    of an element.
+    `share` and `reached` are `_Met.shares`; `beyond` is the share that ends behind the design, and `is_wide`
+    whether it looked all round, so that no thing and no gap can be all that it saw. After the best `shift`
+    (3,), metres, `moved` end on it. Of the beams that notice that shift, `notice` are the shares on it before
+    and after, the latter on elements `shown`; `seen` are the elements that beams end on as it is. `is_sure`:
+    the shift is the scan's, not that of an element.
     """
 
     name: str
     n_met: int
     share: float
     reached: float
+    beyond: float
+    is_wide: bool
     moved: float
     shift: FloatArray
     notice: tuple[float, float]
@@ -97,7 +100,8 @@ class _Fit(NamedTuple):
     def is_elsewhere(self) -> bool:
         """Whether it fits where a shift brings it, and not where it is."""
         before, after = self.notice
-        return self.is_sure and before < limits.FITS_NOTICED[0] and after > limits.FITS_NOTICED[1]
+        is_noticed = self.is_sure and before < limits.FITS_NOTICED[0] and after > limits.FITS_NOTICED[1]
+        return is_noticed and self.beyond > limits.FITS_BEYOND and self.moved > limits.FITS_MOVED
 
     def beside(self, others: Sequence[_Fit]) -> _Fit:
         """The same, sure where a shift brings it to several elements, or to one that others see there."""
@@ -144,16 +148,15 @@ def without_misfits(
     lead, unit = f"{name}: the scans do not fit the design", _other_unit(mesh, beams, fits, gate)
     if unit or not any(fit.is_on for fit in fits):
         raise InputError(f"{lead}: {unit or _cause(mesh, fits, gate)}")
-    usual = float(np.median([fit.reached for fit in fits if fit.is_on]))
     kept, told = list[RangeImage](), list[str]()
     for scan, fit in zip(scans, fits, strict=True):
         sentence = f"the design: {fit.sentence(gate)}"
         if fit.n_met < _FEWEST:
             told.append(f"{fit.name} tells next to nothing: only {fit.n_met} of its beams meet the design")
-        elif not fit.is_on or fit.reached < limits.FITS_UNLIKE[0] * usual:
+        elif fit.is_wide and not fit.is_on:
             told.append(f"{fit.name} was left out, since it does not fit {sentence}")
             continue
-        elif fit.reached < limits.FITS_UNLIKE[1]:
+        elif fit.reached < limits.FITS_UNLIKE:
             told.append(f"{fit.name} hardly fits {sentence}; unless much is not built, its pose is wrong")
         kept.append(scan)
     return tuple(kept), tuple(told)
@@ -206,6 +209,7 @@ class _Beams:
         self.box = np.array([points.min(axis=0), points.max(axis=0)]) if n else np.zeros((0, 3))
         self.start, self.middle, self.name = scan.origin - middle, middle, scan.name
         self.caster, self.mesh, self.normals = caster, mesh, mesh.face_normals()
+        self.is_wide = scan.projection.kind == "spherical"
 
     def cast(self, shift: FloatArray) -> _Met:
         """Cast them from a shifted place."""
@@ -247,6 +251,8 @@ class _Beams:
             n_met=n_met,
             share=share,
             reached=reached,
+            beyond=_share(first.off > gate, np.isfinite(first.off)),
+            is_wide=self.is_wide,
             moved=best.shares(gate)[0],
             shift=shift,
             notice=shares,

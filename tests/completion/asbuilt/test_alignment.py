@@ -59,7 +59,8 @@ def beams_of(offsets=None, motions=None, *, n=60, rng=0) -> FaceBeams:
 def aligned(beams, errors=NEAR, moved=None):
     return align(
         beams, np.ones(len(beams.face), bool), ORIGINS, speaks=np.ones(len(faces_within()[0]), bool),
-        moved=np.zeros((3, 6)) if moved is None else moved, errors=errors, scale=1.0,
+        moved=np.zeros((3, 6)) if moved is None else moved, errors=errors,
+        bias=np.full(2, limits.BIAS_SHARE), scale=1.0,
     )  # fmt: skip
 
 

@@ -102,7 +102,7 @@ def test_intervals_of_what_is_in_place_hold_zero(checked):
 
 def test_a_design_in_another_unit_is_refused():
     mesh = plate(HOLES)
-    with pytest.raises(InputError, match=r"20.6 m across, what was scanned 0\.\d+ m; give the unit"):
+    with pytest.raises(InputError, match="100% with --design-units cm; give that"):
         check_against_design(design_of(mesh.at(100 * mesh.vertices)), scans_of(mesh))
 
 

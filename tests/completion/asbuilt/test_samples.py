@@ -22,7 +22,7 @@ def sampled(design):
     faces = find_faces(turned.mesh, 1.0)
     surfaces = Surfaces.of(turned.mesh, faces, turned.is_closed)
     samples = sample_design(turned.mesh, surfaces, RayCaster(turned.mesh.vertices, turned.mesh.faces, 1), 1.0)
-    return samples, faces, exposed_share(samples, surfaces, faces.area, EACH_M2)
+    return samples, faces, exposed_share(samples, surfaces, faces.area)
 
 
 def test_a_box_on_a_floor_covers_its_own_bottom_and_the_floor_below() -> None:
