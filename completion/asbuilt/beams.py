@@ -81,6 +81,7 @@ class Gates(NamedTuple):
     step_m: float
     registration: tuple[float, float]  # metres, radians
     most_sigma_m: float
+    nearer: float = limits.NEARER
 
     @classmethod
     def of(cls, scale: float, registration: tuple[float, float]) -> Gates:
@@ -346,7 +347,7 @@ def _nearest(
         t_met = crossings.distance[k, j]
         if (t_met - r) * cosine <= gates.near_m:
             of_faces[f] += t_met * t_met * angle / cosine
-        if abs(along) < (nearest if best < 0 else limits.NEARER * nearest):
+        if abs(along) < (nearest if best < 0 else gates.nearer * nearest):
             best, nearest = f, abs(along)
     return best, nearest
 

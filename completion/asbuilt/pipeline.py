@@ -239,7 +239,9 @@ class _Model:
         placed, moved = list(observations), np.zeros((len(observations) + 1, 6))
         pixels = [_subset(seen, len(placed)) for seen in placed]
         for _ in range(_MOST_PLACED):
-            evidence = self.trace(placed, pixels, options, told)
+            # the first face only: while poses are off, a layer behind it would draw scans to itself
+            first = replace(self, gates=self.gates._replace(nearer=0.0))
+            evidence = first.trace(placed, pixels, options, told)
             agreed = self.agree(placed, pixels, evidence, moved, with_far=False)
             moved = moved + agreed.aligned.motion
             nearer = [
