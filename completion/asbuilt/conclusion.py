@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from typing import Protocol
 
 import numpy as np
@@ -189,7 +188,7 @@ def _shifted(finding: ElementFinding, middle: FloatArray) -> ElementFinding:
 def _tolerance(design: ElementMesh, surface: int, options: Asked) -> float:
     element, tolerance = design.elements[surface], options.tolerance_m
     for pattern, value in options.tolerances.items():
-        if any(fnmatchcase(text, pattern) for text in (element.ifc_class, element.name, element.global_id)):
+        if element.is_like(pattern):
             tolerance = value
     return tolerance
 

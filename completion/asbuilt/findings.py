@@ -165,8 +165,6 @@ class ElementFinding:
         Unit normals of its tested main faces.
     offset, tilt, bow, thickness, radius : Interval, optional
         Of the face that decides; thickness: measured minus designed; radius: of pipes and columns.
-    shift_m : Interval triple, optional
-        How far a displaced element moved, along x, y, z.
     loa_represented, loa_measured : str
         Names of bands, "" where nothing was measured.
     share : Shares
@@ -199,7 +197,6 @@ class ElementFinding:
     bow: Interval | None = None
     thickness: Interval | None = None
     radius: Interval | None = None
-    shift_m: tuple[Interval, Interval, Interval] | None = None
     loa_represented: str = ""
     loa_measured: str = ""
     share: Shares = Shares(0.0, 0.0, 1.0)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import NDArray
@@ -388,17 +387,11 @@ def _matching(design: ElementMesh, patterns: Sequence[str]) -> BoolArray:
     """Which elements have a class, name or GlobalId that fits one of the patterns."""
     found = np.zeros(len(design.elements), np.bool_)
     for pattern in patterns:
-        fits = np.array([is_like(pattern, design, k) for k in range(len(design.elements))], np.bool_)
+        fits = np.array([element.is_like(pattern) for element in design.elements], np.bool_)
         if not fits.any():
             raise InputError(f"no element of {design.name} is like {pattern!r}; give a class or name")
         found |= fits
     return found
-
-
-def is_like(pattern: str, design: ElementMesh, surface: int) -> bool:
-    """Tell whether a pattern fits the class, the name or the GlobalId of an element."""
-    element = design.elements[surface]
-    return any(fnmatchcase(text, pattern) for text in (element.ifc_class, element.name, element.global_id))
 
 
 def _shown(is_on: BoolArray, scan: NDArray[np.int32]) -> BoolArray:

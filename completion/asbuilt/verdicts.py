@@ -190,11 +190,9 @@ def _moved_alike(a: Judged, b: Judged, scale: float) -> bool:
 
 def _displaced_finding(finding: ElementFinding, moved: Judged) -> ElementFinding:
     offset = moved.finding.offset
-    assert offset is not None
-    text = (
-        f"its body is empty, and a surface like its own lies {_mm(offset.value)} from its place "
-        f"(95 %: {_mm(offset.low)} to {_mm(offset.high)})"
-    )
+    text = "nothing of it is measured in its place, and a surface like its own lies beside it"
+    if offset is not None:
+        text += f", {_mm(offset.value)} off (95 %: {_mm(offset.low)} to {_mm(offset.high)})"
     return replace(finding, verdict="deviates", kind="displaced", offset=offset, sentence=text)
 
 
@@ -288,7 +286,8 @@ def _kind_sentence(finding: ElementFinding, kind: Kind) -> str:
     if kind == "tilt" and finding.tilt is not None:
         low, high = (np.degrees(max(value, 0.0)) for value in (finding.tilt.low, finding.tilt.high))
         return f"it is turned by {np.degrees(finding.tilt.value):.2f} deg (95 %: {low:.2f} to {high:.2f})"
-    assert number is not None
+    if number is None:
+        return ""
     what = {
         "thickness": "its thickness differs",
         "bow": "its middle bows",

@@ -113,11 +113,6 @@ def _numbers(finding: ElementFinding) -> str:
     if finding.tilt is not None:
         value, low, high = np.degrees([finding.tilt.value, finding.tilt.low, finding.tilt.high])
         parts.append(f"Tilt {value:.2f} deg ({low:.2f} to {high:.2f} deg, 95 %).")
-    if finding.shift_m is not None:
-        moved = ", ".join(
-            f"{axis} {_millimetres(one)}" for axis, one in zip("xyz", finding.shift_m, strict=True)
-        )
-        parts.append(f"Moved by {moved}.")
     parts.append(f"{100 * finding.share.measured:.0f} % of {finding.exposed_m2:.1f} m2 measured.")
     parts += [f"{finding.loa_represented}."] if finding.loa_represented else []
     return " ".join(parts)

@@ -177,7 +177,7 @@ def check_design(
     if len(given) < len(scans):
         if given:
             raise InputError(f"{len(given)} of {len(scans)} scans are no paths; give paths or RangeImages")
-        request = read_request(ScanRequest(tuple(os.fspath(scan) for scan in scans)))  # type: ignore[arg-type]
+        request = read_request(ScanRequest(tuple(os.fspath(scan) for scan in scans)))  # type: ignore[arg-type]  # none is a RangeImage here
         turned: tuple[str, ...] = ()
         if scene is not None:
             request, turned = in_frame_of(scene, request)
@@ -204,7 +204,7 @@ def _opened(
     scene = scene or _scene_of(design)
     is_ifc = not isinstance(design, Scene) and Path(design).suffix.lower() == ".ifc"
     conversion = None if scene.design is None else scene.design.conversion
-    return scene.element_mesh, Path(design) if is_ifc else None, conversion, scene.warnings  # type: ignore[arg-type]
+    return scene.element_mesh, Path(design) if is_ifc else None, conversion, scene.warnings  # type: ignore[arg-type]  # a path where it is IFC
 
 
 def open_design(spec: str, *, up: Axis | None = None, units: Units = "m") -> Scene:

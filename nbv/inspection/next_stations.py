@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from nbv.run.wording import count
 from nbv.scanning.sensor import Sensor, View
 from nbv.visibility.candidates import Standing, find_standing
 from nbv.visibility.clearance import Clearance
-from nbv.visibility.requirement import Requirement, SightLimits
+from nbv.visibility.requirement import Precision, Requirement, SightLimits
 from nbv.visibility.site_options import SiteOptions
 from nbv.visibility.visibility import orient, visible_from_positions
 from scenes.checks import FloatArray, InputError
@@ -219,8 +219,8 @@ def _instance(
     sure = poses.data >= SURE_COSINE
     veiled = np.flatnonzero(sure & targets.is_hidden[poses.indices])
     sure[veiled] = obstacles.space.unseen_m(eyes[veiled], points[veiled]) <= SURE_M
-    assert limits.precision is not None
-    beams = limits.precision.density_per_m2(away, poses.data) * samples.areas[poses.indices]
+    precision = cast(Precision, limits.precision)  # limits of a sensor have one
+    beams = precision.density_per_m2(away, poses.data) * samples.areas[poses.indices]
     may = [_settled(targets, poses, beams * held, samples.areas[poses.indices] * held)
            for held in (sure, np.ones(len(sure)))]  # fmt: skip
     weights = np.append(np.ones(2 * len(targets.elements)), samples.areas / (2 * samples.total_m2))

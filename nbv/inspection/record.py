@@ -93,7 +93,6 @@ def _element_record(finding: ElementFinding) -> dict[str, Any]:
         "directions_measured": finding.directions_measured,
         "offset_m": _interval_record(finding.offset),
         **{name: _interval_record(getattr(finding, name)) for name in list(_INTERVALS)[1:]},
-        "shift_m": None if finding.shift_m is None else [_interval_record(one) for one in finding.shift_m],
         "loa": {"represented": finding.loa_represented, "measured": finding.loa_measured},
         "exposed_m2": finding.exposed_m2,
         "share": {name: getattr(finding.share, name) for name in ("measured", "inferred", "unknown")},
@@ -179,8 +178,6 @@ def _row(held: dict[str, Any]) -> dict[str, Any]:
         }
     along = (held["offset_m"] or {}).get("along") or (None, None, None)
     row |= {f"offset_along_{axis}": value for axis, value in zip("xyz", along, strict=True)}
-    moved: Sequence[dict[str, Any]] = held["shift_m"] or ({}, {}, {})
-    row |= {f"shift_{axis}_m": one.get("value") for axis, one in zip("xyz", moved, strict=True)}
     row |= {f"loa_{name}": band for name, band in held["loa"].items()}
     row["exposed_m2"] = held["exposed_m2"]
     row |= {f"share_{name}": share for name, share in held["share"].items()}

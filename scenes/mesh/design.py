@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 import numpy as np
 
@@ -34,6 +35,10 @@ class Element:
     global_id: str = ""
     storey: str = ""
     type_name: str = ""
+
+    def is_like(self, pattern: str) -> bool:
+        """Tell whether a pattern, as shells match files, fits its class, its name or its GlobalId."""
+        return any(fnmatchcase(text, pattern) for text in (self.ifc_class, self.name, self.global_id))
 
 
 @dataclass(frozen=True, slots=True)

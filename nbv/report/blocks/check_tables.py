@@ -198,15 +198,13 @@ def _as_sentence(text: str) -> str:
 
 
 def _measures(finding: ElementFinding) -> tuple[Table, ...]:
-    """Offset, tilt, bow, thickness, radius and shift, those that there are, with their intervals."""
-    moved = zip("xyz", finding.shift_m or (), strict=False)
+    """Offset, tilt, bow, thickness and radius, those that there are, with their intervals."""
     held = [
         ("offset", finding.offset, "mm"),
         ("tilt", finding.tilt, "mrad"),
         ("bow", finding.bow, "mm"),
         ("thickness, measured minus designed", finding.thickness, "mm"),
         ("radius, measured minus designed", finding.radius, "mm"),
-        *((f"shift along {axis}", one, "mm") for axis, one in moved),
     ]
     rows = tuple(
         (

@@ -42,12 +42,12 @@ def test_the_record_has_the_promised_names_and_is_strict_json():
 def test_numbers_that_are_none_are_null():
     check = example_check()
     nothing = float("nan")
-    moved = (Interval(nothing, -float("inf"), nothing),) * 3
-    first = replace(check.elements[0], exposed_m2=nothing, shift_m=moved)
+    offset = Interval(nothing, -float("inf"), nothing)
+    first = replace(check.elements[0], exposed_m2=nothing, offset=offset)
     record = check_record(replace(check, elements=(first,), z=nothing))
     json.dumps(record, allow_nan=False)
     assert record["z"] is record["elements"][0]["exposed_m2"] is None
-    assert record["elements"][0]["shift_m"][0] == {"value": None, "low": None, "high": None}
+    assert record["elements"][0]["offset_m"] == {"value": None, "low": None, "high": None}
 
 
 def test_the_table_has_a_row_an_element_and_the_numbers_of_the_record():
