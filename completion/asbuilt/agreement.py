@@ -270,6 +270,10 @@ def _settle(
     n, sd = y.size, float(np.median(sigma))
     for k in range(n):
         on[k] = abs(residual[k]) <= gate + 2.0 * sigma[k]
+    if on.any():  # a few beams of another surface at one end would turn the first plane
+        sd = 1.4826 * float(np.median(np.abs(residual[on])))
+    for k in range(n):
+        on[k] = on[k] and abs(residual[k]) <= max(3.0 * sd, limits.WINDOW_SIGMAS * sigma[k])
         core[k] = on[k]
     for turn in range(2 * _ROUNDS):
         count = 0

@@ -339,18 +339,23 @@ def _evidence_of(
         hidden=states.hiders.get(surface, ()),
         not_seen=shares,
         rivals={k: rivals[id(one)] for k, one in enumerate(faces) if id(one) in rivals},
-        thin_m=_thickness(known, surface),
+        back_m=_back(known, surface),
     )
 
 
-def _thickness(known: Measurements, surface: int) -> float:
-    """Thickness of an element across its largest face; endless for sheets, which have no back."""
+def _back(known: Measurements, surface: int) -> float:
+    """How far behind the largest face of an element its back lies at least; endless for sheets, without one.
+
+    What lies there may be off by as much as faces of this building are.
+    """
     mine = np.flatnonzero((known.faces.element == surface) & (known.faces.sign == 0))
     if not len(mine) or known.surfaces.is_sheet[known.surfaces.element == surface].any():
         return np.inf
     normal = known.faces.normal[mine[np.argmax(known.faces.area[mine])]]
     corners = known.design.mesh.corners[known.surfaces.element == surface].reshape(-1, 3)
-    return float(np.ptp(corners @ normal))
+    thick, tau_m = float(np.ptp(corners @ normal)), known.aligned.tau_m
+    before = min((1 - limits.BODY_SHARE) * thick, limits.BACK_TAUS * tau_m)
+    return max(thick - before, limits.RIVAL_M * known.scale)
 
 
 def _with_bands(finding: ElementFinding, bands: Mapping[str, float]) -> ElementFinding:

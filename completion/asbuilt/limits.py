@@ -142,6 +142,8 @@ BEFORE_SHARE = 0.3
 """Of a face's exposed area, below which what lies before it may be a thing that stands there. By choice."""
 BODY_SHARE = 0.7
 """Of the thickness of a body by which the surface behind it lies back. Page."""
+BACK_TAUS = 3.0
+"""Scales of the faces' deviations, by which that surface may be before the back. By choice."""
 
 # Missing
 LEAST_THROUGH_M2 = 0.02

@@ -26,7 +26,8 @@ class ElementEvidence:
 
     `faces` that were judged, `far` those that lie farther off and like it (a displaced element), `beams`,
     `share` and `hidden` by samples, `not_seen` shares by reason, `rivals` places in `faces` of those whose
-    deviation something else explains, and whether that goes on beyond them, `thin_m` thickness of its body.
+    deviation something else explains, and whether that goes on beyond them, `back_m` how far behind its place
+    a surface is the back of its body, or what lies behind that.
     """
 
     surface: int
@@ -40,7 +41,7 @@ class ElementEvidence:
     hidden: tuple[Hider, ...]
     not_seen: dict[str, float]
     rivals: Mapping[int, bool]
-    thin_m: float
+    back_m: float
 
 
 def quantile(n_tested: int, false_alarms: float) -> float:
@@ -112,7 +113,7 @@ def _is_gone(known: ElementEvidence, tested: Sequence[int], scale: float) -> boo
     measured = sum(
         one.finding.measured_m2
         for k, one in enumerate(known.faces)
-        if _is_in_place(known, k) or (k in tested and k not in known.rivals and _stands(known, k, scale))
+        if _is_in_place(known, k) or (k in tested and k not in known.rivals and _stands(known, k))
     )
     stays = beams.on_m2 + measured
     is_through = (
@@ -121,15 +122,14 @@ def _is_gone(known: ElementEvidence, tested: Sequence[int], scale: float) -> boo
         and beams.through_m2 > limits.THROUGH_OF_SEEN * (beams.through_m2 + stays)
         and beams.through_m2 > limits.THROUGH_OF_ALL * (beams.through_m2 + stays + beams.hidden_m2)
     )
-    back = [k for k in tested if known.faces[k].finding.is_main and not _stands(known, k, scale)]
-    standing = [k for k in tested if known.faces[k].finding.is_main and _stands(known, k, scale)]
+    back = [k for k in tested if known.faces[k].finding.is_main and not _stands(known, k)]
+    standing = [k for k in tested if known.faces[k].finding.is_main and _stands(known, k)]
     return is_through or bool(back and not standing)
 
 
-def _stands(known: ElementEvidence, k: int, scale: float) -> bool:
-    """Whether a face is nearer to its place than to the other side of its body."""
-    back = max(limits.BODY_SHARE * known.thin_m, limits.RIVAL_M * scale)
-    return not float(np.median(known.faces[k].delta)) < -back
+def _stands(known: ElementEvidence, k: int) -> bool:
+    """Whether a face is before the other side of its body."""
+    return not float(np.median(known.faces[k].delta)) < -known.back_m
 
 
 def _is_in_place(known: ElementEvidence, k: int) -> bool:

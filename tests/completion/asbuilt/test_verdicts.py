@@ -72,7 +72,7 @@ def verdict(*faces, z=Z, rivals=(), far=(), beams=None, share=0.8, hidden=(), no
     known = ElementEvidence(
         0, Element("wall", kind), T, faces=tuple(faces), far=tuple(far), beams=beams or BeamEvidence(),
         share=Shares(share, 0.0, 1 - share), exposed_m2=20.0, hidden=tuple(hidden), not_seen=not_seen or {},
-        rivals=dict.fromkeys(rivals, True), thin_m=THICK_M,
+        rivals=dict.fromkeys(rivals, True), back_m=0.7 * THICK_M,
     )  # fmt: skip
     return decide(known, aligned_of(*faces), FACES, z=z, scale=1.0)
 
