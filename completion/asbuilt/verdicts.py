@@ -100,7 +100,8 @@ def decide(
         return replace(finding, verdict="within", sentence=_within_sentence(known, finding))
     if is_hidden and known.share.measured < limits.HIDDEN_SHARE:
         return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
-    if tested or known.beams.on_m2 > limits.LEAST_MEASURED_M2 * scale**2:
+    is_met = known.beams.on_m2 > limits.LEAST_MEASURED_M2 * scale**2
+    if tested or is_met or known.share.measured > limits.HIDDEN_SHARE:
         return replace(finding, sentence=_undecided_sentence(known, tested, main))
     if known.hidden and known.not_seen.get("hidden", 0.0) >= max(known.not_seen.values(), default=0.0):
         return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
@@ -115,7 +116,7 @@ def _is_gone(known: ElementEvidence, tested: Sequence[int], scale: float) -> boo
         for k, one in enumerate(known.faces)
         if _is_in_place(known, k) or (k in tested and k not in known.rivals and _stands(known, k))
     )
-    stays = beams.on_m2 + measured
+    stays = max(beams.on_m2 + measured, known.share.measured * known.exposed_m2)
     is_through = (
         beams.through_m2 > limits.LEAST_THROUGH_M2 * scale**2
         and beams.n_beams >= limits.FEWEST_BEAMS // 2
@@ -143,8 +144,10 @@ def _is_sure(known: ElementEvidence, k: int, tested: Sequence[int]) -> bool:
     along = one.finding.normal
     alike = [known.faces[j].finding for j in tested if abs(known.faces[j].finding.normal @ along) > _ALIKE]
     measured = sum(face.measured_m2 for face in alike)
+    tilt = one.finding.tilt
     return (
-        one.finding.support >= limits.SURE_SUPPORT
+        (tilt is None or np.cos(tilt.value) > _ALIKE)  # what looks another way is another surface
+        and one.finding.support >= limits.SURE_SUPPORT
         and one.is_flat_enough
         and one.finding.measured_m2 >= limits.LEAST_PART * measured
     )
@@ -310,7 +313,7 @@ def _within_sentence(known: ElementEvidence, finding: ElementFinding) -> str:
 
 def _undecided_sentence(known: ElementEvidence, tested: Sequence[int], main: Sequence[int]) -> str:
     if not tested:
-        return f"beams end on it ({known.beams.on_m2:.2f} m2), but no face has enough of them for a number"
+        return f"{known.share.measured:.0%} of it is measured, but no face has enough beams for a number"
     if not main:
         return "only smaller faces of it are measured"
     if known.beams.through_m2 > limits.LEAST_THROUGH_M2:

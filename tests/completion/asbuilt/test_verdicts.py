@@ -190,6 +190,19 @@ def test_a_face_where_its_back_should_be_is_none_of_it() -> None:
     assert verdict(face(-0.15), face(0.0, of=BACK, row=1)).verdict != "missing"
 
 
+def test_a_surface_that_looks_another_way_is_no_deviation_of_a_face() -> None:
+    assert verdict(face(tilt=0.2)).verdict == "deviates"
+    assert verdict(face(tilt=2.0)).verdict == "undecided"
+
+
+def test_what_is_measured_is_not_missing_whatever_beams_passed() -> None:
+    passed = BeamEvidence(0.0, 6.0, 0.0, 5000)
+    assert verdict(beams=passed, share=0.1).verdict == "missing"
+    found = verdict(beams=passed, share=0.8)
+    assert found.verdict == "undecided"
+    assert found.sentence == "80% of it is measured, but no face has enough beams for a number"
+
+
 def test_beams_through_a_measured_wall_leave_it_open() -> None:
     passed = BeamEvidence(0.0, 3.0, 0.0, 500)
     assert verdict(face(), beams=passed).verdict == "undecided"
@@ -214,11 +227,11 @@ def test_samples_tell_hidden_from_not_seen() -> None:
 
 def test_an_empty_body_with_a_like_surface_nearby_is_displaced() -> None:
     empty, far = BeamEvidence(0.0, 6.0, 0.0, 5000), face(0.3, is_far=True)
-    found = verdict(beams=empty, far=[far])
+    found = verdict(share=0.05, beams=empty, far=[far])
     assert (found.verdict, found.kind) == ("deviates", "displaced")
     assert found.offset is not None
     assert found.offset.value == pytest.approx(0.3)
-    assert verdict(beams=empty, far=[far], kind="IfcDoor").verdict == "missing"  # leaves turn
-    assert verdict(beams=empty, far=[face(0.3, measured_m2=2.0, is_far=True)]).verdict == "missing"
-    assert verdict(beams=empty, far=[face(0.3, tilt=0.1, is_far=True)]).verdict == "missing"
+    assert verdict(share=0.05, beams=empty, far=[far], kind="IfcDoor").verdict == "missing"  # leaves turn
+    assert verdict(share=0.05, beams=empty, far=[face(0.3, measured_m2=2.0, is_far=True)]).verdict == "missing"
+    assert verdict(share=0.05, beams=empty, far=[face(0.3, tilt=0.1, is_far=True)]).verdict == "missing"
     assert verdict(face(), far=[far]).verdict == "within"
