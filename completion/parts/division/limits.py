@@ -60,3 +60,17 @@ LEAST_VERTICES = 1_000
 """Vertices, below which a mesh is sampled. Chosen by eye."""
 WIDEST_HOLE = 0.5
 """Of a turn that a hole in a cylinder may take: beyond it the other side could be meant."""
+FACET_TURN = np.radians(36.0)
+"""Radians between neighbouring chords of a curved surface: ten to a turn."""
+FACET_SLOPE = np.radians(25.0)
+"""Radians between a chord and the surface at its middle."""
+SAG_RATIO = 10.0
+"""Of the usual sag of a surface's chords, beyond which a triangle is none of them."""
+FACET_SIZES = np.log(8.0)
+"""Ratio of areas of neighbouring chords, by its logarithm, from which a surface may start."""
+MOST_SAG = 2.0
+"""Of the sag of most chords of a mesh, beyond which a triangle is no chord of a curved surface."""
+THIN = 4.0
+"""Of the precision, that a triangle is wide whose normal says nothing."""
+ROUNDED = 0.05
+"""Of the precision, that a corner of a sliver may be rounded by: what turns its normal."""

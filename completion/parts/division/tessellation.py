@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: MIT
+"""Tessellated models: meshes whose vertices lie exactly on the surfaces of a CAD model, divided at its faces.
+
+Triangles that lie in one plane are a patch. Patches that turn a little from one to the next are chords of a
+curved surface, if one holds all their corners exactly; what is left over are planes. A scanner's mesh has no
+such surfaces, and so is told from a model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+from completion.parts.division import limits
+from completion.parts.division.growing import N_PARAMETERS, hypotheses, reachable, refine_surface
+from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.surfaces.catalogue import Plane, Surface
+
+_CURVED = "cylinder", "cone", "sphere", "torus"  # the simplest first
+_ROUNDS = 20
+_STARTING = 4  # of these until a start must be right
+_DEEPEST = 3  # neighbours that a start looks at
+_MOST_FAILED = 60  # seeds without a surface, before a mesh that has explained little counts as scanned
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tessellation:
+    """Faces of a tessellated model.
+
+    Attributes
+    ----------
+    labels : (m,) int
+        Face of each triangle, from 1; 0 for none.
+    surfaces : tuple of Surface
+        One a face.
+    share : float
+        Of the area that they explain.
+    """
+
+    labels: IntArray
+    surfaces: tuple[Surface, ...]
+    share: float
+
+
+class _Patches(NamedTuple):
+    """Coplanar patches (p,): their triangles' patch (m,), area, normal, centroid, corners, and what is beside.
+
+    `corner` (k,) are vertices, those of patch i from `first[i]` to `first[i + 1]`; `bends` (p, p) holds the
+    angle between neighbours that turn little.
+    """
+
+    of: IntArray
+    area: FloatArray
+    normal: FloatArray
+    centroid: FloatArray
+    first: IntArray
+    corner: IntArray
+    bends: csr_array
+    is_thin: BoolArray
+    is_inner: BoolArray
+    most_sag_m: float
+    tolerance_m: float
+
+
+def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation:
+    """Divide a mesh with shared vertices where the faces of its model are.
+
+    Parameters
+    ----------
+    mesh : LabelledMesh
+        Metres; triangles of neighbours share their vertices.
+    tolerance_m : float
+        How far vertices may be off their surface: the file's precision.
+    """
+    patches = _patches_of(mesh, tolerance_m)
+    face = np.full(len(patches.area), -1, dtype=np.int64)
+    surfaces: list[Surface] = []
+    is_tried = np.zeros(len(patches.area), np.bool_)
+    n_bends = np.diff(patches.bends.indptr)
+    failed = 0
+    for seed in np.lexsort((-patches.area, -_depths(patches))):
+        if face[seed] >= 0 or is_tried[seed] or not n_bends[seed]:
+            continue
+        found = _grown_from(mesh, patches, int(seed), face < 0, tolerance_m)
+        if found is None:
+            is_tried[seed] = True
+            failed += 1
+            continue
+        face[found.members] = len(surfaces)
+        surfaces.append(found.surface)
+    surfaces = _absorbed(mesh, patches, surfaces, face, tolerance_m)
+    for patch in np.flatnonzero(face < 0):
+        corners = mesh.vertices[patches.corner[patches.first[patch] : patches.first[patch + 1]]]
+        if patches.area[patch] > 0:
+            face[patch] = len(surfaces)
+            surfaces.append(Plane(corners.mean(axis=0), patches.normal[patch]))
+    labels = face[patches.of] + 1
+    return Tessellation(labels, tuple(surfaces), 1.0)
+
+
+def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
+    """Triangles joined where they lie in one plane."""
+    n, areas, normals = len(mesh.faces), mesh.face_areas(), mesh.face_normals()
+    a, b, over, shared = _pairs(mesh)
+    large, small = np.where(areas[a] >= areas[b], a, b), np.where(areas[a] >= areas[b], b, a)
+    other = np.where(areas[a] >= areas[b], over[:, 1], over[:, 0])
+    height = np.einsum(
+        "ij,ij->i", mesh.vertices[other] - mesh.vertices[mesh.faces[large, 0]], normals[large]
+    )
+    is_flat = np.abs(height) <= tolerance_m
+    same = np.einsum("ij,ij->i", normals[a], normals[b])
+    is_thin = 2 * areas <= limits.THIN * tolerance_m * _longest(mesh)
+    wide = 2 * areas / np.maximum(_longest(mesh), 1e-300)
+    unsure = limits.FLAT_ANGLE + limits.ROUNDED * tolerance_m / np.maximum(wide[small], 1e-300)
+    is_flat &= (np.arccos(np.clip(same, -1, 1)) <= unsure) & ~is_thin[small]
+    graph = coo_array((np.ones(is_flat.sum()), (a[is_flat], b[is_flat])), shape=(n, n))
+    of = connected_components(graph, directed=False)[1].astype(np.int64)
+    p = int(of.max()) + 1
+    area = np.bincount(of, areas, minlength=p)
+    normal = np.column_stack([np.bincount(of, areas * normals[:, k], minlength=p) for k in range(3)])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    middle = mesh.corners.mean(axis=1)
+    centroid = np.column_stack([np.bincount(of, areas * middle[:, k], minlength=p) for k in range(3)])
+    centroid /= np.maximum(area[:, None], 1e-300)
+    pairs = np.unique(np.column_stack([np.repeat(of, 3), mesh.faces.ravel()]), axis=0)
+    first = np.searchsorted(pairs[:, 0], np.arange(p + 1))
+    i, j = of[a], of[b]
+    apart = i != j
+    i, j = i[apart], j[apart]
+    turn = np.arccos(np.clip(np.einsum("ij,ij->i", normal[i], normal[j]), -1, 1))
+    inner = np.ones(p, np.bool_)
+    inner[np.concatenate([i[turn >= limits.FACET_TURN], j[turn >= limits.FACET_TURN]])] = False
+    thin = np.ones(p, np.bool_)
+    np.logical_and.at(thin, of, is_thin)
+    bent = (turn < limits.FACET_TURN) | thin[i] | thin[j]
+    both = np.concatenate([i[bent], j[bent]]), np.concatenate([j[bent], i[bent]])
+    bends = csr_array((np.ones(len(both[0])), both), shape=(p, p))
+    like = bent & (np.abs(np.log(np.maximum(area[i], 1e-300) / np.maximum(area[j], 1e-300))) < limits.FACET_SIZES)
+    length = np.linalg.norm(mesh.vertices[shared[apart][:, 1]] - mesh.vertices[shared[apart][:, 0]], axis=1)
+    sag = ((area[i] + area[j]) / np.maximum(length, 1e-300) * turn / 8)[like]
+    most_sag_m = limits.MOST_SAG * float(np.quantile(sag, limits.SAGGING)) if len(sag) else 0.0
+    return _Patches(of, area, normal, centroid, first, pairs[:, 1], bends, thin, inner, most_sag_m, tolerance_m)
+
+
+def _longest(mesh: LabelledMesh) -> FloatArray:
+    """Longest edge (m,) of each triangle."""
+    return np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2).max(axis=1)
+
+
+def _pairs(mesh: LabelledMesh) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """Triangles (e,), (e,) beside edges, the corner (e, 2) of each that is not on it, and its ends (e, 2)."""
+    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    triangle, opposite = np.repeat(np.arange(len(mesh.faces)), 3), mesh.faces[:, [2, 0, 1]].ravel()
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, triangle, opposite = edges[order], triangle[order], opposite[order]
+    start = np.flatnonzero(np.concatenate([[True], (edges[1:] != edges[:-1]).any(axis=1)]))
+    twice = start[np.diff(np.append(start, len(edges))) == 2]
+    over = np.column_stack([opposite[twice], opposite[twice + 1]])
+    return triangle[twice], triangle[twice + 1], over, edges[twice]
+
+
+def _absorbed(
+    mesh: LabelledMesh, patches: _Patches, surfaces: Sequence[Surface], face: IntArray, tolerance_m: float
+) -> list[Surface]:
+    """Give what lies on a larger surface beside it to that, in `face` (p,); return the surfaces that stay."""
+    area = np.array([patches.area[face == k].sum() for k in range(len(surfaces))])
+    for k in np.argsort(-area, kind="stable"):
+        members = np.flatnonzero(face == k)
+        if not len(members):
+            continue
+        smaller = (face < 0) | (area[face] < area[k]) | (face == k)
+        held = _held(mesh, patches, surfaces[k], smaller, tolerance_m)
+        mask = reachable(patches.bends.indptr, patches.bends.indices, held, members[:1])
+        mask &= _chords(mesh, patches, surfaces[k], np.flatnonzero(mask), members)
+        inside = np.bincount(face[mask & (face >= 0)], patches.area[mask & (face >= 0)], minlength=len(area))
+        is_taken = inside >= limits.NEARLY_ALL * area
+        is_taken[k] = True
+        face[mask & ((face < 0) | is_taken[face])] = k
+    left = np.unique(face[face >= 0])
+    number = np.full(len(surfaces) + 1, -1, dtype=np.int64)
+    number[left] = np.arange(len(left))
+    face[:] = number[face]
+    return [surfaces[k] for k in left]
+
+
+def _depths(patches: _Patches) -> IntArray:
+    """Steps (p,) from each patch to where its surface may end: at edges, and beside patches of another size."""
+    size = np.log(np.maximum(patches.area, 1e-300))
+    first, other = np.repeat(np.arange(len(size)), np.diff(patches.bends.indptr)), patches.bends.indices
+    alike = np.abs(size[first] - size[other]) < limits.FACET_SIZES
+    is_deep = patches.is_inner & (np.bincount(first, ~alike, minlength=len(size)) == 0)
+    depth = is_deep.astype(np.int64)
+    for _ in range(_DEEPEST):
+        is_deep = is_deep & (np.bincount(first, ~is_deep[other], minlength=len(size)) == 0)
+        depth += is_deep
+    return depth
+
+
+def _grown_from(
+    mesh: LabelledMesh, patches: _Patches, seed: int, free: BoolArray, tolerance_m: float
+) -> _Grown | None:
+    """The curved surface that holds most around a patch, and its patches (k,)."""
+    best: _Grown | None = None
+    rings = _rings(patches, seed, free)
+    while rings:
+        ring = rings.pop(0)
+        before = best
+        for kind in _CURVED:
+            for start in _starts(mesh, patches, ring, kind):
+                grown = _grow(mesh, patches, seed, ring, start, free, tolerance_m)
+                if grown is not None and grown.is_better(best):
+                    best = grown
+            if best is not None and best.is_whole(patches):
+                return best
+        if best is not None and best is not before and len(best.members) > len(ring):
+            rings.append(_around(patches, best.members, free, seed))
+    return best
+
+
+def _around(patches: _Patches, some: IntArray, free: BoolArray, seed: int) -> IntArray:
+    """Some patches and their free neighbours that are about as large as the seed."""
+    every = np.unique(np.concatenate([some, patches.bends[some].indices]))
+    alike = np.abs(np.log(np.maximum(patches.area[every], 1e-300) / patches.area[seed])) < limits.FACET_SIZES
+    return every[free[every] & alike]
+
+
+def _starts(mesh: LabelledMesh, patches: _Patches, ring: IntArray, kind: str) -> list[Surface]:
+    """Surfaces of a kind near patches: through their middles, and through their corners."""
+    found = hypotheses(kind, patches.centroid[ring], patches.normal[ring])
+    return found + hypotheses(kind, *_corners_of(mesh, patches, ring))
+
+
+class _Grown(NamedTuple):
+    """A surface, its patches (k,), their area, and how far they lie off it between their corners."""
+
+    surface: Surface
+    members: IntArray
+    area: float
+    sag: float
+
+    def is_whole(self, patches: _Patches) -> bool:
+        """Whether nothing beside it goes on as it does."""
+        inside = np.zeros(len(patches.area), np.bool_)
+        inside[self.members] = True
+        beside = np.unique(patches.bends[self.members].indices)
+        beside = beside[~inside[beside]]
+        typical = np.log(float(np.median(patches.area[self.members])))
+        return not (np.abs(np.log(np.maximum(patches.area[beside], 1e-300)) - typical) < limits.FACET_SIZES).any()
+
+    def is_better(self, other: _Grown | None) -> bool:
+        """Whether it holds clearly more, or as much and that more closely."""
+        if other is None or self.area > 1.05 * other.area:
+            return True
+        if self.area < 0.95 * other.area or self.sag > 1.25 * other.sag:
+            return False
+        is_simpler = _CURVED.index(self.surface.kind) < _CURVED.index(other.surface.kind)
+        return is_simpler or self.sag < 0.8 * other.sag
+
+
+def _rings(patches: _Patches, seed: int, free: BoolArray) -> list[IntArray]:
+    """Patches around a seed: its neighbours, theirs, and neighbours in pairs that look alike."""
+
+    one = _around(patches, np.array([seed]), free, seed)
+    two = _around(patches, one, free, seed)
+    rings = [one, two, _around(patches, two, free, seed)]
+    beside = one[one != seed]
+    turn = np.arccos(np.clip(patches.normal[beside] @ patches.normal[seed], -1, 1))
+    order = beside[np.argsort(turn, kind="stable")]
+    if len(order) > 2:
+        rings += [np.array([seed, *pair]) for pair in pairwise(order[:4])]
+    return [ring for ring in rings if len(ring) >= 3]
+
+
+def _corners_of(mesh: LabelledMesh, patches: _Patches, some: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Corners (k, 3) of patches, each with its patch's normal (k, 3)."""
+    parts = [patches.corner[patches.first[k] : patches.first[k + 1]] for k in some]
+    normals = np.repeat(patches.normal[some], [len(part) for part in parts], axis=0)
+    return mesh.vertices[np.concatenate(parts)], normals
+
+
+def _grow(
+    mesh: LabelledMesh,
+    patches: _Patches,
+    seed: int,
+    ring: IntArray,
+    surface: Surface,
+    free: BoolArray,
+    tolerance_m: float,
+) -> _Grown | None:
+    """Adjust a surface to the patches that it holds, from a seed on."""
+    members = ring
+    for turn in range(_ROUNDS):
+        corners = np.unique(_corners_of(mesh, patches, members)[0], axis=0)
+        if len(members) < 3 or len(corners) < N_PARAMETERS[surface.kind] + 2:
+            return None
+        loose = max(3 * float(np.median(np.abs(surface.distance(corners)))), tolerance_m)
+        better = refine_surface(surface, corners, loose)
+        if better is None:
+            return None
+        surface = better[0]
+        off = float(np.median(np.abs(surface.distance(corners))))
+        if off > tolerance_m:  # not yet determined: stay with these
+            if turn >= _STARTING:
+                return None
+            continue
+        held = _held(mesh, patches, surface, free, tolerance_m)
+        if not held[seed]:
+            return None
+        new = np.flatnonzero(reachable(patches.bends.indptr, patches.bends.indices, held, np.array([seed])))
+        if len(new) == len(members) and (new == members).all():
+            break
+        members = new
+    else:
+        return None
+    is_chord = _chords(mesh, patches, surface, members, members)
+    if not is_chord[seed]:
+        return None
+    kept = np.flatnonzero(reachable(patches.bends.indptr, patches.bends.indices, is_chord, np.array([seed])))
+    corners = np.unique(_corners_of(mesh, patches, kept)[0], axis=0)
+    if len(kept) < 3 or len(corners) < N_PARAMETERS[surface.kind] + 2:
+        return None
+    triangles = np.flatnonzero(np.isin(patches.of, kept))
+    sags, area = _sags(mesh, triangles, surface), mesh.face_areas()[triangles]
+    return _Grown(surface, kept, float(patches.area[kept].sum()), float(area @ sags / area.sum()))
+
+
+def _chords(
+    mesh: LabelledMesh, patches: _Patches, surface: Surface, some: IntArray, members: IntArray
+) -> BoolArray:
+    """Which of some patches (k,) lie as near to a surface between their corners as its members do: (p,)."""
+    triangles = np.flatnonzero(np.isin(patches.of, np.union1d(some, members)))
+    worst = np.zeros(len(patches.area))
+    np.maximum.at(worst, patches.of[triangles], _sags(mesh, triangles, surface))
+    most = min(limits.SAG_RATIO * float(np.median(worst[members])), patches.most_sag_m)
+    chords = np.zeros(len(patches.area), np.bool_)
+    chords[some] = worst[some] <= most + patches.tolerance_m
+    return chords
+
+
+def _sags(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArray:
+    """How far triangles (k,) lie off a surface at most, at the middles of their edges."""
+    corners = mesh.corners[triangles]
+    middles = (corners + np.roll(corners, 1, axis=1)) / 2
+    return np.abs(surface.distance(middles.reshape(-1, 3))).reshape(-1, 3).max(axis=1)
+
+
+def _held(
+    mesh: LabelledMesh, patches: _Patches, surface: Surface, free: BoolArray, tolerance_m: float
+) -> BoolArray:
+    """Which patches (p,) have all corners on a surface, and look its way."""
+    off = np.abs(surface.distance(mesh.vertices)) > tolerance_m
+    is_off = np.add.reduceat(off[patches.corner].astype(np.int64), patches.first[:-1]) > 0
+    ahead = np.abs(np.einsum("ij,ij->i", surface.normal(patches.centroid), patches.normal))
+    return free & ~is_off & ((ahead > np.cos(limits.FACET_SLOPE)) | patches.is_thin)
