@@ -72,5 +72,7 @@ MOST_SAG = 2.0
 """Of the sag of most chords of a mesh, beyond which a triangle is no chord of a curved surface."""
 THIN = 4.0
 """Of the precision, that a triangle is wide whose normal says nothing."""
-ROUNDED = 0.05
+ROUNDED = 0.01
 """Of the precision, that a corner of a sliver may be rounded by: what turns its normal."""
+EXACTLY_FLAT = 1e-4
+"""Radians, below which triangles of a model are one plane: a tangent fillet begins beyond it. Chosen by eye."""

@@ -118,7 +118,7 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     same = np.einsum("ij,ij->i", normals[a], normals[b])
     is_thin = 2 * areas <= limits.THIN * tolerance_m * _longest(mesh)
     wide = 2 * areas / np.maximum(_longest(mesh), 1e-300)
-    unsure = limits.FLAT_ANGLE + limits.ROUNDED * tolerance_m / np.maximum(wide[small], 1e-300)
+    unsure = limits.EXACTLY_FLAT + limits.ROUNDED * tolerance_m / np.maximum(wide[small], 1e-300)
     is_flat &= (np.arccos(np.clip(same, -1, 1)) <= unsure) & ~is_thin[small]
     graph = coo_array((np.ones(is_flat.sum()), (a[is_flat], b[is_flat])), shape=(n, n))
     of = connected_components(graph, directed=False)[1].astype(np.int64)
@@ -176,7 +176,7 @@ def _absorbed(
         if not len(members):
             continue
         smaller = (face < 0) | (area[face] < area[k]) | (face == k)
-        held = _held(mesh, patches, surfaces[k], smaller, tolerance_m)
+        held = _held(mesh, patches, surfaces[k], smaller, tolerance_m, limits.FACET_TURN)
         mask = reachable(patches.bends.indptr, patches.bends.indices, held, members[:1])
         mask &= _chords(mesh, patches, surfaces[k], np.flatnonzero(mask), members)
         inside = np.bincount(face[mask & (face >= 0)], patches.area[mask & (face >= 0)], minlength=len(area))
@@ -352,10 +352,15 @@ def _sags(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArr
 
 
 def _held(
-    mesh: LabelledMesh, patches: _Patches, surface: Surface, free: BoolArray, tolerance_m: float
+    mesh: LabelledMesh,
+    patches: _Patches,
+    surface: Surface,
+    free: BoolArray,
+    tolerance_m: float,
+    slope: float = limits.FACET_SLOPE,
 ) -> BoolArray:
     """Which patches (p,) have all corners on a surface, and look its way."""
     off = np.abs(surface.distance(mesh.vertices)) > tolerance_m
     is_off = np.add.reduceat(off[patches.corner].astype(np.int64), patches.first[:-1]) > 0
     ahead = np.abs(np.einsum("ij,ij->i", surface.normal(patches.centroid), patches.normal))
-    return free & ~is_off & ((ahead > np.cos(limits.FACET_SLOPE)) | patches.is_thin)
+    return free & ~is_off & ((ahead > np.cos(slope)) | patches.is_thin)
