@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from completion.asbuilt import limits
 from completion.asbuilt.alignment import Aligned
 from completion.asbuilt.beams import NO_RETURN, NOT_USED, Evidence, Gates, Surfaces
-from completion.asbuilt.deviation import HALF_95, Judged
+from completion.asbuilt.deviation import Judged
 from completion.asbuilt.doors import leaf_of
 from completion.asbuilt.extra import ExtraCells, find_cells, things_of
 from completion.asbuilt.faces import DesignFaces
@@ -404,7 +404,7 @@ def _alignment(known: Measurements, options: Asked) -> Alignment:
         _rotation_vector(new.rotation @ old.world_from_sensor.rotation.T)
         for new, old in zip(poses, known.given, strict=True)
     ])  # fmt: skip
-    return Alignment(
+    aligned = Alignment(
         poses=poses,
         shift_m=common,
         turn_deg=np.degrees(np.median(turns, axis=0)),
@@ -413,8 +413,8 @@ def _alignment(known: Measurements, options: Asked) -> Alignment:
         station_shift_m=shifts - common,
         tau_m=known.aligned.tau_m,
         is_free=options.align,
-        sentences=_alignment_sentences(common, sd[3:], options.align),
     )
+    return replace(aligned, sentences=(_alignment_sentence(aligned),))
 
 
 def _rotation_vector(matrix: FloatArray) -> FloatArray:
@@ -423,12 +423,10 @@ def _rotation_vector(matrix: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
 
 
-def _alignment_sentences(shift: FloatArray, sd: FloatArray, is_free: bool) -> tuple[str, ...]:
-    if not is_free:
-        return ("the scans stay where their control network has them",)
-    numbers = ", ".join(f"{1000 * a:.1f} ± {1000 * HALF_95 * b:.1f}" for a, b in zip(shift, sd, strict=True))
-    text = (
-        f"all scans together were moved by ({numbers}) mm to fit the design; what all of the building has "
-        "alike, as floors that are all as much too high, is in these numbers and in no element's"
+def _alignment_sentence(aligned: Alignment) -> str:
+    if not aligned.is_free:
+        return "the scans stay where their control network has them"
+    return (
+        f"all scans together were moved by {aligned.shift_text} to fit the design; what all of the building "
+        "has alike, as floors that are all as much too high, is in these numbers and in no element's"
     )
-    return (text,)

@@ -6,7 +6,7 @@ Frames: the design's own, metres. Intervals hold with 95 %.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -31,6 +31,11 @@ SAMPLE_STATES: tuple[SampleState, ...] = ("measured", "inferred", "unknown")
 SAMPLE_REASONS = ("", "hidden", "behind the design", "out of view", "out of range", "too oblique", "not met")
 """Why a sample was not measured, from the station that came nearest to it; "not met": beams passed it."""
 
+HALF_95 = 1.959964
+"""Standard deviations of half a 95 % interval."""
+_MOST_PLACES = 6  # behind the point
+_ALONG_AXIS = 0.99995  # cosine: 0.6 deg
+
 POINT_STATES = ("on a face", "on an element", "extra", "not compared")
 
 
@@ -42,6 +47,39 @@ class Interval:
     low: float
     high: float
     along: tuple[float, float, float] | None = None
+
+    def texts(self, unit: float = 1e-3) -> tuple[str, str, str]:
+        """Return value and ends in a unit (metres or radians), to two digits of the half-width.
+
+        Examples
+        --------
+        >>> Interval(-0.0199, -0.0212, -0.0186).texts(), Interval(3e-4, 2.8e-4, 3.2e-4).texts()
+        (('-19.9', '-21.2', '-18.6'), ('0.300', '0.280', '0.320'))
+        """
+        return rounded((self.value, self.low, self.high), (self.high - self.low) / 2, unit)
+
+    def sentence(self, unit: float = 1e-3, name: str = "mm") -> str:
+        """Return it as a part of a sentence: value, unit, and both ends."""
+        value, low, high = self.texts(unit)
+        return f"{value} {name} (95 %: {low} to {high} {name})"
+
+    def as_shift(self) -> tuple[Interval, str]:
+        """Return a shift as a length, with the direction that it goes: "+z", or a unit vector."""
+        x = self if self.value >= 0 else Interval(-self.value, -self.high, -self.low)
+        if self.along is None:
+            return x, ""
+        way = np.array(self.along) * (1 if self.value >= 0 else -1)
+        axis = int(np.argmax(np.abs(way)))
+        along = f"{'-' if way[axis] < 0 else '+'}{'xyz'[axis]}"
+        plain = ", ".join(f"{part + 0.0:.2f}" for part in np.round(way, 2))
+        return x, along if abs(way[axis]) > _ALONG_AXIS else f"({plain})"
+
+
+def rounded(values: Sequence[float], half: float, unit: float = 1e-3) -> tuple[str, ...]:
+    """Return values in a unit to two digits of the half-width of their interval, whole numbers at most."""
+    places = 1 - int(np.floor(np.log10(half / unit))) if half > 0 else 1
+    places = min(max(places, 0), _MOST_PLACES)
+    return tuple(f"{round(value / unit, places) + 0.0:.{places}f}" for value in values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,6 +301,13 @@ class Alignment:
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
+
+    @property
+    def shift_text(self) -> str:
+        """The shift of all scans with its 95 % interval: "(1.0 ± 1.1, 0.0 ± 1.1, -9.8 ± 1.2) mm"."""
+        halves = (HALF_95 * self.shift_sd_m).tolist()
+        parts = [" ± ".join(rounded((a, b), b)) for a, b in zip(self.shift_m.tolist(), halves, strict=True)]
+        return f"({', '.join(parts)}) mm"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,9 +11,17 @@ from scipy.special import ndtri
 
 from completion.asbuilt import limits
 from completion.asbuilt.alignment import Aligned
-from completion.asbuilt.deviation import HALF_95, Judged, thickness_of
+from completion.asbuilt.deviation import Judged, thickness_of
 from completion.asbuilt.faces import DesignFaces
-from completion.asbuilt.findings import BeamEvidence, ElementFinding, Hider, Interval, Kind, Shares
+from completion.asbuilt.findings import (
+    HALF_95,
+    BeamEvidence,
+    ElementFinding,
+    Hider,
+    Interval,
+    Kind,
+    Shares,
+)
 from scenes.mesh.design import Element
 
 _ALIKE = 0.9  # cosine between normals of faces that look the same way, or away from each other
@@ -192,7 +200,8 @@ def _displaced_finding(finding: ElementFinding, moved: Judged) -> ElementFinding
     offset = moved.finding.offset
     text = "nothing of it is measured in its place, and a surface like its own lies beside it"
     if offset is not None:
-        text += f", {_mm(offset.value)} off (95 %: {_mm(offset.low)} to {_mm(offset.high)})"
+        shift, way = offset.as_shift()
+        text += f", {shift.sentence()} off along {way} of the design"
     return replace(finding, verdict="deviates", kind="displaced", offset=offset, sentence=text)
 
 
@@ -284,8 +293,7 @@ def _kind_sentence(finding: ElementFinding, kind: Kind) -> str:
         kind, finding.offset
     )
     if kind == "tilt" and finding.tilt is not None:
-        low, high = (np.degrees(max(value, 0.0)) for value in (finding.tilt.low, finding.tilt.high))
-        return f"it is turned by {np.degrees(finding.tilt.value):.2f} deg (95 %: {low:.2f} to {high:.2f})"
+        return f"it is turned by {finding.tilt.sentence(np.pi / 180, 'deg')}"
     if number is None:
         return ""
     what = {
@@ -293,10 +301,7 @@ def _kind_sentence(finding: ElementFinding, kind: Kind) -> str:
         "bow": "its middle bows",
         "radius": "its radius differs",
     }.get(kind, "it is off")
-    return (
-        f"{what} by {_mm(number.value)} (95 %: {_mm(number.low)} to {_mm(number.high)}), "
-        f"beyond {_mm(finding.tolerance_m)}"
-    )
+    return f"{what} by {number.sentence()}, beyond {_mm(finding.tolerance_m)}"
 
 
 def _within_sentence(known: ElementEvidence, finding: ElementFinding) -> str:

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from completion.asbuilt.alignment import Aligned
-from completion.asbuilt.deviation import HALF_95, Judged
+from completion.asbuilt.deviation import Judged
 from completion.asbuilt.faces import N_COLUMNS, find_faces
-from completion.asbuilt.findings import BeamEvidence, FaceFinding, Hider, Interval, Shares
+from completion.asbuilt.findings import HALF_95, BeamEvidence, FaceFinding, Hider, Interval, Shares
 from completion.asbuilt.verdicts import ElementEvidence, decide, quantile
 from scenes.mesh.design import Element
 from tests.completion.asbuilt.designs import boxes
@@ -34,8 +34,9 @@ def face(
     worst, area = delta[np.argmax(np.abs(delta))], float(FACES.area[of])
 
     def interval(value):
-        return Interval(float(value), float(value - HALF_95 * sd), float(value + HALF_95 * sd))
+        return Interval(float(value), float(value - HALF_95 * sd), float(value + HALF_95 * sd), along)
 
+    along = (0.0, -1.0, 0.0)
     turn = abs(tilt) / FACES.half[of, 0]
     finding = FaceFinding(
         0, "plane", is_main=of != END, centre=FACES.centre[of], normal=FACES.normal[of], area_m2=area,
@@ -144,10 +145,10 @@ def test_most_of_an_element_and_a_main_face_must_be_within() -> None:
 def test_deviations_have_the_kind_that_most_of_them_is_made_of() -> None:
     tilted = verdict(face(0.001, tilt=0.02))
     assert (tilted.verdict, tilted.kind) == ("deviates", "tilt")
-    assert "it is turned by 0.57 deg" in tilted.sentence
+    assert "it is turned by 0.5730 deg" in tilted.sentence
     bowed = verdict(face(bow=0.02))
     assert (bowed.verdict, bowed.kind) == ("deviates", "bow")
-    assert "its middle bows by 20.0 mm" in bowed.sentence
+    assert "its middle bows by 20.00 mm" in bowed.sentence
     assert verdict(face(0.02, tilt=0.005)).kind == "offset"
 
 
@@ -218,6 +219,9 @@ def test_an_empty_body_with_a_like_surface_nearby_is_displaced() -> None:
     assert (found.verdict, found.kind) == ("deviates", "displaced")
     assert found.offset is not None
     assert found.offset.value == pytest.approx(0.3)
+    assert found.sentence.endswith(
+        "beside it, 300.00 mm (95 %: 299.02 to 300.98 mm) off along -y of the design"
+    )
     assert verdict(beams=empty, far=[far], kind="IfcDoor").verdict == "missing"  # leaves turn
     assert verdict(beams=empty, far=[face(0.3, measured_m2=2.0, is_far=True)]).verdict == "missing"
     assert verdict(beams=empty, far=[face(0.3, tilt=0.1, is_far=True)]).verdict == "missing"
