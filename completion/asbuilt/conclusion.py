@@ -19,6 +19,7 @@ from completion.asbuilt.doors import leaf_of
 from completion.asbuilt.extra import ExtraCells, find_cells, things_of
 from completion.asbuilt.faces import DesignFaces
 from completion.asbuilt.findings import (
+    HALF_95,
     POINT_STATES,
     SAMPLE_REASONS,
     Alignment,
@@ -31,7 +32,7 @@ from completion.asbuilt.findings import (
     Shares,
 )
 from completion.asbuilt.samples import SampleStates, SurfaceSamples, judge_samples, samples_of
-from completion.asbuilt.verdicts import ElementEvidence, decide, quantile
+from completion.asbuilt.verdicts import ElementEvidence, decide, quantile, with_bands
 from completion.observe.observation import Observation
 from scenes.checks import FloatArray
 from scenes.mesh.design import ElementMesh
@@ -42,7 +43,6 @@ from scenes.scan.range_image import RangeImage
 _MOST_POINTS = 1_000_000  # of the thinned cloud
 _MOST_PASSED = 200  # beams through a body that are looked at again
 _RING_STEP = 0.05  # metres
-_COMMON_SD = 3.0  # beyond which a common motion is worth a sentence
 
 
 class Asked(Protocol):
@@ -122,8 +122,9 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
         for k in known.chosen
     ]  # fmt: skip
     extra = things_of(cells, [seen.scan.name for seen in known.observations], known.design)
-    findings = [_with_bands(one, options.loa_bands_m) for one in findings]
+    findings = [with_bands(one, options.loa_bands_m) for one in findings]
     findings, extra = _with_doors(findings, extra, known.faces, known.scale)
+    alignment = _alignment(known, options)
     return DesignCheck(
         design=_moved_design(known),
         scans=tuple(scan.name for scan in known.given),
@@ -131,14 +132,32 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
         extra=tuple(
             replace(one, box_m=one.box_m + known.middle, points=one.points + known.middle) for one in extra
         ),
-        alignment=_alignment(known, options),
+        alignment=alignment,
         faces_tested=len(tested),
         z=z,
         false_alarms_expected=options.false_alarms,
         loa_bands_m=dict(options.loa_bands_m),
         samples=_moved_samples(samples_of(known.samples, states), known.middle),
         cloud=replace(cloud, points=cloud.points + known.middle),
-        warnings=(*known.warnings, *_moved_far(known), *_too_noisy(known)),
+        warnings=(*known.warnings, *_moved_alike(known, alignment), *_moved_far(known), *_too_noisy(known)),
+    )
+
+
+def _moved_alike(known: Measurements, alignment: Alignment) -> tuple[str, ...]:
+    """Say if all scans were moved by more than their poses are stated to be off."""
+    stated_m, stated_rad = known.gates.registration
+    most_m = max(limits.MOVED_SIGMAS * stated_m, limits.AGAIN_M * known.scale)
+    most_deg = float(np.degrees(limits.MOVED_SIGMAS * stated_rad))
+    shift, turn = (float(np.linalg.norm(way)) for way in (alignment.shift_m, alignment.turn_deg))
+    shift_sd, turn_sd = (float(sd.max()) for sd in (alignment.shift_sd_m, alignment.turn_sd_deg))
+    if shift - HALF_95 * shift_sd <= most_m and turn - HALF_95 * turn_sd <= most_deg:
+        return ()
+    n = len(known.given)
+    who = f"all {n} scans were moved alike" if n > 1 else f"{known.given[0].name} was moved"
+    return (
+        f"{who} by {alignment.shift_text} and turned by {turn:.2g} deg to fit the design, beyond the "
+        f"{1000 * most_m:.3g} mm and {most_deg:.2g} deg that their poses may be off: the survey's origin is "
+        "wrong, or the building stands elsewhere than the design; no element's deviation holds this",
     )
 
 
@@ -340,7 +359,17 @@ def _evidence_of(
         not_seen=shares,
         rivals={k: rivals[id(one)] for k, one in enumerate(faces) if id(one) in rivals},
         thin_m=_thickness(known, surface),
+        noise_m=_noise(states, mine, known.gates.most_sigma_m),
     )
+
+
+def _noise(states: SampleStates, mine: NDArray[np.int64], most_m: float) -> tuple[float, float, float] | None:
+    """Median standard deviation and range of beams too noisy to tell of an element, and the limit."""
+    held = states.noise_m[mine][states.reason[mine] == SAMPLE_REASONS.index("too noisy")]
+    if not len(held):
+        return None
+    sigma, away = np.median(held, axis=0).tolist()
+    return sigma, away, most_m
 
 
 def _thickness(known: Measurements, surface: int) -> float:
@@ -351,22 +380,6 @@ def _thickness(known: Measurements, surface: int) -> float:
     normal = known.faces.normal[mine[np.argmax(known.faces.area[mine])]]
     corners = known.design.mesh.corners[known.surfaces.element == surface].reshape(-1, 3)
     return float(np.ptp(corners @ normal))
-
-
-def _with_bands(finding: ElementFinding, bands: Mapping[str, float]) -> ElementFinding:
-    """Name the bands of an element's represented and measured accuracy, by its worst tested face."""
-    tested = [one.deviation for one in finding.faces if one.is_tested and one.deviation is not None]
-    if not tested:
-        return finding
-    half = max((one.high - one.low) / 2 for one in tested)
-    reach = max(max(abs(one.low), abs(one.high)) for one in tested)
-    return replace(finding, loa_measured=_band(half, bands), loa_represented=_band(reach, bands))
-
-
-def _band(value: float, bands: Mapping[str, float]) -> str:
-    """The narrowest band that holds a value; "beyond" and the widest's name where none does."""
-    held = sorted(bands.items(), key=lambda item: item[1])
-    return next((name for name, top in held if value <= top), "beyond " + held[-1][0] if held else "")
 
 
 def _with_doors(

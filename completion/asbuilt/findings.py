@@ -28,8 +28,18 @@ Kind = Literal["", "offset", "tilt", "bow", "displaced", "thickness", "radius"]
 
 SampleState = Literal["measured", "inferred", "unknown"]
 SAMPLE_STATES: tuple[SampleState, ...] = ("measured", "inferred", "unknown")
-SAMPLE_REASONS = ("", "hidden", "behind the design", "out of view", "out of range", "too oblique", "not met")
-"""Why a sample was not measured, from the station that came nearest to it; "not met": beams passed it."""
+SAMPLE_REASONS = (
+    "",
+    "hidden",
+    "behind the design",
+    "out of view",
+    "out of range",
+    "too oblique",
+    "not met",
+    "too noisy",
+)
+"""Why a sample was not measured, from the station that came nearest to it; "not met": beams passed it; "too
+noisy": they tell nothing at their range."""
 
 HALF_95 = 1.959964
 """Standard deviations of half a 95 % interval."""

@@ -34,7 +34,8 @@ class ElementEvidence:
 
     `faces` that were judged, `far` those that lie farther off and like it (a displaced element), `beams`,
     `share` and `hidden` by samples, `not_seen` shares by reason, `rivals` places in `faces` of those whose
-    deviation something else explains, and whether that goes on beyond them, `thin_m` thickness of its body.
+    deviation something else explains, and whether that goes on beyond them, `thin_m` thickness of its body,
+    `noise_m` standard deviation and range of beams too noisy to tell of it, and up to where beams do.
     """
 
     surface: int
@@ -49,6 +50,7 @@ class ElementEvidence:
     not_seen: dict[str, float]
     rivals: Mapping[int, bool]
     thin_m: float
+    noise_m: tuple[float, float, float] | None = None
 
 
 def quantile(n_tested: int, false_alarms: float) -> float:
@@ -107,11 +109,33 @@ def decide(
         return replace(finding, verdict="within", sentence=_within_sentence(known, finding))
     if is_hidden and known.share.measured < limits.HIDDEN_SHARE:
         return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+    noisy, hidden = (known.not_seen.get(reason, 0.0) for reason in ("too noisy", "hidden"))
+    is_noisy = noisy >= hidden and noisy * known.exposed_m2 > limits.LEAST_MEASURED_M2 * scale**2
+    if known.noise_m is not None and is_noisy and not tested:
+        sigma, away, most = known.noise_m
+        text = f"too noisy: sigma {_mm(sigma)} at {away:.2g} m, where {_mm(most)} is the most that tells "
+        return replace(finding, sentence=f"{text}anything of this design; tolerance {_mm(known.tolerance_m)}")
     if tested or known.beams.on_m2 > limits.LEAST_MEASURED_M2 * scale**2:
         return replace(finding, sentence=_undecided_sentence(known, tested, main))
-    if known.hidden and known.not_seen.get("hidden", 0.0) >= max(known.not_seen.values(), default=0.0):
+    if known.hidden and hidden >= max(known.not_seen.values(), default=0.0):
         return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
     return replace(finding, verdict="not seen", sentence=_unseen_sentence(known))
+
+
+def with_bands(finding: ElementFinding, bands: Mapping[str, float]) -> ElementFinding:
+    """Name the bands of an element's represented and measured accuracy, by its worst tested face."""
+    tested = [one.deviation for one in finding.faces if one.is_tested and one.deviation is not None]
+    if not tested:
+        return finding
+    half = max((one.high - one.low) / 2 for one in tested)
+    reach = max(max(abs(one.low), abs(one.high)) for one in tested)
+    return replace(finding, loa_measured=_band(half, bands), loa_represented=_band(reach, bands))
+
+
+def _band(value: float, bands: Mapping[str, float]) -> str:
+    """The narrowest band that holds a value; "beyond" and the widest's name where none does."""
+    held = sorted(bands.items(), key=lambda item: item[1])
+    return next((name for name, top in held if value <= top), "beyond " + held[-1][0] if held else "")
 
 
 def _is_gone(known: ElementEvidence, tested: Sequence[int], scale: float) -> bool:

@@ -125,6 +125,23 @@ def test_scans_three_centimetres_off_are_aligned() -> None:
     assert (np.abs(check.alignment.shift_m + wrong) < 3 * check.alignment.shift_sd_m).all()
 
 
+def test_scans_that_are_all_off_alike_are_told() -> None:
+    (told,) = checked(wrong=(0.1, 0.0, 0.0)).warnings
+    assert told.startswith(
+        "all 2 scans were moved alike by (-100.0 ± 1.5, 0.0 ± 1.5, 0.0 ± 1.7) mm and turned"
+    )
+    assert "the survey's origin is wrong, or the building stands elsewhere" in told
+    assert checked().warnings == checked(wrong=(0.008, 0.0, 0.0)).warnings == ()  # 10 mm may be
+
+
+def test_beams_too_noisy_leave_what_they_met_undecided() -> None:
+    check = check_against_design(DESIGN, scans(sigma_m=0.05), OPTIONS, n_threads=1)
+    assert verdicts(check) == dict.fromkeys(SEEN, "undecided")
+    west = check.elements[2].sentence
+    assert west.startswith("too noisy: sigma 50.0 mm at 1.")
+    assert west.endswith("where 30.0 mm is the most that tells anything of this design; tolerance 10.0 mm")
+
+
 def test_far_from_the_origin_nothing_changes() -> None:
     """500 km away, as surveyors' frames are: the same findings to a micrometre."""
     here, move = checked(east_m=MOVED_M), Pose.from_parts(np.eye(3), np.array([5e5, -4e5, 300.0]))
