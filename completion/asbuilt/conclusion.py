@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from completion.asbuilt import limits
-from completion.asbuilt.alignment import Aligned
-from completion.asbuilt.beams import NO_RETURN, NOT_USED, Evidence, Gates, Surfaces
+from completion.asbuilt.beams import NO_RETURN, NOT_USED
 from completion.asbuilt.deviation import Judged
 from completion.asbuilt.doors import leaf_of
 from completion.asbuilt.extra import ExtraCells, find_cells, things_of
-from completion.asbuilt.faces import DesignFaces
 from completion.asbuilt.findings import (
     HALF_95,
     POINT_STATES,
@@ -31,14 +29,13 @@ from completion.asbuilt.findings import (
     Samples,
     Shares,
 )
-from completion.asbuilt.samples import SampleStates, SurfaceSamples, judge_samples, samples_of
+from completion.asbuilt.measurements import Measurements
+from completion.asbuilt.samples import SampleStates, judge_samples, samples_of
 from completion.asbuilt.verdicts import ElementEvidence, decide, quantile, with_bands
-from completion.observe.observation import Observation
 from scenes.checks import FloatArray
 from scenes.mesh.design import ElementMesh
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
-from scenes.scan.range_image import RangeImage
 
 _MOST_POINTS = 1_000_000  # of the thinned cloud
 _MOST_PASSED = 200  # beams through a body that are looked at again
@@ -69,33 +66,6 @@ class Asked(Protocol):
         """Upper ends."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Measurements:
-    """All that was measured, in the frame whose origin is the design's `middle`; `given` are the scans."""
-
-    design: ElementMesh
-    faces: DesignFaces
-    surfaces: Surfaces
-    samples: SurfaceSamples
-    exposed: FloatArray
-    gates: Gates
-    scale: float
-    middle: FloatArray
-    observations: tuple[Observation, ...]
-    given: tuple[RangeImage, ...]
-    evidence: tuple[Evidence, ...]
-    aligned: Aligned
-    judged: tuple[Judged, ...]
-    far: tuple[Judged, ...]
-    chosen: tuple[int, ...]
-    warnings: tuple[str, ...]
-
-    @property
-    def pixels(self) -> list[NDArray[np.int32]]:
-        """Flat pixels (n,) of each scan."""
-        return [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in self.observations]
-
-
 def conclude(known: Measurements, options: Asked) -> DesignCheck:
     """Return the findings on all elements."""
     cells = _cells(known)
@@ -123,7 +93,8 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
     ]  # fmt: skip
     extra = things_of(cells, [seen.scan.name for seen in known.observations], known.design)
     findings = [with_bands(one, options.loa_bands_m) for one in findings]
-    findings, extra = _with_doors(findings, extra, known.faces, known.scale)
+    findings, extra = _with_doors(findings, extra, known)
+    findings = [_with_twin(one, known) for one in findings]
     alignment = _alignment(known, options)
     return DesignCheck(
         design=_moved_design(known),
@@ -190,7 +161,7 @@ def _too_noisy(known: Measurements) -> tuple[str, ...]:
 
 
 def _moved_design(known: Measurements) -> ElementMesh:
-    mesh = known.design.mesh
+    mesh = known.whole
     return replace(known.design, mesh=mesh.at(mesh.vertices + known.middle))
 
 
@@ -324,7 +295,7 @@ def _through_beams(known: Measurements, element: int) -> tuple[FloatArray, Float
 
 def _evidence_of(
     known: Measurements,
-    surface: int,
+    number: int,
     states: SampleStates,
     *,
     rivals: Mapping[int, bool],
@@ -332,6 +303,7 @@ def _evidence_of(
     tolerance_m: float,
 ) -> ElementEvidence:
     """Gather what is known of one element."""
+    element, surface = known.design.elements[number], known.twins.get(number, number)
     mine = known.samples.of_element(surface)
     area = known.samples.area_m2[mine]
     total = float(area.sum())
@@ -347,8 +319,8 @@ def _evidence_of(
     count = int(sum(found.n_beams[surface] for found in known.evidence))
     faces = tuple(one for one in known.judged if one.finding.element == surface)
     return ElementEvidence(
-        surface=surface,
-        element=known.design.elements[surface],
+        surface=number,
+        element=element,
         tolerance_m=tolerance_m,
         faces=faces,
         far=tuple(one for one in known.far if one.finding.element == surface and id(one) not in rivals),
@@ -382,14 +354,24 @@ def _thickness(known: Measurements, surface: int) -> float:
     return float(np.ptp(corners @ normal))
 
 
+def _with_twin(finding: ElementFinding, known: Measurements) -> ElementFinding:
+    """Say of an element with the surface of another that it has."""
+    if finding.surface not in known.twins:
+        return finding
+    other = known.design.elements[known.twins[finding.surface]]
+    name = other.name if other.name != finding.element.name else f"{other.name} {other.global_id}".strip()
+    return replace(finding, same_as=name, sentence=f"lies on {name}: {finding.sentence}")
+
+
 def _with_doors(
-    findings: Sequence[ElementFinding], extra: Sequence[Extra], faces: DesignFaces, scale: float
+    findings: Sequence[ElementFinding], extra: Sequence[Extra], known: Measurements
 ) -> tuple[list[ElementFinding], tuple[Extra, ...]]:
     """Say of doors whose leaf stands open that they do, and of each extra which elements it hides."""
     told = []
     for finding in findings:
         if finding.verdict == "missing" and "door" in finding.element.ifc_class.lower():
-            leaf = leaf_of(faces, finding.surface, extra, scale)
+            own = known.twins.get(finding.surface, finding.surface)
+            leaf = leaf_of(known.faces, own, extra, known.scale)
             if leaf is not None:
                 name, angle = leaf
                 text = f"its leaf stands open by {np.degrees(angle):.0f} deg: it is {name}"

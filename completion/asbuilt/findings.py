@@ -225,6 +225,8 @@ class ElementFinding:
         By what, largest first.
     not_seen : mapping
         Share of its exposed area by each reason of `SAMPLE_REASONS` that applies.
+    same_as : str
+        The element whose surface it has, too; "" for none. Both have the verdict on that.
     related_extra : str
         The extra that takes part in the verdict: the displaced element itself, the leaf of an open door.
     inference : Inference, optional
@@ -252,6 +254,7 @@ class ElementFinding:
     beams: BeamEvidence = BeamEvidence()
     hidden: tuple[Hider, ...] = ()
     not_seen: Mapping[str, float] = field(default_factory=dict)
+    same_as: str = ""
     related_extra: str = ""
     inference: Inference | None = None
     faces: tuple[FaceFinding, ...] = ()

@@ -156,6 +156,8 @@ def _open_faces(
     held, mine = check.samples, np.flatnonzero(check.samples.element == element.surface)
     if element.related_extra:
         return element.sentence  # an open door
+    if element.same_as:
+        return f"it lies on {element.same_as}, which is looked at"
     mains = [f for f in element.faces if f.is_main and 2 * f.n_beams >= limits.FEWEST_BEAMS]
     sure = [face for face in mains if face.is_tested and _off_and_half(face)[1] <= wide_m]
     if element.verdict == "undecided":

@@ -176,3 +176,21 @@ def test_what_cannot_be_checked_is_refused() -> None:
         check_against_design(DESIGN, scans(), CheckOptions(only=("IfcDoor",)))
     with pytest.raises(InputError, match="no element with a surface left"):
         check_against_design(DESIGN, scans(), CheckOptions(without=("Ifc*",)))
+
+
+def test_an_element_that_is_there_twice_has_the_verdict_of_its_surface() -> None:
+    """Each by its own tolerance; the surface is tested once."""
+    solids = ROOM | PIERS | {"again": PIERS["pier"], "plate": PIERS["screen"]}
+    design = boxes(solids, classes={"again": "IfcDoor"})
+    options = CheckOptions(registration=(0.001, 0.003), tolerances={"IfcDoor": 0.0005})
+    check = check_against_design(design, scans(screen=False), options, n_threads=1)
+    assert verdicts(check) == dict.fromkeys(SEEN, "within") | {
+        "screen": "missing", "plate": "missing", "again": "undecided"
+    }  # fmt: skip
+    same = {one.element.name: one.same_as for one in check.elements if one.same_as}
+    assert same == {"again": "pier", "plate": "screen"}
+    assert check.elements[-1].sentence == f"lies on screen: {check.elements[-3].sentence}"
+    assert check.faces_tested == checked(screen=False).faces_tested
+    assert len(check.design.mesh.faces) == len(design.mesh.faces)
+    (told,) = check.warnings
+    assert told == "elements with the same surface as another, which share what is found on it: 2 of 10"
