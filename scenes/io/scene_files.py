@@ -169,8 +169,9 @@ def load_scene(
     """Read a mesh file: GLB, glTF, OBJ + MTL, PLY, STL or OFF; or IFC.
 
     Every placed geometry of the file, of an OBJ every object and material, becomes one surface with its name;
-    its true surface is unknown (None). Textures, vertex and face colours are kept; base colours multiply.
-    Which side of a face is outside is told by the order of its corners; normals in the file do not count.
+    its true surface is unknown (None). Groups of an OBJ are objects where there are no others. Textures,
+    vertex and face colours are kept; base colours multiply. Which side of a face is outside is told by the
+    order of its corners; normals in the file do not count.
 
     Of an IFC file every element with geometry becomes one surface, its openings cut, in the frame of the map
     where the file has a map conversion; `Scene.design` tells what it is.
