@@ -104,14 +104,16 @@ def elements_table(check: DesignCheck, numbers: Mapping[int, int], *, within: bo
         return ()
     rows = tuple(_element_row(finding, numbers) for finding in chosen)
     columns = (
-        "#No.", "Verdict", "Element", "Storey, class", "#T, mm", "#off by, mm [95 %]", "#measured, %", "LOA",
+        "#No.", "Verdict", "Element", "Storey", "Class", "#T, mm", "#off by, mm [95 %]", "#measured, %",
+        "LOA",
     )  # fmt: skip
     text = (
         f"{count(len(rows), 'element')} within tolerance"
         if within
         else f"{count(len(rows), 'element')} not within tolerance"
     )
-    return (Table(columns, rows, text, is_folded=within or len(rows) > _MANY_ELEMENTS),)
+    filters = ("Storey", "Class") if within else ("Verdict", "Storey", "Class")
+    return (Table(columns, rows, text, within or len(rows) > _MANY_ELEMENTS, filters),)
 
 
 def _element_row(finding: ElementFinding, numbers: Mapping[int, int]) -> tuple[Cell, ...]:
@@ -120,7 +122,8 @@ def _element_row(finding: ElementFinding, numbers: Mapping[int, int]) -> tuple[C
         Cell("" if number is None else str(number)),
         Cell(finding.verdict, swatch=VERDICT_COLOURS[finding.verdict]),
         Cell(element.name),
-        Cell(", ".join(part for part in (element.storey, element.ifc_class) if part)),
+        Cell(element.storey),
+        Cell(element.ifc_class),
         Cell(f"{1000 * finding.tolerance_m:g}"),
         Cell(_deviation(finding)),
         Cell(percent(finding.share.measured, 0), share=finding.share.measured, state="measured"),

@@ -89,7 +89,7 @@ def test_the_list_of_the_others_is_folded_away():
     (open_,), (folded,) = (elements_table(CHECK, numbers, within=within) for within in (False, True))
     assert (len(open_.rows), open_.is_folded) == (5, False)
     assert (len(folded.rows), folded.is_folded) == (1, True)
-    assert open_.rows[0][5].text == "-19.9 [-21.2, -18.6]"
+    assert open_.rows[0][6].text == "-19.9 [-21.2, -18.6]"
     everything = replace(CHECK, elements=CHECK.elements[:1])
     assert elements_table(everything, numbered(everything), within=False) == ()
 
@@ -136,7 +136,7 @@ def test_a_displaced_element_shows_its_shift_and_where_it_went():
     shift = Interval(-0.2811, -0.2822, -0.2800, south.offset.along)
     moved = replace(CHECK, elements=(replace(south, kind="displaced", offset=shift),))
     (table,) = elements_table(moved, numbered(moved), within=False)
-    assert table.rows[0][5].text == f"281.1 [280.0, 282.2] along {'-' if south.offset.along[1] > 0 else '+'}y"
+    assert table.rows[0][6].text == f"281.1 [280.0, 282.2] along {'-' if south.offset.along[1] > 0 else '+'}y"
     assert worst_deviation(moved.elements[0]) is shift
     (card,) = cards(moved, numbered(moved))
     assert not any(isinstance(block, Histogram) for block in card.blocks)
