@@ -316,6 +316,7 @@ def _evidence_of(
         float(sum(getattr(found, name)[surface] for found in known.evidence))
         for name in ("on", "through", "hidden")
     )
+    thin_m, is_open = _thickness(known, surface)
     count = int(sum(found.n_beams[surface] for found in known.evidence))
     faces = tuple(one for one in known.judged if one.finding.element == surface)
     return ElementEvidence(
@@ -330,7 +331,8 @@ def _evidence_of(
         hidden=states.hiders.get(surface, ()),
         not_seen=shares,
         rivals={k: rivals[id(one)] for k, one in enumerate(faces) if id(one) in rivals},
-        thin_m=_thickness(known, surface),
+        thin_m=thin_m,
+        is_open=is_open,
         noise_m=_noise(states, mine, known.gates.most_sigma_m),
     )
 
@@ -344,14 +346,16 @@ def _noise(states: SampleStates, mine: NDArray[np.int64], most_m: float) -> tupl
     return sigma, away, most_m
 
 
-def _thickness(known: Measurements, surface: int) -> float:
-    """Thickness of an element across its largest face; endless for sheets, which have no back."""
+def _thickness(known: Measurements, surface: int) -> tuple[float, bool]:
+    """Thickness of an element across its largest face, endless without a back; whether it is an open body."""
     mine = np.flatnonzero((known.faces.element == surface) & (known.faces.sign == 0))
-    if not len(mine) or known.surfaces.is_sheet[known.surfaces.element == surface].any():
-        return np.inf
+    if not len(mine):
+        return np.inf, False
     normal = known.faces.normal[mine[np.argmax(known.faces.area[mine])]]
     corners = known.design.mesh.corners[known.surfaces.element == surface].reshape(-1, 3)
-    return float(np.ptp(corners @ normal))
+    deep = float(np.ptp(corners @ normal))
+    is_sheet = known.surfaces.is_sheet[known.surfaces.element == surface].any()
+    return (np.inf, deep > limits.COPLANAR_M * known.scale) if is_sheet else (deep, False)
 
 
 def _with_twin(finding: ElementFinding, known: Measurements) -> ElementFinding:

@@ -17,7 +17,7 @@ from completion.evidence.sight import ScanSight, pixel_of, sight_of
 from completion.observe.observation import Observation
 from completion.observe.rays import dot, minus
 from completion.observe.tolerance import Tolerance
-from scenes.checks import FloatArray, freeze_arrays
+from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 from texture.engine.compiled import compiled
@@ -32,7 +32,8 @@ _RANK = np.array([9, 7, 6, 2, 3, 4, 8, 5], np.int8)  # of each reason: what tell
 class SurfaceSamples:
     """Samples (n,) of exposed surface.
 
-    `points`, `normals` (n, 3), `triangle` and `element` (n,), and the `area_m2` (n,) that each stands for.
+    `points`, `normals` (n, 3), `triangle` and `element` (n,), the `area_m2` (n,) that each stands for, and
+    which are of no closed body, `is_open` (n,): seen from both sides.
     """
 
     points: FloatArray
@@ -40,6 +41,7 @@ class SurfaceSamples:
     triangle: NDArray[np.int64]
     element: NDArray[np.int32]
     area_m2: FloatArray
+    is_open: BoolArray
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -71,7 +73,8 @@ def sample_design(mesh: LabelledMesh, surfaces: Surfaces, caster: RayCaster, sca
     free = free[np.argsort(surfaces.element[triangle[free]], kind="stable")]
     triangle = triangle[free]
     element = surfaces.element[triangle]
-    return SurfaceSamples(points[free], normals[free], triangle, element, np.full(len(free), each))
+    areas, is_open = np.full(len(free), each), surfaces.is_open[triangle]
+    return SurfaceSamples(points[free], normals[free], triangle, element, areas, is_open)
 
 
 def exposed_share(samples: SurfaceSamples, surfaces: Surfaces, face_area: FloatArray) -> FloatArray:
@@ -112,7 +115,7 @@ def judge_samples(
         code, pixel = np.full(n, _VIEW, np.int8), np.empty(n, np.int64)
         left = np.flatnonzero(reason != _MEASURED)
         noise = seen.noise.constant_m, seen.noise.linear, seen.noise.quadratic_per_m
-        at = samples.points, samples.normals, samples.element
+        at = samples.points, samples.normals, samples.is_open, samples.element
         _look_up(sight_of(seen, tolerance), label, left, *at, noise, gates, code, pixel)
         by = np.full(n, -1, np.int32)
         stopped = np.flatnonzero((code == _HIDDEN) | (code == _BEHIND))
@@ -183,6 +186,7 @@ def _look_up(
     left: NDArray[np.int64],
     points: FloatArray,
     normals: FloatArray,
+    is_open: BoolArray,
     element: NDArray[np.int32],
     noise: tuple[float, float, float],
     gates: Gates,
@@ -196,6 +200,7 @@ def _look_up(
         ray = minus(place, eye.origin)
         distance = np.sqrt(dot(ray, ray))
         cosine = -(ray[0] * normals[k, 0] + ray[1] * normals[k, 1] + ray[2] * normals[k, 2]) / distance
+        cosine = abs(cosine) if is_open[k] else cosine
         pixel[k] = -1
         if cosine <= 0.0:
             code[k] = _VIEW

@@ -25,6 +25,7 @@ from completion.asbuilt.findings import (
 from scenes.mesh.design import Element
 
 _ALIKE = 0.9  # cosine between normals of faces that look the same way, or away from each other
+_OPEN = "its body in the design is not closed: what lies before it may be the side that the design lacks"
 _OPPOSITE = -0.999  # cosine between normals of two sides of one body
 
 
@@ -35,7 +36,8 @@ class ElementEvidence:
     `faces` that were judged, `far` those that lie farther off and like it (a displaced element), `beams`,
     `share` and `hidden` by samples, `not_seen` shares by reason, `rivals` places in `faces` of those whose
     deviation something else explains, and whether that goes on beyond them, `thin_m` thickness of its body,
-    `noise_m` standard deviation and range of beams too noisy to tell of it, and up to where beams do.
+    `is_open` whether that lacks sides, `noise_m` standard deviation and range of beams too noisy to tell of
+    it, and up to where beams do.
     """
 
     surface: int
@@ -50,6 +52,7 @@ class ElementEvidence:
     not_seen: dict[str, float]
     rivals: Mapping[int, bool]
     thin_m: float
+    is_open: bool = False
     noise_m: tuple[float, float, float] | None = None
 
 
@@ -83,7 +86,7 @@ def decide(
     gone = _is_gone(known, tested, scale)
     moved = _displaced(known, faces, scale) if gone or not main else None
     if moved is not None:
-        return _displaced_finding(finding, moved)
+        return replace(finding, sentence=_OPEN) if known.is_open else _displaced_finding(finding, moved)
     if gone:
         return replace(finding, verdict="missing", sentence=_gone_sentence(known))
     shown = [k for k in main if _is_sure(known, k, tested)]
@@ -100,7 +103,7 @@ def decide(
     is_hidden = known.beams.hidden_m2 > max(measured, known.beams.on_m2, known.beams.through_m2)
     if rivalled:
         if is_hidden or any(known.rivals[k] for k in rivalled):
-            return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+            return _hidden_finding(finding, known)
         return replace(finding, sentence=_before_sentence(known, rivalled))
     within = [k for k in tested if known.faces[k].is_within(known.tolerance_m)]
     share = sum(known.faces[k].finding.measured_m2 for k in within) / max(measured, 1e-12)
@@ -108,7 +111,7 @@ def decide(
     if share >= limits.WITHIN_SHARE and set(within) & set(main) and passed:
         return replace(finding, verdict="within", sentence=_within_sentence(known, finding))
     if is_hidden and known.share.measured < limits.HIDDEN_SHARE:
-        return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+        return _hidden_finding(finding, known)
     noisy, hidden = (known.not_seen.get(reason, 0.0) for reason in ("too noisy", "hidden"))
     is_noisy = noisy >= hidden and noisy * known.exposed_m2 > limits.LEAST_MEASURED_M2 * scale**2
     if known.noise_m is not None and is_noisy and not tested:
@@ -118,7 +121,7 @@ def decide(
     if tested or known.beams.on_m2 > limits.LEAST_MEASURED_M2 * scale**2:
         return replace(finding, sentence=_undecided_sentence(known, tested, main))
     if known.hidden and hidden >= max(known.not_seen.values(), default=0.0):
-        return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+        return _hidden_finding(finding, known)
     return replace(finding, verdict="not seen", sentence=_unseen_sentence(known))
 
 
@@ -218,6 +221,15 @@ def _displaced(known: ElementEvidence, faces: DesignFaces, scale: float) -> Judg
 def _moved_alike(a: Judged, b: Judged, scale: float) -> bool:
     """Whether two faces that look away from each other went the same way."""
     return bool(abs(a.delta[-1] + b.delta[-1]) <= limits.GATE_M * scale)
+
+
+def _hidden_finding(finding: ElementFinding, known: ElementEvidence) -> ElementFinding:
+    """The verdict on an element before which something lies: the side that an open body lacks, maybe."""
+    if known.is_open and not known.hidden:
+        return replace(finding, sentence=_OPEN)
+    named = [f"{one.by} ({one.area_m2:.1f} m2)" for one in known.hidden[:2]]
+    text = "hidden by " + (" and ".join(named) if named else "what was measured before it")
+    return replace(finding, verdict="hidden", sentence=f"{text}; {_OPEN}" if known.is_open else text)
 
 
 def _displaced_finding(finding: ElementFinding, moved: Judged) -> ElementFinding:
@@ -344,8 +356,13 @@ def _undecided_sentence(known: ElementEvidence, tested: Sequence[int], main: Seq
         return "only smaller faces of it are measured"
     if known.beams.through_m2 > limits.LEAST_THROUGH_M2:
         return f"its faces are measured, but beams passed {known.beams.through_m2:.2f} m2 of its body"
-    reach = max(_reach(known.faces[k]) for k in tested)
-    return f"a corner may be as far as {_mm(reach)} from its place, which is beyond {_mm(known.tolerance_m)}"
+    worst = known.faces[max(tested, key=lambda k: _reach(known.faces[k]))].finding
+    if worst.deviation is None:
+        return ""
+    limit, half = _mm(known.tolerance_m), (worst.deviation.high - worst.deviation.low) / 2
+    text = f"a corner is off by {worst.deviation.sentence()}, neither surely within nor surely beyond {limit}"
+    is_loose = half > max(known.tolerance_m, worst.rms_m)  # not by noise
+    return text + (": hardly any other surface holds the scans this way" if is_loose else "")
 
 
 def _gone_sentence(known: ElementEvidence) -> str:
@@ -355,11 +372,6 @@ def _gone_sentence(known: ElementEvidence) -> str:
         if beams.through_m2
         else "what is measured lies where its back should be"
     )
-
-
-def _hidden_sentence(known: ElementEvidence) -> str:
-    named = [f"{one.by} ({one.area_m2:.1f} m2)" for one in known.hidden[:2]]
-    return "hidden by " + (" and ".join(named) if named else "what was measured before it")
 
 
 def _before_sentence(known: ElementEvidence, rivalled: Sequence[int]) -> str:

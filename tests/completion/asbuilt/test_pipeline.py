@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from completion.asbuilt.pipeline import CheckOptions, check_against_design
 from scenes.checks import InputError
-from scenes.mesh.design import ElementMesh
+from scenes.mesh.design import Element, ElementMesh
+from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from tests.completion.asbuilt.designs import boxes, scanned
 from tests.completion.asbuilt.test_beams import ROOM
@@ -194,3 +195,42 @@ def test_an_element_that_is_there_twice_has_the_verdict_of_its_surface() -> None
     assert len(check.design.mesh.faces) == len(design.mesh.faces)
     (told,) = check.warnings
     assert told == "elements with the same surface as another, which share what is found on it: 2 of 10"
+
+
+def sheets(panel_m=0.0, flipped=(), without=()):
+    """The inner sides of a room and a panel in it, single faces; which of them look the other way."""
+    corners = np.array([*np.ndindex(2, 2, 2)]) * [4.0, 5.0, 2.5]
+    sides = {
+        "floor": (0, 4, 6, 2), "ceiling": (1, 3, 7, 5), "west": (0, 2, 3, 1), "east": (4, 5, 7, 6),
+        "south": (0, 1, 5, 4), "north": (2, 6, 7, 3), "panel": (8, 9, 10, 11),
+    }  # fmt: skip
+    panel = [(2.4 + panel_m, y, z) for y, z in ((1.2, 0.3), (2.4, 0.3), (2.4, 2.0), (1.2, 2.0))]
+    shown = [name for name in sides if name not in without]
+    quads = [sides[name][:: -1 if name in flipped else 1] for name in shown]
+    faces = np.array([[q[0], q[k], q[k + 1]] for q in quads for k in (1, 2)], np.int32)
+    mesh = LabelledMesh(
+        np.vstack([corners, panel]), faces, np.repeat(np.arange(len(quads), dtype=np.int32), 2)
+    )
+    return ElementMesh(mesh, tuple(map(Element, shown)), "sheets")
+
+
+@pytest.mark.parametrize("flipped", [(), ("west", "panel")])
+@pytest.mark.parametrize(
+    ("built", "verdict", "kind"),
+    [
+        ({}, "within", ""),
+        ({"panel_m": 0.03}, "deviates", "offset"),
+        ({"panel_m": 0.3}, "deviates", "displaced"),
+        ({"without": ("panel",)}, "missing", ""),
+    ],
+)
+def test_sheets_are_judged_from_whichever_side_they_are_seen(flipped, built, verdict, kind) -> None:
+    given = [
+        scanned(sheets(**built), eye, sigma_m=SIGMA_M, rng=k, name=f"s{k}") for k, eye in enumerate(EYES)
+    ]
+    check = check_against_design(sheets(flipped=flipped), given, OPTIONS, n_threads=1)
+    *others, panel = check.elements
+    assert {one.verdict for one in others} == {"within"}
+    assert min(one.share.measured for one in others) > 0.9
+    assert (panel.verdict, panel.kind) == (verdict, kind)
+    assert panel.sentence

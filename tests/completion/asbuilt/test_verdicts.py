@@ -69,11 +69,14 @@ def aligned_of(*faces: Judged, sd=SD) -> Aligned:
     )  # fmt: skip
 
 
-def verdict(*faces, z=Z, rivals=(), far=(), beams=None, share=0.8, hidden=(), not_seen=None, kind="IfcWall"):
+def verdict(
+    *faces, z=Z, rivals=(), far=(), beams=None, share=0.8, hidden=(), not_seen=None, kind="IfcWall",
+    is_open=False,
+):  # fmt: skip
     known = ElementEvidence(
         0, Element("wall", kind), T, faces=tuple(faces), far=tuple(far), beams=beams or BeamEvidence(),
         share=Shares(share, 0.0, 1 - share), exposed_m2=20.0, hidden=tuple(hidden), not_seen=not_seen or {},
-        rivals=dict.fromkeys(rivals, True), thin_m=THICK_M,
+        rivals=dict.fromkeys(rivals, True), thin_m=THICK_M, is_open=is_open,
     )  # fmt: skip
     return decide(known, aligned_of(*faces), FACES, z=z, scale=1.0)
 
@@ -226,3 +229,24 @@ def test_an_empty_body_with_a_like_surface_nearby_is_displaced() -> None:
     assert verdict(beams=empty, far=[face(0.3, measured_m2=2.0, is_far=True)]).verdict == "missing"
     assert verdict(beams=empty, far=[face(0.3, tilt=0.1, is_far=True)]).verdict == "missing"
     assert verdict(face(), far=[far]).verdict == "within"
+
+
+def test_an_open_body_is_not_displaced_by_the_side_that_it_lacks() -> None:
+    empty, far = BeamEvidence(0.0, 0.0, 6.0, 5000), face(0.2, is_far=True)
+    found = verdict(beams=empty, far=[far], is_open=True)
+    assert (found.verdict, found.kind) == ("undecided", "")
+    assert found.sentence.startswith(
+        "its body in the design is not closed: what lies before it may be the side"
+    )
+    crate = [Hider("extra-1", ("s2",), 3.0)]
+    hidden = verdict(beams=empty, hidden=crate, not_seen={"hidden": 0.6}, share=0.0, is_open=True)
+    assert hidden.verdict == "hidden"
+    assert hidden.sentence.startswith("hidden by extra-1 (3.0 m2); its body in the design is not closed")
+
+
+def test_an_undecided_element_says_by_how_much_and_why() -> None:
+    near = verdict(face(T))
+    assert near.sentence.startswith("a corner is off by 10.00 mm (95 %: 9.02 to 10.98 mm), neither surely")
+    assert near.sentence.endswith("within nor surely beyond 10.0 mm")
+    loose = verdict(face(0.001, sd=0.05))
+    assert loose.sentence.endswith(": hardly any other surface holds the scans this way")
