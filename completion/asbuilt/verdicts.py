@@ -356,13 +356,32 @@ def _undecided_sentence(known: ElementEvidence, tested: Sequence[int], main: Seq
         return "only smaller faces of it are measured"
     if known.beams.through_m2 > limits.LEAST_THROUGH_M2:
         return f"its faces are measured, but beams passed {known.beams.through_m2:.2f} m2 of its body"
-    worst = known.faces[max(tested, key=lambda k: _reach(known.faces[k]))].finding
+    k = max(tested, key=lambda k: _reach(known.faces[k]))
+    worst, limit = known.faces[k].finding, _mm(known.tolerance_m)
     if worst.deviation is None:
         return ""
-    limit, half = _mm(known.tolerance_m), (worst.deviation.high - worst.deviation.low) / 2
-    text = f"a corner is off by {worst.deviation.sentence()}, neither surely within nor surely beyond {limit}"
+    half = (worst.deviation.high - worst.deviation.low) / 2
+    text, doubt = f"a corner is off by {worst.deviation.sentence()}", _doubt(known, k, tested)
+    if doubt and abs(worst.deviation.value) - half > known.tolerance_m:
+        return f"{text}, but {doubt}"
     is_loose = half > max(known.tolerance_m, worst.rms_m)  # not by noise
-    return text + (": hardly any other surface holds the scans this way" if is_loose else "")
+    why = ": hardly any other surface holds the scans this way" if is_loose else ""
+    return f"{text}, neither surely within nor surely beyond {limit}{why}"
+
+
+def _doubt(known: ElementEvidence, k: int, tested: Sequence[int]) -> str:
+    """Why a number of a face is no deviation of its element; "" where it is."""
+    one = known.faces[k]
+    reasons = (
+        (not one.finding.is_main, "of one of its smaller faces"),
+        (
+            one.finding.support < limits.SURE_SUPPORT,
+            f"beams met only {one.finding.support:.0%} of what they could of that face",
+        ),
+        (not one.is_flat_enough, f"what was measured there is not flat: rms {_mm(one.finding.rms_m)}"),
+        (not _is_sure(known, k, tested), "that face is a small part of what was measured that way"),
+    )
+    return next((text for holds, text in reasons if holds), "")
 
 
 def _gone_sentence(known: ElementEvidence) -> str:

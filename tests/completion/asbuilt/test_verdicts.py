@@ -250,3 +250,13 @@ def test_an_undecided_element_says_by_how_much_and_why() -> None:
     assert near.sentence.endswith("within nor surely beyond 10.0 mm")
     loose = verdict(face(0.001, sd=0.05))
     assert loose.sentence.endswith(": hardly any other surface holds the scans this way")
+
+
+@pytest.mark.parametrize(("fields", "why"), [
+    ({"support": 0.4}, "beams met only 40% of what they could of that face"),
+    ({"is_flat": False}, "what was measured there is not flat: rms 0"),
+])  # fmt: skip
+def test_a_large_number_that_is_no_deviation_has_its_reason(fields, why) -> None:
+    found = verdict(face(0.03, **fields))
+    assert found.verdict == "undecided"
+    assert found.sentence.startswith("a corner is off by 30.00 mm (95 %: 29.02 to 30.98 mm), but " + why)
