@@ -66,7 +66,8 @@ class Interval:
         >>> Interval(-0.0199, -0.0212, -0.0186).texts(), Interval(3e-4, 2.8e-4, 3.2e-4).texts()
         (('-19.9', '-21.2', '-18.6'), ('0.300', '0.280', '0.320'))
         """
-        return rounded((self.value, self.low, self.high), (self.high - self.low) / 2, unit)
+        value, low, high = rounded((self.value, self.low, self.high), (self.high - self.low) / 2, unit)
+        return value, low, high
 
     def sentence(self, unit: float = 1e-3, name: str = "mm") -> str:
         """Return it as a part of a sentence: value, unit, and both ends."""
@@ -75,14 +76,15 @@ class Interval:
 
     def as_shift(self) -> tuple[Interval, str]:
         """Return a shift as a length, with the direction that it goes: "+z", or a unit vector."""
-        x = self if self.value >= 0 else Interval(-self.value, -self.high, -self.low)
-        if self.along is None:
-            return x, ""
-        way = np.array(self.along) * (1 if self.value >= 0 else -1)
+        sign = 1 if self.value >= 0 else -1
+        low, high = sorted((sign * self.low, sign * self.high))
+        x, y, z = way = [sign * part + 0.0 for part in self.along or (0.0, 0.0, 0.0)]
         axis = int(np.argmax(np.abs(way)))
-        along = f"{'-' if way[axis] < 0 else '+'}{'xyz'[axis]}"
-        plain = ", ".join(f"{part + 0.0:.2f}" for part in np.round(way, 2))
-        return x, along if abs(way[axis]) > _ALONG_AXIS else f"({plain})"
+        plain = ", ".join(f"{round(part, 2) + 0.0:.2f}" for part in way)
+        named = (
+            f"{'-' if way[axis] < 0 else '+'}{'xyz'[axis]}" if abs(way[axis]) > _ALONG_AXIS else f"({plain})"
+        )
+        return Interval(abs(self.value), low, high, (x, y, z)), named
 
 
 def rounded(values: Sequence[float], half: float, unit: float = 1e-3) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ def sample_design(mesh: LabelledMesh, surfaces: Surfaces, caster: RayCaster, sca
     triangle = triangle[free]
     element = surfaces.element[triangle]
     areas, is_open = np.full(len(free), each), surfaces.is_open[triangle]
-    return SurfaceSamples(points[free], normals[free], triangle, element, areas, is_open)
+    return SurfaceSamples(points[free], normals[free], triangle, element, area_m2=areas, is_open=is_open)
 
 
 def exposed_share(samples: SurfaceSamples, surfaces: Surfaces, face_area: FloatArray) -> FloatArray:

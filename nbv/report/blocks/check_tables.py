@@ -220,8 +220,11 @@ def _as_sentence(text: str) -> str:
 
 def _measures(finding: ElementFinding) -> tuple[Table, ...]:
     """Offset, tilt, bow, thickness and radius, those that there are, with their intervals."""
+    offset = finding.offset
+    if offset is not None and finding.kind == "displaced":
+        offset = offset.as_shift()[0]
     held = [
-        ("offset", finding.offset, "mm"),
+        ("shift" if finding.kind == "displaced" else "offset", offset, "mm"),
         ("tilt", finding.tilt, "mrad"),
         ("bow", finding.bow, "mm"),
         ("thickness, measured minus designed", finding.thickness, "mm"),
@@ -356,14 +359,14 @@ def loa_blocks(check: DesignCheck) -> tuple[Block, ...]:
 def alignment_blocks(check: DesignCheck) -> tuple[Block, ...]:
     """Return how the scans were moved into the design, as a whole and one by one."""
     held = check.alignment
-    columns = (
+    numbers = (
         [
             " \u00b1 ".join(rounded((value, half), half, unit))
             for value, half in zip(values.tolist(), (HALF_95 * sd).tolist(), strict=True)
         ]
         for values, sd, unit in ((held.shift_m, held.shift_sd_m, 1e-3), (held.turn_deg, held.turn_sd_deg, 1))
     )
-    moved = zip("xyz", *columns, strict=True)
+    moved = zip("xyz", *numbers, strict=True)
     whole = Table(
         ("Axis", "#shift of all scans, mm", "#turn of all scans, deg"),
         tuple(tuple(map(Cell, row)) for row in moved),

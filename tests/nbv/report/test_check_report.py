@@ -214,3 +214,12 @@ def test_issues_have_a_snapshot_of_their_element():
         assert 0.03 < float((found_tint > 0.3 * tint).mean()) < 0.95, verdict
     nowhere = replace(CHECK, alignment=replace(CHECK.alignment, poses=()))
     assert check_snapshots(nowhere, 1) == {}
+
+
+@pytest.mark.parametrize(
+    ("along", "way"), [((0, 0, 1), "-z"), ((-1, 0, 0), "+x"), ((0.6, -0.8, 0), "(-0.60, 0.80, 0.00)")]
+)
+def test_a_shift_has_a_length_and_a_direction(along, way):
+    shift, told = Interval(-0.3, -0.31, -0.29, along).as_shift()
+    assert (shift.value, shift.low, shift.high, told) == (0.3, 0.29, 0.31, way)
+    assert shift.value * np.array(shift.along) == pytest.approx(-0.3 * np.array(along))
