@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from completion.asbuilt import limits
-from completion.asbuilt.alignment import Aligned
-from completion.asbuilt.beams import NO_RETURN, NOT_USED, Evidence, Gates, Surfaces
-from completion.asbuilt.deviation import HALF_95, Judged
+from completion.asbuilt.beams import NO_RETURN, NOT_USED
+from completion.asbuilt.deviation import Judged
 from completion.asbuilt.doors import leaf_of
 from completion.asbuilt.extra import ExtraCells, find_cells, things_of
-from completion.asbuilt.faces import DesignFaces
 from completion.asbuilt.findings import (
+    HALF_95,
     POINT_STATES,
     SAMPLE_REASONS,
     Alignment,
@@ -30,19 +29,17 @@ from completion.asbuilt.findings import (
     Samples,
     Shares,
 )
-from completion.asbuilt.samples import SampleStates, SurfaceSamples, judge_samples, samples_of
-from completion.asbuilt.verdicts import ElementEvidence, decide, quantile
-from completion.observe.observation import Observation
+from completion.asbuilt.measurements import Measurements
+from completion.asbuilt.samples import SampleStates, judge_samples, samples_of
+from completion.asbuilt.verdicts import ElementEvidence, decide, quantile, with_bands
 from scenes.checks import FloatArray
 from scenes.mesh.design import ElementMesh
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
-from scenes.scan.range_image import RangeImage
 
 _MOST_POINTS = 1_000_000  # of the thinned cloud
 _MOST_PASSED = 200  # beams through a body that are looked at again
 _RING_STEP = 0.05  # metres
-_COMMON_SD = 3.0  # beyond which a common motion is worth a sentence
 
 
 class Asked(Protocol):
@@ -67,33 +64,6 @@ class Asked(Protocol):
     @property
     def loa_bands_m(self) -> Mapping[str, float]:
         """Upper ends."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Measurements:
-    """All that was measured, in the frame whose origin is the design's `middle`; `given` are the scans."""
-
-    design: ElementMesh
-    faces: DesignFaces
-    surfaces: Surfaces
-    samples: SurfaceSamples
-    exposed: FloatArray
-    gates: Gates
-    scale: float
-    middle: FloatArray
-    observations: tuple[Observation, ...]
-    given: tuple[RangeImage, ...]
-    evidence: tuple[Evidence, ...]
-    aligned: Aligned
-    judged: tuple[Judged, ...]
-    far: tuple[Judged, ...]
-    chosen: tuple[int, ...]
-    warnings: tuple[str, ...]
-
-    @property
-    def pixels(self) -> list[NDArray[np.int32]]:
-        """Flat pixels (n,) of each scan."""
-        return [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in self.observations]
 
 
 def conclude(known: Measurements, options: Asked) -> DesignCheck:
@@ -122,8 +92,10 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
         for k in known.chosen
     ]  # fmt: skip
     extra = things_of(cells, [seen.scan.name for seen in known.observations], known.design)
-    findings = [_with_bands(one, options.loa_bands_m) for one in findings]
-    findings, extra = _with_doors(findings, extra, known.faces, known.scale)
+    findings = [with_bands(one, options.loa_bands_m) for one in findings]
+    findings, extra = _with_doors(findings, extra, known)
+    findings = [_with_twin(one, known) for one in findings]
+    alignment = _alignment(known, options)
     return DesignCheck(
         design=_moved_design(known),
         scans=tuple(scan.name for scan in known.given),
@@ -131,14 +103,32 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
         extra=tuple(
             replace(one, box_m=one.box_m + known.middle, points=one.points + known.middle) for one in extra
         ),
-        alignment=_alignment(known, options),
+        alignment=alignment,
         faces_tested=len(tested),
         z=z,
         false_alarms_expected=options.false_alarms,
         loa_bands_m=dict(options.loa_bands_m),
         samples=_moved_samples(samples_of(known.samples, states), known.middle),
         cloud=replace(cloud, points=cloud.points + known.middle),
-        warnings=(*known.warnings, *_moved_far(known), *_too_noisy(known)),
+        warnings=(*known.warnings, *_moved_alike(known, alignment), *_moved_far(known), *_too_noisy(known)),
+    )
+
+
+def _moved_alike(known: Measurements, alignment: Alignment) -> tuple[str, ...]:
+    """Say if all scans were moved by more than their poses are stated to be off."""
+    stated_m, stated_rad = known.gates.registration
+    most_m = max(limits.MOVED_SIGMAS * stated_m, limits.AGAIN_M * known.scale)
+    most_deg = float(np.degrees(limits.MOVED_SIGMAS * stated_rad))
+    shift, turn = (float(np.linalg.norm(way)) for way in (alignment.shift_m, alignment.turn_deg))
+    shift_sd, turn_sd = (float(sd.max()) for sd in (alignment.shift_sd_m, alignment.turn_sd_deg))
+    if shift - HALF_95 * shift_sd <= most_m and turn - HALF_95 * turn_sd <= most_deg:
+        return ()
+    n = len(known.given)
+    who = f"all {n} scans were moved alike" if n > 1 else f"{known.given[0].name} was moved"
+    return (
+        f"{who} by {alignment.shift_text} and turned by {turn:.2g} deg to fit the design, beyond the "
+        f"{1000 * most_m:.3g} mm and {most_deg:.2g} deg that their poses may be off: the survey's origin is "
+        "wrong, or the building stands elsewhere than the design; no element's deviation holds this",
     )
 
 
@@ -171,7 +161,7 @@ def _too_noisy(known: Measurements) -> tuple[str, ...]:
 
 
 def _moved_design(known: Measurements) -> ElementMesh:
-    mesh = known.design.mesh
+    mesh = known.whole
     return replace(known.design, mesh=mesh.at(mesh.vertices + known.middle))
 
 
@@ -305,7 +295,7 @@ def _through_beams(known: Measurements, element: int) -> tuple[FloatArray, Float
 
 def _evidence_of(
     known: Measurements,
-    surface: int,
+    number: int,
     states: SampleStates,
     *,
     rivals: Mapping[int, bool],
@@ -313,6 +303,7 @@ def _evidence_of(
     tolerance_m: float,
 ) -> ElementEvidence:
     """Gather what is known of one element."""
+    element, surface = known.design.elements[number], known.twins.get(number, number)
     mine = known.samples.of_element(surface)
     area = known.samples.area_m2[mine]
     total = float(area.sum())
@@ -325,11 +316,12 @@ def _evidence_of(
         float(sum(getattr(found, name)[surface] for found in known.evidence))
         for name in ("on", "through", "hidden")
     )
+    back_m, is_open = _back(known, surface)
     count = int(sum(found.n_beams[surface] for found in known.evidence))
     faces = tuple(one for one in known.judged if one.finding.element == surface)
     return ElementEvidence(
-        surface=surface,
-        element=known.design.elements[surface],
+        surface=number,
+        element=element,
         tolerance_m=tolerance_m,
         faces=faces,
         far=tuple(one for one in known.far if one.finding.element == surface and id(one) not in rivals),
@@ -339,49 +331,56 @@ def _evidence_of(
         hidden=states.hiders.get(surface, ()),
         not_seen=shares,
         rivals={k: rivals[id(one)] for k, one in enumerate(faces) if id(one) in rivals},
-        back_m=_back(known, surface),
+        back_m=back_m,
+        is_open=is_open,
+        noise_m=_noise(states, mine, known.gates.most_sigma_m),
     )
 
 
-def _back(known: Measurements, surface: int) -> float:
-    """How far behind the largest face of an element its back lies at least; endless for sheets, without one.
+def _noise(states: SampleStates, mine: NDArray[np.int64], most_m: float) -> tuple[float, float, float] | None:
+    """Median standard deviation and range of beams too noisy to tell of an element, and the limit."""
+    held = states.noise_m[mine][states.reason[mine] == SAMPLE_REASONS.index("too noisy")]
+    if not len(held):
+        return None
+    sigma, away = np.median(held, axis=0).tolist()
+    return sigma, away, most_m
 
-    What lies there may be off by as much as faces of this building are.
+
+def _back(known: Measurements, surface: int) -> tuple[float, bool]:
+    """How far behind an element's largest face its back lies at least; whether it is an open body.
+
+    What lies there may be off by as much as faces of this building are. It is endless without a back.
     """
     mine = np.flatnonzero((known.faces.element == surface) & (known.faces.sign == 0))
-    if not len(mine) or known.surfaces.is_sheet[known.surfaces.element == surface].any():
-        return np.inf
+    if not len(mine):
+        return np.inf, False
     normal = known.faces.normal[mine[np.argmax(known.faces.area[mine])]]
     corners = known.design.mesh.corners[known.surfaces.element == surface].reshape(-1, 3)
-    thick, tau_m = float(np.ptp(corners @ normal)), known.aligned.tau_m
-    before = min((1 - limits.BODY_SHARE) * thick, limits.BACK_TAUS * tau_m)
-    return max(thick - before, limits.RIVAL_M * known.scale)
+    deep = float(np.ptp(corners @ normal))
+    if known.surfaces.is_sheet[known.surfaces.element == surface].any():
+        return np.inf, deep > limits.COPLANAR_M * known.scale
+    before = min((1 - limits.BODY_SHARE) * deep, limits.BACK_TAUS * known.aligned.tau_m)
+    return max(deep - before, limits.RIVAL_M * known.scale), False
 
 
-def _with_bands(finding: ElementFinding, bands: Mapping[str, float]) -> ElementFinding:
-    """Name the bands of an element's represented and measured accuracy, by its worst tested face."""
-    tested = [one.deviation for one in finding.faces if one.is_tested and one.deviation is not None]
-    if not tested:
+def _with_twin(finding: ElementFinding, known: Measurements) -> ElementFinding:
+    """Say of an element with the surface of another that it has."""
+    if finding.surface not in known.twins:
         return finding
-    half = max((one.high - one.low) / 2 for one in tested)
-    reach = max(max(abs(one.low), abs(one.high)) for one in tested)
-    return replace(finding, loa_measured=_band(half, bands), loa_represented=_band(reach, bands))
-
-
-def _band(value: float, bands: Mapping[str, float]) -> str:
-    """The narrowest band that holds a value; "beyond" and the widest's name where none does."""
-    held = sorted(bands.items(), key=lambda item: item[1])
-    return next((name for name, top in held if value <= top), "beyond " + held[-1][0] if held else "")
+    other = known.design.elements[known.twins[finding.surface]]
+    name = other.name if other.name != finding.element.name else f"{other.name} {other.global_id}".strip()
+    return replace(finding, same_as=name, sentence=f"lies on {name}: {finding.sentence}")
 
 
 def _with_doors(
-    findings: Sequence[ElementFinding], extra: Sequence[Extra], faces: DesignFaces, scale: float
+    findings: Sequence[ElementFinding], extra: Sequence[Extra], known: Measurements
 ) -> tuple[list[ElementFinding], tuple[Extra, ...]]:
     """Say of doors whose leaf stands open that they do, and of each extra which elements it hides."""
     told = []
     for finding in findings:
         if finding.verdict == "missing" and "door" in finding.element.ifc_class.lower():
-            leaf = leaf_of(faces, finding.surface, extra, scale)
+            own = known.twins.get(finding.surface, finding.surface)
+            leaf = leaf_of(known.faces, own, extra, known.scale)
             if leaf is not None:
                 name, angle = leaf
                 text = f"its leaf stands open by {np.degrees(angle):.0f} deg: it is {name}"
@@ -409,7 +408,7 @@ def _alignment(known: Measurements, options: Asked) -> Alignment:
         _rotation_vector(new.rotation @ old.world_from_sensor.rotation.T)
         for new, old in zip(poses, known.given, strict=True)
     ])  # fmt: skip
-    return Alignment(
+    aligned = Alignment(
         poses=poses,
         shift_m=common,
         turn_deg=np.degrees(np.median(turns, axis=0)),
@@ -418,8 +417,8 @@ def _alignment(known: Measurements, options: Asked) -> Alignment:
         station_shift_m=shifts - common,
         tau_m=known.aligned.tau_m,
         is_free=options.align,
-        sentences=_alignment_sentences(common, sd[3:], options.align),
     )
+    return replace(aligned, sentences=(_alignment_sentence(aligned),))
 
 
 def _rotation_vector(matrix: FloatArray) -> FloatArray:
@@ -428,12 +427,10 @@ def _rotation_vector(matrix: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
 
 
-def _alignment_sentences(shift: FloatArray, sd: FloatArray, is_free: bool) -> tuple[str, ...]:
-    if not is_free:
-        return ("the scans stay where their control network has them",)
-    numbers = ", ".join(f"{1000 * a:.1f} ± {1000 * HALF_95 * b:.1f}" for a, b in zip(shift, sd, strict=True))
-    text = (
-        f"all scans together were moved by ({numbers}) mm to fit the design; what all of the building has "
-        "alike, as floors that are all as much too high, is in these numbers and in no element's"
+def _alignment_sentence(aligned: Alignment) -> str:
+    if not aligned.is_free:
+        return "the scans stay where their control network has them"
+    return (
+        f"all scans together were moved by {aligned.shift_text} to fit the design; what all of the building "
+        "has alike, as floors that are all as much too high, is in these numbers and in no element's"
     )
-    return (text,)

@@ -12,10 +12,9 @@ from completion.asbuilt import limits
 from completion.asbuilt.agreement import FaceBeams, FaceSurface
 from completion.asbuilt.alignment import Aligned
 from completion.asbuilt.faces import N_COLUMNS, DesignFaces
-from completion.asbuilt.findings import FaceFinding, Interval
+from completion.asbuilt.findings import HALF_95, FaceFinding, Interval
 from scenes.checks import FloatArray
 
-HALF_95 = 1.959964
 _HISTOGRAM_M = 0.05
 _OCTANTS = 8  # around a cylinder, where it is judged if it was measured there
 

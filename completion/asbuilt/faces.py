@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from completion.asbuilt.limits import (
     COPLANAR_DEG,
@@ -29,6 +30,7 @@ N_COLUMNS = 5
 """Parameters of a face: offset, two tilts and two bends of a plane; shifts, tilts, radius of a cylinder."""
 
 _SAME_M = 1e-5  # of corners, times the scale
+_TWIN_M = 1e-4  # times the scale, between two elements that are one
 _MOST_PATCHES = 2_000  # of an element, that are compared with each other
 
 
@@ -134,6 +136,22 @@ def scale_of(mesh: LabelledMesh) -> float:
     """By what the lengths of a building shrink for a design: 1 for what is as large as a room."""
     size = np.ptp(mesh.vertices[mesh.faces.ravel()], axis=0)
     return min(1.0, float(np.sqrt(size @ size)) / FULL_SIZE_M)
+
+
+def twins_of(mesh: LabelledMesh, scale: float) -> dict[int, int]:
+    """Return the elements whose surface is that of an earlier one, and which: box, area and middle agree."""
+    element, areas, n = mesh.face_surface, mesh.face_areas(), int(mesh.face_surface.max()) + 1
+    low, high, total = np.full((n, 3), np.inf), np.full((n, 3), -np.inf), np.bincount(element, areas, n)
+    np.minimum.at(low, element, mesh.corners.min(axis=1))
+    np.maximum.at(high, element, mesh.corners.max(axis=1))
+    weighted = mesh.corners.mean(axis=1) * areas[:, None]
+    middle = np.column_stack([np.bincount(element, weighted[:, k], n) for k in range(3)])
+    there = np.flatnonzero(total > 0)
+    found = np.column_stack([low, high, middle / np.maximum(total, 1e-30)[:, None], np.sqrt(total)])[there]
+    twins = dict[int, int]()
+    for a, b in sorted(cKDTree(found).query_pairs(_TWIN_M * scale)):
+        twins.setdefault(int(there[b]), twins.get(int(there[a]), int(there[a])))
+    return twins
 
 
 def find_faces(mesh: LabelledMesh, scale: float) -> DesignFaces:

@@ -10,29 +10,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.asbuilt import limits
-from completion.asbuilt.beams import EXTRA, Gates, Surfaces
+from completion.asbuilt.beams import EXTRA, NOT_USED, Gates, Surfaces
 from completion.asbuilt.extra import ExtraCells
 from completion.asbuilt.findings import SAMPLE_REASONS, Hider, Samples
 from completion.evidence.sight import ScanSight, pixel_of, sight_of
 from completion.observe.observation import Observation
 from completion.observe.rays import dot, minus
 from completion.observe.tolerance import Tolerance
-from scenes.checks import FloatArray, freeze_arrays
+from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
 from texture.engine.compiled import compiled
 
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # steps of an even sequence in the unit square
 _OFF = 0.1  # of COVERED_M, before a face, where rays start
-_MEASURED, _HIDDEN, _BEHIND, _VIEW, _RANGE, _OBLIQUE, _NOT_MET = range(len(SAMPLE_REASONS))
-_RANK = np.array([9, 7, 6, 2, 3, 4, 8], np.int8)  # of each reason: what tells most counts
+_MEASURED, _HIDDEN, _BEHIND, _VIEW, _RANGE, _OBLIQUE, _NOT_MET, _NOISY = range(len(SAMPLE_REASONS))
+_RANK = np.array([9, 7, 6, 2, 3, 4, 8, 5], np.int8)  # of each reason: what tells most counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceSamples:
     """Samples (n,) of exposed surface.
 
-    `points`, `normals` (n, 3), `triangle` and `element` (n,), and the `area_m2` (n,) that each stands for.
+    `points`, `normals` (n, 3), `triangle` and `element` (n,), the `area_m2` (n,) that each stands for, and
+    which are of no closed body, `is_open` (n,): seen from both sides.
     """
 
     points: FloatArray
@@ -40,6 +41,7 @@ class SurfaceSamples:
     triangle: NDArray[np.int64]
     element: NDArray[np.int32]
     area_m2: FloatArray
+    is_open: BoolArray
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -71,7 +73,8 @@ def sample_design(mesh: LabelledMesh, surfaces: Surfaces, caster: RayCaster, sca
     free = free[np.argsort(surfaces.element[triangle[free]], kind="stable")]
     triangle = triangle[free]
     element = surfaces.element[triangle]
-    return SurfaceSamples(points[free], normals[free], triangle, element, np.full(len(free), each))
+    areas, is_open = np.full(len(free), each), surfaces.is_open[triangle]
+    return SurfaceSamples(points[free], normals[free], triangle, element, area_m2=areas, is_open=is_open)
 
 
 def exposed_share(samples: SurfaceSamples, surfaces: Surfaces, face_area: FloatArray) -> FloatArray:
@@ -86,12 +89,13 @@ class SampleStates:
     """What all scans together say of samples (n,).
 
     `reason` index in `SAMPLE_REASONS`, 0 for measured; `blocker` what hides each (`Samples`); `hiders` what
-    hides each element, largest first.
+    hides each element, largest first; `noise_m` (n, 2) standard deviation and range of beams too noisy.
     """
 
     reason: NDArray[np.int8]
     blocker: NDArray[np.int32]
     hiders: dict[int, tuple[Hider, ...]]
+    noise_m: FloatArray
 
 
 def judge_samples(
@@ -104,13 +108,14 @@ def judge_samples(
     """Look all samples (n,) up in every scan; `labels` are those of all pixels of each (`beams.Evidence`)."""
     n = len(samples.points)
     reason, blocker = np.full(n, _VIEW, np.int8), np.full(n, -1, np.int32)
+    noise_m = np.full((n, 2), np.inf)
     hidden: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = []
     tolerance = Tolerance(n_sigma=limits.GATE_SIGMAS, flatness_m=0.0, registration_m=0.0, max_m=np.inf)
     for seen, label in zip(observations, labels, strict=True):
         code, pixel = np.full(n, _VIEW, np.int8), np.empty(n, np.int64)
         left = np.flatnonzero(reason != _MEASURED)
         noise = seen.noise.constant_m, seen.noise.linear, seen.noise.quadratic_per_m
-        at = samples.points, samples.normals, samples.element
+        at = samples.points, samples.normals, samples.is_open, samples.element
         _look_up(sight_of(seen, tolerance), label, left, *at, noise, gates, code, pixel)
         by = np.full(n, -1, np.int32)
         stopped = np.flatnonzero((code == _HIDDEN) | (code == _BEHIND))
@@ -120,9 +125,12 @@ def judge_samples(
         by[extra] = np.where(thing >= 0, -2 - thing, -1)
         better = _RANK[code] > _RANK[reason]
         reason[better], blocker[better] = code[better], by[better]
+        noisy = np.flatnonzero(code == _NOISY)
+        ranges = seen.scan.ranges.ravel()[pixel[noisy]]
+        noise_m[noisy] = np.minimum(noise_m[noisy], np.column_stack([seen.noise.sigma(ranges), ranges]))
         kept = stopped[by[stopped] != -1]
         hidden.append((kept, by[kept]))
-    return SampleStates(reason, blocker, _hiders(samples, reason, hidden, observations))
+    return SampleStates(reason, blocker, _hiders(samples, reason, hidden, observations), noise_m)
 
 
 def _hiders(
@@ -178,6 +186,7 @@ def _look_up(
     left: NDArray[np.int64],
     points: FloatArray,
     normals: FloatArray,
+    is_open: BoolArray,
     element: NDArray[np.int32],
     noise: tuple[float, float, float],
     gates: Gates,
@@ -191,6 +200,7 @@ def _look_up(
         ray = minus(place, eye.origin)
         distance = np.sqrt(dot(ray, ray))
         cosine = -(ray[0] * normals[k, 0] + ray[1] * normals[k, 1] + ray[2] * normals[k, 2]) / distance
+        cosine = abs(cosine) if is_open[k] else cosine
         pixel[k] = -1
         if cosine <= 0.0:
             code[k] = _VIEW
@@ -203,6 +213,9 @@ def _look_up(
         r = sight.ranges[at]
         if not np.isfinite(r):
             code[k] = _RANGE
+            continue
+        if label[at] == NOT_USED:
+            code[k] = _NOISY
             continue
         sigma = np.sqrt(noise[0] ** 2 + (noise[1] * r) ** 2 + (noise[2] * r * r) ** 2)
         posed = np.sqrt(gates.registration[0] ** 2 + (gates.registration[1] * r) ** 2)
