@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.asbuilt import limits
-from completion.asbuilt.agreement import N_SHARED, FaceBeams
+from completion.asbuilt.agreement import N_SHARED, FaceBeams, median
 from completion.asbuilt.faces import N_COLUMNS
 from scenes.checks import FloatArray, freeze_arrays
 
@@ -242,20 +242,22 @@ def _assemble(
     pair = beams.face[index].astype(np.int64) * n_scans + beams.scan[index]
     starts = np.flatnonzero(np.diff(pair, prepend=-1))
     common, pairs = slice(6 * n_scans, size), list[tuple[Any, ...]]()
+    about_own = np.cross(beams.points - origins[beams.scan], beams.normal)
+    about_middle = np.cross(beams.points, beams.normal)
     for rows in np.split(index, starts[1:]) if len(index) else ():
         n = len(rows)
         rows = rows[:: max(1, -(-n // limits.PAIR_BEAMS))]
         place, scan = int(np.searchsorted(faces, beams.face[rows[0]])), int(beams.scan[rows[0]])
         y, g = beams.distance[rows], beams.columns[rows]
         sigma = beams.sigma[rows]
-        spread = 1.4826 * float(np.median(np.abs(y - np.median(y)))) if n > 10 else 0.0
-        flat = np.median(sigma)
+        spread = 1.4826 * median(np.abs(y - median(y))) if n > 10 else 0.0
+        flat = median(sigma)
         weight = n / len(rows) / np.square(np.maximum(sigma, min(spread, 3 * flat)))
-        form = np.hypot(limits.FORM_M * scale, bias[scan] * np.median(beams.sigma[rows]))
+        form = np.hypot(limits.FORM_M * scale, bias[scan] * flat)
         weight = weight / (1.0 + weight.sum() * form**2)
-        normal, points = beams.normal[rows], beams.points[rows]
-        about_scan = np.column_stack([np.cross(points - origins[scan], normal), normal])
-        rest = np.column_stack([np.cross(points, normal), normal, beams.shared[rows]])
+        normal = beams.normal[rows]
+        about_scan = np.concatenate([about_own[rows], normal], axis=1)
+        rest = np.concatenate([about_middle[rows], normal, beams.shared[rows]], axis=1)
         weighted = g * weight[:, None]
         own = slice(6 * scan, 6 * scan + 6)
         blocks[place] += weighted.T @ g

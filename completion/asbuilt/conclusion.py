@@ -349,7 +349,8 @@ def _thickness(known: Measurements, surface: int) -> float:
     if not len(mine) or known.surfaces.is_sheet[known.surfaces.element == surface].any():
         return np.inf
     normal = known.faces.normal[mine[np.argmax(known.faces.area[mine])]]
-    corners = known.design.mesh.corners[known.surfaces.element == surface].reshape(-1, 3)
+    mesh = known.design.mesh
+    corners = mesh.vertices[mesh.faces[known.surfaces.element == surface]].reshape(-1, 3)
     return float(np.ptp(corners @ normal))
 
 
@@ -382,11 +383,11 @@ def _with_doors(
                 text = f"its leaf stands open by {np.degrees(angle):.0f} deg: it is {name}"
                 finding = replace(finding, verdict="undecided", related_extra=name, sentence=text)
         told.append(finding)
-    hides = {
-        one.name: tuple(sorted({f.element.name for f in told if any(by.by == one.name for by in f.hidden)}))
-        for one in extra
-    }
-    return told, tuple(replace(one, hides=hides[one.name]) for one in extra)
+    hides: dict[str, set[str]] = {one.name: set() for one in extra}
+    for finding in told:
+        for by in finding.hidden:
+            hides[by.by].add(finding.element.name)
+    return told, tuple(replace(one, hides=tuple(sorted(hides[one.name]))) for one in extra)
 
 
 def _alignment(known: Measurements, options: Asked) -> Alignment:

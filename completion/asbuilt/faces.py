@@ -346,12 +346,13 @@ def _joined(
                     like[count], count, total = k, count + 1, total + area[k]
             if total < least_m2:
                 continue
-            start, way = _middle(patches, seed, corners), (normal[seed, 0], normal[seed, 1], normal[seed, 2])
-            if not _is_on(patches, seed, corners, start, way, off_m):
+            way = normal[seed, 0], normal[seed, 1], normal[seed, 2]
+            near = _middle(patches, seed, corners), way, off_m
+            if not _is_on(patches, seed, corners, near):
                 plane[seed] = -2  # not flat
                 continue
             for k in like[:count]:
-                if _is_on(patches, k, corners, start, way, off_m):
+                if _is_on(patches, k, corners, near):
                     plane[k] = n
             seeds[n], n = seed, n + 1
     return plane, seeds[:n]
@@ -369,10 +370,9 @@ def _middle(patches: _Patches, patch: int, corners: FloatArray) -> Triple:
 
 
 @inlined
-def _is_on(
-    patches: _Patches, patch: int, corners: FloatArray, start: Triple, way: Triple, off_m: float
-) -> bool:
-    """Whether no corner of a patch is farther than that from the plane through a place."""
+def _is_on(patches: _Patches, patch: int, corners: FloatArray, near: tuple[Triple, Triple, float]) -> bool:
+    """Whether all corners of a patch are near a plane, by a place on it, its normal, and how near, metres."""
+    start, way, off_m = near
     for t in patches.triangles[patches.start[patch] : patches.end[patch]]:
         for j in range(3):
             corner = corners[t, j, 0], corners[t, j, 1], corners[t, j, 2]

@@ -107,21 +107,21 @@ def judge_samples(
     hidden: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = []
     tolerance = Tolerance(n_sigma=limits.GATE_SIGMAS, flatness_m=0.0, registration_m=0.0, max_m=np.inf)
     for seen, label in zip(observations, labels, strict=True):
-        code, pixel = np.full(n, _VIEW, np.int8), np.empty(n, np.int64)
         left = np.flatnonzero(reason != _MEASURED)
+        code, pixel = np.empty(len(left), np.int8), np.empty(len(left), np.int32)
         noise = seen.noise.constant_m, seen.noise.linear, seen.noise.quadratic_per_m
         at = samples.points, samples.normals, samples.element
         _look_up(sight_of(seen, tolerance), label, left, *at, noise, gates, code, pixel)
-        by = np.full(n, -1, np.int32)
+        by = np.full(len(left), -1, np.int32)
         stopped = np.flatnonzero((code == _HIDDEN) | (code == _BEHIND))
         by[stopped] = label[pixel[stopped]]
         extra = stopped[by[stopped] == EXTRA]
         thing = cells.thing_at(seen.points_at(pixel[extra]))
         by[extra] = np.where(thing >= 0, -2 - thing, -1)
-        better = _RANK[code] > _RANK[reason]
-        reason[better], blocker[better] = code[better], by[better]
-        kept = stopped[by[stopped] != -1]
-        hidden.append((kept, by[kept]))
+        better = np.flatnonzero(_RANK[code] > _RANK[reason[left]])
+        reason[left[better]], blocker[left[better]] = code[better], by[better]
+        kept = np.flatnonzero(by < -1)
+        hidden.append((left[kept], by[kept]))
     return SampleStates(reason, blocker, _hiders(samples, reason, hidden, observations))
 
 
@@ -134,7 +134,7 @@ def _hiders(
     """What hides each element's samples that no scan measured, and from where."""
     rows = []
     for number, (index, by) in enumerate(hidden):
-        left = (reason[index] == _HIDDEN) & (by < -1)
+        left = reason[index] == _HIDDEN
         index, by = index[left], by[left]
         key = np.column_stack([samples.element[index], by, np.full(len(by), number)])
         rows.append(np.column_stack([key, index]).astype(np.int64))
@@ -182,27 +182,29 @@ def _look_up(
     noise: tuple[float, float, float],
     gates: Gates,
     code: NDArray[np.int8],
-    pixel: NDArray[np.int64],
+    pixel: NDArray[np.int32],
 ) -> None:
-    """Write what a scan says of the samples that are left (k,): reason and pixel."""
+    """Write what a scan says of the samples that are left (n,): reason and pixel."""
     eye = sight.eye
-    for k in left:
+    for i in range(left.size):
+        k = left[i]
         place = points[k, 0], points[k, 1], points[k, 2]
         ray = minus(place, eye.origin)
-        distance = np.sqrt(dot(ray, ray))
-        cosine = -(ray[0] * normals[k, 0] + ray[1] * normals[k, 1] + ray[2] * normals[k, 2]) / distance
-        pixel[k] = -1
-        if cosine <= 0.0:
-            code[k] = _VIEW
+        facing = -(ray[0] * normals[k, 0] + ray[1] * normals[k, 1] + ray[2] * normals[k, 2])
+        pixel[i] = -1
+        if facing <= 0.0:
+            code[i] = _VIEW
             continue
+        distance = np.sqrt(dot(ray, ray))
+        cosine = facing / distance
         at = pixel_of(eye, sight.angles, place)
         if at < 0:
-            code[k] = _VIEW
+            code[i] = _VIEW
             continue
-        pixel[k] = at
+        pixel[i] = at
         r = sight.ranges[at]
         if not np.isfinite(r):
-            code[k] = _RANGE
+            code[i] = _RANGE
             continue
         sigma = np.sqrt(noise[0] ** 2 + (noise[1] * r) ** 2 + (noise[2] * r * r) ** 2)
         posed = np.sqrt(gates.registration[0] ** 2 + (gates.registration[1] * r) ** 2)
@@ -211,10 +213,10 @@ def _look_up(
         gate += distance * eye.pixel_angle * np.sqrt(max(1.0 - safe * safe, 0.0)) / safe
         off = r - distance
         if off < -gate and not (label[at] == element[k] and -off * cosine <= gates.near_m):
-            code[k] = _HIDDEN if label[at] < 0 else _BEHIND
+            code[i] = _HIDDEN if label[at] < 0 else _BEHIND
         elif cosine < limits.LEAST_COSINE:
-            code[k] = _OBLIQUE
+            code[i] = _OBLIQUE
         elif off <= gate or (label[at] == element[k] and off * cosine <= gates.near_m):
-            code[k] = _MEASURED
+            code[i] = _MEASURED
         else:
-            code[k] = _NOT_MET
+            code[i] = _NOT_MET
