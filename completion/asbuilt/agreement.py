@@ -22,6 +22,7 @@ from completion.asbuilt.faces import DesignFaces
 from completion.observe.observation import Observation
 from completion.observe.sensor_modes import N_MODES, displacements, range_displacements
 from scenes.checks import BoolArray, FloatArray, IntArray, freeze_arrays
+from scenes.run.mapping import trim
 from texture.engine.compiled import compiled
 
 N_SHARED = N_MODES + 2
@@ -95,6 +96,7 @@ def beams_on_faces(
     face, scan = (np.concatenate([part[k] for part in parts]) for k in range(2))
     order = np.lexsort((scan, face))
     columns = [np.concatenate([part.pop() for part in parts])[order] for _ in range(len(parts[0]))]
+    trim()
     return FaceBeams(*columns[::-1])
 
 
@@ -108,6 +110,7 @@ def _of_scan(
     scale: float,
     is_far: bool,
 ) -> list[NDArray[np.int32] | FloatArray]:
+    trim()
     own = -2 - found.face if is_far else found.face
     chosen = np.flatnonzero(own >= 0)
     order = chosen[np.argsort(own[chosen], kind="stable")]

@@ -133,7 +133,7 @@ def align(
     if excess > 1.0:
         system = system.widened(excess)
         solved, tau, precision = _estimate(system, prior, prior_right, scale)
-    blocks = _own_blocks(system, solved)
+    blocks = _own_blocks(solved)
     own = np.linalg.inv(blocks) - np.eye(N_COLUMNS) * precision[:, None, None]
     own = _positive(own)
     own_covariance: FloatArray = np.linalg.inv(own).astype(np.float64)
@@ -164,7 +164,7 @@ def _estimate(
     for _ in range(limits.ROUNDS):
         precision = np.where(near, weight / tau**2, anywhere)
         solved = _solve(system, prior, prior_right, precision)
-        spread = np.einsum("qii->qi", _own_blocks(system, solved))
+        spread = np.einsum("qii->qi", _own_blocks(solved))
         square = np.where(system.used, np.square(solved.x) + spread, 0.0).sum(axis=1)
         before = tau, weight
         weight = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2)
@@ -316,6 +316,7 @@ class _Solved:
     poses: FloatArray
     covariance: FloatArray
     inverse: FloatArray
+    reduced: FloatArray  # (q, 5, k) the inverse times the coupling
 
 
 def _solve(system: _System, prior: FloatArray, prior_right: FloatArray, precision: FloatArray) -> _Solved:
@@ -330,12 +331,12 @@ def _solve(system: _System, prior: FloatArray, prior_right: FloatArray, precisio
     covariance: FloatArray = np.linalg.inv((left + left.T) / 2).astype(np.float64)
     poses = covariance @ right
     x = np.einsum("qij,qj->qi", inverse, system.right_faces) - reduced @ poses
-    return _Solved(x, poses, covariance, inverse)
+    return _Solved(x, poses, covariance, inverse, reduced)
 
 
-def _own_blocks(system: _System, solved: _Solved) -> FloatArray:
+def _own_blocks(solved: _Solved) -> FloatArray:
     """Posterior covariance (q, 5, 5) of each face."""
-    reduced = np.einsum("qij,qjk->qik", solved.inverse, system.coupling)
+    reduced = solved.reduced
     shared = np.einsum("qik,kl,qjl->qij", reduced, solved.covariance, reduced, optimize=True)
     return np.asarray(solved.inverse + shared)
 

@@ -90,10 +90,12 @@ class Measurements:
     chosen: tuple[int, ...]
     warnings: tuple[str, ...]
 
-    @property
-    def pixels(self) -> list[NDArray[np.int32]]:
-        """Flat pixels (n,) of each scan."""
-        return [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in self.observations]
+
+def all_pixels(observations: Sequence[Observation]) -> list[NDArray[np.int32]]:
+    """Flat pixels (n,) of each scan, in memory once."""
+    sizes = [seen.scan.ranges.size for seen in observations]
+    longest = np.arange(max(sizes), dtype=np.int32)
+    return [longest[:size] for size in sizes]
 
 
 def conclude(known: Measurements, options: Asked) -> DesignCheck:
@@ -110,11 +112,11 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
     tested = [one for one in known.judged if one.finding.is_tested]
     z = quantile(len(tested), options.false_alarms)
     rivals = _rivals(known, cloud)
-    passed = _passed_bodies(known)
+    beams, judged, far = _beam_evidence(known), _by_element(known.judged), _by_element(known.far)
     findings = [
         decide(
             _evidence_of(
-                known, k, states, rivals=rivals, passed=passed,
+                known, k, states, faces=judged.get(k, ()), far=far.get(k, ()), beams=beams[k], rivals=rivals,
                 tolerance_m=_tolerance(known.design, k, options),
             ),
             known.aligned, known.faces, z=z, scale=known.scale,
@@ -199,8 +201,9 @@ def _cells(known: Measurements) -> ExtraCells:
         default=0.0,
     )
     gate = limits.GATE_SIGMAS * float(np.hypot(sigma, known.gates.registration[0])) + known.gates.gate_m
+    pixels = all_pixels(known.observations)
     return find_cells(
-        known.observations, known.pixels, known.evidence, known.design, scale=known.scale, gate_m=gate
+        known.observations, pixels, known.evidence, known.design, scale=known.scale, gate_m=gate
     )
 
 
@@ -303,13 +306,33 @@ def _through_beams(known: Measurements, element: int) -> tuple[FloatArray, Float
     return np.concatenate(starts), np.concatenate(ways)
 
 
+def _beam_evidence(known: Measurements) -> list[BeamEvidence]:
+    """What all beams together say of each element."""
+    names = "on", "through", "hidden", "n_beams"
+    on, through, hidden, count = (
+        np.sum([getattr(found, name) for found in known.evidence], axis=0) for name in names
+    )
+    columns = on, through * _passed_bodies(known), hidden, count
+    return [BeamEvidence(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+
+def _by_element(judged: Sequence[Judged]) -> dict[int, list[Judged]]:
+    """Faces by the surface id of their element."""
+    found: dict[int, list[Judged]] = {}
+    for one in judged:
+        found.setdefault(one.finding.element, []).append(one)
+    return found
+
+
 def _evidence_of(
     known: Measurements,
     surface: int,
     states: SampleStates,
     *,
+    faces: Sequence[Judged],
+    far: Sequence[Judged],
+    beams: BeamEvidence,
     rivals: Mapping[int, bool],
-    passed: FloatArray,
     tolerance_m: float,
 ) -> ElementEvidence:
     """Gather what is known of one element."""
@@ -321,19 +344,13 @@ def _evidence_of(
         SAMPLE_REASONS[k]: float(area[reason == k].sum()) / total for k in np.unique(reason) if k and total
     }
     measured = float(area[reason == 0].sum()) / total if total else 0.0
-    on, through, hidden = (
-        float(sum(getattr(found, name)[surface] for found in known.evidence))
-        for name in ("on", "through", "hidden")
-    )
-    count = int(sum(found.n_beams[surface] for found in known.evidence))
-    faces = tuple(one for one in known.judged if one.finding.element == surface)
     return ElementEvidence(
         surface=surface,
         element=known.design.elements[surface],
         tolerance_m=tolerance_m,
-        faces=faces,
-        far=tuple(one for one in known.far if one.finding.element == surface and id(one) not in rivals),
-        beams=BeamEvidence(on, through * float(passed[surface]), hidden, count),
+        faces=tuple(faces),
+        far=tuple(one for one in far if id(one) not in rivals),
+        beams=beams,
         share=Shares(measured, 0.0, 1.0 - measured),
         exposed_m2=total,
         hidden=states.hiders.get(surface, ()),

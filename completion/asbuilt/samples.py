@@ -20,6 +20,7 @@ from completion.observe.tolerance import Tolerance
 from scenes.checks import FloatArray, freeze_arrays
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
+from scenes.run.mapping import trim
 from texture.engine.compiled import compiled
 
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # steps of an even sequence in the unit square
@@ -107,6 +108,7 @@ def judge_samples(
     hidden: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = []
     tolerance = Tolerance(n_sigma=limits.GATE_SIGMAS, flatness_m=0.0, registration_m=0.0, max_m=np.inf)
     for seen, label in zip(observations, labels, strict=True):
+        trim()
         left = np.flatnonzero(reason != _MEASURED)
         code, pixel = np.empty(len(left), np.int8), np.empty(len(left), np.int32)
         noise = seen.noise.constant_m, seen.noise.linear, seen.noise.quadratic_per_m
