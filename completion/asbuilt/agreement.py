@@ -95,9 +95,13 @@ def beams_on_faces(
     ]
     face, scan = (np.concatenate([part[k] for part in parts]) for k in range(2))
     order = np.lexsort((scan, face))
-    columns = [np.concatenate([part.pop() for part in parts])[order] for _ in range(len(parts[0]))]
+    columns = [np.concatenate([part.pop() for part in parts])[order] for _ in range(len(parts[0]))][::-1]
     trim()
-    return FaceBeams(*columns[::-1])
+    shared, scan, points, normal = np.empty((len(order), N_SHARED)), columns[1], columns[2], columns[4]
+    for number, seen in enumerate(observations):
+        own = np.flatnonzero(scan == number)
+        shared[own] = _shared(seen, points[own], normal[own], scale)
+    return FaceBeams(*columns, shared)
 
 
 def _of_scan(
@@ -129,8 +133,7 @@ def _of_scan(
     area = found.area[order] / cosine * step[face]
     return [
         face + np.int32(len(faces) * is_far), np.full(len(face), number, np.int32), points, at.distance,
-        at.normal, at.columns, at.uv, sigma,
-        area, _shared(seen, points, at.normal, scale),
+        at.normal, at.columns, at.uv, sigma, area,
     ]  # fmt: skip
 
 

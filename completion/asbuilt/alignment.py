@@ -28,6 +28,7 @@ from completion.asbuilt import limits
 from completion.asbuilt.agreement import N_SHARED, FaceBeams, median
 from completion.asbuilt.faces import N_COLUMNS
 from scenes.checks import FloatArray, freeze_arrays
+from scenes.run.mapping import trim
 
 _MEDIAN_SQUARE = 0.455  # of a standard normal number
 _FEWEST_LEFT = 30  # pairs more than unknowns, that tell by how much they differ
@@ -123,7 +124,9 @@ def align(
     scale : float
         Of lengths, 1 for a building.
     """
+    trim()
     system = _assemble(beams, is_on, origins, speaks, bias=bias, scale=scale)
+    trim()
     size = system.poses.shape[0]
     prior = _pose_precision(len(origins), errors)
     prior_right = np.zeros(size)
@@ -133,11 +136,11 @@ def align(
     if excess > 1.0:
         system = system.widened(excess)
         solved, tau, precision = _estimate(system, prior, prior_right, scale)
-    blocks = _own_blocks(solved)
-    own = np.linalg.inv(blocks) - np.eye(N_COLUMNS) * precision[:, None, None]
+    information = np.linalg.inv(solved.blocks)
+    own = information - np.eye(N_COLUMNS) * precision[:, None, None]
     own = _positive(own)
     own_covariance: FloatArray = np.linalg.inv(own).astype(np.float64)
-    own_x = np.einsum("qij,qjk,qk->qi", own_covariance, np.linalg.inv(blocks), solved.x)
+    own_x = np.einsum("qij,qjk,qk->qi", own_covariance, information, solved.x)
     motion = solved.poses[: size - N_SHARED].reshape(-1, 6)
     return Aligned(
         faces=system.faces,
@@ -164,7 +167,7 @@ def _estimate(
     for _ in range(limits.ROUNDS):
         precision = np.where(near, weight / tau**2, anywhere)
         solved = _solve(system, prior, prior_right, precision)
-        spread = np.einsum("qii->qi", _own_blocks(solved))
+        spread = np.einsum("qii->qi", solved.blocks)
         square = np.where(system.used, np.square(solved.x) + spread, 0.0).sum(axis=1)
         before = tau, weight
         weight = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2)
@@ -316,7 +319,7 @@ class _Solved:
     poses: FloatArray
     covariance: FloatArray
     inverse: FloatArray
-    reduced: FloatArray  # (q, 5, k) the inverse times the coupling
+    blocks: FloatArray  # (q, 5, 5) posterior covariance of each face
 
 
 def _solve(system: _System, prior: FloatArray, prior_right: FloatArray, precision: FloatArray) -> _Solved:
@@ -330,15 +333,10 @@ def _solve(system: _System, prior: FloatArray, prior_right: FloatArray, precisio
     right = system.right_poses + prior_right - rest.T @ system.right_faces[near].ravel()
     covariance: FloatArray = np.linalg.inv((left + left.T) / 2).astype(np.float64)
     poses = covariance @ right
+    del held, rest  # as large as the coupling
     x = np.einsum("qij,qj->qi", inverse, system.right_faces) - reduced @ poses
-    return _Solved(x, poses, covariance, inverse, reduced)
-
-
-def _own_blocks(solved: _Solved) -> FloatArray:
-    """Posterior covariance (q, 5, 5) of each face."""
-    reduced = solved.reduced
-    shared = np.einsum("qik,kl,qjl->qij", reduced, solved.covariance, reduced, optimize=True)
-    return np.asarray(solved.inverse + shared)
+    shared = np.einsum("qik,kl,qjl->qij", reduced, covariance, reduced, optimize=True)
+    return _Solved(x, poses, covariance, inverse, np.asarray(inverse + shared))
 
 
 def _positive(information: FloatArray) -> FloatArray:
