@@ -101,7 +101,7 @@ def beams_on_faces(
     for number, seen in enumerate(observations):
         own = np.flatnonzero(scan == number)
         shared[own] = _shared(seen, points[own], normal[own], scale)
-    return FaceBeams(*columns, shared)
+    return FaceBeams(*[*columns, shared])
 
 
 def _of_scan(
@@ -165,8 +165,6 @@ class FaceSurface:
         Of beams about it, robust.
     is_bent : bool
         Whether it is bent rather than flat.
-    corners : (2, 2) float
-        Quantiles of what was measured along u and v, -1 to 1.
     """
 
     face: int
@@ -177,7 +175,6 @@ class FaceSurface:
     level: float
     sd: float
     is_bent: bool
-    corners: FloatArray
 
 
 def find_surface(
@@ -197,8 +194,6 @@ def find_surface(
         reach = np.ptp(uv[bent.is_on], axis=0).max() if bent.is_on.any() else 0.0
         if reach > 1.0 and (gain > 1.05 or bent.sd < 0.8 * best.sd):
             best, is_bent = bent, True
-    on = uv[best.is_on] if best.is_on.any() else uv
-    corners = np.quantile(on, [limits.CORNERS, 1 - limits.CORNERS], axis=0).T
     return FaceSurface(
         face=int(beams.face[part.start]),
         is_on=best.is_on,
@@ -208,7 +203,6 @@ def find_surface(
         level=best.level,
         sd=best.sd,
         is_bent=is_bent,
-        corners=corners,
     )
 
 
@@ -252,7 +246,7 @@ def _fit(held: _Held, columns: FloatArray) -> _Fit:
     y, scan, sigma, registration, start, scale = held
     used = np.ascontiguousarray(columns[:, np.abs(columns).max(axis=0) > 1e-9])
     bounds = np.flatnonzero(np.diff(scan, prepend=-1, append=-1))  # scans ascend
-    bound = limits.LEVEL_SD * np.array([median(registration[a:b]) for a, b in pairwise(bounds)])
+    bound = limits.LEVEL_SD * _medians(registration, bounds)
     residual, on, core = y - start, np.empty(len(y), np.bool_), np.empty(len(y), np.bool_)
     sd = _settle(y, used, sigma, bounds, bound, limits.START_M * scale, (residual, on, core))
     return _Fit(on, core, residual, median(y[core]) if core.any() else start, sd)
@@ -262,6 +256,15 @@ def _fit(held: _Held, columns: FloatArray) -> _Fit:
 def median(values: FloatArray) -> float:
     """Median of values (n,): what numpy says, of few in a tenth of the time."""
     return float(np.median(values))
+
+
+@compiled
+def _medians(values: FloatArray, bounds: NDArray[np.int64]) -> FloatArray:
+    """Median of values (n,) between each two neighbouring bounds."""
+    out = np.empty(bounds.size - 1)
+    for k in range(out.size):
+        out[k] = np.median(values[bounds[k] : bounds[k + 1]])
+    return out
 
 
 @compiled

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,7 +159,8 @@ def find_faces(mesh: LabelledMesh, scale: float) -> DesignFaces:
     rounds = _cylinders(given, patch, whole, of_triangle)
     patch[of_triangle >= 0] = -1
     flats = _planes(given, patch, of_triangle, len(rounds.sign))
-    forms = _Forms(*(np.concatenate(both) for both in zip(rounds, flats, strict=True)))
+    both: Iterator[Any] = zip(rounds, flats, strict=True)
+    forms = _Forms(*map(np.concatenate, both))
     held = of_triangle >= 0
     element = np.zeros(len(forms.sign), np.int32)
     element[of_triangle[held]] = given.element[held]
@@ -186,6 +188,10 @@ class _Forms(NamedTuple):
     v: FloatArray
     half: FloatArray
     radius: FloatArray
+
+
+_Row = tuple[int, FloatArray, FloatArray, FloatArray, FloatArray, tuple[float, float], float]
+"""What `_Forms` has of one."""
 
 
 class _Patches(NamedTuple):
@@ -243,28 +249,21 @@ def _cylinders(
     values, vectors = np.linalg.eigh(np.add.reduceat(squares, bounds[:-1]))
     slope = np.abs(np.einsum("ni,ni->n", normal, vectors[own, :, 0]))
     straight = np.maximum.reduceat(slope, bounds[:-1]) <= np.sin(np.radians(COPLANAR_DEG))
-    rows = []
+    rows: list[_Row] = []
     for k in np.flatnonzero(straight & (values[:, 1] > 1e-3 * values[:, 2])).tolist():
         triangles = order[bounds[k] : bounds[k + 1]]
         row = _cylinder(given, triangles, vectors[k, :, 0])
         if row is not None:
             of_triangle[triangles] = len(rows)
             rows.append(row)
-    sign, centre, normal, u, v, half, radius = zip(*rows, strict=True) if rows else ((),) * 7
-    return _Forms(
-        sign=np.array(sign, np.int8),
-        centre=np.array(centre, float).reshape(-1, 3),
-        normal=np.array(normal, float).reshape(-1, 3),
-        u=np.array(u, float).reshape(-1, 3),
-        v=np.array(v, float).reshape(-1, 3),
-        half=np.array(half, float).reshape(-1, 2),
-        radius=np.array(radius, float),
-    )
+    columns: Sequence[Any] = list(zip(*rows, strict=True)) or [()] * len(_Forms._fields)
+    sizes = ((), (3,), (3,), (3,), (3,), (2,), ())
+    forms = (np.array(each, float).reshape(-1, *size) for each, size in zip(columns, sizes, strict=True))
+    sign, *rest = forms
+    return _Forms(sign.astype(np.int8), *rest)
 
 
-def _cylinder(
-    given: _Triangles, triangles: NDArray[np.int64], axis: FloatArray
-) -> tuple[int, FloatArray, FloatArray, FloatArray, FloatArray, tuple[float, float], float] | None:
+def _cylinder(given: _Triangles, triangles: NDArray[np.int64], axis: FloatArray) -> _Row | None:
     """What `_Forms` has of the cylinder that triangles make up about an axis; None for none."""
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     corners = given.corners[triangles].reshape(-1, 3)
@@ -298,7 +297,7 @@ def _planes(
     """
     triangles, bounds = _groups(patch)
     n, own = len(bounds) - 1, np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
-    area = np.bincount(own, given.area[triangles], n)
+    area = np.bincount(own, given.area[triangles], n).astype(np.float64)
     weighted = given.normal[triangles] * given.area[triangles, None]
     normal = np.column_stack([np.bincount(own, weighted[:, k], n) for k in range(3)])
     normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
@@ -311,10 +310,10 @@ def _planes(
     patches = _Patches(normal[rank], area[rank], bounds[:-1][rank], bounds[1:][rank], triangles)
     least = LEAST_FACE_M2 * given.scale**2
     plane, seed = _joined(patches, starts, given.corners, COPLANAR_M * given.scale, least)
-    is_large = np.bincount(plane[plane >= 0], patches.area[plane >= 0], len(seed)) >= least
-    of_patch = np.full(n, -1)
-    of_patch[rank] = np.where((plane >= 0) & is_large[plane], plane, -1) if len(seed) else -1
-    number = np.full(len(patch), -1)
+    held = np.flatnonzero(plane >= 0)
+    held = held[(np.bincount(plane[held], patches.area[held], len(seed)) >= least)[plane[held]]]
+    of_patch, number = np.full(n, -1), np.full(len(patch), -1)
+    of_patch[rank[held]] = plane[held]
     number[triangles] = of_patch[own]
     return _outlines(given, number, patches.normal[seed], of_triangle, first)
 
@@ -407,7 +406,10 @@ def _outlines(
     wide = (high - low).min(axis=1) >= LEAST_WIDTH_M * given.scale
     kept = wide[own]
     of_triangle[triangles[kept]] = first + (np.cumsum(wide) - 1)[own[kept]]
-    forms = _Forms(np.zeros(len(u), np.int8), centre, normal, u, v, (high - low) / 2, np.zeros(len(u)))
+    forms = _Forms(
+        sign=np.zeros(len(u), np.int8), centre=centre, normal=normal, u=u, v=v, half=(high - low) / 2,
+        radius=np.zeros(len(u)),
+    )  # fmt: skip
     return _Forms(*(each[wide] for each in forms))
 
 

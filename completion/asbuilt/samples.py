@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.asbuilt import limits
-from completion.asbuilt.beams import EXTRA, Gates, Surfaces
+from completion.asbuilt.beams import Gates, Surfaces
 from completion.asbuilt.extra import ExtraCells
 from completion.asbuilt.findings import SAMPLE_REASONS, Hider, Samples
 from completion.evidence.sight import ScanSight, pixel_of, sight_of
@@ -117,7 +117,7 @@ def judge_samples(
         by = np.full(len(left), -1, np.int32)
         stopped = np.flatnonzero((code == _HIDDEN) | (code == _BEHIND))
         by[stopped] = label[pixel[stopped]]
-        extra = stopped[by[stopped] == EXTRA]
+        extra = stopped[by[stopped] < 0]  # or too noisy to tell, which a thing may hold all the same
         thing = cells.thing_at(seen.points_at(pixel[extra]))
         by[extra] = np.where(thing >= 0, -2 - thing, -1)
         better = np.flatnonzero(_RANK[code] > _RANK[reason[left]])
