@@ -32,6 +32,7 @@ from completion.asbuilt.findings import (
 from completion.asbuilt.measurements import Measurements
 from completion.asbuilt.samples import SampleStates, judge_samples, samples_of
 from completion.asbuilt.verdicts import ElementEvidence, decide, quantile, with_bands
+from completion.observe.observation import Observation
 from scenes.checks import FloatArray
 from scenes.mesh.design import ElementMesh
 from scenes.pose import Pose
@@ -66,6 +67,13 @@ class Asked(Protocol):
         """Upper ends."""
 
 
+def all_pixels(observations: Sequence[Observation]) -> list[NDArray[np.int32]]:
+    """Flat pixels (n,) of each scan, in memory once."""
+    sizes = [seen.scan.ranges.size for seen in observations]
+    longest = np.arange(max(sizes), dtype=np.int32)
+    return [longest[:size] for size in sizes]
+
+
 def conclude(known: Measurements, options: Asked) -> DesignCheck:
     """Return the findings on all elements."""
     cells = _cells(known)
@@ -80,16 +88,17 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
     tested = [one for one in known.judged if one.finding.is_tested]
     z = quantile(len(tested), options.false_alarms)
     rivals = _rivals(known, cloud)
-    passed = _passed_bodies(known)
+    beams, judged, far = _beam_evidence(known), _by_element(known.judged), _by_element(known.far)
     findings = [
         decide(
             _evidence_of(
-                known, k, states, rivals=rivals, passed=passed,
-                tolerance_m=_tolerance(known.design, k, options),
+                known, k, states, faces=judged.get(of, ()), far=far.get(of, ()), beams=beams[of],
+                rivals=rivals, tolerance_m=_tolerance(known.design, k, options),
             ),
             known.aligned, known.faces, z=z, scale=known.scale,
         )
         for k in known.chosen
+        for of in [known.twins.get(k, k)]
     ]  # fmt: skip
     extra = things_of(cells, [seen.scan.name for seen in known.observations], known.design)
     findings = [with_bands(one, options.loa_bands_m) for one in findings]
@@ -189,8 +198,9 @@ def _cells(known: Measurements) -> ExtraCells:
         default=0.0,
     )
     gate = limits.GATE_SIGMAS * float(np.hypot(sigma, known.gates.registration[0])) + known.gates.gate_m
+    pixels = all_pixels(known.observations)
     return find_cells(
-        known.observations, known.pixels, known.evidence, known.design, scale=known.scale, gate_m=gate
+        known.observations, pixels, known.evidence, known.design, scale=known.scale, gate_m=gate
     )
 
 
@@ -293,13 +303,33 @@ def _through_beams(known: Measurements, element: int) -> tuple[FloatArray, Float
     return np.concatenate(starts), np.concatenate(ways)
 
 
+def _beam_evidence(known: Measurements) -> list[BeamEvidence]:
+    """What all beams together say of each element."""
+    names = "on", "through", "hidden", "n_beams"
+    on, through, hidden, count = (
+        np.sum([getattr(found, name) for found in known.evidence], axis=0) for name in names
+    )
+    columns = on, through * _passed_bodies(known), hidden, count
+    return [BeamEvidence(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+
+def _by_element(judged: Sequence[Judged]) -> dict[int, list[Judged]]:
+    """Faces by the surface id of their element."""
+    found: dict[int, list[Judged]] = {}
+    for one in judged:
+        found.setdefault(one.finding.element, []).append(one)
+    return found
+
+
 def _evidence_of(
     known: Measurements,
     number: int,
     states: SampleStates,
     *,
+    faces: Sequence[Judged],
+    far: Sequence[Judged],
+    beams: BeamEvidence,
     rivals: Mapping[int, bool],
-    passed: FloatArray,
     tolerance_m: float,
 ) -> ElementEvidence:
     """Gather what is known of one element."""
@@ -312,20 +342,14 @@ def _evidence_of(
         SAMPLE_REASONS[k]: float(area[reason == k].sum()) / total for k in np.unique(reason) if k and total
     }
     measured = float(area[reason == 0].sum()) / total if total else 0.0
-    on, through, hidden = (
-        float(sum(getattr(found, name)[surface] for found in known.evidence))
-        for name in ("on", "through", "hidden")
-    )
     back_m, is_open = _back(known, surface)
-    count = int(sum(found.n_beams[surface] for found in known.evidence))
-    faces = tuple(one for one in known.judged if one.finding.element == surface)
     return ElementEvidence(
         surface=number,
         element=element,
         tolerance_m=tolerance_m,
-        faces=faces,
-        far=tuple(one for one in known.far if one.finding.element == surface and id(one) not in rivals),
-        beams=BeamEvidence(on, through * float(passed[surface]), hidden, count),
+        faces=tuple(faces),
+        far=tuple(one for one in far if id(one) not in rivals),
+        beams=beams,
         share=Shares(measured, 0.0, 1.0 - measured),
         exposed_m2=total,
         hidden=states.hiders.get(surface, ()),
@@ -355,7 +379,8 @@ def _back(known: Measurements, surface: int) -> tuple[float, bool]:
     if not len(mine):
         return np.inf, False
     normal = known.faces.normal[mine[np.argmax(known.faces.area[mine])]]
-    corners = known.design.mesh.corners[known.surfaces.element == surface].reshape(-1, 3)
+    mesh = known.design.mesh
+    corners = mesh.vertices[mesh.faces[known.surfaces.element == surface]].reshape(-1, 3)
     deep = float(np.ptp(corners @ normal))
     if known.surfaces.is_sheet[known.surfaces.element == surface].any():
         return np.inf, deep > limits.COPLANAR_M * known.scale
@@ -386,11 +411,11 @@ def _with_doors(
                 text = f"its leaf stands open by {np.degrees(angle):.0f} deg: it is {name}"
                 finding = replace(finding, verdict="undecided", related_extra=name, sentence=text)
         told.append(finding)
-    hides = {
-        one.name: tuple(sorted({f.element.name for f in told if any(by.by == one.name for by in f.hidden)}))
-        for one in extra
-    }
-    return told, tuple(replace(one, hides=hides[one.name]) for one in extra)
+    hides: dict[str, set[str]] = {one.name: set() for one in extra}
+    for finding in told:
+        for by in finding.hidden:
+            hides[by.by].add(finding.element.name)
+    return told, tuple(replace(one, hides=tuple(sorted(hides[one.name]))) for one in extra)
 
 
 def _alignment(known: Measurements, options: Asked) -> Alignment:

@@ -6,9 +6,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from completion.asbuilt.alignment import Aligned
 from completion.asbuilt.beams import Evidence, Gates, Surfaces
 from completion.asbuilt.deviation import Judged
@@ -46,8 +43,3 @@ class Measurements:
     far: tuple[Judged, ...]
     chosen: tuple[int, ...]
     warnings: tuple[str, ...]
-
-    @property
-    def pixels(self) -> list[NDArray[np.int32]]:
-        """Flat pixels (n,) of each scan."""
-        return [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in self.observations]

@@ -20,7 +20,7 @@ from completion.asbuilt import limits
 from completion.asbuilt.agreement import FaceBeams, FaceSurface, beams_on_faces, bend, find_surface
 from completion.asbuilt.alignment import PoseErrors, align
 from completion.asbuilt.beams import Evidence, Gates, Surfaces, trace
-from completion.asbuilt.conclusion import conclude
+from completion.asbuilt.conclusion import all_pixels, conclude
 from completion.asbuilt.deviation import Agreed, FaceStanding, Judged, is_shown, judge_faces
 from completion.asbuilt.faces import DesignFaces, elements_of, find_faces, scale_of, twins_of
 from completion.asbuilt.findings import LOA_BANDS_M, DesignCheck
@@ -116,7 +116,7 @@ def check_against_design(
     model = _Model.of(design, options, n_threads)
     observations = model.observe(scans, options, told)
     observations, moved = model.place(observations, options, told)
-    every = [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in observations]
+    every = all_pixels(observations)
     evidence = model.trace(observations, every, options, told)
     told("deviations", 0, 1)
     agreed = model.agree(observations, every, evidence, moved, with_far=True)
@@ -126,7 +126,8 @@ def check_against_design(
         kept = [scan for scan, is_off in zip(scans, left_out, strict=True) if not is_off]
         again = check_against_design(design, kept, options, n_threads=n_threads, progress=progress)
         return replace(again, warnings=tuple(dict.fromkeys((*doubts, *again.warnings))))
-    judged, far = model.judge(agreed, evidence)
+    (judged, far), aligned = model.judge(agreed, evidence), agreed.aligned
+    del agreed  # beams of faces, which nobody asks any more
     measured = Measurements(
         design=model.design,
         whole=model.whole,
@@ -141,7 +142,7 @@ def check_against_design(
         observations=tuple(observations),
         given=tuple(scans),
         evidence=tuple(evidence),
-        aligned=agreed.aligned,
+        aligned=aligned,
         judged=judged,
         far=far,
         chosen=tuple(model.chosen),

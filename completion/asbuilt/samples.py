@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.asbuilt import limits
-from completion.asbuilt.beams import EXTRA, NOT_USED, Gates, Surfaces
+from completion.asbuilt.beams import NOT_USED, Gates, Surfaces
 from completion.asbuilt.extra import ExtraCells
 from completion.asbuilt.findings import SAMPLE_REASONS, Hider, Samples
 from completion.evidence.sight import ScanSight, pixel_of, sight_of
@@ -20,6 +20,7 @@ from completion.observe.tolerance import Tolerance
 from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
+from scenes.run.mapping import trim
 from texture.engine.compiled import compiled
 
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # steps of an even sequence in the unit square
@@ -112,24 +113,26 @@ def judge_samples(
     hidden: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = []
     tolerance = Tolerance(n_sigma=limits.GATE_SIGMAS, flatness_m=0.0, registration_m=0.0, max_m=np.inf)
     for seen, label in zip(observations, labels, strict=True):
-        code, pixel = np.full(n, _VIEW, np.int8), np.empty(n, np.int64)
+        trim()
         left = np.flatnonzero(reason != _MEASURED)
+        code, pixel = np.empty(len(left), np.int8), np.empty(len(left), np.int32)
         noise = seen.noise.constant_m, seen.noise.linear, seen.noise.quadratic_per_m
         at = samples.points, samples.normals, samples.is_open, samples.element
         _look_up(sight_of(seen, tolerance), label, left, *at, noise, gates, code, pixel)
-        by = np.full(n, -1, np.int32)
+        by = np.full(len(left), -1, np.int32)
         stopped = np.flatnonzero((code == _HIDDEN) | (code == _BEHIND))
         by[stopped] = label[pixel[stopped]]
-        extra = stopped[by[stopped] == EXTRA]
+        extra = stopped[by[stopped] < 0]  # or too noisy to tell, which a thing may hold all the same
         thing = cells.thing_at(seen.points_at(pixel[extra]))
         by[extra] = np.where(thing >= 0, -2 - thing, -1)
-        better = _RANK[code] > _RANK[reason]
-        reason[better], blocker[better] = code[better], by[better]
+        better = np.flatnonzero(_RANK[code] > _RANK[reason[left]])
+        reason[left[better]], blocker[left[better]] = code[better], by[better]
         noisy = np.flatnonzero(code == _NOISY)
         ranges = seen.scan.ranges.ravel()[pixel[noisy]]
-        noise_m[noisy] = np.minimum(noise_m[noisy], np.column_stack([seen.noise.sigma(ranges), ranges]))
-        kept = stopped[by[stopped] != -1]
-        hidden.append((kept, by[kept]))
+        told = np.column_stack([seen.noise.sigma(ranges), ranges])
+        noise_m[left[noisy]] = np.minimum(noise_m[left[noisy]], told)
+        kept = np.flatnonzero(by < -1)
+        hidden.append((left[kept], by[kept]))
     return SampleStates(reason, blocker, _hiders(samples, reason, hidden, observations), noise_m)
 
 
@@ -142,7 +145,7 @@ def _hiders(
     """What hides each element's samples that no scan measured, and from where."""
     rows = []
     for number, (index, by) in enumerate(hidden):
-        left = (reason[index] == _HIDDEN) & (by < -1)
+        left = reason[index] == _HIDDEN
         index, by = index[left], by[left]
         key = np.column_stack([samples.element[index], by, np.full(len(by), number)])
         rows.append(np.column_stack([key, index]).astype(np.int64))
@@ -191,31 +194,33 @@ def _look_up(
     noise: tuple[float, float, float],
     gates: Gates,
     code: NDArray[np.int8],
-    pixel: NDArray[np.int64],
+    pixel: NDArray[np.int32],
 ) -> None:
-    """Write what a scan says of the samples that are left (k,): reason and pixel."""
+    """Write what a scan says of the samples that are left (n,): reason and pixel."""
     eye = sight.eye
-    for k in left:
+    for i in range(left.size):
+        k = left[i]
         place = points[k, 0], points[k, 1], points[k, 2]
         ray = minus(place, eye.origin)
-        distance = np.sqrt(dot(ray, ray))
-        cosine = -(ray[0] * normals[k, 0] + ray[1] * normals[k, 1] + ray[2] * normals[k, 2]) / distance
-        cosine = abs(cosine) if is_open[k] else cosine
-        pixel[k] = -1
-        if cosine <= 0.0:
-            code[k] = _VIEW
+        facing = -(ray[0] * normals[k, 0] + ray[1] * normals[k, 1] + ray[2] * normals[k, 2])
+        facing = abs(facing) if is_open[k] else facing
+        pixel[i] = -1
+        if facing <= 0.0:
+            code[i] = _VIEW
             continue
+        distance = np.sqrt(dot(ray, ray))
+        cosine = facing / distance
         at = pixel_of(eye, sight.angles, place)
         if at < 0:
-            code[k] = _VIEW
+            code[i] = _VIEW
             continue
-        pixel[k] = at
+        pixel[i] = at
         r = sight.ranges[at]
         if not np.isfinite(r):
-            code[k] = _RANGE
+            code[i] = _RANGE
             continue
         if label[at] == NOT_USED:
-            code[k] = _NOISY
+            code[i] = _NOISY
             continue
         sigma = np.sqrt(noise[0] ** 2 + (noise[1] * r) ** 2 + (noise[2] * r * r) ** 2)
         posed = np.sqrt(gates.registration[0] ** 2 + (gates.registration[1] * r) ** 2)
@@ -224,10 +229,10 @@ def _look_up(
         gate += distance * eye.pixel_angle * np.sqrt(max(1.0 - safe * safe, 0.0)) / safe
         off = r - distance
         if off < -gate and not (label[at] == element[k] and -off * cosine <= gates.near_m):
-            code[k] = _HIDDEN if label[at] < 0 else _BEHIND
+            code[i] = _HIDDEN if label[at] < 0 else _BEHIND
         elif cosine < limits.LEAST_COSINE:
-            code[k] = _OBLIQUE
+            code[i] = _OBLIQUE
         elif off <= gate or (label[at] == element[k] and off * cosine <= gates.near_m):
-            code[k] = _MEASURED
+            code[i] = _MEASURED
         else:
-            code[k] = _NOT_MET
+            code[i] = _NOT_MET
