@@ -17,10 +17,8 @@ from completion.asbuilt.deviation import Judged
 from completion.asbuilt.doors import leaf_of
 from completion.asbuilt.extra import ExtraCells, find_cells, things_of
 from completion.asbuilt.findings import (
-    HALF_95,
     POINT_STATES,
     SAMPLE_REASONS,
-    Alignment,
     BeamEvidence,
     DesignCheck,
     DeviationPoints,
@@ -30,12 +28,12 @@ from completion.asbuilt.findings import (
     Shares,
 )
 from completion.asbuilt.measurements import Measurements
+from completion.asbuilt.motions import alignment_of, moved_alike, moved_far
 from completion.asbuilt.samples import SampleStates, judge_samples, samples_of
 from completion.asbuilt.verdicts import ElementEvidence, decide, quantile, with_bands
 from completion.observe.observation import Observation
 from scenes.checks import FloatArray
 from scenes.mesh.design import ElementMesh
-from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
 
 _MOST_POINTS = 1_000_000  # of the thinned cloud
@@ -104,7 +102,7 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
     findings = [with_bands(one, options.loa_bands_m) for one in findings]
     findings, extra = _with_doors(findings, extra, known)
     findings = [_with_twin(one, known) for one in findings]
-    alignment = _alignment(known, options)
+    alignment = alignment_of(known, is_free=options.align)
     return DesignCheck(
         design=_moved_design(known),
         scans=tuple(scan.name for scan in known.given),
@@ -119,41 +117,7 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
         loa_bands_m=dict(options.loa_bands_m),
         samples=_moved_samples(samples_of(known.samples, states), known.middle),
         cloud=replace(cloud, points=cloud.points + known.middle),
-        warnings=(*known.warnings, *_moved_alike(known, alignment), *_moved_far(known), *_too_noisy(known)),
-    )
-
-
-def _moved_alike(known: Measurements, alignment: Alignment) -> tuple[str, ...]:
-    """Say if all scans were moved by more than their poses are stated to be off."""
-    stated_m, stated_rad = known.gates.registration
-    most_m = max(limits.MOVED_SIGMAS * stated_m, limits.AGAIN_M * known.scale)
-    most_deg = float(np.degrees(limits.MOVED_SIGMAS * stated_rad))
-    shift, turn = (float(np.linalg.norm(way)) for way in (alignment.shift_m, alignment.turn_deg))
-    shift_sd, turn_sd = (float(sd.max()) for sd in (alignment.shift_sd_m, alignment.turn_sd_deg))
-    if shift - HALF_95 * shift_sd <= most_m and turn - HALF_95 * turn_sd <= most_deg:
-        return ()
-    n = len(known.given)
-    who = f"all {n} scans were moved alike" if n > 1 else f"{known.given[0].name} was moved"
-    return (
-        f"{who} by {alignment.shift_text} and turned by {turn:.2g} deg to fit the design, beyond the "
-        f"{1000 * most_m:.3g} mm and {most_deg:.2g} deg that their poses may be off: the survey's origin is "
-        "wrong, or the building stands elsewhere than the design; no element's deviation holds this",
-    )
-
-
-def _moved_far(known: Measurements) -> tuple[str, ...]:
-    """Say which scans were moved by more, beside the others, than their poses are stated to be off."""
-    stated = known.gates.registration[0]
-    own = np.array([
-        new.scan.origin - (old.origin - known.middle)
-        for new, old in zip(known.observations, known.given, strict=True)
-    ])  # fmt: skip
-    far = np.linalg.norm(own - np.median(own, axis=0), axis=1)
-    return tuple(
-        f"{scan.name} was moved by {1000 * distance:.0f} mm beside the other scans to fit the design; its "
-        f"pose is stated to be off by {1000 * stated:.3g} mm: mend the registration, or give --registration"
-        for scan, distance in zip(known.given, far, strict=True)
-        if len(known.given) > 1 and distance > max(limits.MOVED_SIGMAS * stated, limits.AGAIN_M * known.scale)
+        warnings=(*known.warnings, *moved_alike(known, alignment), *moved_far(known), *_too_noisy(known)),
     )
 
 
@@ -416,46 +380,3 @@ def _with_doors(
         for by in finding.hidden:
             hides[by.by].add(finding.element.name)
     return told, tuple(replace(one, hides=tuple(sorted(hides[one.name]))) for one in extra)
-
-
-def _alignment(known: Measurements, options: Asked) -> Alignment:
-    """How the scans were moved in all, in the design's frame."""
-    frame = Pose.from_parts(np.eye(3), known.middle)
-    poses = tuple(frame @ seen.scan.world_from_sensor for seen in known.observations)
-    shifts = np.array([
-        new.translation - old.world_from_sensor.translation
-        for new, old in zip(poses, known.given, strict=True)
-    ])  # fmt: skip
-    common = np.median(shifts, axis=0)
-    size = len(known.observations) * 6
-    sd = np.sqrt(np.maximum(np.diag(known.aligned.covariance)[size : size + 6], 0.0))
-    turns = np.array([
-        _rotation_vector(new.rotation @ old.world_from_sensor.rotation.T)
-        for new, old in zip(poses, known.given, strict=True)
-    ])  # fmt: skip
-    aligned = Alignment(
-        poses=poses,
-        shift_m=common,
-        turn_deg=np.degrees(np.median(turns, axis=0)),
-        shift_sd_m=sd[3:],
-        turn_sd_deg=np.degrees(sd[:3]),
-        station_shift_m=shifts - common,
-        tau_m=known.aligned.tau_m,
-        is_free=options.align,
-    )
-    return replace(aligned, sentences=(_alignment_sentence(aligned),))
-
-
-def _rotation_vector(matrix: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
-
-
-def _alignment_sentence(aligned: Alignment) -> str:
-    if not aligned.is_free:
-        return "the scans stay where their control network has them"
-    return (
-        f"all scans together were moved by {aligned.shift_text} to fit the design; what all of the building "
-        "has alike, as floors that are all as much too high, is in these numbers and in no element's"
-    )
