@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Motions: how the scans were moved to fit the design, all together and one by one, and what to say of that."""
+"""Motions: how the scans were moved to fit the design, together and one by one, and what to say of that."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def moved_alike(known: Measurements, alignment: Alignment) -> tuple[str, ...]:
 
 
 def moved_far(known: Measurements) -> tuple[str, ...]:
-    """Return sentences on which scans were moved by more, beside the others, than their poses are stated to be off."""
+    """Return a sentence on each scan that was moved, beside the others, by more than its pose may be off."""
     stated = known.gates.registration[0]
     own = np.array([
         new.scan.origin - (old.origin - known.middle)
