@@ -25,9 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.asbuilt import limits
-from completion.asbuilt.agreement import N_SHARED, FaceBeams
+from completion.asbuilt.agreement import N_SHARED, FaceBeams, median
 from completion.asbuilt.faces import N_COLUMNS
 from scenes.checks import FloatArray, freeze_arrays
+from scenes.run.mapping import trim
 
 _MEDIAN_SQUARE = 0.455  # of a standard normal number
 _FEWEST_LEFT = 30  # pairs more than unknowns, that tell by how much they differ
@@ -123,7 +124,9 @@ def align(
     scale : float
         Of lengths, 1 for a building.
     """
+    trim()
     system = _assemble(beams, is_on, origins, speaks, bias=bias, scale=scale)
+    trim()
     size = system.poses.shape[0]
     prior = _pose_precision(len(origins), errors)
     prior_right = np.zeros(size)
@@ -133,11 +136,11 @@ def align(
     if excess > 1.0:
         system = system.widened(excess)
         solved, tau, precision = _estimate(system, prior, prior_right, scale)
-    blocks = _own_blocks(system, solved)
-    own = np.linalg.inv(blocks) - np.eye(N_COLUMNS) * precision[:, None, None]
+    information = np.linalg.inv(solved.blocks)
+    own = information - np.eye(N_COLUMNS) * precision[:, None, None]
     own = _positive(own)
     own_covariance: FloatArray = np.linalg.inv(own).astype(np.float64)
-    own_x = np.einsum("qij,qjk,qk->qi", own_covariance, np.linalg.inv(blocks), solved.x)
+    own_x = np.einsum("qij,qjk,qk->qi", own_covariance, information, solved.x)
     motion = solved.poses[: size - N_SHARED].reshape(-1, 6)
     return Aligned(
         faces=system.faces,
@@ -164,7 +167,7 @@ def _estimate(
     for _ in range(limits.ROUNDS):
         precision = np.where(near, weight / tau**2, anywhere)
         solved = _solve(system, prior, prior_right, precision)
-        spread = np.einsum("qii->qi", _own_blocks(system, solved))
+        spread = np.einsum("qii->qi", solved.blocks)
         square = np.where(system.used, np.square(solved.x) + spread, 0.0).sum(axis=1)
         before = tau, weight
         weight = (limits.FREEDOM + used) / (limits.FREEDOM + square / tau**2)
@@ -242,20 +245,22 @@ def _assemble(
     pair = beams.face[index].astype(np.int64) * n_scans + beams.scan[index]
     starts = np.flatnonzero(np.diff(pair, prepend=-1))
     common, pairs = slice(6 * n_scans, size), list[tuple[Any, ...]]()
+    about_own = np.cross(beams.points - origins[beams.scan], beams.normal)
+    about_middle = np.cross(beams.points, beams.normal)
     for rows in np.split(index, starts[1:]) if len(index) else ():
         n = len(rows)
         rows = rows[:: max(1, -(-n // limits.PAIR_BEAMS))]
         place, scan = int(np.searchsorted(faces, beams.face[rows[0]])), int(beams.scan[rows[0]])
         y, g = beams.distance[rows], beams.columns[rows]
         sigma = beams.sigma[rows]
-        spread = 1.4826 * float(np.median(np.abs(y - np.median(y)))) if n > 10 else 0.0
-        flat = np.median(sigma)
+        spread = 1.4826 * median(np.abs(y - median(y))) if n > 10 else 0.0
+        flat = median(sigma)
         weight = n / len(rows) / np.square(np.maximum(sigma, min(spread, 3 * flat)))
-        form = np.hypot(limits.FORM_M * scale, bias[scan] * np.median(beams.sigma[rows]))
+        form = np.hypot(limits.FORM_M * scale, bias[scan] * flat)
         weight = weight / (1.0 + weight.sum() * form**2)
-        normal, points = beams.normal[rows], beams.points[rows]
-        about_scan = np.column_stack([np.cross(points - origins[scan], normal), normal])
-        rest = np.column_stack([np.cross(points, normal), normal, beams.shared[rows]])
+        normal = beams.normal[rows]
+        about_scan = np.concatenate([about_own[rows], normal], axis=1)
+        rest = np.concatenate([about_middle[rows], normal, beams.shared[rows]], axis=1)
         weighted = g * weight[:, None]
         own = slice(6 * scan, 6 * scan + 6)
         blocks[place] += weighted.T @ g
@@ -314,6 +319,7 @@ class _Solved:
     poses: FloatArray
     covariance: FloatArray
     inverse: FloatArray
+    blocks: FloatArray  # (q, 5, 5) posterior covariance of each face
 
 
 def _solve(system: _System, prior: FloatArray, prior_right: FloatArray, precision: FloatArray) -> _Solved:
@@ -327,15 +333,10 @@ def _solve(system: _System, prior: FloatArray, prior_right: FloatArray, precisio
     right = system.right_poses + prior_right - rest.T @ system.right_faces[near].ravel()
     covariance: FloatArray = np.linalg.inv((left + left.T) / 2).astype(np.float64)
     poses = covariance @ right
+    del held, rest  # as large as the coupling
     x = np.einsum("qij,qj->qi", inverse, system.right_faces) - reduced @ poses
-    return _Solved(x, poses, covariance, inverse)
-
-
-def _own_blocks(system: _System, solved: _Solved) -> FloatArray:
-    """Posterior covariance (q, 5, 5) of each face."""
-    reduced = np.einsum("qij,qjk->qik", solved.inverse, system.coupling)
-    shared = np.einsum("qik,kl,qjl->qij", reduced, solved.covariance, reduced, optimize=True)
-    return np.asarray(solved.inverse + shared)
+    shared = np.einsum("qik,kl,qjl->qij", reduced, covariance, reduced, optimize=True)
+    return _Solved(x, poses, covariance, inverse, np.asarray(inverse + shared))
 
 
 def _positive(information: FloatArray) -> FloatArray:

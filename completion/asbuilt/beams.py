@@ -21,6 +21,7 @@ from completion.observe.rays import Rays, dot, minus, pick_rays, plus, ray_at
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
+from scenes.run.mapping import trim
 from scenes.run.memory import in_blocks
 from texture.engine.compiled import compiled, inlined
 
@@ -132,6 +133,7 @@ def trace(
     n_threads: int | None = None,
 ) -> Evidence:
     """Cast the beams of flat pixels (n,) of a scan through the design, and weigh what they say."""
+    trim()
     n, n_faces = len(pixels), len(surfaces.centre)
     face, label, passed = (np.full(n, -1, np.int32) for _ in range(3))
     area = np.zeros(n, np.float32)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -12,16 +12,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from completion.asbuilt import limits
-from completion.asbuilt.alignment import Aligned
-from completion.asbuilt.beams import NO_RETURN, NOT_USED, Evidence, Gates, Surfaces
-from completion.asbuilt.deviation import HALF_95, Judged
+from completion.asbuilt.beams import NO_RETURN, NOT_USED
+from completion.asbuilt.deviation import Judged
 from completion.asbuilt.doors import leaf_of
 from completion.asbuilt.extra import ExtraCells, find_cells, things_of
-from completion.asbuilt.faces import DesignFaces
 from completion.asbuilt.findings import (
     POINT_STATES,
     SAMPLE_REASONS,
-    Alignment,
     BeamEvidence,
     DesignCheck,
     DeviationPoints,
@@ -30,19 +27,18 @@ from completion.asbuilt.findings import (
     Samples,
     Shares,
 )
-from completion.asbuilt.samples import SampleStates, SurfaceSamples, judge_samples, samples_of
-from completion.asbuilt.verdicts import ElementEvidence, decide, quantile
+from completion.asbuilt.measurements import Measurements
+from completion.asbuilt.motions import alignment_of, moved_alike, moved_far
+from completion.asbuilt.samples import SampleStates, judge_samples, samples_of
+from completion.asbuilt.verdicts import ElementEvidence, decide, quantile, with_bands
 from completion.observe.observation import Observation
 from scenes.checks import FloatArray
 from scenes.mesh.design import ElementMesh
-from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
-from scenes.scan.range_image import RangeImage
 
 _MOST_POINTS = 1_000_000  # of the thinned cloud
 _MOST_PASSED = 200  # beams through a body that are looked at again
 _RING_STEP = 0.05  # metres
-_COMMON_SD = 3.0  # beyond which a common motion is worth a sentence
 
 
 class Asked(Protocol):
@@ -69,31 +65,11 @@ class Asked(Protocol):
         """Upper ends."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Measurements:
-    """All that was measured, in the frame whose origin is the design's `middle`; `given` are the scans."""
-
-    design: ElementMesh
-    faces: DesignFaces
-    surfaces: Surfaces
-    samples: SurfaceSamples
-    exposed: FloatArray
-    gates: Gates
-    scale: float
-    middle: FloatArray
-    observations: tuple[Observation, ...]
-    given: tuple[RangeImage, ...]
-    evidence: tuple[Evidence, ...]
-    aligned: Aligned
-    judged: tuple[Judged, ...]
-    far: tuple[Judged, ...]
-    chosen: tuple[int, ...]
-    warnings: tuple[str, ...]
-
-    @property
-    def pixels(self) -> list[NDArray[np.int32]]:
-        """Flat pixels (n,) of each scan."""
-        return [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in self.observations]
+def all_pixels(observations: Sequence[Observation]) -> list[NDArray[np.int32]]:
+    """Flat pixels (n,) of each scan, in memory once."""
+    sizes = [seen.scan.ranges.size for seen in observations]
+    longest = np.arange(max(sizes), dtype=np.int32)
+    return [longest[:size] for size in sizes]
 
 
 def conclude(known: Measurements, options: Asked) -> DesignCheck:
@@ -110,20 +86,23 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
     tested = [one for one in known.judged if one.finding.is_tested]
     z = quantile(len(tested), options.false_alarms)
     rivals = _rivals(known, cloud)
-    passed = _passed_bodies(known)
+    beams, judged, far = _beam_evidence(known), _by_element(known.judged), _by_element(known.far)
     findings = [
         decide(
             _evidence_of(
-                known, k, states, rivals=rivals, passed=passed,
-                tolerance_m=_tolerance(known.design, k, options),
+                known, k, states, faces=judged.get(of, ()), far=far.get(of, ()), beams=beams[of],
+                rivals=rivals, tolerance_m=_tolerance(known.design, k, options),
             ),
             known.aligned, known.faces, z=z, scale=known.scale,
         )
         for k in known.chosen
+        for of in [known.twins.get(k, k)]
     ]  # fmt: skip
     extra = things_of(cells, [seen.scan.name for seen in known.observations], known.design)
-    findings = [_with_bands(one, options.loa_bands_m) for one in findings]
-    findings, extra = _with_doors(findings, extra, known.faces, known.scale)
+    findings = [with_bands(one, options.loa_bands_m) for one in findings]
+    findings, extra = _with_doors(findings, extra, known)
+    findings = [_with_twin(one, known) for one in findings]
+    alignment = alignment_of(known, is_free=options.align)
     return DesignCheck(
         design=_moved_design(known),
         scans=tuple(scan.name for scan in known.given),
@@ -131,30 +110,14 @@ def conclude(known: Measurements, options: Asked) -> DesignCheck:
         extra=tuple(
             replace(one, box_m=one.box_m + known.middle, points=one.points + known.middle) for one in extra
         ),
-        alignment=_alignment(known, options),
+        alignment=alignment,
         faces_tested=len(tested),
         z=z,
         false_alarms_expected=options.false_alarms,
         loa_bands_m=dict(options.loa_bands_m),
         samples=_moved_samples(samples_of(known.samples, states), known.middle),
         cloud=replace(cloud, points=cloud.points + known.middle),
-        warnings=(*known.warnings, *_moved_far(known), *_too_noisy(known)),
-    )
-
-
-def _moved_far(known: Measurements) -> tuple[str, ...]:
-    """Say which scans were moved by more, beside the others, than their poses are stated to be off."""
-    stated = known.gates.registration[0]
-    own = np.array([
-        new.scan.origin - (old.origin - known.middle)
-        for new, old in zip(known.observations, known.given, strict=True)
-    ])  # fmt: skip
-    far = np.linalg.norm(own - np.median(own, axis=0), axis=1)
-    return tuple(
-        f"{scan.name} was moved by {1000 * distance:.0f} mm beside the other scans to fit the design; its "
-        f"pose is stated to be off by {1000 * stated:.3g} mm: mend the registration, or give --registration"
-        for scan, distance in zip(known.given, far, strict=True)
-        if len(known.given) > 1 and distance > max(limits.MOVED_SIGMAS * stated, limits.AGAIN_M * known.scale)
+        warnings=(*known.warnings, *moved_alike(known, alignment), *moved_far(known), *_too_noisy(known)),
     )
 
 
@@ -171,7 +134,7 @@ def _too_noisy(known: Measurements) -> tuple[str, ...]:
 
 
 def _moved_design(known: Measurements) -> ElementMesh:
-    mesh = known.design.mesh
+    mesh = known.whole
     return replace(known.design, mesh=mesh.at(mesh.vertices + known.middle))
 
 
@@ -199,8 +162,9 @@ def _cells(known: Measurements) -> ExtraCells:
         default=0.0,
     )
     gate = limits.GATE_SIGMAS * float(np.hypot(sigma, known.gates.registration[0])) + known.gates.gate_m
+    pixels = all_pixels(known.observations)
     return find_cells(
-        known.observations, known.pixels, known.evidence, known.design, scale=known.scale, gate_m=gate
+        known.observations, pixels, known.evidence, known.design, scale=known.scale, gate_m=gate
     )
 
 
@@ -303,16 +267,37 @@ def _through_beams(known: Measurements, element: int) -> tuple[FloatArray, Float
     return np.concatenate(starts), np.concatenate(ways)
 
 
+def _beam_evidence(known: Measurements) -> list[BeamEvidence]:
+    """What all beams together say of each element."""
+    names = "on", "through", "hidden", "n_beams"
+    on, through, hidden, count = (
+        np.sum([getattr(found, name) for found in known.evidence], axis=0) for name in names
+    )
+    columns = on, through * _passed_bodies(known), hidden, count
+    return [BeamEvidence(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+
+def _by_element(judged: Sequence[Judged]) -> dict[int, list[Judged]]:
+    """Faces by the surface id of their element."""
+    found: dict[int, list[Judged]] = {}
+    for one in judged:
+        found.setdefault(one.finding.element, []).append(one)
+    return found
+
+
 def _evidence_of(
     known: Measurements,
-    surface: int,
+    number: int,
     states: SampleStates,
     *,
+    faces: Sequence[Judged],
+    far: Sequence[Judged],
+    beams: BeamEvidence,
     rivals: Mapping[int, bool],
-    passed: FloatArray,
     tolerance_m: float,
 ) -> ElementEvidence:
     """Gather what is known of one element."""
+    element, surface = known.design.elements[number], known.twins.get(number, number)
     mine = known.samples.of_element(surface)
     area = known.samples.area_m2[mine]
     total = float(area.sum())
@@ -321,119 +306,77 @@ def _evidence_of(
         SAMPLE_REASONS[k]: float(area[reason == k].sum()) / total for k in np.unique(reason) if k and total
     }
     measured = float(area[reason == 0].sum()) / total if total else 0.0
-    on, through, hidden = (
-        float(sum(getattr(found, name)[surface] for found in known.evidence))
-        for name in ("on", "through", "hidden")
-    )
-    count = int(sum(found.n_beams[surface] for found in known.evidence))
-    faces = tuple(one for one in known.judged if one.finding.element == surface)
+    back_m, is_open = _back(known, surface)
     return ElementEvidence(
-        surface=surface,
-        element=known.design.elements[surface],
+        surface=number,
+        element=element,
         tolerance_m=tolerance_m,
-        faces=faces,
-        far=tuple(one for one in known.far if one.finding.element == surface and id(one) not in rivals),
-        beams=BeamEvidence(on, through * float(passed[surface]), hidden, count),
+        faces=tuple(faces),
+        far=tuple(one for one in far if id(one) not in rivals),
+        beams=beams,
         share=Shares(measured, 0.0, 1.0 - measured),
         exposed_m2=total,
         hidden=states.hiders.get(surface, ()),
         not_seen=shares,
         rivals={k: rivals[id(one)] for k, one in enumerate(faces) if id(one) in rivals},
-        back_m=_back(known, surface),
+        back_m=back_m,
+        is_open=is_open,
+        noise_m=_noise(states, mine, known.gates.most_sigma_m),
     )
 
 
-def _back(known: Measurements, surface: int) -> float:
-    """How far behind the largest face of an element its back lies at least; endless for sheets, without one.
+def _noise(states: SampleStates, mine: NDArray[np.int64], most_m: float) -> tuple[float, float, float] | None:
+    """Median standard deviation and range of beams too noisy to tell of an element, and the limit."""
+    held = states.noise_m[mine][states.reason[mine] == SAMPLE_REASONS.index("too noisy")]
+    if not len(held):
+        return None
+    sigma, away = np.median(held, axis=0).tolist()
+    return sigma, away, most_m
 
-    What lies there may be off by as much as faces of this building are.
+
+def _back(known: Measurements, surface: int) -> tuple[float, bool]:
+    """How far behind an element's largest face its back lies at least; whether it is an open body.
+
+    What lies there may be off by as much as faces of this building are. It is endless without a back.
     """
     mine = np.flatnonzero((known.faces.element == surface) & (known.faces.sign == 0))
-    if not len(mine) or known.surfaces.is_sheet[known.surfaces.element == surface].any():
-        return np.inf
+    if not len(mine):
+        return np.inf, False
     normal = known.faces.normal[mine[np.argmax(known.faces.area[mine])]]
-    corners = known.design.mesh.corners[known.surfaces.element == surface].reshape(-1, 3)
-    thick, tau_m = float(np.ptp(corners @ normal)), known.aligned.tau_m
-    before = min((1 - limits.BODY_SHARE) * thick, limits.BACK_TAUS * tau_m)
-    return max(thick - before, limits.RIVAL_M * known.scale)
+    mesh = known.design.mesh
+    corners = mesh.vertices[mesh.faces[known.surfaces.element == surface]].reshape(-1, 3)
+    deep = float(np.ptp(corners @ normal))
+    if known.surfaces.is_sheet[known.surfaces.element == surface].any():
+        return np.inf, deep > limits.COPLANAR_M * known.scale
+    before = min((1 - limits.BODY_SHARE) * deep, limits.BACK_TAUS * known.aligned.tau_m)
+    return max(deep - before, limits.RIVAL_M * known.scale), False
 
 
-def _with_bands(finding: ElementFinding, bands: Mapping[str, float]) -> ElementFinding:
-    """Name the bands of an element's represented and measured accuracy, by its worst tested face."""
-    tested = [one.deviation for one in finding.faces if one.is_tested and one.deviation is not None]
-    if not tested:
+def _with_twin(finding: ElementFinding, known: Measurements) -> ElementFinding:
+    """Say of an element with the surface of another that it has."""
+    if finding.surface not in known.twins:
         return finding
-    half = max((one.high - one.low) / 2 for one in tested)
-    reach = max(max(abs(one.low), abs(one.high)) for one in tested)
-    return replace(finding, loa_measured=_band(half, bands), loa_represented=_band(reach, bands))
-
-
-def _band(value: float, bands: Mapping[str, float]) -> str:
-    """The narrowest band that holds a value; "beyond" and the widest's name where none does."""
-    held = sorted(bands.items(), key=lambda item: item[1])
-    return next((name for name, top in held if value <= top), "beyond " + held[-1][0] if held else "")
+    other = known.design.elements[known.twins[finding.surface]]
+    name = other.name if other.name != finding.element.name else f"{other.name} {other.global_id}".strip()
+    return replace(finding, same_as=name, sentence=f"lies on {name}: {finding.sentence}")
 
 
 def _with_doors(
-    findings: Sequence[ElementFinding], extra: Sequence[Extra], faces: DesignFaces, scale: float
+    findings: Sequence[ElementFinding], extra: Sequence[Extra], known: Measurements
 ) -> tuple[list[ElementFinding], tuple[Extra, ...]]:
     """Say of doors whose leaf stands open that they do, and of each extra which elements it hides."""
     told = []
     for finding in findings:
         if finding.verdict == "missing" and "door" in finding.element.ifc_class.lower():
-            leaf = leaf_of(faces, finding.surface, extra, scale)
+            own = known.twins.get(finding.surface, finding.surface)
+            leaf = leaf_of(known.faces, own, extra, known.scale)
             if leaf is not None:
                 name, angle = leaf
                 text = f"its leaf stands open by {np.degrees(angle):.0f} deg: it is {name}"
                 finding = replace(finding, verdict="undecided", related_extra=name, sentence=text)
         told.append(finding)
-    hides = {
-        one.name: tuple(sorted({f.element.name for f in told if any(by.by == one.name for by in f.hidden)}))
-        for one in extra
-    }
-    return told, tuple(replace(one, hides=hides[one.name]) for one in extra)
-
-
-def _alignment(known: Measurements, options: Asked) -> Alignment:
-    """How the scans were moved in all, in the design's frame."""
-    frame = Pose.from_parts(np.eye(3), known.middle)
-    poses = tuple(frame @ seen.scan.world_from_sensor for seen in known.observations)
-    shifts = np.array([
-        new.translation - old.world_from_sensor.translation
-        for new, old in zip(poses, known.given, strict=True)
-    ])  # fmt: skip
-    common = np.median(shifts, axis=0)
-    size = len(known.observations) * 6
-    sd = np.sqrt(np.maximum(np.diag(known.aligned.covariance)[size : size + 6], 0.0))
-    turns = np.array([
-        _rotation_vector(new.rotation @ old.world_from_sensor.rotation.T)
-        for new, old in zip(poses, known.given, strict=True)
-    ])  # fmt: skip
-    return Alignment(
-        poses=poses,
-        shift_m=common,
-        turn_deg=np.degrees(np.median(turns, axis=0)),
-        shift_sd_m=sd[3:],
-        turn_sd_deg=np.degrees(sd[:3]),
-        station_shift_m=shifts - common,
-        tau_m=known.aligned.tau_m,
-        is_free=options.align,
-        sentences=_alignment_sentences(common, sd[3:], options.align),
-    )
-
-
-def _rotation_vector(matrix: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
-
-
-def _alignment_sentences(shift: FloatArray, sd: FloatArray, is_free: bool) -> tuple[str, ...]:
-    if not is_free:
-        return ("the scans stay where their control network has them",)
-    numbers = ", ".join(f"{1000 * a:.1f} ± {1000 * HALF_95 * b:.1f}" for a, b in zip(shift, sd, strict=True))
-    text = (
-        f"all scans together were moved by ({numbers}) mm to fit the design; what all of the building has "
-        "alike, as floors that are all as much too high, is in these numbers and in no element's"
-    )
-    return (text,)
+    hides: dict[str, set[str]] = {one.name: set() for one in extra}
+    for finding in told:
+        for by in finding.hidden:
+            hides[by.by].add(finding.element.name)
+    return told, tuple(replace(one, hides=tuple(sorted(hides[one.name]))) for one in extra)

@@ -12,10 +12,9 @@ from completion.asbuilt import limits
 from completion.asbuilt.agreement import FaceBeams, FaceSurface
 from completion.asbuilt.alignment import Aligned
 from completion.asbuilt.faces import N_COLUMNS, DesignFaces
-from completion.asbuilt.findings import FaceFinding, Interval
+from completion.asbuilt.findings import HALF_95, FaceFinding, Interval
 from scenes.checks import FloatArray
 
-HALF_95 = 1.959964
 _HISTOGRAM_M = 0.05
 _OCTANTS = 8  # around a cylinder, where it is judged if it was measured there
 
@@ -128,7 +127,8 @@ def _judge(
     f, beams = surface.face % len(faces), agreed.beams
     x, covariance = agreed.aligned.own_x[row], agreed.aligned.own_covariance[row]
     is_round = faces.sign[f] != 0
-    place, middle = faces.centre[f], surface.corners.mean(axis=1)
+    ends = np.quantile(beams.uv[on], [limits.CORNERS, 1 - limits.CORNERS], axis=0).T  # of what was measured
+    place, middle = faces.centre[f], ends.mean(axis=1)
     if is_round:
         place = place + middle[0] * faces.half[f, 0] * faces.normal[f]
         places, along = _around(beams.uv[on], beams.columns[on]), _unit(beams.normal[on].mean(axis=0))

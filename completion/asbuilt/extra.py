@@ -112,7 +112,7 @@ def things_of(cells: ExtraCells, names: Sequence[str], elements: ElementMesh) ->
     if not len(order):
         return ()
     starts = np.flatnonzero(np.diff(cells.thing[order]))
-    tree = TriangleTree.of(elements.mesh.corners)
+    tree, middle = TriangleTree.of(elements.mesh.corners), elements.mesh.corners.mean(axis=1)
     things = []
     for number, mine in enumerate(np.split(order, starts + 1)):
         points = cells.points[mine]
@@ -120,7 +120,8 @@ def things_of(cells: ExtraCells, names: Sequence[str], elements: ElementMesh) ->
         touches = ""
         if len(near):
             at = int(np.argmin(near))
-            touches = elements.elements[_element_near(elements, points[at])].name if index[at] >= 0 else ""
+            own = elements.mesh.face_surface[np.argmin(np.linalg.norm(middle - points[at], axis=1))]
+            touches = elements.elements[int(own)].name if index[at] >= 0 else ""
         scans = tuple(np.array(names)[cells.scans[mine].any(axis=0)].tolist())
         things.append(
             Extra(
@@ -133,9 +134,3 @@ def things_of(cells: ExtraCells, names: Sequence[str], elements: ElementMesh) ->
             )
         )
     return tuple(things)
-
-
-def _element_near(design: ElementMesh, point: FloatArray) -> int:
-    """The element whose triangle's middle is nearest to a point (3,)."""
-    middle = design.mesh.corners.mean(axis=1)
-    return int(design.mesh.face_surface[np.argmin(np.linalg.norm(middle - point, axis=1))])

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from completion.asbuilt.limits import (
     COPLANAR_DEG,
@@ -21,15 +24,20 @@ from completion.asbuilt.limits import (
     ROUND,
     SEE_THROUGH,
 )
+from completion.observe.rays import Triple, dot, minus
 from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.mesh.design import Element, ElementMesh
 from scenes.mesh.labelled_mesh import LabelledMesh
+from texture.engine.compiled import compiled, inlined
 
 N_COLUMNS = 5
 """Parameters of a face: offset, two tilts and two bends of a plane; shifts, tilts, radius of a cylinder."""
 
 _SAME_M = 1e-5  # of corners, times the scale
+_TWIN_M = 1e-4  # times the scale, between two elements that are one
 _MOST_PATCHES = 2_000  # of an element, that are compared with each other
+_LEAST_SHARE = 1e-4  # of the largest patch of an element, of what a plane is looked for from
+_COSINE = float(np.cos(np.radians(COPLANAR_DEG)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,33 +144,95 @@ def scale_of(mesh: LabelledMesh) -> float:
     return min(1.0, float(np.sqrt(size @ size)) / FULL_SIZE_M)
 
 
+def twins_of(mesh: LabelledMesh, scale: float) -> dict[int, int]:
+    """Return the elements whose surface is that of an earlier one, and which: box, area and middle agree."""
+    element, areas, n = mesh.face_surface, mesh.face_areas(), int(mesh.face_surface.max()) + 1
+    low, high, total = np.full((n, 3), np.inf), np.full((n, 3), -np.inf), np.bincount(element, areas, n)
+    np.minimum.at(low, element, mesh.corners.min(axis=1))
+    np.maximum.at(high, element, mesh.corners.max(axis=1))
+    weighted = mesh.corners.mean(axis=1) * areas[:, None]
+    middle = np.column_stack([np.bincount(element, weighted[:, k], n) for k in range(3)])
+    there = np.flatnonzero(total > 0)
+    found = np.column_stack([low, high, middle / np.maximum(total, 1e-30)[:, None], np.sqrt(total)])[there]
+    twins = dict[int, int]()
+    for a, b in sorted(cKDTree(found).query_pairs(_TWIN_M * scale)):
+        twins.setdefault(int(there[b]), twins.get(int(there[a]), int(there[a])))
+    return twins
+
+
 def find_faces(mesh: LabelledMesh, scale: float) -> DesignFaces:
     """Find the planes and cylinders of all elements of a mesh; material that light passes has none."""
-    corners, normals, areas = mesh.corners, mesh.face_normals(), mesh.face_areas()
-    usable = areas > (1e-6 * scale) ** 2
+    given = _Triangles(mesh.corners, mesh.face_normals(), mesh.face_areas(), mesh.face_surface, scale)
+    usable = given.area > (1e-6 * scale) ** 2
     look = mesh.appearance
     if look is not None and look.opacity is not None:
         usable &= look.opacity >= SEE_THROUGH
     pairs = _neighbours(mesh, usable, scale)
-    angle = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", *normals[pairs.T]), -1, 1)))
-    patch = _components(pairs[angle < COPLANAR_DEG], len(areas))
-    patch[~usable] = -1
-    found = _Collected(corners, normals, areas, mesh.face_surface, scale)
+    angle = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", *given.normal[pairs.T]), -1, 1)))
+    patch = _components(pairs[angle < COPLANAR_DEG], len(usable))
     bends = pairs[(angle >= COPLANAR_DEG) & (angle < FACET_DEG)]
-    found.add_cylinders(patch, bends)
-    found.add_planes(patch)
-    return found.faces()
+    whole = _components(patch[bends], len(usable))[patch]
+    patch[~usable] = -1
+    of_triangle = np.full(len(usable), -1, np.int32)
+    rounds = _cylinders(given, patch, whole, of_triangle)
+    patch[of_triangle >= 0] = -1
+    flats = _planes(given, patch, of_triangle, len(rounds.sign))
+    both: Iterator[Any] = zip(rounds, flats, strict=True)
+    forms = _Forms(*map(np.concatenate, both))
+    held = of_triangle >= 0
+    element = np.zeros(len(forms.sign), np.int32)
+    element[of_triangle[held]] = given.element[held]
+    area = np.bincount(of_triangle[held], given.area[held], len(element)).astype(np.float64)
+    return DesignFaces(of_triangle, element, *forms, area)
+
+
+class _Triangles(NamedTuple):
+    """Triangles (m,) of a design of a scale: corners (m, 3, 3), unit normals, areas and elements."""
+
+    corners: FloatArray
+    normal: FloatArray
+    area: FloatArray
+    element: NDArray[np.int32]
+    scale: float
+
+
+class _Forms(NamedTuple):
+    """Planes or cylinders (k,), as `DesignFaces` has them."""
+
+    sign: NDArray[np.int8]
+    centre: FloatArray
+    normal: FloatArray
+    u: FloatArray
+    v: FloatArray
+    half: FloatArray
+    radius: FloatArray
+
+
+_Row = tuple[int, FloatArray, FloatArray, FloatArray, FloatArray, tuple[float, float], float]
+"""What `_Forms` has of one."""
+
+
+class _Patches(NamedTuple):
+    """Flat patches (p,) by element, the largest first: normals, areas, triangles from `start` to `end`."""
+
+    normal: FloatArray
+    area: FloatArray
+    start: NDArray[np.int64]
+    end: NDArray[np.int64]
+    triangles: NDArray[np.int64]  # of all
 
 
 def _neighbours(mesh: LabelledMesh, usable: BoolArray, scale: float) -> NDArray[np.int64]:
     """Pairs (k, 2) of triangles of one element that share an edge."""
     place = np.rint((mesh.vertices - mesh.vertices.min(axis=0)) / (_SAME_M * scale)).astype(np.int64)
-    number = np.unique(place, axis=0, return_inverse=True)[1].reshape(-1)[mesh.faces]
+    order, number = np.lexsort(place.T), np.zeros(len(place), np.int64)
+    number[order[1:]] = np.cumsum((place[order[1:]] != place[order[:-1]]).any(axis=1))
     chosen = np.flatnonzero(usable)
-    ends = np.concatenate([number[chosen][:, [k, (k + 1) % 3]] for k in range(3)])
-    key = np.column_stack([np.tile(mesh.face_surface[chosen], 3), np.sort(ends, axis=1)])
-    order = np.lexsort(key.T)
-    same = (key[order[1:]] == key[order[:-1]]).all(axis=1)
+    corner = number[mesh.faces[chosen]]
+    ends = np.concatenate([np.sort(corner[:, [k, (k + 1) % 3]], axis=1) for k in range(3)])
+    edge, element = ends[:, 0] * len(place) + ends[:, 1], np.tile(mesh.face_surface[chosen], 3)
+    order = np.lexsort((edge, element))
+    same = (np.diff(edge[order]) == 0) & (np.diff(element[order]) == 0)
     triangle = np.tile(chosen, 3)[order]
     return np.column_stack([triangle[:-1][same], triangle[1:][same]])
 
@@ -173,159 +243,197 @@ def _components(pairs: NDArray[np.int64], n: int) -> NDArray[np.int64]:
     return label
 
 
-class _Collected:
-    """Faces as they are found."""
-
-    def __init__(
-        self,
-        corners: FloatArray,
-        normals: FloatArray,
-        areas: FloatArray,
-        element: NDArray[np.int32],
-        scale: float,
-    ) -> None:
-        self.corners, self.normals, self.areas = corners, normals, areas
-        self.element, self.scale = element, scale
-        self.of_triangle = np.full(len(areas), -1, np.int32)
-        self.rows: list[
-            tuple[int, int, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float]
-        ] = []
-
-    def add_cylinders(self, patch: NDArray[np.int64], bends: NDArray[np.int64]) -> None:
-        """Take patches that bend into each other where their corners lie on a circle about one axis."""
-        whole = _components(np.concatenate([
-            bends, np.column_stack([np.arange(len(patch)), _first_of(patch)])
-        ]), len(patch))  # fmt: skip
-        for triangles in _groups(whole, patch >= 0):
-            bend = len(np.unique(patch[triangles]))
-            if bend >= FEWEST_FACETS or (bend == 1 and len(triangles) > FEWEST_FACETS):
-                self._try_cylinder(triangles)
-
-    def _try_cylinder(self, triangles: NDArray[np.int64]) -> None:
-        normals, areas = self.normals[triangles], self.areas[triangles]
-        values, vectors = np.linalg.eigh((normals * areas[:, None]).T @ normals)
-        axis = vectors[:, 0]
-        if values[1] <= 1e-3 * values[2] or np.abs(normals @ axis).max() > np.sin(np.radians(COPLANAR_DEG)):
-            return
-        axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
-        corners = self.corners[triangles].reshape(-1, 3)
-        u = _across(axis)
-        v = np.cross(axis, u)
-        middle = corners.mean(axis=0)
-        flat = (corners - middle) @ np.column_stack([u, v])
-        design = np.column_stack([2 * flat, np.ones(len(flat))])
-        x, y, rest = np.linalg.lstsq(design, np.square(flat).sum(axis=1), rcond=None)[0]
-        radius = float(np.sqrt(max(rest + x * x + y * y, 0.0)))
-        misfit = np.abs(np.hypot(flat[:, 0] - x, flat[:, 1] - y) - radius).max()
-        if not radius or misfit > max(ROUND * radius, COPLANAR_M * self.scale / 4):
-            return
-        along = (corners - middle) @ axis
-        low, high = along.min(), along.max()
-        centre = middle + x * u + y * v + (low + high) / 2 * axis
-        outwards = self.corners[triangles].mean(axis=1) - centre
-        sign = 1 if (np.einsum("ij,ij->i", outwards, normals) * areas).sum() > 0 else -1
-        half = (high - low) / 2
-        if areas.sum() >= LEAST_FACE_M2 * self.scale**2 and 2 * half >= LEAST_WIDTH_M * self.scale:
-            self._add(triangles, sign, centre, axis, u, v, np.array([half, half]), radius)
-
-    def add_planes(self, patch: NDArray[np.int64]) -> None:
-        """Join flat patches of one element that lie in one plane."""
-        free = (patch >= 0) & (self.of_triangle < 0)
-        for triangles in _groups(self.element, free):
-            self._planes_of(triangles, patch[triangles])
-
-    def _planes_of(self, triangles: NDArray[np.int64], patch: NDArray[np.int64]) -> None:
-        names, own = np.unique(patch, return_inverse=True)
-        area = np.bincount(own, self.areas[triangles])
-        weighted = self.normals[triangles] * self.areas[triangles, None]
-        normal = np.column_stack([np.bincount(own, weighted[:, k]) for k in range(3)]).astype(np.float64)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-        taken = np.zeros(len(names), np.bool_)
-        order = np.argsort(-area, kind="stable")
-        small = area[order[0]] * 1e-4
-        near = order[:_MOST_PATCHES]
-        corners = self.corners[triangles]
-        for seed in near:
-            if taken[seed] or area[seed] < small:
-                continue
-            ways = near[~taken[near] & (normal[near] @ normal[seed] > np.cos(np.radians(COPLANAR_DEG)))]
-            if area[ways].sum() < LEAST_FACE_M2 * self.scale**2:
-                continue
-            held = np.isin(own, ways)
-            start = corners[own == seed].reshape(-1, 3).mean(axis=0)
-            off = np.zeros(len(names))
-            np.maximum.at(off, own[held], np.abs((corners[held] - start) @ normal[seed]).max(axis=1))
-            joined = ways[off[ways] <= COPLANAR_M * self.scale]
-            if seed not in joined:
-                taken[seed] = True  # not flat
-                continue
-            taken[joined] = True
-            if area[joined].sum() >= LEAST_FACE_M2 * self.scale**2:
-                self._add_plane(triangles[np.isin(own, joined)], normal[seed])
-
-    def _add_plane(self, triangles: NDArray[np.int64], normal: FloatArray) -> None:
-        corners = self.corners[triangles].reshape(-1, 3)
-        u = _across(normal)
-        v = np.cross(normal, u)
-        flat = corners @ np.column_stack([u, v])
-        low, high = flat.min(axis=0), flat.max(axis=0)
-        if (high - low).min() < LEAST_WIDTH_M * self.scale:
-            return
-        offset = (corners @ normal).mean()
-        middle = (low + high) / 2
-        centre = middle[0] * u + middle[1] * v + offset * normal
-        self._add(triangles, 0, centre, normal, u, v, (high - low) / 2, 0.0)
-
-    def _add(
-        self,
-        triangles: NDArray[np.int64],
-        sign: int,
-        centre: FloatArray,
-        normal: FloatArray,
-        u: FloatArray,
-        v: FloatArray,
-        half: FloatArray,
-        radius: float,
-    ) -> None:
-        self.of_triangle[triangles] = len(self.rows)
-        self.rows.append((int(self.element[triangles[0]]), sign, centre, normal, u, v, half, radius))
-
-    def faces(self) -> DesignFaces:
-        n = len(self.rows)
-        held = self.of_triangle >= 0
-        element, sign, centre, normal, u, v, half, radius = zip(*self.rows, strict=True) if n else ((),) * 8
-        return DesignFaces(
-            of_triangle=self.of_triangle,
-            element=np.array(element, np.int32),
-            sign=np.array(sign, np.int8),
-            centre=np.array(centre).reshape(n, 3),
-            normal=np.array(normal).reshape(n, 3),
-            u=np.array(u).reshape(n, 3),
-            v=np.array(v).reshape(n, 3),
-            half=np.array(half).reshape(n, 2),
-            radius=np.array(radius, float),
-            area=np.bincount(self.of_triangle[held], self.areas[held], n).astype(np.float64),
-        )
-
-
-def _first_of(label: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Place (n,) of the first that has the same label; its own where that is negative."""
-    first = np.unique(label, return_index=True, return_inverse=True)
-    return np.where(label >= 0, first[1][first[2].reshape(-1)], np.arange(len(label)))
-
-
-def _groups(label: NDArray[np.integer], chosen: BoolArray) -> list[NDArray[np.int64]]:
-    """Indices of those chosen, by label."""
-    index = np.flatnonzero(chosen)
+def _groups(label: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Order (k,) of those with a label from 0 on, by label; where each label starts in it, and the end."""
+    index = np.flatnonzero(label >= 0)
     order = index[np.argsort(label[index], kind="stable")]
-    if not len(order):
-        return []
-    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    return order, np.flatnonzero(np.diff(label[order], prepend=-1, append=-2))
+
+
+def _cylinders(
+    given: _Triangles, patch: NDArray[np.int64], whole: NDArray[np.int64], of_triangle: NDArray[np.int32]
+) -> _Forms:
+    """Take patches that bend into each other where their corners lie on a circle about one axis.
+
+    `whole` (m,) is what bends together; `of_triangle` gets the numbers of cylinders.
+    """
+    first = np.unique(patch, return_index=True)[1]
+    n_patches = np.bincount(whole[first[patch[first] >= 0]], minlength=len(patch))
+    n_triangles = np.bincount(whole[patch >= 0], minlength=len(patch))
+    likely = (n_patches >= FEWEST_FACETS) | ((n_patches == 1) & (n_triangles > FEWEST_FACETS))
+    order, bounds = _groups(np.where((patch >= 0) & likely[whole], whole, -1))
+    normal, own = given.normal[order], np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
+    squares = np.einsum("ni,nj,n->nij", normal, normal, given.area[order])
+    values, vectors = np.linalg.eigh(np.add.reduceat(squares, bounds[:-1]))
+    slope = np.abs(np.einsum("ni,ni->n", normal, vectors[own, :, 0]))
+    straight = np.maximum.reduceat(slope, bounds[:-1]) <= np.sin(np.radians(COPLANAR_DEG))
+    rows: list[_Row] = []
+    for k in np.flatnonzero(straight & (values[:, 1] > 1e-3 * values[:, 2])).tolist():
+        triangles = order[bounds[k] : bounds[k + 1]]
+        row = _cylinder(given, triangles, vectors[k, :, 0])
+        if row is not None:
+            of_triangle[triangles] = len(rows)
+            rows.append(row)
+    columns: Sequence[Any] = list(zip(*rows, strict=True)) or [()] * len(_Forms._fields)
+    sizes = ((), (3,), (3,), (3,), (3,), (2,), ())
+    forms = (np.array(each, float).reshape(-1, *size) for each, size in zip(columns, sizes, strict=True))
+    sign, *rest = forms
+    return _Forms(sign.astype(np.int8), *rest)
+
+
+def _cylinder(given: _Triangles, triangles: NDArray[np.int64], axis: FloatArray) -> _Row | None:
+    """What `_Forms` has of the cylinder that triangles make up about an axis; None for none."""
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+    corners = given.corners[triangles].reshape(-1, 3)
+    u = _across(axis[None])[0]
+    v = np.cross(axis, u)
+    middle = corners.mean(axis=0)
+    flat = (corners - middle) @ np.column_stack([u, v])
+    design = np.column_stack([2 * flat, np.ones(len(flat))])
+    x, y, rest = np.linalg.lstsq(design, np.square(flat).sum(axis=1), rcond=None)[0]
+    radius = float(np.sqrt(max(rest + x * x + y * y, 0.0)))
+    misfit = np.abs(np.hypot(flat[:, 0] - x, flat[:, 1] - y) - radius).max()
+    if not radius or misfit > max(ROUND * radius, COPLANAR_M * given.scale / 4):
+        return None
+    along = (corners - middle) @ axis
+    low, high = along.min(), along.max()
+    areas, half = given.area[triangles], float(high - low) / 2
+    if areas.sum() < LEAST_FACE_M2 * given.scale**2 or 2 * half < LEAST_WIDTH_M * given.scale:
+        return None
+    centre = middle + x * u + y * v + (low + high) / 2 * axis
+    outwards = given.corners[triangles].mean(axis=1) - centre
+    is_outside = (np.einsum("ij,ij->i", outwards, given.normal[triangles]) * areas).sum() > 0
+    return 1 if is_outside else -1, centre, axis, u, v, (half, half), radius
+
+
+def _planes(
+    given: _Triangles, patch: NDArray[np.int64], of_triangle: NDArray[np.int32], first: int
+) -> _Forms:
+    """Join flat patches of one element that lie in one plane.
+
+    `patch` (m,) is -1 of other triangles; `of_triangle` gets the numbers of planes, from `first` on.
+    """
+    triangles, bounds = _groups(patch)
+    n, own = len(bounds) - 1, np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
+    area = np.bincount(own, given.area[triangles], n).astype(np.float64)
+    weighted = given.normal[triangles] * given.area[triangles, None]
+    normal = np.column_stack([np.bincount(own, weighted[:, k], n) for k in range(3)])
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    element = given.element[triangles[bounds[:-1]]]
+    rank = np.lexsort((-area, element))
+    starts = np.flatnonzero(np.diff(element[rank], prepend=-1, append=-2))
+    place = np.arange(n) - np.repeat(starts[:-1], np.diff(starts))
+    rank = rank[place < _MOST_PATCHES]
+    starts = np.flatnonzero(np.diff(element[rank], prepend=-1, append=-2))
+    patches = _Patches(normal[rank], area[rank], bounds[:-1][rank], bounds[1:][rank], triangles)
+    least = LEAST_FACE_M2 * given.scale**2
+    plane, seed = _joined(patches, starts, given.corners, COPLANAR_M * given.scale, least)
+    held = np.flatnonzero(plane >= 0)
+    held = held[(np.bincount(plane[held], patches.area[held], len(seed)) >= least)[plane[held]]]
+    of_patch, number = np.full(n, -1), np.full(len(patch), -1)
+    of_patch[rank[held]] = plane[held]
+    number[triangles] = of_patch[own]
+    return _outlines(given, number, patches.normal[seed], of_triangle, first)
+
+
+@compiled
+def _joined(
+    patches: _Patches, starts: NDArray[np.int64], corners: FloatArray, off_m: float, least_m2: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Number (p,) of the plane of each patch, -1 for none, and the patch (k,) whose plane each one is.
+
+    The patches of an element are from `starts[k]` to `starts[k + 1]`.
+    """
+    normal, area = patches.normal, patches.area
+    plane, seeds, n = np.full(area.size, -1), np.empty(area.size, np.int64), 0
+    like = np.empty(area.size, np.int64)
+    for element in range(starts.size - 1):
+        low, high = starts[element], starts[element + 1]
+        for seed in range(low, high):
+            if plane[seed] != -1:
+                continue
+            if area[seed] < area[low] * _LEAST_SHARE:
+                break
+            count, total = 0, 0.0
+            for k in range(low, high):
+                cosine = 0.0
+                for j in range(3):
+                    cosine += normal[k, j] * normal[seed, j]
+                if plane[k] == -1 and cosine > _COSINE:
+                    like[count], count, total = k, count + 1, total + area[k]
+            if total < least_m2:
+                continue
+            way = normal[seed, 0], normal[seed, 1], normal[seed, 2]
+            near = _middle(patches, seed, corners), way, off_m
+            if not _is_on(patches, seed, corners, near):
+                plane[seed] = -2  # not flat
+                continue
+            for k in like[:count]:
+                if _is_on(patches, k, corners, near):
+                    plane[k] = n
+            seeds[n], n = seed, n + 1
+    return plane, seeds[:n]
+
+
+@inlined
+def _middle(patches: _Patches, patch: int, corners: FloatArray) -> Triple:
+    """Mean of the corners of a patch."""
+    x, y, z = 0.0, 0.0, 0.0
+    for t in patches.triangles[patches.start[patch] : patches.end[patch]]:
+        for j in range(3):
+            x, y, z = x + corners[t, j, 0], y + corners[t, j, 1], z + corners[t, j, 2]
+    n = 3 * (patches.end[patch] - patches.start[patch])
+    return x / n, y / n, z / n
+
+
+@inlined
+def _is_on(patches: _Patches, patch: int, corners: FloatArray, near: tuple[Triple, Triple, float]) -> bool:
+    """Whether all corners of a patch are near a plane, by a place on it, its normal, and how near, metres."""
+    start, way, off_m = near
+    for t in patches.triangles[patches.start[patch] : patches.end[patch]]:
+        for j in range(3):
+            corner = corners[t, j, 0], corners[t, j, 1], corners[t, j, 2]
+            if not abs(dot(minus(corner, start), way)) <= off_m:
+                return False
+    return True
+
+
+def _outlines(
+    given: _Triangles,
+    number: NDArray[np.int64],
+    normal: FloatArray,
+    of_triangle: NDArray[np.int32],
+    first: int,
+) -> _Forms:
+    """Planes of triangles by number (m,), -1 for none, without narrow ones; their normals are (n, 3)."""
+    triangles, bounds = _groups(number)
+    own, normal = (
+        np.repeat(np.arange(len(bounds) - 1), np.diff(bounds)),
+        normal[number[triangles[bounds[:-1]]]],
+    )
+    u = _across(normal)
+    v = np.cross(normal, u)
+    corners, starts = given.corners[triangles], bounds[:-1]
+    flat = np.stack([np.einsum("tkj,tj->tk", corners, axis[own]) for axis in (u, v)], axis=2)
+    low, high = (
+        each.reduceat(each.reduce(flat, axis=1), starts, axis=0) for each in (np.minimum, np.maximum)
+    )
+    offset = np.add.reduceat(np.einsum("tkj,tj->t", corners, normal[own]), starts) / (3 * np.diff(bounds))
+    middle = (low + high) / 2
+    centre = middle[:, :1] * u + middle[:, 1:] * v + offset[:, None] * normal
+    wide = (high - low).min(axis=1) >= LEAST_WIDTH_M * given.scale
+    kept = wide[own]
+    of_triangle[triangles[kept]] = first + (np.cumsum(wide) - 1)[own[kept]]
+    forms = _Forms(
+        sign=np.zeros(len(u), np.int8), centre=centre, normal=normal, u=u, v=v, half=(high - low) / 2,
+        radius=np.zeros(len(u)),
+    )  # fmt: skip
+    return _Forms(*(each[wide] for each in forms))
 
 
 def _across(axis: FloatArray) -> FloatArray:
-    """A unit vector across an axis, level where there is one."""
+    """Unit vectors (n, 3) across axes, level where there are such."""
     level = np.cross([0.0, 0.0, 1.0], axis)
-    if np.linalg.norm(level) < 1e-3:
-        level = np.cross([0.0, 1.0, 0.0], axis)
-    return np.asarray(level / np.linalg.norm(level), dtype=np.float64)
+    upright = np.linalg.norm(level, axis=1) < 1e-3
+    level[upright] = np.cross([0.0, 1.0, 0.0], axis[upright])
+    return np.asarray(level / np.linalg.norm(level, axis=1, keepdims=True), dtype=np.float64)

@@ -6,7 +6,7 @@ Frames: the design's own, metres. Intervals hold with 95 %.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -28,8 +28,23 @@ Kind = Literal["", "offset", "tilt", "bow", "displaced", "thickness", "radius"]
 
 SampleState = Literal["measured", "inferred", "unknown"]
 SAMPLE_STATES: tuple[SampleState, ...] = ("measured", "inferred", "unknown")
-SAMPLE_REASONS = ("", "hidden", "behind the design", "out of view", "out of range", "too oblique", "not met")
-"""Why a sample was not measured, from the station that came nearest to it; "not met": beams passed it."""
+SAMPLE_REASONS = (
+    "",
+    "hidden",
+    "behind the design",
+    "out of view",
+    "out of range",
+    "too oblique",
+    "not met",
+    "too noisy",
+)
+"""Why a sample was not measured, from the station that came nearest to it; "not met": beams passed it; "too
+noisy": they tell nothing at their range."""
+
+HALF_95 = 1.959964
+"""Standard deviations of half a 95 % interval."""
+_MOST_PLACES = 6  # behind the point
+_ALONG_AXIS = 0.99995  # cosine: 0.6 deg
 
 POINT_STATES = ("on a face", "on an element", "extra", "not compared")
 
@@ -42,6 +57,41 @@ class Interval:
     low: float
     high: float
     along: tuple[float, float, float] | None = None
+
+    def texts(self, unit: float = 1e-3) -> tuple[str, str, str]:
+        """Return value and ends in a unit (metres or radians), to two digits of the half-width.
+
+        Examples
+        --------
+        >>> Interval(-0.0199, -0.0212, -0.0186).texts(), Interval(3e-4, 2.8e-4, 3.2e-4).texts()
+        (('-19.9', '-21.2', '-18.6'), ('0.300', '0.280', '0.320'))
+        """
+        value, low, high = rounded((self.value, self.low, self.high), (self.high - self.low) / 2, unit)
+        return value, low, high
+
+    def sentence(self, unit: float = 1e-3, name: str = "mm") -> str:
+        """Return it as a part of a sentence: value, unit, and both ends."""
+        value, low, high = self.texts(unit)
+        return f"{value} {name} (95 %: {low} to {high} {name})"
+
+    def as_shift(self) -> tuple[Interval, str]:
+        """Return a shift as a length, with the direction that it goes: "+z", or a unit vector."""
+        sign = 1 if self.value >= 0 else -1
+        low, high = sorted((sign * self.low, sign * self.high))
+        x, y, z = way = [sign * part + 0.0 for part in self.along or (0.0, 0.0, 0.0)]
+        axis = int(np.argmax(np.abs(way)))
+        plain = ", ".join(f"{round(part, 2) + 0.0:.2f}" for part in way)
+        named = (
+            f"{'-' if way[axis] < 0 else '+'}{'xyz'[axis]}" if abs(way[axis]) > _ALONG_AXIS else f"({plain})"
+        )
+        return Interval(abs(self.value), low, high, (x, y, z)), named
+
+
+def rounded(values: Sequence[float], half: float, unit: float = 1e-3) -> tuple[str, ...]:
+    """Return values in a unit to two digits of the half-width of their interval, whole numbers at most."""
+    places = 1 - int(np.floor(np.log10(half / unit))) if half > 0 else 1
+    places = min(max(places, 0), _MOST_PLACES)
+    return tuple(f"{round(value / unit, places) + 0.0:.{places}f}" for value in values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +227,8 @@ class ElementFinding:
         By what, largest first.
     not_seen : mapping
         Share of its exposed area by each reason of `SAMPLE_REASONS` that applies.
+    same_as : str
+        The element whose surface it has, too; "" for none. Both have the verdict on that.
     related_extra : str
         The extra that takes part in the verdict: the displaced element itself, the leaf of an open door.
     inference : Inference, optional
@@ -204,6 +256,7 @@ class ElementFinding:
     beams: BeamEvidence = BeamEvidence()
     hidden: tuple[Hider, ...] = ()
     not_seen: Mapping[str, float] = field(default_factory=dict)
+    same_as: str = ""
     related_extra: str = ""
     inference: Inference | None = None
     faces: tuple[FaceFinding, ...] = ()
@@ -263,6 +316,13 @@ class Alignment:
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
+
+    @property
+    def shift_text(self) -> str:
+        """The shift of all scans with its 95 % interval: "(1.0 ± 1.1, 0.0 ± 1.1, -9.8 ± 1.2) mm"."""
+        halves = (HALF_95 * self.shift_sd_m).tolist()
+        parts = [" ± ".join(rounded((a, b), b)) for a, b in zip(self.shift_m.tolist(), halves, strict=True)]
+        return f"({', '.join(parts)}) mm"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

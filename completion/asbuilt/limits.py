@@ -43,6 +43,8 @@ stands before walls stops beams, and lets none pass.
 """
 FITS_UNIT = 0.25
 """How much larger the share of beams on the design must be in another unit. By choice."""
+FITS_UP = 0.5
+"""The share of beams on the design below which other axes of its file are tried as its up. By choice."""
 FITS_SHIFT = 1.5
 """Of FITS_M, across a surface, from which on a beam notices a shift. By choice: what NEAR_M forgives."""
 FITS_NOTICED = 0.3, 0.6

@@ -232,9 +232,12 @@ class _Beams:
         first = best = met = self.cast(np.zeros(3))
         shift, rng = np.zeros(3), np.random.default_rng(0)
         n_met = int(np.isfinite(first.off).sum())
-        total = self._start(gate) if n_met and first.shares(gate)[0] < limits.FITS_NOTICED[1] else shift
-        met = self.cast(total)
-        for _ in range(_ROUNDS):
+        beyond = _share(first.off > gate, np.isfinite(first.off))
+        may_move = beyond > limits.FITS_BEYOND  # a scan of which less ends behind the design is not elsewhere
+        far_off = may_move and first.shares(gate)[0] < limits.FITS_NOTICED[1]
+        total = self._start(gate) if far_off else shift
+        met = self.cast(total) if far_off else met
+        for _ in range(_ROUNDS if may_move else 0):
             total = total + self._step(met, gate, rng)
             met = self.cast(total)
             if np.isfinite(met.off).sum() >= n_met / 2 and met.shares(gate)[0] > best.shares(gate)[0]:
@@ -251,7 +254,7 @@ class _Beams:
             n_met=n_met,
             share=share,
             reached=reached,
-            beyond=_share(first.off > gate, np.isfinite(first.off)),
+            beyond=beyond,
             is_wide=self.is_wide,
             moved=best.shares(gate)[0],
             shift=shift,

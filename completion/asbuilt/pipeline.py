@@ -20,10 +20,11 @@ from completion.asbuilt import limits
 from completion.asbuilt.agreement import FaceBeams, FaceSurface, beams_on_faces, bend, find_surface
 from completion.asbuilt.alignment import PoseErrors, align
 from completion.asbuilt.beams import Evidence, Gates, Surfaces, trace
-from completion.asbuilt.conclusion import Measurements, conclude
+from completion.asbuilt.conclusion import all_pixels, conclude
 from completion.asbuilt.deviation import Agreed, FaceStanding, Judged, is_shown, judge_faces
-from completion.asbuilt.faces import DesignFaces, elements_of, find_faces, scale_of
+from completion.asbuilt.faces import DesignFaces, elements_of, find_faces, scale_of, twins_of
 from completion.asbuilt.findings import LOA_BANDS_M, DesignCheck
+from completion.asbuilt.measurements import Measurements
 from completion.asbuilt.misfits import unlike_others, without_misfits
 from completion.asbuilt.noise import fitted_sigma
 from completion.asbuilt.samples import SurfaceSamples, exposed_share, sample_design
@@ -31,6 +32,7 @@ from completion.observe.observation import Observation, observe
 from completion.observe.rays import rays_of
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.mesh.design import ElementMesh
+from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.winding import turn_outside_out
 from scenes.pose import Pose
 from scenes.rays.raycast import RayCaster
@@ -114,7 +116,7 @@ def check_against_design(
     model = _Model.of(design, options, n_threads)
     observations = model.observe(scans, options, told)
     observations, moved = model.place(observations, options, told)
-    every = [np.arange(seen.scan.ranges.size, dtype=np.int32) for seen in observations]
+    every = all_pixels(observations)
     evidence = model.trace(observations, every, options, told)
     told("deviations", 0, 1)
     agreed = model.agree(observations, every, evidence, moved, with_far=True)
@@ -124,9 +126,12 @@ def check_against_design(
         kept = [scan for scan, is_off in zip(scans, left_out, strict=True) if not is_off]
         again = check_against_design(design, kept, options, n_threads=n_threads, progress=progress)
         return replace(again, warnings=tuple(dict.fromkeys((*doubts, *again.warnings))))
-    judged, far = model.judge(agreed, evidence)
+    (judged, far), aligned = model.judge(agreed, evidence), agreed.aligned
+    del agreed  # beams of faces, which nobody asks any more
     measured = Measurements(
         design=model.design,
+        whole=model.whole,
+        twins=model.twins,
         faces=model.faces,
         surfaces=model.surfaces,
         samples=model.samples,
@@ -137,7 +142,7 @@ def check_against_design(
         observations=tuple(observations),
         given=tuple(scans),
         evidence=tuple(evidence),
-        aligned=agreed.aligned,
+        aligned=aligned,
         judged=judged,
         far=far,
         chosen=tuple(model.chosen),
@@ -160,6 +165,8 @@ class _Model:
     """A design prepared for checks, its middle at the origin."""
 
     design: ElementMesh
+    whole: LabelledMesh
+    twins: Mapping[int, int]
     faces: DesignFaces
     surfaces: Surfaces
     samples: SurfaceSamples
@@ -181,14 +188,18 @@ class _Model:
             raise InputError(f"{design.name} has no element with a surface left to check")
         middle = mesh.bounds().mean(axis=0)
         turned = turn_outside_out(mesh.at(mesh.vertices - middle), mesh.face_surface.astype(np.int64))
-        mesh, scale = turned.mesh, scale_of(turned.mesh)
+        whole, scale = turned.mesh, scale_of(turned.mesh)
+        twins = twins_of(whole, scale)
+        is_once = ~np.isin(whole.face_surface, [*twins])
+        mesh = whole.some(is_once)
         faces = find_faces(mesh, scale)
         is_part = _is_part(design) and len(faces) > 1
         if is_part:
             design = elements_of(design, mesh, faces)
             faces = replace(faces, element=np.arange(len(faces), dtype=np.int32))
             mesh, left_out = design.mesh, np.zeros(len(design.elements), np.bool_)
-        surfaces = Surfaces.of(mesh, faces, turned.is_closed, is_part=is_part)
+            whole = mesh
+        surfaces = Surfaces.of(mesh, faces, turned.is_closed[is_once], is_part=is_part)
         shift, turn = options.registration or (2e-3 * scale, 0.006)
         pose = float(shift), float(np.radians(turn))
         common = (limits.FREE_M * scale, limits.FREE_RAD) if options.align else (0.0, 0.0)
@@ -196,13 +207,15 @@ class _Model:
         samples = sample_design(mesh, surfaces, caster, scale)
         exposed = exposed_share(samples, surfaces, faces.area)
         chosen = _matching(design, options.only) if options.only else np.ones(len(design.elements), np.bool_)
-        present = np.bincount(mesh.face_surface, minlength=len(design.elements)) > 0
-        told = (
-            f"elements with parts that were inside out, which were turned: {turned.n_surfaces} of "
-            f"{int(present.sum())}",
+        present = np.bincount(whole.face_surface, minlength=len(design.elements)) > 0
+        counted = (
+            (turned.n_surfaces, "elements with parts that were inside out, which were turned"),
+            (len(twins), "elements with the same surface as another, which share what is found on it"),
         )
         return cls(
             design=ElementMesh(mesh, design.elements, design.name),
+            whole=whole,
+            twins=twins,
             faces=faces,
             surfaces=surfaces,
             samples=samples,
@@ -213,7 +226,7 @@ class _Model:
             scale=scale,
             middle=middle,
             chosen=tuple(np.flatnonzero(chosen & present & ~left_out).tolist()),
-            warnings=told if turned.n_surfaces else (),
+            warnings=tuple(f"{what}: {n} of {int(present.sum())}" for n, what in counted if n),
             n_threads=n_threads,
         )
 

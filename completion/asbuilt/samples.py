@@ -10,29 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.asbuilt import limits
-from completion.asbuilt.beams import EXTRA, Gates, Surfaces
+from completion.asbuilt.beams import NOT_USED, Gates, Surfaces
 from completion.asbuilt.extra import ExtraCells
 from completion.asbuilt.findings import SAMPLE_REASONS, Hider, Samples
 from completion.evidence.sight import ScanSight, pixel_of, sight_of
 from completion.observe.observation import Observation
 from completion.observe.rays import dot, minus
 from completion.observe.tolerance import Tolerance
-from scenes.checks import FloatArray, freeze_arrays
+from scenes.checks import BoolArray, FloatArray, freeze_arrays
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.rays.raycast import RayCaster
+from scenes.run.mapping import trim
 from texture.engine.compiled import compiled
 
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # steps of an even sequence in the unit square
 _OFF = 0.1  # of COVERED_M, before a face, where rays start
-_MEASURED, _HIDDEN, _BEHIND, _VIEW, _RANGE, _OBLIQUE, _NOT_MET = range(len(SAMPLE_REASONS))
-_RANK = np.array([9, 7, 6, 2, 3, 4, 8], np.int8)  # of each reason: what tells most counts
+_MEASURED, _HIDDEN, _BEHIND, _VIEW, _RANGE, _OBLIQUE, _NOT_MET, _NOISY = range(len(SAMPLE_REASONS))
+_RANK = np.array([9, 7, 6, 2, 3, 4, 8, 5], np.int8)  # of each reason: what tells most counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceSamples:
     """Samples (n,) of exposed surface.
 
-    `points`, `normals` (n, 3), `triangle` and `element` (n,), and the `area_m2` (n,) that each stands for.
+    `points`, `normals` (n, 3), `triangle` and `element` (n,), the `area_m2` (n,) that each stands for, and
+    which are of no closed body, `is_open` (n,): seen from both sides.
     """
 
     points: FloatArray
@@ -40,6 +42,7 @@ class SurfaceSamples:
     triangle: NDArray[np.int64]
     element: NDArray[np.int32]
     area_m2: FloatArray
+    is_open: BoolArray
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -71,7 +74,8 @@ def sample_design(mesh: LabelledMesh, surfaces: Surfaces, caster: RayCaster, sca
     free = free[np.argsort(surfaces.element[triangle[free]], kind="stable")]
     triangle = triangle[free]
     element = surfaces.element[triangle]
-    return SurfaceSamples(points[free], normals[free], triangle, element, np.full(len(free), each))
+    areas, is_open = np.full(len(free), each), surfaces.is_open[triangle]
+    return SurfaceSamples(points[free], normals[free], triangle, element, area_m2=areas, is_open=is_open)
 
 
 def exposed_share(samples: SurfaceSamples, surfaces: Surfaces, face_area: FloatArray) -> FloatArray:
@@ -86,12 +90,13 @@ class SampleStates:
     """What all scans together say of samples (n,).
 
     `reason` index in `SAMPLE_REASONS`, 0 for measured; `blocker` what hides each (`Samples`); `hiders` what
-    hides each element, largest first.
+    hides each element, largest first; `noise_m` (n, 2) standard deviation and range of beams too noisy.
     """
 
     reason: NDArray[np.int8]
     blocker: NDArray[np.int32]
     hiders: dict[int, tuple[Hider, ...]]
+    noise_m: FloatArray
 
 
 def judge_samples(
@@ -104,25 +109,31 @@ def judge_samples(
     """Look all samples (n,) up in every scan; `labels` are those of all pixels of each (`beams.Evidence`)."""
     n = len(samples.points)
     reason, blocker = np.full(n, _VIEW, np.int8), np.full(n, -1, np.int32)
+    noise_m = np.full((n, 2), np.inf)
     hidden: list[tuple[NDArray[np.int64], NDArray[np.int32]]] = []
     tolerance = Tolerance(n_sigma=limits.GATE_SIGMAS, flatness_m=0.0, registration_m=0.0, max_m=np.inf)
     for seen, label in zip(observations, labels, strict=True):
-        code, pixel = np.full(n, _VIEW, np.int8), np.empty(n, np.int64)
+        trim()
         left = np.flatnonzero(reason != _MEASURED)
+        code, pixel = np.empty(len(left), np.int8), np.empty(len(left), np.int32)
         noise = seen.noise.constant_m, seen.noise.linear, seen.noise.quadratic_per_m
-        at = samples.points, samples.normals, samples.element
+        at = samples.points, samples.normals, samples.is_open, samples.element
         _look_up(sight_of(seen, tolerance), label, left, *at, noise, gates, code, pixel)
-        by = np.full(n, -1, np.int32)
+        by = np.full(len(left), -1, np.int32)
         stopped = np.flatnonzero((code == _HIDDEN) | (code == _BEHIND))
         by[stopped] = label[pixel[stopped]]
-        extra = stopped[by[stopped] == EXTRA]
+        extra = stopped[by[stopped] < 0]  # or too noisy to tell, which a thing may hold all the same
         thing = cells.thing_at(seen.points_at(pixel[extra]))
         by[extra] = np.where(thing >= 0, -2 - thing, -1)
-        better = _RANK[code] > _RANK[reason]
-        reason[better], blocker[better] = code[better], by[better]
-        kept = stopped[by[stopped] != -1]
-        hidden.append((kept, by[kept]))
-    return SampleStates(reason, blocker, _hiders(samples, reason, hidden, observations))
+        better = np.flatnonzero(_RANK[code] > _RANK[reason[left]])
+        reason[left[better]], blocker[left[better]] = code[better], by[better]
+        noisy = np.flatnonzero(code == _NOISY)
+        ranges = seen.scan.ranges.ravel()[pixel[noisy]]
+        told = np.column_stack([seen.noise.sigma(ranges), ranges])
+        noise_m[left[noisy]] = np.minimum(noise_m[left[noisy]], told)
+        kept = np.flatnonzero(by < -1)
+        hidden.append((left[kept], by[kept]))
+    return SampleStates(reason, blocker, _hiders(samples, reason, hidden, observations), noise_m)
 
 
 def _hiders(
@@ -134,7 +145,7 @@ def _hiders(
     """What hides each element's samples that no scan measured, and from where."""
     rows = []
     for number, (index, by) in enumerate(hidden):
-        left = (reason[index] == _HIDDEN) & (by < -1)
+        left = reason[index] == _HIDDEN
         index, by = index[left], by[left]
         key = np.column_stack([samples.element[index], by, np.full(len(by), number)])
         rows.append(np.column_stack([key, index]).astype(np.int64))
@@ -178,31 +189,38 @@ def _look_up(
     left: NDArray[np.int64],
     points: FloatArray,
     normals: FloatArray,
+    is_open: BoolArray,
     element: NDArray[np.int32],
     noise: tuple[float, float, float],
     gates: Gates,
     code: NDArray[np.int8],
-    pixel: NDArray[np.int64],
+    pixel: NDArray[np.int32],
 ) -> None:
-    """Write what a scan says of the samples that are left (k,): reason and pixel."""
+    """Write what a scan says of the samples that are left (n,): reason and pixel."""
     eye = sight.eye
-    for k in left:
+    for i in range(left.size):
+        k = left[i]
         place = points[k, 0], points[k, 1], points[k, 2]
         ray = minus(place, eye.origin)
-        distance = np.sqrt(dot(ray, ray))
-        cosine = -(ray[0] * normals[k, 0] + ray[1] * normals[k, 1] + ray[2] * normals[k, 2]) / distance
-        pixel[k] = -1
-        if cosine <= 0.0:
-            code[k] = _VIEW
+        facing = -(ray[0] * normals[k, 0] + ray[1] * normals[k, 1] + ray[2] * normals[k, 2])
+        facing = abs(facing) if is_open[k] else facing
+        pixel[i] = -1
+        if facing <= 0.0:
+            code[i] = _VIEW
             continue
+        distance = np.sqrt(dot(ray, ray))
+        cosine = facing / distance
         at = pixel_of(eye, sight.angles, place)
         if at < 0:
-            code[k] = _VIEW
+            code[i] = _VIEW
             continue
-        pixel[k] = at
+        pixel[i] = at
         r = sight.ranges[at]
         if not np.isfinite(r):
-            code[k] = _RANGE
+            code[i] = _RANGE
+            continue
+        if label[at] == NOT_USED:
+            code[i] = _NOISY
             continue
         sigma = np.sqrt(noise[0] ** 2 + (noise[1] * r) ** 2 + (noise[2] * r * r) ** 2)
         posed = np.sqrt(gates.registration[0] ** 2 + (gates.registration[1] * r) ** 2)
@@ -211,10 +229,10 @@ def _look_up(
         gate += distance * eye.pixel_angle * np.sqrt(max(1.0 - safe * safe, 0.0)) / safe
         off = r - distance
         if off < -gate and not (label[at] == element[k] and -off * cosine <= gates.near_m):
-            code[k] = _HIDDEN if label[at] < 0 else _BEHIND
+            code[i] = _HIDDEN if label[at] < 0 else _BEHIND
         elif cosine < limits.LEAST_COSINE:
-            code[k] = _OBLIQUE
+            code[i] = _OBLIQUE
         elif off <= gate or (label[at] == element[k] and off * cosine <= gates.near_m):
-            code[k] = _MEASURED
+            code[i] = _MEASURED
         else:
-            code[k] = _NOT_MET
+            code[i] = _NOT_MET

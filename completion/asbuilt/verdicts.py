@@ -11,12 +11,21 @@ from scipy.special import ndtri
 
 from completion.asbuilt import limits
 from completion.asbuilt.alignment import Aligned
-from completion.asbuilt.deviation import HALF_95, Judged, thickness_of
+from completion.asbuilt.deviation import Judged, thickness_of
 from completion.asbuilt.faces import DesignFaces
-from completion.asbuilt.findings import BeamEvidence, ElementFinding, Hider, Interval, Kind, Shares
+from completion.asbuilt.findings import (
+    HALF_95,
+    BeamEvidence,
+    ElementFinding,
+    Hider,
+    Interval,
+    Kind,
+    Shares,
+)
 from scenes.mesh.design import Element
 
 _ALIKE = 0.9  # cosine between normals of faces that look the same way, or away from each other
+_OPEN = "its body in the design is not closed: what lies before it may be the side that the design lacks"
 _OPPOSITE = -0.999  # cosine between normals of two sides of one body
 
 
@@ -27,7 +36,8 @@ class ElementEvidence:
     `faces` that were judged, `far` those that lie farther off and like it (a displaced element), `beams`,
     `share` and `hidden` by samples, `not_seen` shares by reason, `rivals` places in `faces` of those whose
     deviation something else explains, and whether that goes on beyond them, `back_m` how far behind its place
-    a surface is the back of its body, or what lies behind that.
+    a surface is the back of its body, `is_open` whether that lacks sides, `noise_m` standard deviation and
+    range of beams too noisy to tell of it, and up to where beams do.
     """
 
     surface: int
@@ -42,6 +52,8 @@ class ElementEvidence:
     not_seen: dict[str, float]
     rivals: Mapping[int, bool]
     back_m: float
+    is_open: bool = False
+    noise_m: tuple[float, float, float] | None = None
 
 
 def quantile(n_tested: int, false_alarms: float) -> float:
@@ -74,7 +86,7 @@ def decide(
     gone = _is_gone(known, tested, scale)
     moved = _displaced(known, faces, scale) if gone or not main else None
     if moved is not None:
-        return _displaced_finding(finding, moved)
+        return replace(finding, sentence=_OPEN) if known.is_open else _displaced_finding(finding, moved)
     if gone:
         return replace(finding, verdict="missing", sentence=_gone_sentence(known))
     shown = [k for k in main if _is_sure(known, k, tested)]
@@ -91,7 +103,7 @@ def decide(
     is_hidden = known.beams.hidden_m2 > max(measured, known.beams.on_m2, known.beams.through_m2)
     if rivalled:
         if is_hidden or any(known.rivals[k] for k in rivalled):
-            return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+            return _hidden_finding(finding, known)
         return replace(finding, sentence=_before_sentence(known, rivalled))
     within = [k for k in tested if known.faces[k].is_within(known.tolerance_m)]
     share = sum(known.faces[k].finding.measured_m2 for k in within) / max(measured, 1e-12)
@@ -99,13 +111,35 @@ def decide(
     if share >= limits.WITHIN_SHARE and set(within) & set(main) and passed:
         return replace(finding, verdict="within", sentence=_within_sentence(known, finding))
     if is_hidden and known.share.measured < limits.HIDDEN_SHARE:
-        return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+        return _hidden_finding(finding, known)
+    noisy, hidden = (known.not_seen.get(reason, 0.0) for reason in ("too noisy", "hidden"))
+    is_noisy = noisy >= hidden and noisy * known.exposed_m2 > limits.LEAST_MEASURED_M2 * scale**2
+    if known.noise_m is not None and is_noisy and not tested:
+        sigma, away, most = known.noise_m
+        text = f"too noisy: sigma {_mm(sigma)} at {away:.2g} m, where {_mm(most)} is the most that tells "
+        return replace(finding, sentence=f"{text}anything of this design; tolerance {_mm(known.tolerance_m)}")
     is_met = known.beams.on_m2 > limits.LEAST_MEASURED_M2 * scale**2
     if tested or is_met or known.share.measured > limits.HIDDEN_SHARE:
         return replace(finding, sentence=_undecided_sentence(known, tested, main))
-    if known.hidden and known.not_seen.get("hidden", 0.0) >= max(known.not_seen.values(), default=0.0):
-        return replace(finding, verdict="hidden", sentence=_hidden_sentence(known))
+    if known.hidden and hidden >= max(known.not_seen.values(), default=0.0):
+        return _hidden_finding(finding, known)
     return replace(finding, verdict="not seen", sentence=_unseen_sentence(known))
+
+
+def with_bands(finding: ElementFinding, bands: Mapping[str, float]) -> ElementFinding:
+    """Name the bands of an element's represented and measured accuracy, by its worst tested face."""
+    tested = [one.deviation for one in finding.faces if one.is_tested and one.deviation is not None]
+    if not tested:
+        return finding
+    half = max((one.high - one.low) / 2 for one in tested)
+    reach = max(max(abs(one.low), abs(one.high)) for one in tested)
+    return replace(finding, loa_measured=_band(half, bands), loa_represented=_band(reach, bands))
+
+
+def _band(value: float, bands: Mapping[str, float]) -> str:
+    """The narrowest band that holds a value; "beyond" and the widest's name where none does."""
+    held = sorted(bands.items(), key=lambda item: item[1])
+    return next((name for name, top in held if value <= top), "beyond " + held[-1][0] if held else "")
 
 
 def _is_gone(known: ElementEvidence, tested: Sequence[int], scale: float) -> bool:
@@ -191,11 +225,21 @@ def _moved_alike(a: Judged, b: Judged, scale: float) -> bool:
     return bool(abs(a.delta[-1] + b.delta[-1]) <= limits.GATE_M * scale)
 
 
+def _hidden_finding(finding: ElementFinding, known: ElementEvidence) -> ElementFinding:
+    """The verdict on an element before which something lies: the side that an open body lacks, maybe."""
+    if known.is_open and not known.hidden:
+        return replace(finding, sentence=_OPEN)
+    named = [f"{one.by} ({one.area_m2:.1f} m2)" for one in known.hidden[:2]]
+    text = "hidden by " + (" and ".join(named) if named else "what was measured before it")
+    return replace(finding, verdict="hidden", sentence=f"{text}; {_OPEN}" if known.is_open else text)
+
+
 def _displaced_finding(finding: ElementFinding, moved: Judged) -> ElementFinding:
     offset = moved.finding.offset
     text = "nothing of it is measured in its place, and a surface like its own lies beside it"
     if offset is not None:
-        text += f", {_mm(offset.value)} off (95 %: {_mm(offset.low)} to {_mm(offset.high)})"
+        shift, way = offset.as_shift()
+        text += f", {shift.sentence()} off along {way} of the design"
     return replace(finding, verdict="deviates", kind="displaced", offset=offset, sentence=text)
 
 
@@ -287,8 +331,7 @@ def _kind_sentence(finding: ElementFinding, kind: Kind) -> str:
         kind, finding.offset
     )
     if kind == "tilt" and finding.tilt is not None:
-        low, high = (np.degrees(max(value, 0.0)) for value in (finding.tilt.low, finding.tilt.high))
-        return f"it is turned by {np.degrees(finding.tilt.value):.2f} deg (95 %: {low:.2f} to {high:.2f})"
+        return f"it is turned by {finding.tilt.sentence(np.pi / 180, 'deg')}"
     if number is None:
         return ""
     what = {
@@ -296,10 +339,7 @@ def _kind_sentence(finding: ElementFinding, kind: Kind) -> str:
         "bow": "its middle bows",
         "radius": "its radius differs",
     }.get(kind, "it is off")
-    return (
-        f"{what} by {_mm(number.value)} (95 %: {_mm(number.low)} to {_mm(number.high)}), "
-        f"beyond {_mm(finding.tolerance_m)}"
-    )
+    return f"{what} by {number.sentence()}, beyond {_mm(finding.tolerance_m)}"
 
 
 def _within_sentence(known: ElementEvidence, finding: ElementFinding) -> str:
@@ -318,8 +358,32 @@ def _undecided_sentence(known: ElementEvidence, tested: Sequence[int], main: Seq
         return "only smaller faces of it are measured"
     if known.beams.through_m2 > limits.LEAST_THROUGH_M2:
         return f"its faces are measured, but beams passed {known.beams.through_m2:.2f} m2 of its body"
-    reach = max(_reach(known.faces[k]) for k in tested)
-    return f"a corner may be as far as {_mm(reach)} from its place, which is beyond {_mm(known.tolerance_m)}"
+    k = max(tested, key=lambda k: _reach(known.faces[k]))
+    worst, limit = known.faces[k].finding, _mm(known.tolerance_m)
+    if worst.deviation is None:
+        return ""
+    half = (worst.deviation.high - worst.deviation.low) / 2
+    text, doubt = f"a corner is off by {worst.deviation.sentence()}", _doubt(known, k, tested)
+    if doubt and abs(worst.deviation.value) - half > known.tolerance_m:
+        return f"{text}, but {doubt}"
+    is_loose = half > max(known.tolerance_m, worst.rms_m)  # not by noise
+    why = ": hardly any other surface holds the scans this way" if is_loose else ""
+    return f"{text}, neither surely within nor surely beyond {limit}{why}"
+
+
+def _doubt(known: ElementEvidence, k: int, tested: Sequence[int]) -> str:
+    """Why a number of a face is no deviation of its element; "" where it is."""
+    one = known.faces[k]
+    reasons = (
+        (not one.finding.is_main, "of one of its smaller faces"),
+        (
+            one.finding.support < limits.SURE_SUPPORT,
+            f"beams met only {one.finding.support:.0%} of what they could of that face",
+        ),
+        (not one.is_flat_enough, f"what was measured there is not flat: rms {_mm(one.finding.rms_m)}"),
+        (not _is_sure(known, k, tested), "that face is a small part of what was measured that way"),
+    )
+    return next((text for holds, text in reasons if holds), "")
 
 
 def _gone_sentence(known: ElementEvidence) -> str:
@@ -329,11 +393,6 @@ def _gone_sentence(known: ElementEvidence) -> str:
         if beams.through_m2
         else "what is measured lies where its back should be"
     )
-
-
-def _hidden_sentence(known: ElementEvidence) -> str:
-    named = [f"{one.by} ({one.area_m2:.1f} m2)" for one in known.hidden[:2]]
-    return "hidden by " + (" and ".join(named) if named else "what was measured before it")
 
 
 def _before_sentence(known: ElementEvidence, rivalled: Sequence[int]) -> str:

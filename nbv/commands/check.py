@@ -153,5 +153,5 @@ def _alignment_line(findings: DesignCheck) -> str:
     """Say how the scans were moved into the design."""
     if not findings.alignment.is_free:
         return "aligned: not at all, the control network holds"
-    shift = ", ".join(f"{round(1000 * part, 1) + 0.0:.1f}" for part in findings.alignment.shift_m)
-    return f"aligned: all scans moved by ({shift}) mm; what all elements are off by is in this, in no verdict"
+    shift = findings.alignment.shift_text
+    return f"aligned: all scans moved by {shift}; what all elements are off by is in this, in no verdict"

@@ -10,7 +10,7 @@ from uuid import NAMESPACE_URL, UUID, uuid5
 
 import numpy as np
 
-from completion.asbuilt.findings import DesignCheck, ElementFinding, Extra, Interval
+from completion.asbuilt.findings import DesignCheck, ElementFinding, Extra
 from completion.export.bcf import BcfTopic, BcfVersion, Camera, Vector, bcf_of
 from nbv.inspection.record import element_label
 from nbv.inspection.verdict_colours import EXTRA_COLOUR, VERDICT_COLOURS
@@ -109,18 +109,12 @@ def _numbers(finding: ElementFinding) -> str:
     """Tolerance, intervals, area measured and accuracy of an element, as a line."""
     lengths = ((name, getattr(finding, name)) for name in ("offset", "bow", "thickness", "radius"))
     parts = [f"Tolerance {1000 * finding.tolerance_m:g} mm."]
-    parts += [f"{name.capitalize()} {_millimetres(one)}." for name, one in lengths if one is not None]
+    parts += [f"{name.capitalize()} {one.sentence()}." for name, one in lengths if one is not None]
     if finding.tilt is not None:
-        value, low, high = np.degrees([finding.tilt.value, finding.tilt.low, finding.tilt.high])
-        parts.append(f"Tilt {value:.2f} deg ({low:.2f} to {high:.2f} deg, 95 %).")
+        parts.append(f"Tilt {finding.tilt.sentence(np.pi / 180, 'deg')}.")
     parts.append(f"{100 * finding.share.measured:.0f} % of {finding.exposed_m2:.1f} m2 measured.")
     parts += [f"{finding.loa_represented}."] if finding.loa_represented else []
     return " ".join(parts)
-
-
-def _millimetres(interval: Interval) -> str:
-    value, low, high = (1000 * x for x in (interval.value, interval.low, interval.high))
-    return f"{value:.1f} mm ({low:.1f} to {high:.1f} mm, 95 %)"
 
 
 def _extra_topic(check: DesignCheck, extra: Extra, camera: Camera, snapshot: bytes | None) -> BcfTopic:

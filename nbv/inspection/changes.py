@@ -123,9 +123,8 @@ def _element_change(earlier: Mapping[str, Any] | None, held: Mapping[str, Any]) 
     elif now in _UNMEASURED and was not in _UNMEASURED:
         sentence = f"not measured any more, {sentence}"
     if difference is not None:
-        value, low, high = (1000 * x for x in (difference.value, difference.low, difference.high))
         told = "its offset changed by" if is_other else "its offset may be the same, difference"
-        sentence += f"; {told} {value:+.1f} mm ({low:+.1f} to {high:+.1f} mm)"
+        sentence += f"; {told} {difference.sentence()}"
     return Change(label, was, now, difference, f"{label}: {sentence}.", surface=surface)
 
 

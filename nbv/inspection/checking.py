@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from completion.asbuilt import limits
 from completion.asbuilt.findings import DesignCheck, ElementFinding, Extra
@@ -28,7 +28,7 @@ from scenes.io.formats.format import Units
 from scenes.io.scan_request import GivenScans, ScanRequest, read_request
 from scenes.io.scene_files import load_scene, open_scene
 from scenes.mesh.design import ElementMesh, MapConversion
-from scenes.mesh.orientation import Axis
+from scenes.mesh.orientation import Axis, world_from_file_up
 from scenes.run.atomic import Stage, hold_lock, make_folder, write_json, write_text
 from scenes.run.steps import Progress
 from scenes.scan.range_image import RangeImage
@@ -218,15 +218,30 @@ def in_frame_of(scene: Scene, given: GivenScans) -> tuple[GivenScans, tuple[str,
     """Return scans in the world of a design, whose z is up, and what is to be said of it.
 
     Scans of a design whose file has another axis up may have that axis up, too, or z as scanners have: more
-    of their beams end on the design in one of both.
+    of their beams end on the design in one of both. IFC is z up by its specification.
+
+    Raises
+    ------
+    InputError
+        Far more of their beams would end on the design with another axis of its file up.
     """
-    turned = given.with_z_up(scene.file_up)
-    mesh, least = scene.element_mesh.mesh, limits.FITS_UNIT
-    if scene.file_up == "z" or agreeing(mesh, given.scans) < agreeing(mesh, turned.scans) + least:
+    turned, file_up, mesh = given.with_z_up(scene.file_up), scene.file_up, scene.element_mesh.mesh
+    if scene.design is not None and scene.design.schema:
         return turned, ()
-    return given, (
-        f"the scans are z up, the file of the design {scene.file_up} up: only the design was turned",
-    )
+    fits = agreeing(mesh, turned.scans)
+    if file_up != "z" and agreeing(mesh, given.scans) >= fits + limits.FITS_UNIT:
+        return given, (
+            f"the scans are z up, the file of the design {file_up} up: only the design was turned",
+        )
+    of_file = world_from_file_up(file_up).inverse()
+    for axis in get_args(Axis) if fits < limits.FITS_UP else ():
+        others = agreeing(mesh.transform(world_from_file_up(axis) @ of_file), given.scans)
+        if axis != file_up and others >= fits + limits.FITS_UNIT:
+            raise InputError(
+                f"{scene.name}: the scans and the design differ in what is up: {fits:.0%} of the beams "
+                f"end on it with {file_up} of its file up, {others:.0%} with {axis}; give --up {axis}"
+            )
+    return turned, ()
 
 
 def distinctly_named(scans: Sequence[RangeImage], names: Sequence[str] = ()) -> tuple[RangeImage, ...]:

@@ -106,6 +106,7 @@ def _element_record(finding: ElementFinding) -> dict[str, Any]:
             {"by": one.by, "stations": one.stations, "area_m2": one.area_m2} for one in finding.hidden
         ],
         "not_seen": {reason.replace(" ", "_"): share for reason, share in finding.not_seen.items()},
+        "same_as": finding.same_as,
         "related_extra": finding.related_extra,
         "inference": None
         if inference is None
@@ -187,6 +188,7 @@ def _row(held: dict[str, Any]) -> dict[str, Any]:
     reasons = [reason.replace(" ", "_") for reason in SAMPLE_REASONS if reason]
     row |= {f"not_seen_{reason}": held["not_seen"].get(reason) for reason in reasons}
     inference = held["inference"] or {}
+    row["same_as"] = held["same_as"]
     row["related_extra"] = held["related_extra"]
     row |= {f"inferred_{name}": inference.get(name) for name in ("share", "probability")}
     row["sentence"] = held["sentence"]

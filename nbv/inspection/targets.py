@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from completion.asbuilt import limits
-from completion.asbuilt.deviation import HALF_95
 from completion.asbuilt.findings import (
+    HALF_95,
     SAMPLE_REASONS,
     SAMPLE_STATES,
     DesignCheck,
     ElementFinding,
     FaceFinding,
     Samples,
+    rounded,
 )
 from nbv.inspection.obstacles import Obstacles
 from nbv.run.wording import count
@@ -155,6 +156,8 @@ def _open_faces(
     held, mine = check.samples, np.flatnonzero(check.samples.element == element.surface)
     if element.related_extra:
         return element.sentence  # an open door
+    if element.same_as:
+        return f"it lies on {element.same_as}, which is looked at"
     mains = [f for f in element.faces if f.is_main and 2 * f.n_beams >= limits.FEWEST_BEAMS]
     sure = [face for face in mains if face.is_tested and _off_and_half(face)[1] <= wide_m]
     if element.verdict == "undecided":
@@ -220,10 +223,10 @@ def _doubtful_faces(
         shrink = float(np.sqrt(n_scans / (n_scans + 1)))
         if not _decides(face, element.tolerance_m, check.z, shrink):
             off, half = _off_and_half(face)
+            far, to_limit, left = rounded((off, abs(off - element.tolerance_m), half * shrink), half)
             return (
-                f"it is {1e3 * off:.1f} mm off its place, {1e3 * abs(off - element.tolerance_m):.1f} mm from "
-                f"its tolerance, and another scan after {count(n_scans, 'scan')} leaves "
-                f"+-{1e3 * half * shrink:.1f} mm: do not scan it again for this"
+                f"it is {far} mm off its place, {to_limit} mm from its tolerance, and another scan after "
+                f"{count(n_scans, 'scan')} leaves +-{left} mm: do not scan it again for this"
             )
         if len(rows):
             found.append(_Face(rows, PROMISED_M2, is_doubtful=True))

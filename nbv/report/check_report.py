@@ -79,8 +79,8 @@ def summary(check: DesignCheck) -> str:
         "wrong \u201cdeviates\u201d are expected in the whole building, which takes "
         f"z = {check.z:.2f} for each test. "
     )
-    shift = ", ".join(f"{round(1000 * part, 1) + 0.0:.1f}" for part in check.alignment.shift_m)
-    moved = f"Alignment: all scans were moved by ({shift}) mm. " if check.alignment.is_free else ""
+    where = check.alignment
+    moved = f"Alignment: all scans were moved by {where.shift_text}. " if where.is_free else ""
     return text + moved + alignment_sentence(check)
 
 

@@ -15,7 +15,7 @@ from scenes.checks import BoolArray, ColourArray, FloatArray, InputError
 from scenes.io.checks.guard import guard_reading
 from scenes.io.formats.format import Units, check_units, metres_of
 from scenes.io.meshes.glb_writer import glb_of
-from scenes.io.meshes.mesh_file import GLTF_SUFFIXES, MeshFile, check_mesh_suffix, read_mesh_file
+from scenes.io.meshes.mesh_file import GLTF_SUFFIXES, check_mesh_suffix, read_mesh_file
 from scenes.io.meshes.obj import write_obj
 from scenes.io.meshes.off import write_off
 from scenes.io.meshes.ply_writer import write_mesh_ply
@@ -76,7 +76,7 @@ def _face_doubts(mesh: LabelledMesh, has_area: BoolArray, body: NDArray[np.int64
     if crowded:
         edges_are = "edge is" if crowded == 1 else "edges are"
         yield f"{crowded} {edges_are} shared by three faces or more; the surface branches there"
-    elif turned:
+    elif turned and body is None:  # closed bodies were turned, and open ones are told
         edges_have = "edge has both its" if turned == 1 else "edges have both their"
         yield (
             f"{turned} {edges_have} faces in one direction: some faces are turned the wrong way, so that "
@@ -169,8 +169,9 @@ def load_scene(
     """Read a mesh file: GLB, glTF, OBJ + MTL, PLY, STL or OFF; or IFC.
 
     Every placed geometry of the file, of an OBJ every object and material, becomes one surface with its name;
-    its true surface is unknown (None). Textures, vertex and face colours are kept; base colours multiply.
-    Which side of a face is outside is told by the order of its corners; normals in the file do not count.
+    its true surface is unknown (None). Groups of an OBJ are objects where there are no others. Textures,
+    vertex and face colours are kept; base colours multiply. Which side of a face is outside is told by the
+    order of its corners; normals in the file do not count.
 
     Of an IFC file every element with geometry becomes one surface, its openings cut, in the frame of the map
     where the file has a map conversion; `Scene.design` tells what it is.
@@ -188,7 +189,7 @@ def load_scene(
         How to scan it; decided from the geometry when not given (see `scenes.mesh.orientation.decide_mode`).
     design : bool
         Whether its surfaces are bodies: those that are inside out are turned (see `scenes.mesh.winding`). IFC
-        always is a design.
+        always is a design. Which axis of a design is up is not doubted: its scans tell.
 
     Raises
     ------
@@ -215,13 +216,15 @@ def load_scene(
             doubts.append(held.design.conversion.sentence())
         mesh, chosen, said = _upright(mesh.at(places), up, is_gltf=file.suffix.lower() in GLTF_SUFFIXES)
         kind = decide_mode(mesh) if mode is None else mode
+        is_design = design or bool(held.design.schema)
+        doubts += [] if is_design else [*said, *_up_doubt(mesh, kind, chosen)]
         return Scene(
             mesh=mesh,
             surfaces=(None,) * len(names),
             surface_names=names,
             name=file.stem,
             mode=kind,
-            warnings=(*doubts, *said, *_warnings(mesh, kind, chosen, held)),
+            warnings=(*doubts, *_size_doubt(mesh)),
             file_up=chosen,
             design=held.design,
         )
@@ -294,16 +297,17 @@ def _unique_names(names: list[str]) -> tuple[str, ...]:
     return tuple(unique)
 
 
-def _warnings(mesh: LabelledMesh, mode: Mode, up: Axis, held: MeshFile) -> list[str]:
-    """What a user should know before scanning; IFC is z up by its specification."""
-    warnings = []
-    diagonal = float(np.linalg.norm(np.diff(mesh.bounds(), axis=0)))
-    doubt = units_doubt(diagonal)
-    suggested = None if held.design.schema else suggest_up(mesh, mode)
+def _up_doubt(mesh: LabelledMesh, mode: Mode, up: Axis) -> Iterator[str]:
+    """Say which axis of a file looks vertical, if not the one that was taken."""
+    suggested = suggest_up(mesh, mode)
     if suggested not in (None, "z"):
         axis = axis_in_file(suggested, up)
-        warnings.append(f"the geometry suggests that {axis} is up, not {up}; give --up {axis} if so")
-    return [*warnings, doubt] if doubt else warnings
+        yield f"the geometry suggests that {axis} is up, not {up}; give --up {axis} if so"
+
+
+def _size_doubt(mesh: LabelledMesh) -> tuple[str, ...]:
+    doubt = units_doubt(float(np.linalg.norm(np.diff(mesh.bounds(), axis=0))))
+    return (doubt,) if doubt else ()
 
 
 def units_doubt(diagonal_m: float) -> str:

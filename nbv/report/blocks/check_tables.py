@@ -8,7 +8,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from completion.asbuilt.findings import VERDICTS, DesignCheck, ElementFinding, FaceFinding, Interval, Verdict
+from completion.asbuilt.findings import (
+    HALF_95,
+    VERDICTS,
+    DesignCheck,
+    ElementFinding,
+    FaceFinding,
+    Interval,
+    Verdict,
+    rounded,
+)
 from nbv.inspection.changes import Change
 from nbv.inspection.next_stations import NextStations
 from nbv.inspection.record import element_label
@@ -16,7 +25,7 @@ from nbv.inspection.verdict_colours import EXTRA_COLOUR, VERDICT_COLOURS
 from nbv.report.blocks.coverage_tables import PLACE_COLUMNS, place_cells
 from nbv.report.blocks.page import Bar, BarShare, Block, Card, Cell, Histogram, State, Table, Text
 from nbv.report.blocks.verdict_plans import design_storeys
-from nbv.report.viewer.check_view import worst_face
+from nbv.report.viewer.check_view import worst_deviation
 from nbv.run.wording import count, letters, percent, square_metres
 
 WORST_FIRST: tuple[Verdict, ...] = (
@@ -47,7 +56,7 @@ def millimetres(interval: Interval | None) -> str:
     """
     if interval is None:
         return ""
-    value, low, high = (f"{1000 * part:.1f}" for part in (interval.value, interval.low, interval.high))
+    value, low, high = interval.texts()
     return f"{value} [{low}, {high}]"
 
 
@@ -95,29 +104,40 @@ def elements_table(check: DesignCheck, numbers: Mapping[int, int], *, within: bo
         return ()
     rows = tuple(_element_row(finding, numbers) for finding in chosen)
     columns = (
-        "#No.", "Verdict", "Element", "Storey, class", "#T, mm", "#corner, mm [95 %]", "#measured, %", "LOA",
+        "#No.", "Verdict", "Element", "Storey", "Class", "#T, mm", "#off by, mm [95 %]", "#measured, %",
+        "LOA",
     )  # fmt: skip
     text = (
         f"{count(len(rows), 'element')} within tolerance"
         if within
         else f"{count(len(rows), 'element')} not within tolerance"
     )
-    return (Table(columns, rows, text, is_folded=within or len(rows) > _MANY_ELEMENTS),)
+    filters = ("Storey", "Class") if within else ("Verdict", "Storey", "Class")
+    return (Table(columns, rows, text, within or len(rows) > _MANY_ELEMENTS, filters),)
 
 
 def _element_row(finding: ElementFinding, numbers: Mapping[int, int]) -> tuple[Cell, ...]:
-    element, face = finding.element, worst_face(finding) if finding.verdict in _MEASURED else None
-    number = numbers.get(finding.surface)
+    element, number = finding.element, numbers.get(finding.surface)
     return (
         Cell("" if number is None else str(number)),
         Cell(finding.verdict, swatch=VERDICT_COLOURS[finding.verdict]),
         Cell(element.name),
-        Cell(", ".join(part for part in (element.storey, element.ifc_class) if part)),
+        Cell(element.storey),
+        Cell(element.ifc_class),
         Cell(f"{1000 * finding.tolerance_m:g}"),
-        Cell(millimetres(None if face is None else face.deviation)),
+        Cell(_deviation(finding)),
         Cell(percent(finding.share.measured, 0), share=finding.share.measured, state="measured"),
         Cell(finding.loa_represented),
     )
+
+
+def _deviation(finding: ElementFinding) -> str:
+    """How far it is off: the worst corner of a face, or the shift of a displaced one and where it went."""
+    worst = worst_deviation(finding) if finding.verdict in _MEASURED else None
+    if worst is None or finding.kind != "displaced":
+        return millimetres(worst)
+    shift, way = worst.as_shift()
+    return f"{millimetres(shift)} along {way}"
 
 
 def _word(finding: ElementFinding) -> str:
@@ -182,11 +202,12 @@ def _evidence(
         key=lambda face: -abs(face.deviation.value) if face.deviation else 0.0,
     )
     is_measured = finding.verdict in _MEASURED
+    in_place = is_measured and finding.kind != "displaced"  # beams near its faces are none of it
     return (
         Text(_as_sentence(finding.sentence)),
         *(_measures(finding) if is_measured else ()),
-        *(_histogram(face, finding.tolerance_m) for face in faces[:_MOST_FACES] if is_measured),
-        *(() if is_measured else _beams(finding)),
+        *(_histogram(face, finding.tolerance_m) for face in faces[:_MOST_FACES] if in_place),
+        *(() if in_place else _beams(finding)),
         *_hiders(finding, stations),
         *_inference(finding),
     )
@@ -199,8 +220,11 @@ def _as_sentence(text: str) -> str:
 
 def _measures(finding: ElementFinding) -> tuple[Table, ...]:
     """Offset, tilt, bow, thickness and radius, those that there are, with their intervals."""
+    offset = finding.offset
+    if offset is not None and finding.kind == "displaced":
+        offset = offset.as_shift()[0]
     held = [
-        ("offset", finding.offset, "mm"),
+        ("shift" if finding.kind == "displaced" else "offset", offset, "mm"),
         ("tilt", finding.tilt, "mrad"),
         ("bow", finding.bow, "mm"),
         ("thickness, measured minus designed", finding.thickness, "mm"),
@@ -209,8 +233,8 @@ def _measures(finding: ElementFinding) -> tuple[Table, ...]:
     rows = tuple(
         (
             Cell(name),
-            Cell(f"{1000 * one.value:.1f} {unit}"),
-            Cell(f"{1000 * one.low:.1f} to {1000 * one.high:.1f} {unit}"),
+            Cell(f"{one.texts()[0]} {unit}"),
+            Cell(f"{' to '.join(one.texts()[1:])} {unit}"),
             Cell("" if one.along is None else ", ".join(f"{part:.2f}" for part in one.along)),
         )
         for name, one, unit in held
@@ -335,12 +359,14 @@ def loa_blocks(check: DesignCheck) -> tuple[Block, ...]:
 def alignment_blocks(check: DesignCheck) -> tuple[Block, ...]:
     """Return how the scans were moved into the design, as a whole and one by one."""
     held = check.alignment
-    moved = (
-        (axis, f"{1000 * shift:.1f} \u00b1 {1960 * sd:.1f}", f"{turn:.3f} \u00b1 {1.96 * turn_sd:.3f}")
-        for axis, shift, sd, turn, turn_sd in zip(
-            "xyz", held.shift_m, held.shift_sd_m, held.turn_deg, held.turn_sd_deg, strict=True
-        )
+    numbers = (
+        [
+            " \u00b1 ".join(rounded((value, half), half, unit))
+            for value, half in zip(values.tolist(), (HALF_95 * sd).tolist(), strict=True)
+        ]
+        for values, sd, unit in ((held.shift_m, held.shift_sd_m, 1e-3), (held.turn_deg, held.turn_sd_deg, 1))
     )
+    moved = zip("xyz", *numbers, strict=True)
     whole = Table(
         ("Axis", "#shift of all scans, mm", "#turn of all scans, deg"),
         tuple(tuple(map(Cell, row)) for row in moved),
@@ -350,7 +376,7 @@ def alignment_blocks(check: DesignCheck) -> tuple[Block, ...]:
             Cell(letters(k)),
             Cell(name),
             Cell(", ".join(f"{part:.2f}" for part in pose.translation)),
-            Cell(", ".join(f"{1000 * part:.1f}" for part in shift)),
+            Cell(", ".join(rounded(shift.tolist(), HALF_95 * float(held.shift_sd_m.max())))),
         )
         for k, (name, pose, shift) in enumerate(
             zip(check.scans, held.poses, held.station_shift_m, strict=True)

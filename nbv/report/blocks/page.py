@@ -108,12 +108,16 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table; columns whose title begins with "#" are numbers, set to the right."""
+    """A table; columns whose title begins with "#" are numbers, set to the right.
+
+    Rows can be chosen by the values of columns whose titles are `filters`.
+    """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     caption: str = ""
     is_folded: bool = False
+    filters: tuple[str, ...] = ()
     kind: ClassVar[str] = "table"
 
 
@@ -254,7 +258,7 @@ def _environment() -> Environment:
     return environment
 
 
-_TABLES = ("sorting",)
+_TABLES = ("filtering", "sorting")
 _VIEW = (
     "decoding", "camera", "painting", "picking", "drawing", "panel", "gestures", "stations", "viewer",
     "start",
@@ -263,7 +267,7 @@ _VIEW = (
 
 @cache
 def script_of(*, has_view: bool) -> str:
-    """Return the page's script: sortable tables, and the 3-D view where there is one."""
+    """Return the page's script: sorted and filtered tables, and the 3-D view where there is one."""
     names = (*_TABLES, *(_VIEW if has_view else ()))
     folder = resources.files("nbv.report") / "templates"
     parts = [(folder / f"{name}.js").read_text(encoding="utf-8") for name in names]

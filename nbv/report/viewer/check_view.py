@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from completion.asbuilt.findings import VERDICTS, DesignCheck, ElementFinding, FaceFinding, Verdict
+from completion.asbuilt.findings import VERDICTS, DesignCheck, ElementFinding, Interval, Verdict
 from completion.parts.division.result import thin_points
 from nbv.inspection.record import element_label
 from nbv.inspection.verdict_colours import EXTRA_COLOUR, VERDICT_COLOURS, rgb_of
@@ -53,10 +53,12 @@ def check_view(
     )
 
 
-def worst_face(finding: ElementFinding) -> FaceFinding | None:
-    """Return the tested face of an element that is farthest off; None where none was tested."""
-    faces = [face for face in finding.faces if face.is_tested and face.deviation is not None]
-    return max(faces, key=lambda face: abs(face.deviation.value) if face.deviation else 0.0, default=None)
+def worst_deviation(finding: ElementFinding) -> Interval | None:
+    """Return how far the worst corner of a tested face is off, a displaced element as a whole; or None."""
+    if finding.kind == "displaced":
+        return finding.offset
+    worst = [face.deviation for face in finding.faces if face.is_tested and face.deviation is not None]
+    return max(worst, key=lambda one: abs(one.value), default=None)
 
 
 def _design_layer(check: DesignCheck, verdict: NDArray[np.uint16]) -> Layer:
@@ -64,8 +66,8 @@ def _design_layer(check: DesignCheck, verdict: NDArray[np.uint16]) -> Layer:
     share, off_mm = np.full((2, len(verdict)), np.nan)
     for finding in check.elements:
         share[finding.surface] = 100 * finding.share.measured
-        face = worst_face(finding)
-        off_mm[finding.surface] = 1000 * face.deviation.value if face and face.deviation else np.nan
+        worst = worst_deviation(finding)
+        off_mm[finding.surface] = np.nan if worst is None else 1000 * worst.value
     names = tuple(Category(element_label(element), _GREY.colour) for element in check.design.elements)
     channels = (
         Classes("verdict", "Verdict", _CATEGORIES, verdict, can_hide=True),

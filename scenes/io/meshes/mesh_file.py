@@ -24,7 +24,7 @@ from scenes.io.formats.facts import FormatFacts
 from scenes.io.formats.format import format_of
 from scenes.io.meshes.gltf import Contents, check_gltf, entry_list, read_gltf
 from scenes.io.meshes.ifc import read_ifc
-from scenes.io.meshes.obj import check_obj, cut_obj, plain_obj
+from scenes.io.meshes.obj import check_obj, cut_obj, number_objects, plain_obj, same_names_told
 from scenes.io.meshes.off import read_off
 from scenes.io.meshes.plain_gltf import plain_glb
 from scenes.io.meshes.ply import check_ply, has_faces, plain_ply
@@ -212,6 +212,8 @@ def _read_placed(file: Path) -> tuple[Any, int, tuple[str, ...], LengthUnit | No
         if "KHR_texture_transform" in entry_list(gltf.content, "extensionsUsed"):
             doubts = ("KHR_texture_transform is not applied: textures may be shifted or scaled",)
         held = check_gltf(gltf.content, gltf.buffers)
+        named = [node["name"] for node in entry_list(gltf.content, "nodes") if {"mesh", "name"} <= {*node}]
+        doubts = (*doubts, *same_names_told(len(named) - len({*map(str, named)}), len(named)))
         if (plain := plain_glb(gltf)) is not None:
             gltf, data = plain
             suffix, held = ".glb", check_gltf(gltf.content, gltf.buffers)
@@ -220,10 +222,7 @@ def _read_placed(file: Path) -> tuple[Any, int, tuple[str, ...], LengthUnit | No
     if suffix == ".obj":
         data = plain_obj(file.read_bytes())
         held = Contents(check_obj(data))
-        data = cut_obj(data)
-        objects = re.findall(rb"(?m)^o [^\n]*", data)
-        if n_same := len(objects) - len(set(objects)):
-            doubts = (f"{n_same} of {len(objects)} objects have the name of another; those are one surface",)
+        data, doubts = number_objects(cut_obj(data))
     elif suffix == ".ply":
         data = plain_ply(file.read_bytes())
         held = Contents(check_ply(data))

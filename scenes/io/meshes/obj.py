@@ -28,6 +28,7 @@ _COLOURED = re.compile(
 )  # a vertex, and its colour
 _COMMENT = re.compile(rb"(?m)^((?:v|vn|vt|f)[ ][^#\n]*)#[^\n]*")
 _POLYGON = re.compile(rb"(?m)^f(?:[ \t]+[^ \t\n]+){4}")
+_OBJECT = re.compile(rb"(?m)^o ")
 _BARE = re.compile(rb"(?m)(?<=\d)/+(?=[ \t]|$)")  # 1// is 1
 _WIDTHS = {b"v": (3, 8), b"vt": (1, 3), b"vn": (3, 3)}  # numbers of a line: fewest, most
 _NAMES = {0: "vertex", 1: "texture coordinate", 2: "normal"}
@@ -81,6 +82,36 @@ def cut_obj(text: bytes) -> bytes:
         if triangles[:, 0].any():  # a fan is left to its reader
             lines[number] = b"\n".join(b"f " + b" ".join(words[k] for k in row) for row in triangles.tolist())
     return b"\n".join(lines)
+
+
+def number_objects(text: bytes) -> tuple[bytes, tuple[str, ...]]:
+    """Return a plain OBJ text whose objects all have different names ("wall", "wall #2"), and what to tell.
+
+    Where there are no objects, groups are; a group that comes again without vertices of its own goes on.
+    """
+    key = b"o " if _OBJECT.search(text) else b"g "
+    head, *blocks = re.split(rb"(?m)^(?=%s)" % key, text)
+    titles = [block.partition(b"\n")[0][2:] for block in blocks]
+    taken, name_of, before, n_same = set(titles), dict[bytes, bytes](), head, 0
+    shown = set[bytes]()
+    for k, (block, title) in enumerate(zip(blocks, titles, strict=True)):
+        is_own = b"\nv " in block or (b"\nv " in before and b"\nf " not in before)
+        if title in name_of and (key == b"o " or is_own):
+            numbers = (b"%s #%d" % (title.rstrip(), number) for number in range(2, len(blocks) + 3))
+            name_of[title] = next(name for name in numbers if name not in taken)
+            taken.add(name_of[title])
+            n_same += 1
+        before, name = block, name_of.setdefault(title, title)
+        shown |= {name} if b"\nf " in block else set()
+        blocks[k] = b"o " + name + block[2 + len(title) :]
+    return b"".join([head, *blocks]), same_names_told(n_same, len(shown))
+
+
+def same_names_told(n_same: int, n: int) -> tuple[str, ...]:
+    """Say how many of n objects have the name of another."""
+    if not n_same:
+        return ()
+    return (f"{n_same} of {n} objects have the name of another; a number behind it tells them apart",)
 
 
 def check_obj(text: bytes) -> int:

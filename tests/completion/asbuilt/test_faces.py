@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from completion.asbuilt.faces import find_faces, scale_of
-from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.mesh.labelled_mesh import LabelledMesh, join_meshes
 from scenes.pose import Pose
 from tests.completion.asbuilt.designs import boxes, tube
 
@@ -100,3 +100,46 @@ def test_small_parts_have_small_limits() -> None:
     assert len(find_faces(part, scale_of(part))) == 6
     assert len(find_faces(part, 1.0)) == 0
     assert scale_of(BOX) == 1.0
+
+
+def facets(n, rng, slope):
+    """A sheet of n x n squares that undulates by steps of about so many degrees: patches beside patches."""
+    x, y = (axis.ravel() for axis in np.meshgrid(*[np.arange(n + 1.0)] * 2, indexing="ij"))
+    z = np.cumsum(rng.normal(size=(n + 1, n + 1)) * np.radians(slope), axis=0).ravel()
+    a = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    triangles = np.concatenate([np.stack([a, a + n + 1, a + n + 2], 1), np.stack([a, a + n + 2, a + 1], 1)])
+    return LabelledMesh(np.column_stack([x, y, z]), triangles)
+
+
+@pytest.mark.parametrize("slope", [0.3, 0.8])
+def test_elements_have_the_faces_that_each_has_alone(slope: float) -> None:
+    parts = [facets(6, np.random.default_rng(k), slope) for k in range(5)]
+    parts += [tube(0.3, 2.0), BOX, LabelledMesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))]
+    numbered = [
+        LabelledMesh(part.vertices + [k, 0, 0], part.faces, np.full(len(part.faces), k))
+        for k, part in enumerate(parts)
+    ]
+    together = find_faces(join_meshes(numbered), 1.0)
+    alone = [find_faces(part, 1.0) for part in parts]
+    for k, own in enumerate(alone):
+        mine = together.element == k
+        order = [np.lexsort(np.round(f, 6).T) for f in (together.centre[mine] - [k, 0, 0], own.centre)]
+        assert mine.sum() == len(own)
+        assert together.area[mine][order[0]] == pytest.approx(own.area[order[1]])
+        assert together.half[mine][order[0]] == pytest.approx(own.half[order[1]])
+
+
+def test_corners_of_planes_are_near_them_and_no_other_patch_is() -> None:
+    """Each plane holds all that lies in it of what larger planes left; what is in none is no plane."""
+    mesh = facets(12, np.random.default_rng(3), 0.6)
+    faces, normals = find_faces(mesh, 1.0), mesh.face_normals()
+    assert 5 < len(faces) < 2 * 12 * 12
+    free = np.ones(len(normals), np.bool_)
+    for number in range(len(faces)):
+        own = faces.of_triangle == number
+        off = np.abs((mesh.corners - faces.centre[number]) @ faces.normal[number]).max(axis=1)
+        assert off[own].max() < 0.004
+        assert (normals[own] @ faces.normal[number]).min() > np.cos(np.radians(2.0))
+        like = free & (normals @ faces.normal[number] > np.cos(np.radians(0.9))) & (off < 0.0005)
+        assert (faces.of_triangle[like] == number).all()
+        free[own] = False

@@ -110,3 +110,6 @@ def test_beams_too_noisy_for_a_part_are_told():
     mesh = plate(HOLES)
     check = check_against_design(design_of(mesh), scans_of(mesh, 3e-3))
     assert any("of the beams were left out: their noise is beyond" in one for one in check.warnings)
+    assert {one.verdict for one in check.elements} == {"undecided"}
+    assert all(one.sentence.startswith("too noisy: sigma 3.0 mm at 0.") for one in check.elements)
+    assert all(one.share.measured == 0 for one in check.elements)

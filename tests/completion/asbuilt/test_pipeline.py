@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from completion.asbuilt.pipeline import CheckOptions, check_against_design
 from scenes.checks import InputError
-from scenes.mesh.design import ElementMesh
+from scenes.mesh.design import Element, ElementMesh
+from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from tests.completion.asbuilt.designs import boxes, scanned
 from tests.completion.asbuilt.test_beams import ROOM
@@ -125,6 +126,23 @@ def test_scans_three_centimetres_off_are_aligned() -> None:
     assert (np.abs(check.alignment.shift_m + wrong) < 3 * check.alignment.shift_sd_m).all()
 
 
+def test_scans_that_are_all_off_alike_are_told() -> None:
+    (told,) = checked(wrong=(0.1, 0.0, 0.0)).warnings
+    assert told.startswith(
+        "all 2 scans were moved alike by (-100.0 ± 1.5, 0.0 ± 1.5, 0.0 ± 1.7) mm and turned"
+    )
+    assert "the survey's origin is wrong, or the building stands elsewhere" in told
+    assert checked().warnings == checked(wrong=(0.008, 0.0, 0.0)).warnings == ()  # 10 mm may be
+
+
+def test_beams_too_noisy_leave_what_they_met_undecided() -> None:
+    check = check_against_design(DESIGN, scans(sigma_m=0.05), OPTIONS, n_threads=1)
+    assert verdicts(check) == dict.fromkeys(SEEN, "undecided")
+    west = check.elements[2].sentence
+    assert west.startswith("too noisy: sigma 50.0 mm at 1.")
+    assert west.endswith("where 30.0 mm is the most that tells anything of this design; tolerance 10.0 mm")
+
+
 def test_far_from_the_origin_nothing_changes() -> None:
     """500 km away, as surveyors' frames are: the same findings to a micrometre."""
     here, move = checked(east_m=MOVED_M), Pose.from_parts(np.eye(3), np.array([5e5, -4e5, 300.0]))
@@ -159,3 +177,60 @@ def test_what_cannot_be_checked_is_refused() -> None:
         check_against_design(DESIGN, scans(), CheckOptions(only=("IfcDoor",)))
     with pytest.raises(InputError, match="no element with a surface left"):
         check_against_design(DESIGN, scans(), CheckOptions(without=("Ifc*",)))
+
+
+def test_an_element_that_is_there_twice_has_the_verdict_of_its_surface() -> None:
+    """Each by its own tolerance; the surface is tested once."""
+    solids = ROOM | PIERS | {"again": PIERS["pier"], "plate": PIERS["screen"]}
+    design = boxes(solids, classes={"again": "IfcDoor"})
+    options = CheckOptions(registration=(0.001, 0.003), tolerances={"IfcDoor": 0.0005})
+    check = check_against_design(design, scans(screen=False), options, n_threads=1)
+    assert verdicts(check) == dict.fromkeys(SEEN, "within") | {
+        "screen": "missing", "plate": "missing", "again": "undecided"
+    }  # fmt: skip
+    same = {one.element.name: one.same_as for one in check.elements if one.same_as}
+    assert same == {"again": "pier", "plate": "screen"}
+    assert check.elements[-1].sentence == f"lies on screen: {check.elements[-3].sentence}"
+    assert check.faces_tested == checked(screen=False).faces_tested
+    assert len(check.design.mesh.faces) == len(design.mesh.faces)
+    (told,) = check.warnings
+    assert told == "elements with the same surface as another, which share what is found on it: 2 of 10"
+
+
+def sheets(panel_m=0.0, flipped=(), without=()):
+    """The inner sides of a room and a panel in it, single faces; which of them look the other way."""
+    corners = np.array([*np.ndindex(2, 2, 2)]) * [4.0, 5.0, 2.5]
+    sides = {
+        "floor": (0, 4, 6, 2), "ceiling": (1, 3, 7, 5), "west": (0, 2, 3, 1), "east": (4, 5, 7, 6),
+        "south": (0, 1, 5, 4), "north": (2, 6, 7, 3), "panel": (8, 9, 10, 11),
+    }  # fmt: skip
+    panel = [(2.4 + panel_m, y, z) for y, z in ((1.2, 0.3), (2.4, 0.3), (2.4, 2.0), (1.2, 2.0))]
+    shown = [name for name in sides if name not in without]
+    quads = [sides[name][:: -1 if name in flipped else 1] for name in shown]
+    faces = np.array([[q[0], q[k], q[k + 1]] for q in quads for k in (1, 2)], np.int32)
+    mesh = LabelledMesh(
+        np.vstack([corners, panel]), faces, np.repeat(np.arange(len(quads), dtype=np.int32), 2)
+    )
+    return ElementMesh(mesh, tuple(map(Element, shown)), "sheets")
+
+
+@pytest.mark.parametrize("flipped", [(), ("west", "panel")])
+@pytest.mark.parametrize(
+    ("built", "verdict", "kind"),
+    [
+        ({}, "within", ""),
+        ({"panel_m": 0.03}, "deviates", "offset"),
+        ({"panel_m": 0.3}, "deviates", "displaced"),
+        ({"without": ("panel",)}, "missing", ""),
+    ],
+)
+def test_sheets_are_judged_from_whichever_side_they_are_seen(flipped, built, verdict, kind) -> None:
+    given = [
+        scanned(sheets(**built), eye, sigma_m=SIGMA_M, rng=k, name=f"s{k}") for k, eye in enumerate(EYES)
+    ]
+    check = check_against_design(sheets(flipped=flipped), given, OPTIONS, n_threads=1)
+    *others, panel = check.elements
+    assert {one.verdict for one in others} == {"within"}
+    assert min(one.share.measured for one in others) > 0.9
+    assert (panel.verdict, panel.kind) == (verdict, kind)
+    assert panel.sentence

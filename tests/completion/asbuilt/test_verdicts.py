@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from completion.asbuilt.alignment import Aligned
-from completion.asbuilt.deviation import HALF_95, Judged
+from completion.asbuilt.deviation import Judged
 from completion.asbuilt.faces import N_COLUMNS, find_faces
-from completion.asbuilt.findings import BeamEvidence, FaceFinding, Hider, Interval, Shares
+from completion.asbuilt.findings import HALF_95, BeamEvidence, FaceFinding, Hider, Interval, Shares
 from completion.asbuilt.verdicts import ElementEvidence, decide, quantile
 from scenes.mesh.design import Element
 from tests.completion.asbuilt.designs import boxes
@@ -34,8 +34,9 @@ def face(
     worst, area = delta[np.argmax(np.abs(delta))], float(FACES.area[of])
 
     def interval(value):
-        return Interval(float(value), float(value - HALF_95 * sd), float(value + HALF_95 * sd))
+        return Interval(float(value), float(value - HALF_95 * sd), float(value + HALF_95 * sd), along)
 
+    along = (0.0, -1.0, 0.0)
     turn = abs(tilt) / FACES.half[of, 0]
     finding = FaceFinding(
         0, "plane", is_main=of != END, centre=FACES.centre[of], normal=FACES.normal[of], area_m2=area,
@@ -68,11 +69,14 @@ def aligned_of(*faces: Judged, sd=SD) -> Aligned:
     )  # fmt: skip
 
 
-def verdict(*faces, z=Z, rivals=(), far=(), beams=None, share=0.8, hidden=(), not_seen=None, kind="IfcWall"):
+def verdict(
+    *faces, z=Z, rivals=(), far=(), beams=None, share=0.8, hidden=(), not_seen=None, kind="IfcWall",
+    is_open=False,
+):  # fmt: skip
     known = ElementEvidence(
         0, Element("wall", kind), T, faces=tuple(faces), far=tuple(far), beams=beams or BeamEvidence(),
         share=Shares(share, 0.0, 1 - share), exposed_m2=20.0, hidden=tuple(hidden), not_seen=not_seen or {},
-        rivals=dict.fromkeys(rivals, True), back_m=0.7 * THICK_M,
+        rivals=dict.fromkeys(rivals, True), back_m=0.7 * THICK_M, is_open=is_open,
     )  # fmt: skip
     return decide(known, aligned_of(*faces), FACES, z=z, scale=1.0)
 
@@ -144,10 +148,10 @@ def test_most_of_an_element_and_a_main_face_must_be_within() -> None:
 def test_deviations_have_the_kind_that_most_of_them_is_made_of() -> None:
     tilted = verdict(face(0.001, tilt=0.02))
     assert (tilted.verdict, tilted.kind) == ("deviates", "tilt")
-    assert "it is turned by 0.57 deg" in tilted.sentence
+    assert "it is turned by 0.5730 deg" in tilted.sentence
     bowed = verdict(face(bow=0.02))
     assert (bowed.verdict, bowed.kind) == ("deviates", "bow")
-    assert "its middle bows by 20.0 mm" in bowed.sentence
+    assert "its middle bows by 20.00 mm" in bowed.sentence
     assert verdict(face(0.02, tilt=0.005)).kind == "offset"
 
 
@@ -231,7 +235,43 @@ def test_an_empty_body_with_a_like_surface_nearby_is_displaced() -> None:
     assert (found.verdict, found.kind) == ("deviates", "displaced")
     assert found.offset is not None
     assert found.offset.value == pytest.approx(0.3)
+    assert found.sentence.endswith(
+        "beside it, 300.00 mm (95 %: 299.02 to 300.98 mm) off along -y of the design"
+    )
     assert verdict(share=0.05, beams=empty, far=[far], kind="IfcDoor").verdict == "missing"  # leaves turn
-    assert verdict(share=0.05, beams=empty, far=[face(0.3, measured_m2=2.0, is_far=True)]).verdict == "missing"
+    assert (
+        verdict(share=0.05, beams=empty, far=[face(0.3, measured_m2=2.0, is_far=True)]).verdict == "missing"
+    )
     assert verdict(share=0.05, beams=empty, far=[face(0.3, tilt=0.1, is_far=True)]).verdict == "missing"
     assert verdict(face(), far=[far]).verdict == "within"
+
+
+def test_an_open_body_is_not_displaced_by_the_side_that_it_lacks() -> None:
+    empty, far = BeamEvidence(0.0, 0.0, 6.0, 5000), face(0.2, is_far=True)
+    found = verdict(beams=empty, far=[far], is_open=True)
+    assert (found.verdict, found.kind) == ("undecided", "")
+    assert found.sentence.startswith(
+        "its body in the design is not closed: what lies before it may be the side"
+    )
+    crate = [Hider("extra-1", ("s2",), 3.0)]
+    hidden = verdict(beams=empty, hidden=crate, not_seen={"hidden": 0.6}, share=0.0, is_open=True)
+    assert hidden.verdict == "hidden"
+    assert hidden.sentence.startswith("hidden by extra-1 (3.0 m2); its body in the design is not closed")
+
+
+def test_an_undecided_element_says_by_how_much_and_why() -> None:
+    near = verdict(face(T))
+    assert near.sentence.startswith("a corner is off by 10.00 mm (95 %: 9.02 to 10.98 mm), neither surely")
+    assert near.sentence.endswith("within nor surely beyond 10.0 mm")
+    loose = verdict(face(0.001, sd=0.05))
+    assert loose.sentence.endswith(": hardly any other surface holds the scans this way")
+
+
+@pytest.mark.parametrize(("fields", "why"), [
+    ({"support": 0.4}, "beams met only 40% of what they could of that face"),
+    ({"is_flat": False}, "what was measured there is not flat: rms 0"),
+])  # fmt: skip
+def test_a_large_number_that_is_no_deviation_has_its_reason(fields, why) -> None:
+    found = verdict(face(0.03, **fields))
+    assert found.verdict == "undecided"
+    assert found.sentence.startswith("a corner is off by 30.00 mm (95 %: 29.02 to 30.98 mm), but " + why)

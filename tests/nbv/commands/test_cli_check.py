@@ -244,6 +244,6 @@ def test_the_summary_counts_what_was_found():
     assert (summary["extra"], summary["changes"]) == (2, 0)
     lines = lines_of(CheckedDesign(check, changes=changes))
     assert lines[0] == "6 elements: 1 within, 1 deviates, 1 undecided, 1 missing, 1 hidden, 1 not seen"
-    assert "moved by (1.0, 0.0, -9.8) mm" in lines[3]
+    assert "moved by (1.00 ± 0.78, 0.00 ± 0.78, -9.80 ± 0.78) mm" in lines[3]
     held = replace(check, alignment=replace(check.alignment, is_free=False))
     assert "control network" in lines_of(CheckedDesign(held))[3]

@@ -44,7 +44,7 @@ def test_what_deviates_is_missing_or_is_extra_is_a_topic(tmp_path):
     ]  # fmt: skip  # extra-2 is told of the door
     described = [markup.findtext(".//Description") for markup, _ in topics]
     assert "IfcWall wall south deviates: 19.9 mm behind its place (18.6 to 21.2 mm). Tol" in described[0]
-    assert "Offset -19.9 mm (-21.2 to -18.6 mm, 95 %)" in described[0]
+    assert "Offset -19.9 mm (95 %: -21.2 to -18.6 mm)" in described[0]
     assert "(see extra-2)" in described[1]
     assert "It hides wall east." in described[2]
     assert [markup.findtext(".//Priority") for markup, _ in topics] == ["Normal", "High", "Normal"]

@@ -9,14 +9,28 @@ import pytest
 
 from completion.asbuilt.findings import SAMPLE_STATES
 from nbv.inspection import inference
-from nbv.inspection.checking import CheckedDesign, check_design, compare_with, read_earlier, read_loa_bands
+from nbv.inspection.checking import (
+    CheckedDesign,
+    check_design,
+    compare_with,
+    in_frame_of,
+    open_design,
+    read_earlier,
+    read_loa_bands,
+)
 from nbv.inspection.record import check_record
 from nbv.run import showing
 from nbv.scanning.scanner import scan_scene
 from nbv.scanning.sensor import PinholeSensor, View
 from scenes.checks import InputError
+from scenes.io.scan_request import GivenScans
+from scenes.io.scene_files import save_scene
+from scenes.mesh.orientation import world_from_file_up
 from scenes.pose import Pose
 from scenes.world.builtin import builtin_scene
+from scenes.world.scene import Scene
+from tests.completion.asbuilt.designs import boxes, scanned
+from tests.completion.asbuilt.test_beams import ROOM
 from tests.nbv.inspection.checks import example_check
 
 CHECK = example_check()
@@ -36,6 +50,28 @@ def test_a_room_that_is_as_designed_has_nothing_to_report():
     assert checked.findings.scans == ("scan 1", "scan 2")
     strict = check_design(room, scans, 0.02, tolerances={"floor": 0.0005}, n_threads=1)
     assert strict.elements[0].verdict == "undecided"  # its interval is wider than that
+
+
+def test_a_design_with_another_axis_up_than_its_scans_is_refused_with_the_axis(tmp_path):
+    """And where both have the same up, nothing is said of it."""
+    design = boxes(ROOM)
+    scene = Scene.from_mesh(design.mesh)
+    save_scene(
+        replace(scene, mesh=design.mesh.transform(world_from_file_up("y").inverse())), tmp_path / "y.obj"
+    )
+    save_scene(scene, tmp_path / "z.obj")
+    scans = [scanned(design, (1.2, 1.2, 1.4), n_pixels=4000)]
+    given = GivenScans(tuple(scans), (), ())
+    with pytest.raises(
+        InputError, match=r"y: the scans and .* with z of its file up, 100% with y; give --up y"
+    ):
+        in_frame_of(open_design(str(tmp_path / "y.obj")), given)
+    for file, up in (("z.obj", None), ("y.obj", "y")):
+        opened = open_design(str(tmp_path / file), up=up)
+        assert not any("up" in text or "mode" in text for text in opened.warnings)
+        framed, told = in_frame_of(opened, given)
+        assert bool(told) == (up == "y")
+        assert framed.scans[0] is scans[0]
 
 
 def test_scans_are_all_paths_or_none():

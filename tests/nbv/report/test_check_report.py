@@ -29,7 +29,7 @@ from nbv.report.blocks.page import Card, Histogram
 from nbv.report.blocks.verdict_plans import _area, _paths, design_storeys, verdict_plans
 from nbv.report.check_report import check_page, summary
 from nbv.report.figures.check_snapshots import check_snapshots
-from nbv.report.viewer.check_view import check_view
+from nbv.report.viewer.check_view import check_view, worst_deviation
 from tests.nbv.inspection.checks import BOXES, example_check
 
 CHECK = example_check()
@@ -48,7 +48,7 @@ def test_the_head_says_all_in_numbers():
     assert "6 elements at a tolerance of 5 to 10 mm: 1 within, 1 deviates, 1 undecided, 1 missing" in text
     assert "247 faces were tested; 0.05 wrong \u201cdeviates\u201d are expected" in text
     assert "z = 3.71" in text
-    assert "moved by (1.0, 0.0, -9.8) mm" in text
+    assert "moved by (1.00 ± 0.78, 0.00 ± 0.78, -9.80 ± 0.78) mm" in text
     assert "a slab 10 mm high everywhere is the alignment's" in text
     held = replace(CHECK, alignment=replace(CHECK.alignment, is_free=False))
     assert "control network" in summary(held)
@@ -89,7 +89,7 @@ def test_the_list_of_the_others_is_folded_away():
     (open_,), (folded,) = (elements_table(CHECK, numbers, within=within) for within in (False, True))
     assert (len(open_.rows), open_.is_folded) == (5, False)
     assert (len(folded.rows), folded.is_folded) == (1, True)
-    assert open_.rows[0][5].text == "-19.9 [-21.2, -18.6]"
+    assert open_.rows[0][6].text == "-19.9 [-21.2, -18.6]"
     everything = replace(CHECK, elements=CHECK.elements[:1])
     assert elements_table(everything, numbered(everything), within=False) == ()
 
@@ -116,6 +116,30 @@ def test_a_histogram_has_its_limits_where_they_are():
 def test_an_interval_is_in_millimetres():
     assert millimetres(Interval(0.0099, 0.0079, 0.0119)) == "9.9 [7.9, 11.9]"
     assert millimetres(None) == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "text"),
+    [
+        (3e-4, 2e-5, "0.300 [0.280, 0.320]"),
+        (-0.02, 1.3e-3, "-20.0 [-21.3, -18.7]"),
+        (0.2, 0.05, "200 [150, 250]"),
+    ],
+)
+def test_an_interval_is_told_from_its_value(value, half, text):
+    assert millimetres(Interval(value, value - half, value + half)) == text
+
+
+def test_a_displaced_element_shows_its_shift_and_where_it_went():
+    """Not what a beam near its empty place is off by."""
+    south = CHECK.elements[1]
+    shift = Interval(-0.2811, -0.2822, -0.2800, south.offset.along)
+    moved = replace(CHECK, elements=(replace(south, kind="displaced", offset=shift),))
+    (table,) = elements_table(moved, numbered(moved), within=False)
+    assert table.rows[0][6].text == f"281.1 [280.0, 282.2] along {'-' if south.offset.along[1] > 0 else '+'}y"
+    assert worst_deviation(moved.elements[0]) is shift
+    (card,) = cards(moved, numbered(moved))
+    assert not any(isinstance(block, Histogram) for block in card.blocks)
 
 
 def test_a_plan_fills_what_the_cut_meets():
@@ -190,3 +214,12 @@ def test_issues_have_a_snapshot_of_their_element():
         assert 0.03 < float((found_tint > 0.3 * tint).mean()) < 0.95, verdict
     nowhere = replace(CHECK, alignment=replace(CHECK.alignment, poses=()))
     assert check_snapshots(nowhere, 1) == {}
+
+
+@pytest.mark.parametrize(
+    ("along", "way"), [((0, 0, 1), "-z"), ((-1, 0, 0), "+x"), ((0.6, -0.8, 0), "(-0.60, 0.80, 0.00)")]
+)
+def test_a_shift_has_a_length_and_a_direction(along, way):
+    shift, told = Interval(-0.3, -0.31, -0.29, along).as_shift()
+    assert (shift.value, shift.low, shift.high, told) == (0.3, 0.29, 0.31, way)
+    assert shift.value * np.array(shift.along) == pytest.approx(-0.3 * np.array(along))

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from nbv.inspection.checking import CheckedDesign
+from nbv.report.check_report import check_page
 from tests.helpers.browser import Browser, needs_chromium
 from tests.helpers.view_examples import EVIL, FEW, KINDS, UTM, known_page, report_page
+from tests.nbv.inspection.checks import example_check
 
 pytestmark = needs_chromium
 SCREENSHOTS = os.environ.get("UNSEEN_SCREENSHOTS")
@@ -317,3 +320,24 @@ def save(tab, folder, name):
         Image.fromarray(tab.pixels("figure.view")).save(folder / f"{name}-view.png")
     tab.run("scrollTo(0, 0)")
     tab.whole(folder / f"{name}.png")
+
+
+def test_elements_of_a_check_are_chosen_by_verdict_storey_and_class(browser, tmp_path):
+    check_page(CheckedDesign(example_check()), "room.ifc", n_threads=1).write(tmp_path / "check.html")
+    tab = browser.open(tmp_path / "check.html", 900, 700)
+    tab.wait_for("document.querySelector('.filters')")
+    bar = "document.querySelectorAll('.filters')[0]"
+    shown = f"[...{bar}.nextElementSibling.querySelectorAll('tbody tr')].filter(r => r.offsetHeight).length"
+
+    def chosen(number, value):
+        tab.run(f"{bar}.children[{number}].value = '{value}'")
+        tab.run(f"{bar}.dispatchEvent(new Event('change'))")
+        return tab.run(shown), tab.run(f"{bar}.querySelector('output').textContent").strip()
+
+    assert tab.run(f"{bar}.children.length") == 4  # three choices, and how many
+    assert tab.run(shown) == 5
+    assert chosen(2, "IfcWall") == (3, "3 of 5")
+    assert chosen(0, "deviates") == (1, "1 of 5")
+    assert chosen(0, "missing") == (0, "0 of 5")
+    assert tab.complaints() == []
+    tab.close()

@@ -164,6 +164,48 @@ def test_faces_that_lie_are_refused(faces: str, message: str) -> None:
         check_obj(plain_obj((OBJ + faces).encode()))
 
 
+def three_boxes(*heads: str) -> str:
+    """An OBJ of three boxes apart, each behind its own lines."""
+    text = ""
+    for k, head in enumerate(heads):
+        corners = 2 * k + np.array([*np.ndindex(2, 2, 2)])
+        text += head + "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
+        text += "".join(f"f {' '.join(str(8 * k + 1 + c) for c in side)}\n" for side in SIDES)
+    return text
+
+
+SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+
+
+@pytest.mark.parametrize(
+    ("heads", "names", "n_same"),
+    [
+        (("o w\n", "o w\n", "o w\n"), {"w", "w #2", "w #3"}, 2),
+        (("g w\n", "g w\n", "g w\n"), {"w", "w #2", "w #3"}, 2),
+        (("g a\n", "g b\n", "g c\n"), {"a", "b", "c"}, 0),
+        (("o w\n", "o w #2\n", "o w\n"), {"w", "w #2", "w #3"}, 1),
+        (("o w\ng a\n", "g b\n", "g a\n"), {"w"}, 0),
+        (("g default\ng a\n", "g default\ng b\n", "g default\ng a\n"), {"a", "b", "a #2"}, 1),
+    ],
+)
+def test_objects_of_one_name_are_told_apart(tmp_path: Path, heads, names, n_same: int) -> None:
+    (tmp_path / "a.obj").write_text(three_boxes(*heads))
+    scene = load_scene(tmp_path / "a.obj", up="z")
+    assert set(scene.surface_names) == {one.name for one in scene.element_mesh.elements} == names
+    assert (scene.mesh.face_areas().sum(), len(scene.mesh.faces)) == (pytest.approx(18), 36)
+    told = f"{n_same} of 3 objects have the name of another; a number behind it tells them apart"
+    assert (told in scene.warnings) == bool(n_same)
+
+
+def test_a_group_that_comes_again_goes_on(tmp_path: Path) -> None:
+    text = three_boxes("g a\n", "g a\n", "g a\n").replace("g a\n", "").splitlines(keepends=True)
+    text.sort(key=lambda line: line[0] != "v")
+    (tmp_path / "a.obj").write_text(
+        "".join([*text[:24], "g a\n", *text[24:30], "g b\n", *text[30:36], "g a\n", *text[36:]])
+    )
+    assert set(load_scene(tmp_path / "a.obj").surface_names) == {"a", "b"}
+
+
 def ply(body: str, faces: int = 1, head: str = "") -> bytes:
     return (meshes.PLY.format("ascii", head, 3, faces) + body).encode()
 
