@@ -25,9 +25,9 @@ from scenes.surfaces.catalogue import Plane, Surface
 
 _CURVED = "cylinder", "cone", "sphere", "torus"  # the simplest first
 _ROUNDS = 20
-_STARTING = 4  # of these until a start must be right
+_STARTING = 2  # of these until a start must be right
 _DEEPEST = 3  # neighbours that a start looks at
-_MOST_FAILED = 60  # seeds without a surface, before a mesh that has explained little counts as scanned
+_MOST_FAILED = 20  # seeds without a surface, before a mesh that has explained little counts as scanned
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,23 +37,24 @@ class Tessellation:
     Attributes
     ----------
     labels : (m,) int
-        Face of each triangle, from 1; 0 for none.
+        Face of each triangle, from 1; 0 for what is on no surface of a known kind.
     surfaces : tuple of Surface
         One a face.
-    share : float
-        Of the area that they explain.
+    free_form : float
+        Share of the area that is on none.
     """
 
     labels: IntArray
     surfaces: tuple[Surface, ...]
-    share: float
+    free_form: float
 
 
 class _Patches(NamedTuple):
-    """Coplanar patches (p,): their triangles' patch (m,), area, normal, centroid, corners, and what is beside.
+    """Patches (p,) of coplanar triangles.
 
-    `corner` (k,) are vertices, those of patch i from `first[i]` to `first[i + 1]`; `bends` (p, p) holds the
-    angle between neighbours that turn little.
+    `of` (m,) is that of each triangle, `corner` (k,) are vertices, those of patch i from `first[i]` to
+    `first[i + 1]`; `bends` (p, p) links neighbours that turn little; `count` triangles; `is_thin`: its normal
+    says nothing; `is_inner`: it has no sharp edge.
     """
 
     of: IntArray
@@ -63,14 +64,16 @@ class _Patches(NamedTuple):
     first: IntArray
     corner: IntArray
     bends: csr_array
+    count: IntArray
+    is_seed: BoolArray
     is_thin: BoolArray
     is_inner: BoolArray
     most_sag_m: float
     tolerance_m: float
 
 
-def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation:
-    """Divide a mesh with shared vertices where the faces of its model are.
+def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation | None:
+    """Divide a mesh where the faces of its model are; None where it is no model's.
 
     Parameters
     ----------
@@ -80,29 +83,43 @@ def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation:
         How far vertices may be off their surface: the file's precision.
     """
     patches = _patches_of(mesh, tolerance_m)
-    face = np.full(len(patches.area), -1, dtype=np.int64)
-    surfaces: list[Surface] = []
-    is_tried = np.zeros(len(patches.area), np.bool_)
-    n_bends = np.diff(patches.bends.indptr)
-    failed = 0
+    face, surfaces = np.full(len(patches.area), -1, dtype=np.int64), list[Surface]()
+    is_tried, n_bends = ~patches.is_seed, np.diff(patches.bends.indptr)
+    total, n_failed = float(patches.area.sum()), 0
     for seed in np.lexsort((-patches.area, -_depths(patches))):
         if face[seed] >= 0 or is_tried[seed] or not n_bends[seed]:
             continue
         found = _grown_from(mesh, patches, int(seed), face < 0, tolerance_m)
         if found is None:
-            is_tried[seed] = True
-            failed += 1
+            is_tried[_around(patches, np.array([seed]), face < 0, int(seed))] = True
+            n_failed += 1
+            if n_failed == _MOST_FAILED and _explained(patches, face) < limits.MODEL_SHARE * total:
+                return None
             continue
         face[found.members] = len(surfaces)
         surfaces.append(found.surface)
     surfaces = _absorbed(mesh, patches, surfaces, face, tolerance_m)
-    for patch in np.flatnonzero(face < 0):
+    if _explained(patches, face) < limits.MODEL_SHARE * total:
+        return None
+    for patch in np.flatnonzero((face < 0) & ~_is_free_form(patches, face)):
         corners = mesh.vertices[patches.corner[patches.first[patch] : patches.first[patch + 1]]]
-        if patches.area[patch] > 0:
-            face[patch] = len(surfaces)
-            surfaces.append(Plane(corners.mean(axis=0), patches.normal[patch]))
-    labels = face[patches.of] + 1
-    return Tessellation(labels, tuple(surfaces), 1.0)
+        face[patch] = len(surfaces)
+        surfaces.append(Plane(corners.mean(axis=0), patches.normal[patch]))
+    free_form = float(patches.area[face < 0].sum()) / total
+    return Tessellation(face[patches.of] + 1, tuple(surfaces), free_form)
+
+
+def _explained(patches: _Patches, face: IntArray) -> float:
+    """Area on curved surfaces, and in planes of several triangles."""
+    return float(patches.area[(face >= 0) | (patches.count > 1)].sum())
+
+
+def _is_free_form(patches: _Patches, face: IntArray) -> BoolArray:
+    """Which patches (p,) are single triangles that turn little to others of their like, on no surface."""
+    left = (face < 0) & (patches.count == 1)
+    first = np.repeat(np.arange(len(left)), np.diff(patches.bends.indptr))
+    beside = np.bincount(first, left[patches.bends.indices], minlength=len(left))
+    return (left & (beside > 0)) | ((face < 0) & (patches.area <= 0))
 
 
 def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
@@ -111,9 +128,7 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     a, b, over, shared = _pairs(mesh)
     large, small = np.where(areas[a] >= areas[b], a, b), np.where(areas[a] >= areas[b], b, a)
     other = np.where(areas[a] >= areas[b], over[:, 1], over[:, 0])
-    height = np.einsum(
-        "ij,ij->i", mesh.vertices[other] - mesh.vertices[mesh.faces[large, 0]], normals[large]
-    )
+    height = np.einsum("ij,ij->i", mesh.vertices[other] - mesh.vertices[mesh.faces[large, 0]], normals[large])
     is_flat = np.abs(height) <= tolerance_m
     same = np.einsum("ij,ij->i", normals[a], normals[b])
     is_thin = 2 * areas <= limits.THIN * tolerance_m * _longest(mesh)
@@ -142,11 +157,18 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     bent = (turn < limits.FACET_TURN) | thin[i] | thin[j]
     both = np.concatenate([i[bent], j[bent]]), np.concatenate([j[bent], i[bent]])
     bends = csr_array((np.ones(len(both[0])), both), shape=(p, p))
-    like = bent & (np.abs(np.log(np.maximum(area[i], 1e-300) / np.maximum(area[j], 1e-300))) < limits.FACET_SIZES)
-    length = np.linalg.norm(mesh.vertices[shared[apart][:, 1]] - mesh.vertices[shared[apart][:, 0]], axis=1)
-    sag = ((area[i] + area[j]) / np.maximum(length, 1e-300) * turn / 8)[like]
+    size = np.log(np.maximum(area, 1e-300))
+    like = bent & (np.abs(size[i] - size[j]) < limits.FACET_SIZES)
+    ends = mesh.vertices[shared[apart]]
+    length = np.maximum(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), 1e-300)
+    sag = ((area[i] + area[j]) / length * turn / 8)[like]
     most_sag_m = limits.MOST_SAG * float(np.quantile(sag, limits.SAGGING)) if len(sag) else 0.0
-    return _Patches(of, area, normal, centroid, first, pairs[:, 1], bends, thin, inner, most_sag_m, tolerance_m)
+    count = np.bincount(of, minlength=p)
+    is_seed = (area > 0) & ~thin
+    return _Patches(
+        of, area, normal, centroid, first=first, corner=pairs[:, 1], bends=bends, count=count,
+        is_seed=is_seed, is_thin=thin, is_inner=inner, most_sag_m=most_sag_m, tolerance_m=tolerance_m,
+    )  # fmt: skip
 
 
 def _longest(mesh: LabelledMesh) -> FloatArray:
@@ -191,7 +213,7 @@ def _absorbed(
 
 
 def _depths(patches: _Patches) -> IntArray:
-    """Steps (p,) from each patch to where its surface may end: at edges, and beside patches of another size."""
+    """Steps (p,) from each patch to where its surface may end: sharp edges, patches of another size."""
     size = np.log(np.maximum(patches.area, 1e-300))
     first, other = np.repeat(np.arange(len(size)), np.diff(patches.bends.indptr)), patches.bends.indices
     alike = np.abs(size[first] - size[other]) < limits.FACET_SIZES
@@ -217,10 +239,10 @@ def _grown_from(
                 grown = _grow(mesh, patches, seed, ring, start, free, tolerance_m)
                 if grown is not None and grown.is_better(best):
                     best = grown
-            if best is not None and best.is_whole(patches):
-                return best
-        if best is not None and best is not before and len(best.members) > len(ring):
-            rings.append(_around(patches, best.members, free, seed))
+        if best is not None and best is not before:  # which tell all kinds better than a few do
+            rings.insert(0, _around(patches, best.members, free, seed))
+        elif best is not None and best.is_whole(patches):
+            break
     return best
 
 
@@ -252,7 +274,8 @@ class _Grown(NamedTuple):
         beside = np.unique(patches.bends[self.members].indices)
         beside = beside[~inside[beside]]
         typical = np.log(float(np.median(patches.area[self.members])))
-        return not (np.abs(np.log(np.maximum(patches.area[beside], 1e-300)) - typical) < limits.FACET_SIZES).any()
+        sizes = np.log(np.maximum(patches.area[beside], 1e-300))
+        return not (np.abs(sizes - typical) < limits.FACET_SIZES).any()
 
     def is_better(self, other: _Grown | None) -> bool:
         """Whether it holds clearly more, or as much and that more closely."""
@@ -266,7 +289,6 @@ class _Grown(NamedTuple):
 
 def _rings(patches: _Patches, seed: int, free: BoolArray) -> list[IntArray]:
     """Patches around a seed: its neighbours, theirs, and neighbours in pairs that look alike."""
-
     one = _around(patches, np.array([seed]), free, seed)
     two = _around(patches, one, free, seed)
     rings = [one, two, _around(patches, two, free, seed)]
