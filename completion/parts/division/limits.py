@@ -80,7 +80,9 @@ FACET_SLOPE = np.radians(25.0)
 """Radians between a chord and the surface at its middle."""
 FACET_SIZES = np.log(8.0)
 """Ratio of areas of neighbouring chords, by its logarithm, from which a surface may start."""
-SAG_RATIO = 10.0
-"""Of the usual sag of a surface's chords, beyond which a triangle is none of them."""
-MOST_SAG = 2.0
-"""Of the sag of most chords of a mesh, beyond which a triangle is no chord of a curved surface."""
+SAG_RATIO, TURN_RATIO = 10.0, 6.0
+"""Of the usual sag of a surface's chords, and of its usual turn across them, beyond which a patch is none."""
+MOST_TURN = np.radians(60.0)
+"""Radians that a curved surface turns by across a chord: diagonals of those that bend twice. Chosen by eye."""
+MOST_OF_SURFACE = 0.5
+"""Of the area of a curved surface, that one of its chords has: a plane between two chords has more."""

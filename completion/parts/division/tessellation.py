@@ -26,6 +26,7 @@ from scenes.surfaces.catalogue import Plane, Surface
 _CURVED = "cylinder", "cone", "sphere", "torus"  # the simplest first
 _ROUNDS = 20
 _STARTING = 2  # of these until a start must be right
+_END = 0.05  # of an edge
 _DEEPEST = 3  # neighbours that a start looks at
 _MOST_FAILED = 20  # seeds without a surface, before a mesh that has explained little counts as scanned
 
@@ -68,7 +69,6 @@ class _Patches(NamedTuple):
     is_seed: BoolArray
     is_thin: BoolArray
     is_inner: BoolArray
-    most_sag_m: float
     tolerance_m: float
 
 
@@ -125,7 +125,7 @@ def _is_free_form(patches: _Patches, face: IntArray) -> BoolArray:
 def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     """Triangles joined where they lie in one plane."""
     n, areas, normals = len(mesh.faces), mesh.face_areas(), mesh.face_normals()
-    a, b, over, shared = _pairs(mesh)
+    a, b, over = _pairs(mesh)
     large, small = np.where(areas[a] >= areas[b], a, b), np.where(areas[a] >= areas[b], b, a)
     other = np.where(areas[a] >= areas[b], over[:, 1], over[:, 0])
     height = np.einsum("ij,ij->i", mesh.vertices[other] - mesh.vertices[mesh.faces[large, 0]], normals[large])
@@ -157,17 +157,11 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     bent = (turn < limits.FACET_TURN) | thin[i] | thin[j]
     both = np.concatenate([i[bent], j[bent]]), np.concatenate([j[bent], i[bent]])
     bends = csr_array((np.ones(len(both[0])), both), shape=(p, p))
-    size = np.log(np.maximum(area, 1e-300))
-    like = bent & (np.abs(size[i] - size[j]) < limits.FACET_SIZES)
-    ends = mesh.vertices[shared[apart]]
-    length = np.maximum(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), 1e-300)
-    sag = ((area[i] + area[j]) / length * turn / 8)[like]
-    most_sag_m = limits.MOST_SAG * float(np.quantile(sag, limits.SAGGING)) if len(sag) else 0.0
     count = np.bincount(of, minlength=p)
     is_seed = (area > 0) & ~thin
     return _Patches(
         of, area, normal, centroid, first=first, corner=pairs[:, 1], bends=bends, count=count,
-        is_seed=is_seed, is_thin=thin, is_inner=inner, most_sag_m=most_sag_m, tolerance_m=tolerance_m,
+        is_seed=is_seed, is_thin=thin, is_inner=inner, tolerance_m=tolerance_m,
     )  # fmt: skip
 
 
@@ -176,16 +170,15 @@ def _longest(mesh: LabelledMesh) -> FloatArray:
     return np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2).max(axis=1)
 
 
-def _pairs(mesh: LabelledMesh) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """Triangles (e,), (e,) beside edges, the corner (e, 2) of each that is not on it, and its ends (e, 2)."""
+def _pairs(mesh: LabelledMesh) -> tuple[IntArray, IntArray, IntArray]:
+    """Triangles (e,), (e,) beside edges, and the corner (e, 2) of each that is not on it."""
     edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     triangle, opposite = np.repeat(np.arange(len(mesh.faces)), 3), mesh.faces[:, [2, 0, 1]].ravel()
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     edges, triangle, opposite = edges[order], triangle[order], opposite[order]
     start = np.flatnonzero(np.concatenate([[True], (edges[1:] != edges[:-1]).any(axis=1)]))
     twice = start[np.diff(np.append(start, len(edges))) == 2]
-    over = np.column_stack([opposite[twice], opposite[twice + 1]])
-    return triangle[twice], triangle[twice + 1], over, edges[twice]
+    return triangle[twice], triangle[twice + 1], np.column_stack([opposite[twice], opposite[twice + 1]])
 
 
 def _absorbed(
@@ -350,6 +343,8 @@ def _grow(
         return None
     triangles = np.flatnonzero(np.isin(patches.of, kept))
     sags, area = _sags(mesh, triangles, surface), mesh.face_areas()[triangles]
+    if patches.area[kept].max() > limits.MOST_OF_SURFACE * patches.area[kept].sum():
+        return None
     return _Grown(surface, kept, float(patches.area[kept].sum()), float(area @ sags / area.sum()))
 
 
@@ -358,12 +353,22 @@ def _chords(
 ) -> BoolArray:
     """Which of some patches (k,) lie as near to a surface between their corners as its members do: (p,)."""
     triangles = np.flatnonzero(np.isin(patches.of, np.union1d(some, members)))
-    worst = np.zeros(len(patches.area))
-    np.maximum.at(worst, patches.of[triangles], _sags(mesh, triangles, surface))
-    most = min(limits.SAG_RATIO * float(np.median(worst[members])), patches.most_sag_m)
+    sag, turn = np.zeros(len(patches.area)), np.zeros(len(patches.area))
+    np.maximum.at(sag, patches.of[triangles], _sags(mesh, triangles, surface))
+    np.maximum.at(turn, patches.of[triangles], _turns(mesh, triangles, surface))
+    most_m = limits.SAG_RATIO * float(np.median(sag[members])) + patches.tolerance_m
+    most = min(limits.TURN_RATIO * float(np.median(turn[members])) + limits.FLAT_ANGLE, limits.MOST_TURN)
     chords = np.zeros(len(patches.area), np.bool_)
-    chords[some] = worst[some] <= most + patches.tolerance_m
+    chords[some] = (sag[some] <= most_m) & ((turn[some] <= most) | patches.is_thin[some])
     return chords
+
+
+def _turns(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArray:
+    """Largest angle (k,) that a surface turns by along an edge of triangles, radians."""
+    one, two = mesh.corners[triangles], np.roll(mesh.corners[triangles], 1, axis=1)
+    inner = [(1 - t) * one + t * two for t in (_END, 1 - _END)]  # not at an apex, where there is no normal
+    ends = [surface.normal(points.reshape(-1, 3)).reshape(-1, 3, 3) for points in inner]
+    return np.arccos(np.clip(np.einsum("kij,kij->ki", *ends), -1, 1)).max(axis=1) / (1 - 2 * _END)
 
 
 def _sags(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArray:
