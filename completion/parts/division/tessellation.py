@@ -144,7 +144,7 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     middle = mesh.corners.mean(axis=1)
     centroid = np.column_stack([np.bincount(of, areas * middle[:, k], minlength=p) for k in range(3)])
     centroid /= np.maximum(area[:, None], 1e-300)
-    pairs = np.unique(np.column_stack([np.repeat(of, 3), mesh.faces.ravel()]), axis=0)
+    pairs = _outline_corners(mesh, of, tolerance_m)
     first = np.searchsorted(pairs[:, 0], np.arange(p + 1))
     i, j = of[a], of[b]
     apart = i != j
@@ -163,6 +163,30 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
         of, area, normal, centroid, first=first, corner=pairs[:, 1], bends=bends, count=count,
         is_seed=is_seed, is_thin=thin, is_inner=inner, tolerance_m=tolerance_m,
     )  # fmt: skip
+
+
+def _outline_corners(mesh: LabelledMesh, of: IntArray, tolerance_m: float) -> IntArray:
+    """Patch and vertex (k, 2), ascending, where the outlines of patches turn: not within a side, nor inside."""
+    faces, n = mesh.faces.astype(np.int64), len(mesh.vertices)
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    patch = np.repeat(of, 3)
+    key = (patch * n + np.minimum(start, end)) * n + np.maximum(start, end)
+    _, place, count = np.unique(key, return_inverse=True, return_counts=True)
+    outer = count[place.reshape(-1)] == 1
+    start, end, patch = start[outer], end[outer], patch[outer]
+    at = np.concatenate([patch * n + start, patch * n + end])
+    other = np.concatenate([end, start])
+    order = np.argsort(at, kind="stable")
+    at, other = at[order], other[order]
+    known, first, count = np.unique(at, return_index=True, return_counts=True)
+    vertex = known % n
+    last = np.minimum(first + 1, len(other) - 1)
+    sides = [mesh.vertices[other[place]] - mesh.vertices[vertex] for place in (first, last)]
+    across = np.linalg.norm(np.cross(*sides), axis=1)
+    chord = np.linalg.norm(sides[0] - sides[1], axis=1)
+    is_straight = (count == 2) & (across <= tolerance_m * chord)
+    is_straight &= np.einsum("ij,ij->i", *sides) < 0
+    return np.column_stack([known // n, vertex])[~is_straight]
 
 
 def _longest(mesh: LabelledMesh) -> FloatArray:
