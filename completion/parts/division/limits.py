@@ -62,7 +62,7 @@ WIDEST_HOLE = 0.5
 """Of a turn that a hole in a cylinder may take: beyond it the other side could be meant."""
 
 # Tessellated models
-MODEL_PRECISION = 1e-5
+MODEL_PRECISION = 2e-6
 """Of the size, that corners of a model's mesh may be off its surfaces: files round, kernels trim."""
 MODEL_SHARE = 0.5
 """Of the area that exact surfaces explain, from which on a mesh is a model's: hardly any of a scanned one."""
@@ -86,3 +86,7 @@ MOST_TURN = np.radians(60.0)
 """Radians that a curved surface turns by across a chord: diagonals of those that bend twice. Chosen by eye."""
 MOST_OF_SURFACE = 0.5
 """Of the area of a curved surface, that one of its chords has: a plane between two chords has more."""
+HOPELESS = 30.0
+"""Of the precision, that corners are off a surface after a first adjustment, beyond which it is none."""
+EXACT = 0.1
+"""Of the precision, that a few triangles are off the surface that they make. Chosen by eye."""

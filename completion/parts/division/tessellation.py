@@ -26,6 +26,7 @@ from scenes.surfaces.catalogue import Plane, Surface
 _CURVED = "cylinder", "cone", "sphere", "torus"  # the simplest first
 _ROUNDS = 20
 _STARTING = 2  # of these until a start must be right
+_SURELY_MANY = 30  # triangles on one surface
 _END = 0.05  # of an edge
 _DEEPEST = 3  # neighbours that a start looks at
 _MOST_FAILED = 20  # seeds without a surface, before a mesh that has explained little counts as scanned
@@ -91,7 +92,9 @@ def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation |
             continue
         found = _grown_from(mesh, patches, int(seed), face < 0, tolerance_m)
         if found is None:
-            is_tried[_around(patches, np.array([seed]), face < 0, int(seed))] = True
+            is_tried[seed] = True
+            for ring in _rings(patches, int(seed), face < 0)[:2]:
+                is_tried[ring[patches.count[ring] == 1]] = True
             n_failed += 1
             if n_failed == _MOST_FAILED and _explained(patches, face) < limits.MODEL_SHARE * total:
                 return None
@@ -305,14 +308,18 @@ class _Grown(NamedTuple):
 
 
 def _rings(patches: _Patches, seed: int, free: BoolArray) -> list[IntArray]:
-    """Patches around a seed: its neighbours, theirs, and neighbours in pairs that look alike."""
+    """Patches around a seed, to start from: its neighbours, and theirs.
+
+    Of a chord of several triangles its neighbours are enough, two of them where others are of another
+    surface; a single triangle bends both ways, and needs more.
+    """
     one = _around(patches, np.array([seed]), free, seed)
     two = _around(patches, one, free, seed)
-    rings = [one, two, _around(patches, two, free, seed)]
+    rings = [one, two] if patches.count[seed] > 1 else [two, _around(patches, two, free, seed)]
     beside = one[one != seed]
     turn = np.arccos(np.clip(patches.normal[beside] @ patches.normal[seed], -1, 1))
     order = beside[np.argsort(turn, kind="stable")]
-    if len(order) > 2:
+    if patches.count[seed] > 1 and len(order) > 2:
         rings += [np.array([seed, *pair]) for pair in pairwise(order[:4])]
     return [ring for ring in rings if len(ring) >= 3]
 
@@ -346,7 +353,7 @@ def _grow(
         surface = better[0]
         off = float(np.median(np.abs(surface.distance(corners))))
         if off > tolerance_m:  # not yet determined: stay with these
-            if turn >= _STARTING:
+            if turn >= _STARTING or off > limits.HOPELESS * tolerance_m:
                 return None
             continue
         held = _held(mesh, patches, surface, free, tolerance_m)
@@ -367,6 +374,9 @@ def _grow(
         return None
     triangles = np.flatnonzero(np.isin(patches.of, kept))
     sags, area = _sags(mesh, triangles, surface), mesh.face_areas()[triangles]
+    rms = float(np.sqrt(np.mean(np.square(surface.distance(corners)))))
+    if len(kept) < _SURELY_MANY and np.median(patches.count[kept]) == 1 and rms > limits.EXACT * tolerance_m:
+        return None  # a few triangles of a free form lie on some sphere, nearly
     if patches.area[kept].max() > limits.MOST_OF_SURFACE * patches.area[kept].sum():
         return None
     return _Grown(surface, kept, float(patches.area[kept].sum()), float(area @ sags / area.sum()))
