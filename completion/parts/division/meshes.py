@@ -95,7 +95,7 @@ def _segment_model(mesh: LabelledMesh, areas: FloatArray) -> PartSegmentation | 
         return None
     triangles, surfaces = model.labels, model.surfaces
     corners, number = _corners(mesh, triangles)
-    fits, labels = fit_labels(mesh.vertices[corners], surfaces, number, limits.RESOLUTION * tolerance_m)
+    fits, labels = fit_labels(mesh.vertices[corners], surfaces, number, tolerance_m)
     place = np.zeros(len(surfaces) + 1, np.int64)
     place[number] = labels
     triangles = place[triangles]
