@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from completion.fitting.euclidean import fit_euclidean, fit_plane
 from completion.fitting.result import FitError, SurfaceFit, inflated
-from completion.parts.division.growing import N_PARAMETERS
+from completion.parts.division.growing import N_PARAMETERS, refine_surface
 from completion.parts.division.labelling import pieces_of
 from completion.parts.division.limits import CUT, NEARLY_ALL
 from completion.parts.division.neighbourhoods import Neighbourhoods
@@ -121,12 +121,21 @@ def _fitted_face(points: FloatArray, surface: Surface, least_m: float) -> Surfac
             fit_plane(points) if isinstance(surface, Plane) else fit_euclidean(points, surface.kind, surface)
         )
     except (FitError, InputError):
-        return None
+        return _known_face(points, surface, least_m)
     if not np.isfinite(fit.covariance).all():
-        return None
+        return _known_face(points, surface, least_m)
     fit = inflated(fit, points)
     grown = (least_m / fit.rms) ** 2 if 0 < fit.rms < least_m else 1.0
     return replace(fit, covariance=fit.covariance * grown)
+
+
+def _known_face(points: FloatArray, surface: Surface, least_m: float) -> SurfaceFit | None:
+    """A surface that is known already: of so few points, or so little bent, that residuals tell nothing."""
+    refined = refine_surface(surface, points, least_m) if least_m > 0 else None
+    if refined is None:
+        return None
+    rms = float(np.sqrt(np.mean(refined[0].distance(points) ** 2)))
+    return SurfaceFit(refined[0], rms, refined[1], len(points))
 
 
 def groups_of(

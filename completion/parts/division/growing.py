@@ -199,6 +199,31 @@ def reachable(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntA
     return mask
 
 
+@compiled
+def rings_around(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray, n: int) -> IntArray:
+    """Points within n steps of those in `begin`, these too, of the allowed (m,); as for `reachable`."""
+    seen = np.zeros(len(allowed), dtype=np.bool_)
+    stack = np.empty(len(allowed), dtype=np.int64)
+    top = 0
+    for start in begin:
+        if allowed[start] and not seen[start]:
+            seen[start] = True
+            stack[top] = start
+            top += 1
+    here = begin
+    for _ in range(n):
+        high = top
+        for at in here:
+            for place in range(first[at], first[at + 1]):
+                there = beside[place]
+                if allowed[there] and not seen[there]:
+                    seen[there] = True
+                    stack[top] = there
+                    top += 1
+        here = stack[high:top].copy()
+    return stack[:top].copy()
+
+
 GAIN = CUT**2 / 2  # what it is worth to explain a point, in logarithms of likelihood
 _N_ROUNDS = 40
 

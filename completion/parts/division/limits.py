@@ -62,8 +62,14 @@ WIDEST_HOLE = 0.5
 """Of a turn that a hole in a cylinder may take: beyond it the other side could be meant."""
 
 # Tessellated models
-MODEL_PRECISION = 2e-6
-"""Of the size, that corners of a model's mesh may be off its surfaces: files round, kernels trim."""
+MODEL_PRECISIONS = 2e-6, 2e-5, 2e-4
+"""Of the size, that corners of a model's mesh may be off its surfaces: files round, kernels trim, remeshers drift."""
+HARDLY_MORE = 2.0
+"""Times the area that the loosest precision leaves unexplained, up to which a tighter one is preferred."""
+SCANNED = 0.95
+"""Share of the area that nothing exact explains, from which on a mesh was scanned."""
+CHAIN = 4
+"""Patches that bend on from one to the next and are on no surface, from which on they are of a free form."""
 MODEL_SHARE = 0.75
 """Of the area that exact surfaces explain, from which on a mesh is a model's: hardly any of a scanned one."""
 FREE_FORM = 0.005

@@ -31,7 +31,7 @@ _ACROSS = 8  # samples across the narrowest triangle: no face is narrower
 
 
 def segment_mesh(
-    mesh: LabelledMesh, *, noise_m: float | None = None, progress: Progress | None = None
+    mesh: LabelledMesh, *, noise_m: float | None = None, step_m: float = 0.0, progress: Progress | None = None
 ) -> PartSegmentation:
     """Divide the triangles of a mesh into faces, and fit a surface to each; see `segment_part`.
 
@@ -39,6 +39,8 @@ def segment_mesh(
     ----------
     mesh : LabelledMesh
         Metres; which way its triangles turn does not count.
+    step_m : float
+        Step between coordinates of the file, metres.
     noise_m, progress
         As for `segment_part`.
 
@@ -57,13 +59,13 @@ def segment_mesh(
     if len(distinct) < len(mesh.vertices):  # triangles that do not share their corners
         place = place.reshape(-1)
         joined = LabelledMesh(distinct, place[mesh.faces].astype(np.int32))
-        part = segment_mesh(joined, noise_m=noise_m, progress=progress)
+        part = segment_mesh(joined, noise_m=noise_m, step_m=step_m, progress=progress)
         return replace(part, labels=part.labels[place])
     areas = mesh.face_areas()
     if not areas.sum() > 0:
         raise InputError(f"none of the {len(areas)} triangles has an area")
     checked_cloud(mesh.vertices, None, noise_m)
-    if noise_m is None and (model := _segment_model(mesh, areas)) is not None:
+    if noise_m is None and (model := _segment_model(mesh, areas, step_m)) is not None:
         return model
     used = np.unique(mesh.faces)
     if _is_dense(mesh, float(areas.sum()), len(used)):
@@ -86,14 +88,13 @@ def segment_mesh(
     return replace(part, labels=labels, fits=fits, groups=groups, triangle_labels=triangles)
 
 
-def _segment_model(mesh: LabelledMesh, areas: FloatArray) -> PartSegmentation | None:
+def _segment_model(mesh: LabelledMesh, areas: FloatArray, step_m: float) -> PartSegmentation | None:
     """The faces of a model that a mesh was made from; None where it was not."""
     size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    tolerance_m = limits.MODEL_PRECISION * size
-    model = divide_tessellated(mesh, tolerance_m)
+    model = divide_tessellated(mesh, [max(share * size, step_m) for share in limits.MODEL_PRECISIONS])
     if model is None:
         return None
-    triangles, surfaces = model.labels, model.surfaces
+    triangles, surfaces, tolerance_m = model.labels, model.surfaces, model.tolerance_m
     corners, number = _corners(mesh, triangles)
     fits, labels = fit_labels(mesh.vertices[corners], surfaces, number, tolerance_m)
     place = np.zeros(len(surfaces) + 1, np.int64)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,17 +18,18 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from completion.parts.division import limits
-from completion.parts.division.growing import N_PARAMETERS, hypotheses, reachable, refine_surface
+from completion.parts.division.growing import N_PARAMETERS, hypotheses, reachable, refine_surface, rings_around
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.surfaces.catalogue import Plane, Surface
 
-_CURVED = "cylinder", "cone", "sphere", "torus"  # the simplest first
+_KINDS = "plane", "cylinder", "cone", "sphere", "torus"  # the simplest first
 _ROUNDS = 20
 _STARTING = 2  # of these until a start must be right
 _SURELY_MANY = 30  # triangles on one surface
 _END = 0.05  # of an edge
 _DEEPEST = 3  # neighbours that a start looks at
+_TRIED = 24  # seeds, by which tolerances are compared
 _MOST_FAILED = 20  # seeds without a surface, before a mesh that has explained little counts as scanned
 
 
@@ -44,22 +45,28 @@ class Tessellation:
         One a face.
     free_form : float
         Share of the area that is on none.
+    tolerance_m : float
+        How far vertices may be off their surface.
     """
 
     labels: IntArray
     surfaces: tuple[Surface, ...]
     free_form: float
+    tolerance_m: float
 
 
 class _Patches(NamedTuple):
     """Patches (p,) of coplanar triangles.
 
-    `of` (m,) is that of each triangle, `corner` (k,) are vertices, those of patch i from `first[i]` to
-    `first[i + 1]`; `bends` (p, p) links neighbours that turn little; `n_triangles` in each; `is_thin`: its normal
-    says nothing; `is_inner`: it has no sharp edge.
+    `of` (m,) is that of each triangle, of `areas`; `triangle` (m,) and `corner` (k,) are triangles and vertices in order of
+    their patches: of patch i from `first_triangle[i]` and `first[i]` to the next; `bends` (p, p) links neighbours
+    that turn little; `n_triangles` in each; `is_thin`: its normal says nothing; `is_inner`: it has no sharp edge.
     """
 
     of: IntArray
+    triangle: IntArray
+    first_triangle: IntArray
+    areas: FloatArray
     area: FloatArray
     normal: FloatArray
     centroid: FloatArray
@@ -73,57 +80,145 @@ class _Patches(NamedTuple):
     mesh: LabelledMesh
     tolerance_m: float
 
+    def triangles_of(self, some: IntArray) -> IntArray:
+        """Triangles (k,) of patches, in their order."""
+        return self.triangle[_ranges(self.first_triangle, some)[0]]
 
-def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation | None:
+
+def _ranges(first: IntArray, some: IntArray) -> tuple[IntArray, IntArray]:
+    """Places (k,) from `first[i]` to `first[i + 1]` for each i of some (n,), and which (k,) of these it is."""
+    count = first[some + 1] - first[some]
+    which = np.repeat(np.arange(len(some)), count)
+    start = first[some] - np.concatenate([[0], np.cumsum(count)[:-1]])
+    return np.arange(len(which)) + start[which], which
+
+
+def divide_tessellated(mesh: LabelledMesh, tolerances_m: Sequence[float]) -> Tessellation | None:
     """Divide a mesh where the faces of its model are; None where it is no model's.
 
     Parameters
     ----------
     mesh : LabelledMesh
         Metres; triangles of neighbours share their vertices.
-    tolerance_m : float
-        How far vertices may be off their surface: the file's precision.
+    tolerances_m : sequence of float
+        How far vertices may be off their surface, ascending: the first is the file's precision. A larger one is
+        taken where it explains much that no smaller one does.
     """
-    patches = _patches_of(mesh, tolerance_m)
-    face, surfaces = np.full(len(patches.area), -1, dtype=np.int64), list[Surface]()
-    is_tried, n_bends = ~patches.is_seed, np.diff(patches.bends.indptr)
-    total, n_failed = float(patches.area.sum()), 0
-    for seed in np.lexsort((-patches.area, -_depths(patches))):
-        if face[seed] >= 0 or is_tried[seed] or not n_bends[seed]:
-            continue
-        found = _grown_from(patches, int(seed), face < 0)
-        if found is None:
-            is_tried[seed] = True
-            for ring in _rings(patches, int(seed), face < 0)[:2]:
-                is_tried[ring[patches.n_triangles[ring] == 1]] = True
+    tried = list[_Division]()
+    for tolerance_m in tolerances_m:
+        tried.append(_Division(_patches_of(mesh, tolerance_m)))
+        tried[-1].grow(_TRIED)
+        if tried[-1].failed <= limits.FREE_FORM or tried[0].failed >= limits.SCANNED:
+            break
+    most = max(limits.FREE_FORM, limits.HARDLY_MORE * min(division.failed for division in tried))
+    chosen = next(division for division in tried if division.failed <= most)
+    chosen.grow()
+    return chosen.result() if chosen.unexplained <= 1 - limits.MODEL_SHARE else None
+
+
+class _Division:
+    """Curved surfaces of patches as they are found.
+
+    `face` (p,) is that of each patch in `surfaces`, -1 for none.
+    """
+
+    def __init__(self, patches: _Patches) -> None:
+        self.patches, self.surfaces = patches, list[Surface]()
+        self.face: IntArray = np.full(len(patches.area), -1, dtype=np.int64)
+        is_seed = patches.is_seed & (np.diff(patches.bends.indptr) > 0)
+        self._is_tried = np.zeros(len(is_seed), np.bool_)
+        seeds = np.lexsort((-patches.area, -_depths(patches)))
+        seeds = seeds[is_seed[seeds]]
+        self._chain = _chains(patches, is_seed)
+        chain = self._chain[seeds]
+        by_chain = np.argsort(chain, kind="stable")
+        turn = np.empty(len(seeds), dtype=np.int64)
+        turn[by_chain] = np.arange(len(seeds)) - np.searchsorted(chain[by_chain], chain[by_chain])
+        self._seeds = iter(seeds[np.argsort(turn, kind="stable")].tolist())  # one of each chain in turn
+
+    def grow(self, most: int | None = None) -> None:
+        """Grow surfaces from seeds, so many at most."""
+        patches, n_failed = self.patches, 0
+        untried = (seed for seed in self._seeds if self.face[seed] < 0 and not self._is_tried[seed])
+        for seed in islice(untried, most):
+            found = _grown_from(patches, seed, self.face < 0)
+            if found is not None:
+                self.face[found.members] = len(self.surfaces)
+                self.surfaces.append(found.surface)
+                continue
+            self._is_tried[seed] = True
+            for ring in _rings(patches, seed, self.face < 0)[:2]:
+                self._is_tried[ring[patches.n_triangles[ring] == 1]] = True
             n_failed += 1
-            if n_failed == _MOST_FAILED and _explained(patches, face) < limits.MODEL_SHARE * total:
-                return None
-            continue
-        face[found.members] = len(surfaces)
-        surfaces.append(found.surface)
-    surfaces = _absorbed(patches, surfaces, face)
-    if _explained(patches, face) < limits.MODEL_SHARE * total:
-        return None
-    for patch in np.flatnonzero((face < 0) & ~_is_free_form(patches, face)):
-        corners = mesh.vertices[patches.corner[patches.first[patch] : patches.first[patch + 1]]]
-        face[patch] = len(surfaces)
-        surfaces.append(Plane(corners.mean(axis=0), patches.normal[patch]))
-    free_form = float(patches.area[face < 0].sum()) / total
-    return Tessellation(face[patches.of] + 1, tuple(surfaces), free_form)
+            if n_failed == _MOST_FAILED and self.unexplained > 1 - limits.MODEL_SHARE:
+                break
+
+    @property
+    def unexplained(self) -> float:
+        """Share of the area that is neither on curved surfaces nor in planes."""
+        area = self.patches.area
+        return float(area[_is_free_form(self.patches, self.face)].sum() / area.sum())
+
+    @property
+    def failed(self) -> float:
+        """Share of the area that is so in chains where a seed found nothing."""
+        area, is_tried = self.patches.area, np.zeros(len(self.face), np.bool_)
+        is_tried[self._chain[self._is_tried]] = True
+        return float(area[_is_free_form(self.patches, self.face) & is_tried[self._chain]].sum() / area.sum())
+
+    def result(self) -> Tessellation:
+        """What was found and planes of the rest, joined."""
+        patches, face, surfaces = self.patches, self.face, self.surfaces
+        self._join_lone()
+        flat = np.flatnonzero((face < 0) & ~_is_free_form(patches, face) & ~patches.is_thin)
+        face[flat] = len(surfaces) + np.arange(len(flat))
+        surfaces += [Plane(patches.centroid[patch], patches.normal[patch]) for patch in flat]
+        surfaces = _absorbed(patches, surfaces, face)
+        _join_slivers(patches, face)
+        free_form = float(patches.area[face < 0].sum() / patches.area.sum())
+        return Tessellation(face[patches.of] + 1, tuple(surfaces), free_form, patches.tolerance_m)
 
 
-def _explained(patches: _Patches, face: IntArray) -> float:
-    """Area on curved surfaces, and in planes of several triangles."""
-    return float(patches.area[(face >= 0) | (patches.n_triangles > 1)].sum())
+    def _join_lone(self) -> None:
+        """Give single triangles the surface beside them that has all their corners: coarse ones may be steep."""
+        patches, face = self.patches, self.face
+        a, b, _ = _pairs(patches.mesh)
+        for one, two in (patches.of[[a, b]], patches.of[[b, a]]):
+            lone = (face[one] < 0) & (patches.n_triangles[one] == 1) & (face[two] >= 0)
+            for patch, number in zip(one[lone], face[two[lone]], strict=True):
+                triangle, surface = patches.triangles_of(np.array([patch])), self.surfaces[number]
+                corners = patches.mesh.vertices[patches.mesh.faces[triangle[0]]]
+                is_on = np.abs(surface.distance(corners)).max() <= patches.tolerance_m
+                if is_on and _turns(patches.mesh, triangle, surface)[0] <= limits.MOST_TURN:
+                    face[patch] = number
+
+
+def _join_slivers(patches: _Patches, face: IntArray) -> None:
+    """Give patches without a normal the face (p,) of the largest neighbour that has one, in place."""
+    first, other = np.repeat(np.arange(len(face)), np.diff(patches.bends.indptr)), patches.bends.indices
+    order = np.lexsort((patches.area[other], first))
+    first, other = first[order], other[order]
+    for _ in range(_ROUNDS):
+        joins = (face[first] < 0) & patches.is_thin[first] & (face[other] >= 0)
+        if not joins.any():
+            break
+        face[first[joins]] = face[other[joins]]  # the largest is the last
+
+
+def _chains(patches: _Patches, left: BoolArray) -> IntArray:
+    """A number (p,) equal for patches left that bend on from one to the next, and are about as large."""
+    first, other = np.repeat(np.arange(len(left)), np.diff(patches.bends.indptr)), patches.bends.indices
+    size = np.log(np.maximum(patches.area, 1e-300))
+    goes_on = left[first] & left[other] & (np.abs(size[first] - size[other]) < limits.FACET_SIZES)
+    chain = coo_array((np.ones(goes_on.sum()), (first[goes_on], other[goes_on])), shape=(len(left),) * 2)
+    return np.asarray(connected_components(chain, directed=False)[1], dtype=np.int64)
 
 
 def _is_free_form(patches: _Patches, face: IntArray) -> BoolArray:
-    """Which patches (p,) are single triangles that turn little to others of their like, on no surface."""
-    left = (face < 0) & (patches.n_triangles == 1)
-    first = np.repeat(np.arange(len(left)), np.diff(patches.bends.indptr))
-    beside = np.bincount(first, left[patches.bends.indices], minlength=len(left))
-    return np.asarray((left & (beside > 0)) | ((face < 0) & (patches.area <= 0)))
+    """Which patches (p,) are on no surface, and one of a few alike that bend on."""
+    left = (face < 0) & (patches.area > 0)
+    chain = _chains(patches, left)
+    return np.asarray((left & (np.bincount(chain)[chain] >= limits.CHAIN)) | ((face < 0) & ~left))
 
 
 def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
@@ -163,8 +258,10 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     bends = csr_array((np.ones(len(both[0])), both), shape=(p, p))
     count = np.bincount(of, minlength=p)
     is_seed = (area > 0) & ~thin
+    order = np.argsort(of, kind="stable")
+    first_triangle = np.concatenate([[0], np.cumsum(count)])
     return _Patches(
-        of, area, normal, centroid, first=first, corner=pairs[:, 1], bends=bends, n_triangles=count,
+        of, order, first_triangle, areas, area, normal, centroid, first=first, corner=pairs[:, 1], bends=bends, n_triangles=count,
         is_seed=is_seed, is_thin=thin, is_inner=inner, mesh=mesh, tolerance_m=tolerance_m,
     )  # fmt: skip
 
@@ -217,8 +314,7 @@ def _absorbed(patches: _Patches, surfaces: Sequence[Surface], face: IntArray) ->
         if not len(members):
             continue
         smaller = (face < 0) | (area[face] < area[k]) | (face == k)
-        held = _held(patches, surfaces[k], smaller, slope=limits.FACET_TURN)
-        mask = reachable(patches.bends.indptr, patches.bends.indices, held, members[:1])
+        mask = _held(patches, surfaces[k], smaller, members[:1], slope=limits.FACET_TURN)
         mask &= _chords(patches, surfaces[k], np.flatnonzero(mask), members)
         inside = np.bincount(face[mask & (face >= 0)], patches.area[mask & (face >= 0)], minlength=len(area))
         is_taken = inside >= limits.NEARLY_ALL * area
@@ -245,13 +341,13 @@ def _depths(patches: _Patches) -> IntArray:
 
 
 def _grown_from(patches: _Patches, seed: int, free: BoolArray) -> _Grown | None:
-    """The curved surface that holds most around a patch, and its patches (k,)."""
+    """The surface that holds most around a patch, and its patches (k,)."""
     best: _Grown | None = None
     rings = _rings(patches, seed, free)
     while rings:
         ring = rings.pop(0)
         before = best
-        for kind in _CURVED:
+        for kind in _KINDS:
             for start in _starts(patches, ring, kind):
                 grown = _grow(patches, seed, ring, start, free)
                 if grown is not None and grown.is_better(best):
@@ -298,9 +394,9 @@ class _Grown(NamedTuple):
         """Whether it holds clearly more, or as much and that more closely."""
         if other is None or self.area > 1.05 * other.area:
             return True
-        if self.area < 0.95 * other.area or self.sag > 1.25 * other.sag:
+        if self.area < 0.95 * other.area or other.surface.kind == "plane" or self.sag > 1.25 * other.sag:
             return False
-        is_simpler = _CURVED.index(self.surface.kind) < _CURVED.index(other.surface.kind)
+        is_simpler = _KINDS.index(self.surface.kind) < _KINDS.index(other.surface.kind)
         return is_simpler or self.sag < 0.8 * other.sag
 
 
@@ -312,7 +408,12 @@ def _rings(patches: _Patches, seed: int, free: BoolArray) -> list[IntArray]:
     """
     one = _around(patches, np.array([seed]), free, seed)
     two = _around(patches, one, free, seed)
-    rings = [one, two] if patches.n_triangles[seed] > 1 else [two, _around(patches, two, free, seed)]
+    if patches.n_triangles[seed] > 1:
+        rings = [one, two]
+    else:
+        three = _around(patches, two, free, seed)
+        five = _around(patches, _around(patches, three, free, seed), free, seed)
+        rings = [two, three, five]
     beside = one[one != seed]
     turn = np.arccos(np.clip(patches.normal[beside] @ patches.normal[seed], -1, 1))
     order = beside[np.argsort(turn, kind="stable")]
@@ -323,9 +424,8 @@ def _rings(patches: _Patches, seed: int, free: BoolArray) -> list[IntArray]:
 
 def _corners_of(patches: _Patches, some: IntArray) -> tuple[FloatArray, FloatArray]:
     """Corners (k, 3) of patches, each with its patch's normal (k, 3)."""
-    parts = [patches.corner[patches.first[k] : patches.first[k + 1]] for k in some]
-    normals = np.repeat(patches.normal[some], [len(part) for part in parts], axis=0)
-    return patches.mesh.vertices[np.concatenate(parts)], normals
+    place, which = _ranges(patches.first, some)
+    return patches.mesh.vertices[patches.corner[place]], patches.normal[some[which]]
 
 
 def _grow(
@@ -351,10 +451,9 @@ def _grow(
             if turn >= _STARTING or off > limits.HOPELESS * patches.tolerance_m:
                 return None
             continue
-        held = _held(patches, surface, free)
-        if not held[seed]:
+        new = np.flatnonzero(_held(patches, surface, free, np.array([seed])))
+        if not len(new):
             return None
-        new = np.flatnonzero(reachable(patches.bends.indptr, patches.bends.indices, held, np.array([seed])))
         if len(new) == len(members) and (new == members).all():
             break
         members = new
@@ -367,8 +466,8 @@ def _grow(
     corners = np.unique(_corners_of(patches, kept)[0], axis=0)
     if len(kept) < 3 or len(corners) < N_PARAMETERS[surface.kind] + 2:
         return None
-    triangles = np.flatnonzero(np.isin(patches.of, kept))
-    sags, area = _sags(patches.mesh, triangles, surface), patches.mesh.face_areas()[triangles]
+    triangles = patches.triangles_of(kept)
+    sags, area = _sags(patches.mesh, triangles, surface), patches.areas[triangles]
     rms = float(np.sqrt(np.mean(np.square(surface.distance(corners)))))
     if (
         len(kept) < _SURELY_MANY
@@ -383,7 +482,7 @@ def _grow(
 
 def _chords(patches: _Patches, surface: Surface, some: IntArray, members: IntArray) -> BoolArray:
     """Which of some patches (k,) lie as near to a surface between their corners as its members do: (p,)."""
-    triangles = np.flatnonzero(np.isin(patches.of, np.union1d(some, members)))
+    triangles = patches.triangles_of(np.union1d(some, members))
     sag, turn = np.zeros(len(patches.area)), np.zeros(len(patches.area))
     np.maximum.at(sag, patches.of[triangles], _sags(patches.mesh, triangles, surface))
     np.maximum.at(turn, patches.of[triangles], _turns(patches.mesh, triangles, surface))
@@ -396,7 +495,8 @@ def _chords(patches: _Patches, surface: Surface, some: IntArray, members: IntArr
 
 def _turns(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArray:
     """Largest angle (k,) that a surface turns by along an edge of triangles, radians."""
-    one, two = mesh.corners[triangles], np.roll(mesh.corners[triangles], 1, axis=1)
+    one = mesh.vertices[mesh.faces[triangles]]
+    two = np.roll(one, 1, axis=1)
     inner = [(1 - t) * one + t * two for t in (_END, 1 - _END)]  # not at an apex, where there is no normal
     ends = [surface.normal(points.reshape(-1, 3)).reshape(-1, 3, 3) for points in inner]
     turn = np.arccos(np.clip(np.einsum("kij,kij->ki", *ends), -1, 1)).max(axis=1) / (1 - 2 * _END)
@@ -405,7 +505,7 @@ def _turns(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatAr
 
 def _sags(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArray:
     """How far triangles (k,) lie off a surface at most, at the middles of their edges."""
-    corners = mesh.corners[triangles]
+    corners = mesh.vertices[mesh.faces[triangles]]
     middles = (corners + np.roll(corners, 1, axis=1)) / 2
     return np.asarray(np.abs(surface.distance(middles.reshape(-1, 3))).reshape(-1, 3).max(axis=1))
 
@@ -414,11 +514,24 @@ def _held(
     patches: _Patches,
     surface: Surface,
     free: BoolArray,
+    begin: IntArray,
     *,
     slope: float = limits.FACET_SLOPE,
 ) -> BoolArray:
-    """Which patches (p,) have all corners on a surface, and look its way."""
-    off = np.abs(surface.distance(patches.mesh.vertices)) > patches.tolerance_m
-    is_off = np.add.reduceat(off[patches.corner].astype(np.int64), patches.first[:-1]) > 0
-    ahead = np.abs(np.einsum("ij,ij->i", surface.normal(patches.centroid), patches.normal))
-    return np.asarray(free & ~is_off & ((ahead > np.cos(slope)) | patches.is_thin))
+    """Which patches (p,) have all corners on a surface, look its way, and can be walked to from some (k,)."""
+    held, is_known = np.zeros(len(free), np.bool_), np.zeros(len(free), np.bool_)
+    fresh, n_rings = begin, 1
+    first, beside = patches.bends.indptr, patches.bends.indices
+    while True:
+        fresh = rings_around(first, beside, free & ~is_known, fresh, n_rings)
+        is_known[fresh] = True
+        place, which = _ranges(patches.first, fresh)
+        off = np.abs(surface.distance(patches.mesh.vertices[patches.corner[place]])) > patches.tolerance_m
+        n_off = np.bincount(which[off], minlength=len(fresh))
+        ahead = np.abs(np.einsum("ij,ij->i", surface.normal(patches.centroid[fresh]), patches.normal[fresh]))
+        held[fresh] = (n_off == 0) & ((ahead > np.cos(slope)) | patches.is_thin[fresh])
+        mask = reachable(first, beside, held, begin)
+        fresh = rings_around(first, beside, free & ~is_known, np.flatnonzero(mask), 1)
+        if not len(fresh):
+            return mask
+        n_rings *= 2

@@ -12,7 +12,7 @@ from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.tessellation import divide_tessellated
 from scenes.mesh.labelled_mesh import LabelledMesh
 
-TOLERANCE_M = 2e-7
+TOLERANCE_M = [2e-7]
 
 
 def labelled(mesh) -> LabelledMesh:
