@@ -62,7 +62,7 @@ WIDEST_HOLE = 0.5
 """Of a turn that a hole in a cylinder may take: beyond it the other side could be meant."""
 
 # Tessellated models
-MODEL_PRECISIONS = 2e-6, 2e-5, 2e-4
+MODEL_PRECISIONS = 2e-6, 2e-5, 2e-4, 6e-4
 """Of the size, that corners of a model's mesh may be off its surfaces: files round, kernels trim, remeshers drift."""
 HARDLY_MORE = 2.0
 """Times the area that the loosest precision leaves unexplained, up to which a tighter one is preferred."""
