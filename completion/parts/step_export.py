@@ -73,7 +73,7 @@ def regions_of(part: DividedPart) -> PartRegions:
     """
     points, label = part.points, part.surface
     if part.faces is not None and part.triangle_surface is not None and part.spacing_m > 0:
-        points, members = _on_triangles(part.points, part.faces, part.spacing_m)
+        points, members = points_on_triangles(part.points, part.faces, part.spacing_m)
         label = part.triangle_surface[members]
     place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
     place[list(part.labels)] = np.arange(len(part.labels))
@@ -93,8 +93,8 @@ def _deviation(fit: SurfaceFit, points: FloatArray) -> float:
     return float(np.median(fit.standard_deviation(sample)))
 
 
-def _on_triangles(vertices: FloatArray, faces: IntArray, spacing: float) -> tuple[FloatArray, IntArray]:
-    """Points (k, 3) spread evenly over triangles (m, 3), and the triangle (k,) of each."""
+def points_on_triangles(vertices: FloatArray, faces: IntArray, spacing: float) -> tuple[FloatArray, IntArray]:
+    """Return points (k, 3) spread evenly over triangles (m, 3), and the triangle (k,) of each."""
     corners: FloatArray = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.cumsum(np.linalg.norm(across, axis=1) / 2)

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: MIT
+"""Volume and area of a part's mesh, its vertices moved onto the surfaces that they lie on.
+
+Vertices of a mesh carry noise, and chords of tessellated models lie within round surfaces. Each vertex is
+moved, as little as may be, to where it lies on the surfaces of the triangles around it. How volume and area
+change with the parameters of these follows from how the vertices move along: N d = -G p, with N the normals
+at a vertex and G the derivatives of its distances by the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from completion.parts.dimensions.dimension import NORMAL_95, Kind, PartDimension, Unit
+from completion.parts.dimensions.joint_surfaces import JointSurfaces
+from completion.parts.part import Part
+from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.mesh.winding import turn_outside_out
+from scenes.surfaces.catalogue import Plane
+
+_MOST_TRIANGLES = 300_000  # to which a mesh is cut finer
+_ROUNDS = 4
+_TANGENT = 0.1  # of the largest singular value: normals that are nearer to alike are one
+_MOST_MOVED = 0.02  # of the part's size: farther vertices are of no surface
+_ROUND_SHARE = 1e-3  # of the part's size, by which a chord's edge may be long for its radius
+
+
+class _SurfaceVertices(NamedTuple):
+    """Vertices (k,) that lie on surfaces (k, m), and the pseudoinverse (k, 3, m) of the normals there."""
+
+    vertex: IntArray
+    place: IntArray
+
+
+def measure_rows(known: JointSurfaces) -> tuple[list[PartDimension], tuple[str, ...]]:
+    """Volume and area of a part's mesh, and why there are none."""
+    part = known.part
+    if part.faces is None or part.triangle_surface is None:
+        return [], ("volume and area are those of a mesh, and there are points alone",)
+    turned = turn_outside_out(
+        LabelledMesh(*_joined(part.points, part.faces)), np.zeros(len(part.faces), np.int64)
+    )
+    n_open = int((~turned.is_closed).sum())
+    vertices, faces, label = _cut_finely(turned.mesh.vertices, turned.mesh.faces, part, known.size_m)
+    groups = list(_on_surfaces(faces, label, part))
+    vertices = _moved(vertices, groups, part, known.size_m)
+    corners = vertices[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice = np.linalg.norm(across, axis=1)
+    ends = np.repeat(vertices.mean(axis=0)[None], 2, axis=0)
+    area = _row("area", "m2", float(twice.sum()) / 2, _area_slopes(corners, across, faces, len(vertices)),
+                vertices, groups, known, ends)  # fmt: skip
+    doubts = []
+    without = float(twice[label == 0].sum() / max(twice.sum(), 1e-300))
+    if without > 1e-3:
+        doubts.append(f"{100 * without:.1f} % of the mesh's area is on no surface: there it is as measured")
+    if n_open:
+        what = f"{n_open} of {len(part.faces)} triangles are of no closed component"
+        return [area], (*doubts, f"the mesh is open ({what}): it has no volume, and its area is that of what is there")
+    middle = vertices.mean(axis=0)
+    rest = corners - middle
+    signed = np.einsum("ij,ij->i", rest[:, 0], np.cross(rest[:, 1], rest[:, 2])) / 6
+    slopes = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(slopes, faces[:, k], across / 6)
+    volume = _row("volume", "m3", float(signed.sum()), slopes, vertices, groups, known, ends)
+    return [volume, area], tuple(doubts)
+
+
+def _joined(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """A mesh whose triangles share their corners."""
+    distinct, place = np.unique(points, axis=0, return_inverse=True)
+    return distinct, place.reshape(-1)[faces].astype(np.int32)
+
+
+def _cut_finely(
+    vertices: FloatArray, faces: IntArray, part: Part, size_m: float
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """The mesh with every triangle cut in four until chords of round surfaces are short, or there are many."""
+    label = np.asarray(part.triangle_surface, dtype=np.int64)
+    radius = {name: float(getattr(fit.surface, "tube_radius", getattr(fit.surface, "radius", np.inf)))
+              for name, fit in zip(part.labels, part.fits, strict=True) if not isinstance(fit.surface, Plane)}  # fmt: skip
+    while 4 * len(faces) <= _MOST_TRIANGLES:
+        edges = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2).max(axis=1)
+        sag = max((float((edges[label == name] ** 2).max(initial=0.0)) / (8 * r) for name, r in radius.items()), default=0.0)
+        if sag <= 1e-3 * _ROUND_SHARE * size_m:
+            break
+        vertices, faces = _quartered(vertices, faces)
+        label = np.repeat(label, 4)
+    return vertices, faces, label
+
+
+def _quartered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Each triangle cut in four at the middles of its edges, its pieces one after the other."""
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    distinct, which = np.unique(edges, axis=0, return_inverse=True)
+    middle = len(vertices) + which.reshape(-1, 3)
+    a, b, c = faces.T
+    ab, bc, ca = middle.T
+    pieces = np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]).transpose(2, 0, 1)
+    return np.concatenate([vertices, vertices[distinct].mean(axis=1)]), pieces.reshape(-1, 3).astype(np.int64)
+
+
+def _on_surfaces(faces: IntArray, label: IntArray, part: Part) -> Iterator[_SurfaceVertices]:
+    """Vertices by how many surfaces they lie on."""
+    place = np.searchsorted(part.labels, label)
+    pairs = np.unique(np.column_stack([faces.ravel(), np.repeat(place, 3)])[np.repeat(label, 3) > 0], axis=0)
+    vertex, first, count = np.unique(pairs[:, 0], return_index=True, return_counts=True)
+    for n in np.unique(count):
+        here = first[count == n]
+        yield _SurfaceVertices(vertex[count == n], pairs[here[:, None] + np.arange(n), 1])
+
+
+def _normals(group: _SurfaceVertices, vertices: FloatArray, part: Part) -> tuple[FloatArray, FloatArray]:
+    """Pseudoinverses (k, 3, m) of the normals at vertices, and their distances (k, m) from the surfaces."""
+    normals, distance = np.zeros((*group.place.shape, 3)), np.zeros(group.place.shape)
+    for place in np.unique(group.place):
+        which = group.place == place
+        points = vertices[np.broadcast_to(group.vertex[:, None], which.shape)[which]]
+        surface = part.fits[place].surface
+        normals[which], distance[which] = surface.normal(points), surface.distance(points)
+    return np.linalg.pinv(normals, rcond=_TANGENT), distance
+
+
+def _moved(
+    vertices: FloatArray, groups: list[_SurfaceVertices], part: Part, size_m: float
+) -> FloatArray:
+    """Vertices (n, 3) on their surfaces; those stay that are far from them."""
+    moved = vertices.copy()
+    for _ in range(_ROUNDS):
+        for group in groups:
+            inverse, distance = _normals(group, moved, part)
+            moved[group.vertex] -= np.einsum("kim,km->ki", inverse, distance)
+    is_far: BoolArray = ~(np.linalg.norm(moved - vertices, axis=1) <= _MOST_MOVED * size_m)
+    moved[is_far] = vertices[is_far]
+    return moved
+
+
+def _area_slopes(corners: FloatArray, across: FloatArray, faces: IntArray, n: int) -> FloatArray:
+    """Derivative (n, 3) of the area by the vertices."""
+    unit = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    slopes = np.zeros((n, 3))
+    for k in range(3):
+        opposite = corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3]
+        np.add.at(slopes, faces[:, k], np.cross(unit, opposite) / 2)
+    return slopes
+
+
+def _row(
+    kind: Kind, unit: Unit, value: float, slopes: FloatArray, vertices: FloatArray,
+    groups: list[_SurfaceVertices], known: JointSurfaces, ends: FloatArray,
+) -> PartDimension:  # fmt: skip
+    """The dimension whose derivative by the vertices is `slopes` (n, 3)."""
+    part = known.part
+    by = [np.zeros(len(fit.covariance)) for fit in part.fits]
+    for group in groups:
+        inverse, _ = _normals(group, vertices, part)
+        weight = np.einsum("kim,ki->km", inverse, slopes[group.vertex])
+        for place in np.unique(group.place):
+            row, column = np.nonzero(group.place == place)
+            gradient = part.measured[place].gradient(vertices[group.vertex[row]])
+            by[place] -= weight[row, column] @ gradient
+    gradient = np.concatenate([np.zeros(0), *by])
+    sd, before = (
+        float(np.sqrt(max(gradient @ each @ gradient, 0.0)))
+        for each in (known.covariance, known.measured_covariance)
+    )
+    return PartDimension(
+        kind=kind, value=value, low=value - NORMAL_95 * sd, high=value + NORMAL_95 * sd, sd=sd,
+        measured_sd=before, unit=unit, surfaces=part.labels, ends=ends,
+        basis="relations" if sd < 0.98 * before else "measured", note="of the closed mesh" if kind == "volume" else "",
+    )  # fmt: skip

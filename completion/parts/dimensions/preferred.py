@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: MIT
+"""Preferred values: which round or standard number a dimension was meant to be, as a hypothesis.
+
+Each series is a prior: numbers that are multiples of its step, as likely as one another, or none at all. With
+measurement x of deviation s, a number v of a series of step h is w h N(x; v, s) times as likely as any number
+at all, w being the weight of the series. The weights of a part's series are learned from all of its
+dimensions together (expectation maximisation, with prior counts), so that an inch part is read in inches.
+
+Holes for threads: core holes are drilled to the nominal diameter less the pitch, in the steps of ISO 2306;
+coarse pitches are those of ISO 261; clearance holes are the fine, medium and coarse series of ISO 273.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from completion.parts.dimensions.dimension import PartDimension, PreferredValue
+from completion.relations.relation import RelationKind, StatedRelation
+from scenes.checks import FloatArray
+
+_INCH = 25.4e-3
+_EXACT_M, _EXACT_RAD = 5e-7, 1e-6  # to which numbers are known at best: the rounding of files
+_ROUNDS = 30
+_PRIOR_COUNTS = 4.0  # of dimensions, that the prior weights are worth
+_LEAST_TOLD = 0.05  # probability of a value that is told
+IMPOSED = 0.95
+"""Probability from which a preferred value is imposed where that is asked for."""
+
+THREADS: dict[str, tuple[float, float, float, float]] = {
+    "M1.6": (1.25, 1.7, 1.8, 2.0), "M2": (1.6, 2.2, 2.4, 2.6), "M2.5": (2.05, 2.7, 2.9, 3.1),
+    "M3": (2.5, 3.2, 3.4, 3.6), "M4": (3.3, 4.3, 4.5, 4.8), "M5": (4.2, 5.3, 5.5, 5.8),
+    "M6": (5.0, 6.4, 6.6, 7.0), "M8": (6.8, 8.4, 9.0, 10.0), "M10": (8.5, 10.5, 11.0, 12.0),
+    "M12": (10.2, 13.0, 13.5, 14.5), "M14": (12.0, 15.0, 15.5, 16.5), "M16": (14.0, 17.0, 17.5, 18.5),
+    "M18": (15.5, 19.0, 20.0, 21.0), "M20": (17.5, 21.0, 22.0, 24.0), "M22": (19.5, 23.0, 24.0, 26.0),
+    "M24": (21.0, 25.0, 26.0, 28.0), "M27": (24.0, 28.0, 30.0, 32.0), "M30": (26.5, 31.0, 33.0, 35.0),
+    "M33": (29.5, 34.0, 36.0, 38.0), "M36": (32.0, 37.0, 39.0, 42.0),
+}  # fmt: skip
+"""Millimetres of coarse threads: core hole, then clearance holes, fine, medium and coarse."""
+_HOLES = ("core", "clearance, fine", "clearance, medium", "clearance, coarse")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ValueSeries:
+    """Preferred values: multiples of a step, or a table; metres or radians, and its prior weight."""
+
+    name: str
+    weight: float
+    step: float = 0.0
+    values: tuple[float, ...] = ()
+    names: tuple[str, ...] = ()
+
+    def near(self, value: float) -> tuple[float, float, str]:
+        """The value that is nearest to a number, the distance between values there, and its name."""
+        if self.step:
+            return float(np.rint(value / self.step)) * self.step, self.step, self.name
+        place = int(np.argmin(np.abs(np.array(self.values) - value)))
+        low, high = self.values[max(place - 1, 0)], self.values[min(place + 1, len(self.values) - 1)]
+        return self.values[place], (high - low) / 2, self.names[place]
+
+    def log_density(self, value: float, sd: float) -> float:
+        """Log of how much likelier a measurement is if it is of this series than if it is of any number."""
+        meant, step, _ = self.near(value)
+        if step > 2 * sd:
+            return float(np.log(step / (sd * np.sqrt(2 * np.pi))) - ((value - meant) / sd) ** 2 / 2)
+        return 0.0  # as dense as numbers are known
+
+
+def _hole_series() -> ValueSeries:
+    every: dict[float, list[str]] = {}
+    for thread, sizes in THREADS.items():
+        for size, use in zip(sizes, _HOLES, strict=True):
+            source = "ISO 2306" if use == "core" else "ISO 273"
+            every.setdefault(size / 1000, []).append(f"{thread} {use} ({source})")
+    values = tuple(sorted(every))
+    return ValueSeries("hole for a thread", 0.15, values=values, names=tuple("; ".join(every[v]) for v in values))
+
+
+LENGTHS = (
+    ValueSeries("1 mm", 0.2, 1e-3), ValueSeries("0.5 mm", 0.1, 5e-4), ValueSeries("0.1 mm", 0.1, 1e-4),
+    ValueSeries("1/4 in", 0.04, _INCH / 4), ValueSeries("1/16 in", 0.03, _INCH / 16),
+    ValueSeries("1/64 in", 0.03, _INCH / 64),
+)  # fmt: skip
+HOLES = _hole_series()
+ANGLES = tuple(
+    ValueSeries(f"{step} deg", weight, float(np.radians(step))) for step, weight in ((15, 0.4), (5, 0.1), (1, 0.1))
+)
+_LENGTH_KINDS = (
+    "overall size", "hole diameter", "outer diameter", "sphere diameter", "radius", "fillet radius",
+    "ring diameter", "tube radius", "hole depth", "thickness", "length", "slot width", "step", "distance",
+    "axis distance", "axis to plane", "pitch circle diameter", "pitch",
+)  # fmt: skip
+
+
+def with_preferred(rows: Sequence[PartDimension]) -> tuple[PartDimension, ...]:
+    """Return dimensions, each with its most probable preferred value."""
+    lengths = _read_together(rows, "m", (*LENGTHS, HOLES), _EXACT_M)
+    angles = _read_together(rows, "rad", ANGLES, _EXACT_RAD)
+    return tuple(
+        replace(row, preferred=lengths.get(k, angles.get(k))) for k, row in enumerate(rows)
+    )
+
+
+def _read_together(
+    rows: Sequence[PartDimension], unit: str, series: Sequence[ValueSeries], exact: float
+) -> dict[int, PreferredValue]:
+    """The preferred values of dimensions in one unit, by their places."""
+    chosen = [k for k, row in enumerate(rows) if row.unit == unit and np.isfinite(row.sd) and row.value > 0
+              and (unit == "rad" or row.kind in _LENGTH_KINDS)]  # fmt: skip
+    if not chosen:
+        return {}
+    sd = [max(rows[k].sd, exact) for k in chosen]
+    density = np.zeros((len(chosen), len(series) + 1))  # the last: any number
+    for n, one in enumerate(series):
+        for m, k in enumerate(chosen):
+            may = one is not HOLES or rows[k].kind == "hole diameter"
+            density[m, n] = one.log_density(rows[k].value, sd[m]) if may else -np.inf
+    weight = _weights(density, np.array([one.weight for one in series]))
+    found = {}
+    for m, k in enumerate(chosen):
+        best = _best_value(rows[k].value, sd[m], density[m] + np.log(weight), series)
+        if best is not None:
+            found[k] = best
+    return found
+
+
+def _weights(density: FloatArray, prior: FloatArray) -> FloatArray:
+    """Weights (m + 1,) of series by all dimensions (n, m + 1) together, the last of none."""
+    prior = np.append(prior, 1 - prior.sum())
+    weight = prior.copy()
+    for _ in range(_ROUNDS):
+        share = density + np.log(weight)
+        share = np.exp(share - share.max(axis=1, keepdims=True))
+        share /= share.sum(axis=1, keepdims=True)
+        weight = share.sum(axis=0) + _PRIOR_COUNTS * prior
+        weight /= weight.sum()
+    return np.asarray(weight)
+
+
+def _best_value(
+    value: float, sd: float, log_share: FloatArray, series: Sequence[ValueSeries]
+) -> PreferredValue | None:
+    """The most probable value; the series that has it by itself, and the thread that it is a hole for."""
+    share = np.exp(log_share - log_share.max())
+    share /= share.sum()
+    candidates: dict[float, list[int]] = {}
+    for n, one in enumerate(series):
+        meant, step, _ = one.near(value)
+        if share[n] > 0 and meant > 0 and step > 2 * sd:
+            same = next((each for each in candidates if abs(each - meant) <= 1e-9), meant)
+            candidates.setdefault(same, []).append(n)
+    if not candidates:
+        return None
+    meant = max(candidates, key=lambda each: (share[candidates[each]].sum(), each))
+    probability = float(share[candidates[meant]].sum())
+    if probability < _LEAST_TOLD:
+        return None
+    plain = [n for n in candidates[meant] if series[n].step]
+    names = [series[max(plain, key=lambda n: series[n].step)].name] if plain else []
+    names += [series[n].near(value)[2] for n in candidates[meant] if not series[n].step]
+    return PreferredValue(meant, "; ".join(names), probability)
+
+
+_STATED: dict[str, tuple[RelationKind, float]] = {
+    "hole diameter": ("radius", 0.5), "outer diameter": ("radius", 0.5), "sphere diameter": ("radius", 0.5),
+    "radius": ("radius", 1.0), "fillet radius": ("radius", 1.0), "tube radius": ("radius", 1.0),
+    "cone angle": ("half_angle", 0.5), "angle": ("angle", 1.0),
+    "thickness": ("distance", 1.0), "length": ("distance", 1.0), "slot width": ("distance", 1.0), "step": ("distance", 1.0),
+    "distance": ("distance", 1.0), "axis distance": ("distance", 1.0), "axis to plane": ("distance", 1.0),
+}  # fmt: skip
+
+
+def preferred_relations(
+    rows: Sequence[PartDimension], labels: Sequence[int], least: float = IMPOSED
+) -> list[StatedRelation[int]]:
+    """Return the preferred values that are probable enough as relations to state, of surfaces by label."""
+    stated = []
+    for row in rows:
+        if row.kind in _STATED and row.preferred is not None and row.preferred.probability >= least:
+            kind, factor = _STATED[row.kind]
+            surfaces = tuple(labels[place] for place in row.places)
+            value = factor * row.preferred.value
+            stated.append(StatedRelation(kind, surfaces, value, source=f"preferred value of {row.kind}"))  # type: ignore[misc]
+    return stated
