@@ -13,7 +13,7 @@ from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Surface, Torus
 
 FAMILIES = ("plate", "flange", "shaft", "bracket")
-_AREA_MM2 = 0.9  # of which there is one point
+_AREA_MM2 = 1.2  # of which there is one point
 _LEAST = 150  # points of a face
 _Hole = tuple[float, float, float]
 

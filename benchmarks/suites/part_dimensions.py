@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 import time
-from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from benchmarks.cases.dimensioned_parts import DimensionedPart, dimensioned_part
 from benchmarks.run import head, suite
 from benchmarks.store import each
-from completion.parts.dimensions.dimension import PartDimension, unit_scale
+from completion.parts.dimensions.dimension import NORMAL_95, PartDimension, unit_scale
 from completion.parts.dimensions.pipeline import dimensions_of
 from completion.parts.part import Part
 from completion.parts.pipeline import model_part
@@ -24,6 +25,7 @@ SPLITS = {"tuning": 0, "held-out": 1000}
 _PURE = 0.9  # of a found face's points, that must be of one true face for its dimensions to have a truth
 _FOUND_SD, _FOUND_MM = 4.0, 0.02  # within which a dimension that was built is found
 _CONFIDENT = 0.9
+_SAME, _ROUNDING = 1e-7, 1e-6  # metres or radians; millimetres or degrees
 
 
 def true_faces(part: Part, made: DimensionedPart) -> list[int]:
@@ -63,67 +65,94 @@ def truth_of(row: PartDimension, made: DimensionedPart, true: list[int]) -> floa
     return float(row.measure([place(each, np.zeros(width[each.kind])) for each in surfaces]))
 
 
-def scored(seed: int, noise_mm: float) -> dict[str, object]:
-    """The dimensions of one part against their truth."""
+class ScoredRow(NamedTuple):
+    """A dimension against its truth: millimetres and degrees; the preferred value's probability, -1 for none."""
+
+    kind: str
+    error: float
+    sd: float
+    probability: float
+    is_preferred_right: bool
+
+
+class ScoredPart(NamedTuple):
+    """A part's dimensions against their truth, kinds that were built and whether they were found, CPU seconds."""
+
+    rows: list[ScoredRow]
+    built: list[str]
+    is_found: list[bool]
+    n_rows: int
+    seconds: float
+    division_seconds: float
+
+
+def scored(seed: int, noise_mm: float, is_labelled: bool) -> ScoredPart:
+    """The dimensions of one part against their truth, divided by itself or by the labels of its true faces."""
     made = dimensioned_part(seed, noise_mm)
     began = time.process_time()
-    part = model_part(made.points)
+    part = model_part(made.points, made.face + 1 if is_labelled else None)
     divided = time.process_time()
     found = dimensions_of(part)
     seconds = time.process_time() - divided
-    true, rows, seen = true_faces(part, made), [], []
+    true, rows = true_faces(part, made), []
     for row in found.rows:
         truth = truth_of(row, made, true)
         if truth is None or not np.isfinite(row.sd):
             continue
-        scale, _ = unit_scale(row.unit)
-        hint = row.preferred
-        is_right = None if hint is None else abs(hint.value - truth) < 1e-7
-        rows.append((row.kind, scale * (row.value - truth), scale * row.sd, scale * row.measured_sd, row.basis,
-                     None if hint is None else hint.probability, is_right))  # fmt: skip
-    for kind, value in made.meant:
-        near = [row for row in found.rows if row.kind == kind and abs(unit_scale(row.unit)[0] * row.value - value)
-                <= max(_FOUND_MM, _FOUND_SD * unit_scale(row.unit)[0] * (row.sd if np.isfinite(row.sd) else row.half))]  # fmt: skip
-        seen.append((kind, bool(near)))
-    return {"rows": rows, "seen": seen, "seconds": seconds, "divide": divided - began, "n": len(found)}
+        scale, hint = unit_scale(row.unit)[0], row.preferred
+        is_right = hint is not None and abs(hint.value - truth) < _SAME
+        probability = -1.0 if hint is None else hint.probability
+        rows.append(ScoredRow(row.kind, scale * (row.value - truth), scale * row.sd, probability, is_right))
+    is_found = [any(row.kind == kind and _is_near(row, value) for row in found.rows) for kind, value in made.meant]
+    return ScoredPart(rows, [kind for kind, _ in made.meant], is_found, len(found), seconds, divided - began)
+
+
+def _is_near(row: PartDimension, built: float) -> bool:
+    scale, _ = unit_scale(row.unit)
+    allowed = _FOUND_SD * row.sd if np.isfinite(row.sd) else row.half
+    return abs(scale * row.value - built) <= max(_FOUND_MM, scale * allowed)
 
 
 @suite("part-dimensions", smallest="--parts 1")
-def part_dimensions(split: str = "held-out", parts: int = 100) -> Iterator[str]:
+def part_dimensions(split: str = "held-out", parts: int = 100, labelled: bool = False) -> Iterator[str]:
     """Intervals of dimensions of generated parts: share that holds, by kind and noise."""
-    first, every = SPLITS[split], defaultdict[float, list[dict[str, object]]](list)
-    cases = [(seed, noise) for noise in NOISES_MM for seed in range(first, first + parts)]
-    for (_, noise), outcome in each(cases, lambda case: scored(*case), lambda case: f"{case[0]}-{case[1]}"):
-        every[noise].append(outcome)
-    yield from head("kind", *(f"noise {noise:g} mm: hold, of, median half-width" for noise in NOISES_MM), "all")
-    by_kind: dict[str, dict[float, list[tuple[float, float]]]] = defaultdict(lambda: defaultdict(list))
-    for noise, outcomes in every.items():
-        for outcome in outcomes:
-            for kind, error, sd, *_ in outcome["rows"]:  # type: ignore[attr-defined]
-                by_kind[kind][noise].append((error, sd))
-                by_kind["all"][noise].append((error, sd))
-    for kind in sorted(by_kind, key=lambda kind: (kind == "all", kind)):
-        cells = [_holding(by_kind[kind][noise]) for noise in NOISES_MM]
-        whole = _holding([pair for noise in NOISES_MM for pair in by_kind[kind][noise]])
-        yield f"| {kind} | {' | '.join(cells)} | {whole} |"
+    seeds = range(SPLITS[split], SPLITS[split] + parts)
+    yield from tables({noise: list(each(scored, seeds, noise, labelled)) for noise in NOISES_MM})
+
+
+def tables(outcomes: Mapping[float, Sequence[ScoredPart]]) -> Iterator[str]:
+    """The tables of parts by noise."""
+    yield from head("kind", *(f"noise {noise:g} mm: hold, n, half-width" for noise in outcomes), "all")
+    every = {noise: [row for part in parts for row in part.rows] for noise, parts in outcomes.items()}
+    kinds = sorted({row.kind for rows in every.values() for row in rows})
+    for kind in (*kinds, "all"):
+        chosen = {noise: [row for row in rows if kind in (row.kind, "all")] for noise, rows in every.items()}
+        cells = [_holding(rows) for rows in chosen.values()]
+        yield f"| {kind} | {' | '.join(cells)} | {_holding([row for rows in chosen.values() for row in rows])} |"
     yield ""
-    yield from head("noise, mm", "built dimensions found", "rows a part", "CPU s (division)", "preferred at .9 and more: right, of")
-    for noise in NOISES_MM:
-        outcomes = every[noise]
-        seen = [one for outcome in outcomes for one in outcome["seen"]]  # type: ignore[attr-defined]
-        hints = [row[6] for outcome in outcomes for row in outcome["rows"] if row[5] is not None and row[5] >= _CONFIDENT]  # type: ignore[attr-defined]
-        n_rows, seconds, divide = (float(np.mean([outcome[key] for outcome in outcomes])) for key in ("n", "seconds", "divide"))
-        yield (f"| {noise:g} | {sum(ok for _, ok in seen)} of {len(seen)} | {n_rows:.1f} | {seconds:.2f} ({divide:.2f}) "
-               f"| {sum(map(bool, hints))} of {len(hints)} |")  # fmt: skip
-    missed = Counter(kind for outcomes in every.values() for outcome in outcomes for kind, ok in outcome["seen"] if not ok)  # type: ignore[attr-defined]
+    yield from head("noise, mm", "built dimensions found", "rows a part", "CPU s", "CPU s of division",
+                    "preferred at 0.9 and more: right")  # fmt: skip
+    for noise, parts in outcomes.items():
+        found = [ok for part in parts for ok in part.is_found]
+        hints = [row.is_preferred_right for row in every[noise] if row.probability >= _CONFIDENT]
+        means = np.mean([(part.n_rows, part.seconds, part.division_seconds) for part in parts], axis=0)
+        numbers = " | ".join(f"{mean:.1f}" for mean in means)
+        yield f"| {noise:g} | {sum(found)} of {len(found)} | {numbers} | {sum(hints)} of {len(hints)} |"
+    missed = Counter(
+        kind
+        for parts in outcomes.values()
+        for part in parts
+        for kind, ok in zip(part.built, part.is_found, strict=True)
+        if not ok
+    )
     yield ""
     yield "Missed: " + (", ".join(f"{kind} {n}" for kind, n in missed.most_common()) or "none")
 
 
-def _holding(pairs: list[tuple[float, float]]) -> str:
+def _holding(rows: Sequence[ScoredRow]) -> str:
     """Share of errors within 1.96 standard deviations, how many, and the median half-width."""
-    if not pairs:
+    if not rows:
         return ""
-    error, sd = np.array(pairs).T
-    exact = np.maximum(1.96 * sd, 1e-7)
-    return f"{100 * float(np.mean(np.abs(error) <= exact)):.1f} %, {len(pairs)}, {float(np.median(1.96 * sd)):.4f}"
+    half = np.array([NORMAL_95 * row.sd for row in rows])
+    held = np.abs([row.error for row in rows]) <= np.maximum(half, _ROUNDING)
+    return f"{100 * float(held.mean()):.1f} %, {len(rows)}, {float(np.median(half)):.4f}"

@@ -23,7 +23,7 @@ from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
 from nbv.report.figures.surface_values import fine_coverage
 from nbv.report.scans_report import scan_coverage_page
-from nbv.run.csv_table import csv_text
+from scenes.run.csv_table import csv_text
 from nbv.run.wording import count, percent_within, square_metres
 from nbv.scanning.sensor import Sensor, View
 from nbv.scanning.sensor_profile import load_sensor

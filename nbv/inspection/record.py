@@ -16,7 +16,7 @@ from completion.asbuilt.findings import (
     FaceFinding,
     Interval,
 )
-from nbv.run.csv_table import csv_text
+from scenes.run.csv_table import csv_text
 from scenes.mesh.design import Element
 from scenes.run.atomic import to_plain
 

@@ -19,7 +19,7 @@ from nbv.coverage.coverage import Coverage, CoverageSummary
 from nbv.coverage.surface_classes import ClassShares
 from nbv.coverage.unreachable import coverage_record
 from nbv.plan.tour import Stations
-from nbv.run.csv_table import csv_text
+from scenes.run.csv_table import csv_text
 from nbv.run.showing import show_report
 from nbv.run.wording import count, percent
 from nbv.scanning.sensor import Sensor, View

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.plan.plan import Plan, aim_of
-from nbv.run.csv_table import csv_text
+from scenes.run.csv_table import csv_text
 from nbv.visibility.limits import SAME_M
 from nbv.visibility.rooms import SiteRoom
 from scenes.checks import FloatArray

@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from nbv.run.csv_table import csv_text
+from scenes.run.csv_table import csv_text
 from nbv.run.workers import ThisProcess, Workers
 from nbv.study.case import Case, PlanArchive, cases_of, run_case
 from nbv.study.spec import StudySpec

@@ -143,7 +143,6 @@ def plane_rows(
                     found = None if sides[high] != -way else _opposite(kind, low, high, along, faces)
                     if found is not None:
                         facing[low, high] = (name if found.is_thin or way > 0 else "length", found.ends)
-                        break
         for low, high in sorted(chain | set(facing)):
             first, second = kind.levels[low][0], kind.levels[high][0]
             default: Kind = "step" if sides[low] == sides[high] != 0 else "distance"

@@ -23,10 +23,11 @@ _N_NEAR, _MOST_ASKED = 8, 5_000  # neighbours that tell how dense points are, an
 _N_MESH = 30_000  # points that a mesh is sampled by
 _BESIDE = 2.0  # sampling distances, within which faces meet
 _LEAST_BESIDE = 3  # points of a face that are so near another
-_N_PLACES, _N_RAYS = 9, 5  # from which rays are cast to either side, and how many from each
+_N_PLACES, _N_RAYS = 9, 9  # from which rays are cast to either side, and how many from each
 _TILT = 0.45  # of a ray from the normal: no ray along another face
 _AGREED = 0.7  # of the rays that tell where material is
-_MOST_HITS = 1.6  # sampling distances, within which a ray meets a face
+_MET = 1.4  # sampling distances from a face's points, within which a ray meets it
+_SURELY = (1.1, 2.0)  # between which that is in doubt
 
 
 class FaceSamples:
@@ -149,29 +150,29 @@ class FaceSamples:
         for sign in (1.0, -1.0):
             rays = sign * normal + _TILT * across
             rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-            odd = self._n_met(origins, rays, place) % 2
-            votes.append(np.where(odd, -sign, sign))
-        agreed = float(np.mean(votes))
+            count, is_clear = self._n_met(origins, rays, place)
+            votes.append(np.where(count % 2, -sign, sign)[is_clear])
+        every = np.concatenate(votes)
+        agreed = float(every.mean()) if len(every) else 0.0
         return int(np.sign(agreed)) if abs(agreed) > 2 * _AGREED - 1 else 0
 
-    def _n_met(self, origins: FloatArray, rays: FloatArray, start: int) -> IntArray:
-        """How many faces rays (n, 3) meet, but for where they begin on the face `start`."""
-        count = np.zeros(len(origins), dtype=np.int64)
+    def _n_met(self, origins: FloatArray, rays: FloatArray, start: int) -> tuple[IntArray, BoolArray]:
+        """How many faces rays (n, 3) meet, but for where they begin on the face `start`.
+
+        And which rays pass no border of a face so closely that this is in doubt.
+        """
+        count, is_clear = np.zeros(len(origins), dtype=np.int64), np.ones(len(origins), dtype=np.bool_)
         for place, surface in enumerate(self.surfaces):
-            for twin in _walls(surface):
+            for twin in _walls(surface) if len(self.of(place)) else ():
                 far = twin.ray_ranges(origins, rays)
                 met = np.isfinite(far)
                 if place == start:
                     met &= far > self.spacing_m
                 if met.any():
-                    count[met] += self._is_on(place, origins[met] + far[met, None] * rays[met])
-        return count
-
-    def _is_on(self, place: int, points: FloatArray) -> BoolArray:
-        """Which points (n, 3) lie on a face."""
-        if not len(self.of(place)):
-            return np.zeros(len(points), np.bool_)
-        return np.asarray(self.tree(place).query(points)[0] <= _MOST_HITS * self.spacing_m)
+                    off = self.tree(place).query(origins[met] + far[met, None] * rays[met])[0] / self.spacing_m
+                    count[met] += off <= _MET
+                    is_clear[met] &= (off < _SURELY[0]) | (off > _SURELY[1])
+        return count, is_clear
 
 
 def _spacing(points: FloatArray) -> float:

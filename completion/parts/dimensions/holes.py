@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from completion.features.holes.patterns import CIRCLE, GRID, LEAST_SEEN, ROW, Pa
 from completion.parts.dimensions.dimension import NORMAL_95, Kind, PartDimension
 from completion.parts.dimensions.distances import DirectionClass
 from completion.parts.dimensions.face_samples import FaceSamples
+from completion.parts.dimensions.frame import across_of
 from completion.parts.dimensions.joint_surfaces import JointSurfaces
 from completion.parts.dimensions.sizes import RoundFaces
 from completion.relations.equations import Placement
@@ -150,6 +152,7 @@ _LEAST_P = 1e-3  # of a pattern's misfit
 _LEAST_EVIDENCE = float(np.log(100.0))  # of regular places, against any
 _ASIDE = 0.1  # of the part's size, within which unrelated holes may lie about a regular place
 _EXACT_M = 1e-9
+_TIED_SD = 1e-2  # of the deviations without relations, to which these tie holes: what is not linear in them
 _MOST_HOLES = 48  # of a circle, with those that are missing
 
 
@@ -172,17 +175,20 @@ class HolePattern:
 
 
 def find_patterns(
-    groups: Sequence[Sequence[Hole]], known: JointSurfaces, faces: FaceSamples, across_of: object
+    sizes: Sequence[Sequence[RoundFaces]], kinds: Sequence[DirectionClass], known: JointSurfaces, axes: FloatArray
 ) -> list[HolePattern]:
-    """The patterns among holes that are alike: all of a group, or those at one distance from an axis."""
+    """The patterns among parallel holes of one size: all of these, or those at one distance from an axis.
+
+    Their charts are along `axes` (3, 3), the rows of the part's frame.
+    """
     found = list[HolePattern]()
-    for group in groups:
-        left = list(dict.fromkeys(hole.place for hole in group))
+    for size, kind in product(sizes, kinds):
+        left = [item.places[0] for item in size if item.places[0] in kind.members and item.kind == "hole diameter"]
         while len(left) >= min(LEAST_SEEN.values()):
-            best = _best_pattern(left, known, across_of(left[0]))  # type: ignore[operator]
+            best = _best_pattern(left, known, across_of(axes, known.at[left[0]].direction))
             if best is None:
                 break
-            found.append(replace(best, about=_about(best, known)))
+            found.append(best)
             left = [place for place in left if place not in best.places]
     return found
 
@@ -199,10 +205,13 @@ def _best_pattern(places: Sequence[int], known: JointSurfaces, across: FloatArra
     for subset in sorted(set(subsets), key=lambda each: (-len(each), each)):
         if len(subset) < min(LEAST_SEEN.values()):
             break
-        for begun, numbers in _begun(centres[list(subset)]):
-            judged = _judged(begun, numbers, [places[k] for k in subset], known, across)
-            if judged is not None:
-                return judged
+        tried = (
+            _judged(begun, numbers, [places[k] for k in subset], known, across)
+            for begun, numbers in _begun(centres[list(subset)])
+        )
+        found = [replace(one, about=_about(one, known)) for one in tried if one is not None]
+        if found:  # four in a square are a circle where something stands in their middle
+            return max(found, key=lambda one: one.about >= 0)
     return None
 
 
@@ -277,7 +286,8 @@ def _judged(
     centres = found.value.reshape(-1, 2)
     begun = replace(begun, x=begun.x - np.concatenate([origin, np.zeros(len(begun.x) - 2)]))
     begun = fit_pattern(begun, numbers, centres, np.zeros(len(begun.x), np.bool_))
-    spread = found.covariance + _EXACT_M**2 * np.eye(2 * len(places))
+    floor = _EXACT_M**2 + _TIED_SD**2 * float(np.diag(found.measured_covariance).mean())
+    spread = found.covariance + floor * np.eye(2 * len(places))
     factor = cho_factor(spread)
     for _ in range(5):
         slopes = begun.slopes[numbers].reshape(2 * len(places), -1)

@@ -16,7 +16,7 @@ from completion.parts.dimensions.distances import (
     plane_rows,
 )
 from completion.parts.dimensions.face_samples import FaceSamples
-from completion.parts.dimensions.frame import across_of, datum_frame, overall_rows
+from completion.parts.dimensions.frame import datum_frame, overall_rows
 from completion.parts.dimensions.holes import (
     HolePattern,
     alike_holes,
@@ -55,10 +55,9 @@ def dimensions_of(part: Part, *, preferred: bool = True) -> PartDimensions:
     # 2. Holes: which there are, how they end, which of them are alike and at regular places.
     items = round_faces(known, faces)
     holes = holes_of(items, known, faces)
-    groups = alike_holes(alike(items, known), holes, classes)
-    patterns = find_patterns(
-        groups, known, faces, lambda place: across_of(frame.axes, known.at[place].direction)
-    )
+    sizes = alike(items, known)
+    groups = alike_holes(sizes, holes, classes)
+    patterns = find_patterns(sizes, classes, known, frame.axes)
 
     # 3. Measure: the whole, sizes, distances, angles, depths and patterns; volume and area of a mesh.
     notes = {hole.place: hole.note for hole in holes if hole.note}
@@ -70,7 +69,7 @@ def dimensions_of(part: Part, *, preferred: bool = True) -> PartDimensions:
     rows += axis_rows(classes, _nodes(classes, items, patterns, faces), known, faces)
     rows += angle_rows(classes, known, faces)
     whole, doubts = measure_rows(known)
-    kept = [row for row in _without_copies(rows) if not row.sd > MOST_RADIUS_SD * abs(row.value) or row.unit == "rad"]
+    kept = [row for row in _without_copies(rows) if row.kind == "start angle" or not row.sd > MOST_RADIUS_SD * row.value]
     every = (*kept, *whole)
 
     # 4. Read: what each was meant to be, as a hypothesis.

@@ -4,7 +4,7 @@
 Each series is a prior: numbers that are multiples of its step, as likely as one another, or none at all. With
 measurement x of deviation s, a number v of a series of step h is w h N(x; v, s) times as likely as any number
 at all, w being the weight of the series. The weights of a part's series are learned from all of its
-dimensions together (expectation maximisation, with prior counts), so that an inch part is read in inches.
+dimensions together (expectation maximisation, with prior counts), and so is whether it is in inches.
 
 Holes for threads: core holes are drilled to the nominal diameter less the pitch, in the steps of ISO 2306;
 coarse pitches are those of ISO 261; clearance holes are the fine, medium and coarse series of ISO 273.
@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from completion.parts.dimensions.dimension import PartDimension, PreferredValue
 from completion.relations.relation import RelationKind, StatedRelation
@@ -75,17 +76,34 @@ def _hole_series() -> ValueSeries:
             source = "ISO 2306" if use == "core" else "ISO 273"
             every.setdefault(size / 1000, []).append(f"{thread} {use} ({source})")
     values = tuple(sorted(every))
-    return ValueSeries("hole for a thread", 0.15, values=values, names=tuple("; ".join(every[v]) for v in values))
+    return ValueSeries("hole for a thread", 0.1, values=values, names=tuple("; ".join(every[v]) for v in values))
 
 
-LENGTHS = (
-    ValueSeries("1 mm", 0.2, 1e-3), ValueSeries("0.5 mm", 0.1, 5e-4), ValueSeries("0.1 mm", 0.1, 1e-4),
-    ValueSeries("1/4 in", 0.04, _INCH / 4), ValueSeries("1/16 in", 0.03, _INCH / 16),
-    ValueSeries("1/64 in", 0.03, _INCH / 64),
-)  # fmt: skip
 HOLES = _hole_series()
-ANGLES = tuple(
-    ValueSeries(f"{step} deg", weight, float(np.radians(step))) for step, weight in ((15, 0.4), (5, 0.1), (1, 0.1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnitSystem:
+    """Series that one part has values of, and the prior weight of the system."""
+
+    weight: float
+    series: tuple[ValueSeries, ...]
+
+
+METRIC = UnitSystem(
+    0.8,
+    (ValueSeries("1 mm", 0.3, 1e-3), ValueSeries("0.5 mm", 0.15, 5e-4), ValueSeries("0.1 mm", 0.15, 1e-4), HOLES),
+)
+INCHES = UnitSystem(
+    0.2,
+    (ValueSeries("1/4 in", 0.2, _INCH / 4), ValueSeries("1/16 in", 0.2, _INCH / 16),
+     ValueSeries("1/64 in", 0.1, _INCH / 64), ValueSeries("0.01 in", 0.1, _INCH / 100)),
+)  # fmt: skip
+ANGLES = UnitSystem(
+    1.0,
+    tuple(
+        ValueSeries(f"{step} deg", weight, float(np.radians(step))) for step, weight in ((15, 0.4), (5, 0.1), (1, 0.1))
+    ),
 )
 _LENGTH_KINDS = (
     "overall size", "hole diameter", "outer diameter", "sphere diameter", "radius", "fillet radius",
@@ -95,16 +113,17 @@ _LENGTH_KINDS = (
 
 
 def with_preferred(rows: Sequence[PartDimension]) -> tuple[PartDimension, ...]:
-    """Return dimensions, each with its most probable preferred value."""
-    lengths = _read_together(rows, "m", (*LENGTHS, HOLES), _EXACT_M)
-    angles = _read_together(rows, "rad", ANGLES, _EXACT_RAD)
-    return tuple(
-        replace(row, preferred=lengths.get(k, angles.get(k))) for k, row in enumerate(rows)
-    )
+    """Return dimensions, each with its most probable preferred value.
+
+    A part is metric or in inches as a whole, as its lengths together say.
+    """
+    lengths = _read_together(rows, "m", (METRIC, INCHES), _EXACT_M)
+    angles = _read_together(rows, "rad", (ANGLES,), _EXACT_RAD)
+    return tuple(replace(row, preferred=lengths.get(k, angles.get(k))) for k, row in enumerate(rows))
 
 
 def _read_together(
-    rows: Sequence[PartDimension], unit: str, series: Sequence[ValueSeries], exact: float
+    rows: Sequence[PartDimension], unit: str, systems: Sequence[UnitSystem], exact: float
 ) -> dict[int, PreferredValue]:
     """The preferred values of dimensions in one unit, by their places."""
     chosen = [k for k, row in enumerate(rows) if row.unit == unit and np.isfinite(row.sd) and row.value > 0
@@ -112,18 +131,24 @@ def _read_together(
     if not chosen:
         return {}
     sd = [max(rows[k].sd, exact) for k in chosen]
-    density = np.zeros((len(chosen), len(series) + 1))  # the last: any number
-    for n, one in enumerate(series):
-        for m, k in enumerate(chosen):
-            may = one is not HOLES or rows[k].kind == "hole diameter"
-            density[m, n] = one.log_density(rows[k].value, sd[m]) if may else -np.inf
-    weight = _weights(density, np.array([one.weight for one in series]))
-    found = {}
-    for m, k in enumerate(chosen):
-        best = _best_value(rows[k].value, sd[m], density[m] + np.log(weight), series)
-        if best is not None:
-            found[k] = best
-    return found
+    shares, evidence = [], []
+    for system in systems:
+        density = np.zeros((len(chosen), len(system.series) + 1))  # the last: any number
+        for n, one in enumerate(system.series):
+            for m, k in enumerate(chosen):
+                may = one is not HOLES or rows[k].kind == "hole diameter"
+                density[m, n] = one.log_density(rows[k].value, sd[m]) if may else -np.inf
+        share = density + np.log(_weights(density, np.array([one.weight for one in system.series])))
+        every = logsumexp(share, axis=1)
+        shares.append(np.exp(share - every[:, None]))
+        evidence.append(np.log(system.weight) + float(every.sum()))
+    system_share = np.exp(np.array(evidence) - logsumexp(evidence))
+    series = [one for system in systems for one in system.series]
+    joint = np.concatenate(
+        [weight * share[:, :-1] for weight, share in zip(system_share, shares, strict=True)], axis=1
+    )
+    found = ((k, _best_value(rows[k].value, sd[m], joint[m], series)) for m, k in enumerate(chosen))
+    return {k: best for k, best in found if best is not None}
 
 
 def _weights(density: FloatArray, prior: FloatArray) -> FloatArray:
@@ -132,19 +157,15 @@ def _weights(density: FloatArray, prior: FloatArray) -> FloatArray:
     weight = prior.copy()
     for _ in range(_ROUNDS):
         share = density + np.log(weight)
-        share = np.exp(share - share.max(axis=1, keepdims=True))
-        share /= share.sum(axis=1, keepdims=True)
-        weight = share.sum(axis=0) + _PRIOR_COUNTS * prior
+        weight = np.exp(share - logsumexp(share, axis=1, keepdims=True)).sum(axis=0) + _PRIOR_COUNTS * prior
         weight /= weight.sum()
     return np.asarray(weight)
 
 
 def _best_value(
-    value: float, sd: float, log_share: FloatArray, series: Sequence[ValueSeries]
+    value: float, sd: float, share: FloatArray, series: Sequence[ValueSeries]
 ) -> PreferredValue | None:
-    """The most probable value; the series that has it by itself, and the thread that it is a hole for."""
-    share = np.exp(log_share - log_share.max())
-    share /= share.sum()
+    """The most probable value by the series' shares (m,), with the coarsest that has it, and threads."""
     candidates: dict[float, list[int]] = {}
     for n, one in enumerate(series):
         meant, step, _ = one.near(value)
