@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Machined parts at random with the truth of their surfaces and main dimensions: plates, flanges, shafts, brackets."""
+"""Machined parts at random, with true surfaces and dimensions: plates, flanges, shafts, brackets."""
 
 from __future__ import annotations
 
@@ -89,8 +89,9 @@ class _Builder:
 
     def cone(self, height: float, low: float, high: float, length: float) -> None:
         """A cone about z from a height on, its radius from `low` to `high`."""
-        share = np.sqrt(self.rng.uniform(*sorted((low**2 / max(low, high) ** 2, high**2 / max(low, high) ** 2)), self._count(np.pi * abs(high**2 - low**2))))  # fmt: skip
-        radius = share * max(low, high)
+        n, widest = self._count(np.pi * abs(high**2 - low**2)), max(low, high)
+        share = np.sqrt(self.rng.uniform((min(low, high) / widest) ** 2, 1.0, n))
+        radius = share * widest
         z = height + (radius - low) / (high - low) * length
         angle = self.rng.uniform(0, 2 * np.pi, len(radius))
         middle = (low + high) / 2
@@ -139,7 +140,9 @@ def _in_metres(surface: object) -> Surface:
         case Cone():
             return Cone(surface.point / 1000, surface.direction, surface.radius / 1000, surface.half_angle)
         case Torus():
-            return Torus(surface.centre / 1000, surface.direction, surface.radius / 1000, surface.tube_radius / 1000)
+            return Torus(
+                surface.centre / 1000, surface.direction, surface.radius / 1000, surface.tube_radius / 1000
+            )
     raise TypeError(type(surface))
 
 
@@ -160,14 +163,21 @@ def _plate(build: _Builder) -> None:
     pitch, across = build.size(16, 20), build.size(20, 26)
     is_through, depth = bool(rng.integers(2)), build.size(4, 6)
     first = np.array([build.size(10, 14), build.size(9, 13)])
-    holes = [(first[0] + i * pitch, first[1] + j * across, radius) for i in range(columns) for j in range(rows)]
+    holes = [
+        (first[0] + i * pitch, first[1] + j * across, radius) for i in range(columns) for j in range(rows)
+    ]
     rise, block = build.size(6, 12), build.size(10, 14)
     holes = [hole for hole in holes if hole[0] + radius + 3 < length - block]
     for x, y, r in holes:
         build.hole(x, y, r, thick, thick if is_through else depth, is_through)
     edge = length - block
     build.plane((0, 0, thick), (edge, 0, 0), (0, width, 0), holes)
-    build.plane((0, width, 0), (length, 0, 0), (0, -width, 0), [(x, width - y, r) for x, y, r in holes] if is_through else ())
+    build.plane(
+        (0, width, 0),
+        (length, 0, 0),
+        (0, -width, 0),
+        [(x, width - y, r) for x, y, r in holes] if is_through else (),
+    )
     top = thick + rise
     build.plane((edge, 0, top), (block, 0, 0), (0, width, 0))
     build.plane((edge, 0, thick), (0, 0, rise), (0, width, 0))
@@ -180,7 +190,9 @@ def _plate(build: _Builder) -> None:
                     ("thickness", thick), ("hole diameter", 2 * radius), ("pitch", pitch)]  # fmt: skip
     build.meant += [("pitch", across)] if rows > 1 else []
     build.meant += [] if is_through else [("hole depth", depth)]
-    build.meant += [("axis to plane", float(first[1]))] if first[1] < width - first[1] - (rows - 1) * across else []
+    build.meant += (
+        [("axis to plane", float(first[1]))] if first[1] < width - first[1] - (rows - 1) * across else []
+    )
 
 
 def _flange(build: _Builder) -> None:
@@ -205,7 +217,7 @@ def _flange(build: _Builder) -> None:
 
 
 def _shaft(build: _Builder) -> None:
-    """A shaft of three steps, one with a fillet, a chamfer at its end and a blind bore with a drill's cone."""
+    """A shaft of three steps, one with a fillet, a chamfer at its end and a bore with a drill's cone."""
     radii = [build.size(9, 12), build.size(15, 19), build.size(25, 30)]
     lengths = [build.size(20, 30), build.size(25, 35), build.size(15, 30)]
     fillet, chamfer, drill, depth = build.size(4, 6), build.size(2, 3), build.size(3.5, 5), build.size(14, 20)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Dimensions of generated parts: whether their intervals hold, which are found, and what preferred values are worth."""
+"""Dimensions of generated parts: whether intervals hold, which are found, what preferred values are worth."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def truth_of(row: PartDimension, made: DimensionedPart, true: list[int]) -> floa
 
 
 class ScoredRow(NamedTuple):
-    """A dimension against its truth: millimetres and degrees; the preferred value's probability, -1 for none."""
+    """A dimension against its truth, millimetres and degrees; the preferred value's probability or -1."""
 
     kind: str
     error: float
@@ -76,7 +76,7 @@ class ScoredRow(NamedTuple):
 
 
 class ScoredPart(NamedTuple):
-    """A part's dimensions against their truth, kinds that were built and whether they were found, CPU seconds."""
+    """A part's dimensions against their truth, kinds that were built and which were found, CPU seconds."""
 
     rows: list[ScoredRow]
     built: list[str]
@@ -87,7 +87,7 @@ class ScoredPart(NamedTuple):
 
 
 def scored(seed: int, noise_mm: float, is_labelled: bool) -> ScoredPart:
-    """The dimensions of one part against their truth, divided by itself or by the labels of its true faces."""
+    """The dimensions of a part, divided by itself or by the labels of its true faces, against the truth."""
     made = dimensioned_part(seed, noise_mm)
     began = time.process_time()
     part = model_part(made.points, made.face + 1 if is_labelled else None)
@@ -103,7 +103,9 @@ def scored(seed: int, noise_mm: float, is_labelled: bool) -> ScoredPart:
         is_right = hint is not None and abs(hint.value - truth) < _SAME
         probability = -1.0 if hint is None else hint.probability
         rows.append(ScoredRow(row.kind, scale * (row.value - truth), scale * row.sd, probability, is_right))
-    is_found = [any(row.kind == kind and _is_near(row, value) for row in found.rows) for kind, value in made.meant]
+    is_found = [
+        any(row.kind == kind and _is_near(row, value) for row in found.rows) for kind, value in made.meant
+    ]
     return ScoredPart(rows, [kind for kind, _ in made.meant], is_found, len(found), seconds, divided - began)
 
 
@@ -128,7 +130,8 @@ def tables(outcomes: Mapping[float, Sequence[ScoredPart]]) -> Iterator[str]:
     for kind in (*kinds, "all"):
         chosen = {noise: [row for row in rows if kind in (row.kind, "all")] for noise, rows in every.items()}
         cells = [_holding(rows) for rows in chosen.values()]
-        yield f"| {kind} | {' | '.join(cells)} | {_holding([row for rows in chosen.values() for row in rows])} |"
+        whole = _holding([row for rows in chosen.values() for row in rows])
+        yield f"| {kind} | {' | '.join(cells)} | {whole} |"
     yield ""
     yield from head("noise, mm", "built dimensions found", "rows a part", "CPU s", "CPU s of division",
                     "preferred at 0.9 and more: right")  # fmt: skip

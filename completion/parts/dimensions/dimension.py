@@ -19,9 +19,9 @@ NORMAL_95 = 1.959963984540054
 
 Kind = Literal[
     "overall size", "hole diameter", "outer diameter", "sphere diameter", "radius", "fillet radius",
-    "ring diameter", "tube radius", "cone angle", "hole depth", "thickness", "length", "slot width", "step", "distance",
-    "axis distance", "axis to plane", "angle", "pitch circle diameter", "start angle", "pitch", "volume",
-    "area",
+    "ring diameter", "tube radius", "cone angle", "hole depth", "thickness", "length", "slot width", "step",
+    "distance", "axis distance", "axis to plane", "angle", "pitch circle diameter", "start angle", "pitch",
+    "volume", "area",
 ]  # fmt: skip
 Unit = Literal["m", "rad", "m2", "m3"]
 Basis = Literal["measured", "relations", "pattern", "bounds"]

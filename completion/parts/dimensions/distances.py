@@ -134,7 +134,7 @@ def plane_rows(
     for kind in classes:
         along = known.at[kind.first].direction
         chain = {(low, low + 1) for low in range(len(kind.levels) - 1)}
-        sides = [_side_of(level, along, known, faces) for level in kind.levels]
+        sides = [_side_of(level, along, faces) for level in kind.levels]
         facing: dict[tuple[int, int], tuple[Kind, FloatArray]] = {}
         ways: tuple[tuple[int, Kind], ...] = ((-1, "thickness"), (1, "slot width"))
         for way, name in ways:
@@ -150,7 +150,7 @@ def plane_rows(
             yield known.dimension(named, (first, second), between_planes, ends=ends)
 
 
-def _side_of(level: Sequence[int], along: FloatArray, known: JointSurfaces, faces: FaceSamples) -> int:
+def _side_of(level: Sequence[int], along: FloatArray, faces: FaceSamples) -> int:
     """Whether the faces of a level look along a direction (1) or against it (-1); 0: both, or unknown."""
     looks = {
         int(faces.sides[place] * np.sign(faces.surfaces[place].normal(faces.of(place)[:1])[0] @ along))
@@ -160,7 +160,7 @@ def _side_of(level: Sequence[int], along: FloatArray, known: JointSurfaces, face
 
 
 class _Opposite(NamedTuple):
-    """Ends (2, 3) where two levels lie opposite each other, and whether they are nearer than they are wide."""
+    """Ends (2, 3) where two levels lie opposite each other, and whether that is wider than they are apart."""
 
     ends: FloatArray
     is_thin: bool
@@ -196,7 +196,10 @@ def _plain_ends(first: int, second: int, along: FloatArray, faces: FaceSamples) 
 
 
 def axis_rows(
-    classes: Sequence[DirectionClass], nodes: dict[int, list[tuple[int, ...]]], known: JointSurfaces, faces: FaceSamples
+    classes: Sequence[DirectionClass],
+    nodes: dict[int, list[tuple[int, ...]]],
+    known: JointSurfaces,
+    faces: FaceSamples,
 ) -> Iterator[PartDimension]:
     """Distances of neighbouring parallel axes, and of axes from the nearest outer planes they are along.
 
@@ -235,12 +238,16 @@ def _from_planes(
             continue
         outer = sorted({kind.levels[0][0], kind.levels[-1][0]})
         far, plane, axis = min(
-            (between_planes((known.at[plane], known.at[axis])), plane, axis) for plane in outer for axis in axes
+            (between_planes((known.at[plane], known.at[axis])), plane, axis)
+            for plane in outer
+            for axis in axes
         )
         if far <= 1e-3 * known.size_m:
             continue
         at, normal = known.at[axis], known.at[plane].direction
-        start = at.point + (faces.reach(axis, at.direction)[1] - float(at.direction @ at.point)) * at.direction
+        start = (
+            at.point + (faces.reach(axis, at.direction)[1] - float(at.direction @ at.point)) * at.direction
+        )
         ends = np.stack([start, start - float(normal @ (start - known.at[plane].point)) * normal])
         n_given += 1
         yield known.dimension("axis to plane", (plane, axis), between_planes, ends=ends)
@@ -264,4 +271,3 @@ def angle_rows(
         border = faces.beside(*met[0])
         middle = border.mean(axis=0) if len(border) else faces.of(met[0][0]).mean(axis=0)
         yield known.dimension("angle", met[0], angle_between, unit="rad", ends=np.stack([middle, middle]))
-

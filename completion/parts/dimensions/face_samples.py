@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ class FaceSamples:
         self.points, self.place = points, np.where(is_some, place, -1)
         order = np.argsort(self.place, kind="stable")
         bounds = np.searchsorted(self.place[order], np.arange(len(labels) + 1))
-        self._members = [order[low:high] for low, high in zip(bounds[:-1], bounds[1:], strict=True)]
+        self._members = [order[low:high] for low, high in pairwise(bounds)]
         self._trees: dict[int, cKDTree] = {}
 
     def of(self, place: int) -> FloatArray:
@@ -87,7 +88,9 @@ class FaceSamples:
     def neighbours(self) -> list[set[int]]:
         """The faces that each face meets."""
         tree = cKDTree(self.points)
-        near = tree.query(self.points, k=min(9, len(self.points)), distance_upper_bound=_BESIDE * self.spacing_m)
+        near = tree.query(
+            self.points, k=min(9, len(self.points)), distance_upper_bound=_BESIDE * self.spacing_m
+        )
         other = near[1].reshape(len(self.points), -1)
         beside = np.where(other < len(self.points), self.place[np.minimum(other, len(self.points) - 1)], -1)
         n = len(self.surfaces)
@@ -169,7 +172,9 @@ class FaceSamples:
                 if place == start:
                     met &= far > self.spacing_m
                 if met.any():
-                    off = self.tree(place).query(origins[met] + far[met, None] * rays[met])[0] / self.spacing_m
+                    off = (
+                        self.tree(place).query(origins[met] + far[met, None] * rays[met])[0] / self.spacing_m
+                    )
                     count[met] += off <= _MET
                     is_clear[met] &= (off < _SURELY[0]) | (off > _SURELY[1])
         return count, is_clear

@@ -34,7 +34,11 @@ def datum_frame(classes: Sequence[DirectionClass], known: JointSurfaces) -> Datu
     first = classes[0].first
     z = _forward(known.at[first].direction)
     across = next(
-        (kind.first for kind in classes[1:] if kind.share > _LEAST_SHARE and are_square(first, kind.first, known)),
+        (
+            kind.first
+            for kind in classes[1:]
+            if kind.share > _LEAST_SHARE and are_square(first, kind.first, known)
+        ),
         None,
     )
     kind = "normal" if known.at[first].is_plane else "axis"
@@ -44,7 +48,9 @@ def datum_frame(classes: Sequence[DirectionClass], known: JointSurfaces) -> Datu
         note += "; x as near to an axis of the file as can be"
     else:
         x = _forward(known.at[across].direction)
-        note += f"; x along the {'normal' if known.at[across].is_plane else 'axis'} of surface {labels[across]}"
+        note += (
+            f"; x along the {'normal' if known.at[across].is_plane else 'axis'} of surface {labels[across]}"
+        )
     x = x - float(x @ z) * z
     x /= np.linalg.norm(x)
     return DatumFrame(np.stack([x, np.cross(z, x), z]), note)
@@ -55,9 +61,7 @@ def _forward(direction: FloatArray) -> FloatArray:
     return direction * (1.0 if direction[int(np.argmax(np.abs(direction)))] >= 0 else -1.0)
 
 
-def overall_rows(
-    frame: DatumFrame, known: JointSurfaces, faces: FaceSamples
-) -> Iterator[PartDimension]:
+def overall_rows(frame: DatumFrame, known: JointSurfaces, faces: FaceSamples) -> Iterator[PartDimension]:
     """The size of the part along each axis of its frame: between faces where these end it, else points."""
     if not len(faces.points):
         return
@@ -69,9 +73,7 @@ def overall_rows(
         found = [_end_face(way, axis, known, faces) for way in (-1.0, 1.0)]
         note = f"along {letter}"
         if found[0] is not None and found[1] is not None:
-            yield known.dimension(
-                "overall size", (found[0], found[1]), _between(axis), note=note, ends=ends
-            )
+            yield known.dimension("overall size", (found[0], found[1]), _between(axis), note=note, ends=ends)
             continue
         noise = known.part.noise_m
         yield PartDimension(
@@ -147,7 +149,7 @@ def _between(axis: FloatArray) -> Measure:
 def across_of(axes: FloatArray, direction: FloatArray) -> FloatArray:
     """Two unit vectors (2, 3) across a direction, the first along the frame's x where that is possible.
 
-    The second is a right-handed turn from it about that of the frame's axes which the direction is nearest to.
+    The second is a right-handed turn from it about the frame's axis that the direction is nearest to.
     """
     nearest = axes @ direction
     direction = direction * np.sign(nearest[int(np.argmax(np.abs(nearest)))])

@@ -79,7 +79,11 @@ def _ends_of(place: int, known: JointSurfaces, faces: FaceSamples) -> tuple[Hole
         here = float(np.median(height[beside]))
         for k, end in enumerate(faces.reach(place, at.direction)):
             far = abs(here + float(at.point @ at.direction) - end)
-            if isinstance(surface, Plane) and far < near and abs(surface.normal_direction @ at.direction) > _ACROSS:
+            if (
+                isinstance(surface, Plane)
+                and far < near
+                and abs(surface.normal_direction @ at.direction) > _ACROSS
+            ):
                 found = HoleEnd(_FLOOR if is_inside else _OPEN, other)
             elif isinstance(surface, Cone) and far < max(near, at.radius) and is_inside:
                 found = HoleEnd(_CONE, other)
@@ -98,7 +102,7 @@ def depth_rows(
         kinds = [end.kind for end in first.ends]
         if kinds.count(_OPEN) != 1 or any(end.place < 0 for end in first.ends):
             continue
-        mouth, floor = (first.ends if kinds[0] == _OPEN else first.ends[::-1])
+        mouth, floor = first.ends if kinds[0] == _OPEN else first.ends[::-1]
         measure = _to_cone if floor.kind == _CONE else _to_plane
         at, reach = known.at[first.place], faces.reach(first.place, known.at[first.place].direction)
         foot = at.point - float(at.point @ at.direction) * at.direction
@@ -136,7 +140,12 @@ def alike_holes(
 ) -> list[list[Hole]]:
     """Holes of one size and direction that are made alike: their ends are of one kind and in one plane."""
     of = {hole.place: hole for hole in holes}
-    level = {place: (k, n) for k, kind in enumerate(kinds) for n, level in enumerate(kind.levels) for place in level}
+    level = {
+        place: (k, n)
+        for k, kind in enumerate(kinds)
+        for n, level in enumerate(kind.levels)
+        for place in level
+    }
     turned = {place: k for k, kind in enumerate(kinds) for place in kind.members}
     groups: list[list[Hole]] = []
     for size in sizes:
@@ -153,6 +162,8 @@ _LEAST_EVIDENCE = float(np.log(100.0))  # of regular places, against any
 _ASIDE = 0.1  # of the part's size, within which unrelated holes may lie about a regular place
 _EXACT_M = 1e-9
 _TIED_SD = 1e-2  # of the deviations without relations, to which these tie holes: what is not linear in them
+_ONE_RUNG = 0.02  # of a pattern's length
+_ONE_RING = 0.02  # of the distance from an axis, within which holes may be on one circle about it
 _MOST_HOLES = 48  # of a circle, with those that are missing
 
 
@@ -175,7 +186,10 @@ class HolePattern:
 
 
 def find_patterns(
-    sizes: Sequence[Sequence[RoundFaces]], kinds: Sequence[DirectionClass], known: JointSurfaces, axes: FloatArray
+    sizes: Sequence[Sequence[RoundFaces]],
+    kinds: Sequence[DirectionClass],
+    known: JointSurfaces,
+    axes: FloatArray,
 ) -> list[HolePattern]:
     """The patterns among parallel holes of one size: all of these, or those at one distance from an axis.
 
@@ -183,7 +197,9 @@ def find_patterns(
     """
     found = list[HolePattern]()
     for size, kind in product(sizes, kinds):
-        left = [item.places[0] for item in size if item.places[0] in kind.members and item.kind == "hole diameter"]
+        left = [
+            item.places[0] for item in size if item.places[0] in kind.members and item.kind == "hole diameter"
+        ]
         while len(left) >= min(LEAST_SEEN.values()):
             best = _best_pattern(left, known, across_of(axes, known.at[left[0]].direction))
             if best is None:
@@ -198,10 +214,14 @@ def _best_pattern(places: Sequence[int], known: JointSurfaces, across: FloatArra
     centres = np.array([across @ known.at[place].point for place in places])
     subsets = [tuple(range(len(places)))]
     for place, at in enumerate(known.at):
-        if place not in places and at.radius > 0 and np.linalg.norm(np.cross(at.direction, known.at[places[0]].direction)) < 1e-2:
+        if (
+            place not in places
+            and at.radius > 0
+            and np.linalg.norm(np.cross(at.direction, known.at[places[0]].direction)) < 1e-2
+        ):
             far = np.linalg.norm(centres - across @ at.point, axis=1)
-            for value in far:
-                subsets.append(tuple(np.flatnonzero(np.abs(far - value) < 0.02 * value).tolist()))
+            near = np.abs(far[:, None] - far) < _ONE_RING * far
+            subsets += [tuple(np.flatnonzero(column).tolist()) for column in near.T]
     for subset in sorted(set(subsets), key=lambda each: (-len(each), each)):
         if len(subset) < min(LEAST_SEEN.values()):
             break
@@ -243,7 +263,7 @@ def _begun_lattice(centres: FloatArray) -> Iterator[tuple[Pattern, IntArray]]:
         along = step[first] / apart[first]
         side = np.array([-along[1], along[0]])
         u, v = (centres - middle) @ along, (centres - middle) @ side
-        columns, rows = _ladder(u), _ladder(v)
+        columns, rows = (_ladder(each, float(apart.max())) for each in (u, v))
         if columns is None or rows is None:
             continue
         shape = (int(columns.max()) + 1, int(rows.max()) + 1)
@@ -259,16 +279,17 @@ def _begun_lattice(centres: FloatArray) -> Iterator[tuple[Pattern, IntArray]]:
         return
 
 
-def _ladder(values: FloatArray) -> IntArray | None:
-    """Numbers (n,) of the rungs that values lie on, from 0; None where they are not evenly spaced."""
+def _ladder(values: FloatArray, longest: float) -> IntArray | None:
+    """Numbers (n,) of the rungs that values lie on, from 0; None where they are not evenly spaced.
+
+    What differs by less than a small part of the pattern's length is on one rung.
+    """
     order = np.sort(values)
-    size = float(order[-1] - order[0])
     steps = np.diff(order)
-    wide = steps[steps > 0.05 * max(size, float(np.abs(values).max()))]
-    if not len(wide) or size < 1e-6 * max(float(np.abs(values).max()), 1e-12):
+    wide = steps[steps > _ONE_RUNG * longest]
+    if not len(wide):
         return np.zeros(len(values), dtype=np.int64)
-    pitch = float(np.median(wide))
-    turn = (values - order[0]) / pitch
+    turn = (values - order[0]) / float(np.median(wide))
     return np.rint(turn).astype(np.int64) if np.abs(turn - np.rint(turn)).max() < 0.1 else None
 
 
@@ -326,7 +347,8 @@ def pattern_rows(
             end = centre + pattern.across.T @ out
             about = f"about surface {known.part.labels[pattern.about]}" if pattern.about >= 0 else ""
             note = ", ".join(text for text in (about, seen) if text)
-            yield _pattern_row("pitch circle diameter", pattern, 3, 2.0, np.stack([2 * centre - end, end]), known, note)  # fmt: skip
+            ends = np.stack([2 * centre - end, end])
+            yield _pattern_row("pitch circle diameter", pattern, 3, 2.0, ends, known, note)
             yield _start_angle(pattern, centre, end, known, x_axis)
             continue
         angle = float(pattern.x[2])

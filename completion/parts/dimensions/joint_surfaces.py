@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Joint surfaces: all surfaces of a part with their joint covariance, and numbers that are measured of them."""
+"""Joint surfaces: all surfaces of a part with their joint covariance, and numbers measured of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from completion.relations.equations import Placement, place
 from scenes.checks import FloatArray
 
 _STEP = 1e-6  # radians, and of a part's size: of the differences that derivatives are read from
-_BETTER = 0.98  # of the deviation without relations, below which these have made a number better known
+BETTER = 0.98  # of the deviation without relations, below which these have made a number better known
 
 
 class Estimate(NamedTuple):
@@ -108,7 +108,7 @@ class JointSurfaces:
             float(np.sqrt(max(each[0, 0], 0.0))) for each in (found.covariance, found.measured_covariance)
         )
         value = float(found.value[0])
-        basis: Basis = "relations" if sd < _BETTER * before else "measured"
+        basis: Basis = "relations" if sd < BETTER * before else "measured"
         of = alike or places
         return PartDimension(
             kind=kind,
@@ -137,7 +137,5 @@ class JointSurfaces:
         """Standard deviation of the angle between two directions, radians, the worst way."""
         across = self.at[first].across
         sign = 1.0 if self.at[first].direction @ self.at[second].direction >= 0 else -1.0
-        found = self.estimate(
-            (first, second), lambda at: across @ (at[0].direction - sign * at[1].direction)
-        )
+        found = self.estimate((first, second), lambda at: across @ (at[0].direction - sign * at[1].direction))
         return float(np.sqrt(max(np.linalg.eigvalsh(found.covariance)[-1], 0.0)))

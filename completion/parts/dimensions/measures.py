@@ -9,13 +9,13 @@ at a vertex and G the derivatives of its distances by the parameters.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from completion.parts.dimensions.dimension import NORMAL_95, Kind, PartDimension, Unit
-from completion.parts.dimensions.joint_surfaces import JointSurfaces
+from completion.parts.dimensions.joint_surfaces import BETTER, JointSurfaces
 from completion.parts.part import Part
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
@@ -24,6 +24,7 @@ from scenes.surfaces.catalogue import Plane
 
 _MOST_TRIANGLES = 300_000  # to which a mesh is cut finer
 _ROUNDS = 4
+_LEAST_TOLD = 1e-3  # share of the area
 _TANGENT = 0.1  # of the largest singular value: normals that are nearer to alike are one
 _MOST_MOVED = 0.02  # of the part's size: farther vertices are of no surface
 _ROUND_SHARE = 1e-3  # of the part's size, by which a chord's edge may be long for its radius
@@ -37,38 +38,66 @@ class _SurfaceVertices(NamedTuple):
 
 
 def measure_rows(known: JointSurfaces) -> tuple[list[PartDimension], tuple[str, ...]]:
-    """Volume and area of a part's mesh, and why there are none."""
+    """Volume and area of a part's mesh, of points none, and what is doubtful of them."""
     part = known.part
     if part.faces is None or part.triangle_surface is None:
-        return [], ("volume and area are those of a mesh, and there are points alone",)
+        return [], ()
     turned = turn_outside_out(
         LabelledMesh(*_joined(part.points, part.faces)), np.zeros(len(part.faces), np.int64)
     )
     n_open = int((~turned.is_closed).sum())
-    vertices, faces, label = _cut_finely(turned.mesh.vertices, turned.mesh.faces, part, known.size_m)
-    groups = list(_on_surfaces(faces, label, part))
+    vertices, levels, label = _cut_finely(turned.mesh.vertices, turned.mesh.faces, part, known.size_m)
+    groups = list(_on_surfaces(levels[-1], label, part))
     vertices = _moved(vertices, groups, part, known.size_m)
-    corners = vertices[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    twice = np.linalg.norm(across, axis=1)
-    ends = np.repeat(vertices.mean(axis=0)[None], 2, axis=0)
-    area = _row("area", "m2", float(twice.sum()) / 2, _area_slopes(corners, across, faces, len(vertices)),
-                vertices, groups, known, ends)  # fmt: skip
+    outward = [_outward(vertices, faces, label[:: len(label) // len(faces)], part) for faces in levels]
+    areas = [float(np.einsum("ij,ij->", _across(vertices[faces]), out)) / 2
+             for faces, out in zip(levels, outward, strict=True)]  # fmt: skip
+    area = _row("area", "m2", _extrapolated(areas), _area_slopes(vertices, levels[-1], outward[-1]),
+                vertices, groups, known)  # fmt: skip
     doubts = []
-    without = float(twice[label == 0].sum() / max(twice.sum(), 1e-300))
-    if without > 1e-3:
+    without = float(
+        turned.mesh.face_areas()[part.triangle_surface == 0].sum() / turned.mesh.face_areas().sum()
+    )
+    if without > _LEAST_TOLD:
         doubts.append(f"{100 * without:.1f} % of the mesh's area is on no surface: there it is as measured")
     if n_open:
         what = f"{n_open} of {len(part.faces)} triangles are of no closed component"
-        return [area], (*doubts, f"the mesh is open ({what}): it has no volume, and its area is that of what is there")
+        doubts.append(f"the mesh is open ({what}): no volume, and its area is that of what is there")
+        return [area], tuple(doubts)
     middle = vertices.mean(axis=0)
-    rest = corners - middle
-    signed = np.einsum("ij,ij->i", rest[:, 0], np.cross(rest[:, 1], rest[:, 2])) / 6
+    volumes = [float(np.einsum("ij,ij->", vertices[faces[:, 0]] - middle, _across(vertices[faces]))) / 6
+               for faces in levels]  # fmt: skip
     slopes = np.zeros_like(vertices)
     for k in range(3):
-        np.add.at(slopes, faces[:, k], across / 6)
-    volume = _row("volume", "m3", float(signed.sum()), slopes, vertices, groups, known, ends)
+        np.add.at(slopes, levels[-1][:, k], _across(vertices[levels[-1]]) / 6)
+    volume = _row("volume", "m3", _extrapolated(volumes), slopes, vertices, groups, known)
     return [volume, area], tuple(doubts)
+
+
+def _across(corners: FloatArray) -> FloatArray:
+    """Normals (m, 3) of triangles, twice as long as their area."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _extrapolated(values: Sequence[float]) -> float:
+    """What values of a mesh come to as it is cut finer: chords miss by the square of their length."""
+    return values[-1] if len(values) < 2 else values[-1] + (values[-1] - values[-2]) / 3
+
+
+def _outward(vertices: FloatArray, faces: IntArray, label: IntArray, part: Part) -> FloatArray:
+    """Unit normals (m, 3) of the surfaces that triangles lie on, out of the part; their own where on none.
+
+    Along a border some triangles are on the wrong one of two surfaces, and are folded over when their corners
+    are moved: against the surface's normal they count less than nothing, and so make up for others.
+    """
+    corners = vertices[faces]
+    across = _across(corners)
+    out = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    for name, fit in zip(part.labels, part.fits, strict=True):
+        own = label == name
+        normal = fit.surface.normal(corners[own].mean(axis=1))
+        out[own] = normal * np.sign(np.einsum("ij,ij->", normal, across[own]))
+    return out
 
 
 def _joined(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
@@ -79,19 +108,29 @@ def _joined(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
 
 def _cut_finely(
     vertices: FloatArray, faces: IntArray, part: Part, size_m: float
-) -> tuple[FloatArray, IntArray, IntArray]:
-    """The mesh with every triangle cut in four until chords of round surfaces are short, or there are many."""
+) -> tuple[FloatArray, list[IntArray], IntArray]:
+    """A mesh with every triangle cut in four until chords of round surfaces are short, or it has many.
+
+    Vertices, the last two levels of triangles, which are of the same vertices, and labels of the last.
+    """
+    levels = [faces]
     label = np.asarray(part.triangle_surface, dtype=np.int64)
-    radius = {name: float(getattr(fit.surface, "tube_radius", getattr(fit.surface, "radius", np.inf)))
-              for name, fit in zip(part.labels, part.fits, strict=True) if not isinstance(fit.surface, Plane)}  # fmt: skip
+    radius = {
+        name: float(getattr(fit.surface, "tube_radius", getattr(fit.surface, "radius", np.inf)))
+        for name, fit in zip(part.labels, part.fits, strict=True)
+        if not isinstance(fit.surface, Plane)
+    }
     while 4 * len(faces) <= _MOST_TRIANGLES:
         edges = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2).max(axis=1)
-        sag = max((float((edges[label == name] ** 2).max(initial=0.0)) / (8 * r) for name, r in radius.items()), default=0.0)
+        sag = max(
+            (float((edges[label == name] ** 2).max(initial=0.0)) / (8 * r) for name, r in radius.items()),
+            default=0.0,
+        )
         if sag <= 1e-3 * _ROUND_SHARE * size_m:
             break
         vertices, faces = _quartered(vertices, faces)
-        label = np.repeat(label, 4)
-    return vertices, faces, label
+        levels, label = [levels[-1], faces], np.repeat(label, 4)
+    return vertices, levels, label
 
 
 def _quartered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
@@ -126,9 +165,7 @@ def _normals(group: _SurfaceVertices, vertices: FloatArray, part: Part) -> tuple
     return np.linalg.pinv(normals, rcond=_TANGENT), distance
 
 
-def _moved(
-    vertices: FloatArray, groups: list[_SurfaceVertices], part: Part, size_m: float
-) -> FloatArray:
+def _moved(vertices: FloatArray, groups: list[_SurfaceVertices], part: Part, size_m: float) -> FloatArray:
     """Vertices (n, 3) on their surfaces; those stay that are far from them."""
     moved = vertices.copy()
     for _ in range(_ROUNDS):
@@ -140,22 +177,21 @@ def _moved(
     return moved
 
 
-def _area_slopes(corners: FloatArray, across: FloatArray, faces: IntArray, n: int) -> FloatArray:
+def _area_slopes(vertices: FloatArray, faces: IntArray, outward: FloatArray) -> FloatArray:
     """Derivative (n, 3) of the area by the vertices."""
-    unit = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
-    slopes = np.zeros((n, 3))
+    corners, slopes = vertices[faces], np.zeros_like(vertices)
     for k in range(3):
         opposite = corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3]
-        np.add.at(slopes, faces[:, k], np.cross(unit, opposite) / 2)
+        np.add.at(slopes, faces[:, k], np.cross(outward, opposite) / 2)
     return slopes
 
 
 def _row(
     kind: Kind, unit: Unit, value: float, slopes: FloatArray, vertices: FloatArray,
-    groups: list[_SurfaceVertices], known: JointSurfaces, ends: FloatArray,
+    groups: list[_SurfaceVertices], known: JointSurfaces,
 ) -> PartDimension:  # fmt: skip
     """The dimension whose derivative by the vertices is `slopes` (n, 3)."""
-    part = known.part
+    part, ends = known.part, np.repeat(vertices.mean(axis=0)[None], 2, axis=0)
     by = [np.zeros(len(fit.covariance)) for fit in part.fits]
     for group in groups:
         inverse, _ = _normals(group, vertices, part)
@@ -172,5 +208,5 @@ def _row(
     return PartDimension(
         kind=kind, value=value, low=value - NORMAL_95 * sd, high=value + NORMAL_95 * sd, sd=sd,
         measured_sd=before, unit=unit, surfaces=part.labels, ends=ends,
-        basis="relations" if sd < 0.98 * before else "measured", note="of the closed mesh" if kind == "volume" else "",
+        basis="relations" if sd < BETTER * before else "measured",
     )  # fmt: skip

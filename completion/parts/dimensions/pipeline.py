@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-
 from completion.parts.dimensions.dimension import PartDimension, PartDimensions
 from completion.parts.dimensions.distances import (
     DirectionClass,
@@ -69,7 +68,11 @@ def dimensions_of(part: Part, *, preferred: bool = True) -> PartDimensions:
     rows += axis_rows(classes, _nodes(classes, items, patterns, faces), known, faces)
     rows += angle_rows(classes, known, faces)
     whole, doubts = measure_rows(known)
-    kept = [row for row in _without_copies(rows) if row.kind == "start angle" or not row.sd > MOST_RADIUS_SD * row.value]
+    kept = [
+        row
+        for row in _without_copies(rows)
+        if row.kind == "start angle" or not row.sd > MOST_RADIUS_SD * row.value
+    ]
     every = (*kept, *whole)
 
     # 4. Read: what each was meant to be, as a hypothesis.
@@ -93,7 +96,9 @@ def _nodes(
         nodes[kind.first] = []
         for line in kind.axes:
             pattern = next((of[place] for place in line if place in of), None)
-            own = [p for p in line if isinstance(faces.surfaces[p], Cylinder | Cone | Torus) and p not in arcs]
+            own = [
+                p for p in line if isinstance(faces.surfaces[p], Cylinder | Cone | Torus) and p not in arcs
+            ]
             if pattern is not None and (pattern.about >= 0 or pattern.places[0] not in line):
                 continue
             if own:

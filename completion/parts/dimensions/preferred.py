@@ -19,8 +19,10 @@ import numpy as np
 from scipy.special import logsumexp
 
 from completion.parts.dimensions.dimension import PartDimension, PreferredValue
+from completion.parts.part import Part
 from completion.relations.relation import RelationKind, StatedRelation
 from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Plane
 
 _INCH = 25.4e-3
 _EXACT_M, _EXACT_RAD = 5e-7, 1e-6  # to which numbers are known at best: the rounding of files
@@ -76,7 +78,9 @@ def _hole_series() -> ValueSeries:
             source = "ISO 2306" if use == "core" else "ISO 273"
             every.setdefault(size / 1000, []).append(f"{thread} {use} ({source})")
     values = tuple(sorted(every))
-    return ValueSeries("hole for a thread", 0.1, values=values, names=tuple("; ".join(every[v]) for v in values))
+    return ValueSeries(
+        "hole for a thread", 0.1, values=values, names=tuple("; ".join(every[v]) for v in values)
+    )
 
 
 HOLES = _hole_series()
@@ -92,7 +96,12 @@ class UnitSystem:
 
 METRIC = UnitSystem(
     0.8,
-    (ValueSeries("1 mm", 0.3, 1e-3), ValueSeries("0.5 mm", 0.15, 5e-4), ValueSeries("0.1 mm", 0.15, 1e-4), HOLES),
+    (
+        ValueSeries("1 mm", 0.3, 1e-3),
+        ValueSeries("0.5 mm", 0.15, 5e-4),
+        ValueSeries("0.1 mm", 0.15, 1e-4),
+        HOLES,
+    ),
 )
 INCHES = UnitSystem(
     0.2,
@@ -102,7 +111,8 @@ INCHES = UnitSystem(
 ANGLES = UnitSystem(
     1.0,
     tuple(
-        ValueSeries(f"{step} deg", weight, float(np.radians(step))) for step, weight in ((15, 0.4), (5, 0.1), (1, 0.1))
+        ValueSeries(f"{step} deg", weight, float(np.radians(step)))
+        for step, weight in ((15, 0.4), (5, 0.1), (1, 0.1))
     ),
 )
 _LENGTH_KINDS = (
@@ -185,23 +195,34 @@ def _best_value(
 
 
 _STATED: dict[str, tuple[RelationKind, float]] = {
-    "hole diameter": ("radius", 0.5), "outer diameter": ("radius", 0.5), "sphere diameter": ("radius", 0.5),
-    "radius": ("radius", 1.0), "fillet radius": ("radius", 1.0), "tube radius": ("radius", 1.0),
-    "cone angle": ("half_angle", 0.5), "angle": ("angle", 1.0),
-    "thickness": ("distance", 1.0), "length": ("distance", 1.0), "slot width": ("distance", 1.0), "step": ("distance", 1.0),
-    "distance": ("distance", 1.0), "axis distance": ("distance", 1.0), "axis to plane": ("distance", 1.0),
-}  # fmt: skip
+    **dict.fromkeys(("hole diameter", "outer diameter", "sphere diameter"), ("radius", 0.5)),
+    **dict.fromkeys(("radius", "fillet radius", "tube radius"), ("radius", 1.0)),
+    **dict.fromkeys(("thickness", "length", "slot width", "step", "distance"), ("distance", 1.0)),
+    **dict.fromkeys(("axis distance", "axis to plane"), ("distance", 1.0)),
+    "cone angle": ("half_angle", 0.5),
+    "angle": ("angle", 1.0),
+}
 
 
-def preferred_relations(
-    rows: Sequence[PartDimension], labels: Sequence[int], least: float = IMPOSED
-) -> list[StatedRelation[int]]:
-    """Return the preferred values that are probable enough as relations to state, of surfaces by label."""
+def preferred_relations(part: Part, least: float = IMPOSED) -> list[StatedRelation[int]]:
+    """Return the preferred values of a part that are probable enough as relations to state, by label."""
     stated = []
-    for row in rows:
-        if row.kind in _STATED and row.preferred is not None and row.preferred.probability >= least:
-            kind, factor = _STATED[row.kind]
-            surfaces = tuple(labels[place] for place in row.places)
-            value = factor * row.preferred.value
-            stated.append(StatedRelation(kind, surfaces, value, source=f"preferred value of {row.kind}"))  # type: ignore[misc]
+    for row in part.dimensions().rows:
+        if row.preferred is None or row.preferred.probability < least:
+            continue
+        is_between = len(row.places) == 2 and all(part.fits[k].surface.kind == Plane.kind for k in row.places)
+        kind = "distance" if row.kind == "overall size" and is_between else row.kind
+        if kind not in _STATED:
+            continue
+        relation, factor = _STATED[kind]
+        between = tuple(part.labels[place] for place in row.places)
+        stated += [
+            StatedRelation(
+                kind=relation,
+                surfaces=surfaces,
+                value=factor * row.preferred.value,
+                source=f"preferred value of {row.kind}",
+            )
+            for surfaces in ([between] if len(between) > 1 else [(label,) for label in row.surfaces])
+        ]
     return stated

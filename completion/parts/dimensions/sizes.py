@@ -40,10 +40,15 @@ def round_faces(known: JointSurfaces, faces: FaceSamples) -> list[RoundFaces]:
         if isinstance(fit.surface, Cylinder | Sphere | Torus) and len(faces.of(place)) and is_settled(fit):
             groups.setdefault(group, []).append(place)
     for members in groups.values():
-        members.sort(key=lambda place: (known.part.fits[place].covariance[4, 4]
-                                        if isinstance(part.fits[place].surface, Cylinder) else 0.0, place))  # fmt: skip
+        members.sort(key=lambda place: (_radius_variance(known, place), place))
         found.append(RoundFaces(tuple(members), _kind_of(members, faces)))
     return found
+
+
+def _radius_variance(known: JointSurfaces, place: int) -> float:
+    """Variance of the radius that the points of a face give, m2."""
+    at = known.at[place]
+    return float((at.by_radius @ known.part.measured[place].covariance @ at.by_radius.T)[0, 0])
 
 
 def is_hollow(place: int, faces: FaceSamples) -> bool:
