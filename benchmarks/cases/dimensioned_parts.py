@@ -34,7 +34,8 @@ class DimensionedPart:
 class _Builder:
     """Faces that are added to a part, in millimetres."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, area_mm2: float) -> None:
+        self._area_mm2 = area_mm2
         self.rng = np.random.default_rng([490, seed])
         self.points: list[FloatArray] = []
         self.surfaces: list[Surface] = []
@@ -51,7 +52,7 @@ class _Builder:
         self.surfaces.append(surface)
 
     def _count(self, area: float) -> int:
-        return max(int(area / _AREA_MM2), _LEAST)
+        return max(int(area / self._area_mm2), _LEAST)
 
     def plane(
         self, corner: object, u: object, v: object, holes: Sequence[_Hole] = (), disc: _Hole | None = None
@@ -146,11 +147,11 @@ def _in_metres(surface: object) -> Surface:
     raise TypeError(type(surface))
 
 
-def dimensioned_part(seed: int, noise_mm: float, family: str | None = None) -> DimensionedPart:
-    """Return a part by seed; its family goes round with the seed unless given."""
-    build = _Builder(seed)
+def dimensioned_part(seed: int, noise_mm: float, area_mm2: float = _AREA_MM2) -> DimensionedPart:
+    """Return a part by seed, with whose families go round; a point stands for so much area."""
+    build = _Builder(seed, area_mm2)
     {"plate": _plate, "flange": _flange, "shaft": _shaft, "bracket": _bracket}[
-        family or FAMILIES[seed % len(FAMILIES)]
+        FAMILIES[seed % len(FAMILIES)]
     ](build)
     return build.built(noise_mm)
 
