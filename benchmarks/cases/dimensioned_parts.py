@@ -35,7 +35,7 @@ class _Builder:
     """Faces that are added to a part, in millimetres."""
 
     def __init__(self, seed: int, area_mm2: float) -> None:
-        self._area_mm2 = area_mm2
+        self._seed, self._area_mm2 = seed, area_mm2
         self.rng = np.random.default_rng([490, seed])
         self.points: list[FloatArray] = []
         self.surfaces: list[Surface] = []
@@ -125,7 +125,8 @@ class _Builder:
         ])  # fmt: skip
         pose = Pose.from_parts(turn, self.rng.uniform(-0.1, 0.1, 3))
         points = np.concatenate(self.points)
-        points = points + self.rng.normal(0, noise_mm, points.shape)
+        noise = np.random.default_rng([491, self._seed, round(1e6 * noise_mm)])  # another at each
+        points = points + noise.normal(0, noise_mm, points.shape)
         face = np.repeat(np.arange(len(self.points)), [len(each) for each in self.points])
         order = self.rng.permutation(len(points))
         surfaces = tuple(_in_metres(surface).transform(pose) for surface in self.surfaces)

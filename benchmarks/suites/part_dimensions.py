@@ -18,6 +18,7 @@ from completion.parts.dimensions.pipeline import dimensions_of
 from completion.parts.part import Part
 from completion.parts.pipeline import model_part
 from completion.relations.equations import place
+from scenes.checks import FloatArray
 
 NOISES_MM = (0.01, 0.03, 0.1)
 SPLITS = {"tuning": 0, "held-out": 1000}
@@ -44,8 +45,8 @@ def _is_same(one: object, two: object) -> bool:
     """Whether true faces are in one plane or on one cylinder, as pieces beside each other are."""
     if type(one) is not type(two) or not hasattr(one, "point"):
         return one is two
-    direction = getattr(one, "normal_direction", getattr(one, "direction", None))
-    other = getattr(two, "normal_direction", getattr(two, "direction", None))
+    direction: FloatArray = getattr(one, "normal_direction", getattr(one, "direction", np.zeros(3)))
+    other: FloatArray = getattr(two, "normal_direction", getattr(two, "direction", np.zeros(3)))
     step = two.point - one.point  # type: ignore[attr-defined]
     off = step @ direction if hasattr(one, "normal_direction") else np.linalg.norm(np.cross(step, direction))
     is_round = abs(getattr(one, "radius", 0.0) - getattr(two, "radius", 0.0)) < 1e-9

@@ -134,7 +134,7 @@ def relate_part(
     tell("relate", 0, 1)
     part = _related_part(shape, segmentation, relations, stated)
     if imposes_preferred and relations is not None:
-        probable = preferred_relations(part)
+        probable = preferred_relations(part, part.dimensions().rows)
         part = _related_part(shape, segmentation, relations, [*stated, *probable])
     tell("relate", 1, 1)
     return part

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.parts.part import Part
+from completion.parts.dimensions.related_part import RelatedPart
 from completion.parts.step_export import points_on_triangles
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
@@ -44,12 +44,12 @@ class FaceSamples:
         Their sampling distance.
     """
 
-    def __init__(self, part: Part) -> None:
+    def __init__(self, part: RelatedPart) -> None:
         self._part, points, label = part, part.points, part.surface
         self.surfaces: tuple[Surface, ...] = tuple(fit.surface for fit in part.fits)
         self.spacing_m = _spacing(points)
         if part.faces is not None and part.triangle_surface is not None:
-            mesh = LabelledMesh(part.points, part.faces)
+            mesh = LabelledMesh(part.points, part.faces.astype(np.int32))
             self.spacing_m = float(np.sqrt(mesh.face_areas().sum() / _N_MESH))
             points, members = points_on_triangles(part.points, part.faces, self.spacing_m)
             label = part.triangle_surface[members]
@@ -82,7 +82,7 @@ class FaceSamples:
         if not len(points) or not len(self.of(second)):
             return points[:0]
         far = self.tree(second).query(points, distance_upper_bound=_BESIDE * self.spacing_m)[0]
-        return points[np.isfinite(far)]
+        return np.asarray(points[np.isfinite(far)])
 
     @cached_property
     def neighbours(self) -> list[set[int]]:
@@ -125,7 +125,7 @@ class FaceSamples:
 
     def _sides_of_triangles(self, faces: IntArray, label: IntArray) -> IntArray:
         """By the winding of triangles, closed components turned outside out."""
-        mesh = LabelledMesh(self._part.points, faces)
+        mesh = LabelledMesh(self._part.points, faces.astype(np.int32))
         mesh = turn_outside_out(mesh, np.zeros(len(faces), np.int64)).mesh
         areas, normals, middle = mesh.face_areas(), mesh.face_normals(), mesh.corners.mean(axis=1)
         sides = np.zeros(len(self.surfaces), dtype=np.int64)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from completion.parts.dimensions.dimension import NORMAL_95, Basis, Kind, Measure, PartDimension, Unit
-from completion.parts.part import Part
+from completion.parts.dimensions.related_part import RelatedPart
 from completion.relations.equations import Placement, place
 from scenes.checks import FloatArray
 
@@ -38,7 +38,7 @@ class JointSurfaces:
         Diagonal of the part, metres.
     """
 
-    def __init__(self, part: Part) -> None:
+    def __init__(self, part: RelatedPart) -> None:
         self.part, graph = part, part.relations
         widths = [len(fit.covariance) for fit in part.fits]
         self._first = list(accumulate(widths, initial=0))

@@ -16,7 +16,7 @@ import numpy as np
 
 from completion.parts.dimensions.dimension import NORMAL_95, Kind, PartDimension, Unit
 from completion.parts.dimensions.joint_surfaces import BETTER, JointSurfaces
-from completion.parts.part import Part
+from completion.parts.dimensions.related_part import RelatedPart
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.winding import turn_outside_out
@@ -42,9 +42,9 @@ def measure_rows(known: JointSurfaces) -> tuple[list[PartDimension], tuple[str, 
     part = known.part
     if part.faces is None or part.triangle_surface is None:
         return [], ()
-    turned = turn_outside_out(
-        LabelledMesh(*_joined(part.points, part.faces)), np.zeros(len(part.faces), np.int64)
-    )
+    points, corners = _joined(part.points, part.faces)
+    mesh = LabelledMesh(points, corners.astype(np.int32))
+    turned = turn_outside_out(mesh, np.zeros(len(part.faces), np.int64))
     n_open = int((~turned.is_closed).sum())
     vertices, levels, label = _cut_finely(turned.mesh.vertices, turned.mesh.faces, part, known.size_m)
     groups = list(_on_surfaces(levels[-1], label, part))
@@ -76,7 +76,7 @@ def measure_rows(known: JointSurfaces) -> tuple[list[PartDimension], tuple[str, 
 
 def _across(corners: FloatArray) -> FloatArray:
     """Normals (m, 3) of triangles, twice as long as their area."""
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
 def _extrapolated(values: Sequence[float]) -> float:
@@ -84,7 +84,7 @@ def _extrapolated(values: Sequence[float]) -> float:
     return values[-1] if len(values) < 2 else values[-1] + (values[-1] - values[-2]) / 3
 
 
-def _outward(vertices: FloatArray, faces: IntArray, label: IntArray, part: Part) -> FloatArray:
+def _outward(vertices: FloatArray, faces: IntArray, label: IntArray, part: RelatedPart) -> FloatArray:
     """Unit normals (m, 3) of the surfaces that triangles lie on, out of the part; their own where on none.
 
     Along a border some triangles are on the wrong one of two surfaces, and are folded over when their corners
@@ -107,7 +107,7 @@ def _joined(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
 
 
 def _cut_finely(
-    vertices: FloatArray, faces: IntArray, part: Part, size_m: float
+    vertices: FloatArray, faces: IntArray, part: RelatedPart, size_m: float
 ) -> tuple[FloatArray, list[IntArray], IntArray]:
     """A mesh with every triangle cut in four until chords of round surfaces are short, or it has many.
 
@@ -144,7 +144,7 @@ def _quartered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntAr
     return np.concatenate([vertices, vertices[distinct].mean(axis=1)]), pieces.reshape(-1, 3).astype(np.int64)
 
 
-def _on_surfaces(faces: IntArray, label: IntArray, part: Part) -> Iterator[_SurfaceVertices]:
+def _on_surfaces(faces: IntArray, label: IntArray, part: RelatedPart) -> Iterator[_SurfaceVertices]:
     """Vertices by how many surfaces they lie on."""
     place = np.searchsorted(part.labels, label)
     pairs = np.unique(np.column_stack([faces.ravel(), np.repeat(place, 3)])[np.repeat(label, 3) > 0], axis=0)
@@ -154,7 +154,9 @@ def _on_surfaces(faces: IntArray, label: IntArray, part: Part) -> Iterator[_Surf
         yield _SurfaceVertices(vertex[count == n], pairs[here[:, None] + np.arange(n), 1])
 
 
-def _normals(group: _SurfaceVertices, vertices: FloatArray, part: Part) -> tuple[FloatArray, FloatArray]:
+def _normals(
+    group: _SurfaceVertices, vertices: FloatArray, part: RelatedPart
+) -> tuple[FloatArray, FloatArray]:
     """Pseudoinverses (k, 3, m) of the normals at vertices, and their distances (k, m) from the surfaces."""
     normals, distance = np.zeros((*group.place.shape, 3)), np.zeros(group.place.shape)
     for place in np.unique(group.place):
@@ -165,7 +167,9 @@ def _normals(group: _SurfaceVertices, vertices: FloatArray, part: Part) -> tuple
     return np.linalg.pinv(normals, rcond=_TANGENT), distance
 
 
-def _moved(vertices: FloatArray, groups: list[_SurfaceVertices], part: Part, size_m: float) -> FloatArray:
+def _moved(
+    vertices: FloatArray, groups: list[_SurfaceVertices], part: RelatedPart, size_m: float
+) -> FloatArray:
     """Vertices (n, 3) on their surfaces; those stay that are far from them."""
     moved = vertices.copy()
     for _ in range(_ROUNDS):

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from completion.parts.dimensions.dimension import PartDimension, PreferredValue
-from completion.parts.part import Part
+from completion.parts.dimensions.related_part import RelatedPart
 from completion.relations.relation import RelationKind, StatedRelation
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
@@ -204,10 +204,12 @@ _STATED: dict[str, tuple[RelationKind, float]] = {
 }
 
 
-def preferred_relations(part: Part, least: float = IMPOSED) -> list[StatedRelation[int]]:
-    """Return the preferred values of a part that are probable enough as relations to state, by label."""
+def preferred_relations(
+    part: RelatedPart, rows: Sequence[PartDimension], least: float = IMPOSED
+) -> list[StatedRelation[int]]:
+    """Return the preferred values of a part's dimensions that are probable enough as relations to state, by label."""
     stated = []
-    for row in part.dimensions().rows:
+    for row in rows:
         if row.preferred is None or row.preferred.probability < least:
             continue
         is_between = len(row.places) == 2 and all(part.fits[k].surface.kind == Plane.kind for k in row.places)

@@ -266,7 +266,6 @@ class _Grown(NamedTuple):
 
 def _rings(patches: _Patches, seed: int, free: BoolArray) -> list[IntArray]:
     """Patches around a seed: its neighbours, theirs, and neighbours in pairs that look alike."""
-
     one = _around(patches, np.array([seed]), free, seed)
     two = _around(patches, one, free, seed)
     rings = [one, two, _around(patches, two, free, seed)]
