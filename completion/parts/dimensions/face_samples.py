@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.parts.dimensions.related_part import RelatedPart
-from completion.parts.step_export import points_on_triangles
+from completion.parts.division.divided_part import points_on_triangles
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.winding import turn_outside_out

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from completion.fitting.result import SurfaceFit
-from completion.parts.step_export import DividedPart
+from completion.parts.division.divided_part import DividedPart
 from completion.relations.graph import RelationGraph
 
 

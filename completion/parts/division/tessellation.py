@@ -111,9 +111,7 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     a, b, over, shared = _pairs(mesh)
     large, small = np.where(areas[a] >= areas[b], a, b), np.where(areas[a] >= areas[b], b, a)
     other = np.where(areas[a] >= areas[b], over[:, 1], over[:, 0])
-    height = np.einsum(
-        "ij,ij->i", mesh.vertices[other] - mesh.vertices[mesh.faces[large, 0]], normals[large]
-    )
+    height = np.einsum("ij,ij->i", mesh.vertices[other] - mesh.vertices[mesh.faces[large, 0]], normals[large])
     is_flat = np.abs(height) <= tolerance_m
     same = np.einsum("ij,ij->i", normals[a], normals[b])
     is_thin = 2 * areas <= limits.THIN * tolerance_m * _longest(mesh)
@@ -142,11 +140,15 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     bent = (turn < limits.FACET_TURN) | thin[i] | thin[j]
     both = np.concatenate([i[bent], j[bent]]), np.concatenate([j[bent], i[bent]])
     bends = csr_array((np.ones(len(both[0])), both), shape=(p, p))
-    like = bent & (np.abs(np.log(np.maximum(area[i], 1e-300) / np.maximum(area[j], 1e-300))) < limits.FACET_SIZES)
+    like = bent & (
+        np.abs(np.log(np.maximum(area[i], 1e-300) / np.maximum(area[j], 1e-300))) < limits.FACET_SIZES
+    )
     length = np.linalg.norm(mesh.vertices[shared[apart][:, 1]] - mesh.vertices[shared[apart][:, 0]], axis=1)
     sag = ((area[i] + area[j]) / np.maximum(length, 1e-300) * turn / 8)[like]
     most_sag_m = limits.MOST_SAG * float(np.quantile(sag, limits.SAGGING)) if len(sag) else 0.0
-    return _Patches(of, area, normal, centroid, first, pairs[:, 1], bends, thin, inner, most_sag_m, tolerance_m)
+    return _Patches(
+        of, area, normal, centroid, first, pairs[:, 1], bends, thin, inner, most_sag_m, tolerance_m
+    )
 
 
 def _longest(mesh: LabelledMesh) -> FloatArray:
@@ -252,7 +254,9 @@ class _Grown(NamedTuple):
         beside = np.unique(patches.bends[self.members].indices)
         beside = beside[~inside[beside]]
         typical = np.log(float(np.median(patches.area[self.members])))
-        return not (np.abs(np.log(np.maximum(patches.area[beside], 1e-300)) - typical) < limits.FACET_SIZES).any()
+        return not (
+            np.abs(np.log(np.maximum(patches.area[beside], 1e-300)) - typical) < limits.FACET_SIZES
+        ).any()
 
     def is_better(self, other: _Grown | None) -> bool:
         """Whether it holds clearly more, or as much and that more closely."""
