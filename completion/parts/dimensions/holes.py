@@ -327,8 +327,9 @@ def _judged(
     gain = np.linalg.solve(slopes.T @ cho_solve(factor, slopes), cho_solve(factor, slopes).T)
     shift = np.concatenate([origin, np.zeros(len(begun.x) - 2)])
     return HolePattern(
-        begun, tuple(places), numbers, begun.x + shift, gain @ spread @ gain.T,
-        gain @ found.measured_covariance @ gain.T, across,
+        pattern=begun, places=tuple(places), numbers=numbers, x=begun.x + shift,
+        covariance=gain @ spread @ gain.T, measured_covariance=gain @ found.measured_covariance @ gain.T,
+        across=across,
     )  # fmt: skip
 
 
@@ -348,7 +349,7 @@ def pattern_rows(
             about = f"about surface {known.part.labels[pattern.about]}" if pattern.about >= 0 else ""
             note = ", ".join(text for text in (about, seen) if text)
             ends = np.stack([2 * centre - end, end])
-            yield _pattern_row("pitch circle diameter", pattern, 3, 2.0, ends, known, note)
+            yield _pattern_row("pitch circle diameter", pattern, known, (3, 2.0), ends=ends, note=note)
             yield _start_angle(pattern, centre, end, known, x_axis)
             continue
         angle = float(pattern.x[2])
@@ -358,7 +359,7 @@ def pattern_rows(
         for k, way in enumerate((along, side)[: 1 + (pattern.pattern.kind == GRID)]):
             note = f"{pattern.pattern.shape[k]} along" if pattern.pattern.kind == GRID else seen
             ends = np.stack([first, first + pattern.x[3 + k] * way])
-            yield _pattern_row("pitch", pattern, 3 + k, 1.0, ends, known, note)
+            yield _pattern_row("pitch", pattern, known, (3 + k, 1.0), ends=ends, note=note)
 
 
 def _about(pattern: HolePattern, known: JointSurfaces) -> int:
@@ -376,14 +377,17 @@ def _about(pattern: HolePattern, known: JointSurfaces) -> int:
 
 
 def _pattern_row(
-    kind: Kind, pattern: HolePattern, k: int, factor: float, ends: FloatArray, known: JointSurfaces, note: str
-) -> PartDimension:
+    kind: Kind, pattern: HolePattern, known: JointSurfaces, part_of: tuple[int, float],
+    *, ends: FloatArray, note: str,
+) -> PartDimension:  # fmt: skip
+    """A parameter of a pattern times a factor, `part_of`, as a dimension."""
+    k, factor = part_of
     sd, before = (
         factor * float(np.sqrt(max(each[k, k], 0.0)))
         for each in (pattern.covariance, pattern.measured_covariance)
     )
     value = factor * float(pattern.x[k])
-    return _plain_row(kind, value, sd, before, pattern, known, ends=ends, note=note)
+    return _plain_row(kind, value, (sd, before), pattern, known, ends=ends, note=note)
 
 
 def _start_angle(
@@ -399,14 +403,15 @@ def _start_angle(
         angle -= step
     before = float(np.sqrt(max(pattern.measured_covariance[2, 2], 0.0)))
     return _plain_row(
-        "start angle", angle, sd, before, pattern, known, ends=np.stack([centre, end]), note="from x"
+        "start angle", angle, (sd, before), pattern, known, ends=np.stack([centre, end]), note="from x"
     )
 
 
 def _plain_row(
-    kind: Kind, value: float, sd: float, before: float, pattern: HolePattern, known: JointSurfaces,
+    kind: Kind, value: float, deviations: tuple[float, float], pattern: HolePattern, known: JointSurfaces,
     *, ends: FloatArray, note: str,
 ) -> PartDimension:  # fmt: skip
+    sd, before = deviations
     return PartDimension(
         kind=kind,
         value=value,

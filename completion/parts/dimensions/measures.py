@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from completion.parts.dimensions.dimension import NORMAL_95, Kind, PartDimension, Unit
+from completion.parts.dimensions.dimension import NORMAL_95, Kind, PartDimension
 from completion.parts.dimensions.joint_surfaces import BETTER, JointSurfaces
 from completion.parts.dimensions.related_part import RelatedPart
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -52,8 +52,8 @@ def measure_rows(known: JointSurfaces) -> tuple[list[PartDimension], tuple[str, 
     outward = [_outward(vertices, faces, label[:: len(label) // len(faces)], part) for faces in levels]
     areas = [float(np.einsum("ij,ij->", _across(vertices[faces]), out)) / 2
              for faces, out in zip(levels, outward, strict=True)]  # fmt: skip
-    area = _row("area", "m2", _extrapolated(areas), _area_slopes(vertices, levels[-1], outward[-1]),
-                vertices, groups, known)  # fmt: skip
+    slopes = _area_slopes(vertices, levels[-1], outward[-1])
+    area = _row("area", _extrapolated(areas), slopes, vertices=vertices, groups=groups, known=known)
     doubts = []
     without = float(
         turned.mesh.face_areas()[part.triangle_surface == 0].sum() / turned.mesh.face_areas().sum()
@@ -70,7 +70,7 @@ def measure_rows(known: JointSurfaces) -> tuple[list[PartDimension], tuple[str, 
     slopes = np.zeros_like(vertices)
     for k in range(3):
         np.add.at(slopes, levels[-1][:, k], _across(vertices[levels[-1]]) / 6)
-    volume = _row("volume", "m3", _extrapolated(volumes), slopes, vertices, groups, known)
+    volume = _row("volume", _extrapolated(volumes), slopes, vertices=vertices, groups=groups, known=known)
     return [volume, area], tuple(doubts)
 
 
@@ -191,8 +191,8 @@ def _area_slopes(vertices: FloatArray, faces: IntArray, outward: FloatArray) -> 
 
 
 def _row(
-    kind: Kind, unit: Unit, value: float, slopes: FloatArray, vertices: FloatArray,
-    groups: list[_SurfaceVertices], known: JointSurfaces,
+    kind: Kind, value: float, slopes: FloatArray,
+    *, vertices: FloatArray, groups: list[_SurfaceVertices], known: JointSurfaces,
 ) -> PartDimension:  # fmt: skip
     """The dimension whose derivative by the vertices is `slopes` (n, 3)."""
     part, ends = known.part, np.repeat(vertices.mean(axis=0)[None], 2, axis=0)
@@ -211,6 +211,6 @@ def _row(
     )
     return PartDimension(
         kind=kind, value=value, low=value - NORMAL_95 * sd, high=value + NORMAL_95 * sd, sd=sd,
-        measured_sd=before, unit=unit, surfaces=part.labels, ends=ends,
+        measured_sd=before, unit="m3" if kind == "volume" else "m2", surfaces=part.labels, ends=ends,
         basis="relations" if sd < BETTER * before else "measured",
     )  # fmt: skip

@@ -207,7 +207,7 @@ _STATED: dict[str, tuple[RelationKind, float]] = {
 def preferred_relations(
     part: RelatedPart, rows: Sequence[PartDimension], least: float = IMPOSED
 ) -> list[StatedRelation[int]]:
-    """Return the preferred values of a part's dimensions that are probable enough as relations to state, by label."""
+    """Return preferred values that are probable enough as relations to state, by label."""
     stated = []
     for row in rows:
         if row.preferred is None or row.preferred.probability < least:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Dimensions of parts: values and intervals against parts of known size, patterns, preferred values, meshes."""
+"""Dimensions of parts against parts of known size: values, intervals, patterns, preferred values, meshes."""
 
 import csv
 import io
