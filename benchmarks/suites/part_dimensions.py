@@ -112,7 +112,7 @@ def scored(seed: int, noise_mm: float, is_labelled: bool) -> ScoredPart:
 
 def _is_near(row: PartDimension, built: float) -> bool:
     scale, _ = unit_scale(row.unit)
-    allowed = _FOUND_SD * row.sd if np.isfinite(row.sd) else row.half
+    allowed = _FOUND_SD * row.sd if np.isfinite(row.sd) else (row.high - row.low) / 2
     return abs(scale * row.value - built) <= max(_FOUND_MM, scale * allowed)
 
 

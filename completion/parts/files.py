@@ -13,6 +13,7 @@ from completion.export.step.pipeline import StepModel
 from completion.flattening.flat import flat_record
 from completion.parts.closing import ClosedPart
 from completion.parts.dimensions.dimension import PartDimensions
+from completion.parts.dimensions.pipeline import dimensions_of
 from completion.parts.dimensions.table import dimension_records, dimensions_csv, frame_record
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
@@ -60,7 +61,7 @@ def write_part(
     closed : ClosedPart, optional
         Its mesh with holes closed (`close_holes`): closed.ply, if any was.
     dimensions : PartDimensions, optional
-        Its dimensions (`Part.dimensions`), where they are at hand.
+        Its dimensions (`dimensions_of`), where they are at hand.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def write_part(
     """
     target = make_folder(folder)
     with hold_lock(target), Stage(target) as stage:
-        dimensions = dimensions or part.dimensions()
+        dimensions = dimensions or dimensions_of(part)
         record = part_record(part, flat)
         record["dimensions"] = dimension_records(dimensions)
         record["datum_frame"] = frame_record(dimensions.frame)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +16,6 @@ from completion.relations.graph import RelationGraph
 from completion.relations.relation import RelationStatus
 from scenes.checks import FloatArray, InputError, IntArray, frozen_copy
 from scenes.run.atomic import write_bytes
-
-if TYPE_CHECKING:
-    from completion.parts.dimensions.dimension import PartDimensions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,15 +98,6 @@ class Part:
 
         write_bytes(target, step_model(self, target.stem).data)
         return [target]
-
-    def dimensions(self, *, preferred: bool = True) -> PartDimensions:
-        """Return the part's dimensions, each with its 95 % interval; see `dimensions_of`.
-
-        With `preferred` each has the most probable preferred value as a hypothesis.
-        """
-        from completion.parts.dimensions.pipeline import dimensions_of  # which is about parts
-
-        return dimensions_of(self, preferred=preferred)
 
     def __repr__(self) -> str:
         holding = (

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
+from completion.parts.dimensions.pipeline import dimensions_of
 from completion.parts.dimensions.preferred import preferred_relations
 from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.pipeline import fit_labelled, segment_part
@@ -136,7 +137,7 @@ def relate_part(
     tell("relate", 0, 1)
     part = _related_part(shape, segmentation, relations, stated)
     if imposes_preferred and relations is not None:
-        probable = preferred_relations(part, part.dimensions().rows)
+        probable = preferred_relations(part, dimensions_of(part).rows)
         part = _related_part(shape, segmentation, relations, [*stated, *probable])
     tell("relate", 1, 1)
     return part

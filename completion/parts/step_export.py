@@ -4,16 +4,59 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from completion.export.step.pipeline import StepModel, step_of
 from completion.export.step.regions import FittedRegion, PartRegions, part_regions
 from completion.fitting.result import SurfaceFit
-from completion.parts.division.divided_part import DividedPart, points_on_triangles
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, IntArray
+from scenes.mesh.labelled_mesh import spread_points, triangle_areas
 
+_MOST_SAMPLES = 400_000
+_DENSER = 1.2  # samples in a square of the sampling distance
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
+
+
+class DividedPart(Protocol):
+    """What is read of a part (`Part`)."""
+
+    @property
+    def points(self) -> FloatArray:
+        """Points, or vertices (n, 3), metres."""
+
+    @property
+    def surface(self) -> IntArray:
+        """Labels (n,)."""
+
+    @property
+    def labels(self) -> tuple[int, ...]:
+        """The label of each surface."""
+
+    @property
+    def fits(self) -> tuple[SurfaceFit, ...]:
+        """The surfaces."""
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Which of them are one."""
+
+    @property
+    def faces(self) -> IntArray | None:
+        """Triangles (m, 3) of a mesh."""
+
+    @property
+    def triangle_surface(self) -> IntArray | None:
+        """Labels (m,) of these."""
+
+    @property
+    def noise_m(self) -> float:
+        """Deviation of the points, metres."""
+
+    @property
+    def spacing_m(self) -> float:
+        """Their sampling distance, metres."""
 
 
 def step_model(part: DividedPart, name: str = "part") -> StepModel:
@@ -31,7 +74,9 @@ def regions_of(part: DividedPart) -> PartRegions:
     """
     points, label = part.points, part.surface
     if part.faces is not None and part.triangle_surface is not None and part.spacing_m > 0:
-        points, members = points_on_triangles(part.points, part.faces, part.spacing_m)
+        corners: FloatArray = part.points[part.faces]
+        n = int(min(_DENSER * triangle_areas(corners).sum() / part.spacing_m**2, _MOST_SAMPLES))
+        points, members = spread_points(corners, max(n, 1))
         label = part.triangle_surface[members]
     place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
     place[list(part.labels)] = np.arange(len(part.labels))

@@ -14,6 +14,7 @@ from completion.export.step.pipeline import StepModel
 from completion.flattening.flat import RegionKind
 from completion.parts.closing import close_holes
 from completion.parts.dimensions.dimension import PartDimensions
+from completion.parts.dimensions.pipeline import dimensions_of
 from completion.parts.dimensions.preferred import IMPOSED
 from completion.parts.dimensions.table import dimension_records, value_text
 from completion.parts.division.growing import reachable
@@ -47,7 +48,7 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         run.warn([*part.warnings, *(() if flat is None else flat.doubts), *doubts])
         step = _as_step(part, request, run) if "step" in request.exports else None
         run.watch.enter("dimensions")
-        dimensions = part.dimensions(preferred=request.preferred != "off")
+        dimensions = dimensions_of(part, preferred=request.preferred != "off")
         run.warn(dimensions.doubts)
         run.watch.enter("save")
         write_part(

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -12,16 +12,15 @@ import numpy as np
 from completion.relations.equations import Placement
 from scenes.checks import FloatArray
 
-LEVEL = 0.95
-"""Probability with which a dimension lies in its interval."""
 NORMAL_95 = 1.959963984540054
-"""Half that interval in standard deviations."""
+"""Half an interval of 95 % in standard deviations."""
+_BETTER = 0.98  # of the deviation without relations, below which these have made a number better known
 
 Kind = Literal[
     "overall size", "hole diameter", "outer diameter", "sphere diameter", "radius", "fillet radius",
-    "ring diameter", "tube radius", "cone angle", "hole depth", "thickness", "length", "slot width", "step",
-    "distance", "axis distance", "axis to plane", "angle", "pitch circle diameter", "start angle", "pitch",
-    "volume", "area",
+    "ring diameter", "tube radius", "cone angle", "countersink diameter", "hole depth", "thickness", "length",
+    "slot width", "step", "distance", "axis distance", "axis to plane", "angle", "pitch circle diameter",
+    "start angle", "pitch", "volume", "area",
 ]  # fmt: skip
 Unit = Literal["m", "rad", "m2", "m3"]
 Basis = Literal["measured", "relations", "pattern", "bounds"]
@@ -49,31 +48,34 @@ class PreferredValue:
     probability: float
 
 
+def _nowhere() -> FloatArray:
+    return np.zeros((2, 3))
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PartDimension:
-    """A dimension of a part.
+    """A dimension of a part, in `unit`: metres, radians, m2 or m3.
 
     Attributes
     ----------
     kind : str
         What it is.
-    value, low, high : float
-        And its 95 % interval, in `unit`.
+    value : float
+        The estimate.
     sd, measured_sd : float
-        Standard deviation, and what it would be without relations; NaN where an interval is no normal one.
-    unit : "m", "rad", "m2" or "m3"
-        Of all these.
+        Its standard deviation, and what that would be without relations; NaN where only bounds are known.
     surfaces : tuple of int
         Labels of the surfaces that it is of; of alike ones, of all.
     count : int
         How many of these are alike.
-    basis : str
-        "measured": from the points of its own surfaces. "relations": known better, or exactly, by relations
-        to others. "pattern": given that holes are at regular places. "bounds": where points end, no surface.
     note : str
         "through", "blind", "about surface 3" ...
     ends : (2, 3) float
         From where to where it is, metres, for drawings; equal where it has no extent.
+    is_pattern : bool
+        Whether it is known given that holes are at regular places.
+    bounds : (float, float), optional
+        Between which it lies, where points end and no surface does.
     preferred : PreferredValue, optional
         The most probable preferred value.
     places : tuple of int
@@ -84,24 +86,47 @@ class PartDimension:
 
     kind: Kind
     value: float
-    low: float
-    high: float
     sd: float
     measured_sd: float
-    unit: Unit
     surfaces: tuple[int, ...]
-    ends: FloatArray
+    ends: FloatArray = field(default_factory=_nowhere)
     count: int = 1
-    basis: Basis = "measured"
     note: str = ""
+    is_pattern: bool = False
+    bounds: tuple[float, float] | None = None
     preferred: PreferredValue | None = None
     places: tuple[int, ...] = ()
     measure: Measure | None = None
 
     @property
-    def half(self) -> float:
-        """Half its interval, in `unit`."""
-        return (self.high - self.low) / 2
+    def low(self) -> float:
+        """Lower end of the 95 % interval."""
+        return self.value - NORMAL_95 * self.sd if self.bounds is None else self.bounds[0]
+
+    @property
+    def high(self) -> float:
+        """Upper end of it."""
+        return self.value + NORMAL_95 * self.sd if self.bounds is None else self.bounds[1]
+
+    @property
+    def unit(self) -> Unit:
+        """Of the value and its interval."""
+        if self.kind in ("volume", "area"):
+            return "m3" if self.kind == "volume" else "m2"
+        return "rad" if self.kind.endswith("angle") else "m"
+
+    @property
+    def basis(self) -> Basis:
+        """What it is known from: its own surfaces, relations to others, regular places, outermost points."""
+        if self.bounds is not None:
+            return "bounds"
+        return (
+            "pattern"
+            if self.is_pattern
+            else "relations"
+            if self.sd < _BETTER * self.measured_sd
+            else "measured"
+        )
 
     @property
     def is_determined(self) -> bool:
@@ -111,15 +136,7 @@ class PartDimension:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatumFrame:
-    """The frame of a part by its main planes and axes.
-
-    Attributes
-    ----------
-    axes : (3, 3) float
-        Rows x, y, z: unit vectors.
-    note : str
-        Which surfaces determine it.
-    """
+    """The frame of a part by its main planes and axes: unit vectors (3, 3), rows, and what they are from."""
 
     axes: FloatArray
     note: str
@@ -143,6 +160,5 @@ class PartDimensions:
 
 def unit_scale(unit: Unit) -> tuple[float, str]:
     """Factor to, and name of, the unit in which people read a number: mm, deg, mm2, mm3."""
-    return {"m": (1e3, "mm"), "rad": (float(np.degrees(1.0)), "deg"), "m2": (1e6, "mm2"), "m3": (1e9, "mm3")}[
-        unit
-    ]
+    known = {"m": (1e3, "mm"), "rad": (float(np.degrees(1.0)), "deg"), "m2": (1e6, "mm2"), "m3": (1e9, "mm3")}
+    return known[unit]

@@ -4,17 +4,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import dataclass, replace
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from completion.parts.dimensions.dimension import Kind, PartDimension
+from completion.parts.dimensions.dimension import Kind, Measure, PartDimension
 from completion.parts.dimensions.face_samples import FaceSamples
-from completion.parts.dimensions.joint_surfaces import JointSurfaces
+from completion.parts.dimensions.joint_surfaces import JointSurfaces, grouped
+from completion.parts.division.limits import FACET_TURN
 from completion.relations.equations import Placement
 from completion.relations.graph import is_settled
 from scenes.checks import FloatArray
@@ -23,6 +24,7 @@ from scenes.surfaces.catalogue import Plane, Sphere
 _MOST_ASIDE = float(np.radians(2.0))  # between directions that may be parallel
 _SAME_SD = 4.0  # standard deviations within which directions, and levels, are one
 _EXACT = 1e-7  # radians, and of the part's size: what is one in any case
+_NEAR = 0.01  # of the part's size: levels and lines that are farther apart are two
 _COVERED = 0.2  # of a face, that must lie opposite another for a wall or a slot between them
 
 
@@ -46,69 +48,51 @@ class DirectionClass:
 
 def direction_classes(known: JointSurfaces, faces: FaceSamples) -> list[DirectionClass]:
     """The surfaces with a direction, by what is parallel as far as is known; most area first."""
-    directed = [
-        place
-        for place, surface in enumerate(faces.surfaces)
-        if not isinstance(surface, Sphere) and len(faces.of(place)) and is_settled(known.part.measured[place])
+
+    def spread(place: int) -> float:
+        by_direction = known.at[place].by_direction
+        return float(np.trace(by_direction @ known.part.measured[place].covariance @ by_direction.T))
+
+    settled = [
+        place for place, fit in enumerate(known.part.measured) if len(faces.of(place)) and is_settled(fit)
     ]
-    spread = {
-        place: float(np.trace(known.at[place].by_direction @ known.part.measured[place].covariance
-                              @ known.at[place].by_direction.T)) for place in directed
-    }  # fmt: skip
-    classes: list[list[int]] = []
-    for place in sorted(directed, key=lambda place: (spread[place], place)):
-        for members in classes:
-            if are_parallel(members[0], place, known):
-                members.append(place)
-                break
-        else:
-            classes.append([place])
-    area = [sum(faces.share(place) for place in members) for members in classes]
-    order = sorted(range(len(classes)), key=lambda k: (-area[k], classes[k][0]))
-    return [_class_of(classes[k], known, faces) for k in order]
+    directed = [place for place in settled if not isinstance(faces.surfaces[place], Sphere)]
+    directed.sort(key=lambda place: (spread(place), place))
+    classes = [_class_of(members, known, faces)
+               for members in grouped(directed, lambda one, two: are_parallel(one, two, known))]  # fmt: skip
+    return sorted(classes, key=lambda kind: (-kind.share, kind.first))
 
 
 def are_parallel(first: int, second: int, known: JointSurfaces) -> bool:
     """Whether two directions are parallel, as far as is known."""
     aside = float(np.linalg.norm(np.cross(known.at[first].direction, known.at[second].direction)))
-    if aside <= _EXACT:
-        return True
-    return aside <= _MOST_ASIDE and aside <= _SAME_SD * known.angle_sd(first, second)
+    return aside <= _EXACT or (aside <= _MOST_ASIDE and aside <= _SAME_SD * known.angle_sd(first, second))
 
 
 def are_square(first: int, second: int, known: JointSurfaces) -> bool:
     """Whether two directions are at right angles, as far as is known."""
     found = known.estimate((first, second), lambda at: at[0].direction @ at[1].direction)
-    off, sd = abs(float(found.value[0])), float(np.sqrt(max(found.covariance[0, 0], 0.0)))
-    return off <= _EXACT or (off <= _MOST_ASIDE and off <= _SAME_SD * sd)
+    off = abs(float(found.value[0]))
+    return off <= _EXACT or (off <= _MOST_ASIDE and off <= _SAME_SD * found.sd)
 
 
 def _class_of(members: Sequence[int], known: JointSurfaces, faces: FaceSamples) -> DirectionClass:
+    """Parallel surfaces by levels and lines: what is one as far as is known together."""
     along = known.at[members[0]].direction
+
+    def merged(places: Sequence[int], measure: Measure) -> tuple[tuple[int, ...], ...]:
+        def are_one(one: int, two: int) -> bool:
+            found = known.estimate((one, two), measure)
+            far = float(found.value[0]) / known.size_m
+            return far <= _EXACT or far <= min(_SAME_SD * found.sd / known.size_m, _NEAR)
+
+        return tuple(tuple(group) for group in grouped(places, are_one))
+
     planes = [place for place in members if isinstance(faces.surfaces[place], Plane)]
-    axes = [place for place in members if place not in planes]
     planes.sort(key=lambda place: (float(along @ known.at[place].point), place))
-    return DirectionClass(
-        members[0],
-        tuple(tuple(group) for group in _merged(planes, known, between_planes)),
-        tuple(tuple(group) for group in _merged(axes, known, between_axes)),
-        sum(faces.share(place) for place in members),
-    )
-
-
-def _merged(places: Sequence[int], known: JointSurfaces, measure: object) -> list[list[int]]:
-    """Places of planes in one plane, or of axes on one line, together."""
-    groups: list[list[int]] = []
-    for place in places:
-        for group in groups:
-            found = known.estimate((group[0], place), measure)  # type: ignore[arg-type]
-            far, sd = float(found.value[0]), float(np.sqrt(max(found.covariance[0, 0], 0.0)))
-            if far <= _EXACT * known.size_m or (far <= _SAME_SD * sd and far <= 0.01 * known.size_m):
-                group.append(place)
-                break
-        else:
-            groups.append([place])
-    return groups
+    axes = [place for place in members if place not in planes]
+    share = sum(faces.share(place) for place in members)
+    return DirectionClass(members[0], merged(planes, between_planes), merged(axes, between_axes), share)
 
 
 def between_planes(at: Sequence[Placement]) -> float:
@@ -133,21 +117,19 @@ def plane_rows(
     """Chains of parallel planes; walls and slots between faces that lie opposite each other."""
     for kind in classes:
         along = known.at[kind.first].direction
-        chain = {(low, low + 1) for low in range(len(kind.levels) - 1)}
         sides = [_side_of(level, along, faces) for level in kind.levels]
-        facing: dict[tuple[int, int], tuple[Kind, FloatArray]] = {}
-        ways: tuple[tuple[int, Kind], ...] = ((-1, "thickness"), (1, "slot width"))
-        for way, name in ways:
-            for low in (k for k, side in enumerate(sides) if side == way):
-                for high in range(low + 1, len(kind.levels)):
-                    found = None if sides[high] != -way else _opposite(kind, low, high, along, faces)
-                    if found is not None:
-                        facing[low, high] = (name if found.is_thin or way > 0 else "length", found.ends)
-        for low, high in sorted(chain | set(facing)):
+        for low, high in combinations(range(len(kind.levels)), 2):
             first, second = kind.levels[low][0], kind.levels[high][0]
-            default: Kind = "step" if sides[low] == sides[high] != 0 else "distance"
-            named, ends = facing.get((low, high), (default, _plain_ends(first, second, along, faces)))
-            yield known.dimension(named, (first, second), between_planes, ends=ends)
+            way, found = sides[low], None
+            if way and sides[high] == -way:
+                found = _opposite(kind, low, high, along, faces)
+            if found is not None:
+                name: Kind = "slot width" if way > 0 else "thickness" if found.is_thin else "length"
+                yield known.dimension(name, (first, second), between_planes, ends=found.ends)
+            elif high == low + 1:
+                name = "step" if way == sides[high] != 0 else "distance"
+                ends = _plain_ends(first, second, along, faces)
+                yield known.dimension(name, (first, second), between_planes, ends=ends)
 
 
 def _side_of(level: Sequence[int], along: FloatArray, faces: FaceSamples) -> int:
@@ -196,35 +178,33 @@ def _plain_ends(first: int, second: int, along: FloatArray, faces: FaceSamples) 
 
 
 def axis_rows(
-    classes: Sequence[DirectionClass],
-    nodes: dict[int, list[tuple[int, ...]]],
-    known: JointSurfaces,
+    classes: Sequence[DirectionClass], nodes: Sequence[Sequence[tuple[int, ...]]], known: JointSurfaces,
     faces: FaceSamples,
-) -> Iterator[PartDimension]:
+) -> Iterator[PartDimension]:  # fmt: skip
     """Distances of neighbouring parallel axes, and of axes from the nearest outer planes they are along.
 
-    `nodes` are, for the first of each class, the places of each of its axes, or of all of a pattern's.
+    `nodes` are, for each class, the places of each of its axes, or of all of a pattern's.
     """
-    for kind in classes:
-        axes = [members[0] for members in nodes.get(kind.first, [])]
+    for lines in nodes:
+        axes = [members[0] for members in lines]
         if len(axes) > 1:
             far = np.array([[between_axes((known.at[a], known.at[b])) for b in axes] for a in axes])
             tree = minimum_spanning_tree(far).tocoo()
             for row, column in sorted(zip(tree.row.tolist(), tree.col.tolist(), strict=True)):
-                first, second = axes[row], axes[column]
+                pair = axes[row], axes[column]
                 yield known.dimension(
-                    "axis distance", (first, second), between_axes,
-                    ends=_axis_ends(first, second, known, faces),
-                )  # fmt: skip
-        for members in nodes.get(kind.first, []):
+                    "axis distance", pair, between_axes, ends=_axis_ends(*pair, known, faces)
+                )
+        for members in lines:
             yield from _from_planes(members, classes, known, faces)
 
 
 def _axis_ends(first: int, second: int, known: JointSurfaces, faces: FaceSamples) -> FloatArray:
-    at, two = known.at[first], known.at[second]
-    top = max((faces.reach(place, at.direction)[1], place) for place in (first, second))[0]
+    """Ends (2, 3) from axis to axis, where the higher of their faces ends."""
+    at = known.at[first]
+    top = max(faces.reach(place, at.direction)[1] for place in (first, second))
     start = at.point + (top - float(at.direction @ at.point)) * at.direction
-    step = two.point - start
+    step = known.at[second].point - start
     return np.stack([start, start + step - float(step @ at.direction) * at.direction])
 
 
@@ -237,37 +217,37 @@ def _from_planes(
         if not kind.levels or n_given == 2 or not are_square(kind.first, axes[0], known):
             continue
         outer = sorted({kind.levels[0][0], kind.levels[-1][0]})
-        far, plane, axis = min(
-            (between_planes((known.at[plane], known.at[axis])), plane, axis)
-            for plane in outer
-            for axis in axes
-        )
-        if far <= 1e-3 * known.size_m:
-            continue
-        at, normal = known.at[axis], known.at[plane].direction
-        start = (
-            at.point + (faces.reach(axis, at.direction)[1] - float(at.direction @ at.point)) * at.direction
-        )
-        ends = np.stack([start, start - float(normal @ (start - known.at[plane].point)) * normal])
-        n_given += 1
-        yield known.dimension("axis to plane", (plane, axis), between_planes, ends=ends)
+        far, plane, axis = min((between_planes((known.at[plane], known.at[axis])), plane, axis)
+                               for plane, axis in product(outer, axes))  # fmt: skip
+        if far > 1e-3 * known.size_m:
+            at, normal = known.at[axis], known.at[plane].direction
+            rise = faces.reach(axis, at.direction)[1] - float(at.direction @ at.point)
+            start = at.point + rise * at.direction
+            ends = np.stack([start, start - float(normal @ (start - known.at[plane].point)) * normal])
+            n_given += 1
+            yield known.dimension("axis to plane", (plane, axis), between_planes, ends=ends)
 
 
 def angle_rows(
     classes: Sequence[DirectionClass], known: JointSurfaces, faces: FaceSamples
 ) -> Iterator[PartDimension]:
-    """Angles of faces that meet, other than none and right ones: one for two directions."""
+    """Angles of faces that meet, other than none and right ones; those that relations make equal in one row.
+
+    Faces of a mesh that meet bluntly may be facets of a free-form one: their angles tell nothing.
+    """
+    found: list[tuple[int, int]] = []
+    least = 1e-6 if known.part.faces is None else float(FACET_TURN)
     for first, second in combinations([kind for kind in classes if kind.levels], 2):
-        planes = ([place for level in kind.levels for place in level] for kind in (first, second))
-        pairs = [(a, b) for a in next(planes) for b in sorted(faces.neighbours[a])]
-        others = set(next(planes))
-        met = [(a, b) for a, b in pairs if b in others]
-        if not met:
-            continue
-        found = known.estimate(met[0], angle_between)
-        sd = float(np.sqrt(max(found.covariance[0, 0], 0.0)))
-        if min(found.value[0], np.pi / 2 - found.value[0]) <= max(1e-6, _SAME_SD * sd):
-            continue
-        border = faces.beside(*met[0])
-        middle = border.mean(axis=0) if len(border) else faces.of(met[0][0]).mean(axis=0)
-        yield known.dimension("angle", met[0], angle_between, unit="rad", ends=np.stack([middle, middle]))
+        others = {place for level in second.levels for place in level}
+        met = [(a, b) for level in first.levels for a in level for b in sorted(faces.neighbours[a] & others)]
+        if met:
+            angle = known.estimate(met[0], angle_between)
+            margin = _SAME_SD * angle.sd
+            if angle.value[0] > max(least, margin) and np.pi / 2 - angle.value[0] > max(1e-6, margin):
+                found.append(met[0])
+    for pairs in grouped(found, lambda one, two: known.are_equal(one, two, angle_between)):
+        border = faces.beside(*pairs[0])
+        middle = (border if len(border) else faces.of(pairs[0][0])).mean(axis=0)
+        alike = [place for pair in pairs for place in pair] if len(pairs) > 1 else []
+        row = known.dimension("angle", pairs[0], angle_between, alike=alike, ends=np.stack([middle, middle]))
+        yield replace(row, count=len(pairs))

@@ -12,16 +12,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.parts.dimensions.related_part import RelatedPart
-from completion.parts.division.divided_part import points_on_triangles
+from completion.parts.part import Part
 from scenes.checks import BoolArray, FloatArray, IntArray
-from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.mesh.labelled_mesh import LabelledMesh, spread_points
 from scenes.mesh.winding import turn_outside_out
 from scenes.surfaces.catalogue import Plane, Surface
 from scenes.surfaces.surface import perpendicular
 
 _N_NEAR, _MOST_ASKED = 8, 5_000  # neighbours that tell how dense points are, and of how many points
-_N_MESH = 30_000  # points that a mesh is sampled by
+_N_MESH = 36_000  # points that a mesh is sampled by
 _BESIDE = 2.0  # sampling distances, within which faces meet
 _LEAST_BESIDE = 3  # points of a face that are so near another
 _N_PLACES, _N_RAYS = 9, 9  # from which rays are cast to either side, and how many from each
@@ -44,14 +43,14 @@ class FaceSamples:
         Their sampling distance.
     """
 
-    def __init__(self, part: RelatedPart) -> None:
+    def __init__(self, part: Part) -> None:
         self._part, points, label = part, part.points, part.surface
         self.surfaces: tuple[Surface, ...] = tuple(fit.surface for fit in part.fits)
         self.spacing_m = _spacing(points)
         if part.faces is not None and part.triangle_surface is not None:
             mesh = LabelledMesh(part.points, part.faces.astype(np.int32))
-            self.spacing_m = float(np.sqrt(mesh.face_areas().sum() / _N_MESH))
-            points, members = points_on_triangles(part.points, part.faces, self.spacing_m)
+            self.spacing_m = float(np.sqrt(1.2 * mesh.face_areas().sum() / _N_MESH))
+            points, members = spread_points(mesh.corners, _N_MESH)
             label = part.triangle_surface[members]
         labels = np.array(part.labels, dtype=np.int64)
         place = np.minimum(np.searchsorted(labels, label), max(len(labels) - 1, 0))
@@ -77,12 +76,13 @@ class FaceSamples:
         return self._trees[place]
 
     def beside(self, first: int, second: int) -> FloatArray:
-        """Points (m, 3) of the first face that are near the second."""
+        """Points (m, 3) of the first face that are near the second, the nearest first."""
         points = self.of(first)
         if not len(points) or not len(self.of(second)):
             return points[:0]
         far = self.tree(second).query(points, distance_upper_bound=_BESIDE * self.spacing_m)[0]
-        return np.asarray(points[np.isfinite(far)])
+        order = np.argsort(far, kind="stable")
+        return np.asarray(points[order[: int(np.isfinite(far).sum())]])
 
     @cached_property
     def neighbours(self) -> list[set[int]]:
@@ -115,6 +115,10 @@ class FaceSamples:
         angle = np.sort(angle % (2 * np.pi))
         gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
         return float(2 * np.pi - gaps.max())
+
+    def is_hollow(self, place: int) -> bool:
+        """Whether a round face is seen from within, as a bore is."""
+        return bool(self.sides[place] * (-1 if getattr(self.surfaces[place], "concave", False) else 1) < 0)
 
     @cached_property
     def sides(self) -> IntArray:

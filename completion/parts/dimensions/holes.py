@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve, qr
 from scipy.special import chdtrc
 
 from completion.features.holes.patterns import CIRCLE, GRID, LEAST_SEEN, ROW, Pattern, fit_pattern
-from completion.parts.dimensions.dimension import NORMAL_95, Kind, PartDimension
+from completion.parts.dimensions.dimension import Kind, PartDimension
 from completion.parts.dimensions.distances import DirectionClass
 from completion.parts.dimensions.face_samples import FaceSamples
 from completion.parts.dimensions.frame import across_of
@@ -53,20 +53,17 @@ class Hole:
         return "blind" if _OPEN in kinds else ""
 
 
-def holes_of(items: Sequence[RoundFaces], known: JointSurfaces, faces: FaceSamples) -> list[Hole]:
-    """The holes among round faces: each wall once for each of its pieces, with its ends."""
-    return [
-        Hole(place, _ends_of(place, known, faces))
-        for item in items
-        if item.kind == "hole diameter" and isinstance(faces.surfaces[item.places[0]], Cylinder)
-        for place in sorted(item.places)
-    ]
+def holes_of(items: Sequence[RoundFaces], known: JointSurfaces, faces: FaceSamples) -> dict[int, Hole]:
+    """The holes among round faces, by the place of their wall: each piece of a wall with its ends."""
+    places = [place for item in items for place in sorted(item.places)
+              if item.kind == "hole diameter" and isinstance(faces.surfaces[place], Cylinder)]  # fmt: skip
+    return {place: Hole(place, _ends_of(place, known, faces)) for place in places}
 
 
 def _ends_of(place: int, known: JointSurfaces, faces: FaceSamples) -> tuple[HoleEnd, HoleEnd]:
     """At either end the face that has most points there."""
     at = known.at[place]
-    near = _NEAR * faces.spacing_m
+    near, middle = _NEAR * faces.spacing_m, float(at.point @ at.direction)
     best = [(0, HoleEnd(_OPEN, -1)), (0, HoleEnd(_OPEN, -1))]
     for other in sorted(faces.neighbours[place]):
         surface, step = faces.surfaces[other], faces.of(other) - at.point
@@ -76,20 +73,15 @@ def _ends_of(place: int, known: JointSurfaces, faces: FaceSamples) -> tuple[Hole
         if not beside.any():
             continue
         is_inside = float(np.mean(away[beside] < at.radius)) > _MOSTLY
-        here = float(np.median(height[beside]))
         for k, end in enumerate(faces.reach(place, at.direction)):
-            far = abs(here + float(at.point @ at.direction) - end)
-            if (
-                isinstance(surface, Plane)
-                and far < near
-                and abs(surface.normal_direction @ at.direction) > _ACROSS
-            ):
-                found = HoleEnd(_FLOOR if is_inside else _OPEN, other)
-            elif isinstance(surface, Cone) and far < max(near, at.radius) and is_inside:
-                found = HoleEnd(_CONE, other)
+            far = abs(float(np.median(height[beside])) + middle - end)
+            if isinstance(surface, Plane):
+                fits = bool(abs(surface.normal_direction @ at.direction) > _ACROSS)
+                kind = _FLOOR if is_inside else _OPEN
             else:
-                continue
-            best[k] = max(best[k], (int(beside.sum()), found), key=lambda pair: pair[0])
+                fits, kind = isinstance(surface, Cone) and is_inside, _CONE
+            if fits and far < (max(near, at.radius) if kind == _CONE else near):
+                best[k] = max(best[k], (int(beside.sum()), HoleEnd(kind, other)), key=lambda pair: pair[0])
     return best[0][1], best[1][1]
 
 
@@ -126,20 +118,14 @@ def _to_plane(at: Sequence[Placement]) -> float:
 def _to_cone(at: Sequence[Placement]) -> float:
     """To where the radius of the cone is that of the hole, measured along the hole's axis."""
     hole, cone = at[0], at[2]
-    along = (hole.radius - _cone_radius(cone)) / np.tan(cone.half_angle)
-    point = cone.point + along * cone.direction
+    point = cone.point + (hole.radius - cone.radius) / np.tan(cone.half_angle) * cone.direction
     return abs(float(hole.direction @ (point - hole.point)) - _height_on_axis(hole, at[1]))
 
 
-def _cone_radius(cone: Placement) -> float:
-    return cone.radius
-
-
 def alike_holes(
-    sizes: Sequence[Sequence[RoundFaces]], holes: Sequence[Hole], kinds: Sequence[DirectionClass]
+    sizes: Sequence[Sequence[RoundFaces]], holes: Mapping[int, Hole], kinds: Sequence[DirectionClass]
 ) -> list[list[Hole]]:
     """Holes of one size and direction that are made alike: their ends are of one kind and in one plane."""
-    of = {hole.place: hole for hole in holes}
     level = {
         place: (k, n)
         for k, kind in enumerate(kinds)
@@ -147,14 +133,12 @@ def alike_holes(
         for place in level
     }
     turned = {place: k for k, kind in enumerate(kinds) for place in kind.members}
-    groups: list[list[Hole]] = []
-    for size in sizes:
-        own: dict[object, list[Hole]] = {}
-        for hole in (of[place] for item in size for place in sorted(item.places) if place in of):
+    groups: dict[object, list[Hole]] = {}
+    for number, size in enumerate(sizes):
+        for hole in (holes[place] for item in size for place in sorted(item.places) if place in holes):
             ends = sorted((end.kind, level.get(end.place, (-1, -1))) for end in hole.ends)
-            own.setdefault((turned.get(hole.place, -1), *ends), []).append(hole)
-        groups += own.values()
-    return groups
+            groups.setdefault((number, turned.get(hole.place, -1), *ends), []).append(hole)
+    return list(groups.values())
 
 
 _LEAST_P = 1e-3  # of a pattern's misfit
@@ -164,6 +148,7 @@ _EXACT_M = 1e-9
 _TIED_SD = 1e-2  # of the deviations without relations, to which these tie holes: what is not linear in them
 _ONE_RUNG = 0.02  # of a pattern's length
 _ONE_RING = 0.02  # of the distance from an axis, within which holes may be on one circle about it
+_LEAST_HOLES = min(LEAST_SEEN.values())
 _MOST_HOLES = 48  # of a circle, with those that are missing
 
 
@@ -184,6 +169,19 @@ class HolePattern:
     across: FloatArray
     about: int = -1  # the place of another surface, about whose axis a circle is
 
+    def row(
+        self, kind: Kind, value: float, parameter: int, known: JointSurfaces, *, ends: FloatArray, note: str
+    ) -> PartDimension:
+        """The dimension that a parameter is, or twice that."""
+        factor = 2.0 if kind.endswith("diameter") else 1.0
+        sd, before = (factor * float(np.sqrt(max(each[parameter, parameter], 0.0)))
+                      for each in (self.covariance, self.measured_covariance))  # fmt: skip
+        return PartDimension(
+            kind=kind, value=float(value), sd=sd, measured_sd=before, places=self.places, ends=ends,
+            surfaces=tuple(known.part.labels[place] for place in self.places), count=len(self.places),
+            note=note, is_pattern=True,
+        )  # fmt: skip
+
 
 def find_patterns(
     sizes: Sequence[Sequence[RoundFaces]],
@@ -197,10 +195,9 @@ def find_patterns(
     """
     found = list[HolePattern]()
     for size, kind in product(sizes, kinds):
-        left = [
-            item.places[0] for item in size if item.places[0] in kind.members and item.kind == "hole diameter"
-        ]
-        while len(left) >= min(LEAST_SEEN.values()):
+        left = [item.places[0] for item in size
+                if item.places[0] in kind.members and item.kind == "hole diameter"]  # fmt: skip
+        while len(left) >= _LEAST_HOLES:
             best = _best_pattern(left, known, across_of(axes, known.at[left[0]].direction))
             if best is None:
                 break
@@ -212,27 +209,25 @@ def find_patterns(
 def _best_pattern(places: Sequence[int], known: JointSurfaces, across: FloatArray) -> HolePattern | None:
     """The pattern of most holes."""
     centres = np.array([across @ known.at[place].point for place in places])
-    subsets = [tuple(range(len(places)))]
+    subsets = {tuple(range(len(places)))}
     for place, at in enumerate(known.at):
-        if (
-            place not in places
-            and at.radius > 0
-            and np.linalg.norm(np.cross(at.direction, known.at[places[0]].direction)) < 1e-2
-        ):
+        if place not in places and at.radius > 0 and _is_along(across, at):
             far = np.linalg.norm(centres - across @ at.point, axis=1)
             near = np.abs(far[:, None] - far) < _ONE_RING * far
-            subsets += [tuple(np.flatnonzero(column).tolist()) for column in near.T]
-    for subset in sorted(set(subsets), key=lambda each: (-len(each), each)):
-        if len(subset) < min(LEAST_SEEN.values()):
-            break
-        tried = (
-            _judged(begun, numbers, [places[k] for k in subset], known, across)
-            for begun, numbers in _begun(centres[list(subset)])
-        )
+            subsets |= {tuple(np.flatnonzero(column).tolist()) for column in near.T}
+    enough = [subset for subset in subsets if len(subset) >= _LEAST_HOLES]
+    for subset in sorted(enough, key=lambda each: (-len(each), each)):
+        tried = (_judged(begun, numbers, [places[k] for k in subset], known, across)
+                 for begun, numbers in _begun(centres[list(subset)]))  # fmt: skip
         found = [replace(one, about=_about(one, known)) for one in tried if one is not None]
         if found:  # four in a square are a circle where something stands in their middle
             return max(found, key=lambda one: one.about >= 0)
     return None
+
+
+def _is_along(across: FloatArray, at: Placement) -> bool:
+    """Whether an axis is at right angles to both directions (2, 3) of a chart."""
+    return bool(at.direction.any() and np.linalg.norm(across @ at.direction) < 1e-2)
 
 
 def _begun(centres: FloatArray) -> Iterator[tuple[Pattern, IntArray]]:
@@ -336,94 +331,45 @@ def _judged(
 def pattern_rows(
     patterns: Sequence[HolePattern], known: JointSurfaces, x_axis: FloatArray
 ) -> Iterator[PartDimension]:
-    """A row for each pitch circle, with its count and the angle of its first hole, or for each pitch."""
-    for pattern in patterns:
-        middle = known.at[pattern.places[0]]
-        lift = middle.point - pattern.across.T @ (pattern.across @ middle.point)
-        centre = lift + pattern.across.T @ pattern.x[:2]
-        n, count = len(pattern.places), pattern.pattern.count
-        seen = "" if n == count else f"{n} of {count} places"
-        if pattern.pattern.kind == CIRCLE:
-            out = pattern.pattern.centres[pattern.numbers[0]] - pattern.pattern.x[:2]
-            end = centre + pattern.across.T @ out
-            about = f"about surface {known.part.labels[pattern.about]}" if pattern.about >= 0 else ""
+    """A row for each pitch circle, with its count and the angle of its first hole, or for each pitch.
+
+    The angle is the least from the frame's `x_axis` (3,) to a hole, counted about the holes' direction.
+    """
+    for of in patterns:
+        first, count = known.at[of.places[0]].point, of.pattern.count
+        seen = "" if len(of.places) == count else f"{len(of.places)} of {count} places"
+
+        def place(uv: FloatArray, first: FloatArray = first, of: HolePattern = of) -> FloatArray:
+            return np.asarray(first + of.across.T @ (uv - of.across @ first))
+
+        centres, middle = of.pattern.centres + of.x[:2] - of.pattern.x[:2], place(of.x[:2])
+        if of.pattern.kind == CIRCLE:
+            end = place(centres[of.numbers[0]])
+            about = f"about surface {known.part.labels[of.about]}" if of.about >= 0 else ""
             note = ", ".join(text for text in (about, seen) if text)
-            ends = np.stack([2 * centre - end, end])
-            yield _pattern_row("pitch circle diameter", pattern, known, (3, 2.0), ends=ends, note=note)
-            yield _start_angle(pattern, centre, end, known, x_axis)
+            ends = np.stack([2 * middle - end, end])
+            yield of.row("pitch circle diameter", 2 * of.x[3], 3, known, ends=ends, note=note)
+            zero, step = of.across @ x_axis, 2 * np.pi / count
+            angle = float(of.x[2] - np.arctan2(zero[1], zero[0])) % step
+            if step - angle <= 4 * float(np.sqrt(max(of.covariance[2, 2], 0.0))) + 1e-9:
+                angle -= step  # nothing, rounded the other way
+            yield of.row("start angle", angle, 2, known, ends=np.stack([middle, end]), note="from x")
             continue
-        angle = float(pattern.x[2])
-        along = pattern.across.T @ np.array([np.cos(angle), np.sin(angle)])
-        side = pattern.across.T @ np.array([-np.sin(angle), np.cos(angle)])
-        first = lift + pattern.across.T @ (pattern.x[:2] - pattern.pattern.x[:2] + pattern.pattern.centres[0])
-        for k, way in enumerate((along, side)[: 1 + (pattern.pattern.kind == GRID)]):
-            note = f"{pattern.pattern.shape[k]} along" if pattern.pattern.kind == GRID else seen
-            ends = np.stack([first, first + pattern.x[3 + k] * way])
-            yield _pattern_row("pitch", pattern, known, (3 + k, 1.0), ends=ends, note=note)
+        is_grid = of.pattern.kind == GRID
+        along = np.array([np.cos(of.x[2]), np.sin(of.x[2])])
+        ways = (along, np.array([-along[1], along[0]]))
+        for k, way in enumerate(ways[: 1 + is_grid]):
+            ends = np.stack([place(centres[0]), place(centres[0] + of.x[3 + k] * way)])
+            note = f"{of.pattern.shape[k]} along" if is_grid else seen
+            yield of.row("pitch", float(of.x[3 + k]), 3 + k, known, ends=ends, note=note)
 
 
-def _about(pattern: HolePattern, known: JointSurfaces) -> int:
+def _about(of: HolePattern, known: JointSurfaces) -> int:
     """The place of another surface on whose axis the middle of a circle lies; -1 for none."""
-    if pattern.pattern.kind != CIRCLE:
+    reach = 4 * float(np.sqrt(np.trace(of.covariance[:2, :2]))) + 1e-6 * known.size_m
+    found = [place for place, at in enumerate(known.at)
+             if not at.is_plane and place not in of.places and _is_along(of.across, at)
+             and np.linalg.norm(of.across @ at.point - of.x[:2]) <= reach]  # fmt: skip
+    if of.pattern.kind != CIRCLE or not found:
         return -1
-    sd = float(np.sqrt(np.trace(pattern.covariance[:2, :2])))
-    for place, at in enumerate(known.at):
-        is_axis = at.direction.any() and not at.is_plane and place not in pattern.places
-        if is_axis and np.linalg.norm(pattern.across @ at.direction) < 1e-2:
-            off = float(np.linalg.norm(pattern.across @ at.point - pattern.x[:2]))
-            if off <= 4 * sd + 1e-6 * known.size_m:
-                return place
-    return -1
-
-
-def _pattern_row(
-    kind: Kind, pattern: HolePattern, known: JointSurfaces, part_of: tuple[int, float],
-    *, ends: FloatArray, note: str,
-) -> PartDimension:  # fmt: skip
-    """A parameter of a pattern times a factor, `part_of`, as a dimension."""
-    k, factor = part_of
-    sd, before = (
-        factor * float(np.sqrt(max(each[k, k], 0.0)))
-        for each in (pattern.covariance, pattern.measured_covariance)
-    )
-    value = factor * float(pattern.x[k])
-    return _plain_row(kind, value, (sd, before), pattern, known, ends=ends, note=note)
-
-
-def _start_angle(
-    pattern: HolePattern, centre: FloatArray, end: FloatArray, known: JointSurfaces, x_axis: FloatArray
-) -> PartDimension:
-    """The least angle from the frame's x to a hole, counted about the holes' direction."""
-    zero = pattern.across @ x_axis
-    step = 2 * np.pi / pattern.pattern.count
-    begin = float(np.arctan2(zero[1], zero[0]))
-    angle = (float(pattern.x[2]) - begin) % step
-    sd = float(np.sqrt(max(pattern.covariance[2, 2], 0.0)))
-    if step - angle <= 4 * sd + 1e-9:  # nothing, rounded the other way
-        angle -= step
-    before = float(np.sqrt(max(pattern.measured_covariance[2, 2], 0.0)))
-    return _plain_row(
-        "start angle", angle, (sd, before), pattern, known, ends=np.stack([centre, end]), note="from x"
-    )
-
-
-def _plain_row(
-    kind: Kind, value: float, deviations: tuple[float, float], pattern: HolePattern, known: JointSurfaces,
-    *, ends: FloatArray, note: str,
-) -> PartDimension:  # fmt: skip
-    sd, before = deviations
-    return PartDimension(
-        kind=kind,
-        value=value,
-        low=value - NORMAL_95 * sd,
-        high=value + NORMAL_95 * sd,
-        sd=sd,
-        measured_sd=before,
-        unit="rad" if kind == "start angle" else "m",
-        surfaces=tuple(known.part.labels[place] for place in pattern.places),
-        ends=ends,
-        count=len(pattern.places),
-        basis="pattern",
-        note=note,
-        places=pattern.places,
-    )
+    return min(found, key=lambda place: (known.at[place].half_angle + known.at[place].ring_radius > 0, place))

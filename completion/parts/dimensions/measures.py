@@ -13,10 +13,11 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from trimesh.remesh import subdivide
 
-from completion.parts.dimensions.dimension import NORMAL_95, Kind, PartDimension
-from completion.parts.dimensions.joint_surfaces import BETTER, JointSurfaces
-from completion.parts.dimensions.related_part import RelatedPart
+from completion.parts.dimensions.dimension import Kind, PartDimension
+from completion.parts.dimensions.joint_surfaces import JointSurfaces
+from completion.parts.part import Part
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.winding import turn_outside_out
@@ -42,8 +43,8 @@ def measure_rows(known: JointSurfaces) -> tuple[list[PartDimension], tuple[str, 
     part = known.part
     if part.faces is None or part.triangle_surface is None:
         return [], ()
-    points, corners = _joined(part.points, part.faces)
-    mesh = LabelledMesh(points, corners.astype(np.int32))
+    points, place = np.unique(part.points, axis=0, return_inverse=True)
+    mesh = LabelledMesh(points, place.reshape(-1)[part.faces].astype(np.int32))
     turned = turn_outside_out(mesh, np.zeros(len(part.faces), np.int64))
     n_open = int((~turned.is_closed).sum())
     vertices, levels, label = _cut_finely(turned.mesh.vertices, turned.mesh.faces, part, known.size_m)
@@ -84,7 +85,7 @@ def _extrapolated(values: Sequence[float]) -> float:
     return values[-1] if len(values) < 2 else values[-1] + (values[-1] - values[-2]) / 3
 
 
-def _outward(vertices: FloatArray, faces: IntArray, label: IntArray, part: RelatedPart) -> FloatArray:
+def _outward(vertices: FloatArray, faces: IntArray, label: IntArray, part: Part) -> FloatArray:
     """Unit normals (m, 3) of the surfaces that triangles lie on, out of the part; their own where on none.
 
     Along a border some triangles are on the wrong one of two surfaces, and are folded over when their corners
@@ -92,7 +93,7 @@ def _outward(vertices: FloatArray, faces: IntArray, label: IntArray, part: Relat
     """
     corners = vertices[faces]
     across = _across(corners)
-    out = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    out: FloatArray = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
     for name, fit in zip(part.labels, part.fits, strict=True):
         own = label == name
         normal = fit.surface.normal(corners[own].mean(axis=1))
@@ -100,14 +101,8 @@ def _outward(vertices: FloatArray, faces: IntArray, label: IntArray, part: Relat
     return out
 
 
-def _joined(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """A mesh whose triangles share their corners."""
-    distinct, place = np.unique(points, axis=0, return_inverse=True)
-    return distinct, place.reshape(-1)[faces].astype(np.int32)
-
-
 def _cut_finely(
-    vertices: FloatArray, faces: IntArray, part: RelatedPart, size_m: float
+    vertices: FloatArray, faces: IntArray, part: Part, size_m: float
 ) -> tuple[FloatArray, list[IntArray], IntArray]:
     """A mesh with every triangle cut in four until chords of round surfaces are short, or it has many.
 
@@ -128,23 +123,12 @@ def _cut_finely(
         )
         if sag <= 1e-3 * _ROUND_SHARE * size_m:
             break
-        vertices, faces = _quartered(vertices, faces)
+        vertices, faces = subdivide(vertices, faces)
         levels, label = [levels[-1], faces], np.repeat(label, 4)
     return vertices, levels, label
 
 
-def _quartered(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Each triangle cut in four at the middles of its edges, its pieces one after the other."""
-    edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    distinct, which = np.unique(edges, axis=0, return_inverse=True)
-    middle = len(vertices) + which.reshape(-1, 3)
-    a, b, c = faces.T
-    ab, bc, ca = middle.T
-    pieces = np.stack([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]).transpose(2, 0, 1)
-    return np.concatenate([vertices, vertices[distinct].mean(axis=1)]), pieces.reshape(-1, 3).astype(np.int64)
-
-
-def _on_surfaces(faces: IntArray, label: IntArray, part: RelatedPart) -> Iterator[_SurfaceVertices]:
+def _on_surfaces(faces: IntArray, label: IntArray, part: Part) -> Iterator[_SurfaceVertices]:
     """Vertices by how many surfaces they lie on."""
     place = np.searchsorted(part.labels, label)
     pairs = np.unique(np.column_stack([faces.ravel(), np.repeat(place, 3)])[np.repeat(label, 3) > 0], axis=0)
@@ -154,9 +138,7 @@ def _on_surfaces(faces: IntArray, label: IntArray, part: RelatedPart) -> Iterato
         yield _SurfaceVertices(vertex[count == n], pairs[here[:, None] + np.arange(n), 1])
 
 
-def _normals(
-    group: _SurfaceVertices, vertices: FloatArray, part: RelatedPart
-) -> tuple[FloatArray, FloatArray]:
+def _normals(group: _SurfaceVertices, vertices: FloatArray, part: Part) -> tuple[FloatArray, FloatArray]:
     """Pseudoinverses (k, 3, m) of the normals at vertices, and their distances (k, m) from the surfaces."""
     normals, distance = np.zeros((*group.place.shape, 3)), np.zeros(group.place.shape)
     for place in np.unique(group.place):
@@ -167,9 +149,7 @@ def _normals(
     return np.linalg.pinv(normals, rcond=_TANGENT), distance
 
 
-def _moved(
-    vertices: FloatArray, groups: list[_SurfaceVertices], part: RelatedPart, size_m: float
-) -> FloatArray:
+def _moved(vertices: FloatArray, groups: list[_SurfaceVertices], part: Part, size_m: float) -> FloatArray:
     """Vertices (n, 3) on their surfaces; those stay that are far from them."""
     moved = vertices.copy()
     for _ in range(_ROUNDS):
@@ -209,8 +189,4 @@ def _row(
         float(np.sqrt(max(gradient @ each @ gradient, 0.0)))
         for each in (known.covariance, known.measured_covariance)
     )
-    return PartDimension(
-        kind=kind, value=value, low=value - NORMAL_95 * sd, high=value + NORMAL_95 * sd, sd=sd,
-        measured_sd=before, unit="m3" if kind == "volume" else "m2", surfaces=part.labels, ends=ends,
-        basis="relations" if sd < BETTER * before else "measured",
-    )  # fmt: skip
+    return PartDimension(kind=kind, value=value, sd=sd, measured_sd=before, surfaces=part.labels, ends=ends)

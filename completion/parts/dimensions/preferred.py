@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from completion.parts.dimensions.dimension import PartDimension, PreferredValue
-from completion.parts.dimensions.related_part import RelatedPart
+from completion.parts.part import Part
 from completion.relations.relation import RelationKind, StatedRelation
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
@@ -115,11 +115,6 @@ ANGLES = UnitSystem(
         for step, weight in ((15, 0.4), (5, 0.1), (1, 0.1))
     ),
 )
-_LENGTH_KINDS = (
-    "overall size", "hole diameter", "outer diameter", "sphere diameter", "radius", "fillet radius",
-    "ring diameter", "tube radius", "hole depth", "thickness", "length", "slot width", "step", "distance",
-    "axis distance", "axis to plane", "pitch circle diameter", "pitch",
-)  # fmt: skip
 
 
 def with_preferred(rows: Sequence[PartDimension]) -> tuple[PartDimension, ...]:
@@ -136,8 +131,7 @@ def _read_together(
     rows: Sequence[PartDimension], unit: str, systems: Sequence[UnitSystem], exact: float
 ) -> dict[int, PreferredValue]:
     """The preferred values of dimensions in one unit, by their places."""
-    chosen = [k for k, row in enumerate(rows) if row.unit == unit and np.isfinite(row.sd) and row.value > 0
-              and (unit == "rad" or row.kind in _LENGTH_KINDS)]  # fmt: skip
+    chosen = [k for k, row in enumerate(rows) if row.unit == unit and np.isfinite(row.sd) and row.value > 0]
     if not chosen:
         return {}
     sd = [max(rows[k].sd, exact) for k in chosen]
@@ -205,7 +199,7 @@ _STATED: dict[str, tuple[RelationKind, float]] = {
 
 
 def preferred_relations(
-    part: RelatedPart, rows: Sequence[PartDimension], least: float = IMPOSED
+    part: Part, rows: Sequence[PartDimension], least: float = IMPOSED
 ) -> list[StatedRelation[int]]:
     """Return preferred values that are probable enough as relations to state, by label."""
     stated = []

@@ -3,21 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from completion.parts.dimensions.dimension import Kind, PartDimension
+from completion.parts.dimensions.dimension import Kind, Measure, PartDimension
 from completion.parts.dimensions.face_samples import FaceSamples
-from completion.parts.dimensions.joint_surfaces import JointSurfaces
+from completion.parts.dimensions.joint_surfaces import JointSurfaces, grouped
 from completion.relations.equations import Placement
 from completion.relations.graph import is_settled
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cone, Cylinder, Sphere, Torus
+from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
 _FULL = float(np.radians(200.0))  # that a round face covers, from which its diameter counts, not its radius
 _TANGENT = float(np.cos(np.radians(25.0)))  # of the normals where a fillet meets its neighbour
+_LEAST_BORDER = 5  # points of a fillet that are nearest to its neighbour, a quarter of those that are near
 
 
 class RoundFaces(NamedTuple):
@@ -27,142 +28,123 @@ class RoundFaces(NamedTuple):
     kind: Kind
 
 
-def radius(at: Placement) -> float:
-    """Radius of a sphere, cylinder or tube, metres."""
-    return at.radius
-
-
 def round_faces(known: JointSurfaces, faces: FaceSamples) -> list[RoundFaces]:
     """The cylinders, spheres and tori of a part, those of one surface together."""
-    part, found = known.part, list[RoundFaces]()
     groups: dict[int, list[int]] = {}
-    for place, (fit, group) in enumerate(zip(part.fits, part.groups, strict=True)):
+    for place, (fit, group) in enumerate(zip(known.part.fits, known.part.groups, strict=True)):
         if isinstance(fit.surface, Cylinder | Sphere | Torus) and len(faces.of(place)) and is_settled(fit):
             groups.setdefault(group, []).append(place)
-    for members in groups.values():
-        members.sort(key=lambda place: (_radius_variance(known, place), place))
-        found.append(RoundFaces(tuple(members), _kind_of(members, faces)))
-    return found
 
+    def variance(place: int) -> float:
+        by_radius = known.at[place].by_radius[0]
+        return float(by_radius @ known.part.measured[place].covariance @ by_radius)
 
-def _radius_variance(known: JointSurfaces, place: int) -> float:
-    """Variance of the radius that the points of a face give, m2."""
-    at = known.at[place]
-    return float((at.by_radius @ known.part.measured[place].covariance @ at.by_radius.T)[0, 0])
-
-
-def is_hollow(place: int, faces: FaceSamples) -> bool:
-    """Whether a round face is seen from within, as a bore is."""
-    points = faces.of(place)[:1]
-    surface = faces.surfaces[place]
-    centre = getattr(surface, "centre", getattr(surface, "point", np.zeros(3)))
-    axis = getattr(surface, "direction", np.zeros(3))
-    outward = points - centre - ((points - centre) @ axis)[:, None] * axis
-    if isinstance(surface, Torus):
-        outward = points - centre
-        level = outward - (outward @ axis)[:, None] * axis
-        outward = outward - surface.radius * level / max(float(np.linalg.norm(level)), 1e-300)
-    return bool(faces.sides[place] * float((surface.normal(points) * outward).sum()) < 0)
+    ordered = [sorted(members, key=lambda place: (variance(place), place)) for members in groups.values()]
+    return [RoundFaces(tuple(members), _kind_of(members, faces)) for members in ordered]
 
 
 def _kind_of(members: Sequence[int], faces: FaceSamples) -> Kind:
     surface = faces.surfaces[members[0]]
-    turn = faces.turn(members)
     if isinstance(surface, Sphere):
         return "sphere diameter"
-    if turn < _FULL:
+    if faces.turn(members) < _FULL:
         return "fillet radius" if _is_fillet(members, faces) else "radius"
     if isinstance(surface, Torus):
         return "tube radius"
-    return "hole diameter" if is_hollow(members[0], faces) else "outer diameter"
+    return "hole diameter" if faces.is_hollow(members[0]) else "outer diameter"
 
 
 def _is_fillet(members: Sequence[int], faces: FaceSamples) -> bool:
     """Whether faces go over smoothly into two others at least."""
     n_smooth = 0
     for member in members:
-        for other in faces.neighbours[member]:
+        for other in faces.neighbours[member] - set(members):
             border = faces.beside(member, other)
-            if other in members or not len(border):
-                continue
-            own, two = (faces.surfaces[place].normal(border) for place in (member, other))
-            n_smooth += bool(np.median(np.abs(np.einsum("ij,ij->i", own, two))) > _TANGENT)
+            if len(border):
+                border = border[: max(len(border) // 4, _LEAST_BORDER)]
+                own, two = (faces.surfaces[place].normal(border) for place in (member, other))
+                n_smooth += bool(np.median(np.abs(np.einsum("ij,ij->i", own, two))) > _TANGENT)
     return n_smooth >= 2
 
 
-def alike(
-    items: Sequence[RoundFaces], known: JointSurfaces, measure: Callable[[Placement], float] = radius
-) -> list[list[RoundFaces]]:
-    """Group round faces of one kind whose radii relations make equal."""
-    groups: list[list[RoundFaces]] = []
-    for item in items:
-        for group in groups:
-            first = group[0]
-            if first.kind == item.kind and known.are_equal(first.places[0], item.places[0], measure):
-                group.append(item)
-                break
-        else:
-            groups.append([item])
-    return groups
+def alike(items: Sequence[RoundFaces], known: JointSurfaces, measure: Measure) -> list[list[RoundFaces]]:
+    """Group round faces of one kind of which relations make a number equal."""
+
+    def are_one(one: RoundFaces, two: RoundFaces) -> bool:
+        return one.kind == two.kind and known.are_equal(one.places[:1], two.places[:1], measure)
+
+    return grouped(items, are_one)
 
 
 def size_rows(
-    items: Sequence[RoundFaces], known: JointSurfaces, faces: FaceSamples, notes: dict[int, str]
+    sizes: Sequence[Sequence[RoundFaces]], known: JointSurfaces, faces: FaceSamples, notes: Mapping[int, str]
 ) -> Iterator[PartDimension]:
     """A row for each size: radii of arcs and fillets, diameters of what goes round, rings, cone angles.
 
-    `notes` say of the first place of holes whether they go through.
+    `sizes` are round faces of equal radii together; `notes` say of holes whether they go through.
     """
-    for group in alike(items, known):
-        place, kind = group[0].places[0], group[0].kind
-        is_across = kind in ("hole diameter", "outer diameter", "sphere diameter")
+    for group in sizes:
         said = sorted({notes[item.places[0]] for item in group if item.places[0] in notes})
+        yield _round_row(group[0].kind, group, lambda at: at.radius, (known, faces), ", ".join(said))
+    tori = [item for size in sizes for item in size if isinstance(faces.surfaces[item.places[0]], Torus)]
+    for group in alike(sorted(tori, key=lambda item: min(item.places)), known, lambda at: at[0].ring_radius):
+        yield _round_row("ring diameter", group, lambda at: at.ring_radius, (known, faces))
+    cones = [place for place, surface in enumerate(faces.surfaces)
+             if isinstance(surface, Cone) and len(faces.of(place))]  # fmt: skip
+    for places in grouped(cones, lambda one, two: known.are_equal([one], [two], _whole_angle)):
+        ends = np.repeat(faces.of(places[0]).mean(axis=0)[None], 2, axis=0)
+        yield known.dimension("cone angle", places[:1], _whole_angle, alike=places, ends=ends)
+    mouths = [
+        (cone, plane)
+        for cone in cones
+        for plane in sorted(faces.neighbours[cone] if faces.is_hollow(cone) else ())
+        if isinstance(faces.surfaces[plane], Plane) and _is_mouth(known.at[cone], known.at[plane])
+    ]
+    for pairs in grouped(mouths, lambda one, two: known.are_equal(one, two, _mouth_diameter)):
+        at, radius = known.at[pairs[0][0]], _mouth_diameter([known.at[place] for place in pairs[0]]) / 2
+        middle = at.point + (radius - at.radius) / np.tan(at.half_angle) * at.direction
+        ends = np.stack([middle - radius * at.across[0], middle + radius * at.across[0]])
         yield known.dimension(
-            kind,
-            (place,),
-            (lambda at: 2 * at[0].radius) if is_across else (lambda at: at[0].radius),
-            alike=[item.places[0] for item in group],
-            note=", ".join(said),
-            ends=_across(place, known, faces, is_across=is_across),
+            "countersink diameter", pairs[0], _mouth_diameter, alike=[pair[0] for pair in pairs], ends=ends
         )
-    tori = [item for item in items if isinstance(faces.surfaces[item.places[0]], Torus)]
-    for group in alike(tori, known, lambda at: at.ring_radius):
-        yield known.dimension(
-            "ring diameter",
-            (group[0].places[0],),
-            lambda at: 2 * at[0].ring_radius,
-            alike=[item.places[0] for item in group],
-            ends=_across(group[0].places[0], known, faces, is_across=True),
-        )
-    yield from _cone_rows(known, faces)
 
 
-def _cone_rows(known: JointSurfaces, faces: FaceSamples) -> Iterator[PartDimension]:
-    """The whole angle of each cone; of those with one angle together."""
-    groups: list[list[int]] = []
-    for place, surface in enumerate(faces.surfaces):
-        if isinstance(surface, Cone) and len(faces.of(place)):
-            for group in groups:
-                if known.are_equal(group[0], place, lambda at: at.half_angle):
-                    group.append(place)
-                    break
-            else:
-                groups.append([place])
-    for group in groups:
-        middle = faces.of(group[0]).mean(axis=0)
-        yield known.dimension(
-            "cone angle", group[:1], lambda at: 2 * at[0].half_angle, unit="rad", alike=group,
-            note="whole angle", ends=np.stack([middle, middle]),
-        )  # fmt: skip
+def _whole_angle(at: Sequence[Placement]) -> float:
+    return 2 * at[0].half_angle
 
 
-def _across(place: int, known: JointSurfaces, faces: FaceSamples, *, is_across: bool) -> FloatArray:
-    """Ends (2, 3) of a diameter or radius at the end of a face, through a point that was measured."""
+def _is_mouth(cone: Placement, plane: Placement) -> bool:
+    """Whether a cone opens in a plane: it is square to its axis, and crosses it where the cone is wider."""
+    is_wide = _mouth_diameter((cone, plane)) > 2 * cone.radius
+    return bool(is_wide and abs(cone.direction @ plane.direction) > _TANGENT)
+
+
+def _mouth_diameter(at: Sequence[Placement]) -> float:
+    """Diameter of a cone, the first, where a plane, the second, crosses its axis."""
+    cone, plane = at
+    height = plane.direction @ (plane.point - cone.point) / (plane.direction @ cone.direction)
+    return float(2 * (cone.radius + height * np.tan(cone.half_angle)))
+
+
+def _round_row(
+    kind: Kind, group: Sequence[RoundFaces], radius: Callable[[Placement], float],
+    of: tuple[JointSurfaces, FaceSamples], note: str = "",
+) -> PartDimension:  # fmt: skip
+    """A radius, or a diameter where the kind is one, drawn at the end of a face through a measured point."""
+    known, faces = of
+    place, factor = group[0].places[0], 2.0 if kind.endswith("diameter") else 1.0
     at, points = known.at[place], faces.of(place)
-    if not at.direction.any() or at.ring_radius > 0:
-        point = points[0]
-        return np.stack([2 * at.point - point if is_across else point, point])
-    along = (points - at.point) @ at.direction
-    end = points[int(np.argmax(along))]
-    foot = at.point + float((end - at.point) @ at.direction) * at.direction
-    return np.stack([2 * foot - end if is_across else foot, end])
+    end, foot = points[0], at.point
+    if at.ring_radius > 0:
+        level = end - foot - float((end - foot) @ at.direction) * at.direction
+        ring = foot + at.ring_radius * level / max(float(np.linalg.norm(level)), 1e-300)
+        end, foot = (ring, foot) if kind == "ring diameter" else (end, ring)
+    elif at.direction.any():
+        along = (points - at.point) @ at.direction
+        end = points[int(np.argmax(along))]
+        foot = at.point + float(along.max()) * at.direction
+    ends: FloatArray = np.stack([foot + (factor - 1) * (foot - end), end])
+    return known.dimension(
+        kind, (place,), lambda at: factor * radius(at[0]), alike=[item.places[0] for item in group],
+        note=note, ends=ends,
+    )  # fmt: skip

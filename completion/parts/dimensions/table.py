@@ -14,8 +14,7 @@ _COLUMNS = (
     "number", "kind", "value", "low", "high", "unit", "count", "surfaces", "basis", "value_sd",
     "sd_without_relations", "note", "preferred", "preferred_series", "preferred_probability",
 )  # fmt: skip
-_MOST_DIGITS = 5
-_EXACT_DIGITS = 3  # of numbers that are known exactly
+_MOST_DIGITS, _ALONE = 4, 3  # after the point, with an interval and alone: of a model's numbers all are known
 _PLACES = 9  # after the point, of numbers in dimensions.csv
 _BASIS = {
     "measured": "its own points",
@@ -30,49 +29,37 @@ def dimensions_csv(dimensions: PartDimensions) -> str:
     rows = []
     for number, row in enumerate(dimensions.rows, start=1):
         scale, unit = unit_scale(row.unit)
-        hint, numbers = (
-            row.preferred,
-            [round(scale * each, _PLACES) for each in (row.value, row.low, row.high)],
-        )
-        meant = (
-            [None] * 3
-            if hint is None
-            else [round(scale * hint.value, _PLACES), hint.series, hint.probability]
-        )
-        rows.append(
-            [
-                number, row.kind, *numbers, unit, row.count, " ".join(map(str, row.surfaces)), row.basis,
-                _finite(scale * row.sd), _finite(scale * row.measured_sd), row.note, *meant,
-            ]
-        )  # fmt: skip
+        numbers = [round(scale * each, _PLACES) for each in (row.value, row.low, row.high)]
+        spread = [_finite(scale * each) for each in (row.sd, row.measured_sd)]
+        labels, hint = " ".join(map(str, row.surfaces)), row.preferred
+        meant = [] if hint is None else [round(scale * hint.value, _PLACES), hint.series, hint.probability]
+        rows.append([number, row.kind, *numbers, unit, row.count, labels, row.basis, *spread, row.note,
+                     *(meant or [None] * 3)])  # fmt: skip
     return csv_text(_COLUMNS, rows)
 
 
 def dimension_records(dimensions: PartDimensions) -> list[dict[str, Any]]:
     """Return dimensions as part.json holds them: metres, degrees, m2 and m3."""
-    records = []
-    for row in dimensions.rows:
-        scale = float(np.degrees(1.0)) if row.unit == "rad" else 1.0
-        hint = row.preferred
-        records.append(
-            {
-                "kind": row.kind,
-                "value": scale * row.value,
-                "interval": [scale * row.low, scale * row.high],
-                "unit": "deg" if row.unit == "rad" else row.unit,
-                "standard_deviation": _finite(scale * row.sd),
-                "standard_deviation_measured": _finite(scale * row.measured_sd),
-                "count": row.count,
-                "surfaces": list(row.surfaces),
-                "basis": row.basis,
-                "is_determined": row.is_determined,
-                "note": row.note,
-                "preferred": None
-                if hint is None
-                else {"value": scale * hint.value, "series": hint.series, "probability": hint.probability},
-            }
-        )
-    return records
+    return [_record(row, float(np.degrees(1.0)) if row.unit == "rad" else 1.0) for row in dimensions.rows]
+
+
+def _record(row: PartDimension, scale: float) -> dict[str, Any]:
+    hint = row.preferred
+    meant = {} if hint is None else {"series": hint.series, "probability": hint.probability}
+    return {
+        "kind": row.kind,
+        "value": scale * row.value,
+        "interval": [scale * row.low, scale * row.high],
+        "unit": "deg" if row.unit == "rad" else row.unit,
+        "standard_deviation": _finite(scale * row.sd),
+        "standard_deviation_measured": _finite(scale * row.measured_sd),
+        "count": row.count,
+        "surfaces": list(row.surfaces),
+        "basis": row.basis,
+        "is_determined": row.is_determined,
+        "note": row.note,
+        "preferred": None if hint is None else {"value": scale * hint.value, **meant},
+    }
 
 
 def frame_record(frame: DatumFrame) -> dict[str, Any]:
@@ -82,20 +69,16 @@ def frame_record(frame: DatumFrame) -> dict[str, Any]:
 
 def value_text(row: PartDimension, *, has_interval: bool = True) -> str:
     """A dimension in words: "12.003 mm ± 0.004", to the digits that its interval leaves."""
-    scale, unit = unit_scale(row.unit)
-    if row.unit == "m3":
-        scale, unit = 1e6, "cm3"
-    if row.unit == "m2":
-        scale, unit = 1e4, "cm2"
-    half = scale * row.half
-    is_exact = half < 10.0**-_MOST_DIGITS
-    shown = _EXACT_DIGITS if is_exact else int(has_interval) - np.floor(np.log10(half))
-    digits = int(np.clip(shown, 0, _MOST_DIGITS))
-    text = f"{scale * (row.value if row.basis != 'bounds' else (row.low + row.high) / 2):.{digits}f} {unit}"
+    scale, unit = {"m3": (1e6, "cm3"), "m2": (1e4, "cm2")}.get(row.unit, unit_scale(row.unit))
+    half = scale * (row.high - row.low) / 2
+    most = _MOST_DIGITS if has_interval else _ALONE
+    shown = _ALONE if half < 10.0**-most else int(has_interval) - np.floor(np.log10(half))
+    digits = int(np.clip(shown, 0, most))
+    text = f"{scale * (row.value if row.bounds is None else sum(row.bounds) / 2):.{digits}f} {unit}"
     if not has_interval:
         return text
     least = 10.0**-digits
-    return f"{text} \u00b1 {half:.{digits}f}" if half >= least else f"{text} \u00b1 <{least:.{digits}f}"
+    return f"{text} ± {half:.{digits}f}" if half >= least else f"{text} ± <{least:.{digits}f}"
 
 
 def symbol_text(row: PartDimension, *, has_interval: bool = False) -> str:

@@ -55,8 +55,8 @@ class _Patches(NamedTuple):
     """Patches (p,) of coplanar triangles.
 
     `of` (m,) is that of each triangle, `corner` (k,) are vertices, those of patch i from `first[i]` to
-    `first[i + 1]`; `bends` (p, p) links neighbours that turn little; `n_triangles` in each; `is_thin`: its normal
-    says nothing; `is_inner`: it has no sharp edge.
+    `first[i + 1]`; `bends` (p, p) links neighbours that turn little; `n_triangles` in each; `is_thin`: its
+    normal says nothing; `is_inner`: it has no sharp edge.
     """
 
     of: IntArray

@@ -112,8 +112,8 @@ def best_camera(drawing: PartDrawing, cameras: Sequence[Camera]) -> Camera:
 
 _DRAWN = (
     "hole diameter", "pitch circle diameter", "outer diameter", "thickness", "pitch", "hole depth",
-    "slot width", "fillet radius", "cone angle", "angle", "axis distance", "length", "ring diameter",
-    "sphere diameter", "step", "axis to plane", "radius",
+    "slot width", "fillet radius", "countersink diameter", "cone angle", "angle", "axis distance", "length",
+    "ring diameter", "sphere diameter", "step", "axis to plane", "radius",
 )  # fmt: skip
 """Kinds that are drawn beside overall sizes, the most telling first."""
 _MOST_DRAWN = 12

@@ -11,6 +11,7 @@ import trimesh
 
 from benchmarks.cases.dimensioned_parts import dimensioned_part
 from completion.parts.dimensions.dimension import PartDimension
+from completion.parts.dimensions.pipeline import dimensions_of
 from completion.parts.dimensions.preferred import with_preferred
 from completion.parts.dimensions.table import dimensions_csv, symbol_text, value_text
 from completion.parts.pipeline import divide_part, model_part, relate_part
@@ -23,14 +24,14 @@ NOISE_MM, AREA_MM2 = 0.02, 5.0
 def flange():
     """A flange by the labels of its faces, and what it was built to."""
     made = dimensioned_part(1, NOISE_MM, AREA_MM2)
-    return model_part(made.points, made.face + 1).dimensions(), made
+    return dimensions_of(model_part(made.points, made.face + 1)), made
 
 
 @pytest.fixture(scope="module")
 def plate():
     """A plate with holes in a grid, and its dimensions."""
     made = dimensioned_part(8, NOISE_MM, AREA_MM2)
-    return model_part(made.points, made.face + 1).dimensions(), made
+    return dimensions_of(model_part(made.points, made.face + 1)), made
 
 
 def only(dimensions, kind, near_mm=None):
@@ -72,7 +73,7 @@ def test_rows_of_a_plate_are_pitches_from_its_edges_and_depths(plate):
 def test_values_do_not_depend_on_where_the_part_is(plate):
     there, made = plate
     turn = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, -0.6]])
-    turned = model_part(made.points @ turn.T + [1.0, 2.0, 3.0], made.face + 1).dimensions()
+    turned = dimensions_of(model_part(made.points @ turn.T + [1.0, 2.0, 3.0], made.face + 1))
     assert np.linalg.det(turn) == pytest.approx(1.0)
     for kind in ("thickness", "hole diameter", "pitch", "hole depth"):
         for row in there.of_kind(kind):
@@ -95,7 +96,7 @@ def test_volume_and_area_are_those_of_the_surfaces_of_a_mesh(noise):
     label = np.where(np.hypot(*mesh.vertices[:, :2].T) > 0.0199, 1, 2 + (mesh.vertices[:, 2] > 0))
     high = mesh.corners[:, :, 2].mean(axis=1)
     triangles = np.where(np.abs(high) < 0.0145, 1, 2 + (high > 0))
-    dimensions = replace(model_part(mesh, label), triangle_surface=triangles).dimensions()
+    dimensions = dimensions_of(replace(model_part(mesh, label), triangle_surface=triangles))
     volume, area = only(dimensions, "volume"), only(dimensions, "area")
     within = 4 if noise else 0
     assert volume.value == pytest.approx(np.pi * 0.02**2 * 0.03, rel=1e-6, abs=within * volume.sd)
@@ -105,18 +106,15 @@ def test_volume_and_area_are_those_of_the_surfaces_of_a_mesh(noise):
 def test_an_open_mesh_has_an_area_and_no_volume():
     box = trimesh.creation.box((0.1, 0.06, 0.03))
     box.update_faces(np.arange(12) > 1)
-    dimensions = model_part(LabelledMesh(box.vertices, box.faces)).dimensions()
+    dimensions = dimensions_of(model_part(LabelledMesh(box.vertices, box.faces)))
     assert not dimensions.of_kind("volume")
     assert len(dimensions.of_kind("area")) == 1
     assert any("the mesh is open" in doubt for doubt in dimensions.doubts)
 
 
-def length(kind, value_mm, sd_mm=0.002, unit="m"):
-    value, sd = value_mm / 1000, sd_mm / 1000
-    return PartDimension(
-        kind=kind, value=value, low=value - 2 * sd, high=value + 2 * sd, sd=sd, measured_sd=sd, unit=unit,
-        surfaces=(1,), ends=np.zeros((2, 3)),
-    )  # fmt: skip
+def length(kind, value_mm, sd_mm=0.002):
+    sd = sd_mm / 1000
+    return PartDimension(kind=kind, value=value_mm / 1000, sd=sd, measured_sd=sd, surfaces=(1,))
 
 
 def test_a_metric_part_is_not_read_in_inches_and_an_inch_part_is():
@@ -145,7 +143,7 @@ def test_a_poorly_known_length_tells_nothing():
 def test_probable_values_are_imposed_and_others_are_not(flange):
     told, made = flange
     division = divide_part(made.points, made.face + 1)
-    imposed = relate_part(made.points, division, imposes_preferred=True).dimensions()
+    imposed = dimensions_of(relate_part(made.points, division, imposes_preferred=True))
     outer = only(imposed, "outer diameter", 118.0)
     assert outer.value == pytest.approx(0.118, abs=1e-12)
     assert outer.is_determined
