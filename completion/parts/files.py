@@ -161,7 +161,7 @@ def part_record(part: Part, flat: FlatPart | None = None) -> dict[str, Any]:
             {
                 **surface_record(fit, label),
                 "concave": bool(getattr(fit.surface, "concave", False)),
-                "points": int((part.surface == label).sum()),
+                "points": part.n_points(label),
                 "rms_m": measured.rms,
                 "same_surface": same,
                 "measured": surface_record(measured, label) if place in moved else None,

@@ -158,7 +158,7 @@ def part_page(
     headlines = [
         Headline(str(len(part.labels)), "", "surfaces"),
         Headline(f"{100 * share:.1f}", "%", f"of the {what} on them", "measured"),
-        Headline(millimetres(part.noise_m), "mm", "noise of the points, estimated"),
+        Headline(*_small_length(part.noise_m), f"noise of the {what}, estimated"),
     ]
     if graph is not None:
         headlines.append(Headline(str(holding), "", "relations hold"))
@@ -263,6 +263,8 @@ def dimension_blocks(part: Part, dimensions: PartDimensions) -> tuple[Block, ...
         "than its own points do; regular places: given that holes are equally spaced. A preferred value is "
         "what the dimension was probably meant to be; only --preferred impose changes anything to it."
     )
+    if part.faces is not None:
+        note += " Of a model's mesh they are the precision of its file, not that of a piece made to it."
     if len(dimensions.rows) > _MOST_ROWS:
         note += f" {len(dimensions.rows) - _MOST_ROWS} others are not shown; dimensions.csv holds them."
     table = Table(columns, tuple(rows)), Text(note, is_note=True)
@@ -325,7 +327,7 @@ def _surface_blocks(part: Part) -> tuple[Block, ...]:
             (
                 Cell(str(label), swatch=surface_colour(place + 1)),
                 Cell(fit.surface.kind + (", inner" if getattr(fit.surface, "concave", False) else "")),
-                Cell(str(int((part.surface == label).sum()))),
+                Cell(str(part.n_points(label))),
                 Cell(millimetres(measured.rms)),
                 Cell(before),
                 Cell(after if after != before else ""),
@@ -365,6 +367,11 @@ def _with_sd(value: float, sd: float) -> str:
     digits = int(np.clip(1 - np.floor(np.log10(sd)), 0, _MOST_DIGITS)) if sd > 0 else _MOST_DIGITS
     shown = f"{sd:.{digits}f}" if sd >= 10.0**-digits else f"<{10.0**-digits:.{digits}f}"
     return f"{value:.{digits}f} \u00b1 {shown}"
+
+
+def _small_length(value_m: float) -> tuple[str, str]:
+    """A length and its unit, short: micrometres below a hundredth of a millimetre."""
+    return (f"{1e6 * value_m:.2g}", "\u00b5m") if 1e-9 <= value_m < 1e-5 else (millimetres(value_m), "mm")
 
 
 def millimetres(value_m: float) -> str:

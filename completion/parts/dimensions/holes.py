@@ -329,14 +329,16 @@ def _judged(
 
 
 def pattern_rows(
-    patterns: Sequence[HolePattern], known: JointSurfaces, x_axis: FloatArray
+    patterns: Sequence[HolePattern], known: JointSurfaces, faces: FaceSamples, x_axis: FloatArray
 ) -> Iterator[PartDimension]:
     """A row for each pitch circle, with its count and the angle of its first hole, or for each pitch.
 
     The angle is the least from the frame's `x_axis` (3,) to a hole, counted about the holes' direction.
     """
     for of in patterns:
-        first, count = known.at[of.places[0]].point, of.pattern.count
+        at, count = known.at[of.places[0]], of.pattern.count
+        rise = faces.reach(of.places[0], at.direction)[1] - float(at.point @ at.direction)
+        first = at.point + rise * at.direction
         seen = "" if len(of.places) == count else f"{len(of.places)} of {count} places"
 
         def place(uv: FloatArray, first: FloatArray = first, of: HolePattern = of) -> FloatArray:

@@ -18,6 +18,7 @@ from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
 _FULL = float(np.radians(200.0))  # that a round face covers, from which its diameter counts, not its radius
 _TANGENT = float(np.cos(np.radians(25.0)))  # of the normals where a fillet meets its neighbour
+_SAME_SD, _EXACT = 4.0, 1e-7  # standard deviations, and share of the part's size, within which two are one
 _LEAST_BORDER = 5  # points of a fillet that are nearest to its neighbour, a quarter of those that are near
 
 
@@ -100,7 +101,12 @@ def size_rows(
         for plane in sorted(faces.neighbours[cone] if faces.is_hollow(cone) else ())
         if isinstance(faces.surfaces[plane], Plane) and _is_mouth(known.at[cone], known.at[plane])
     ]
-    for pairs in grouped(mouths, lambda one, two: known.are_equal(one, two, _mouth_diameter)):
+
+    def are_one(one: tuple[int, int], two: tuple[int, int]) -> bool:  # no relation says how deep a cone is
+        found = known.estimate([*one, *two], lambda at: _mouth_diameter(at[:2]) - _mouth_diameter(at[2:]))
+        return bool(abs(found.value[0]) <= _SAME_SD * found.sd + _EXACT * known.size_m)
+
+    for pairs in grouped(mouths, are_one):
         at, radius = known.at[pairs[0][0]], _mouth_diameter([known.at[place] for place in pairs[0]]) / 2
         middle = at.point + (radius - at.radius) / np.tan(at.half_angle) * at.direction
         ends = np.stack([middle - radius * at.across[0], middle + radius * at.across[0]])

@@ -29,7 +29,7 @@ def dimensions_csv(dimensions: PartDimensions) -> str:
     rows = []
     for number, row in enumerate(dimensions.rows, start=1):
         scale, unit = unit_scale(row.unit)
-        numbers = [round(scale * each, _PLACES) for each in (row.value, row.low, row.high)]
+        numbers = [round(scale * each, _PLACES) + 0.0 for each in (row.value, row.low, row.high)]
         spread = [_finite(scale * each) for each in (row.sd, row.measured_sd)]
         labels, hint = " ".join(map(str, row.surfaces)), row.preferred
         meant = [] if hint is None else [round(scale * hint.value, _PLACES), hint.series, hint.probability]
@@ -72,9 +72,10 @@ def value_text(row: PartDimension, *, has_interval: bool = True) -> str:
     scale, unit = {"m3": (1e6, "cm3"), "m2": (1e4, "cm2")}.get(row.unit, unit_scale(row.unit))
     half = scale * (row.high - row.low) / 2
     most = _MOST_DIGITS if has_interval else _ALONE
-    shown = _ALONE if half < 10.0**-most else int(has_interval) - np.floor(np.log10(half))
+    shown = most if half < 10.0**-most else int(has_interval) - np.floor(np.log10(half))
     digits = int(np.clip(shown, 0, most))
-    text = f"{scale * (row.value if row.bounds is None else sum(row.bounds) / 2):.{digits}f} {unit}"
+    value = round(scale * (row.value if row.bounds is None else sum(row.bounds) / 2), digits) + 0.0
+    text = f"{value:.{digits}f} {unit}"
     if not has_interval:
         return text
     least = 10.0**-digits

@@ -15,7 +15,7 @@ from nbv.report.figures.drawing import MeshDrawing, SeenFaces
 from nbv.report.figures.floor_plan import beside, boxes
 from nbv.report.figures.picture import Camera, Picture, height_colours, overview_cameras, picture_of
 from nbv.report.figures.plots import Theme, drawn_plot
-from scenes.checks import FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
 from scenes.scan.colour import surface_bytes
 
@@ -117,11 +117,12 @@ _DRAWN = (
 )  # fmt: skip
 """Kinds that are drawn beside overall sizes, the most telling first."""
 _MOST_DRAWN = 12
-_MARGIN = 0.14  # of a picture's width around it, for texts
+_SHARP = 1_200  # pixels across a picture with dimensions, of which what is around the part is cut off
+_MARGIN = 0.07  # of the part's extent around it, for texts
 _OFFSET = 0.05  # of the width, by which overall sizes stand off the part
-_NEAR = 0.02  # of the part's size, within which an end is seen that a ray meets
-_FONT, _INCHES = 8.0, 8.4
-_TEXT_SIZE = (0.0092, 0.026)  # of the width: a letter's width and a line's height
+_NEAR = 0.01  # of the part's size, by which an end that is seen may lie behind what a ray meets
+_FONT, _INCHES = 8.5, 8.4
+_TEXT_SIZE = (0.0098, 0.028)  # of the width: a letter's width and a line's height
 
 
 class _DrawnLine(NamedTuple):
@@ -140,7 +141,7 @@ def dimension_pictures(drawing: PartDrawing, dimensions: PartDimensions) -> tupl
     pictures, drawn = [], set[int]()
     for height, title in zip(_HEIGHTS_DEG, ("The main dimensions.", "Others, from below."), strict=True):
         camera = best_camera(drawing, drawing.cameras(height))
-        mesh, seen = drawing.look(camera, _WIDTH)
+        mesh, seen = drawing.look(camera, _SHARP)
         lines = [] if drawn else _overall_lines(drawing, camera, dimensions)
         for row in _main(dimensions.rows):
             line = _line(row, drawing, camera, seen)
@@ -148,7 +149,7 @@ def dimension_pictures(drawing: PartDrawing, dimensions: PartDimensions) -> tupl
                 drawn.add(id(row))
                 lines.append(line)
         if lines:
-            pictures.append(_drawn(mesh.colour(seen), lines, title))
+            pictures.append(_drawn(mesh.colour(seen), seen.hit, lines, title))
     return tuple(pictures)
 
 
@@ -167,13 +168,15 @@ def _projected(drawing: PartDrawing, camera: Camera, points: FloatArray) -> tupl
 
 
 def _line(row: PartDimension, drawing: PartDrawing, camera: Camera, seen: SeenFaces) -> _DrawnLine | None:
-    """A dimension where one of its ends is seen; None where neither is."""
+    """A dimension where nothing is before one of its ends; None where both are hidden."""
     place, away = _projected(drawing, camera, row.ends)
-    pixel = np.floor(place * seen.face.shape[1]).astype(np.int64)
-    for (column, line), far in zip(pixel.tolist(), away.tolist(), strict=True):
-        if 0 <= line < seen.face.shape[0] and 0 <= column < seen.face.shape[1] and seen.hit[line, column]:
+    rows, columns = seen.face.shape
+    for (column, line), far in zip(
+        np.floor(place * columns).astype(np.int64).tolist(), away.tolist(), strict=True
+    ):
+        if 0 <= line < rows and 0 <= column < columns:
             met = float(np.linalg.norm(seen.points[line, column] - camera.origin))
-            if abs(met - far) < _NEAR * _SIZE_M:
+            if not seen.hit[line, column] or far < met + _NEAR * _SIZE_M:
                 return _DrawnLine(place, symbol_text(row))
     return None
 
@@ -202,33 +205,48 @@ def _overall_lines(drawing: PartDrawing, camera: Camera, dimensions: PartDimensi
     return lines
 
 
-def _drawn(pixels: FloatArray, lines: Sequence[_DrawnLine], title: str) -> Picture:
+def _drawn(pixels: FloatArray, hit: BoolArray, lines: Sequence[_DrawnLine], title: str) -> Picture:
     """A picture with dimension lines and their texts beside them, none on another."""
-    high = pixels.shape[0] / pixels.shape[1]
+    ends = np.concatenate([line.ends for line in lines])
+    shown = np.concatenate([np.argwhere(hit)[:, ::-1] / pixels.shape[1], ends])
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    pad = _MARGIN * float((high - low).max())
+    (left, top), (right, bottom) = low - pad, high + pad
+    width = right - left
     middles = np.array([line.ends.mean(axis=0) for line in lines])
-    sizes = np.array([(_TEXT_SIZE[0] * len(line.text), _TEXT_SIZE[1]) for line in lines])
-    anchors = boxes(np.concatenate([line.ends for line in lines]), np.full((2 * len(lines), 2), 0.01))
-    places = beside(middles, sizes, 0.02, anchors)
+    sizes = width * np.array([(_TEXT_SIZE[0] * len(line.text), _TEXT_SIZE[1]) for line in lines])
+    anchors = boxes(ends, np.full((len(ends), 2), 0.01 * width))
+    places = beside(middles, sizes, 0.02 * width, anchors)
 
     def draw(axes: Axes, theme: Theme) -> None:
         axes.set_axis_off()
-        axes.imshow(pixels, extent=(0, 1, high, 0), interpolation="bilinear", zorder=0)
-        axes.set_xlim(-_MARGIN, 1 + _MARGIN)
-        axes.set_ylim(high + _MARGIN / 2, -_MARGIN / 2)
+        extent = (0, 1, pixels.shape[0] / pixels.shape[1], 0)
+        axes.imshow(pixels, extent=extent, interpolation="bilinear", zorder=0)
+        axes.set_xlim(left, right)
+        axes.set_ylim(bottom, top)
         for line, place, middle in zip(lines, places, middles, strict=True):
             if np.linalg.norm(line.ends[1] - line.ends[0]) > 1e-3:
-                axes.annotate("", line.ends[1], line.ends[0], zorder=3,
-                              arrowprops={"arrowstyle": "<|-|>", "color": theme.ink, "linewidth": 0.9,
-                                          "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7})  # fmt: skip
+                arrow = {
+                    "arrowstyle": "<|-|>",
+                    "color": theme.ink,
+                    "linewidth": 0.9,
+                    "shrinkA": 0,
+                    "shrinkB": 0,
+                }
+                axes.annotate("", *line.ends[::-1], zorder=3, arrowprops={**arrow, "mutation_scale": 7})
             else:
                 axes.plot(*middle, "o", color=theme.ink, markersize=3, zorder=3)
             for foot, end in () if line.feet is None else zip(line.feet, line.ends, strict=True):
                 axes.plot(*np.stack([foot, end]).T, color=theme.faint, linewidth=0.6, zorder=2)
             axes.plot(*np.stack([middle, place]).T, color=theme.ink, linewidth=0.5, zorder=3)
-            ground = {"boxstyle": "round,pad=0.15", "facecolor": theme.fill, "edgecolor": "none"}
-            axes.annotate(line.text, place, ha="center", va="center", fontsize=_FONT, color=theme.ink,
-                          zorder=5, bbox={**ground, "alpha": 0.85})  # fmt: skip
+            ground = {
+                "boxstyle": "round,pad=0.15",
+                "facecolor": theme.fill,
+                "edgecolor": "none",
+                "alpha": 0.85,
+            }
+            look = {"ha": "center", "va": "center", "fontsize": _FONT, "color": theme.ink, "zorder": 5}
+            axes.annotate(line.text, place, **look, bbox=ground)
 
-    size = (_INCHES, _INCHES * (high + _MARGIN) / (1 + 2 * _MARGIN))
     caption = "\u2300 diameter, R radius; 6 \u00d7: of six alike. Intervals and all others are in the table."
-    return drawn_plot(draw, size).picture(title, caption)
+    return drawn_plot(draw, (_INCHES, _INCHES * (bottom - top) / width)).picture(title, caption)
