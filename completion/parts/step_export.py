@@ -4,59 +4,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from completion.export.step.pipeline import StepModel, step_of
 from completion.export.step.regions import FittedRegion, PartRegions, part_regions
 from completion.fitting.result import SurfaceFit
-from scenes.checks import FloatArray, IntArray
+from completion.parts.division.divided_part import DividedPart
+from scenes.checks import FloatArray
 from scenes.mesh.labelled_mesh import spread_points, triangle_areas
 
 _MOST_SAMPLES = 400_000
 _DENSER = 1.2  # samples in a square of the sampling distance
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
-
-
-class DividedPart(Protocol):
-    """What is read of a part (`Part`)."""
-
-    @property
-    def points(self) -> FloatArray:
-        """Points, or vertices (n, 3), metres."""
-
-    @property
-    def surface(self) -> IntArray:
-        """Labels (n,)."""
-
-    @property
-    def labels(self) -> tuple[int, ...]:
-        """The label of each surface."""
-
-    @property
-    def fits(self) -> tuple[SurfaceFit, ...]:
-        """The surfaces."""
-
-    @property
-    def groups(self) -> tuple[int, ...]:
-        """Which of them are one."""
-
-    @property
-    def faces(self) -> IntArray | None:
-        """Triangles (m, 3) of a mesh."""
-
-    @property
-    def triangle_surface(self) -> IntArray | None:
-        """Labels (m,) of these."""
-
-    @property
-    def noise_m(self) -> float:
-        """Deviation of the points, metres."""
-
-    @property
-    def spacing_m(self) -> float:
-        """Their sampling distance, metres."""
 
 
 def step_model(part: DividedPart, name: str = "part") -> StepModel:

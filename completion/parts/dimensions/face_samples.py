@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from completion.parts.part import Part
+from completion.parts.division.divided_part import RelatedPart
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh, spread_points
 from scenes.mesh.winding import turn_outside_out
@@ -43,7 +43,7 @@ class FaceSamples:
         Their sampling distance.
     """
 
-    def __init__(self, part: Part) -> None:
+    def __init__(self, part: RelatedPart) -> None:
         self._part, points, label = part, part.points, part.surface
         self.surfaces: tuple[Surface, ...] = tuple(fit.surface for fit in part.fits)
         self.spacing_m = _spacing(points)

@@ -172,7 +172,7 @@ class HolePattern:
     def row(
         self, kind: Kind, value: float, parameter: int, known: JointSurfaces, *, ends: FloatArray, note: str
     ) -> PartDimension:
-        """The dimension that a parameter is, or twice that."""
+        """The dimension that a parameter is, or twice that, with its `ends` (2, 3)."""
         factor = 2.0 if kind.endswith("diameter") else 1.0
         sd, before = (factor * float(np.sqrt(max(each[parameter, parameter], 0.0)))
                       for each in (self.covariance, self.measured_covariance))  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from completion.parts.dimensions.dimension import Kind, Measure, PartDimension
-from completion.parts.part import Part
+from completion.parts.division.divided_part import RelatedPart
 from completion.relations.equations import Placement, place
 from scenes.checks import FloatArray, IntArray
 
@@ -43,7 +43,7 @@ class JointSurfaces:
         Diagonal of the part, metres.
     """
 
-    def __init__(self, part: Part) -> None:
+    def __init__(self, part: RelatedPart) -> None:
         self.part, graph = part, part.relations
         widths = [len(fit.covariance) for fit in part.fits]
         self._first = list(accumulate(widths, initial=0))
@@ -91,7 +91,7 @@ class JointSurfaces:
         self, kind: Kind, places: Sequence[int], measure: Measure,
         *, ends: FloatArray, alike: Sequence[int] = (), note: str = "",
     ) -> PartDimension:  # fmt: skip
-        """A dimension of surfaces by their places; `alike` are places of all that are as these."""
+        """A dimension of surfaces by their places, with `ends` (2, 3); `alike`: places of all as these."""
         found = self.estimate(places, measure)
         before = float(np.sqrt(max(found.measured_covariance[0, 0], 0.0)))
         labels = tuple(self.part.labels[k] for k in dict.fromkeys(alike or places))

@@ -17,7 +17,7 @@ from trimesh.remesh import subdivide
 
 from completion.parts.dimensions.dimension import Kind, PartDimension
 from completion.parts.dimensions.joint_surfaces import JointSurfaces
-from completion.parts.part import Part
+from completion.parts.division.divided_part import RelatedPart
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.mesh.winding import turn_outside_out
@@ -85,7 +85,7 @@ def _extrapolated(values: Sequence[float]) -> float:
     return values[-1] if len(values) < 2 else values[-1] + (values[-1] - values[-2]) / 3
 
 
-def _outward(vertices: FloatArray, faces: IntArray, label: IntArray, part: Part) -> FloatArray:
+def _outward(vertices: FloatArray, faces: IntArray, label: IntArray, part: RelatedPart) -> FloatArray:
     """Unit normals (m, 3) of the surfaces that triangles lie on, out of the part; their own where on none.
 
     Along a border some triangles are on the wrong one of two surfaces, and are folded over when their corners
@@ -102,7 +102,7 @@ def _outward(vertices: FloatArray, faces: IntArray, label: IntArray, part: Part)
 
 
 def _cut_finely(
-    vertices: FloatArray, faces: IntArray, part: Part, size_m: float
+    vertices: FloatArray, faces: IntArray, part: RelatedPart, size_m: float
 ) -> tuple[FloatArray, list[IntArray], IntArray]:
     """A mesh with every triangle cut in four until chords of round surfaces are short, or it has many.
 
@@ -128,7 +128,7 @@ def _cut_finely(
     return vertices, levels, label
 
 
-def _on_surfaces(faces: IntArray, label: IntArray, part: Part) -> Iterator[_SurfaceVertices]:
+def _on_surfaces(faces: IntArray, label: IntArray, part: RelatedPart) -> Iterator[_SurfaceVertices]:
     """Vertices by how many surfaces they lie on."""
     place = np.searchsorted(part.labels, label)
     pairs = np.unique(np.column_stack([faces.ravel(), np.repeat(place, 3)])[np.repeat(label, 3) > 0], axis=0)
@@ -138,7 +138,9 @@ def _on_surfaces(faces: IntArray, label: IntArray, part: Part) -> Iterator[_Surf
         yield _SurfaceVertices(vertex[count == n], pairs[here[:, None] + np.arange(n), 1])
 
 
-def _normals(group: _SurfaceVertices, vertices: FloatArray, part: Part) -> tuple[FloatArray, FloatArray]:
+def _normals(
+    group: _SurfaceVertices, vertices: FloatArray, part: RelatedPart
+) -> tuple[FloatArray, FloatArray]:
     """Pseudoinverses (k, 3, m) of the normals at vertices, and their distances (k, m) from the surfaces."""
     normals, distance = np.zeros((*group.place.shape, 3)), np.zeros(group.place.shape)
     for place in np.unique(group.place):
@@ -149,7 +151,9 @@ def _normals(group: _SurfaceVertices, vertices: FloatArray, part: Part) -> tuple
     return np.linalg.pinv(normals, rcond=_TANGENT), distance
 
 
-def _moved(vertices: FloatArray, groups: list[_SurfaceVertices], part: Part, size_m: float) -> FloatArray:
+def _moved(
+    vertices: FloatArray, groups: list[_SurfaceVertices], part: RelatedPart, size_m: float
+) -> FloatArray:
     """Vertices (n, 3) on their surfaces; those stay that are far from them."""
     moved = vertices.copy()
     for _ in range(_ROUNDS):

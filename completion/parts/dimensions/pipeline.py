@@ -28,12 +28,12 @@ from completion.parts.dimensions.joint_surfaces import JointSurfaces
 from completion.parts.dimensions.measures import measure_rows
 from completion.parts.dimensions.preferred import with_preferred
 from completion.parts.dimensions.sizes import RoundFaces, alike, round_faces, size_rows
-from completion.parts.part import Part
+from completion.parts.division.divided_part import RelatedPart
 from completion.relations.limits import MOST_RADIUS_SD
 from scenes.surfaces.catalogue import Cone, Cylinder, Torus
 
 
-def dimensions_of(part: Part, *, preferred: bool = True) -> PartDimensions:
+def dimensions_of(part: RelatedPart, *, preferred: bool = True) -> PartDimensions:
     """Return the dimensions of a part, each with its 95 % interval.
 
     Intervals are those of the joint covariance of all surfaces, given the relations that hold. Lists stay
@@ -41,7 +41,7 @@ def dimensions_of(part: Part, *, preferred: bool = True) -> PartDimensions:
 
     Parameters
     ----------
-    part : Part
+    part : RelatedPart
         As `model_part` gives it.
     preferred : bool
         Whether the most probable preferred value of each is told (`completion.parts.dimensions.preferred`).

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from completion.parts.dimensions.dimension import PartDimension, PreferredValue
-from completion.parts.part import Part
+from completion.parts.division.divided_part import RelatedPart
 from completion.relations.relation import RelationKind, StatedRelation
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane
@@ -199,7 +199,7 @@ _STATED: dict[str, tuple[RelationKind, float]] = {
 
 
 def preferred_relations(
-    part: Part, rows: Sequence[PartDimension], least: float = IMPOSED
+    part: RelatedPart, rows: Sequence[PartDimension], least: float = IMPOSED
 ) -> list[StatedRelation[int]]:
     """Return preferred values that are probable enough as relations to state, by label."""
     stated = []

@@ -85,8 +85,9 @@ def value_text(row: PartDimension, *, has_interval: bool = True) -> str:
 def symbol_text(row: PartDimension, *, has_interval: bool = False) -> str:
     """A dimension as on a drawing: "6 x \u2300 9.003 mm", "R 4.0 mm"."""
     sign = "\u2300 " if row.kind.endswith("diameter") else "R " if row.kind.endswith("radius") else ""
-    many = f"{row.count} \u00d7 " if row.count > 1 and row.kind != "start angle" else ""
-    return f"{many}{sign}{value_text(row, has_interval=has_interval)}"
+    many = f"{row.count} \u00d7 " if row.count > 1 and not row.is_pattern else ""
+    holes = f", {row.count} holes" if row.kind == "pitch circle diameter" else ""
+    return f"{many}{sign}{value_text(row, has_interval=has_interval)}{holes}"
 
 
 def preferred_text(row: PartDimension) -> str:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -226,14 +226,9 @@ def _drawn(pixels: FloatArray, hit: BoolArray, lines: Sequence[_DrawnLine], titl
         axes.set_ylim(bottom, top)
         for line, place, middle in zip(lines, places, middles, strict=True):
             if np.linalg.norm(line.ends[1] - line.ends[0]) > 1e-3:
-                arrow = {
-                    "arrowstyle": "<|-|>",
-                    "color": theme.ink,
-                    "linewidth": 0.9,
-                    "shrinkA": 0,
-                    "shrinkB": 0,
-                }
-                axes.annotate("", *line.ends[::-1], zorder=3, arrowprops={**arrow, "mutation_scale": 7})
+                arrow = {"arrowstyle": "<|-|>", "color": theme.ink, "linewidth": 0.9, "mutation_scale": 7}
+                axes.annotate("", line.ends[1], line.ends[0], zorder=3,
+                              arrowprops={**arrow, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
             else:
                 axes.plot(*middle, "o", color=theme.ink, markersize=3, zorder=3)
             for foot, end in () if line.feet is None else zip(line.feet, line.ends, strict=True):
@@ -245,7 +240,13 @@ def _drawn(pixels: FloatArray, hit: BoolArray, lines: Sequence[_DrawnLine], titl
                 "edgecolor": "none",
                 "alpha": 0.85,
             }
-            look = {"ha": "center", "va": "center", "fontsize": _FONT, "color": theme.ink, "zorder": 5}
+            look: dict[str, Any] = {
+                "ha": "center",
+                "va": "center",
+                "fontsize": _FONT,
+                "color": theme.ink,
+                "zorder": 5,
+            }
             axes.annotate(line.text, place, **look, bbox=ground)
 
     caption = "\u2300 diameter, R radius; 6 \u00d7: of six alike. Intervals and all others are in the table."

@@ -163,5 +163,5 @@ def test_the_table_is_in_the_units_that_it_names(flange):
 
 def test_values_are_printed_to_the_digits_that_are_known():
     row = replace(length("hole diameter", 9.00134, 0.0021), count=6)
-    assert value_text(row) == "9.0013 mm \u00b1 0.0042"
+    assert value_text(row) == "9.0013 mm \u00b1 0.0041"
     assert symbol_text(row) == "6 \u00d7 \u2300 9.001 mm"
