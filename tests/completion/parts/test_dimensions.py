@@ -23,7 +23,7 @@ NOISE_MM, AREA_MM2 = 0.02, 5.0
 @pytest.fixture(scope="module")
 def flange():
     """A flange by the labels of its faces, and what it was built to."""
-    made = dimensioned_part(1, NOISE_MM, AREA_MM2)
+    made = dimensioned_part(9, NOISE_MM, AREA_MM2)
     return dimensions_of(model_part(made.points, made.face + 1)), made
 
 
@@ -50,8 +50,8 @@ def test_all_that_was_built_is_found_within_its_interval(flange):
 def test_equal_holes_are_one_row_and_one_circle(flange):
     dimensions, _ = flange
     circle = only(dimensions, "pitch circle diameter")
-    holes = only(dimensions, "hole diameter", 7.0)
-    assert (circle.count, holes.count, holes.note) == (8, 8, "through")
+    holes = only(dimensions, "hole diameter", 6.6)
+    assert (circle.count, holes.count, holes.note) == (5, 5, "through")
     assert circle.note.startswith("about surface")
     assert (circle.basis, holes.basis) == ("pattern", "relations")
     assert holes.sd < 0.6 * holes.measured_sd
@@ -70,15 +70,28 @@ def test_rows_of_a_plate_are_pitches_from_its_edges_and_depths(plate):
     assert only(dimensions, "axis to plane", 11.0).value == pytest.approx(0.011, abs=4e-5)
 
 
-def test_values_do_not_depend_on_where_the_part_is(plate):
-    there, made = plate
+def test_values_do_not_depend_on_where_the_part_is(flange):
+    there, made = flange
     turn = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, -0.6]])
     turned = dimensions_of(model_part(made.points @ turn.T + [1.0, 2.0, 3.0], made.face + 1))
     assert np.linalg.det(turn) == pytest.approx(1.0)
-    for kind in ("thickness", "hole diameter", "pitch", "hole depth"):
+    for kind in ("thickness", "hole diameter", "outer diameter", "pitch circle diameter"):
         for row in there.of_kind(kind):
             value = only(turned, kind, 1000 * row.value).value
             assert value == pytest.approx(row.value, abs=0.2 * row.sd), kind
+
+
+def test_a_countersunk_ring_has_its_diameters_in_the_frame_of_its_file():
+    profile = np.array([(4.5, 0), (30, 0), (30, 10), (7, 10), (4.5, 7.5), (4.5, 0)]) / 1000
+    ring = trimesh.creation.revolve(profile, sections=48)
+    dimensions = dimensions_of(model_part(LabelledMesh(ring.vertices, ring.faces)))
+    assert dimensions.frame.axes == pytest.approx(np.eye(3), abs=1e-9)
+    found = {kind: 1000 * only(dimensions, kind).value for kind in ("countersink diameter", "hole diameter")}
+    assert found == pytest.approx({"countersink diameter": 14.0, "hole diameter": 9.0}, abs=1e-6)
+    assert np.degrees(only(dimensions, "cone angle").value) == pytest.approx(90.0, abs=1e-6)
+    assert 1e9 * only(dimensions, "volume").value == pytest.approx(
+        np.pi * (900 * 10 - 4.5**2 * 7.5 - 2.5 / 3 * (49 + 31.5 + 4.5**2)), rel=1e-6
+    )
 
 
 def cylinder_mesh(rng=None, noise=0.0):
@@ -144,11 +157,11 @@ def test_probable_values_are_imposed_and_others_are_not(flange):
     told, made = flange
     division = divide_part(made.points, made.face + 1)
     imposed = dimensions_of(relate_part(made.points, division, imposes_preferred=True))
-    outer = only(imposed, "outer diameter", 118.0)
-    assert outer.value == pytest.approx(0.118, abs=1e-12)
-    assert outer.is_determined
-    free = only(imposed, "outer diameter", 55.02)
-    assert free.value == pytest.approx(only(told, "outer diameter", 55.02).value, abs=1e-6)
+    hub = only(imposed, "outer diameter", 60.0)
+    assert hub.value == pytest.approx(0.06, abs=1e-12)
+    assert hub.is_determined
+    free = only(imposed, "outer diameter", 111.37)
+    assert free.value == pytest.approx(only(told, "outer diameter", 111.37).value, abs=1e-6)
     assert not free.is_determined
 
 
