@@ -78,43 +78,28 @@ def _hole_series() -> ValueSeries:
             source = "ISO 2306" if use == "core" else "ISO 273"
             every.setdefault(size / 1000, []).append(f"{thread} {use} ({source})")
     values = tuple(sorted(every))
-    return ValueSeries(
-        "hole for a thread", 0.1, values=values, names=tuple("; ".join(every[v]) for v in values)
-    )
+    names = tuple("; ".join(every[value]) for value in values)
+    return ValueSeries("hole for a thread", 0.1, values=values, names=names)
 
 
 HOLES = _hole_series()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class UnitSystem:
-    """Series that one part has values of, and the prior weight of the system."""
-
-    weight: float
-    series: tuple[ValueSeries, ...]
-
-
-METRIC = UnitSystem(
-    0.8,
-    (
-        ValueSeries("1 mm", 0.3, 1e-3),
-        ValueSeries("0.5 mm", 0.15, 5e-4),
-        ValueSeries("0.1 mm", 0.15, 1e-4),
-        HOLES,
-    ),
-)
-INCHES = UnitSystem(
-    0.2,
-    (ValueSeries("1/4 in", 0.2, _INCH / 4), ValueSeries("1/16 in", 0.2, _INCH / 16),
-     ValueSeries("1/64 in", 0.1, _INCH / 64), ValueSeries("0.01 in", 0.1, _INCH / 100)),
+_System = tuple[float, tuple[ValueSeries, ...]]
+METRIC: _System = (
+    0.8, (ValueSeries("1 mm", 0.3, 1e-3), ValueSeries("0.5 mm", 0.15, 5e-4),
+          ValueSeries("0.1 mm", 0.15, 1e-4), HOLES),
 )  # fmt: skip
-ANGLES = UnitSystem(
-    1.0,
-    tuple(
-        ValueSeries(f"{step} deg", weight, float(np.radians(step)))
-        for step, weight in ((15, 0.4), (5, 0.1), (1, 0.1))
-    ),
-)
+"""Prior weight of a system, and the series that a part in it has values of."""
+INCHES: _System = (
+    0.2, (ValueSeries("1/4 in", 0.2, _INCH / 4), ValueSeries("1/16 in", 0.2, _INCH / 16),
+          ValueSeries("1/64 in", 0.1, _INCH / 64), ValueSeries("0.01 in", 0.1, _INCH / 100)),
+)  # fmt: skip
+_PRIOR_DEG = {15: 0.4, 5: 0.1, 1: 0.1}
+ANGLES: _System = (
+    1.0, tuple(ValueSeries(f"{step} deg", prior, float(np.radians(step)))
+               for step, prior in _PRIOR_DEG.items()),
+)  # fmt: skip
 
 
 def with_preferred(rows: Sequence[PartDimension]) -> tuple[PartDimension, ...]:
@@ -128,7 +113,7 @@ def with_preferred(rows: Sequence[PartDimension]) -> tuple[PartDimension, ...]:
 
 
 def _read_together(
-    rows: Sequence[PartDimension], unit: str, systems: Sequence[UnitSystem], exact: float
+    rows: Sequence[PartDimension], unit: str, systems: Sequence[_System], exact: float
 ) -> dict[int, PreferredValue]:
     """The preferred values of dimensions in one unit, by their places."""
     chosen = [k for k, row in enumerate(rows) if row.unit == unit and np.isfinite(row.sd) and row.value > 0]
@@ -136,18 +121,18 @@ def _read_together(
         return {}
     sd = [max(rows[k].sd, exact) for k in chosen]
     shares, evidence = [], []
-    for system in systems:
-        density = np.zeros((len(chosen), len(system.series) + 1))  # the last: any number
-        for n, one in enumerate(system.series):
+    for prior, of_system in systems:
+        density = np.zeros((len(chosen), len(of_system) + 1))  # the last: any number
+        for n, one in enumerate(of_system):
             for m, k in enumerate(chosen):
                 may = one is not HOLES or rows[k].kind == "hole diameter"
                 density[m, n] = one.log_density(rows[k].value, sd[m]) if may else -np.inf
-        share = density + np.log(_weights(density, np.array([one.weight for one in system.series])))
+        share = density + np.log(_weights(density, np.array([one.weight for one in of_system])))
         every = logsumexp(share, axis=1)
         shares.append(np.exp(share - every[:, None]))
-        evidence.append(np.log(system.weight) + float(every.sum()))
+        evidence.append(np.log(prior) + float(every.sum()))
     system_share = np.exp(np.array(evidence) - logsumexp(evidence))
-    series = [one for system in systems for one in system.series]
+    series = [one for _, of_system in systems for one in of_system]
     joint = np.concatenate(
         [weight * share[:, :-1] for weight, share in zip(system_share, shares, strict=True)], axis=1
     )
