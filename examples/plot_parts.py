@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from completion import Part, model_part
-from nbv.report.part_report import PartDrawing, part_pictures
+from nbv.report.figures.part_drawing import PartDrawing, part_pictures
 from nbv.report.viewer.part_view import shown_part
 from scenes.io.point_files import read_part_file
 

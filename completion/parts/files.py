@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Files of a part: part.json, relations.json and part.ply."""
+"""Files of a part: part.json, dimensions.csv, relations.json and part.ply."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from completion.export.step.pipeline import StepModel
 from completion.flattening.flat import flat_record
 from completion.parts.closing import ClosedPart
+from completion.parts.dimensions.dimension import PartDimensions
+from completion.parts.dimensions.pipeline import dimensions_of
+from completion.parts.dimensions.table import dimension_records, dimensions_csv, frame_record
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
 from completion.relations.graph import FORMAT as RELATIONS_FORMAT
@@ -19,7 +22,7 @@ from completion.relations.graph import frame_records, freedom_record, relation_r
 from completion.relations.relation import RelationStatus
 from scenes.checks import IntArray
 from scenes.io.meshes.ply_writer import write_mesh_ply
-from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json
+from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_json, write_text
 from scenes.scan.colour import surface_bytes
 
 FORMAT = "unseen-part/1"
@@ -35,10 +38,11 @@ def write_part(
     flat: FlatPart | None = None,
     step: StepModel | None = None,
     closed: ClosedPart | None = None,
+    dimensions: PartDimensions | None = None,
 ) -> None:
-    """Write part.json, relations.json (where relations were looked for) and part.ply, all or none.
+    """Write part.json, dimensions.csv, relations.json and part.ply, all or none.
 
-    And flat.ply, where the part was flattened.
+    relations.json where relations were looked for, and flat.ply where the part was flattened.
 
     Parameters
     ----------
@@ -56,6 +60,8 @@ def write_part(
         The same part as STEP (`completion.parts.step_export.step_model`): part.step.
     closed : ClosedPart, optional
         Its mesh with holes closed (`close_holes`): closed.ply, if any was.
+    dimensions : PartDimensions, optional
+        Its dimensions (`dimensions_of`), where they are at hand.
 
     Raises
     ------
@@ -64,7 +70,12 @@ def write_part(
     """
     target = make_folder(folder)
     with hold_lock(target), Stage(target) as stage:
+        dimensions = dimensions or dimensions_of(part)
         record = part_record(part, flat)
+        record["dimensions"] = dimension_records(dimensions)
+        record["datum_frame"] = frame_record(dimensions.frame)
+        record["warnings"] = [*record["warnings"], *dimensions.doubts]
+        write_text(stage.path("dimensions.csv"), dimensions_csv(dimensions))
         if closed is not None:
             record["closing"] = closing_record(closed)
             if closed.n_closed:
@@ -150,7 +161,7 @@ def part_record(part: Part, flat: FlatPart | None = None) -> dict[str, Any]:
             {
                 **surface_record(fit, label),
                 "concave": bool(getattr(fit.surface, "concave", False)),
-                "points": int((part.surface == label).sum()),
+                "points": part.n_points(label),
                 "rms_m": measured.rms,
                 "same_surface": same,
                 "measured": surface_record(measured, label) if place in moved else None,

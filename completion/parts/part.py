@@ -74,6 +74,13 @@ class Part:
         """Places (m,) of the points of the surface with a label."""
         return np.flatnonzero(self.surface == label)
 
+    def n_points(self, label: int) -> int:
+        """How many points a surface has; of a mesh the distinct corners of its triangles."""
+        if self.faces is None or self.triangle_surface is None:
+            return int((self.surface == label).sum())
+        corners = np.unique(self.faces[self.triangle_surface == label])
+        return len(np.unique(self.points[corners], axis=0))
+
     def count_relations(self, status: RelationStatus) -> int:
         """How many relations came to a status."""
         return 0 if self.relations is None else self.relations.count_with(status)

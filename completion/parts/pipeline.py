@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
+from completion.parts.dimensions.pipeline import dimensions_of
+from completion.parts.dimensions.preferred import preferred_relations
 from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.pipeline import fit_labelled, segment_part
 from completion.parts.division.result import PartSegmentation
@@ -123,17 +125,35 @@ def relate_part(
     *,
     relations: RelationOptions | None = MACHINED,
     stated: Sequence[StatedRelation[int]] = (),
+    imposes_preferred: bool = False,
     progress: Progress | None = None,
 ) -> Part:
-    """The part that a division makes, its relations found and imposed; as for `model_part`."""
+    """The part that a division makes, its relations found and imposed; as for `model_part`.
+
+    With `imposes_preferred` dimensions that are probably preferred values are stated to be these, as
+    relations that are tested like others and may be rejected; then all is solved again.
+    """
     tell = progress or (lambda _stage, _done, _total: None)
     tell("relate", 0, 1)
+    part = _related_part(shape, segmentation, relations, stated)
+    if imposes_preferred and relations is not None:
+        probable = preferred_relations(part, dimensions_of(part).rows)
+        part = _related_part(shape, segmentation, relations, [*stated, *probable])
+    tell("relate", 1, 1)
+    return part
+
+
+def _related_part(
+    shape: object,
+    segmentation: PartSegmentation,
+    relations: RelationOptions | None,
+    stated: Sequence[StatedRelation[int]],
+) -> Part:
     points = np.asarray(shape.vertices if isinstance(shape, LabelledMesh) else shape, dtype=np.float64)
     made = None if relations is None else related_faces(segmentation, relations, stated, points)
     fits = list(segmentation.fits)
     for place, number in enumerate(made.numbers if made else ()):
         fits[number] = fits[number] if made is None else made.graph.fits[place]
-    tell("relate", 1, 1)
     return part_of(shape, segmentation, made, fits)
 
 

@@ -36,6 +36,8 @@ class RelationGraph:
         The surfaces where the relations hold, with their covariances given these.
     relations : tuple of Relation
         All that were stated or proposed, in the order in which they were examined.
+    changes : tuple of (k,) float
+        How far the parameters of each surface were moved, in the chart of its fit before (`place`).
     moved_sd : tuple of float
         How far each surface was moved, the greatest part of it, in the standard deviations of its fit.
     unknowns, rank : int
@@ -43,11 +45,13 @@ class RelationGraph:
     options : RelationOptions
         How exactly things were taken to be built, and what was looked for.
     covariance : (unknowns, unknowns) float
-        Of the parameters of all surfaces, one after the other, given the relations.
+        Of the parameters of all surfaces, one after the other, given the relations; in the charts of the
+        fits before.
     """
 
     fits: tuple[SurfaceFit, ...]
     relations: tuple[Relation, ...]
+    changes: tuple[FloatArray, ...]
     moved_sd: tuple[float, ...]
     unknowns: int
     rank: int
@@ -59,7 +63,7 @@ class RelationGraph:
         cls, estimate: JointEstimate, relations: Sequence[Relation], options: RelationOptions
     ) -> RelationGraph:
         """Return what the estimate came to."""
-        fits, moves = [], []
+        fits, changes, moves = [], [], []
         for number, fit in enumerate(estimate.fits):
             change = estimate.change(number)
             fits.append(
@@ -67,10 +71,12 @@ class RelationGraph:
                     fit, surface=move_surface(fit.surface, change), covariance=estimate.covariance_of(number)
                 )
             )
+            changes.append(change)
             moves.append(estimate.moved_sd(number))
         return cls(
             fits=tuple(fits),
             relations=tuple(relations),
+            changes=tuple(changes),
             moved_sd=tuple(moves),
             unknowns=estimate.n_unknowns,
             rank=estimate.rank,

@@ -468,7 +468,8 @@ def _are_one(estimate: JointEstimate, number: int, two: int) -> bool:
 def _length(estimate: JointEstimate, pair: tuple[int, int]) -> tuple[float, float]:
     """How far apart two surfaces are, and the deviation of that, with how exactly things are built."""
     constraint = estimate.constraint(Relation(kind="distance", surfaces=pair, value=0.0))
-    deviations = np.sqrt([estimate.variance(constraint)[0, 0], estimate.built_within(constraint)[0]])
+    variances = estimate.variance(constraint)[0, 0], estimate.built_within(constraint)[0]
+    deviations = np.sqrt(np.maximum(variances, 0.0))  # an imposed length has none, but for rounding
     return float(constraint.value[0]), float(deviations.sum()) + 1e-12
 
 

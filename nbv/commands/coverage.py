@@ -23,7 +23,6 @@ from nbv.plan.plan import read_plan
 from nbv.report.coverage_report import coverage_page
 from nbv.report.figures.surface_values import fine_coverage
 from nbv.report.scans_report import scan_coverage_page
-from nbv.run.csv_table import csv_text
 from nbv.run.wording import count, percent_within, square_metres
 from nbv.scanning.sensor import Sensor, View
 from nbv.scanning.sensor_profile import load_sensor
@@ -42,6 +41,7 @@ from scenes.io.poses.trajectory import read_poses
 from scenes.io.scan_request import read_request
 from scenes.io.scene_files import open_scene
 from scenes.run.atomic import write_json, write_text
+from scenes.run.csv_table import csv_text
 from scenes.scan.range_image import RangeImage
 from scenes.world.scene import Scene
 

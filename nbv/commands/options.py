@@ -573,6 +573,9 @@ class PartOptions:
     ignores_labels: bool = option(
         "--ignore-labels", "Divide the points anew, even if the file has labels.", False
     )
+    preferred: Literal["off", "tell", "impose"] = option(
+        "--preferred", "Round numbers, inch fractions and holes for threads that dimensions may mean.", "tell"
+    )
     flatten: bool = option("--flatten", "Also write flat.ply: planes without ripple, relief kept.", False)
     exports: tuple[str, ...] = option(
         "--export", "Also write part.step: trimmed faces for CAD.", (), metavar="step", shown=False,

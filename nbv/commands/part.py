@@ -13,6 +13,10 @@ from completion.export.step.kernel import kernel
 from completion.export.step.pipeline import StepModel
 from completion.flattening.flat import RegionKind
 from completion.parts.closing import close_holes
+from completion.parts.dimensions.dimension import PartDimensions
+from completion.parts.dimensions.pipeline import dimensions_of
+from completion.parts.dimensions.preferred import IMPOSED
+from completion.parts.dimensions.table import dimension_records, value_text
 from completion.parts.division.growing import reachable
 from completion.parts.files import closing_record, status_counts, whole_record, write_part
 from completion.parts.flat_part import FlatPart, flatten_part
@@ -43,6 +47,9 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         doubts = [] if closed is None or not closed.n_closed else [closed.told]
         run.warn([*part.warnings, *(() if flat is None else flat.doubts), *doubts])
         step = _as_step(part, request, run) if "step" in request.exports else None
+        run.watch.enter("dimensions")
+        dimensions = dimensions_of(part, preferred=request.preferred != "off")
+        run.warn(dimensions.doubts)
         run.watch.enter("save")
         write_part(
             part,
@@ -52,15 +59,19 @@ def run_part(shared: Shared, request: PartOptions) -> None:
             flat=flat,
             step=step,
             closed=closed,
+            dimensions=dimensions,
         )
         run.watch.enter("report")
         from nbv.report.part_report import part_page
 
-        run.report(part_page(part, Path(request.shape).name, flat), request.record())
+        run.report(part_page(part, Path(request.shape).name, flat, dimensions), request.record())
         record = {} if step is None else {"step": step.record()}
         record |= {} if closed is None else {"closing": closing_record(closed)}
-        lines = lines_of(part, flat) + ([] if step is None else list(outcome_lines(step)))
-        run.finish({**request.record(), **record}, {**summary_of(part, flat), **record}, lines)
+        lines = lines_of(part, flat) + lines_of_dimensions(dimensions, request.preferred)
+        lines += [] if step is None else list(outcome_lines(step))
+        told = {**summary_of(part, flat), "dimensions": dimension_records(dimensions), **record}
+        told["warnings"] = [*told["warnings"], *dimensions.doubts]
+        run.finish({**request.record(), **record}, told, lines)
 
 
 def _model_file(
@@ -79,7 +90,17 @@ def _model_file(
     )
     segmentation = segmentation.allow_for_rounding(held.points, held.step_m)
     wanted = None if request.relations == "off" else MACHINED
-    part = relate_part(shape, segmentation, relations=wanted, stated=stated, progress=run.progress)
+    imposes = request.preferred == "impose"
+    if imposes and wanted is None:
+        raise InputError("--preferred impose states relations: leave --relations off out")
+    part = relate_part(
+        shape,
+        segmentation,
+        relations=wanted,
+        stated=stated,
+        imposes_preferred=imposes,
+        progress=run.progress,
+    )
     return replace(part, warnings=(*held.warnings, *part.warnings))
 
 
@@ -139,6 +160,22 @@ def lines_of(part: Part, flat: FlatPart | None = None) -> list[str]:
     others = f"{counts[RelationStatus.REJECTED]} rejected, {counts[RelationStatus.UNDECIDED]} undecided"
     lines.append(f"relations  {count(holding, 'holds', 'hold')}; {others}")
     lines.append(f"free       {graph.free} of {graph.unknowns} parameters")
+    return lines
+
+
+def lines_of_dimensions(dimensions: PartDimensions, preferred: str) -> list[str]:
+    """Return overall sizes, how many dimensions there are and how many mean preferred values, for people."""
+    rows = dimensions.rows
+    overall = " x ".join(value_text(row, has_interval=False) for row in dimensions.of_kind("overall size"))
+    lines = [f"size       {overall or 'unknown'}; {count(len(rows), 'dimension')} in dimensions.csv"]
+    lines += [f"{row.kind:11}{value_text(row)}" for row in rows if row.kind == "volume"]
+    probable = [row for row in rows if row.preferred is not None and row.preferred.probability >= IMPOSED]
+    if preferred == "impose":
+        imposed = sum(row.is_determined for row in probable)
+        lines.append(f"preferred  {count(imposed, 'dimension')} imposed at preferred values")
+    elif preferred == "tell" and probable:
+        least = f"each with a probability of {100 * IMPOSED:g} % or more"
+        lines.append(f"preferred  {count(len(probable), 'dimension')} at preferred values, {least}")
     return lines
 
 

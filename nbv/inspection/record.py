@@ -16,9 +16,9 @@ from completion.asbuilt.findings import (
     FaceFinding,
     Interval,
 )
-from nbv.run.csv_table import csv_text
 from scenes.mesh.design import Element
 from scenes.run.atomic import to_plain
+from scenes.run.csv_table import csv_text
 
 FORMAT = "unseen-check/1"
 _UNITS = {"length": "m", "area": "m2", "tilt": "rad", "turn_deg": "deg", "interval": "95 %"}

@@ -19,7 +19,6 @@ from nbv.coverage.coverage import Coverage, CoverageSummary
 from nbv.coverage.surface_classes import ClassShares
 from nbv.coverage.unreachable import coverage_record
 from nbv.plan.tour import Stations
-from nbv.run.csv_table import csv_text
 from nbv.run.showing import show_report
 from nbv.run.wording import count, percent
 from nbv.scanning.sensor import Sensor, View
@@ -34,6 +33,7 @@ from scenes.io.checks.guard import one_line
 from scenes.io.poses.trajectory import write_timed_poses
 from scenes.pose import Pose
 from scenes.run.atomic import Stage, make_folder, write_json, write_text
+from scenes.run.csv_table import csv_text
 
 CSV_NAME, TRAJECTORY_NAME = "plan.csv", "trajectory.txt"
 _STEEP = 1e-6  # length of a level part below which a direction has no heading

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.plan.plan import Plan, aim_of
-from nbv.run.csv_table import csv_text
 from nbv.visibility.limits import SAME_M
 from nbv.visibility.rooms import SiteRoom
 from scenes.checks import FloatArray
+from scenes.run.csv_table import csv_text
 
 STATION_COLUMNS = (
     "station", "room", "storey", "x_m", "y_m", "z_m", "height_m", "heading_deg", "pitch_deg", "visit",

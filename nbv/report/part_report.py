@@ -11,108 +11,20 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from completion.fitting.result import SurfaceFit
+from completion.parts.dimensions.dimension import PartDimensions
+from completion.parts.dimensions.table import basis_text, preferred_text, symbol_text, value_text
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part, kinds_text
 from completion.relations.graph import RelationGraph, shared_directions
 from completion.relations.relation import Relation, RelationKind, RelationStatus
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, PageSection, Table, Text
 from nbv.report.blocks.surface_tables import FlatRow, flattening_blocks, relation_section
-from nbv.report.figures.drawing import MeshDrawing, SeenFaces
-from nbv.report.figures.picture import Camera, Picture, height_colours, overview_cameras, picture_of
+from nbv.report.figures.part_drawing import PartDrawing, dimension_pictures, height_pictures, part_pictures
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
 from nbv.report.viewer.part_view import part_view, shown_part
-from nbv.run.wording import count
-from scenes.checks import FloatArray, IntArray
-from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
-from scenes.scan.colour import surface_bytes, surface_colour
-
-_WIDTH, _TRIAL_WIDTH = 760, 96
-_HEIGHTS_DEG = (38.0, -38.0)
-_GREY = 0.55  # of what has no height
-_SIZE_M = 1.0  # at which a part is drawn, whatever its own
-
-
-class PartDrawing:
-    """A part ready for drawing: a mesh of which both sides are shown, and the surface (m,) of each face.
-
-    It has the colours (m, 3, 3) of the faces' corners, or else those of the surfaces.
-    """
-
-    def __init__(self, mesh: LabelledMesh, place: IntArray, colour: FloatArray | None = None) -> None:
-        low, high = mesh.bounds()
-        scale = _SIZE_M / max(float(np.linalg.norm(high - low)), 1e-300)
-        if colour is None:
-            colour = np.repeat((surface_bytes(place) / 255.0)[:, None], 3, axis=1)
-        self.scale, self.middle = scale, (low + high) / 2
-        self.mesh = LabelledMesh(
-            (mesh.vertices - self.middle) * scale,
-            mesh.faces,
-            appearance=Appearance(colour.astype(np.float32)),
-        )
-        self.place = place
-        self._normals, self._centres = self.mesh.face_normals(), self.mesh.corners.mean(axis=1)
-
-    def cameras(self, height_deg: float) -> list[Camera]:
-        """Return cameras all around, in the drawing's frame."""
-        return overview_cameras(self.mesh.bounds(), height_deg=height_deg)
-
-    def look(self, camera: Camera, width: int) -> tuple[MeshDrawing, SeenFaces]:
-        """Return what a camera sees; all faces turn their front to it."""
-        towards = np.einsum("ij,ij->i", camera.origin - self._centres, self._normals)
-        drawing = MeshDrawing(self.mesh, self._normals * np.where(towards < 0, -1.0, 1.0)[:, None])
-        return drawing, drawing.look(camera, camera.shape(width))
-
-    def n_shown(self, camera: Camera) -> float:
-        """How many surfaces a camera shows well, each by the root of its pixels."""
-        _, seen = self.look(camera, _TRIAL_WIDTH)
-        count = np.bincount(self.place[seen.face[seen.hit]])
-        return float(np.sqrt(count[1:]).sum())
-
-    def picture(self, camera: Camera, title: str, caption: str) -> Picture:
-        """Return the picture that a camera takes."""
-        drawing, seen = self.look(camera, _WIDTH)
-        return picture_of(drawing.colour(seen), title, caption)
-
-    def in_world(self, camera: Camera) -> Camera:
-        """Return a camera of the drawing's frame in that of the part."""
-        return Camera(camera.origin / self.scale + self.middle, camera.axes, camera.slope)
-
-
-def part_pictures(drawing: PartDrawing) -> tuple[tuple[Picture, ...], Camera]:
-    """Return pictures from above and from below, and the first camera in the part's own frame."""
-    best = [_best(drawing, drawing.cameras(height)) for height in _HEIGHTS_DEG]
-    titles = ("The part, coloured by surface.", "From below.")
-    captions = ("Grey belongs to no surface.", "The same from below.")
-    pictures = tuple(drawing.picture(*triple) for triple in zip(best, titles, captions, strict=True))
-    return pictures, drawing.in_world(best[0])
-
-
-def height_pictures(
-    mesh: LabelledMesh, place: IntArray, before: FloatArray, after: FloatArray, most_m: float
-) -> tuple[Picture, ...]:
-    """Return a part coloured by heights (n,) of its vertices over their planes, before and after a change.
-
-    NaN where there is no plane; the scale ends at `most_m` metres either way.
-    """
-    drawings = [PartDrawing(mesh, place, _opaque(height_colours(heights, most_m))[mesh.faces])
-                for heights in (before, after)]  # fmt: skip
-    camera = _best(drawings[0], [camera for height in _HEIGHTS_DEG for camera in drawings[0].cameras(height)])
-    scale = f"{-1000 * most_m:.2g} mm (blue) to {1000 * most_m:.2g} mm (red) over each plane"
-    return (
-        drawings[0].picture(camera, "As measured", f"{scale}; grey is no plane."),
-        drawings[1].picture(camera, "Flattened", "The same: planes are white, relief keeps its colour."),
-    )
-
-
-def _opaque(colours: FloatArray) -> FloatArray:
-    """Colours (n, 3) of colours (n, 4) on grey."""
-    return np.where(colours[:, 3:] > 0, colours[:, :3], _GREY)
-
-
-def _best(drawing: PartDrawing, cameras: Sequence[Camera]) -> Camera:
-    shown: FloatArray = np.array([drawing.n_shown(camera) for camera in cameras])
-    return cameras[int(np.argmax(shown))]
-
+from nbv.run.wording import count, percent
+from scenes.checks import FloatArray
+from scenes.scan.colour import surface_colour
 
 MOST_SURFACES = 60
 """Surfaces, of which more are too many for a drawing."""
@@ -230,11 +142,15 @@ def _legend(axes: Axes, theme: Theme) -> None:
 
 
 _MOST_ROWS, _MOST_DIGITS = 200, 5
+_BY = " \u00d7 "
+_MOST_LISTED = 12  # surfaces of a dimension
 _SHOWN_SD = 3.0  # of the ripple, at which the colours of heights end
 
 
-def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
-    """Return the report of one part, and of the same flattened where it was."""
+def part_page(
+    part: Part, title: str, flat: FlatPart | None = None, dimensions: PartDimensions | None = None
+) -> Page:
+    """Return the report of one part, of the same flattened where it was, and of its dimensions."""
     what = "vertices" if part.faces is not None else "points"
     share = float(np.mean(part.surface > 0)) if len(part.surface) else 0.0
     graph = part.relations
@@ -242,7 +158,7 @@ def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
     headlines = [
         Headline(str(len(part.labels)), "", "surfaces"),
         Headline(f"{100 * share:.1f}", "%", f"of the {what} on them", "measured"),
-        Headline(millimetres(part.noise_m), "mm", "noise of the points, estimated"),
+        Headline(*_small_length(part.noise_m), f"noise of the {what}, estimated"),
     ]
     if graph is not None:
         headlines.append(Headline(str(holding), "", "relations hold"))
@@ -256,17 +172,22 @@ def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
     return Page(
         title=title,
         kicker="Report of a part",
-        summary=_summary(part, what, holding),
+        summary=_summary(part, what, holding) + ("" if dimensions is None else _size_text(dimensions)),
         headlines=tuple(headlines),
         bar=None,
         sections=(
             PageSection("The part by surface", _view(part)),
+            *(() if dimensions is None else (PageSection("Dimensions", dimension_blocks(part, dimensions)),)),
             PageSection("Surfaces", _surface_blocks(part)),
             *(() if flat is None else (PageSection("Flattened", _flat_blocks(part, flat)),)),
             *relations,
             *_drawn_relations(part),
         ),
-        warnings=part.warnings if flat is None else (*part.warnings, *flat.doubts),
+        warnings=(
+            *part.warnings,
+            *(() if flat is None else flat.doubts),
+            *(() if dimensions is None else dimensions.doubts),
+        ),
     )
 
 
@@ -296,6 +217,13 @@ def _summary(part: Part, what: str, holding: int) -> str:
     return f"{text} {count(holding, 'relation holds', 'relations hold')} between them."
 
 
+def _size_text(dimensions: PartDimensions) -> str:
+    """Overall sizes, and the volume where it is known, as a sentence."""
+    sizes = [value_text(row, has_interval=False) for row in dimensions.of_kind("overall size")]
+    volume = [f", its volume {value_text(row)}" for row in dimensions.of_kind("volume")]
+    return f" Its overall size is {_BY.join(sizes)}{''.join(volume)}." if sizes else ""
+
+
 def _view(part: Part) -> tuple[Block, ...]:
     """The part in three dimensions, and two pictures of it."""
     shown = shown_part(part)
@@ -303,6 +231,53 @@ def _view(part: Part) -> tuple[Block, ...]:
         return (Text("There is nothing to show."),)
     pictures, camera = part_pictures(PartDrawing(shown.mesh, shown.place))
     return part_view(part, shown, (), camera), Gallery(pictures, 2)
+
+
+def dimension_blocks(part: Part, dimensions: PartDimensions) -> tuple[Block, ...]:
+    """A row for each dimension, and the main ones drawn on the part."""
+    if not dimensions.rows:
+        return (Text("There is none."),)
+    place = {label: number for number, label in enumerate(part.labels, start=1)}
+    rows = [
+        (
+            Cell(
+                str(number), swatch=surface_colour(place[row.surfaces[0]]) if len(row.surfaces) == 1 else ""
+            ),
+            Cell(row.kind),
+            Cell(symbol_text(row, has_interval=True)),
+            Cell(_listed(row.surfaces)),
+            Cell(basis_text(row)),
+            Cell(row.note),
+            Cell(preferred_text(row)),
+            Cell("" if row.preferred is None else percent(row.preferred.probability)),
+        )
+        for number, row in enumerate(dimensions.rows[:_MOST_ROWS], start=1)
+    ]
+    columns = (
+        "Number", "Dimension", "#value, 95 % interval", "Of surfaces", "Known from", "Note",
+        "Preferred value, a hypothesis", "#its probability, %",
+    )  # fmt: skip
+    note = (
+        f"Overall sizes are along the part's frame: {dimensions.frame.note}. Intervals follow from the joint "
+        "covariance of all surfaces, given the relations that hold. relations: these make it better known "
+        "than its own points do; regular places: given that holes are equally spaced. A preferred value is "
+        "what the dimension was probably meant to be; only --preferred impose changes anything to it."
+    )
+    if part.faces is not None:
+        note += " Of a model's mesh they are the precision of its file, not that of a piece made to it."
+    if len(dimensions.rows) > _MOST_ROWS:
+        note += f" {len(dimensions.rows) - _MOST_ROWS} others are not shown; dimensions.csv holds them."
+    table = Table(columns, tuple(rows)), Text(note, is_note=True)
+    shown = shown_part(part)
+    if not len(shown.mesh.faces):
+        return table
+    drawing = PartDrawing(shown.mesh, shown.place)
+    return Gallery(dimension_pictures(drawing, dimensions), 1), *table
+
+
+def _listed(labels: Sequence[int]) -> str:
+    """Labels as text; many shortened."""
+    return ", ".join(map(str, labels)) if len(labels) <= _MOST_LISTED else f"{len(labels)} surfaces"
 
 
 def _flat_blocks(part: Part, flat: FlatPart) -> tuple[Block, ...]:
@@ -352,7 +327,7 @@ def _surface_blocks(part: Part) -> tuple[Block, ...]:
             (
                 Cell(str(label), swatch=surface_colour(place + 1)),
                 Cell(fit.surface.kind + (", inner" if getattr(fit.surface, "concave", False) else "")),
-                Cell(str(int((part.surface == label).sum()))),
+                Cell(str(part.n_points(label))),
                 Cell(millimetres(measured.rms)),
                 Cell(before),
                 Cell(after if after != before else ""),
@@ -392,6 +367,11 @@ def _with_sd(value: float, sd: float) -> str:
     digits = int(np.clip(1 - np.floor(np.log10(sd)), 0, _MOST_DIGITS)) if sd > 0 else _MOST_DIGITS
     shown = f"{sd:.{digits}f}" if sd >= 10.0**-digits else f"<{10.0**-digits:.{digits}f}"
     return f"{value:.{digits}f} \u00b1 {shown}"
+
+
+def _small_length(value_m: float) -> tuple[str, str]:
+    """A length and its unit, short: micrometres below a hundredth of a millimetre."""
+    return (f"{1e6 * value_m:.2g}", "\u00b5m") if 1e-9 <= value_m < 1e-5 else (millimetres(value_m), "mm")
 
 
 def millimetres(value_m: float) -> str:

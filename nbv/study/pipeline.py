@@ -17,13 +17,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from nbv.run.csv_table import csv_text
 from nbv.run.workers import ThisProcess, Workers
 from nbv.study.case import Case, PlanArchive, cases_of, run_case
 from nbv.study.spec import StudySpec
 from nbv.visibility.visibility import Progress
 from scenes.checks import FloatArray, InputError
 from scenes.run.atomic import write_bytes, write_text
+from scenes.run.csv_table import csv_text
 
 SHARES = (0.90, 0.95, 0.99)  # of the reachable area, at which views are counted
 COLUMNS = {

@@ -13,6 +13,7 @@ from scenes.checks import (
     BoolArray,
     FloatArray,
     InputError,
+    IntArray,
     check_faces,
     check_places,
     frozen_copy,
@@ -110,6 +111,21 @@ def triangle_areas(corners: FloatArray) -> FloatArray:
     a, b, c = np.moveaxis(corners, 1, 0)
     areas: FloatArray = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     return areas
+
+
+def spread_points(corners: FloatArray, n: int) -> tuple[FloatArray, IntArray]:
+    """Return points (n, 3) spread evenly over triangles (m, 3, 3), and the triangle (n,) of each.
+
+    By the plastic number, whose multiples are even in two dimensions (Roberts 2018).
+    """
+    total = np.cumsum(triangle_areas(corners))
+    triangle = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(corners) - 1)
+    plastic = 1.32471795724474602596
+    a, b = ((0.5 + np.arange(1, n + 1)[:, None] / [plastic, plastic**2]) % 1.0).T[:, :, None]
+    over = a + b > 1
+    a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
+    first, second, third = np.moveaxis(corners[triangle], 1, 0)
+    return first + a * (second - first) + b * (third - first), triangle
 
 
 @dataclass(frozen=True, slots=True, eq=False)

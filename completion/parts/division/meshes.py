@@ -23,7 +23,7 @@ from completion.parts.division.result import (
 )
 from completion.parts.division.tessellation import divide_tessellated
 from scenes.checks import FloatArray, InputError, IntArray
-from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.mesh.labelled_mesh import LabelledMesh, spread_points
 from scenes.run.steps import Progress
 
 _SAMPLES = (4_000, 30_000)  # least and most
@@ -73,7 +73,7 @@ def segment_mesh(
         labels: IntArray = np.zeros(len(mesh.vertices), dtype=np.int64)
         labels[used] = part.labels
         return replace(part, labels=labels, triangle_labels=_by_corners(mesh, part, labels))
-    points, members = _sample_mesh(mesh, areas)
+    points, members = spread_points(mesh.corners, _n_samples(mesh, areas))
     sag = _sag(mesh)
     turned, noise = mesh.face_normals()[members], max(sag, noise_m or 0.0)
     part = segment_part(points, turned, noise_m=noise, progress=progress)
@@ -146,22 +146,6 @@ def _is_dense(mesh: LabelledMesh, area: float, n_used: int) -> bool:
     return (
         n_used >= limits.LEAST_VERTICES and n_used * usual**2 * np.sqrt(3) / 2 >= limits.VERTICES_COVER * area
     )
-
-
-def _sample_mesh(mesh: LabelledMesh, areas: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Points (k, 3) spread evenly over the area, and the triangle (k,) of each."""
-    total = np.cumsum(areas)
-    n = _n_samples(mesh, areas)
-    step = (np.arange(n) + 0.5) / n * total[-1]
-    triangle = np.minimum(np.searchsorted(total, step), len(areas) - 1)
-    golden = 1.32471795724474602596  # plastic number: a sequence even in two dimensions (Roberts 2018)
-    index = np.arange(1, n + 1)[:, None]
-    a, b = ((0.5 + index / [golden, golden**2]) % 1.0).T
-    over = a + b > 1
-    a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
-    corners = mesh.vertices[mesh.faces[triangle]]
-    points = corners[:, 0] + a[:, None] * (corners[:, 1] - corners[:, 0])
-    return points + b[:, None] * (corners[:, 2] - corners[:, 0]), triangle
 
 
 def _n_samples(mesh: LabelledMesh, areas: FloatArray) -> int:

@@ -58,9 +58,10 @@ class Tessellation:
 class _Patches(NamedTuple):
     """Patches (p,) of coplanar triangles.
 
-    `of` (m,) is that of each triangle, of `areas`; `triangle` (m,) and `corner` (k,) are triangles and vertices in order of
-    their patches: of patch i from `first_triangle[i]` and `first[i]` to the next; `bends` (p, p) links neighbours
-    that turn little; `n_triangles` in each; `is_thin`: its normal says nothing; `is_inner`: it has no sharp edge.
+    `of` (m,) is that of each triangle, of `areas`; `triangle` (m,) and `corner` (k,) are triangles and vertices
+    in order of their patches: of patch i from `first_triangle[i]` and `first[i]` to the next; `bends` (p, p)
+    links neighbours that turn little; `n_triangles` in each; `is_thin`: its normal says nothing; `is_inner`: it
+    has no sharp edge.
     """
 
     of: IntArray

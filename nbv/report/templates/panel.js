@@ -70,16 +70,11 @@ function keyOf(model, mode, hasPaints) {
   if (mode.kind === "numbers") {
     key.append(barOf(model.ramp, mode), make("ul", {}, keyLine({ ...NOT_SEEN, label: mode.absent })));
   } else {
-    const list = make("ul", {}, ...mode.categories.slice(0, MOST_LINES).map(keyLine));
-    const more = mode.categories.length - MOST_LINES;
-    if (more > 0) list.append(make("li", {}, `and ${more} more`));
-    key.append(list);
+    key.append(make("ul", {}, ...mode.categories.map(keyLine)));
   }
   for (const paint of hasPaints) key.querySelector("ul").append(keyLine(paint));
   return key;
 }
-
-const MOST_LINES = 10;
 
 function keyLine(category) {
   return make("li", {}, chipOf(category), category.label);

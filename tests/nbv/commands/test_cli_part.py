@@ -52,7 +52,9 @@ def test_it_prints_one_object_and_writes_all_files(corner):
     assert summary["relations"]["accepted"] == 3
     assert summary["free"] == 6
     names = {file.name for file in out.iterdir()}
-    assert names == {"part.json", "relations.json", "part.ply", "report.html", "manifest.json"}
+    assert names == {
+        "part.json", "dimensions.csv", "relations.json", "part.ply", "report.html", "manifest.json",
+    }  # fmt: skip
     assert "The relations drawn" in (out / "report.html").read_text("utf-8")
     (frame,) = json.loads((out / "relations.json").read_text("utf-8"))["direction_frames"]
     assert (frame["type"], [one["surfaces"] for one in frame["directions"]]) == ("manhattan", [[1], [2], [3]])

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: MIT
+"""A divided part as exporters and dimensions read it."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from completion.fitting.result import SurfaceFit
+from completion.relations.graph import RelationGraph
+from scenes.checks import FloatArray, IntArray
+
+
+class DividedPart(Protocol):
+    """What is read of a part (`Part`)."""
+
+    @property
+    def points(self) -> FloatArray:
+        """Points, or vertices (n, 3), metres."""
+
+    @property
+    def surface(self) -> IntArray:
+        """Labels (n,)."""
+
+    @property
+    def labels(self) -> tuple[int, ...]:
+        """The label of each surface."""
+
+    @property
+    def fits(self) -> tuple[SurfaceFit, ...]:
+        """The surfaces."""
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Which of them are one."""
+
+    @property
+    def faces(self) -> IntArray | None:
+        """Triangles (m, 3) of a mesh."""
+
+    @property
+    def triangle_surface(self) -> IntArray | None:
+        """Labels (m,) of these."""
+
+    @property
+    def noise_m(self) -> float:
+        """Deviation of the points, metres."""
+
+    @property
+    def spacing_m(self) -> float:
+        """Their sampling distance, metres."""
+
+
+class RelatedPart(DividedPart, Protocol):
+    """The same with its relations."""
+
+    @property
+    def measured(self) -> tuple[SurfaceFit, ...]:
+        """The surfaces as their own points say."""
+
+    @property
+    def relations(self) -> RelationGraph | None:
+        """What the surfaces of `related` are to each other."""
+
+    @property
+    def related(self) -> tuple[int, ...]:
+        """Places of these surfaces."""
