@@ -123,7 +123,7 @@ _REJECTED = "#c8322b"
 _RADII = "#2f8f5b"
 _FAMILIES: tuple[tuple[str, str, tuple[RelationKind, ...]], ...] = (
     ("at right angles, at an angle", "line", ("perpendicular", "angle")),
-    ("in one plane, on one axis", "accent", ("coplanar", "coaxial", "axis_in_plane")),
+    ("in one plane, on one axis, tangent", "accent", ("coplanar", "coaxial", "axis_in_plane", "tangent")),
     ("of one radius", _RADII, ("equal_radius", "equal_ring_radius")),
     ("apart, evenly spaced, images", "inferred", ("distance", "equal_distance", "regular", "symmetric")),
 )
