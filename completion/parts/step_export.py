@@ -11,27 +11,14 @@ import numpy as np
 from completion.export.step.pipeline import StepModel, step_of
 from completion.export.step.regions import FittedRegion, PartRegions, part_regions
 from completion.fitting.result import SurfaceFit
-from scenes.checks import FloatArray, IntArray
+from completion.parts.sample import SampledPart, sample_of
+from scenes.checks import FloatArray
 
-_MOST_SAMPLES = 400_000
-_DENSER = 1.2  # samples in a square of the sampling distance
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
 
 
-class DividedPart(Protocol):
+class DividedPart(SampledPart, Protocol):
     """What is read of a part (`Part`)."""
-
-    @property
-    def points(self) -> FloatArray:
-        """Points, or vertices (n, 3), metres."""
-
-    @property
-    def surface(self) -> IntArray:
-        """Labels (n,)."""
-
-    @property
-    def labels(self) -> tuple[int, ...]:
-        """The label of each surface."""
 
     @property
     def fits(self) -> tuple[SurfaceFit, ...]:
@@ -42,20 +29,8 @@ class DividedPart(Protocol):
         """Which of them are one."""
 
     @property
-    def faces(self) -> IntArray | None:
-        """Triangles (m, 3) of a mesh."""
-
-    @property
-    def triangle_surface(self) -> IntArray | None:
-        """Labels (m,) of these."""
-
-    @property
     def noise_m(self) -> float:
         """Deviation of the points, metres."""
-
-    @property
-    def spacing_m(self) -> float:
-        """Their sampling distance, metres."""
 
 
 def step_model(part: DividedPart, name: str = "part") -> StepModel:
@@ -71,13 +46,7 @@ def regions_of(part: DividedPart) -> PartRegions:
 
     Raises InputError: a part without surfaces.
     """
-    points, label = part.points, part.surface
-    if part.faces is not None and part.triangle_surface is not None and part.spacing_m > 0:
-        points, members = _on_triangles(part.points, part.faces, part.spacing_m)
-        label = part.triangle_surface[members]
-    place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
-    place[list(part.labels)] = np.arange(len(part.labels))
-    region = np.where(label > 0, place[np.maximum(label, 0)], -1)
+    points, region = sample_of(part)
     regions = [
         FittedRegion(number, fit.surface, _deviation(fit, points[region == k]), group)
         for k, (number, fit, group) in enumerate(zip(part.labels, part.fits, part.groups, strict=True))
@@ -91,21 +60,6 @@ def _deviation(fit: SurfaceFit, points: FloatArray) -> float:
         return 0.0
     sample = points[:: max(1, len(points) // _MOST_ASKED)]
     return float(np.median(fit.standard_deviation(sample)))
-
-
-def _on_triangles(vertices: FloatArray, faces: IntArray, spacing: float) -> tuple[FloatArray, IntArray]:
-    """Points (k, 3) spread evenly over triangles (m, 3), and the triangle (k,) of each."""
-    corners: FloatArray = vertices[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.cumsum(np.linalg.norm(across, axis=1) / 2)
-    n = int(np.clip(_DENSER * total[-1] / spacing**2, 1, _MOST_SAMPLES))
-    triangle = np.minimum(np.searchsorted(total, (np.arange(n) + 0.5) / n * total[-1]), len(faces) - 1)
-    index, step = np.arange(1, n + 1)[:, None], 1.324717957244746  # plastic number (Roberts 2018)
-    a, b = (0.5 + index / step) % 1.0, (0.5 + index / step**2) % 1.0
-    over = a + b > 1
-    a, b = np.where(over, 1 - a, a), np.where(over, 1 - b, b)
-    sample = corners[triangle]
-    return sample[:, 0] + a * (sample[:, 1] - sample[:, 0]) + b * (sample[:, 2] - sample[:, 0]), triangle
 
 
 def outcome_lines(model: StepModel) -> Sequence[str]:

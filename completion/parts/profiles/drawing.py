@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: MIT
+"""Drawing: a sheet with a view of each profile, to one scale, and its dimensions in millimetres.
+
+Places are ordinates from the lower left of a view, as for a machine: each edge along an axis, each centre,
+each corner of slanted lines. Circles and arcs have diameters and radii, slanted lines their angle. Every
+number has its 95 % interval by the profile's joint covariance. Of a revolution the section is drawn whole,
+with diameters in place of ordinates across the axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import isotonic_regression
+
+from completion.parts.profiles.measures import SIGMA, Measure, angles_of, ordinates_of, radii_of
+from completion.parts.profiles.profile import Loop, Profile
+from scenes.checks import FloatArray
+
+Layer = Literal["outline", "cut", "centre", "dimension", "frame"]
+_SIZES_MM = ((297.0, 210.0), (420.0, 297.0), (594.0, 420.0), (841.0, 594.0))  # A4 to A1
+_SCALES = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)  # ISO 5455
+_LEAST_VIEW_MM = 60.0  # of the widest view, below which a larger sheet is taken
+_MARGIN_MM, _BLOCK_MM, _TEXT_MM, _LINE_MM, _GAP_MM = 10.0, 22.0, 2.5, 4.0, 3.4
+_SIDE_MM, _FOOT_MM, _ROOM_MM = 30.0, 30.0, 12.0  # for ordinates, and between views
+_REACH_MM = 9.0  # of a leader
+_SAME_MM = 1e-4  # ordinates that are one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stroke:
+    """A line through places (n, 2), millimetres; `bulge` (n,) bends each part, as DXF has it: tan of a quarter."""
+
+    layer: Layer
+    places: FloatArray
+    bulge: FloatArray
+    is_closed: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Circle:
+    """A whole circle, millimetres."""
+
+    layer: Layer
+    centre: FloatArray
+    radius: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lettering:
+    """A text from a place (2,) on, millimetres, turned by degrees; `anchor`: which of its ends is there."""
+
+    place: FloatArray
+    text: str
+    turn_deg: float = 0.0
+    anchor: Literal["start", "middle", "end"] = "start"
+    size_mm: float = _TEXT_MM
+
+
+Item = Stroke | Circle | Lettering
+OnPaper = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sheet:
+    """A drawing: its size, scale, and what is on it, millimetres of paper from the lower left."""
+
+    width_mm: float
+    height_mm: float
+    scale: float
+    items: tuple[Item, ...]
+
+    @property
+    def scale_text(self) -> str:
+        """The scale in words."""
+        return f"{self.scale:g} : 1" if self.scale >= 1 else f"1 : {1 / self.scale:g}"
+
+
+@dataclass(slots=True, eq=False)
+class _View:
+    """A profile in millimetres from its lower left, what is drawn of it, and the texts below."""
+
+    profile: Profile
+    loops: tuple[Loop, ...]
+    low: FloatArray  # (2,) of the profile, metres
+    size: FloatArray  # (2,) millimetres
+    captions: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, profile: Profile, number: int) -> _View:
+        places = np.concatenate([one.places() for loop in profile.loops for one in loop.segments])
+        low, high = places.min(axis=0), places.max(axis=0)
+        if profile.sweep.kind == "revolved":
+            low = np.array([low[0], -high[1]])
+        view = cls(profile, profile.loops, low, 1e3 * (high - low))
+        view.captions = list(_captions(profile, number))
+        return view
+
+    def room(self, scale: float) -> FloatArray:
+        """Paper (2,) that it takes, millimetres."""
+        return self.size * scale + [_SIDE_MM + _ROOM_MM, _FOOT_MM + _ROOM_MM + _LINE_MM * len(self.captions)]
+
+
+def drawn_sheet(profiles: Sequence[Profile], title: str) -> Sheet:
+    """Return the sheet that shows profiles; the smallest of A4 to A1 on which they are not too small."""
+    views = [_View.of(profile, number) for number, profile in enumerate(profiles, start=1)]
+    widest = max((float(view.size.max()) for view in views), default=1.0)
+    for size in _SIZES_MM:
+        for scale in _SCALES:
+            corners = _placed([view.room(scale) for view in views], size)
+            if corners is not None:
+                break
+        if corners is not None and (widest * scale >= _LEAST_VIEW_MM or size == _SIZES_MM[-1]):
+            break
+    items = [item for view, corner in zip(views, corners or (), strict=True) for item in _drawn(view, corner, scale)]
+    sheet = Sheet(*size, scale, tuple(items))
+    return replace(sheet, items=(*items, *_block(sheet, title)))
+
+
+def _placed(rooms: Sequence[FloatArray], size: tuple[float, float]) -> list[FloatArray] | None:
+    """Lower left (2,) of each view, row by row from the upper left; None where they do not fit."""
+    left, top = _MARGIN_MM, size[1] - _MARGIN_MM
+    corners, x, row = list[FloatArray](), left, 0.0
+    for room in rooms:
+        if x + room[0] > size[0] - _MARGIN_MM and x > left:
+            x, top, row = left, top - row, 0.0
+        if x + room[0] > size[0] - _MARGIN_MM or top - room[1] < _MARGIN_MM + _BLOCK_MM:
+            return None
+        corners.append(np.array([x, top - room[1]]))
+        x, row = x + room[0], max(row, float(room[1]))
+    return corners
+
+
+def _captions(profile: Profile, number: int) -> Iterator[str]:
+    along = ", ".join(f"{value + 0.0:.3g}" for value in profile.sweep.direction)
+    alike = f", {profile.alike} alike" if profile.alike > 1 else ""
+    word = "extruded along" if profile.sweep.kind == "extruded" else "turned about"
+    yield f"Profile {number}: {word} ({along}){alike}"
+    seen: dict[str, int] = {}
+    base = min((loop.low_m for loop in profile.loops), default=0.0)
+    for loop in profile.loops if profile.sweep.kind == "extruded" else ():
+        ends = [value_text(1e3 * (height - base), 1e3 * SIGMA * sd)
+                for height, sd in zip((loop.low_m, loop.high_m), loop.end_sd_m, strict=True)]  # fmt: skip
+        text = f"{loop.kind}, through" if loop.is_through else f"{loop.kind}, z {ends[0]} to {ends[1]}"
+        seen[text] = seen.get(text, 0) + 1
+    yield from (text if n == 1 else f"{n}\u00d7 {text}" for text, n in seen.items())
+
+
+def value_text(value: float, half: float, sign: str = "") -> str:
+    """A number with half its 95 % interval, rounded up, to the digits that this leaves, at most three."""
+    if not np.isfinite(half):
+        return f"{sign}{value + 0.0:.2f}"
+    digits = int(np.clip(np.ceil(-np.log10(max(half, 1e-9))), 1, 3))
+    up = max(np.ceil(half * 10**digits - 1e-9), 1) / 10**digits
+    return f"{sign}{value + 0.0:.{digits}f} \u00b1{up:.{digits}f}"
+
+
+def _drawn(view: _View, corner: FloatArray, scale: float) -> Iterator[Item]:
+    """The view's lines, axis, centres, dimensions and captions, with its room's lower left at a corner (2,)."""
+    origin = corner + [_SIDE_MM, _FOOT_MM + _LINE_MM * len(view.captions)]
+
+    def on_paper(places: FloatArray) -> FloatArray:
+        return np.asarray(origin + 1e3 * scale * (places - view.low))
+
+    is_turned = view.profile.sweep.kind == "revolved"
+    for loop in view.loops:
+        yield from _outline(loop, on_paper, 1e3 * scale, is_turned)
+    high = view.low + 1e-3 * view.size
+    if is_turned:
+        ends = on_paper(np.array([[view.low[0], 0.0], [high[0], 0.0]])) + [[-4.0, 0.0], [4.0, 0.0]]
+        yield Stroke("centre", ends, np.zeros(2))
+    yield from _radii(view, on_paper, on_paper((view.low + high) / 2))
+    for axis in (0, 1):
+        yield from _ordinates(view, axis, on_paper, origin)
+    for k, text in enumerate(view.captions):
+        yield Lettering(corner + [2.0, _LINE_MM * (len(view.captions) - k) - 1.0], text)
+
+
+def _outline(loop: Loop, on_paper: OnPaper, scale: float, is_turned: bool) -> Iterator[Item]:
+    """A loop, of a revolution with its mirror image below the axis."""
+    layer: Layer = "outline" if loop.kind in ("outer", "boss", "rib", "turned", "open") else "cut"
+    segments = [one for one in loop.segments if one.wall >= 0] if is_turned else list(loop.segments)
+    if segments[0].is_whole:
+        for sign in (1.0, -1.0) if is_turned else (1.0,):
+            yield Circle(layer, on_paper(segments[0].centre * [1.0, sign]), scale * segments[0].radius)
+            yield from _cross(on_paper(segments[0].centre), scale * segments[0].radius)
+        return
+    places = np.array([one.start for one in segments] + [segments[-1].end])
+    bulge = np.array([np.tan(one.sweep_rad / 4) for one in segments] + [0.0])
+    is_closed = loop.is_closed and not is_turned or bool(np.allclose(places[0], places[-1]))
+    if is_closed:
+        places, bulge = places[:-1], bulge[:-1]
+    yield Stroke(layer, on_paper(places), bulge, is_closed)
+    if is_turned:
+        yield Stroke(layer, on_paper(places * [1.0, -1.0]), -bulge, is_closed)
+
+
+def _cross(centre: FloatArray, radius: float) -> Iterator[Item]:
+    """A centre's mark."""
+    for way in np.eye(2):
+        yield Stroke("centre", centre + np.outer([-1.0, 1.0], way) * (radius + 2.0), np.zeros(2))
+
+
+def _radii(view: _View, on_paper: OnPaper, middle: FloatArray) -> Iterator[Item]:
+    """Radii and diameters with leaders, those that are one once; the angles of slanted lines beside these."""
+    for measure, n in _counted(radii_of(view.profile)):
+        sign = "\u2300" if measure.is_diameter else "R"
+        text = value_text(measure.value_mm, measure.half_mm, sign)
+        place = on_paper(measure.place)
+        way = measure.way
+        yield Stroke("dimension", np.stack([place, place + _REACH_MM * way]), np.zeros(2))
+        end = place + (_REACH_MM + 0.8) * way - [0.0, _TEXT_MM / 3]
+        yield Lettering(end, f"{n}\u00d7 {text}" if n > 1 else text, 0.0, "start" if way[0] >= 0 else "end")
+    for measure, _ in _counted(angles_of(view.profile)):
+        place = on_paper(measure.place)
+        away = place - middle
+        away = away / max(float(np.linalg.norm(away)), 1e-9)
+        text = f"{value_text(measure.value_mm, measure.half_mm)}\u00b0"
+        yield Lettering(place + 2.0 * away, text, 0.0, "start" if away[0] >= 0 else "end")
+
+
+def _counted(measures: Sequence[Measure]) -> list[tuple[Measure, int]]:
+    """Measures of one value once, and how many."""
+    found: list[tuple[Measure, int]] = []
+    for measure in measures:
+        same = [k for k, (other, _) in enumerate(found) if other.is_diameter == measure.is_diameter
+                and abs(other.value_mm - measure.value_mm) < _SAME_MM]  # fmt: skip
+        if same:
+            found[same[0]] = found[same[0]][0], found[same[0]][1] + 1
+        else:
+            found.append((measure, 1))
+    return found
+
+
+def _ordinates(view: _View, axis: int, on_paper: OnPaper, origin: FloatArray) -> Iterator[Item]:
+    """Places along x below the view, or along y (of a revolution diameters) to its left."""
+    measures = [measure for measure, _ in _counted(ordinates_of(view.profile, axis))]
+    if not measures:
+        return
+    at = np.array([on_paper(measure.place)[axis] for measure in measures])
+    steps = _GAP_MM * np.arange(len(at))
+    spread = np.asarray(isotonic_regression(at - steps).x) + steps
+    other = 1 - axis
+    for measure, here, there in zip(measures, at, spread, strict=True):
+        places = np.zeros((4, 2))
+        places[:, axis] = here, here, there, there
+        places[:, other] = on_paper(measure.place)[other], origin[other] - 3.0, origin[other] - 7.0, origin[other] - 8.5
+        yield Stroke("dimension", places, np.zeros(4))
+        foot = places[3] + (np.array([_TEXT_MM / 3, -0.8]) if axis == 0 else np.array([-0.8, -_TEXT_MM / 3]))
+        sign = "\u2300" if measure.is_diameter else ""
+        yield Lettering(foot, value_text(measure.value_mm, measure.half_mm, sign), 90.0 * other, "end")
+
+
+def _block(sheet: Sheet, title: str) -> Iterator[Item]:
+    """The frame and what the drawing is."""
+    low, high = np.array([5.0, 5.0]), np.array([sheet.width_mm - 5.0, sheet.height_mm - 5.0])
+    frame = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+    yield Stroke("frame", frame, np.zeros(4), True)
+    top = low[1] + _BLOCK_MM - 2.0
+    yield Stroke("frame", np.array([[low[0], top], [high[0], top]]), np.zeros(2))
+    yield Lettering(np.array([low[0] + 4.0, top - 6.5]), title, size_mm=4.0)
+    told = (
+        f"Dimensions in mm, scale {sheet.scale_text}. \u00b1 is the 95 % interval of the measurement, no tolerance.",
+        "Ordinates from the lowest edge of each view; \u2300 diameters; R radii. Measured shape, not a design.",
+    )
+    for k, text in enumerate(told):
+        yield Lettering(np.array([low[0] + 4.0, top - 11.5 - 4.0 * k]), text)

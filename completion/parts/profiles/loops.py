@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: MIT
+"""Loops of a sweep: chains of walls between the caps of an extrusion, or over the axis of a revolution."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from completion.parts.profiles import limits
+from completion.parts.profiles.chain import Chain, chains_of
+from completion.parts.profiles.profile import Loop, LoopKind
+from completion.parts.profiles.segment import Segment, pieces_of
+from scenes.checks import FloatArray
+from scenes.surfaces.catalogue import Plane, Surface
+
+_SAME_SHARE = 0.02  # of its area, by which two loops of the same walls may differ
+_OVER = 0.5  # of a loop's area that lies in another, from which it counts as within
+
+
+class Level(NamedTuple):
+    """A height of an extrusion at which something ends, and its standard deviation; NaN without a plane."""
+
+    height_m: float
+    sd_m: float
+
+
+class Stretch(NamedTuple):
+    """A chain and the levels, from 0, between which it is swept."""
+
+    chain: Chain
+    low: int
+    high: int
+
+
+def levels_of(caps: Sequence[tuple[float, float]], heights: FloatArray, spacing_m: float) -> list[Level]:
+    """Levels by the caps' heights and deviations, and by the heights (n,) of all walls' points."""
+    ends = [(float(heights.min()), np.nan), (float(heights.max()), np.nan)] if len(heights) else []
+    levels: list[Level] = []
+    for height, sd in sorted([*caps, *ends]):
+        near = levels and height - levels[-1].height_m <= 2 * spacing_m
+        if not near:
+            levels.append(Level(height, sd))
+        elif not np.isfinite(levels[-1].sd_m) or sd < levels[-1].sd_m:
+            levels[-1] = Level(height, sd)
+    return levels
+
+
+def stretches_of(
+    surfaces: Sequence[Surface], places: Sequence[FloatArray], levels: Sequence[Level], *, spacing_m: float, noise_m: float
+) -> list[Stretch]:
+    """Chains between each level and the next, those that go on as one.
+
+    `places` (n, 3) are those of each wall's points in the profile.
+    """
+    found: list[Stretch] = []
+    for number, (low, high) in enumerate(zip(levels, levels[1:], strict=False)):
+        thick = high.height_m - low.height_m
+        margin = min(spacing_m, 0.2 * thick)
+        pieces = []
+        for wall, (surface, points) in enumerate(zip(surfaces, places, strict=True)):
+            inside = points[np.abs(points[:, 2] - (low.height_m + high.height_m) / 2) < thick / 2 - margin]
+            if len(inside) and np.ptp(inside[:, 2]) >= limits.LEAST_HEIGHT_SHARE * (thick - 2 * margin):
+                pieces += pieces_of(surface, wall, inside[:, :2], limits.GAP * spacing_m)
+        for chain in chains_of(pieces, surfaces, spacing_m, noise_m):
+            found.append(joined(found, chain, number, surfaces))
+    return found
+
+
+def joined(found: list[Stretch], chain: Chain, number: int, surfaces: Sequence[Surface]) -> Stretch:
+    """The chain between a level and the next, with the same one below, which is taken off the list."""
+    for k, before in enumerate(found):
+        if before.high == number and sorted(before.chain.walls) == sorted(chain.walls) and (
+            before.chain.is_closed == chain.is_closed
+        ):
+            one, two = (_polygon(each.trace(surfaces)) for each in (before.chain, chain))
+            if one.symmetric_difference(two).area <= _SAME_SHARE * max(one.area, two.area) or not chain.is_closed:
+                del found[k]
+                return Stretch(before.chain, before.low, number + 1)
+    return Stretch(chain, number, number + 1)
+
+
+def _polygon(segments: Sequence[Segment]) -> shapely.Polygon:
+    polygon = Loop(tuple(segments), "outer").polygon
+    return polygon if polygon.is_valid else polygon.buffer(0)
+
+
+def loops_of(
+    traced: Sequence[tuple[Stretch, tuple[Segment, ...]]], levels: Sequence[Level], surfaces: Sequence[Surface]
+) -> tuple[Loop, ...]:
+    """Return loops with their kinds, by what lies within what between the same levels; the largest first."""
+    polygons = [_polygon(segments) if stretch.chain.is_closed else shapely.Polygon() for stretch, segments in traced]
+    depths = [
+        sum(_is_within(polygons[k], polygons[j]) for j, (other, _) in enumerate(traced)
+            if j != k and other.low < stretch.high and stretch.low < other.high and _covers(other, stretch))
+        for k, (stretch, _) in enumerate(traced)
+    ]  # fmt: skip
+    loops = []
+    for k, (stretch, segments) in enumerate(traced):
+        is_solid = depths[k] % 2 == 0
+        kind: LoopKind = "open"
+        through = False
+        if stretch.chain.is_closed:
+            kind = _solid_kind(k, polygons, depths) if is_solid else _hollow_kind(segments, surfaces)
+            ccw = shapely.is_ccw(polygons[k].exterior)
+            segments = segments if ccw == is_solid else tuple(one.reverse() for one in segments[::-1])
+            through = not is_solid and not any(
+                _is_solid_at(polygons[k], level, traced, polygons, depths) for level in (stretch.low - 1, stretch.high)
+            )
+        low, high = levels[stretch.low], levels[stretch.high]
+        loops.append(Loop(segments, kind, low.height_m, high.height_m, (low.sd_m, high.sd_m), through))
+    order = sorted(range(len(loops)), key=lambda k: (not loops[k].is_closed, -polygons[k].area, k))
+    return tuple(loops[k] for k in order)
+
+
+def _covers(other: Stretch, stretch: Stretch) -> bool:
+    """Whether a stretch is there wherever another is, or half of it."""
+    common = min(other.high, stretch.high) - max(other.low, stretch.low)
+    return 2 * common >= stretch.high - stretch.low
+
+
+def _is_within(inner: shapely.Polygon, outer: shapely.Polygon) -> bool:
+    return bool(outer.area > inner.area > 0 and inner.intersection(outer).area > _OVER * inner.area)
+
+
+def _is_solid_at(
+    polygon: shapely.Polygon,
+    level: int,
+    traced: Sequence[tuple[Stretch, tuple[Segment, ...]]],
+    polygons: Sequence[shapely.Polygon],
+    depths: Sequence[int],
+) -> bool:
+    """Whether there is material over most of a polygon between a level and the next."""
+    left = shapely.Polygon()
+    for k in np.argsort(depths, kind="stable"):
+        stretch = traced[k][0]
+        if stretch.low <= level < stretch.high and polygons[k].area > 0:
+            left = left.difference(polygons[k]) if depths[k] % 2 else left.union(polygons[k])
+    return bool(polygon.intersection(left).area > _OVER * polygon.area)
+
+
+def _solid_kind(k: int, polygons: Sequence[shapely.Polygon], depths: Sequence[int]) -> LoopKind:
+    """A section within a larger one at other heights is a boss, or a rib."""
+    larger = [other for j, other in enumerate(polygons) if j != k and depths[j] % 2 == 0 and other.area > 1.02 * polygons[k].area]
+    if not any(polygons[k].intersection(other).area > 0.98 * polygons[k].area for other in larger):
+        return "outer"
+    box = np.array(shapely.oriented_envelope(polygons[k]).exterior.coords)
+    sides = sorted(np.linalg.norm(np.diff(box[:3], axis=0), axis=1))
+    return "rib" if sides[1] >= limits.RIB * sides[0] else "boss"
+
+
+def _hollow_kind(segments: Sequence[Segment], surfaces: Sequence[Surface]) -> LoopKind:
+    """What is cut out: round, a slot, or anything else."""
+    if len(segments) == 1:
+        return "hole"
+    lines = [surfaces[one.wall].normal_direction for one in segments if isinstance(surfaces[one.wall], Plane)]  # type: ignore[attr-defined]
+    if len(segments) == 4 and len(lines) == 2 and isinstance(surfaces[segments[0].wall], Plane) == isinstance(
+        surfaces[segments[2].wall], Plane
+    ):
+        return "slot" if abs(float(lines[0] @ lines[1])) > np.cos(limits.SMOOTH) else "pocket"
+    return "pocket"

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: MIT
+"""Refit: walls fitted anew in their profile, to the points between their corners.
+
+Where a line and an arc touch, a point's face is told by its noise, so that faces bend towards one another.
+In the profile its place along the chain tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from completion.fitting.result import SurfaceFit, inflated
+from completion.parts.profiles import limits
+from completion.parts.profiles.chain import Chain
+from completion.parts.profiles.segment import fuzz_m
+from completion.relations.equations import move_surface
+from scenes.checks import FloatArray, InputError
+from scenes.surfaces.catalogue import Surface
+
+_ROUNDS = 3
+_LEAST_POINTS = 12
+
+
+def refitted(
+    walls: Sequence[SurfaceFit], chains: Sequence[Chain], places: FloatArray, noise_m: float
+) -> list[SurfaceFit]:
+    """Return walls (k,) fitted to the places (n, 3) of points on them that lie between their corners.
+
+    A wall with too few of these, as of a model's mesh, stays as it is; its `n` is 0 if it never was fitted.
+    """
+    surfaces = [wall.surface for wall in walls]
+    spans: list[list[tuple[float, float, float, float]]] = [[] for _ in walls]
+    for chain in chains:
+        for k, (piece, forward) in enumerate(zip(chain.pieces, chain.is_forward, strict=True)):
+            surface = surfaces[piece.wall]
+            before, after = _corners(chain, k)
+            low, high = (before, after) if forward else (after, before)
+            middle = (piece.low + piece.high) / 2
+            ends = [
+                own if beside is None else middle + _away(surface, beside[1], middle)
+                for own, beside in ((piece.low, low), (piece.high, high))
+            ]
+            guards = [0.0 if piece.is_whole else limits.GUARD * noise_m if beside is None else max(
+                limits.GUARD * noise_m, fuzz_m(surface, surfaces[beside[0]], beside[1], noise_m) / 2)
+                for beside in (low, high)]  # fmt: skip
+            if walls[piece.wall].n == 0 and sum(guards) > (ends[1] - ends[0]) / 2:
+                guards = [0.0, 0.0]
+            spans[piece.wall].append((middle, ends[0] + guards[0], ends[1] - guards[1], float(piece.is_whole)))
+    return [_refit(wall, places, span, noise_m) for wall, span in zip(walls, spans, strict=True)]
+
+
+def _corners(chain: Chain, k: int) -> list[tuple[int, FloatArray] | None]:
+    """The walls before and after a piece, and the corners (2,) with them; None at a loose end."""
+    n, ring = len(chain.pieces), chain.is_closed and not chain.on_axis
+    found: list[tuple[int, FloatArray] | None] = []
+    for other, corner in ((k - 1, k - 1), (k + 1, k)):
+        is_there = len(chain.corners) > 0 and (ring or 0 <= other < n)
+        found.append((chain.walls[other % n], chain.corners[corner % n]) if is_there else None)
+    return found
+
+
+def _along(surface: Surface, places: FloatArray) -> FloatArray:
+    """Coordinates (n,) along a wall of places (n, 2 or 3), metres."""
+    flat = np.column_stack([places[:, :2], np.zeros(len(places))])
+    return np.asarray(surface.to_uv(flat)[:, 0])
+
+
+def _away(surface: Surface, place: FloatArray, middle: float) -> float:
+    """How far along a wall a place (2,) is from a coordinate, the shorter way round."""
+    return float(_wrapped(_along(surface, place[None]) - middle, surface)[0])
+
+
+def _wrapped(away: FloatArray, surface: Surface) -> FloatArray:
+    period = surface.period
+    return np.asarray(away - period * np.rint(away / period)) if np.isfinite(period) else away
+
+
+def _refit(
+    wall: SurfaceFit, places: FloatArray, spans: Sequence[tuple[float, float, float, float]], noise_m: float
+) -> SurfaceFit:
+    """A wall fitted to the places within its spans, near it; each a middle, low, high, and whether whole."""
+    free = np.flatnonzero(np.diag(wall.covariance) > 0)
+    surface = wall.surface
+    along = _along(surface, places)
+    inside = np.zeros(len(places), np.bool_)
+    for middle, low, high, is_whole in spans:
+        away = _wrapped(along - middle, surface)
+        inside |= (away > low - middle) & (away < high - middle) | bool(is_whole)
+    inside &= np.abs(surface.distance(places)) <= limits.CUT * noise_m
+    if np.count_nonzero(inside) < _LEAST_POINTS * len(free):
+        return wall
+    points, fit = places[inside], wall
+    for _ in range(_ROUNDS):
+        slope, height = fit.gradient(points)[:, free], fit.surface.distance(points)
+        sign = -1.0 if getattr(fit.surface, "concave", False) else 1.0
+        change = np.zeros(len(wall.covariance))
+        change[free] = -np.linalg.lstsq(slope, sign * height, rcond=None)[0]
+        try:
+            fit = replace(fit, surface=move_surface(fit.surface, change))
+        except InputError:
+            return wall
+    slope, height = fit.gradient(points)[:, free], fit.surface.distance(points)
+    rms = float(np.sqrt(height @ height / max(len(points) - len(free), 1)))
+    covariance = np.zeros_like(wall.covariance)
+    covariance[np.ix_(free, free)] = max(rms, noise_m) ** 2 * np.linalg.inv(slope.T @ slope)
+    return inflated(replace(fit, rms=rms, covariance=covariance, n=len(points), inflation=1.0, inliers=None), points)
