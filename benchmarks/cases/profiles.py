@@ -110,7 +110,9 @@ def ring_of(corners: FloatArray, treatment: Sequence[tuple[str, float]]) -> list
     n, cuts = len(corners), list[tuple[FloatArray, FloatArray, TrueSegment | None]]()
     for k, (how, size) in enumerate(treatment):
         here = corners[k]
-        back, ahead = (each / np.linalg.norm(each) for each in (corners[k - 1] - here, corners[(k + 1) % n] - here))
+        back, ahead = (
+            each / np.linalg.norm(each) for each in (corners[k - 1] - here, corners[(k + 1) % n] - here)
+        )
         half = np.arccos(np.clip(back @ ahead, -1, 1)) / 2
         reach = {"sharp": 0.0, "chamfer": size}.get(how, size / np.tan(half))
         first, last = here + reach * back, here + reach * ahead
@@ -239,7 +241,11 @@ def _circle(centre: FloatArray | None, radius: float) -> tuple[TrueSegment, ...]
 
 
 def _slot(rng: np.random.Generator, place: FloatArray) -> list[TrueSegment]:
-    angle, half, r = rng.choice([0.0, np.pi / 2, rng.uniform(0, np.pi)]), rng.uniform(8, 14), rng.uniform(4, 6)
+    angle, half, r = (
+        rng.choice([0.0, np.pi / 2, rng.uniform(0, np.pi)]),
+        rng.uniform(8, 14),
+        rng.uniform(4, 6),
+    )
     way = np.array([np.cos(angle), np.sin(angle)])
     side, one, two = np.array([-way[1], way[0]]), place - half * way, place + half * way
     return [
@@ -264,7 +270,11 @@ def _shaft(rng: np.random.Generator) -> tuple[list[TrueLoop], list[tuple[int, in
             corners.append((length[k + side], ends[side]))
             beside = radius[k - 1] if side == 0 and k else radius[k + 1] if side and k + 1 < n else 0.0
             broken = ("chamfer", chamfer) if rng.random() < 0.4 else ("sharp", 0.0)
-            how.append((("round", fillet) if rng.random() < 0.5 else ("sharp", 0.0)) if beside > ends[side] else broken)
+            how.append(
+                (("round", fillet) if rng.random() < 0.5 else ("sharp", 0.0))
+                if beside > ends[side]
+                else broken
+            )
     corners.append((length[-1], bore))
     how.append(("sharp", 0.0))
     ring = ring_of(np.array(corners)[::-1], how[::-1])
@@ -277,7 +287,11 @@ def _shaft(rng: np.random.Generator) -> tuple[list[TrueLoop], list[tuple[int, in
 def _of_plate(case: SweptCase, rng: np.random.Generator) -> FloatArray:
     """Points (n, 3) on walls and caps."""
     outer, *inner = case.loops
-    parts = [(one.length * (loop.high - loop.low), (one, loop.low, loop.high)) for loop in case.loops for one in loop.segments]
+    parts = [
+        (one.length * (loop.high - loop.low), (one, loop.low, loop.high))
+        for loop in case.loops
+        for one in loop.segments
+    ]
     through = shapely.union_all([loop.polygon for loop in inner if loop.low == 0.0])
     every = shapely.union_all([loop.polygon for loop in inner])
     flats = [(outer.polygon.difference(every), outer.high), (outer.polygon.difference(through), 0.0)]
@@ -314,5 +328,7 @@ def _of_shaft(case: SweptCase, rng: np.random.Generator) -> FloatArray:
         weight = np.cumsum(one.places(fine)[:, 1])
         place = one.places(np.interp(rng.random(n), weight / weight[-1], fine))
         angle = rng.uniform(0, 2 * np.pi, n)
-        points.append(np.column_stack([place[:, 0], place[:, 1] * np.cos(angle), place[:, 1] * np.sin(angle)]))
+        points.append(
+            np.column_stack([place[:, 0], place[:, 1] * np.cos(angle), place[:, 1] * np.sin(angle)])
+        )
     return np.concatenate(points)

@@ -62,7 +62,9 @@ def scored(case: SweptCase, part: Part, noise_mm: float) -> Score:
     began = time.process_time()
     profiles = profiles_of(part)
     seconds = time.process_time() - began
-    best = max((_compared(case, profile, noise_mm) for profile in profiles), key=lambda one: one[0], default=None)
+    best = max(
+        (_compared(case, profile, noise_mm) for profile in profiles), key=lambda one: one[0], default=None
+    )
     true = _true_relations(case)
     n_true = dict(Counter(one.kind for one in true))
     n = len(case.segments)
@@ -71,11 +73,15 @@ def scored(case: SweptCase, part: Part, noise_mm: float) -> Score:
     right, wall_of, profile = best
     found = Counter(one.kind for one in true if _is_held(one, wall_of, profile))
     holding, false = _false(case, wall_of, profile)
-    told = f"{right} of {n} segments" + ("" if right == n else f" of {[len(loop.segments) for loop in profile.loops]}; {part!r}")
+    told = f"{right} of {n} segments" + (
+        "" if right == n else f" of {[len(loop.segments) for loop in profile.loops]}; {part!r}"
+    )
     loops_right = sum(_is_right(case, loop, profile, noise_mm) for loop in case.loops)
     for one in false:
         told += f"; false {one.kind} {one.surfaces} p {one.p:.2g} {one.status.value}"
-    return Score(n, right, len(case.loops), loops_right, n_true, dict(found), holding, len(false), told, seconds)
+    return Score(
+        n, right, len(case.loops), loops_right, n_true, dict(found), holding, len(false), told, seconds
+    )
 
 
 def _compared(case: SweptCase, profile: Profile, noise_mm: float) -> tuple[int, dict[int, int], Profile]:
@@ -86,7 +92,9 @@ def _compared(case: SweptCase, profile: Profile, noise_mm: float) -> tuple[int, 
     wall_of: dict[int, int] = {}
     for number, true in enumerate(case.segments):
         for one in found:
-            if (one.centre is None) == (true.centre is None) and _overlap(case, profile, true, one, noise_mm) >= _OVERLAP:
+            if (one.centre is None) == (true.centre is None) and _overlap(
+                case, profile, true, one, noise_mm
+            ) >= _OVERLAP:
                 wall_of[number] = one.wall
                 break
     return len(wall_of), wall_of, profile
@@ -96,8 +104,15 @@ def _overlap(case: SweptCase, profile: Profile, true: TrueSegment, one: Segment,
     """The least share of either that lies within the noise of the other."""
     mine = TrueSegment(one.start, one.end, one.centre, one.radius, one.sweep_rad).places(_SHARE)
     mine, own = _in_case(case, profile, mine), true.places(_SHARE)
-    dense = true.places(np.linspace(0, 1, 4000)), _in_case(
-        case, profile, TrueSegment(one.start, one.end, one.centre, one.radius, one.sweep_rad).places(np.linspace(0, 1, 4000))
+    dense = (
+        true.places(np.linspace(0, 1, 4000)),
+        _in_case(
+            case,
+            profile,
+            TrueSegment(one.start, one.end, one.centre, one.radius, one.sweep_rad).places(
+                np.linspace(0, 1, 4000)
+            ),
+        ),
     )
     away = [np.min(np.linalg.norm(some[:, None] - other[None], axis=2), axis=1)
             for some, other in ((mine, dense[0]), (own, dense[1]))]  # fmt: skip
@@ -108,7 +123,9 @@ def _in_case(case: SweptCase, profile: Profile, places: FloatArray) -> FloatArra
     """Places (n, 2) of a profile, metres, in the true one, millimetres."""
     world = profile.sweep.profile_from_world.inverse().apply(np.column_stack([places, np.zeros(len(places))]))
     local = case.world.inverse().apply(world) * 1e3
-    return np.asarray(local[:, :2] if case.kind == "extruded" else np.column_stack([local[:, 0], np.hypot(*local.T[1:])]))
+    return np.asarray(
+        local[:, :2] if case.kind == "extruded" else np.column_stack([local[:, 0], np.hypot(*local.T[1:])])
+    )
 
 
 def _is_right(case: SweptCase, loop: object, profile: Profile, noise_mm: float) -> bool:
@@ -120,7 +137,9 @@ def _is_right(case: SweptCase, loop: object, profile: Profile, noise_mm: float) 
             return True
         middle = _in_case(case, profile, np.array([one.polygon.centroid.coords[0]]))
         off = np.linalg.norm(middle[0] - np.array(loop.polygon.centroid.coords[0]))
-        heights = profile.sweep.profile_from_world.apply(case.world.apply(np.array([[0, 0, loop.low], [0, 0, loop.high]]) * 1e-3))
+        heights = profile.sweep.profile_from_world.apply(
+            case.world.apply(np.array([[0, 0, loop.low], [0, 0, loop.high]]) * 1e-3)
+        )
         ends = np.sort(heights[:, 2]) - [one.low_m, one.high_m]
         is_through = loop.kind in ("hole", "slot", "pocket") and loop.low == 0.0
         if off < 1 and np.abs(ends).max() <= noise_mm * 1e-3 and is_through == one.is_through:
@@ -137,7 +156,9 @@ def _surface(one: TrueSegment) -> Surface:
 
 
 def _misfit(relation: Relation, surfaces: Sequence[Surface]) -> float:
-    at = {k: place(surfaces[k], np.zeros(3 if isinstance(surfaces[k], Plane) else 5)) for k in relation.surfaces}
+    at = {
+        k: place(surfaces[k], np.zeros(3 if isinstance(surfaces[k], Plane) else 5)) for k in relation.surfaces
+    }
     try:
         return float(np.abs(constrain(relation, at, RelationFrame(at)).value).max())
     except InputError:
@@ -156,11 +177,15 @@ def _true_relations(case: SweptCase) -> list[Relation]:
         kinds: tuple[RelationKind, ...] = ()
         if all(lines):
             kinds = ("parallel", "perpendicular", "coplanar")
-            if case.kind == "revolved" and all(abs(surfaces[k].normal_direction).max() > 1 - 1e-9 for k in (one, two)):  # type: ignore[attr-defined]
+            if case.kind == "revolved" and all(
+                abs(surfaces[k].normal_direction).max() > 1 - 1e-9 for k in (one, two)
+            ):  # type: ignore[attr-defined]
                 kinds = ("coplanar",)
         elif not any(lines):
             kinds = ("coaxial", "equal_radius")
-        found += [r for kind in kinds if _misfit(r := Relation(kind=kind, surfaces=(one, two)), surfaces) < _TRUE]
+        found += [
+            r for kind in kinds if _misfit(r := Relation(kind=kind, surfaces=(one, two)), surfaces) < _TRUE
+        ]
     for loop in case.loops:
         n = len(loop.segments)
         for k in range(n if n > 2 else 0):
@@ -192,7 +217,9 @@ def _false(case: SweptCase, wall_of: dict[int, int], profile: Profile) -> tuple[
     for one in profile.relations():
         if all(wall in number_of for wall in one.surfaces):
             n += 1
-            true = Relation(kind=one.kind, surfaces=tuple(number_of[wall] for wall in one.surfaces), value=one.value)
+            true = Relation(
+                kind=one.kind, surfaces=tuple(number_of[wall] for wall in one.surfaces), value=one.value
+            )
             if len(set(true.surfaces)) == len(true.surfaces) and _misfit(true, surfaces) > _TRUE:
                 false.append(one)
     return n, false
@@ -208,10 +235,17 @@ def profiles(only: str = "tuning", parts: int = 40, noise: list[float] | None = 
     first = _FIRST[only]
     for level in noise or NOISES:
         total, seconds = Counter[str](), list[float]()
-        for seed, one in zip(range(first, first + parts), each(score, list(range(first, first + parts)), level), strict=True):
+        for seed, one in zip(
+            range(first, first + parts), each(score, list(range(first, first + parts)), level), strict=True
+        ):
             yield f"{level:g} mm, part {seed}: {one.told}"
             kind = "extruded" if seed % 2 == 0 else "revolved"
-            for name, number in (("n", one.segments), ("right", one.right), ("loops", one.loops), ("loops right", one.loops_right)):
+            for name, number in (
+                ("n", one.segments),
+                ("right", one.right),
+                ("loops", one.loops),
+                ("loops right", one.loops_right),
+            ):
                 total[name] += number
                 total[f"{name} {kind}"] += number
             total["holding"] += one.holding
@@ -221,9 +255,18 @@ def profiles(only: str = "tuning", parts: int = 40, noise: list[float] | None = 
                 total[f"found {name}"] += one.found.get(name, 0)
             seconds.append(one.seconds)
         n_true, n_found = (sum(total[f"{word} {name}"] for name in _KINDS) for word in ("true", "found"))
-        yield f"\n{level:g} mm, {parts} parts ({only}): segments right {total['right'] / total['n']:.3f} of {total['n']} (" + ", ".join(
-            f"{kind} {total[f'right {kind}'] / max(total[f'n {kind}'], 1):.3f}" for kind in ("extruded", "revolved")
-        ) + f"), loops right {total['loops right'] / total['loops']:.3f} of {total['loops']}"
+        yield (
+            f"\n{level:g} mm, {parts} parts ({only}): segments right {total['right'] / total['n']:.3f} of {total['n']} ("
+            + ", ".join(
+                f"{kind} {total[f'right {kind}'] / max(total[f'n {kind}'], 1):.3f}"
+                for kind in ("extruded", "revolved")
+            )
+            + f"), loops right {total['loops right'] / total['loops']:.3f} of {total['loops']}"
+        )
         yield f"relations right {n_found / max(n_true, 1):.3f} of {n_true}, false {total['false'] / max(total['holding'], 1):.2%} of {total['holding']}"
-        yield ", ".join(f"{name} {total[f'found {name}']} of {total[f'true {name}']}" for name in _KINDS if total[f"true {name}"])
+        yield ", ".join(
+            f"{name} {total[f'found {name}']} of {total[f'true {name}']}"
+            for name in _KINDS
+            if total[f"true {name}"]
+        )
         yield f"CPU s a part for profiles: mean {np.mean(seconds):.2f}, most {max(seconds):.2f}\n"

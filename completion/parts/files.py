@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -14,6 +15,9 @@ from completion.flattening.flat import flat_record
 from completion.parts.closing import ClosedPart
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
+from completion.parts.profiles.drawing import drawn_sheet
+from completion.parts.profiles.profile import Profile, profile_record
+from completion.parts.profiles.sheet_files import sheet_dxf, sheet_svg
 from completion.relations.graph import FORMAT as RELATIONS_FORMAT
 from completion.relations.graph import frame_records, freedom_record, relation_records, surface_record
 from completion.relations.relation import RelationStatus
@@ -23,6 +27,7 @@ from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_
 from scenes.scan.colour import surface_bytes
 
 FORMAT = "unseen-part/1"
+PROFILES_FORMAT = "unseen-profiles/1"
 _LEGEND = ["surface 0 none"]
 
 
@@ -35,6 +40,8 @@ def write_part(
     flat: FlatPart | None = None,
     step: StepModel | None = None,
     closed: ClosedPart | None = None,
+    profiles: Sequence[Profile] = (),
+    title: str = "part",
 ) -> None:
     """Write part.json, relations.json (where relations were looked for) and part.ply, all or none.
 
@@ -56,6 +63,10 @@ def write_part(
         The same part as STEP (`completion.parts.step_export.step_model`): part.step.
     closed : ClosedPart, optional
         Its mesh with holes closed (`close_holes`): closed.ply, if any was.
+    profiles : sequence of Profile
+        What of it is swept (`profiles_of`): profiles.json, and drawing.svg and drawing.dxf, millimetres.
+    title : str
+        Of the drawing.
 
     Raises
     ------
@@ -75,6 +86,16 @@ def write_part(
         write_json(stage.path("part.json"), record)
         if part.relations is not None:
             write_json(stage.path("relations.json"), relations_record(part))
+        if profiles:
+            record = {
+                "format": PROFILES_FORMAT,
+                "units": "m",
+                "profiles": [profile_record(one) for one in profiles],
+            }
+            write_json(stage.path("profiles.json"), record)
+            sheet = drawn_sheet(profiles, title)
+            write_bytes(stage.path("drawing.svg"), sheet_svg(sheet, title).encode())
+            write_bytes(stage.path("drawing.dxf"), sheet_dxf(sheet))
         every = _Places(rows, n_rows)
         surface = every.of(part.surface, 0)
         colour = surface_bytes(places_of(part, surface))

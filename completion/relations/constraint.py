@@ -382,7 +382,9 @@ def _tangent(surfaces: Sequence[int], at: Mapping[int, Placement], frame: Relati
         start = [frame.start[number] for number in surfaces]
         apart = float(np.linalg.norm(_offset(index, two, frame.start)[0]))
         inner, outer = abs(start[0].radius - start[1].radius), start[0].radius + start[1].radius
-        first = 1.0 if abs(apart - outer) <= abs(apart - inner) or start[0].radius >= start[1].radius else -1.0
+        first = (
+            1.0 if abs(apart - outer) <= abs(apart - inner) or start[0].radius >= start[1].radius else -1.0
+        )
         second = first if abs(apart - outer) <= abs(apart - inner) else -first
         weight = {index: first, two: second}
     reach = [(-weight[number], (np.float64(radius), {number: at[number].by_radius[0]}))

@@ -119,7 +119,10 @@ class JointEstimate:
         if doubt.shared is not None:
             self._prior = self._prior + doubt.shared
         self._is_free = np.concatenate(
-            [np.ones(0), *((np.diag(fit.covariance) > 0) | (not np.diag(fit.covariance).any()) for fit in fits)]
+            [
+                np.ones(0),
+                *((np.diag(fit.covariance) > 0) | (not np.diag(fit.covariance).any()) for fit in fits),
+            ]
         )
         self.prior_sd = np.sqrt(np.diag(self._prior))
         self.x = np.zeros(first[-1])

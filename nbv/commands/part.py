@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from completion.parts.files import closing_record, status_counts, whole_record, 
 from completion.parts.flat_part import FlatPart, flatten_part
 from completion.parts.part import Part, kinds_text
 from completion.parts.pipeline import MACHINED, divide_part, relate_part
+from completion.parts.profiles.pipeline import profiles_of
+from completion.parts.profiles.profile import Profile
 from completion.parts.step_export import outcome_lines, step_model
 from completion.relations.relation import RelationStatus, StatedRelation, read_part_relations
 from nbv.commands.options import PartOptions, Shared
@@ -39,6 +42,7 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         run.will_call(reachable, 10)
         part = _model_file(held, request, stated, run)
         flat = _flatten_part(part, request, run) if request.flatten else None
+        profiles = () if part.relations is None else profiles_of(part)
         closed = close_holes(part)
         doubts = [] if closed is None or not closed.n_closed else [closed.told]
         run.warn([*part.warnings, *(() if flat is None else flat.doubts), *doubts])
@@ -52,14 +56,20 @@ def run_part(shared: Shared, request: PartOptions) -> None:
             flat=flat,
             step=step,
             closed=closed,
+            profiles=profiles,
+            title=Path(request.shape).stem,
         )
         run.watch.enter("report")
         from nbv.report.part_report import part_page
 
-        run.report(part_page(part, Path(request.shape).name, flat), request.record())
+        run.report(part_page(part, Path(request.shape).name, flat, profiles), request.record())
         record = {} if step is None else {"step": step.record()}
         record |= {} if closed is None else {"closing": closing_record(closed)}
-        lines = lines_of(part, flat) + ([] if step is None else list(outcome_lines(step)))
+        lines = (
+            lines_of(part, flat)
+            + profile_lines(profiles)
+            + ([] if step is None else list(outcome_lines(step)))
+        )
         run.finish({**request.record(), **record}, {**summary_of(part, flat), **record}, lines)
 
 
@@ -139,6 +149,19 @@ def lines_of(part: Part, flat: FlatPart | None = None) -> list[str]:
     others = f"{counts[RelationStatus.REJECTED]} rejected, {counts[RelationStatus.UNDECIDED]} undecided"
     lines.append(f"relations  {count(holding, 'holds', 'hold')}; {others}")
     lines.append(f"free       {graph.free} of {graph.unknowns} parameters")
+    return lines
+
+
+def profile_lines(profiles: Sequence[Profile]) -> list[str]:
+    """What is swept, a line each."""
+    lines = []
+    for number, profile in enumerate(profiles):
+        kinds = [("through " if loop.is_through else "") + loop.kind for loop in profile.loops]
+        what = ", ".join(count(kinds.count(kind), kind) for kind in dict.fromkeys(kinds))
+        alike = f", {profile.alike} alike" if profile.alike > 1 else ""
+        n = sum(1 for _ in profile.relations())
+        text = f"{profile.sweep.kind}: {what}{alike}; {count(n, 'relation holds', 'relations hold')}"
+        lines.append(f"{'profiles' if number == 0 else '':10} {text}")
     return lines
 
 

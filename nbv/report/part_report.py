@@ -13,6 +13,9 @@ from matplotlib.lines import Line2D
 from completion.fitting.result import SurfaceFit
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part, kinds_text
+from completion.parts.profiles.drawing import drawn_sheet
+from completion.parts.profiles.profile import Profile
+from completion.parts.profiles.sheet_files import sheet_svg
 from completion.relations.graph import RelationGraph, shared_directions
 from completion.relations.relation import Relation, RelationKind, RelationStatus
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, PageSection, Table, Text
@@ -233,7 +236,7 @@ _MOST_ROWS, _MOST_DIGITS = 200, 5
 _SHOWN_SD = 3.0  # of the ripple, at which the colours of heights end
 
 
-def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
+def part_page(part: Part, title: str, flat: FlatPart | None = None, profiles: Sequence[Profile] = ()) -> Page:
     """Return the report of one part, and of the same flattened where it was."""
     what = "vertices" if part.faces is not None else "points"
     share = float(np.mean(part.surface > 0)) if len(part.surface) else 0.0
@@ -261,6 +264,7 @@ def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
         bar=None,
         sections=(
             PageSection("The part by surface", _view(part)),
+            *_drawing(profiles, title),
             PageSection("Surfaces", _surface_blocks(part)),
             *(() if flat is None else (PageSection("Flattened", _flat_blocks(part, flat)),)),
             *relations,
@@ -268,6 +272,21 @@ def part_page(part: Part, title: str, flat: FlatPart | None = None) -> Page:
         ),
         warnings=part.warnings if flat is None else (*part.warnings, *flat.doubts),
     )
+
+
+def _drawing(profiles: Sequence[Profile], title: str) -> tuple[PageSection, ...]:
+    """The drawing of what is swept; none where nothing is."""
+    if not profiles:
+        return ()
+    sheet = drawn_sheet(profiles, title)
+    picture = Picture(
+        "Drawing of the profiles",
+        "Millimetres; \u00b1 is the 95 % interval of the measurement. drawing.dxf holds the outlines at full size.",
+        sheet_svg(sheet, title).encode(),
+        round(4 * sheet.width_mm),
+        round(4 * sheet.height_mm),
+    )
+    return (PageSection("Drawing", (Gallery((picture,), 1),)),)
 
 
 def _drawn_relations(part: Part) -> tuple[PageSection, ...]:

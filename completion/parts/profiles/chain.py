@@ -68,7 +68,9 @@ class Chain:
         """The chain with its walls by other numbers."""
         return replace(self, pieces=tuple(replace(piece, wall=among[piece.wall]) for piece in self.pieces))
 
-    def trace(self, surfaces: Sequence[Surface], touching: Collection[frozenset[int]] = ()) -> tuple[Segment, ...]:
+    def trace(
+        self, surfaces: Sequence[Surface], touching: Collection[frozenset[int]] = ()
+    ) -> tuple[Segment, ...]:
         """Segments on surfaces as they are now; pairs of walls that touch are `touching`."""
         if self.pieces[0].is_whole:
             return (self.pieces[0].segment(surfaces[self.pieces[0].wall]),)
@@ -103,7 +105,12 @@ def _closed_by_axis(segments: list[Segment]) -> list[Segment]:
 
 
 def chains_of(
-    pieces: Sequence[Piece], surfaces: Sequence[Surface], spacing_m: float, noise_m: float, *, axis: bool = False
+    pieces: Sequence[Piece],
+    surfaces: Sequence[Surface],
+    spacing_m: float,
+    noise_m: float,
+    *,
+    axis: bool = False,
 ) -> list[Chain]:
     """Return the chains that pieces of walls make, the longest first.
 

@@ -115,7 +115,11 @@ def drawn_sheet(profiles: Sequence[Profile], title: str) -> Sheet:
                 break
         if corners is not None and (widest * scale >= _LEAST_VIEW_MM or size == _SIZES_MM[-1]):
             break
-    items = [item for view, corner in zip(views, corners or (), strict=True) for item in _drawn(view, corner, scale)]
+    items = [
+        item
+        for view, corner in zip(views, corners or (), strict=True)
+        for item in _drawn(view, corner, scale)
+    ]
     sheet = Sheet(*size, scale, tuple(items))
     return replace(sheet, items=(*items, *_block(sheet, title)))
 
@@ -151,6 +155,8 @@ def _captions(profile: Profile, number: int) -> Iterator[str]:
 
 def value_text(value: float, half: float, sign: str = "") -> str:
     """A number with half its 95 % interval, rounded up, to the digits that this leaves, at most three."""
+    if value == 0 and half == 0:
+        return "0"
     if not np.isfinite(half):
         return f"{sign}{value + 0.0:.2f}"
     digits = int(np.clip(np.ceil(-np.log10(max(half, 1e-9))), 1, 3))
@@ -247,7 +253,12 @@ def _ordinates(view: _View, axis: int, on_paper: OnPaper, origin: FloatArray) ->
     for measure, here, there in zip(measures, at, spread, strict=True):
         places = np.zeros((4, 2))
         places[:, axis] = here, here, there, there
-        places[:, other] = on_paper(measure.place)[other], origin[other] - 3.0, origin[other] - 7.0, origin[other] - 8.5
+        places[:, other] = (
+            on_paper(measure.place)[other],
+            origin[other] - 3.0,
+            origin[other] - 7.0,
+            origin[other] - 8.5,
+        )
         yield Stroke("dimension", places, np.zeros(4))
         foot = places[3] + (np.array([_TEXT_MM / 3, -0.8]) if axis == 0 else np.array([-0.8, -_TEXT_MM / 3]))
         sign = "\u2300" if measure.is_diameter else ""

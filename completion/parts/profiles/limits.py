@@ -43,3 +43,5 @@ CELL_NOISES, CELL_SPACINGS = 4.0, 2.0
 """Deviations of noise, and sampling distances, that a place on a curve is wide at least. By choice."""
 LEAST_SHARE = 0.1
 """Of a part that is swept, from which a cloud is divided anew in the profile."""
+LEAST_P = 1e-4
+"""Of the test that neighbours are one line or circle, below which they are not. By choice."""

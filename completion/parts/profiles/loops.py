@@ -35,12 +35,12 @@ class Stretch(NamedTuple):
     high: int
 
 
-def levels_of(caps: Sequence[tuple[float, float]], heights: FloatArray, spacing_m: float) -> list[Level]:
-    """Levels by the caps' heights and deviations, and by the heights (n,) of all walls' points."""
+def levels_of(caps: Sequence[tuple[float, float]], heights: FloatArray, least_m: float) -> list[Level]:
+    """Levels, at least so far apart, by the caps' heights and deviations, and by the heights (n,) of all walls' points."""
     ends = [(float(heights.min()), np.nan), (float(heights.max()), np.nan)] if len(heights) else []
     levels: list[Level] = []
     for height, sd in sorted([*caps, *ends]):
-        near = levels and height - levels[-1].height_m <= 2 * spacing_m
+        near = levels and height - levels[-1].height_m <= least_m
         if not near:
             levels.append(Level(height, sd))
         elif not np.isfinite(levels[-1].sd_m) or sd < levels[-1].sd_m:
@@ -49,7 +49,12 @@ def levels_of(caps: Sequence[tuple[float, float]], heights: FloatArray, spacing_
 
 
 def stretches_of(
-    surfaces: Sequence[Surface], places: Sequence[FloatArray], levels: Sequence[Level], *, spacing_m: float, noise_m: float
+    surfaces: Sequence[Surface],
+    places: Sequence[FloatArray],
+    levels: Sequence[Level],
+    *,
+    spacing_m: float,
+    noise_m: float,
 ) -> list[Stretch]:
     """Chains between each level and the next, those that go on as one.
 
@@ -72,11 +77,16 @@ def stretches_of(
 def joined(found: list[Stretch], chain: Chain, number: int, surfaces: Sequence[Surface]) -> Stretch:
     """The chain between a level and the next, with the same one below, which is taken off the list."""
     for k, before in enumerate(found):
-        if before.high == number and sorted(before.chain.walls) == sorted(chain.walls) and (
-            before.chain.is_closed == chain.is_closed
+        if (
+            before.high == number
+            and sorted(before.chain.walls) == sorted(chain.walls)
+            and (before.chain.is_closed == chain.is_closed)
         ):
             one, two = (_polygon(each.trace(surfaces)) for each in (before.chain, chain))
-            if one.symmetric_difference(two).area <= _SAME_SHARE * max(one.area, two.area) or not chain.is_closed:
+            if (
+                one.symmetric_difference(two).area <= _SAME_SHARE * max(one.area, two.area)
+                or not chain.is_closed
+            ):
                 del found[k]
                 return Stretch(before.chain, before.low, number + 1)
     return Stretch(chain, number, number + 1)
@@ -88,10 +98,14 @@ def _polygon(segments: Sequence[Segment]) -> shapely.Polygon:
 
 
 def loops_of(
-    traced: Sequence[tuple[Stretch, tuple[Segment, ...]]], levels: Sequence[Level], surfaces: Sequence[Surface]
+    traced: Sequence[tuple[Stretch, tuple[Segment, ...]]],
+    levels: Sequence[Level],
+    surfaces: Sequence[Surface],
 ) -> tuple[Loop, ...]:
     """Return loops with their kinds, by what lies within what between the same levels; the largest first."""
-    polygons = [_polygon(segments) if stretch.chain.is_closed else shapely.Polygon() for stretch, segments in traced]
+    polygons = [
+        _polygon(segments) if stretch.chain.is_closed else shapely.Polygon() for stretch, segments in traced
+    ]
     depths = [
         sum(_is_within(polygons[k], polygons[j]) for j, (other, _) in enumerate(traced)
             if j != k and other.low < stretch.high and stretch.low < other.high and _covers(other, stretch))
@@ -107,7 +121,8 @@ def loops_of(
             ccw = shapely.is_ccw(polygons[k].exterior)
             segments = segments if ccw == is_solid else tuple(one.reverse() for one in segments[::-1])
             through = not is_solid and not any(
-                _is_solid_at(polygons[k], level, traced, polygons, depths) for level in (stretch.low - 1, stretch.high)
+                _is_solid_at(polygons[k], level, traced, polygons, depths)
+                for level in (stretch.low - 1, stretch.high)
             )
         low, high = levels[stretch.low], levels[stretch.high]
         loops.append(Loop(segments, kind, low.height_m, high.height_m, (low.sd_m, high.sd_m), through))
@@ -143,7 +158,11 @@ def _is_solid_at(
 
 def _solid_kind(k: int, polygons: Sequence[shapely.Polygon], depths: Sequence[int]) -> LoopKind:
     """A section within a larger one at other heights is a boss, or a rib."""
-    larger = [other for j, other in enumerate(polygons) if j != k and depths[j] % 2 == 0 and other.area > 1.02 * polygons[k].area]
+    larger = [
+        other
+        for j, other in enumerate(polygons)
+        if j != k and depths[j] % 2 == 0 and other.area > 1.02 * polygons[k].area
+    ]
     if not any(polygons[k].intersection(other).area > 0.98 * polygons[k].area for other in larger):
         return "outer"
     box = np.array(shapely.oriented_envelope(polygons[k]).exterior.coords)
@@ -156,8 +175,10 @@ def _hollow_kind(segments: Sequence[Segment], surfaces: Sequence[Surface]) -> Lo
     if len(segments) == 1:
         return "hole"
     lines = [surfaces[one.wall].normal_direction for one in segments if isinstance(surfaces[one.wall], Plane)]  # type: ignore[attr-defined]
-    if len(segments) == 4 and len(lines) == 2 and isinstance(surfaces[segments[0].wall], Plane) == isinstance(
-        surfaces[segments[2].wall], Plane
+    if (
+        len(segments) == 4
+        and len(lines) == 2
+        and isinstance(surfaces[segments[0].wall], Plane) == isinstance(surfaces[segments[2].wall], Plane)
     ):
         return "slot" if abs(float(lines[0] @ lines[1])) > np.cos(limits.SMOOTH) else "pocket"
     return "pocket"

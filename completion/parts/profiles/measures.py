@@ -17,7 +17,7 @@ from scenes.surfaces.catalogue import Cylinder, Plane
 
 SIGMA = float(ndtri(0.975))
 """Standard deviations in half a 95 % interval."""
-_ALONG = 1e-6  # of a normal's other component, below which a line lies along an axis
+_ALONG = 1e-3  # radians from an axis within which a line lies along it
 _ROUND = np.radians(150.0)  # of an arc, from which its centre has ordinates
 _CROSSING = 0.05  # sine of the angle between walls, below which their corner's interval is not told
 
@@ -53,12 +53,18 @@ def ordinates_of(profile: Profile, axis: int) -> list[Measure]:
     is_diameter = profile.sweep.kind == "revolved" and axis == 1
     (datum, slope), factor = places[0], 2.0 if is_diameter else 1.0
     found = []
-    for place, by in places:
+    for number, (place, by) in enumerate(places):
         if is_diameter and place[1] <= 0:
             continue
         by_value = factor * by if is_diameter else by - slope
+        if not number and not is_diameter:
+            by_value = np.zeros_like(by)
         value = factor * place[axis] if is_diameter else place[axis] - datum[axis]
-        found.append(Measure(1e3 * float(value), 1e3 * _half(profile, by_value), place, -np.eye(2)[1 - axis], is_diameter))
+        found.append(
+            Measure(
+                1e3 * float(value), 1e3 * _half(profile, by_value), place, -np.eye(2)[1 - axis], is_diameter
+            )
+        )
     return found
 
 
@@ -71,7 +77,9 @@ def radii_of(profile: Profile) -> list[Measure]:
         by = np.zeros(len(profile.graph.covariance))
         factor = 2.0 if one.is_whole else 1.0
         by[_first(profile, one.wall) + 4] = factor
-        away = np.array([np.sqrt(0.5), np.sqrt(0.5)]) if one.is_whole else (one.middle - one.centre) / one.radius
+        away = (
+            np.array([np.sqrt(0.5), np.sqrt(0.5)]) if one.is_whole else (one.middle - one.centre) / one.radius
+        )
         sign = -1.0 if not one.is_whole and loop.kind in ("hole", "slot", "pocket") else 1.0
         place = one.centre + one.radius * away
         half = 1e3 * _half(profile, by)
@@ -80,17 +88,27 @@ def radii_of(profile: Profile) -> list[Measure]:
 
 
 def angles_of(profile: Profile) -> list[Measure]:
-    """Angles of slanted lines with x, degrees."""
+    """Angles of slanted lines with x, degrees, known as the longest line along x or y is."""
     found = []
+    straight = [one for _, one in _segments(profile) if one.centre is None and _is_along(profile, one)]
+    datum = max(straight, key=lambda one: one.length, default=None)
     for _, one in _segments(profile):
         surface = profile.walls[one.wall].surface
-        if not isinstance(surface, Plane) or min(np.abs(surface.normal_direction[:2])) < _ALONG:
+        if not isinstance(surface, Plane) or _is_along(profile, one):
             continue
         angle = float(np.degrees(np.arctan2(*np.abs(surface.u_direction[1::-1]))))
         by = np.zeros(len(profile.graph.covariance))
         by[_first(profile, one.wall) + 1] = np.degrees(1.0)
+        if datum is not None:
+            by[_first(profile, datum.wall) + 1] -= np.degrees(1.0)
         found.append(Measure(angle, _half(profile, by), one.middle, np.array([1.0, 0.0])))
     return found
+
+
+def _is_along(profile: Profile, one: Segment) -> bool:
+    """Whether a line lies along x or y."""
+    surface = profile.walls[one.wall].surface
+    return isinstance(surface, Plane) and bool(np.abs(surface.normal_direction[:2]).min() < _ALONG)
 
 
 def _segments(profile: Profile) -> Iterator[tuple[Loop, Segment]]:
@@ -115,11 +133,18 @@ def _places(profile: Profile, axis: int) -> Iterator[tuple[FloatArray, FloatArra
             surface = profile.walls[one.wall].surface
             by = np.zeros(len(profile.graph.covariance))
             if isinstance(surface, Cylinder):
-                if abs(one.sweep_rad) >= _ROUND and profile.sweep.kind == "extruded" and one.centre is not None:
+                if (
+                    abs(one.sweep_rad) >= _ROUND
+                    and profile.sweep.kind == "extruded"
+                    and one.centre is not None
+                ):
                     by[_first(profile, one.wall) + axis] = 1.0
                     yield one.centre, by
             elif isinstance(surface, Plane) and abs(surface.normal_direction[1 - axis]) < _ALONG:
-                yield one.middle, _shift(profile, one.wall, one.middle) * np.sign(surface.normal_direction[axis])
+                yield (
+                    one.middle,
+                    _shift(profile, one.wall, one.middle) * np.sign(surface.normal_direction[axis]),
+                )
         for one, two in _corners(loop):
             by_corner = _corner_shift(profile, one, two, axis)
             if by_corner is not None:
@@ -127,7 +152,9 @@ def _places(profile: Profile, axis: int) -> Iterator[tuple[FloatArray, FloatArra
 
 
 def _corners(loop: Loop) -> Iterator[tuple[Segment, Segment]]:
-    ring = [*loop.segments, *loop.segments[:1]] if loop.is_closed and len(loop.segments) > 1 else loop.segments
+    ring = (
+        [*loop.segments, *loop.segments[:1]] if loop.is_closed and len(loop.segments) > 1 else loop.segments
+    )
     yield from ((one, two) for one, two in pairwise(ring) if min(one.wall, two.wall) >= 0)
 
 

@@ -63,8 +63,11 @@ def divided(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
     """Return what a sweep explains of a cloud, its curves divided anew; without a closed one, as for `joined_faces`."""
     local = sweep.flatten(part.points)
     if sweep.kind == "extruded":
-        caps = {number: cap for number, fit in enumerate(part.measured) if (cap := sweep.cap(fit)) is not None}
-        levels = levels_of(list(caps.values()), local[:, 2], part.spacing_m)
+        caps = {
+            number: cap for number, fit in enumerate(part.measured) if (cap := sweep.cap(fit)) is not None
+        }
+        least = max(2 * limits.CELL_NOISES * part.noise_m, 2 * limits.CELL_SPACINGS * part.spacing_m)
+        levels = levels_of(list(caps.values()), local[:, 2], least)
     else:
         caps, levels = {}, [Level(-np.pi, np.nan), Level(np.pi, np.nan)]
     walls, stretches = list[SurfaceFit](), list[Stretch]()
@@ -114,7 +117,7 @@ def _extruded(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline
     caps = {number: cap for number, fit in enumerate(part.measured) if (cap := sweep.cap(fit)) is not None}
     places = [sweep.flatten(np.concatenate([sample[number] for number in numbers])) for numbers in faces]
     heights = np.concatenate([np.zeros(0), *(each[:, 2] for each in places)])
-    levels = levels_of(list(caps.values()), heights, part.spacing_m)
+    levels = levels_of(list(caps.values()), heights, 2 * part.spacing_m)
     surfaces = [wall.surface for wall in walls]
     stretches = stretches_of(surfaces, places, levels, spacing_m=part.spacing_m, noise_m=part.noise_m)
     kept = [stretch for stretch in stretches if stretch.chain.is_closed]
@@ -169,8 +172,6 @@ def _walls(
     return tuple(walls), tuple(faces)
 
 
-
-
 def _upper(chain: Chain, parts: Sequence[object]) -> Chain:
     """The part above y = 0 of a chain that is alike below it, from the axis to the axis."""
     n = len(chain.pieces)
@@ -196,7 +197,9 @@ def _is_turned(chain: Chain, walls: Sequence[SurfaceFit]) -> bool:
     return sum(slope > low for slope in slopes) >= 3 or any(low < slope < high for slope in slopes)
 
 
-def _renamed(chain: Chain, own: Sequence[SurfaceFit], walls: list[SurfaceFit], known: int, noise_m: float) -> Chain:
+def _renamed(
+    chain: Chain, own: Sequence[SurfaceFit], walls: list[SurfaceFit], known: int, noise_m: float
+) -> Chain:
     """The chain with those of its walls that go on from other heights by their numbers; others are added.
 
     `known` walls are of other heights.
@@ -228,7 +231,11 @@ def _faces_of(
         for segment in stretch.chain.trace(surfaces):
             if segment.wall >= 0:
                 n = max(2, int(segment.length / part.spacing_m))
-                line = segment.places(n) if segment.centre is not None else np.linspace(segment.start, segment.end, n)
+                line = (
+                    segment.places(n)
+                    if segment.centre is not None
+                    else np.linspace(segment.start, segment.end, n)
+                )
                 places.append(line)
                 wall_of += [segment.wall] * len(line)
     off, near = cKDTree(np.concatenate(places)).query(local[:, :2])

@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from completion.fitting.result import SurfaceFit
 from completion.parts.profiles import limits
 from completion.parts.profiles.chain import Chain
+from completion.parts.profiles.refit import unfitted
 from completion.parts.profiles.segment import Piece, corner_of
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
@@ -32,7 +33,21 @@ _ROUNDS = 2
 _BIN_CELLS, _BIN_NOISES = 1 / 3, 3.0  # width of a bin: at least so many cells, deviations of noise
 _BESIDE = 2  # bins at the ends of a segment that may lie over a corner
 _NEWTON = 12
-_POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (2, 2), (0, 4))
+_POWERS = (
+    (0, 0),
+    (1, 0),
+    (0, 1),
+    (2, 0),
+    (1, 1),
+    (0, 2),
+    (3, 0),
+    (2, 1),
+    (1, 2),
+    (0, 3),
+    (4, 0),
+    (2, 2),
+    (0, 4),
+)
 
 
 class Part(NamedTuple):
@@ -45,7 +60,9 @@ class Part(NamedTuple):
     is_whole: bool
 
 
-def curves_of(places: FloatArray, share: FloatArray, cell_m: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+def curves_of(
+    places: FloatArray, share: FloatArray, cell_m: float
+) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Places (m, 2) of each closed curve among those (n, 2) of points, in their order, and how far along (m,).
 
     `share` (n,) of the height or turn, from 0 to 1, tells what is swept: a place where points have less than
@@ -60,7 +77,11 @@ def curves_of(places: FloatArray, share: FloatArray, cell_m: float) -> Iterator[
     n_there = np.array([len(np.unique(sector[some])) for some in near])
     expected = _SECTORS * (1 - (1 - 1 / _SECTORS) ** np.array([len(some) for some in near]))
     is_swept = n_there >= expected / 2
-    band = shapely.union_all(shapely.buffer(shapely.points(middle[is_swept]), _WIDER * cell_m)) if is_swept.any() else None
+    band = (
+        shapely.union_all(shapely.buffer(shapely.points(middle[is_swept]), _WIDER * cell_m))
+        if is_swept.any()
+        else None
+    )
     for piece in shapely.get_parts(band) if band is not None else ():
         holes = [ring for ring in piece.interiors if shapely.Polygon(ring).area > (2 * cell_m) ** 2]
         if len(holes) != 1:
@@ -78,7 +99,7 @@ def _along_ring(places: FloatArray, ring: FloatArray) -> tuple[FloatArray, float
     start = np.concatenate([[0.0], np.cumsum(length)])
     nearest = cKDTree(ring).query(places)[1]
     both = np.stack([nearest, (nearest - 1) % len(ring)])
-    unit = np.maximum(length[both], 1e-300)
+    unit = np.maximum(length[both], 1e-12)
     share = np.clip(np.einsum("skj,skj->sk", places - ring[both], side[both]) / unit**2, 0.0, 1.0)
     off = np.linalg.norm(places - ring[both] - share[..., None] * side[both], axis=2)
     best = np.argmin(off, axis=0), np.arange(len(places))
@@ -87,15 +108,15 @@ def _along_ring(places: FloatArray, ring: FloatArray) -> tuple[FloatArray, float
 
 def _middle_line(band: shapely.Polygon, cell_m: float) -> FloatArray:
     """Corners (k, 2) of a ring along a band of discs, as near to its middle as it stays in one."""
-    thin = max(shapely.get_parts(shapely.buffer(band, -_THINNER * cell_m)), key=lambda part: part.area, default=band)
+    thin = max(
+        shapely.get_parts(shapely.buffer(band, -_THINNER * cell_m)), key=lambda part: part.area, default=band
+    )
     is_ring = sum(shapely.Polygon(ring).area > (2 * cell_m) ** 2 for ring in thin.interiors) == 1
     ring = shapely.segmentize((thin if is_ring else band).exterior, cell_m)
     return shapely.get_coordinates(ring)[:-1]
 
 
-def _ordered(
-    places: FloatArray, ring: FloatArray, cell_m: float
-) -> tuple[FloatArray, FloatArray]:
+def _ordered(places: FloatArray, ring: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArray]:
     """Places (n, 2) in their order along a ring, and their coordinates (n,) along it; then along the curve of their means, which noise does not bend.
 
     It is the principal curve of Hastie and Stuetzle (1989), at the width of two cells.
@@ -131,7 +152,9 @@ def partition(curve: FloatArray, along: FloatArray, noise_m: float, cell_m: floa
     cuts = [0]
     for _ in range(2):  # from anywhere; then from a corner of that
         begin = cuts[len(cuts) // 2]
-        cuts = [(cut + begin) % n_bins for cut in _best_cuts(np.roll(bins.moments, -begin, axis=1), bins.noise)]
+        cuts = [
+            (cut + begin) % n_bins for cut in _best_cuts(np.roll(bins.moments, -begin, axis=1), bins.noise)
+        ]
         if len(cuts) == 1:
             break
     return [bins.part(*span, centre, scale) for span in _simplified(sorted(cuts), bins)]
@@ -151,7 +174,9 @@ class _Bins:
 
     def members(self, begin: int, end: int) -> FloatArray:
         """Their places (m, 2)."""
-        return np.concatenate([self.unit[self.bounds[k] : self.bounds[k + 1]] for k in np.arange(begin, end) % self.n])
+        return np.concatenate(
+            [self.unit[self.bounds[k] : self.bounds[k + 1]] for k in np.arange(begin, end) % self.n]
+        )
 
     def costs(self, begin: int, end: int) -> tuple[float, float]:
         """What they cost as a line and as an arc."""
@@ -207,13 +232,17 @@ def _simplified(cuts: Sequence[int], bins: _Bins) -> list[tuple[int, int]]:
     return [(begin % bins.n, begin % bins.n + end - begin) for begin, end in spans]
 
 
-def _corner_within(before: tuple[int, int], span: tuple[int, int], after: tuple[int, int], bins: _Bins) -> int | None:
+def _corner_within(
+    before: tuple[int, int], span: tuple[int, int], after: tuple[int, int], bins: _Bins
+) -> int | None:
     """After how many bins of a span its neighbours meet, if these explain it as well as it does itself."""
     members = bins.members(*span)
     if span[1] - span[0] > min(before[1] - before[0], after[1] - after[0]):
         return None
     flat = np.column_stack([members, np.zeros(len(members))])
-    square = np.stack([np.square(bins.surface(*each).distance(flat)) for each in (before, after)]) / bins.noise**2
+    square = (
+        np.stack([np.square(bins.surface(*each).distance(flat)) for each in (before, after)]) / bins.noise**2
+    )
     if square.min(axis=0).sum() > min(bins.costs(*span)):
         return None
     number = np.repeat(np.arange(span[1] - span[0]), [len(bins.members(k, k + 1)) for k in range(*span)])
@@ -229,7 +258,9 @@ def _best_cuts(moments: FloatArray, noise: float) -> list[int]:
     least[0] = 0.0
     for end in range(_LEAST_BINS, n + 1):
         inside = sums[:, end : end + 1] - sums[:, : end - _LEAST_BINS + 1]
-        cost = least[: end - _LEAST_BINS + 1] + np.minimum(_line_cost(inside, noise), _arc_cost(inside, noise))
+        cost = least[: end - _LEAST_BINS + 1] + np.minimum(
+            _line_cost(inside, noise), _arc_cost(inside, noise)
+        )
         before[end] = int(np.argmin(cost))
         least[end] = cost[before[end]]
     cuts, at = list[int](), n
@@ -262,7 +293,9 @@ def _central(sums: FloatArray) -> tuple[FloatArray, ...]:
     return p, q, cxx, cxy, cyy, c30 + c12, c21 + c03, c40 + 2 * c22 + c04
 
 
-def _eigenvalue(xx: FloatArray, xy: FloatArray, yy: FloatArray, xz: FloatArray, yz: FloatArray, zz: FloatArray) -> FloatArray:
+def _eigenvalue(
+    xx: FloatArray, xy: FloatArray, yy: FloatArray, xz: FloatArray, yz: FloatArray, zz: FloatArray
+) -> FloatArray:
     """Taubin's least eigenvalue, the mean square of distances from the circle, by Newton from 0."""
     z, det = xx + yy, xx * yy - xy * xy
     spread = zz - z * z
@@ -304,14 +337,16 @@ def chain_of(parts: Sequence[Part]) -> tuple[Chain, list[SurfaceFit]]:
 
     The walls have no covariance yet, but of the parameters that are free: a fit finds these (`refitted`).
     """
-    walls = [_unfitted(part.surface) for part in parts]
+    walls = [unfitted(part.surface) for part in parts]
     if parts[0].is_whole:
         return Chain((Piece(0, 0.0, parts[0].surface.period, True),), (True,), (), True), walls
     pieces, forward, corners = list[Piece](), list[bool](), list[FloatArray]()
     for k, (part, following) in enumerate(zip(parts, [*parts[1:], parts[0]], strict=True)):
         near = (part.end + following.start) / 2
         corner = corner_of(part.surface, following.surface, near)
-        is_far = corner is None or np.linalg.norm(corner - near) > 3 * np.linalg.norm(part.end - following.start)
+        is_far = corner is None or np.linalg.norm(corner - near) > 3 * np.linalg.norm(
+            part.end - following.start
+        )
         corners.append(near if is_far or corner is None else corner)
         begin, end = _unrolled(part)
         pieces.append(Piece(k, min(begin, end), max(begin, end)))
@@ -330,8 +365,3 @@ def _unrolled(part: Part) -> tuple[float, float]:
     if to_middle <= to_end:
         return begin, begin + to_end
     return begin, begin - (begin - end) % period
-
-
-def _unfitted(surface: Surface) -> SurfaceFit:
-    free = [1.0, 1.0, 0.0] if isinstance(surface, Plane) else [1.0, 1.0, 0.0, 0.0, 1.0]
-    return SurfaceFit(surface, 0.0, np.diag(free), 0)

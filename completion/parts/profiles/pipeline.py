@@ -15,7 +15,7 @@ from completion.parts.profiles.chain import Chain
 from completion.parts.profiles.loops import loops_of
 from completion.parts.profiles.outline import AXIS_LINE, Outline, outline_of
 from completion.parts.profiles.profile import Loop, Profile
-from completion.parts.profiles.refit import refitted
+from completion.parts.profiles.refit import refitted, without_breaks
 from completion.parts.profiles.segment import turn_between
 from completion.parts.profiles.sweeps import axes_of, directions_of
 from completion.parts.sample import sample_of
@@ -27,7 +27,16 @@ from scenes.checks import IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 DRAWN = RelationOptions(
-    kinds=("parallel", "perpendicular", "angle", "coplanar", "coaxial", "tangent", "equal_radius", "symmetric")
+    kinds=(
+        "parallel",
+        "perpendicular",
+        "angle",
+        "coplanar",
+        "coaxial",
+        "tangent",
+        "equal_radius",
+        "symmetric",
+    )
 )
 """What lines and arcs of a profile may be to each other."""
 
@@ -68,9 +77,7 @@ def profiles_of(part: Part, options: RelationOptions = DRAWN) -> tuple[Profile, 
     return tuple(profile for profile in profiles if profile is not None)
 
 
-def _chosen(
-    turned: Sequence[Outline], drawn: Sequence[Outline], size: IntArray
-) -> list[tuple[Outline, int]]:
+def _chosen(turned: Sequence[Outline], drawn: Sequence[Outline], size: IntArray) -> list[tuple[Outline, int]]:
     """Outlines that explain something new, revolutions first, and how many are alike."""
     left, chosen = set(range(len(size))), list[tuple[Outline, int]]()
     for outlines in (list(turned), list(drawn)):
@@ -80,7 +87,11 @@ def _chosen(
             if not best.explained & left:
                 break
             left -= best.explained
-            same = [k for k, (other, _) in enumerate(chosen) if best.sweep.kind == "revolved" and _is_alike(best, other)]
+            same = [
+                k
+                for k, (other, _) in enumerate(chosen)
+                if best.sweep.kind == "revolved" and _is_alike(best, other)
+            ]
             if same:
                 chosen[same[0]] = (chosen[same[0]][0], chosen[same[0]][1] + 1)
             else:
@@ -121,7 +132,15 @@ def _profile(part: Part, outline: Outline, n_alike: int, options: RelationOption
     own = [outline.walls[wall] for wall in used]
     stretches = [stretch._replace(chain=stretch.chain.renumber(among)) for stretch in outline.stretches]
     chains = [stretch.chain for stretch in stretches]
-    walls = refitted(own, chains, outline.sweep.flatten(outline.own_points(part)), part.noise_m)
+    places = outline.sweep.flatten(outline.own_points(part))
+    walls = refitted(own, chains, places, part.noise_m)
+    if outline.is_divided and all(wall.n for wall in walls):
+        chains = [without_breaks(chain, walls, own) for chain in chains]
+        used_still = sorted({wall for chain in chains for wall in chain.walls})
+        place = {wall: k for k, wall in enumerate(used_still)}
+        chains, used = [chain.renumber(place) for chain in chains], [used[wall] for wall in used_still]
+        walls = refitted([walls[wall] for wall in used_still], chains, places, part.noise_m)
+        stretches = [stretch._replace(chain=chain) for stretch, chain in zip(stretches, chains, strict=True)]
     if not walls or any(wall.n == 0 for wall in walls):
         return None
     if outline.sweep.kind == "revolved":
@@ -134,13 +153,17 @@ def _profile(part: Part, outline: Outline, n_alike: int, options: RelationOption
     if outline.sweep.kind == "extruded":
         loops = loops_of(traced, outline.levels, surfaces)
     else:
-        loops = tuple(Loop(segments, "turned" if stretch.chain.is_closed else "open") for stretch, segments in traced)
+        loops = tuple(
+            Loop(segments, "turned" if stretch.chain.is_closed else "open") for stretch, segments in traced
+        )
     names = tuple(tuple(part.labels[number] for number in outline.faces[wall]) for wall in used)
     names += ((),) * (len(walls) - len(names))
     return Profile(outline.sweep, loops, names, tuple(walls), graph, n_alike)
 
 
-def relate_walls(walls: Sequence[SurfaceFit], chains: Sequence[Chain], options: RelationOptions) -> RelationGraph:
+def relate_walls(
+    walls: Sequence[SurfaceFit], chains: Sequence[Chain], options: RelationOptions
+) -> RelationGraph:
     """Infer the relations of walls (k,): those that surfaces have, and tangency of neighbours in chains.
 
     Arcs have one direction from the start, and lines across an axis too, so that what is concentric and

@@ -128,7 +128,9 @@ def profile_record(profile: Profile) -> dict[str, Any]:
         "profile_from_world": profile.sweep.profile_from_world.matrix.tolist(),
         "direction": profile.sweep.direction.tolist(),
         "alike": profile.alike,
-        "walls": [_wall_record(fit, labels) for fit, labels in zip(profile.walls, profile.faces, strict=True)],
+        "walls": [
+            _wall_record(fit, labels) for fit, labels in zip(profile.walls, profile.faces, strict=True)
+        ],
         "loops": [_loop_record(loop) for loop in profile.loops],
         "relations": [
             {

@@ -15,10 +15,12 @@ import numpy as np
 from completion.fitting.result import SurfaceFit, inflated
 from completion.parts.profiles import limits
 from completion.parts.profiles.chain import Chain
-from completion.parts.profiles.segment import fuzz_m
+from completion.parts.profiles.segment import Piece, fuzz_m, place_at
 from completion.relations.equations import move_surface
+from completion.relations.estimate import JointEstimate, wald_test
+from completion.relations.relation import Relation, RelationKind
 from scenes.checks import FloatArray, InputError
-from scenes.surfaces.catalogue import Surface
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _ROUNDS = 3
 _LEAST_POINTS = 12
@@ -48,7 +50,9 @@ def refitted(
                 for beside in (low, high)]  # fmt: skip
             if walls[piece.wall].n == 0 and sum(guards) > (ends[1] - ends[0]) / 2:
                 guards = [0.0, 0.0]
-            spans[piece.wall].append((middle, ends[0] + guards[0], ends[1] - guards[1], float(piece.is_whole)))
+            spans[piece.wall].append(
+                (middle, ends[0] + guards[0], ends[1] - guards[1], float(piece.is_whole))
+            )
     return [_refit(wall, places, span, noise_m) for wall, span in zip(walls, spans, strict=True)]
 
 
@@ -92,7 +96,29 @@ def _refit(
     inside &= np.abs(surface.distance(places)) <= limits.CUT * noise_m
     if np.count_nonzero(inside) < _LEAST_POINTS * len(free):
         return wall
-    points, fit = places[inside], wall
+    points = places[inside]
+    fit = _fitted(wall, points, noise_m)
+    if wall.n == 0 and fit is not None and isinstance(wall.surface, Cylinder):  # may it be straight?
+        middle, ways = points[:, :2].mean(axis=0), np.linalg.eigh(np.cov(points[:, :2].T))[1]
+        (x, y), normal = ways[:, 1], ways[:, 0]
+        line = unfitted(Plane(np.append(middle, 0.0), np.append(normal, 0.0), (x, y, 0.0)))
+        other = _fitted(line, points, noise_m)
+        if other is not None:
+            squares = [np.square(each.surface.distance(points)).sum() / noise_m**2 for each in (fit, other)]
+            if squares[1] - squares[0] <= limits.NATS * np.log(len(points)):
+                fit = other
+    return wall if fit is None else fit
+
+
+def unfitted(surface: Surface) -> SurfaceFit:
+    """A wall that is not fitted yet (`n` = 0): its covariance says which of its parameters are free."""
+    free = [1.0, 1.0, 0.0] if isinstance(surface, Plane) else [1.0, 1.0, 0.0, 0.0, 1.0]
+    return SurfaceFit(surface, 0.0, np.diag(free), 0)
+
+
+def _fitted(wall: SurfaceFit, points: FloatArray, noise_m: float) -> SurfaceFit | None:
+    """A wall's free parameters by least squares; None where no surface is left."""
+    free, fit = np.flatnonzero(np.diag(wall.covariance) > 0), wall
     for _ in range(_ROUNDS):
         slope, height = fit.gradient(points)[:, free], fit.surface.distance(points)
         sign = -1.0 if getattr(fit.surface, "concave", False) else 1.0
@@ -101,9 +127,69 @@ def _refit(
         try:
             fit = replace(fit, surface=move_surface(fit.surface, change))
         except InputError:
-            return wall
+            return None
     slope, height = fit.gradient(points)[:, free], fit.surface.distance(points)
     rms = float(np.sqrt(height @ height / max(len(points) - len(free), 1)))
     covariance = np.zeros_like(wall.covariance)
-    covariance[np.ix_(free, free)] = max(rms, noise_m) ** 2 * np.linalg.inv(slope.T @ slope)
-    return inflated(replace(fit, rms=rms, covariance=covariance, n=len(points), inflation=1.0, inliers=None), points)
+    covariance[np.ix_(free, free)] = max(rms, noise_m) ** 2 * np.linalg.pinv(slope.T @ slope)
+    return inflated(
+        replace(fit, rms=rms, covariance=covariance, n=len(points), inflation=1.0, inliers=None), points
+    )
+
+
+def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[SurfaceFit]) -> Chain:
+    """The closed chain of walls as they are fitted, where neighbours that are one line or circle are one piece.
+
+    `before` are the walls that its pieces are measured along.
+    """
+    n, pieces = len(chain.pieces), list[Piece]()
+    for piece in chain.pieces:
+        ends = [place_at(before[piece.wall].surface, along) for along in (piece.low, piece.high)]
+        surface = walls[piece.wall].surface
+        if surface.kind == before[piece.wall].surface.kind:
+            pieces.append(piece)
+            continue
+        low, high = _along(surface, np.stack(ends)).tolist()
+        pieces.append(replace(piece, low=low, high=high))
+    forward = [old == (piece.high > piece.low) for old, piece in zip(chain.is_forward, pieces, strict=True)]
+    pieces = [
+        replace(piece, low=min(piece.low, piece.high), high=max(piece.low, piece.high)) for piece in pieces
+    ]
+    corners = list(chain.corners)
+    k = 0
+    while len(pieces) > 2 and k < len(corners):
+        n = len(pieces)
+        one, two = pieces[k], pieces[(k + 1) % n]
+        if one.wall != two.wall and not _are_one(walls[one.wall], walls[two.wall]):
+            k += 1
+            continue
+        if k == n - 1:  # so that both stand side by side
+            pieces, forward, corners = ([*each[1:], each[0]] for each in (pieces, forward, corners))
+            k -= 1
+        pieces[k], forward[k] = _joined(one, two, forward[k], forward[k + 1])
+        del pieces[k + 1], forward[k + 1], corners[k]
+        k = 0
+    return replace(chain, pieces=tuple(pieces), is_forward=tuple(forward), corners=tuple(corners))
+
+
+def _joined(one: Piece, two: Piece, one_forward: bool, two_forward: bool) -> tuple[Piece, bool]:
+    """Two pieces that follow one another as one, on the wall of the longer, and whether that is passed forward."""
+    is_first = one.high - one.low >= two.high - two.low
+    main, other = (one, two) if is_first else (two, one)
+    forward = one_forward if is_first else two_forward
+    length = other.high - other.low
+    at_high = forward == is_first  # where the other lies
+    return replace(
+        main, low=main.low - (0.0 if at_high else length), high=main.high + (length if at_high else 0.0)
+    ), forward
+
+
+def _are_one(wall: SurfaceFit, other: SurfaceFit) -> bool:
+    """Whether two walls are one, as far as their points tell."""
+    if wall.surface.kind != other.surface.kind:
+        return False
+    kind: RelationKind = "coplanar" if isinstance(wall.surface, Plane) else "coaxial"
+    estimate = JointEstimate([wall, other], None, np.zeros(3))
+    kinds: tuple[RelationKind, ...] = (kind,) if kind == "coplanar" else (kind, "equal_radius")
+    tests = [wald_test(Relation(kind=each, surfaces=(0, 1)), estimate) for each in kinds]
+    return all(test.p >= limits.LEAST_P for test in tests)

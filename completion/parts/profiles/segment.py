@@ -85,7 +85,9 @@ class Piece:
     high: float
     is_whole: bool = False
 
-    def segment(self, surface: Surface, start: FloatArray | None = None, end: FloatArray | None = None) -> Segment:
+    def segment(
+        self, surface: Surface, start: FloatArray | None = None, end: FloatArray | None = None
+    ) -> Segment:
         """The piece from its own ends, or from corners (2,) of it."""
         middle = place_at(surface, (self.low + self.high) / 2)
         first = place_at(surface, self.low) if start is None else start
@@ -121,7 +123,9 @@ def pieces_of(surface: Surface, wall: int, places: FloatArray, gap_m: float) -> 
             yield Piece(wall, float(part[0]), float(part[-1]))
 
 
-def corner_of(first: Surface, second: Surface, near: FloatArray, *, touching: bool = False) -> FloatArray | None:
+def corner_of(
+    first: Surface, second: Surface, near: FloatArray, *, touching: bool = False
+) -> FloatArray | None:
     """Where two walls meet nearest to a place (2,); None where they do not.
 
     Those that touch, or miss one another, meet between where they are nearest.

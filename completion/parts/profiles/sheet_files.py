@@ -90,15 +90,31 @@ def sheet_dxf(sheet: Sheet) -> bytes:
         space, own = document.modelspace(), 1 / sheet.scale
         for item in sheet.items:
             if isinstance(item, Circle):
-                space.add_circle((own * item.centre).tolist(), own * item.radius, dxfattribs={"layer": item.layer.upper()})
+                space.add_circle(
+                    (own * item.centre).tolist(), own * item.radius, dxfattribs={"layer": item.layer.upper()}
+                )
             elif isinstance(item, Stroke):
                 rows = np.column_stack([own * item.places, item.bulge]).tolist()
-                space.add_lwpolyline(rows, format="xyb", close=item.is_closed, dxfattribs={"layer": item.layer.upper()})
+                space.add_lwpolyline(
+                    rows, format="xyb", close=item.is_closed, dxfattribs={"layer": item.layer.upper()}
+                )
             else:
-                text = item.text.replace("\u2300", "%%c").replace("\u00b1", "%%p").replace("\u00b0", "%%d").replace("\u00d7", "x")
-                entity = space.add_text(text, height=own * item.size_mm * 0.72, rotation=item.turn_deg, dxfattribs={"layer": "TEXT"})
+                text = (
+                    item.text.replace("\u2300", "%%c")
+                    .replace("\u00b1", "%%p")
+                    .replace("\u00b0", "%%d")
+                    .replace("\u00d7", "x")
+                )
+                entity = space.add_text(
+                    text,
+                    height=own * item.size_mm * 0.72,
+                    rotation=item.turn_deg,
+                    dxfattribs={"layer": "TEXT"},
+                )
                 align = {"start": "LEFT", "middle": "CENTER", "end": "RIGHT"}[item.anchor]
-                entity.set_placement((own * item.place).tolist(), align=ezdxf.enums.TextEntityAlignment[align])
+                entity.set_placement(
+                    (own * item.place).tolist(), align=ezdxf.enums.TextEntityAlignment[align]
+                )
         corner = (own * sheet.width_mm, own * sheet.height_mm)
         space.reset_extents((0.0, 0.0, 0.0), (*corner, 0.0))
         document.set_modelspace_vport(1.2 * corner[1], (corner[0] / 2, corner[1] / 2))

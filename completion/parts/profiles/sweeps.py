@@ -34,7 +34,9 @@ def directions_of(part: Part, sample: Sequence[FloatArray]) -> list[tuple[Sweep,
     found = []
     for axis in classes:
         swept = sum(other.n for other in axes if _is_swept(axis, other)) / max(total, 1)
-        found.append((Sweep("extruded", _upright(part, sample, axis.direction, middle), axis.fit(middle)), swept))
+        found.append(
+            (Sweep("extruded", _upright(part, sample, axis.direction, middle), axis.fit(middle)), swept)
+        )
     return sorted(found, key=lambda pair: -pair[1])[:_MOST_DIRECTIONS]
 
 
@@ -54,7 +56,9 @@ def axes_of(part: Part, sample: Sequence[FloatArray]) -> list[tuple[Sweep, float
         point = axis.at.point + float((middle - axis.at.point) @ along) * along
         turn = np.stack([along, first, np.cross(along, first)])
         share = sum(other.n for other in axes if are_one(other, axis)) / max(total, 1)
-        found.append((Sweep("revolved", Pose.from_parts(turn, -turn @ point), axis.fit(axis.at.point)), share))
+        found.append(
+            (Sweep("revolved", Pose.from_parts(turn, -turn @ point), axis.fit(axis.at.point)), share)
+        )
     return sorted(found, key=lambda pair: -pair[1])
 
 
@@ -91,7 +95,9 @@ class _Axis:
         self.tilts = by @ fit.covariance @ by.T
         by = self.at.across @ self.at.by_point
         self.shifts = by @ fit.covariance @ by.T
-        self.sd, self.place_sd = (float(np.sqrt(max(np.trace(each), 0.0))) for each in (self.tilts, self.shifts))
+        self.sd, self.place_sd = (
+            float(np.sqrt(max(np.trace(each), 0.0))) for each in (self.tilts, self.shifts)
+        )
 
     def offset(self, point: FloatArray) -> float:
         """How far a point (3,) is from the axis, metres."""
