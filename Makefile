@@ -14,12 +14,13 @@ PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=
 demo: .venv/demo
 	$(BIN)/unseen demo -o out/demo
 
-# types and import contracts are checked beside the tests; what they say comes after them
-test: .venv/warm
+# types and import contracts are checked while loops are compiled, which keeps one core busy, and beside the
+# tests; what they say comes after them
+test: .venv/dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	@said=$$(mktemp); $(MAKE) --no-print-directory types >$$said 2>&1 & types=$$!; \
-	echo "$(PYTEST)"; $(PYTEST); tests=$$?; \
+	$(MAKE) --no-print-directory .venv/warm && echo "$(PYTEST)" && $(PYTEST); tests=$$?; \
 	wait $$types; held=$$?; cat $$said; rm $$said; test $$tests -eq 0 -a $$held -eq 0
 
 types: .venv/dev

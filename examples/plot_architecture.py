@@ -49,13 +49,19 @@ def modules() -> dict[str, str]:
 
 
 @cache
+def tree_of(path: str) -> ast.Module:
+    """Return the syntax tree of a file, its path from the root."""
+    return ast.parse((ROOT / path).read_text("utf-8"))
+
+
+@cache
 def find_imports() -> list[Import]:
     """Return the imports among the four packages' files; a package's face has none of its own."""
     known = modules()
     found: list[Import] = []
     for path in known.values():
         if not path.endswith("__init__.py"):
-            _visit(ast.parse((ROOT / path).read_text("utf-8")), "at import", path, known, found)
+            _visit(tree_of(path), "at import", path, known, found)
     return found
 
 

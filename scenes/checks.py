@@ -151,7 +151,7 @@ def check_options(options: object, **bounds: tuple[float, float]) -> None:
             check_number(field, value, least, most)
 
 
-def read_only_view(array: FloatArray) -> FloatArray:
+def read_only_view(array: NDArray[Any]) -> NDArray[Any]:
     """Return an array (n, ...) as one that cannot be written through: one type for compiled loops."""
     view = array.view()
     view.flags.writeable = False

@@ -129,6 +129,7 @@ def of_part(seed: int, tolerance_m: float) -> PartResult:
     by = {one.surface: one for one in check.elements}
     holds, halves = [], []
     changed = {made.hole, made.face}
+    beside = {k for k in by if _is_beside(made.faces.normal[made.face], made, k)}
     for surface, one in by.items():
         if one.offset is None:
             continue
@@ -137,14 +138,14 @@ def of_part(seed: int, tolerance_m: float) -> PartResult:
             true = made.hole_m
         elif surface == made.face:
             true = made.face_m * made.faces.normal[made.face]
-        elif _is_beside(made.faces.normal[made.face], made, surface):
+        elif surface in beside:
             continue  # slanted neighbours turn with the face
         value = float(true @ np.array(one.offset.along))
         holds.append(one.offset.low <= value <= one.offset.high)
         halves.append(_half(one.offset))
     return PartResult(
         len(by), sum(by[k].verdict == "deviates" for k in changed),
-        sum(one.verdict in _ALARMS for k, one in by.items() if k not in changed),
+        sum(one.verdict in _ALARMS for k, one in by.items() if k not in changed | beside),
         sum(one.verdict == "undecided" for one in by.values()),
         _numbers(by[made.hole]), _numbers(by[made.face]), float(np.mean(holds)), float(np.median(halves)),
     )  # fmt: skip

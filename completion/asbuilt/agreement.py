@@ -291,9 +291,7 @@ def _settle(
         on[k] = on[k] and abs(residual[k]) <= max(3.0 * sd, limits.WINDOW_SIGMAS * sigma[k])
         core[k] = on[k]
     for turn in range(2 * _ROUNDS):
-        count = 0
-        for k in range(n):
-            count += core[k]
+        count = int(np.count_nonzero(core))
         if count < 2 * columns.shape[1]:
             break
         factors = _plane(y, columns, sigma, core, count)

@@ -150,9 +150,10 @@ def _is_gone(known: ElementEvidence, tested: Sequence[int], scale: float) -> boo
         for k, one in enumerate(known.faces)
         if _is_in_place(known, k) or (k in tested and k not in known.rivals and _stands(known, k))
     )
-    stays = max(beams.on_m2 + measured, known.share.measured * known.exposed_m2)
+    stays = beams.on_m2 + measured
     is_through = (
-        beams.through_m2 > limits.LEAST_THROUGH_M2 * scale**2
+        known.share.measured <= limits.HIDDEN_SHARE
+        and beams.through_m2 > limits.LEAST_THROUGH_M2 * scale**2
         and beams.n_beams >= limits.FEWEST_BEAMS // 2
         and beams.through_m2 > limits.THROUGH_OF_SEEN * (beams.through_m2 + stays)
         and beams.through_m2 > limits.THROUGH_OF_ALL * (beams.through_m2 + stays + beams.hidden_m2)

@@ -25,7 +25,7 @@ def mesh_range_image(
     kept = np.zeros((2, max(rows - 1, 0), max(columns - 1, 0)), np.bool_)
     below = columns + 1  # from a pixel to the one across its square
     others = ((columns, below), (below, 1))  # of the lower left triangle, and of the upper right one
-    n_away = _join(points, members, max_step, np.asarray(origin, dtype=np.float64), kept)
+    n_away = _join(np.ascontiguousarray(points), members, max_step, np.array(origin, dtype=np.float64), kept)
     triangles = []
     for joined, (second, third) in zip(kept, others, strict=True):
         row, column = np.nonzero(joined)

@@ -15,7 +15,7 @@ from completion.evidence.limits import FEWEST_BEAMS, LEAST_COSINE
 from completion.evidence.reach import TILE, Reach, farthest_along
 from completion.evidence.sight import Eye, ScanSight, Views, along_ray, ball_around
 from completion.observe.rays import Noise, Triple, deviation_at, dot, minus, plus, ray_at
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, read_only_view
 from scenes.run.mapping import trim
 from texture.engine.compiled import compiled, inlined
 
@@ -198,7 +198,7 @@ def free_cells(
     if views is None:
         views = Views.of((sight.eye for sight in sights), (float(reach.far.max()) for reach in reaches))
     form, around, count = form_of(grid.surface), _with_margin(grid), np.zeros(grid.shape, np.int32)
-    sd = predicted_sd.reshape(grid.shape)
+    sd = read_only_view(predicted_sd.reshape(grid.shape))
     cells = _Cells(_pair(grid.corner), _pair(grid.cell), grid.wraps, sd, count)
     for number in np.flatnonzero(views.may_reach(ball_around(grid.bounds(), grid.cell))).tolist():
         sight, reach = sights[number], reaches[number]

@@ -16,7 +16,7 @@ from completion.evidence.limits import LEAST_COSINE, WIDEST
 from completion.evidence.sight import ScanSight, Window, along_ray
 from completion.observe.observation import Observation
 from completion.observe.rays import Rays, Triple, deviation_at, ray_at
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, read_only_view
 from scenes.scan.projection import PinholeProjection, SphericalProjection
 from texture.engine.compiled import compiled, inlined
 
@@ -47,7 +47,7 @@ def reach_of(seen: Observation) -> Reach:
     rows, columns = -(-ranges.shape[0] // TILE), -(-ranges.shape[1] // TILE)
     part, stray = np.empty((rows * TILE // _PART, columns * TILE // _PART)), np.empty((rows, columns))
     scatter, boxes = np.empty((rows, columns, 3, 3)), np.empty((rows, columns, 4, 3))
-    _gather(ranges, rays, rays._replace(points=np.zeros((0, 0, 3))), part, stray, scatter)
+    _gather(ranges, rays, rays._replace(points=read_only_view(np.zeros((0, 0, 3)))), part, stray, scatter)
     _bound(ranges, rays, np.ascontiguousarray(np.linalg.eigh(scatter)[1].swapaxes(2, 3)), boxes)
     far = part.reshape(rows, TILE // _PART, columns, TILE // _PART).max(axis=(1, 3))
     return Reach(

@@ -26,7 +26,7 @@ from completion.evidence.sight import (
 )
 from completion.observe.rays import Triple, deviation_at, dot, minus, plus
 from completion.observe.shadow import is_shadowed
-from scenes.checks import BoolArray, FloatArray
+from scenes.checks import BoolArray, FloatArray, read_only_view
 from scenes.run.mapping import trim
 from texture.engine.compiled import compiled, inlined
 
@@ -106,7 +106,7 @@ class _CellLabels(NamedTuple):
         observed, is_member, through, limb = np.zeros((4, n), dtype=np.bool_)
         return cls(
             centres=centres,
-            predicted_sd=predicted_sd,
+            predicted_sd=read_only_view(predicted_sd),
             labels=np.full(n, Label.OUT, np.int8),
             observed=observed,
             is_own=is_member,

@@ -37,7 +37,7 @@ from completion.extension.limits import (
 )
 from completion.extension.room_surfaces import known_of_room, room_probability
 from completion.room.roles import NO_ROOM, Room
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray, read_only_view
 from scenes.surfaces.catalogue import Cylinder, Plane
 from texture.engine.compiled import compiled
 
@@ -337,10 +337,11 @@ def silent_parts(
     level = half_widths(silent)
     for step_level in sorted(set(level[silent].tolist()), reverse=True):
         number, n_parts = ndimage.label(level == step_level, _ALL_AROUND)
-        row, column = np.nonzero(number)
+        row, column = map(np.ascontiguousarray, np.nonzero(number))
         members = number[row, column]
         good, bad = np.zeros(n_parts + 1), _at_border(number, n_parts, wraps)
-        _look_beside(number, row, column, solid, within, level, step_level, good, bad)
+        now, inside = (read_only_view(np.ascontiguousarray(cells)) for cells in (solid, within))
+        _look_beside(number, row, column, now, inside, level, step_level, good, bad)
         order = np.argsort(members, kind="stable")
         ends = np.searchsorted(members[order], np.arange(n_parts + 2))
         cells = ((row + box[0].start) * columns + column + box[1].start)[order]

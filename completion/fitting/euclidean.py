@@ -72,6 +72,8 @@ class Normal:
     def inverse(self) -> FloatArray:
         """The inverse (k, k) of J'J, for the chart's own parameters."""
         scale = np.sqrt(np.diag(self.matrix))
+        if not scale.all():
+            raise np.linalg.LinAlgError("a parameter that nothing depends on")
         inverse = np.linalg.inv(self.matrix / np.outer(scale, scale)) / np.outer(scale, scale)
         return np.asarray(self.basis @ inverse @ self.basis.T)
 

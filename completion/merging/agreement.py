@@ -15,7 +15,7 @@ from completion.evidence.form import Form, form_of
 from completion.fitting.result import SurfaceFit, allow_for_warp
 from completion.merging.limits import LEAST_COSINE, LEAST_FACING, STEEPEST
 from completion.observe.rays import dot, minus
-from scenes.checks import BoolArray, FloatArray, IntArray
+from scenes.checks import BoolArray, FloatArray, IntArray, read_only_view
 from texture.engine.compiled import compiled, inlined
 
 _LEAST_SCALE = 1e-150  # standard deviation that counts as none
@@ -290,7 +290,7 @@ class _Planes:
         doubts = [part.doubt for part in parts]
         return cls(
             forms=forms,
-            covariances=covariances,
+            covariances=read_only_view(covariances),
             boxes=np.array([part.box for part in parts]),
             scans=np.array([doubt.scan for doubt in doubts], dtype=np.int64),
             doubts=np.array([(doubt.shift_m**2, doubt.turn**2) for doubt in doubts]),

@@ -63,13 +63,13 @@ class Observation:
     def points_at(self, pixels: IntArray) -> FloatArray:
         """Measured points (n, 3) of flat pixels (n,), metres; NaN where nothing came back."""
         out = np.empty((len(pixels), 3))
-        pick_points(self.rays, self.scan.ranges, np.asarray(pixels, dtype=np.int64), out)
+        pick_points(self.rays, self.scan.ranges, np.ascontiguousarray(pixels, dtype=np.int64), out)
         return out
 
     def rays_at(self, pixels: IntArray) -> FloatArray:
         """Unit viewing rays (n, 3) of flat pixels (n,)."""
         out = np.empty((len(pixels), 3))
-        pick_rays(self.rays, np.asarray(pixels, dtype=np.int64), out)
+        pick_rays(self.rays, np.ascontiguousarray(pixels, dtype=np.int64), out)
         return out
 
     def beam_ends(self) -> FloatArray:

@@ -13,7 +13,7 @@ from scipy.special import gammaincinv
 from completion.observe.limits import FACING_COSINE, FEWEST_TILES
 from completion.observe.rays import Noise, Rays, deviations, rays_of
 from completion.observe.tiles import cut_tiles
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, read_only_view
 from scenes.scan.range_image import RangeImage
 
 _WINDOW = 9
@@ -176,7 +176,7 @@ def _small_tiles(scan: RangeImage) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def _of_rows(rays: Rays, rows: np.ndarray) -> Rays:
     points = rays.points[rows] if rays.points.shape[0] else rays.points
-    return rays._replace(scale=rays.scale[rows], down=rays.down[rows], points=points)
+    return rays._replace(scale=rays.scale[rows], down=rays.down[rows], points=read_only_view(points))
 
 
 def _quartile(variance: FloatArray, side: int) -> float:

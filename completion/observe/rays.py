@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, read_only_view
 from scenes.scan.range_image import RangeImage
 from texture.engine.compiled import compiled, inlined
 
@@ -71,7 +71,7 @@ def rays_of(scan: RangeImage) -> Rays:
         down=grid.down,
         right=grid.right,
         forward=grid.forward,
-        points=points,
+        points=read_only_view(points),  # of one type to compiled loops, whatever a scan holds
     )
 
 

@@ -78,7 +78,7 @@ def find_shadow(scan: RangeImage) -> Shadow:
     if not isinstance(camera, PinholeProjection) or scan.valid.all():
         return NO_SHADOW
     depth = scan.points_in_sensor()[..., 2]
-    across, down = _jumps(depth), _jumps(np.ascontiguousarray(depth.T))
+    across, down = (_jumps(np.ascontiguousarray(lines)) for lines in (depth, depth.T))
     right, left = (_baseline(across * [1.0, sign], camera.fx) for sign in (1.0, -1.0))
     below, above = (_baseline(down * [1.0, sign], abs(camera.fy)) for sign in (1.0, -1.0))
     if max(right[1], left[1]) >= max(below[1], above[1]):

@@ -190,7 +190,7 @@ def _counts(
         for b in move:
             there = compose(compose(inverse(a.pose), motions), b.pose)
             for view, second, first in ((b.view, a.view, there), (a.view, b.view, inverses(there))):
-                sample = view.sample[:: max(1, round(len(view.sample) / n))]
+                sample = view.sample[:: max(1, round(len(view.sample) / n))].copy()
                 counts = count_agreement(view.facets, sample, first, second.sight, second.facets, within_m)
                 pairs.append((counts, max(len(sample), 1)))
     return pairs

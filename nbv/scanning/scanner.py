@@ -188,7 +188,9 @@ def footprint_echo(
         rho = world.reflectivity(hits, intensity)
         ranges, cosine = np.where(seen, hits.ranges, np.inf), hits.incidence_cosine
         ranges, cosine, rho = (array.reshape(-1, N_RAYS) for array in (ranges, cosine, rho))
-        merge_returns(ranges, cosine, rho, which, footprint.range_resolution_m, out[:, part])
+        merged = np.empty((4, len(ranges)))
+        merge_returns(ranges, cosine, rho, which, footprint.range_resolution_m, merged)
+        out[:, part] = merged
     ranges, cosine, rho, count = out
     return Echo(ranges, cosine, np.arccos(np.minimum(cosine, 1.0)), rho, count.astype(np.uint8))
 

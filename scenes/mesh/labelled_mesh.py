@@ -9,7 +9,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_places, frozen_copy
+from scenes.checks import (
+    BoolArray,
+    FloatArray,
+    InputError,
+    check_faces,
+    check_places,
+    frozen_copy,
+    read_only_view,
+)
 from scenes.pose import Pose
 from scenes.run.memory import in_blocks
 
@@ -84,9 +92,11 @@ class Appearance:
         colour = np.empty((len(faces), 3), np.float32)
         is_plain = self.face_image is None or self.corner_uv is None
         face_image = np.full(len(self.corner_colour), -1, np.int32) if is_plain else self.face_image
+        given = (faces, barycentric, self.corner_colour, face_image)
+        faces, barycentric, corners, face_image = (read_only_view(np.ascontiguousarray(a)) for a in given)
 
         def look_up(part: slice) -> None:
-            at = faces[part], barycentric[part], self.corner_colour
+            at = faces[part], barycentric[part], corners
             plain_colours(*at, face_image, nothing, colour[part])
             for number, image in enumerate(() if is_plain else self.images):
                 textured_colours(*at, self.corner_uv, face_image, number, image, colour[part])

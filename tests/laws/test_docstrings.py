@@ -6,8 +6,7 @@ import re
 
 import pytest
 
-from examples.plot_architecture import modules
-from tests.helpers.sources import tree_of
+from examples.plot_architecture import modules, tree_of
 
 ARRAY = re.compile(r"\b(NDArray|ArrayLike|FloatArray|BoolArray|IntArray|Pixels)\b")
 SHAPE = re.compile(

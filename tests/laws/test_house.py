@@ -19,8 +19,8 @@ from examples.plot_architecture import (
     modules,
     reached,
     reduced,
+    tree_of,
 )
-from tests.helpers.sources import tree_of
 
 MOST_ENTRIES, MOST_ARGUMENTS, MOST_POSITIONAL = 12, 8, 5
 MORE_ENTRIES = {"completion": 21, "nbv": 13}  # each kind of knowledge is a room of its own

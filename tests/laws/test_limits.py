@@ -5,9 +5,8 @@ import ast
 
 import pytest
 
-from examples.plot_architecture import PACKAGES
+from examples.plot_architecture import PACKAGES, tree_of
 from tests.helpers.data_paths import ROOT
-from tests.helpers.sources import tree_of
 
 FILES = sorted(
     str(path.relative_to(ROOT)) for package in PACKAGES for path in (ROOT / package).rglob("limits.py")

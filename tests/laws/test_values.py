@@ -4,8 +4,7 @@
 import ast
 from pathlib import Path
 
-from examples.plot_architecture import PACKAGES, ROOT, modules
-from tests.helpers.sources import tree_of
+from examples.plot_architecture import PACKAGES, ROOT, modules, tree_of
 
 MAKERS = ("frozen_copy", "freeze_arrays", "frozen_pixels", "setflags", "flags.writeable")
 """What a value does while it is made, so that its arrays are read-only."""

@@ -60,19 +60,33 @@ LEAST_VERTICES = 1_000
 """Vertices, below which a mesh is sampled. Chosen by eye."""
 WIDEST_HOLE = 0.5
 """Of a turn that a hole in a cylinder may take: beyond it the other side could be meant."""
+
+# Tessellated models
+MODEL_PRECISION = 2e-6
+"""Of the size, that corners of a model's mesh may be off its surfaces: files round, kernels trim."""
+MODEL_SHARE = 0.5
+"""Of the area that exact surfaces explain, from which on a mesh is a model's: hardly any of a scanned one."""
+FREE_FORM = 0.005
+"""Share of the area on no surface of a known kind that is told. Chosen by eye."""
+EXACTLY_FLAT = 1e-4
+"""Radians, below which triangles of a model are one plane: tangent fillets begin beyond it. Chosen by eye."""
+ROUNDED = 0.01
+"""Of the precision, that a corner of a sliver may be rounded by: what turns its normal."""
+THIN = 4.0
+"""Of the precision, that a triangle is wide whose normal says nothing."""
 FACET_TURN = np.radians(36.0)
 """Radians between neighbouring chords of a curved surface: ten to a turn."""
 FACET_SLOPE = np.radians(25.0)
 """Radians between a chord and the surface at its middle."""
-SAG_RATIO = 10.0
-"""Of the usual sag of a surface's chords, beyond which a triangle is none of them."""
 FACET_SIZES = np.log(8.0)
 """Ratio of areas of neighbouring chords, by its logarithm, from which a surface may start."""
-MOST_SAG = 2.0
-"""Of the sag of most chords of a mesh, beyond which a triangle is no chord of a curved surface."""
-THIN = 4.0
-"""Of the precision, that a triangle is wide whose normal says nothing."""
-ROUNDED = 0.01
-"""Of the precision, that a corner of a sliver may be rounded by: what turns its normal."""
-EXACTLY_FLAT = 1e-4
-"""Radians, below which triangles of a model are one plane: a tangent fillet begins beyond it. Chosen by eye."""
+SAG_RATIO, TURN_RATIO = 10.0, 6.0
+"""Of the usual sag of a surface's chords, and of its usual turn across them, beyond which a patch is none."""
+MOST_TURN = np.radians(60.0)
+"""Radians that a curved surface turns by across a chord: diagonals of those that bend twice. Chosen by eye."""
+MOST_OF_SURFACE = 0.5
+"""Of the area of a curved surface, that one of its chords has: a plane between two chords has more."""
+HOPELESS = 30.0
+"""Of the precision, that corners are off a surface after a first adjustment, beyond which it is none."""
+EXACT = 0.1
+"""Of the precision, that a few triangles are off the surface that they make. Chosen by eye."""

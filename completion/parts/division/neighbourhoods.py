@@ -35,7 +35,7 @@ class Paraboloids:
 
 def paraboloids(points: FloatArray, nearest: IntArray) -> Paraboloids:
     """Fit paraboloids over the neighbours (n, k) of points (n, 3), each over the plane of its neighbours."""
-    k = nearest.shape[1]
+    nearest, k = np.ascontiguousarray(nearest), nearest.shape[1]
     spread, scale = _spreads(points, nearest)
     _, axes = np.linalg.eigh(spread)  # columns: normal, second, first axis
     gram, right = _normal_equations(points, nearest, axes, scale)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Division of parts on one page: from points, labels or meshes to planes, spheres, cylinders, cones, tori.
 
-A scanned mesh is its vertices: they were measured, and lie close. A mesh that was made from a model has few
-and uneven ones; there the triangles are sampled by area, and the distance of flat triangles from a curved
-surface counts as noise.
+A mesh that was made from a model has its corners exactly on the model's surfaces, and is divided where these
+are (`tessellation`). A scanned mesh is its vertices: they were measured, and lie close. Where they do not,
+the triangles are sampled by area, and the distance of flat triangles from a curved surface counts as noise.
 
 Ripple errs alike over many neighbouring points, which then lie on a cone here and a sphere there. Points
 farther apart than its reach err independently. The planes determine that distance: where they are whole, they
@@ -37,6 +37,7 @@ from completion.parts.division.result import (
     thin_points,
     too_little,
 )
+from completion.parts.division.tessellation import divide_tessellated
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.steps import Progress
@@ -225,6 +226,8 @@ def segment_mesh(
     if not areas.sum() > 0:
         raise InputError(f"none of the {len(areas)} triangles has an area")
     checked_cloud(mesh.vertices, None, noise_m)
+    if noise_m is None and (model := _segment_model(mesh, areas)) is not None:
+        return model
     used = np.unique(mesh.faces)
     if _is_dense(mesh, float(areas.sum()), len(used)):
         part = segment_part(mesh.vertices[used], noise_m=noise_m, progress=progress)
@@ -244,6 +247,33 @@ def segment_mesh(
     labels = _of_vertices(mesh, triangles, areas, len(surfaces))
     groups = groups_of(points, fits, part.labels.astype(np.int64), max(sag, 1e-2 * part.spacing_m))
     return replace(part, labels=labels, fits=fits, groups=groups, triangle_labels=triangles)
+
+
+def _segment_model(mesh: LabelledMesh, areas: FloatArray) -> PartSegmentation | None:
+    """The faces of a model that a mesh was made from; None where it was not."""
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    tolerance_m = limits.MODEL_PRECISION * size
+    model = divide_tessellated(mesh, tolerance_m)
+    if model is None:
+        return None
+    triangles, surfaces = model.labels, model.surfaces
+    corners, number = _corners(mesh, triangles)
+    fits, labels = fit_labels(mesh.vertices[corners], surfaces, number, limits.RESOLUTION * tolerance_m)
+    place = np.zeros(len(surfaces) + 1, np.int64)
+    place[number] = labels
+    triangles = place[triangles]
+    free_form = float(areas[triangles == 0].sum()) / float(areas.sum())
+    told = f"{free_form:.1%} of the area of this model is on no plane, cylinder, cone, sphere or torus"
+    return PartSegmentation(
+        labels=_of_vertices(mesh, triangles, areas, len(fits)),
+        fits=fits,
+        groups=groups_of(mesh.vertices[corners], fits, labels, tolerance_m),
+        noise_m=float(np.sqrt(np.mean([fit.rms**2 for fit in fits]))) if fits else 0.0,
+        spacing_m=float(np.sqrt(areas.sum() / _n_samples(mesh, areas))),
+        triangle_labels=triangles,
+        is_model=True,
+        warnings=(told,) if free_form > limits.FREE_FORM else (),
+    )
 
 
 def _by_corners(mesh: LabelledMesh, segmentation: PartSegmentation, labels: IntArray) -> IntArray:

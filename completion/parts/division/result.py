@@ -36,6 +36,8 @@ class PartSegmentation:
         Estimated deviation of the points along the normal, and their sampling distance; metres.
     triangle_labels : (m,) int or None
         Of a mesh, the face of each triangle.
+    is_model : bool
+        Whether a mesh is a tessellated model, whose corners lie on its surfaces, and not a scanned one.
     names : tuple of int
         What each face is called, ascending: 1, 2, ... unless labels were given.
     warnings : tuple of str
@@ -48,6 +50,7 @@ class PartSegmentation:
     noise_m: float
     spacing_m: float
     triangle_labels: IntArray | None = None
+    is_model: bool = False
     names: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
 

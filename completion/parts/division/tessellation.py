@@ -25,9 +25,11 @@ from scenes.surfaces.catalogue import Plane, Surface
 
 _CURVED = "cylinder", "cone", "sphere", "torus"  # the simplest first
 _ROUNDS = 20
-_STARTING = 4  # of these until a start must be right
+_STARTING = 2  # of these until a start must be right
+_SURELY_MANY = 30  # triangles on one surface
+_END = 0.05  # of an edge
 _DEEPEST = 3  # neighbours that a start looks at
-_MOST_FAILED = 60  # seeds without a surface, before a mesh that has explained little counts as scanned
+_MOST_FAILED = 20  # seeds without a surface, before a mesh that has explained little counts as scanned
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,23 +39,24 @@ class Tessellation:
     Attributes
     ----------
     labels : (m,) int
-        Face of each triangle, from 1; 0 for none.
+        Face of each triangle, from 1; 0 for what is on no surface of a known kind.
     surfaces : tuple of Surface
         One a face.
-    share : float
-        Of the area that they explain.
+    free_form : float
+        Share of the area that is on none.
     """
 
     labels: IntArray
     surfaces: tuple[Surface, ...]
-    share: float
+    free_form: float
 
 
 class _Patches(NamedTuple):
-    """Coplanar patches (p,): their triangles' patch (m,), area, normal, centroid, corners, and what is beside.
+    """Patches (p,) of coplanar triangles.
 
-    `corner` (k,) are vertices, those of patch i from `first[i]` to `first[i + 1]`; `bends` (p, p) holds the
-    angle between neighbours that turn little.
+    `of` (m,) is that of each triangle, `corner` (k,) are vertices, those of patch i from `first[i]` to
+    `first[i + 1]`; `bends` (p, p) links neighbours that turn little; `count` triangles; `is_thin`: its normal
+    says nothing; `is_inner`: it has no sharp edge.
     """
 
     of: IntArray
@@ -63,14 +66,15 @@ class _Patches(NamedTuple):
     first: IntArray
     corner: IntArray
     bends: csr_array
+    count: IntArray
+    is_seed: BoolArray
     is_thin: BoolArray
     is_inner: BoolArray
-    most_sag_m: float
     tolerance_m: float
 
 
-def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation:
-    """Divide a mesh with shared vertices where the faces of its model are.
+def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation | None:
+    """Divide a mesh where the faces of its model are; None where it is no model's.
 
     Parameters
     ----------
@@ -80,40 +84,54 @@ def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation:
         How far vertices may be off their surface: the file's precision.
     """
     patches = _patches_of(mesh, tolerance_m)
-    face = np.full(len(patches.area), -1, dtype=np.int64)
-    surfaces: list[Surface] = []
-    is_tried = np.zeros(len(patches.area), np.bool_)
-    n_bends = np.diff(patches.bends.indptr)
-    failed = 0
+    face, surfaces = np.full(len(patches.area), -1, dtype=np.int64), list[Surface]()
+    is_tried, n_bends = ~patches.is_seed, np.diff(patches.bends.indptr)
+    total, n_failed = float(patches.area.sum()), 0
     for seed in np.lexsort((-patches.area, -_depths(patches))):
         if face[seed] >= 0 or is_tried[seed] or not n_bends[seed]:
             continue
         found = _grown_from(mesh, patches, int(seed), face < 0, tolerance_m)
         if found is None:
             is_tried[seed] = True
-            failed += 1
+            for ring in _rings(patches, int(seed), face < 0)[:2]:
+                is_tried[ring[patches.count[ring] == 1]] = True
+            n_failed += 1
+            if n_failed == _MOST_FAILED and _explained(patches, face) < limits.MODEL_SHARE * total:
+                return None
             continue
         face[found.members] = len(surfaces)
         surfaces.append(found.surface)
     surfaces = _absorbed(mesh, patches, surfaces, face, tolerance_m)
-    for patch in np.flatnonzero(face < 0):
+    if _explained(patches, face) < limits.MODEL_SHARE * total:
+        return None
+    for patch in np.flatnonzero((face < 0) & ~_is_free_form(patches, face)):
         corners = mesh.vertices[patches.corner[patches.first[patch] : patches.first[patch + 1]]]
-        if patches.area[patch] > 0:
-            face[patch] = len(surfaces)
-            surfaces.append(Plane(corners.mean(axis=0), patches.normal[patch]))
-    labels = face[patches.of] + 1
-    return Tessellation(labels, tuple(surfaces), 1.0)
+        face[patch] = len(surfaces)
+        surfaces.append(Plane(corners.mean(axis=0), patches.normal[patch]))
+    free_form = float(patches.area[face < 0].sum()) / total
+    return Tessellation(face[patches.of] + 1, tuple(surfaces), free_form)
+
+
+def _explained(patches: _Patches, face: IntArray) -> float:
+    """Area on curved surfaces, and in planes of several triangles."""
+    return float(patches.area[(face >= 0) | (patches.count > 1)].sum())
+
+
+def _is_free_form(patches: _Patches, face: IntArray) -> BoolArray:
+    """Which patches (p,) are single triangles that turn little to others of their like, on no surface."""
+    left = (face < 0) & (patches.count == 1)
+    first = np.repeat(np.arange(len(left)), np.diff(patches.bends.indptr))
+    beside = np.bincount(first, left[patches.bends.indices], minlength=len(left))
+    return (left & (beside > 0)) | ((face < 0) & (patches.area <= 0))
 
 
 def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     """Triangles joined where they lie in one plane."""
     n, areas, normals = len(mesh.faces), mesh.face_areas(), mesh.face_normals()
-    a, b, over, shared = _pairs(mesh)
+    a, b, over = _pairs(mesh)
     large, small = np.where(areas[a] >= areas[b], a, b), np.where(areas[a] >= areas[b], b, a)
     other = np.where(areas[a] >= areas[b], over[:, 1], over[:, 0])
-    height = np.einsum(
-        "ij,ij->i", mesh.vertices[other] - mesh.vertices[mesh.faces[large, 0]], normals[large]
-    )
+    height = np.einsum("ij,ij->i", mesh.vertices[other] - mesh.vertices[mesh.faces[large, 0]], normals[large])
     is_flat = np.abs(height) <= tolerance_m
     same = np.einsum("ij,ij->i", normals[a], normals[b])
     is_thin = 2 * areas <= limits.THIN * tolerance_m * _longest(mesh)
@@ -129,7 +147,7 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     middle = mesh.corners.mean(axis=1)
     centroid = np.column_stack([np.bincount(of, areas * middle[:, k], minlength=p) for k in range(3)])
     centroid /= np.maximum(area[:, None], 1e-300)
-    pairs = np.unique(np.column_stack([np.repeat(of, 3), mesh.faces.ravel()]), axis=0)
+    pairs = _outline_corners(mesh, of, tolerance_m)
     first = np.searchsorted(pairs[:, 0], np.arange(p + 1))
     i, j = of[a], of[b]
     apart = i != j
@@ -142,11 +160,36 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     bent = (turn < limits.FACET_TURN) | thin[i] | thin[j]
     both = np.concatenate([i[bent], j[bent]]), np.concatenate([j[bent], i[bent]])
     bends = csr_array((np.ones(len(both[0])), both), shape=(p, p))
-    like = bent & (np.abs(np.log(np.maximum(area[i], 1e-300) / np.maximum(area[j], 1e-300))) < limits.FACET_SIZES)
-    length = np.linalg.norm(mesh.vertices[shared[apart][:, 1]] - mesh.vertices[shared[apart][:, 0]], axis=1)
-    sag = ((area[i] + area[j]) / np.maximum(length, 1e-300) * turn / 8)[like]
-    most_sag_m = limits.MOST_SAG * float(np.quantile(sag, limits.SAGGING)) if len(sag) else 0.0
-    return _Patches(of, area, normal, centroid, first, pairs[:, 1], bends, thin, inner, most_sag_m, tolerance_m)
+    count = np.bincount(of, minlength=p)
+    is_seed = (area > 0) & ~thin
+    return _Patches(
+        of, area, normal, centroid, first=first, corner=pairs[:, 1], bends=bends, count=count,
+        is_seed=is_seed, is_thin=thin, is_inner=inner, tolerance_m=tolerance_m,
+    )  # fmt: skip
+
+
+def _outline_corners(mesh: LabelledMesh, of: IntArray, tolerance_m: float) -> IntArray:
+    """Patch and vertex (k, 2), ascending, where the outlines of patches turn: not within a side, nor inside."""
+    faces, n = mesh.faces.astype(np.int64), len(mesh.vertices)
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    patch = np.repeat(of, 3)
+    key = (patch * n + np.minimum(start, end)) * n + np.maximum(start, end)
+    _, place, count = np.unique(key, return_inverse=True, return_counts=True)
+    outer = count[place.reshape(-1)] == 1
+    start, end, patch = start[outer], end[outer], patch[outer]
+    at = np.concatenate([patch * n + start, patch * n + end])
+    other = np.concatenate([end, start])
+    order = np.argsort(at, kind="stable")
+    at, other = at[order], other[order]
+    known, first, count = np.unique(at, return_index=True, return_counts=True)
+    vertex = known % n
+    last = np.minimum(first + 1, len(other) - 1)
+    sides = [mesh.vertices[other[place]] - mesh.vertices[vertex] for place in (first, last)]
+    across = np.linalg.norm(np.cross(*sides), axis=1)
+    chord = np.linalg.norm(sides[0] - sides[1], axis=1)
+    is_straight = (count == 2) & (across <= tolerance_m * chord)
+    is_straight &= np.einsum("ij,ij->i", *sides) < 0
+    return np.column_stack([known // n, vertex])[~is_straight]
 
 
 def _longest(mesh: LabelledMesh) -> FloatArray:
@@ -154,16 +197,15 @@ def _longest(mesh: LabelledMesh) -> FloatArray:
     return np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2).max(axis=1)
 
 
-def _pairs(mesh: LabelledMesh) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """Triangles (e,), (e,) beside edges, the corner (e, 2) of each that is not on it, and its ends (e, 2)."""
+def _pairs(mesh: LabelledMesh) -> tuple[IntArray, IntArray, IntArray]:
+    """Triangles (e,), (e,) beside edges, and the corner (e, 2) of each that is not on it."""
     edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     triangle, opposite = np.repeat(np.arange(len(mesh.faces)), 3), mesh.faces[:, [2, 0, 1]].ravel()
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     edges, triangle, opposite = edges[order], triangle[order], opposite[order]
     start = np.flatnonzero(np.concatenate([[True], (edges[1:] != edges[:-1]).any(axis=1)]))
     twice = start[np.diff(np.append(start, len(edges))) == 2]
-    over = np.column_stack([opposite[twice], opposite[twice + 1]])
-    return triangle[twice], triangle[twice + 1], over, edges[twice]
+    return triangle[twice], triangle[twice + 1], np.column_stack([opposite[twice], opposite[twice + 1]])
 
 
 def _absorbed(
@@ -191,7 +233,7 @@ def _absorbed(
 
 
 def _depths(patches: _Patches) -> IntArray:
-    """Steps (p,) from each patch to where its surface may end: at edges, and beside patches of another size."""
+    """Steps (p,) from each patch to where its surface may end: sharp edges, patches of another size."""
     size = np.log(np.maximum(patches.area, 1e-300))
     first, other = np.repeat(np.arange(len(size)), np.diff(patches.bends.indptr)), patches.bends.indices
     alike = np.abs(size[first] - size[other]) < limits.FACET_SIZES
@@ -217,10 +259,10 @@ def _grown_from(
                 grown = _grow(mesh, patches, seed, ring, start, free, tolerance_m)
                 if grown is not None and grown.is_better(best):
                     best = grown
-            if best is not None and best.is_whole(patches):
-                return best
-        if best is not None and best is not before and len(best.members) > len(ring):
-            rings.append(_around(patches, best.members, free, seed))
+        if best is not None and best is not before:  # which tell all kinds better than a few do
+            rings.insert(0, _around(patches, best.members, free, seed))
+        elif best is not None and best.is_whole(patches):
+            break
     return best
 
 
@@ -252,7 +294,8 @@ class _Grown(NamedTuple):
         beside = np.unique(patches.bends[self.members].indices)
         beside = beside[~inside[beside]]
         typical = np.log(float(np.median(patches.area[self.members])))
-        return not (np.abs(np.log(np.maximum(patches.area[beside], 1e-300)) - typical) < limits.FACET_SIZES).any()
+        sizes = np.log(np.maximum(patches.area[beside], 1e-300))
+        return not (np.abs(sizes - typical) < limits.FACET_SIZES).any()
 
     def is_better(self, other: _Grown | None) -> bool:
         """Whether it holds clearly more, or as much and that more closely."""
@@ -265,15 +308,18 @@ class _Grown(NamedTuple):
 
 
 def _rings(patches: _Patches, seed: int, free: BoolArray) -> list[IntArray]:
-    """Patches around a seed: its neighbours, theirs, and neighbours in pairs that look alike."""
+    """Patches around a seed, to start from: its neighbours, and theirs.
 
+    Of a chord of several triangles its neighbours are enough, two of them where others are of another
+    surface; a single triangle bends both ways, and needs more.
+    """
     one = _around(patches, np.array([seed]), free, seed)
     two = _around(patches, one, free, seed)
-    rings = [one, two, _around(patches, two, free, seed)]
+    rings = [one, two] if patches.count[seed] > 1 else [two, _around(patches, two, free, seed)]
     beside = one[one != seed]
     turn = np.arccos(np.clip(patches.normal[beside] @ patches.normal[seed], -1, 1))
     order = beside[np.argsort(turn, kind="stable")]
-    if len(order) > 2:
+    if patches.count[seed] > 1 and len(order) > 2:
         rings += [np.array([seed, *pair]) for pair in pairwise(order[:4])]
     return [ring for ring in rings if len(ring) >= 3]
 
@@ -307,7 +353,7 @@ def _grow(
         surface = better[0]
         off = float(np.median(np.abs(surface.distance(corners))))
         if off > tolerance_m:  # not yet determined: stay with these
-            if turn >= _STARTING:
+            if turn >= _STARTING or off > limits.HOPELESS * tolerance_m:
                 return None
             continue
         held = _held(mesh, patches, surface, free, tolerance_m)
@@ -328,6 +374,11 @@ def _grow(
         return None
     triangles = np.flatnonzero(np.isin(patches.of, kept))
     sags, area = _sags(mesh, triangles, surface), mesh.face_areas()[triangles]
+    rms = float(np.sqrt(np.mean(np.square(surface.distance(corners)))))
+    if len(kept) < _SURELY_MANY and np.median(patches.count[kept]) == 1 and rms > limits.EXACT * tolerance_m:
+        return None  # a few triangles of a free form lie on some sphere, nearly
+    if patches.area[kept].max() > limits.MOST_OF_SURFACE * patches.area[kept].sum():
+        return None
     return _Grown(surface, kept, float(patches.area[kept].sum()), float(area @ sags / area.sum()))
 
 
@@ -336,12 +387,22 @@ def _chords(
 ) -> BoolArray:
     """Which of some patches (k,) lie as near to a surface between their corners as its members do: (p,)."""
     triangles = np.flatnonzero(np.isin(patches.of, np.union1d(some, members)))
-    worst = np.zeros(len(patches.area))
-    np.maximum.at(worst, patches.of[triangles], _sags(mesh, triangles, surface))
-    most = min(limits.SAG_RATIO * float(np.median(worst[members])), patches.most_sag_m)
+    sag, turn = np.zeros(len(patches.area)), np.zeros(len(patches.area))
+    np.maximum.at(sag, patches.of[triangles], _sags(mesh, triangles, surface))
+    np.maximum.at(turn, patches.of[triangles], _turns(mesh, triangles, surface))
+    most_m = limits.SAG_RATIO * float(np.median(sag[members])) + patches.tolerance_m
+    most = min(limits.TURN_RATIO * float(np.median(turn[members])) + limits.FLAT_ANGLE, limits.MOST_TURN)
     chords = np.zeros(len(patches.area), np.bool_)
-    chords[some] = worst[some] <= most + patches.tolerance_m
+    chords[some] = (sag[some] <= most_m) & ((turn[some] <= most) | patches.is_thin[some])
     return chords
+
+
+def _turns(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArray:
+    """Largest angle (k,) that a surface turns by along an edge of triangles, radians."""
+    one, two = mesh.corners[triangles], np.roll(mesh.corners[triangles], 1, axis=1)
+    inner = [(1 - t) * one + t * two for t in (_END, 1 - _END)]  # not at an apex, where there is no normal
+    ends = [surface.normal(points.reshape(-1, 3)).reshape(-1, 3, 3) for points in inner]
+    return np.arccos(np.clip(np.einsum("kij,kij->ki", *ends), -1, 1)).max(axis=1) / (1 - 2 * _END)
 
 
 def _sags(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArray:

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: MIT
 """IFC4: what the text holds, and, where ifcopenshell is installed, what it reads back and reckons."""
 
+import ast
 import re
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
+from _pytest.assertion.rewrite import rewrite_asserts
 
 from completion.export.ifc_entities import StepText
 from completion.export.ifc_products import ProductEvidence, property_set, state_of
@@ -178,6 +181,18 @@ def volume_of(vertices, faces):
     return abs(float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6))
 
 
+@pytest.fixture(scope="module")
+def rules_compiled_once():
+    """The library compiles the rules of the standard anew for each file, which takes longest."""
+    rules = pytest.importorskip("ifcopenshell.express.rule_executor")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ast.parse", cache(ast.parse))
+        patch.setattr("_pytest.assertion.rewrite.rewrite_asserts", cache(rewrite_asserts))
+        patch.setattr(rules, "compile", cache(compile), raising=False)
+        yield
+
+
+@pytest.mark.usefixtures("rules_compiled_once")
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # the library leaves its rules open
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("name", ["house", "two_occluders", "office"])

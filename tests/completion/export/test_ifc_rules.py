@@ -152,9 +152,14 @@ def test_other_units_are_valid_and_give_the_same_lengths(units, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "far", [(0.0, 0.0, 0.0), (3e5, 0.0, 0.0), (-4e5, 6.5e6, -30.0), (2.7e6, 1.2e6, 400.0)]
+    ("far", "units"),
+    [
+        ((0.0, 0.0, 0.0), "us-ft"),
+        ((3e5, 0.0, 0.0), "m"),
+        ((-4e5, 6.5e6, -30.0), "us-ft"),
+        ((2.7e6, 1.2e6, 400.0), "m"),
+    ],
 )
-@pytest.mark.parametrize("units", ["m", "us-ft"])
 def test_places_and_their_map_conversion_give_the_coordinates_of_the_scans(far, units):
     model = house_parts().model
     moved = replace(model, vertices=model.vertices - model.drawn.min(axis=0) + np.array(far))

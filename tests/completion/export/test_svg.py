@@ -70,7 +70,7 @@ def test_areas_of_closed_rooms_are_told(root):
 
 
 def test_openings_are_told():
-    text = svg_of(panorama("office", "none").building())
+    text = svg_of(panorama("office").building())
     assert re.search(r"window \d\.\d\d \u00d7 \d\.\d\d", text)
 
 

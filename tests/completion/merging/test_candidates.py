@@ -55,16 +55,20 @@ def parts_of_scan(name):
 
 
 PARTS = {
-    "none": [],
-    "one": random_parts(1, 0),
-    "few": random_parts(20, 1),
-    "many": random_parts(300, 2),
-    "many others": random_parts(300, 3),
-    "of several scans": random_parts(300, 4, n_scans=3),
-    "occluders": parts_of_scan("two_occluders"),
-    "cylinders": parts_of_scan("two_cylinders"),
+    "none": list,
+    "one": lambda: random_parts(1, 0),
+    "few": lambda: random_parts(20, 1),
+    "many": lambda: random_parts(300, 2),
+    "many others": lambda: random_parts(300, 3),
+    "of several scans": lambda: random_parts(300, 4, n_scans=3),
+    "occluders": lambda: parts_of_scan("two_occluders"),
+    "cylinders": lambda: parts_of_scan("two_cylinders"),
 }
-each = pytest.mark.parametrize("parts", PARTS.values(), ids=PARTS)
+
+
+@pytest.fixture(scope="module", params=PARTS)
+def parts(request):
+    return PARTS[request.param]()
 
 
 def compared_with_all(parts):
@@ -79,13 +83,11 @@ def compared_with_all(parts):
     return np.argwhere(np.triu(near & near.T, 1))
 
 
-@each
 def test_candidates_are_those_of_a_full_comparison(parts):
     expected = compared_with_all(parts) if parts else np.zeros((0, 2))
     assert find_candidates(parts).tolist() == expected.tolist()
 
 
-@each
 def test_no_host_is_missed_and_most_parts_are_none(parts):
     small = parts[::10]
     hosts = find_hosts(small, parts)
@@ -96,7 +98,6 @@ def test_no_host_is_missed_and_most_parts_are_none(parts):
         assert sum(map(len, hosts)) < 0.2 * len(small) * len(parts)
 
 
-@each
 def test_pairs_compare_together_as_they_do_one_by_one(parts):
     pairs = find_candidates(parts)
     chi2, log_evidence = compare_all(parts, pairs)

@@ -20,7 +20,7 @@ FLAT = replace(PLAIN, flattening=FlatteningOptions())
 @pytest.fixture(scope="module")
 def scan():
     """A wall behind a chair with ripple of 2 mm along the rays."""
-    clean = example("chair_before_wall", pixels=160)
+    clean = example("chair_before_wall", pixels=120)
     ripple = 0.002 * smooth(clean.shape, 7.0, np.random.default_rng(0))
     return replace(clean, ranges=clean.ranges + ripple, sigma_m=0.002, truth=None)
 

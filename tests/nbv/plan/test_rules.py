@@ -18,6 +18,7 @@ from nbv.scanning.sensor_profile import load_sensor
 from nbv.visibility.samples import sample_surface
 from nbv.visibility.site import find_site
 from nbv.visibility.site_options import SiteOptions
+from nbv.visibility.viewpoints import Candidates
 from scenes.checks import InputError
 from scenes.world.builtin import builtin_scene
 from tests.helpers.buildings import Building, house
@@ -130,15 +131,14 @@ def test_a_rule_is_a_method(planned):
     assert ruled.stopped_because == "all stations of the rule are taken"
 
 
-def test_rules_are_refused_where_they_say_nothing(planned):
-    _, plan = planned
-    room = builtin_scene("two_occluders")
+def test_rules_are_refused_where_they_say_nothing():
+    room, own = builtin_scene("two_occluders"), Candidates(np.array([[3.0, 1.0, 1.6]]), np.eye(3))
     with pytest.raises(InputError, match=r"give a scene of rooms.*panorama, not generic60"):
         plan_views(
             room, load_sensor("generic60"), method="rule:grid5m", samples=sample_surface(room.mesh, 0.5)
         )
     with pytest.raises(InputError, match="no candidates of your own"):
-        plan_views(room, PANORAMA, method="rule:grid5m", candidates=plan.candidates)
+        plan_views(room, PANORAMA, method="rule:grid5m", candidates=own)
 
 
 @pytest.mark.long

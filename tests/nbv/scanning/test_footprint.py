@@ -8,7 +8,7 @@ from nbv.scanning.beam import N_RAYS, Footprint, Intensity, beam_pattern, sub_ra
 from nbv.scanning.effects import Effects
 from nbv.scanning.scanner import FIRST, LAST, MEAN, STRONGEST, merge_returns, scan_scene
 from nbv.scanning.sensor import PinholeSensor
-from scenes.checks import InputError
+from scenes.checks import InputError, read_only_view
 from tests.helpers.sheet_scenes import EAST, before_wall, sheets
 
 SENSOR = PinholeSensor(fov_deg=22, width=220, height=220)
@@ -135,7 +135,7 @@ def test_returns_agree_with_the_slow_reference(which):
     rng = np.random.default_rng(which)
     ranges = rng.choice([1.0, 1.05, 1.3, 2.0, np.inf], (300, 16)) + rng.uniform(0, 0.02, (300, 16))
     ranges[0] = np.inf
-    cosine, rho = rng.uniform(0, 1, (300, 16)), rng.uniform(0, 1, (300, 16))
+    cosine, rho = read_only_view(rng.uniform(0, 1, (300, 16))), rng.uniform(0, 1, (300, 16))
     out = np.empty((4, 300))
     merge_returns(ranges, cosine, rho, which, 0.1, out)
     for beam in range(300):

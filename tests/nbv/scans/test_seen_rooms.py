@@ -35,7 +35,7 @@ def middle(room, height=1.6):
 @pytest.fixture(scope="module")
 def two_storeys():
     """A house of two storeys with a scan in the middle of each room, and what they show."""
-    made = house(3, storeys=2)
+    made = house(2, storeys=2)
     scans = scans_of(made, [middle(room) for room in made.rooms])
     return made, ScanMap.of(scans, PANORAMA, completed=KnownSurfaces.of(scans, relates=False))
 
