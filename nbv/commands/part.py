@@ -152,12 +152,15 @@ def lines_of(part: Part, flat: FlatPart | None = None) -> list[str]:
     return lines
 
 
+_PLURAL = {"boss": "bosses", "outer": "outer", "turned": "turned", "open": "open"}
+
+
 def profile_lines(profiles: Sequence[Profile]) -> list[str]:
     """What is swept, a line each."""
     lines = []
     for number, profile in enumerate(profiles):
         kinds = [("through " if loop.is_through else "") + loop.kind for loop in profile.loops]
-        what = ", ".join(count(kinds.count(kind), kind) for kind in dict.fromkeys(kinds))
+        what = ", ".join(count(kinds.count(kind), kind, _PLURAL.get(kind, f"{kind}s")) for kind in dict.fromkeys(kinds))
         alike = f", {profile.alike} alike" if profile.alike > 1 else ""
         n = sum(1 for _ in profile.relations())
         text = f"{profile.sweep.kind}: {what}{alike}; {count(n, 'relation holds', 'relations hold')}"

@@ -28,6 +28,7 @@ _MARGIN_MM, _BLOCK_MM, _TEXT_MM, _LINE_MM, _GAP_MM = 10.0, 22.0, 2.5, 4.0, 3.4
 _SIDE_MM, _FOOT_MM, _ROOM_MM = 30.0, 30.0, 12.0  # for ordinates, and between views
 _REACH_MM = 9.0  # of a leader
 _SAME_MM = 1e-4  # ordinates that are one
+_EXACT_MM = 5e-5  # half an interval that is not shown: of models, which nobody measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +140,7 @@ def _placed(rooms: Sequence[FloatArray], size: tuple[float, float]) -> list[Floa
 
 
 def _captions(profile: Profile, number: int) -> Iterator[str]:
-    along = ", ".join(f"{value + 0.0:.3g}" for value in profile.sweep.direction)
+    along = ", ".join(f"{round(float(value), 3) + 0.0:g}" for value in profile.sweep.direction)
     alike = f", {profile.alike} alike" if profile.alike > 1 else ""
     word = "extruded along" if profile.sweep.kind == "extruded" else "turned about"
     yield f"Profile {number}: {word} ({along}){alike}"
@@ -159,6 +160,8 @@ def value_text(value: float, half: float, sign: str = "") -> str:
         return "0"
     if not np.isfinite(half):
         return f"{sign}{value + 0.0:.2f}"
+    if half < _EXACT_MM:
+        return f"{sign}{value + 0.0:.3f}"
     digits = int(np.clip(np.ceil(-np.log10(max(half, 1e-9))), 1, 3))
     up = max(np.ceil(half * 10**digits - 1e-9), 1) / 10**digits
     return f"{sign}{value + 0.0:.{digits}f} \u00b1{up:.{digits}f}"
@@ -216,7 +219,7 @@ def _radii(view: _View, on_paper: OnPaper, middle: FloatArray) -> Iterator[Item]
         sign = "\u2300" if measure.is_diameter else "R"
         text = value_text(measure.value_mm, measure.half_mm, sign)
         place = on_paper(measure.place)
-        way = measure.way
+        way = measure.way if measure.way @ (place - middle) >= 0 or measure.is_diameter else -measure.way
         yield Stroke("dimension", np.stack([place, place + _REACH_MM * way]), np.zeros(2))
         end = place + (_REACH_MM + 0.8) * way - [0.0, _TEXT_MM / 3]
         yield Lettering(end, f"{n}\u00d7 {text}" if n > 1 else text, 0.0, "start" if way[0] >= 0 else "end")
@@ -275,7 +278,7 @@ def _block(sheet: Sheet, title: str) -> Iterator[Item]:
     yield Lettering(np.array([low[0] + 4.0, top - 6.5]), title, size_mm=4.0)
     told = (
         f"Dimensions in mm, scale {sheet.scale_text}. \u00b1 is the 95 % interval of the measurement, no tolerance.",
-        "Ordinates from the lowest edge of each view; \u2300 diameters; R radii. Measured shape, not a design.",
+        "Ordinates from the lowest edge of each view, or the centre of a round one; \u2300 diameters; R radii. Measured shape, not a design.",
     )
     for k, text in enumerate(told):
         yield Lettering(np.array([low[0] + 4.0, top - 11.5 - 4.0 * k]), text)

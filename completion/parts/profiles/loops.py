@@ -106,11 +106,7 @@ def loops_of(
     polygons = [
         _polygon(segments) if stretch.chain.is_closed else shapely.Polygon() for stretch, segments in traced
     ]
-    depths = [
-        sum(_is_within(polygons[k], polygons[j]) for j, (other, _) in enumerate(traced)
-            if j != k and other.low < stretch.high and stretch.low < other.high and _covers(other, stretch))
-        for k, (stretch, _) in enumerate(traced)
-    ]  # fmt: skip
+    depths = [_depth(k, traced, polygons) for k in range(len(traced))]
     loops = []
     for k, (stretch, segments) in enumerate(traced):
         is_solid = depths[k] % 2 == 0
@@ -130,10 +126,14 @@ def loops_of(
     return tuple(loops[k] for k in order)
 
 
-def _covers(other: Stretch, stretch: Stretch) -> bool:
-    """Whether a stretch is there wherever another is, or half of it."""
-    common = min(other.high, stretch.high) - max(other.low, stretch.low)
-    return 2 * common >= stretch.high - stretch.low
+def _depth(
+    k: int, traced: Sequence[tuple[Stretch, tuple[Segment, ...]]], polygons: Sequence[shapely.Polygon]
+) -> int:
+    """Within how many others a loop lies between the levels that it is swept, at most of these."""
+    own = traced[k][0]
+    around = [j for j in range(len(traced)) if j != k and _is_within(polygons[k], polygons[j])]
+    counts = [sum(traced[j][0].low <= level < traced[j][0].high for j in around) for level in range(own.low, own.high)]
+    return int(np.median(counts))
 
 
 def _is_within(inner: shapely.Polygon, outer: shapely.Polygon) -> bool:

@@ -46,19 +46,23 @@ class Measure:
 
 
 def ordinates_of(profile: Profile, axis: int) -> list[Measure]:
-    """Places of a profile along x (0) or y (1) from the least of them; of a revolution diameters for y."""
+    """Places of a profile along x (0) or y (1) from the least of them, or from the centre of a round outline.
+
+    Of a revolution diameters for y.
+    """
     places = sorted(_places(profile, axis), key=lambda pair: float(pair[0][axis]))
     if not places:
         return []
     is_diameter = profile.sweep.kind == "revolved" and axis == 1
     (datum, slope), factor = places[0], 2.0 if is_diameter else 1.0
+    outer = profile.loops[0].segments[0]
+    if outer.is_whole and outer.centre is not None and not is_diameter:
+        datum, slope = next(pair for pair in places if pair[0] is outer.centre)
     found = []
-    for number, (place, by) in enumerate(places):
+    for place, by in places:
         if is_diameter and place[1] <= 0:
             continue
         by_value = factor * by if is_diameter else by - slope
-        if not number and not is_diameter:
-            by_value = np.zeros_like(by)
         value = factor * place[axis] if is_diameter else place[axis] - datum[axis]
         found.append(
             Measure(

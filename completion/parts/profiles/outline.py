@@ -37,6 +37,7 @@ class Outline(NamedTuple):
     levels: tuple[Level, ...]
     stretches: tuple[Stretch, ...]
     explained: frozenset[int]
+    straight: frozenset[int] = frozenset()
     is_divided: bool = False
 
     def own_points(self, part: Part) -> FloatArray:
@@ -86,7 +87,7 @@ def divided(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
     faces = _faces_of(part, local, walls, stretches)
     used = {wall for stretch in stretches for wall in stretch.chain.walls}
     explained = {number for wall in used for number in faces[wall]} | set(caps)
-    return Outline(sweep, tuple(walls), faces, tuple(levels), tuple(stretches), frozenset(explained), True)
+    return Outline(sweep, tuple(walls), faces, tuple(levels), tuple(stretches), frozenset(explained), is_divided=True)
 
 
 def _curves(
@@ -141,7 +142,8 @@ def _revolved(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline
         if (len(curved) >= 3 or bent) and len(chain.pieces) > 1 and np.mean(turns) >= limits.TURN_SHARE:
             kept.append(Stretch(chain, 0, 1))
     explained = {number for stretch in kept for wall in stretch.chain.walls for number in faces[wall]}
-    return Outline(sweep, walls, faces, (), tuple(kept), frozenset(explained))
+    straight = frozenset(number for number in explained if not _is_bent(part, number))
+    return Outline(sweep, walls, faces, (), tuple(kept), frozenset(explained), straight)
 
 
 def _is_curved(part: Part, number: int) -> bool:

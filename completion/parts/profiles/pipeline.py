@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -16,14 +17,14 @@ from completion.parts.profiles.loops import loops_of
 from completion.parts.profiles.outline import AXIS_LINE, Outline, outline_of
 from completion.parts.profiles.profile import Loop, Profile
 from completion.parts.profiles.refit import refitted, without_breaks
-from completion.parts.profiles.segment import turn_between
+from completion.parts.profiles.segment import Segment, turn_between
 from completion.parts.profiles.sweeps import axes_of, directions_of
 from completion.parts.sample import sample_of
-from completion.relations.graph import RelationGraph
+from completion.relations.graph import RelationGraph, is_settled
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
-from completion.relations.relation import Relation
-from scenes.checks import IntArray
+from completion.relations.relation import Relation, RelationKind
+from scenes.checks import InputError, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 DRAWN = RelationOptions(
@@ -78,8 +79,12 @@ def profiles_of(part: Part, options: RelationOptions = DRAWN) -> tuple[Profile, 
 
 
 def _chosen(turned: Sequence[Outline], drawn: Sequence[Outline], size: IntArray) -> list[tuple[Outline, int]]:
-    """Outlines that explain something new, revolutions first, and how many are alike."""
-    left, chosen = set(range(len(size))), list[tuple[Outline, int]]()
+    """Outlines that explain something new, revolutions first, and how many are alike.
+
+    A turned hole has its section by its revolution, and its place by an extrusion that shows it as a circle:
+    of revolutions only the largest explains its cylinders.
+    """
+    left, unplaced, chosen = set(range(len(size))), set(range(len(size))), list[tuple[Outline, int]]()
     for outlines in (list(turned), list(drawn)):
         while outlines:
             gain = [int(size[sorted(outline.explained & left)].sum()) for outline in outlines]
@@ -87,15 +92,14 @@ def _chosen(turned: Sequence[Outline], drawn: Sequence[Outline], size: IntArray)
             if not best.explained & left:
                 break
             left -= best.explained
-            same = [
-                k
-                for k, (other, _) in enumerate(chosen)
-                if best.sweep.kind == "revolved" and _is_alike(best, other)
-            ]
+            unplaced -= best.explained if not chosen else best.explained - best.straight
+            is_turned = best.sweep.kind == "revolved"
+            same = [k for k, (other, _) in enumerate(chosen) if is_turned and _is_alike(best, other)]
             if same:
                 chosen[same[0]] = (chosen[same[0]][0], chosen[same[0]][1] + 1)
             else:
                 chosen.append((best, 1))
+        left = unplaced
     return chosen
 
 
@@ -154,11 +158,26 @@ def _profile(part: Part, outline: Outline, n_alike: int, options: RelationOption
         loops = loops_of(traced, outline.levels, surfaces)
     else:
         loops = tuple(
-            Loop(segments, "turned" if stretch.chain.is_closed else "open") for stretch, segments in traced
+            Loop(segments, "turned") if stretch.chain.is_closed else Loop(_shortened(segments), "open")
+            for stretch, segments in traced
         )
     names = tuple(tuple(part.labels[number] for number in outline.faces[wall]) for wall in used)
     names += ((),) * (len(walls) - len(names))
     return Profile(outline.sweep, loops, names, tuple(walls), graph, n_alike)
+
+
+def _shortened(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+    """An open chain with its loose lines no longer than all between them reach: they end somewhere else."""
+    inner = np.concatenate([one.places() for one in segments[1:-1]] or [one.places() for one in segments])
+    reach, made = float(np.linalg.norm(np.ptp(inner, axis=0))), list(segments)
+    for k, is_start in ((0, True), (len(segments) - 1, False)):
+        one = made[k]
+        if one.centre is None and one.length > reach > 0:
+            kept = one.end if is_start else one.start
+            far = kept + reach * ((one.start if is_start else one.end) - kept) / one.length
+            ends = (far, kept) if is_start else (kept, far)
+            made[k] = Segment(one.wall, *ends, (far + kept) / 2)
+    return tuple(made)
 
 
 def relate_walls(
@@ -182,5 +201,10 @@ def relate_walls(
             candidates.append(Relation(kind="coaxial", surfaces=(one, two)))
         elif all(pair) and not (walls[one].covariance[1, 1] or walls[two].covariance[1, 1]):
             candidates.append(Relation(kind="coplanar", surfaces=(one, two)))
-    wanted = [one for one in candidates if one.kind in options.kinds]
-    return infer(walls, options=options, candidates=wanted)
+    unsure = {number for number, wall in enumerate(walls) if not is_settled(wall)}
+    wanted = [one for one in candidates if one.kind in options.kinds and not unsure & set(one.surfaces)]
+    try:
+        return infer(walls, options=options, candidates=wanted)
+    except InputError:  # an arc so short that a relation would leave it no radius
+        straight: tuple[RelationKind, ...] = ("parallel", "perpendicular", "coplanar")
+        return infer(walls, options=replace(options, kinds=straight))
