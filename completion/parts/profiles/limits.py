@@ -45,3 +45,5 @@ LEAST_SHARE = 0.1
 """Of a part that is swept, from which a cloud is divided anew in the profile."""
 LEAST_P = 1e-4
 """Of the test that neighbours are one line or circle, below which they are not. By choice."""
+SAME_NOISES, SAME_SPACINGS = 2.0, 0.2
+"""Deviations of noise, and sampling distances, by which loops at other heights may differ in the mean."""

@@ -16,7 +16,6 @@ from completion.parts.profiles.segment import Segment, pieces_of
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Plane, Surface
 
-_SAME_SHARE = 0.02  # of its area, by which two loops of the same walls may differ
 _OVER = 0.5  # of a loop's area that lies in another, from which it counts as within
 
 
@@ -70,25 +69,25 @@ def stretches_of(
             if len(inside) and np.ptp(inside[:, 2]) >= limits.LEAST_HEIGHT_SHARE * (thick - 2 * margin):
                 pieces += pieces_of(surface, wall, inside[:, :2], limits.GAP * spacing_m)
         for chain in chains_of(pieces, surfaces, spacing_m, noise_m):
-            found.append(joined(found, chain, number, surfaces))
+            found.append(joined(found, chain, number, surfaces, limits.SAME_NOISES * noise_m + limits.SAME_SPACINGS * spacing_m))
     return found
 
 
-def joined(found: list[Stretch], chain: Chain, number: int, surfaces: Sequence[Surface]) -> Stretch:
-    """The chain between a level and the next, with the same one below, which is taken off the list."""
+def joined(
+    found: list[Stretch], chain: Chain, number: int, surfaces: Sequence[Surface], off_m: float
+) -> Stretch:
+    """The chain between a level and the next, with the one below that is as near to it, taken off the list.
+
+    Nearer than `off_m`, metres, in the mean along both; of two the one of fewer pieces stays.
+    """
+    two = _polygon(chain.trace(surfaces)) if chain.is_closed and not chain.on_axis else shapely.Polygon()
     for k, before in enumerate(found):
-        if (
-            before.high == number
-            and sorted(before.chain.walls) == sorted(chain.walls)
-            and (before.chain.is_closed == chain.is_closed)
-        ):
-            one, two = (_polygon(each.trace(surfaces)) for each in (before.chain, chain))
-            if (
-                one.symmetric_difference(two).area <= _SAME_SHARE * max(one.area, two.area)
-                or not chain.is_closed
-            ):
+        if before.high == number and before.chain.is_closed and two.area > 0:
+            one = _polygon(before.chain.trace(surfaces))
+            if one.symmetric_difference(two).area <= off_m * two.length:
                 del found[k]
-                return Stretch(before.chain, before.low, number + 1)
+                simpler = min(before.chain, chain, key=lambda each: len(each.pieces))
+                return Stretch(simpler, before.low, number + 1)
     return Stretch(chain, number, number + 1)
 
 
@@ -107,6 +106,10 @@ def loops_of(
         _polygon(segments) if stretch.chain.is_closed else shapely.Polygon() for stretch, segments in traced
     ]
     depths = [_depth(k, traced, polygons) for k in range(len(traced))]
+    depths = [
+        depth + int(depth % 2 == 0 and segments[0].is_whole and bool(getattr(surfaces[segments[0].wall], "concave", False)))
+        for depth, (_, segments) in zip(depths, traced, strict=True)
+    ]  # a bore is one whatever is around it
     loops = []
     for k, (stretch, segments) in enumerate(traced):
         is_solid = depths[k] % 2 == 0

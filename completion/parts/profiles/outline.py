@@ -79,7 +79,8 @@ def divided(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
         share = (inside[:, 2] - low.height_m - margin) / max(thick - 2 * margin, 1e-12)
         for chain, own in _curves(part, sweep, inside[:, :2], share):
             chain = _renamed(chain, own, walls, known, part.noise_m)
-            stretches.append(joined(stretches, chain, number, [wall.surface for wall in walls]))
+            off = limits.SAME_NOISES * part.noise_m + limits.SAME_SPACINGS * part.spacing_m
+            stretches.append(joined(stretches, chain, number, [wall.surface for wall in walls], off))
     if sweep.kind == "revolved":
         stretches = [stretch for stretch in stretches if _is_turned(stretch.chain, walls)]
     if not stretches:

@@ -32,6 +32,7 @@ _WIDER, _THINNER = 1.5, 1.25  # cells: discs about places, and what is taken off
 _ROUNDS = 2
 _BIN_CELLS, _BIN_NOISES = 1 / 3, 3.0  # width of a bin: at least so many cells, deviations of noise
 _BESIDE = 2  # bins at the ends of a segment that may lie over a corner
+_MOST_LEFT_OUT = 3  # spans beside a corner
 _NEWTON = 12
 _POWERS = (
     (0, 0),
@@ -208,45 +209,50 @@ class _Bins:
 def _simplified(cuts: Sequence[int], bins: _Bins) -> list[tuple[int, int]]:
     """Spans of bins between cuts, without cuts that say nothing: within one line or arc, or beside a corner.
 
-    A bin over a corner has places on both sides, which fit neither; they are none of a segment of its own if
-    each lies as near to one of its neighbours.
+    A bin over a corner has places on both sides, which fit neither; up to three spans of such bins are none
+    if each place lies as near to one of the neighbours of them.
     """
     spans = list(zip(cuts, [*cuts[1:], cuts[0] + bins.n], strict=True))
-    changed = True
-    while changed and len(spans) > 1:
-        changed = False
-        for k in sorted(range(len(spans)), key=lambda k: spans[k][1] - spans[k][0]):
-            before, span, after = (spans[(k + step) % len(spans)] for step in (-1, 0, 1))
-            together = span[0], span[1] + after[1] - after[0]
-            if min(bins.costs(*together)) <= min(bins.costs(*span)) + min(bins.costs(*after)):
-                spans[k] = together
-                del spans[(k + 1) % len(spans)]
-            elif len(spans) > 2 and (cut := _corner_within(before, span, after, bins)) is not None:
-                spans[(k - 1) % len(spans)] = before[0], before[1] + cut
-                spans[(k + 1) % len(spans)] = after[0] - (span[1] - span[0] - cut), after[1]
-                del spans[k]
-            else:
-                continue
-            changed = True
-            break
+    while (simpler := _without_one(spans, bins)) is not None:
+        spans = simpler
     return [(begin % bins.n, begin % bins.n + end - begin) for begin, end in spans]
 
 
+def _without_one(spans: Sequence[tuple[int, int]], bins: _Bins) -> list[tuple[int, int]] | None:
+    """The spans with two of them joined or some left out, the shortest first; None where none says nothing."""
+    n = len(spans)
+    for k in sorted(range(n), key=lambda k: spans[k][1] - spans[k][0]):
+        ring = [spans[(k + step) % n] for step in range(n)]  # from the span on
+        for length in range(1, min(_MOST_LEFT_OUT, n - 2) + 1):
+            begin, size = ring[0][0], sum(end - start for start, end in ring[:length])
+            cost = sum(min(bins.costs(*span)) for span in ring[:length])
+            before, after = ring[-1], ring[length]
+            cut = _corner_within(before, (begin, begin + size), after, cost, bins)
+            if cut is not None:
+                between = ring[length + 1 : -1] if length + 1 < n else []
+                return [(before[0], before[1] + cut), (after[0] - size + cut, after[1]), *between]
+        if n > 1:
+            together = ring[0][0], ring[0][1] + ring[1][1] - ring[1][0]
+            if min(bins.costs(*together)) <= sum(min(bins.costs(*span)) for span in ring[:2]):
+                return [together, *ring[2:]]
+    return None
+
+
 def _corner_within(
-    before: tuple[int, int], span: tuple[int, int], after: tuple[int, int], bins: _Bins
+    before: tuple[int, int], span: tuple[int, int], after: tuple[int, int], cost: float, bins: _Bins
 ) -> int | None:
-    """After how many bins of a span its neighbours meet, if these explain it as well as it does itself."""
+    """After how many bins of a span its neighbours meet, if these explain it at no more than its cost."""
+    size = span[1] - span[0]
+    if before is after or size > min(before[1] - before[0], after[1] - after[0]):
+        return None
     members = bins.members(*span)
-    if span[1] - span[0] > min(before[1] - before[0], after[1] - after[0]):
-        return None
     flat = np.column_stack([members, np.zeros(len(members))])
-    square = (
-        np.stack([np.square(bins.surface(*each).distance(flat)) for each in (before, after)]) / bins.noise**2
-    )
-    if square.min(axis=0).sum() > min(bins.costs(*span)):
+    square = np.stack([np.square(bins.surface(*each).distance(flat)) for each in (before, after)])
+    square = square / bins.noise**2
+    if square.min(axis=0).sum() > cost:
         return None
-    number = np.repeat(np.arange(span[1] - span[0]), [len(bins.members(k, k + 1)) for k in range(*span)])
-    gain = np.bincount(number, square[0] - square[1], minlength=span[1] - span[0])
+    number = np.repeat(np.arange(size), [len(bins.members(k, k + 1)) for k in range(*span)])
+    gain = np.bincount(number, square[0] - square[1], minlength=size)
     return int(np.argmin(np.concatenate([[0.0], np.cumsum(gain)])))
 
 

@@ -138,7 +138,7 @@ def _profile(part: Part, outline: Outline, n_alike: int, options: RelationOption
     chains = [stretch.chain for stretch in stretches]
     places = outline.sweep.flatten(outline.own_points(part))
     walls = refitted(own, chains, places, part.noise_m)
-    if outline.is_divided and all(wall.n for wall in walls):
+    if outline.is_divided:
         chains = [without_breaks(chain, walls, own) for chain in chains]
         used_still = sorted({wall for chain in chains for wall in chain.walls})
         place = {wall: k for k, wall in enumerate(used_still)}

@@ -156,6 +156,13 @@ def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[S
         replace(piece, low=min(piece.low, piece.high), high=max(piece.low, piece.high)) for piece in pieces
     ]
     corners = list(chain.corners)
+    for k in reversed(range(len(pieces))):  # too few points between its corners: none
+        if walls[pieces[k].wall].n == 0 and len(pieces) > 1 and not chain.on_axis:
+            corners[k - 1] = (corners[k - 1] + corners[k]) / 2
+            del pieces[k], forward[k], corners[k]
+    if len(pieces) == 1 and isinstance(walls[pieces[0].wall].surface, Cylinder):
+        whole = Piece(pieces[0].wall, 0.0, walls[pieces[0].wall].surface.period, True)
+        return replace(chain, pieces=(whole,), is_forward=(True,), corners=())
     k = 0
     while len(pieces) > 2 and k < len(corners):
         n = len(pieces)
