@@ -160,7 +160,9 @@ def profile_lines(profiles: Sequence[Profile]) -> list[str]:
     lines = []
     for number, profile in enumerate(profiles):
         kinds = [("through " if loop.is_through else "") + loop.kind for loop in profile.loops]
-        what = ", ".join(count(kinds.count(kind), kind, _PLURAL.get(kind, f"{kind}s")) for kind in dict.fromkeys(kinds))
+        what = ", ".join(
+            count(kinds.count(kind), kind, _PLURAL.get(kind, f"{kind}s")) for kind in dict.fromkeys(kinds)
+        )
         alike = f", {profile.alike} alike" if profile.alike > 1 else ""
         n = sum(1 for _ in profile.relations())
         text = f"{profile.sweep.kind}: {what}{alike}; {count(n, 'relation holds', 'relations hold')}"

@@ -199,7 +199,7 @@ def _outline(loop: Loop, on_paper: OnPaper, scale: float, is_turned: bool) -> It
         return
     places = np.array([one.start for one in segments] + [segments[-1].end])
     bulge = np.array([np.tan(one.sweep_rad / 4) for one in segments] + [0.0])
-    is_closed = loop.is_closed and not is_turned or bool(np.allclose(places[0], places[-1]))
+    is_closed = (loop.is_closed and not is_turned) or bool(np.allclose(places[0], places[-1]))
     if is_closed:
         places, bulge = places[:-1], bulge[:-1]
     yield Stroke(layer, on_paper(places), bulge, is_closed)

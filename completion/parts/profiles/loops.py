@@ -69,7 +69,15 @@ def stretches_of(
             if len(inside) and np.ptp(inside[:, 2]) >= limits.LEAST_HEIGHT_SHARE * (thick - 2 * margin):
                 pieces += pieces_of(surface, wall, inside[:, :2], limits.GAP * spacing_m)
         for chain in chains_of(pieces, surfaces, spacing_m, noise_m):
-            found.append(joined(found, chain, number, surfaces, limits.SAME_NOISES * noise_m + limits.SAME_SPACINGS * spacing_m))
+            found.append(
+                joined(
+                    found,
+                    chain,
+                    number,
+                    surfaces,
+                    limits.SAME_NOISES * noise_m + limits.SAME_SPACINGS * spacing_m,
+                )
+            )
     return found
 
 
@@ -107,7 +115,12 @@ def loops_of(
     ]
     depths = [_depth(k, traced, polygons) for k in range(len(traced))]
     depths = [
-        depth + int(depth % 2 == 0 and segments[0].is_whole and bool(getattr(surfaces[segments[0].wall], "concave", False)))
+        depth
+        + int(
+            depth % 2 == 0
+            and segments[0].is_whole
+            and bool(getattr(surfaces[segments[0].wall], "concave", False))
+        )
         for depth, (_, segments) in zip(depths, traced, strict=True)
     ]  # a bore is one whatever is around it
     loops = []
@@ -135,7 +148,10 @@ def _depth(
     """Within how many others a loop lies between the levels that it is swept, at most of these."""
     own = traced[k][0]
     around = [j for j in range(len(traced)) if j != k and _is_within(polygons[k], polygons[j])]
-    counts = [sum(traced[j][0].low <= level < traced[j][0].high for j in around) for level in range(own.low, own.high)]
+    counts = [
+        sum(traced[j][0].low <= level < traced[j][0].high for j in around)
+        for level in range(own.low, own.high)
+    ]
     return int(np.median(counts))
 
 

@@ -23,7 +23,7 @@ from completion.parts.profiles.segment import pieces_of
 from completion.parts.profiles.sweep import Sweep
 from completion.relations.graph import is_settled
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+from scenes.surfaces.catalogue import Cylinder, Plane
 
 _SAME_NOISES = 1.0  # deviations within which a wall between other caps is the same
 
@@ -88,7 +88,9 @@ def divided(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
     faces = _faces_of(part, local, walls, stretches)
     used = {wall for stretch in stretches for wall in stretch.chain.walls}
     explained = {number for wall in used for number in faces[wall]} | set(caps)
-    return Outline(sweep, tuple(walls), faces, tuple(levels), tuple(stretches), frozenset(explained), is_divided=True)
+    return Outline(
+        sweep, tuple(walls), faces, tuple(levels), tuple(stretches), frozenset(explained), is_divided=True
+    )
 
 
 def _curves(
