@@ -155,7 +155,7 @@ def _plate(rng: np.random.Generator) -> tuple[list[TrueLoop], list[tuple[int, in
 def _outline(rng: np.random.Generator) -> tuple[list[TrueSegment], list[tuple[int, int]]]:
     """A rectangle, L, T or U, or a polygon of any angles, with treated corners; some alike in a mirror."""
     wide, deep = rng.uniform(70, 110), rng.uniform(45, 80)
-    a, b, c = rng.uniform(0.25, 0.4, 3)
+    a, b, _ = rng.uniform(0.25, 0.4, 3)
     shape = rng.choice(["rectangle", "L", "T", "U", "any"])
     halves = {
         "rectangle": [(0, 0), (0.5, 0), (0.5, 1), (0, 1)],
@@ -299,7 +299,7 @@ def _of_plate(case: SweptCase, rng: np.random.Generator) -> FloatArray:
     parts += [(flat.area, (flat, height)) for flat, height in flats]
     total, points = sum(area for area, _ in parts), []
     for area, what in parts:
-        n = int(round(_N_POINTS * area / total))
+        n = round(_N_POINTS * area / total)
         if len(what) == 3:
             places, heights = what[0].places(rng.random(n)), rng.uniform(what[1], what[2], n)
         else:
@@ -324,7 +324,7 @@ def _of_shaft(case: SweptCase, rng: np.random.Generator) -> FloatArray:
     segments = case.segments
     area = [one.length * float(one.places(fine)[:, 1].mean()) for one in segments]
     for one, share in zip(segments, np.array(area) / sum(area), strict=True):
-        n = int(round(_N_POINTS * share))
+        n = round(_N_POINTS * float(share))
         weight = np.cumsum(one.places(fine)[:, 1])
         place = one.places(np.interp(rng.random(n), weight / weight[-1], fine))
         angle = rng.uniform(0, 2 * np.pi, n)

@@ -256,14 +256,17 @@ def profiles(only: str = "tuning", parts: int = 40, noise: list[float] | None = 
             seconds.append(one.seconds)
         n_true, n_found = (sum(total[f"{word} {name}"] for name in _KINDS) for word in ("true", "found"))
         yield (
-            f"\n{level:g} mm, {parts} parts ({only}): segments right {total['right'] / total['n']:.3f} of {total['n']} ("
+            f"\n{level:g} mm, {parts} parts ({only}): "
+            f"segments right {total['right'] / total['n']:.3f} of {total['n']} ("
             + ", ".join(
                 f"{kind} {total[f'right {kind}'] / max(total[f'n {kind}'], 1):.3f}"
                 for kind in ("extruded", "revolved")
             )
             + f"), loops right {total['loops right'] / total['loops']:.3f} of {total['loops']}"
         )
-        yield f"relations right {n_found / max(n_true, 1):.3f} of {n_true}, false {total['false'] / max(total['holding'], 1):.2%} of {total['holding']}"
+        false = total["false"] / max(total["holding"], 1)
+        yield f"relations right {n_found / max(n_true, 1):.3f} of {n_true};"
+        yield f"false {false:.2%} of {total['holding']}"
         yield ", ".join(
             f"{name} {total[f'found {name}']} of {total[f'true {name}']}"
             for name in _KINDS

@@ -281,7 +281,7 @@ def _drawing(profiles: Sequence[Profile], title: str) -> tuple[PageSection, ...]
     sheet = drawn_sheet(profiles, title)
     picture = Picture(
         "Drawing of the profiles",
-        "Millimetres; \u00b1 is the 95 % interval of the measurement. drawing.dxf holds the outlines at full size.",
+        "Millimetres; \u00b1: 95 % interval of the measurement. drawing.dxf holds the outlines at full size.",
         sheet_svg(sheet, title).encode(),
         round(4 * sheet.width_mm),
         round(4 * sheet.height_mm),

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +60,7 @@ class Chain:
     def neighbours(self) -> Iterator[tuple[int, int]]:
         """Walls that meet."""
         walls = self.walls
-        yield from zip(walls, walls[1:], strict=False)
+        yield from pairwise(walls)
         if self.is_closed and not self.on_axis and len(walls) > 1:
             yield walls[-1], walls[0]
 

@@ -33,7 +33,7 @@ _EXACT_MM = 5e-5  # half an interval that is not shown: of models, which nobody 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stroke:
-    """A line through places (n, 2), millimetres; `bulge` (n,) bends each part, as DXF has it: tan of a quarter."""
+    """A line through places (n, 2), millimetres; `bulge` (n,) bends each part: the tangent of turn / 4."""
 
     layer: Layer
     places: FloatArray
@@ -168,7 +168,7 @@ def value_text(value: float, half: float, sign: str = "") -> str:
 
 
 def _drawn(view: _View, corner: FloatArray, scale: float) -> Iterator[Item]:
-    """The view's lines, axis, centres, dimensions and captions, with its room's lower left at a corner (2,)."""
+    """The view's lines, axis, centres, dimensions and captions, its room's lower left at a corner (2,)."""
     origin = corner + [_SIDE_MM, _FOOT_MM + _LINE_MM * len(view.captions)]
 
     def on_paper(places: FloatArray) -> FloatArray:
@@ -277,8 +277,8 @@ def _block(sheet: Sheet, title: str) -> Iterator[Item]:
     yield Stroke("frame", np.array([[low[0], top], [high[0], top]]), np.zeros(2))
     yield Lettering(np.array([low[0] + 4.0, top - 6.5]), title, size_mm=4.0)
     told = (
-        f"Dimensions in mm, scale {sheet.scale_text}. \u00b1 is the 95 % interval of the measurement, no tolerance.",
-        "Ordinates from the lowest edge of each view, or the centre of a round one; \u2300 diameters; R radii. Measured shape, not a design.",
+        f"Dimensions in mm, scale {sheet.scale_text}. \u00b1: 95 % interval, no tolerance.",
+        "Ordinates from the lowest edge of each view, or the centre of a round one.",
     )
     for k, text in enumerate(told):
         yield Lettering(np.array([low[0] + 4.0, top - 11.5 - 4.0 * k]), text)

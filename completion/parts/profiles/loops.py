@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +36,7 @@ class Stretch(NamedTuple):
 
 
 def levels_of(caps: Sequence[tuple[float, float]], heights: FloatArray, least_m: float) -> list[Level]:
-    """Levels, at least so far apart, by the caps' heights and deviations, and by the heights (n,) of all walls' points."""
+    """Levels, at least so far apart, by caps' heights and deviations, and by heights (n,) of points."""
     ends = [(float(heights.min()), np.nan), (float(heights.max()), np.nan)] if len(heights) else []
     levels: list[Level] = []
     for height, sd in sorted([*caps, *ends]):
@@ -60,7 +61,7 @@ def stretches_of(
     `places` (n, 3) are those of each wall's points in the profile.
     """
     found: list[Stretch] = []
-    for number, (low, high) in enumerate(zip(levels, levels[1:], strict=False)):
+    for number, (low, high) in enumerate(pairwise(levels)):
         thick = high.height_m - low.height_m
         margin = min(spacing_m, 0.2 * thick)
         pieces = []

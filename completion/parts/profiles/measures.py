@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Measures of a profile: ordinates, radii, diameters and angles, with 95 % intervals by its joint covariance."""
+"""Measures of a profile: ordinates, radii, diameters and angles, with 95 % intervals."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def _half(profile: Profile, by: FloatArray) -> float:
 
 
 def _places(profile: Profile, axis: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Places (2,) with an ordinate and its derivative (n,): lines across it, centres, ends of slanted lines."""
+    """Places (2,) with an ordinate, its derivative (n,): lines across it, centres, ends of slanted lines."""
     for loop in profile.loops:
         for one in (segment for segment in loop.segments if segment.wall >= 0):
             surface = profile.walls[one.wall].surface
@@ -172,7 +172,7 @@ def _shift(profile: Profile, wall: int, place: FloatArray) -> FloatArray:
 
 
 def _corner_shift(profile: Profile, one: Segment, two: Segment, axis: int) -> FloatArray | None:
-    """Derivative (n,) of a corner's ordinate where a slanted line is; None of others, or where walls touch."""
+    """Derivative (n,) of a corner's ordinate where a slanted line is; else None, or where walls touch."""
     normals = []
     is_slanted = False
     for segment in (one, two):

@@ -8,6 +8,7 @@ triangles are chords, and where curves touch, the faces of the part are the wall
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from completion.parts.profiles import limits
 from completion.parts.profiles.chain import Chain, chains_of
 from completion.parts.profiles.loops import Level, Stretch, joined, levels_of, stretches_of
 from completion.parts.profiles.partition import chain_of, curves_of, partition
-from completion.parts.profiles.segment import pieces_of
+from completion.parts.profiles.segment import Piece, pieces_of
 from completion.parts.profiles.sweep import Sweep
 from completion.relations.graph import is_settled
 from scenes.checks import FloatArray
@@ -61,7 +62,7 @@ def outline_of(part: Part, sample: Sequence[FloatArray], sweep: Sweep, share: fl
 
 
 def divided(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
-    """Return what a sweep explains of a cloud, its curves divided anew; without a closed one, as for `joined_faces`."""
+    """Return what a sweep explains of a cloud, divided anew; without closed curves as `joined_faces` does."""
     local = sweep.flatten(part.points)
     if sweep.kind == "extruded":
         caps = {
@@ -72,7 +73,7 @@ def divided(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
     else:
         caps, levels = {}, [Level(-np.pi, np.nan), Level(np.pi, np.nan)]
     walls, stretches = list[SurfaceFit](), list[Stretch]()
-    for number, (low, high) in enumerate(zip(levels, levels[1:], strict=False)):
+    for number, (low, high) in enumerate(pairwise(levels)):
         thick, known = high.height_m - low.height_m, len(walls)
         margin = 0.0 if sweep.kind == "revolved" else min(2 * part.spacing_m, 0.2 * thick)
         inside = local[np.abs(local[:, 2] - (low.height_m + high.height_m) / 2) <= thick / 2 - margin]
@@ -96,7 +97,7 @@ def divided(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
 def _curves(
     part: Part, sweep: Sweep, places: FloatArray, share: FloatArray
 ) -> Iterator[tuple[Chain, list[SurfaceFit]]]:
-    """Chains of the closed curves of places (n, 2), and their walls; of a revolution the half above the axis."""
+    """Chains of the closed curves of places (n, 2), and their walls; of a revolution those above the axis."""
     cell = max(limits.CELL_NOISES * part.noise_m, limits.CELL_SPACINGS * part.spacing_m)
     if sweep.kind == "revolved":
         places, share = np.concatenate([places, places * [1.0, -1.0]]), np.tile(share, 2)
@@ -135,8 +136,9 @@ def _revolved(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline
     walls, faces = _walls(part, sweep, (Plane, Cylinder))
     places = [sweep.flatten(np.concatenate([sample[number] for number in numbers])) for numbers in faces]
     surfaces = [wall.surface for wall in walls]
-    pieces = [piece for wall, points in enumerate(places)
-              for piece in pieces_of(surfaces[wall], wall, points[:, :2], limits.GAP * part.spacing_m)]  # fmt: skip
+    gap_m, pieces = limits.GAP * part.spacing_m, list[Piece]()
+    for wall, points in enumerate(places):
+        pieces += pieces_of(surfaces[wall], wall, points[:, :2], gap_m)
     kept = []
     for chain in chains_of(pieces, surfaces, part.spacing_m, part.noise_m, axis=True):
         curved = {wall for wall in chain.walls if any(_is_curved(part, number) for number in faces[wall])}
@@ -196,8 +198,8 @@ def _upper(chain: Chain, parts: Sequence[object]) -> Chain:
 
 def _is_turned(chain: Chain, walls: Sequence[SurfaceFit]) -> bool:
     """Whether at least three walls are not planes across the axis, or one is no cylinder either."""
-    slopes = [abs(float(surface.normal_direction[1])) if isinstance(surface := walls[wall].surface, Plane) else 0.5
-              for wall in set(chain.walls)]  # fmt: skip
+    surfaces = [walls[wall].surface for wall in set(chain.walls)]
+    slopes = [abs(float(one.normal_direction[1])) if isinstance(one, Plane) else 0.5 for one in surfaces]
     low, high = np.sin(limits.SMOOTH / 4), np.cos(limits.SMOOTH / 4)
     return sum(slope > low for slope in slopes) >= 3 or any(low < slope < high for slope in slopes)
 

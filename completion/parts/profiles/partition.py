@@ -64,7 +64,7 @@ class Part(NamedTuple):
 def curves_of(
     places: FloatArray, share: FloatArray, cell_m: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Places (m, 2) of each closed curve among those (n, 2) of points, in their order, and how far along (m,).
+    """Places (m, 2) of each closed curve among those (n, 2) of points, in order, and how far along (m,).
 
     `share` (n,) of the height or turn, from 0 to 1, tells what is swept: a place where points have less than
     half of it is none. Curves that cross or touch others are left out, and what is no closed curve.
@@ -94,7 +94,7 @@ def curves_of(
 
 
 def _along_ring(places: FloatArray, ring: FloatArray) -> tuple[FloatArray, float]:
-    """How far along a ring with corners (k, 2) places (n, 2) are, by the sides at the nearest; and its length."""
+    """How far along a ring with corners (k, 2) places (n, 2) are, by the nearest sides; and its length."""
     side = np.roll(ring, -1, axis=0) - ring
     length = np.linalg.norm(side, axis=1)
     start = np.concatenate([[0.0], np.cumsum(length)])
@@ -118,7 +118,9 @@ def _middle_line(band: shapely.Polygon, cell_m: float) -> FloatArray:
 
 
 def _ordered(places: FloatArray, ring: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArray]:
-    """Places (n, 2) in their order along a ring, and their coordinates (n,) along it; then along the curve of their means, which noise does not bend.
+    """Places (n, 2) in their order along a ring, and their coordinates (n,) along it.
+
+    Then along the curve of their means, which noise does not bend.
 
     It is the principal curve of Hastie and Stuetzle (1989), at the width of two cells.
     """
@@ -141,7 +143,7 @@ def _ordered(places: FloatArray, ring: FloatArray, cell_m: float) -> tuple[Float
 
 
 def partition(curve: FloatArray, along: FloatArray, noise_m: float, cell_m: float) -> list[Part]:
-    """Lines and arcs of a closed curve of places (n, 2) in their order, with their coordinates (n,) along it."""
+    """Lines and arcs of a closed curve of places (n, 2) in order, `along` (n,) it, metres."""
     length = float(along[-1])
     n_bins = int(np.clip(length / max(_BIN_CELLS * cell_m, _BIN_NOISES * noise_m), 8, _MOST_BINS))
     bounds = np.searchsorted(along, np.linspace(0, length, n_bins + 1))
@@ -219,7 +221,7 @@ def _simplified(cuts: Sequence[int], bins: _Bins) -> list[tuple[int, int]]:
 
 
 def _without_one(spans: Sequence[tuple[int, int]], bins: _Bins) -> list[tuple[int, int]] | None:
-    """The spans with two of them joined or some left out, the shortest first; None where none says nothing."""
+    """The spans with two of them joined or some left out, the shortest first; None where all are needed."""
     n = len(spans)
     for k in sorted(range(n), key=lambda k: spans[k][1] - spans[k][0]):
         ring = [spans[(k + step) % n] for step in range(n)]  # from the span on
@@ -277,7 +279,7 @@ def _best_cuts(moments: FloatArray, noise: float) -> list[int]:
 
 
 def _line_cost(sums: FloatArray, noise: float) -> FloatArray:
-    """Squares over those of noise of points with sums (13, k) of powers about lines; parameters and an end."""
+    """Squares over those of noise of points with sums (13, k) of powers about lines; and parameters."""
     n, x, y, xx, xy, yy = sums[:6]
     a, b, c = xx - x * x / n, xy - x * y / n, yy - y * y / n
     rest = (a + c) / 2 - np.sqrt(np.square((a - c) / 2) + np.square(b))

@@ -103,7 +103,7 @@ class Profile:
 
     @property
     def free(self) -> int:
-        """Parameters of lines (2, or 1 where their direction is held) and arcs (3) less what relations say."""
+        """Parameters of lines (2, or 1 of a held direction) and arcs (3) less what relations say."""
         n = sum(int((np.diag(fit.covariance) > 0).sum()) for fit in self.measured)
         return n - self.graph.rank - (self.sweep.kind == "revolved")
 

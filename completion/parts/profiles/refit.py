@@ -138,7 +138,7 @@ def _fitted(wall: SurfaceFit, points: FloatArray, noise_m: float) -> SurfaceFit 
 
 
 def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[SurfaceFit]) -> Chain:
-    """The closed chain of walls as they are fitted, where neighbours that are one line or circle are one piece.
+    """The closed chain of walls as they are fitted, neighbours on one line or circle as one piece.
 
     `before` are the walls that its pieces are measured along.
     """
@@ -180,7 +180,7 @@ def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[S
 
 
 def _joined(one: Piece, two: Piece, one_forward: bool, two_forward: bool) -> tuple[Piece, bool]:
-    """Two pieces that follow one another as one, on the wall of the longer, and whether that is passed forward."""
+    """Two pieces that follow one another as one, on the longer's wall, and whether it is passed forward."""
     is_first = one.high - one.low >= two.high - two.low
     main, other = (one, two) if is_first else (two, one)
     forward = one_forward if is_first else two_forward

@@ -75,7 +75,7 @@ def _n(value: float) -> str:
 
 
 def sheet_dxf(sheet: Sheet) -> bytes:
-    """Return a sheet as DXF (AutoCAD 2010), millimetres, at the part's own size; the same one, the same bytes.
+    """Return a sheet as DXF (AutoCAD 2010), millimetres, at the part's own size; the same one the same bytes.
 
     Outlines and cuts are closed polylines whose arcs are bulges, and circles, on layers OUTLINE and CUT, as
     cutting machines take them; CENTRE, DIMENSION, FRAME and TEXT are for people.

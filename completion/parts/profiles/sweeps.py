@@ -129,8 +129,10 @@ def _allowed(axis: _Axis, other: _Axis) -> float:
 
 def _upright(part: Part, sample: Sequence[FloatArray], along: FloatArray, middle: FloatArray) -> Pose:
     """The frame of an extrusion: x along the largest wall, or across it if that is wider."""
-    walls = [number for number, fit in enumerate(part.fits) if isinstance(fit.surface, Plane)
-             and abs(float(fit.surface.normal_direction @ along)) < np.sin(limits.SAME_DIRECTION)]  # fmt: skip
+    flat, most = {k: fit.surface for k, fit in enumerate(part.fits)}, np.sin(limits.SAME_DIRECTION)
+    walls = [
+        k for k, one in flat.items() if isinstance(one, Plane) and abs(one.normal_direction @ along) < most
+    ]
     first = perpendicular(along)
     if walls:
         largest = max(walls, key=lambda number: len(sample[number]))

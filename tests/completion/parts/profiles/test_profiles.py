@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Profiles: what a sweep makes of faces, curves divided anew, a plate and a shaft whole, and their drawing."""
+"""Profiles: what a sweep makes of faces, curves divided anew, a plate and a shaft, their drawing."""
 
 from __future__ import annotations
 
