@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import shapely
@@ -287,7 +287,7 @@ def _shaft(rng: np.random.Generator) -> tuple[list[TrueLoop], list[tuple[int, in
 def _of_plate(case: SweptCase, rng: np.random.Generator) -> FloatArray:
     """Points (n, 3) on walls and caps."""
     outer, *inner = case.loops
-    parts = [
+    parts: list[tuple[float, Any]] = [
         (one.length * (loop.high - loop.low), (one, loop.low, loop.high))
         for loop in case.loops
         for one in loop.segments

@@ -11,7 +11,7 @@ import numpy as np
 from completion.export.step.pipeline import StepModel, step_of
 from completion.export.step.regions import FittedRegion, PartRegions, part_regions
 from completion.fitting.result import SurfaceFit
-from completion.parts.sample import SampledPart, sample_of
+from completion.parts.profiles.sample import SampledPart, sample_of
 from scenes.checks import FloatArray
 
 _MOST_ASKED = 500  # points of a region whose deviation is predicted

@@ -15,11 +15,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.fitting.result import SurfaceFit
-from completion.parts.part import Part
 from completion.parts.profiles import limits
 from completion.parts.profiles.chain import Chain, chains_of
 from completion.parts.profiles.loops import Level, Stretch, joined, levels_of, stretches_of
 from completion.parts.profiles.partition import chain_of, curves_of, partition
+from completion.parts.profiles.sample import SweptPart
 from completion.parts.profiles.segment import Piece, pieces_of
 from completion.parts.profiles.sweep import Sweep
 from completion.relations.graph import is_settled
@@ -41,7 +41,7 @@ class Outline(NamedTuple):
     straight: frozenset[int] = frozenset()
     is_divided: bool = False
 
-    def own_points(self, part: Part) -> FloatArray:
+    def own_points(self, part: SweptPart) -> FloatArray:
         """Points (n, 3) of the part to which walls are fitted: all, or those of their faces."""
         if self.is_divided:
             return part.points
@@ -54,14 +54,14 @@ AXIS_LINE = SurfaceFit(Plane((0, 0, 0), (0, 1, 0), (-1, 0, 0)), 0.0, np.diag([1e
 """The axis of a revolution among its walls, exactly known: what lines may be parallel to, or across."""
 
 
-def outline_of(part: Part, sample: Sequence[FloatArray], sweep: Sweep, share: float) -> Outline:
+def outline_of(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep, share: float) -> Outline:
     """Return what a sweep explains; `share` of the part may be swept so."""
     if part.faces is None and share >= limits.LEAST_SHARE:
         return divided(part, sample, sweep)
     return joined_faces(part, sample, sweep)
 
 
-def divided(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
+def divided(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
     """Return what a sweep explains of a cloud, divided anew; without closed curves as `joined_faces` does."""
     local = sweep.flatten(part.points)
     if sweep.kind == "extruded":
@@ -95,7 +95,7 @@ def divided(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
 
 
 def _curves(
-    part: Part, sweep: Sweep, places: FloatArray, share: FloatArray
+    part: SweptPart, sweep: Sweep, places: FloatArray, share: FloatArray
 ) -> Iterator[tuple[Chain, list[SurfaceFit]]]:
     """Chains of the closed curves of places (n, 2), and their walls; of a revolution those above the axis."""
     cell = max(limits.CELL_NOISES * part.noise_m, limits.CELL_SPACINGS * part.spacing_m)
@@ -111,12 +111,12 @@ def _curves(
         yield chain, walls
 
 
-def joined_faces(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
+def joined_faces(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
     """Return what a sweep explains by the faces of a part, of which `sample` has points (n, 3) each."""
     return (_extruded if sweep.kind == "extruded" else _revolved)(part, sample, sweep)
 
 
-def _extruded(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
+def _extruded(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
     """Chains of walls along a direction, between the planes across it."""
     walls, faces = _walls(part, sweep, (Plane, Cylinder))
     caps = {number: cap for number, fit in enumerate(part.measured) if (cap := sweep.cap(fit)) is not None}
@@ -131,7 +131,7 @@ def _extruded(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline
     return Outline(sweep, walls, faces, tuple(levels), tuple(kept), frozenset(explained))
 
 
-def _revolved(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
+def _revolved(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
     """Chains of what is turned about an axis: at least three faces, or one that no extrusion has."""
     walls, faces = _walls(part, sweep, (Plane, Cylinder))
     places = [sweep.flatten(np.concatenate([sample[number] for number in numbers])) for numbers in faces]
@@ -151,16 +151,16 @@ def _revolved(part: Part, sample: Sequence[FloatArray], sweep: Sweep) -> Outline
     return Outline(sweep, walls, faces, (), tuple(kept), frozenset(explained), straight)
 
 
-def _is_curved(part: Part, number: int) -> bool:
+def _is_curved(part: SweptPart, number: int) -> bool:
     return not isinstance(part.fits[number].surface, Plane)
 
 
-def _is_bent(part: Part, number: int) -> bool:
+def _is_bent(part: SweptPart, number: int) -> bool:
     return not isinstance(part.fits[number].surface, Plane | Cylinder)
 
 
 def _walls(
-    part: Part, sweep: Sweep, kinds: tuple[type, ...]
+    part: SweptPart, sweep: Sweep, kinds: tuple[type, ...]
 ) -> tuple[tuple[SurfaceFit, ...], tuple[tuple[int, ...], ...]]:
     """Walls of a sweep; faces on one cylinder are one."""
     walls, faces = list[SurfaceFit](), list[tuple[int, ...]]()
@@ -229,7 +229,7 @@ def _renamed(
 
 
 def _faces_of(
-    part: Part, local: FloatArray, walls: Sequence[SurfaceFit], stretches: Sequence[Stretch]
+    part: SweptPart, local: FloatArray, walls: Sequence[SurfaceFit], stretches: Sequence[Stretch]
 ) -> tuple[tuple[int, ...], ...]:
     """The faces (by place) of which most points lie on each wall."""
     surfaces = [wall.surface for wall in walls]

@@ -10,16 +10,15 @@ from itertools import combinations
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.parts.part import Part
 from completion.parts.profiles import limits
 from completion.parts.profiles.chain import Chain
 from completion.parts.profiles.loops import loops_of
 from completion.parts.profiles.outline import AXIS_LINE, Outline, outline_of
 from completion.parts.profiles.profile import Loop, Profile
 from completion.parts.profiles.refit import refitted, without_breaks
+from completion.parts.profiles.sample import SweptPart, sample_of
 from completion.parts.profiles.segment import Segment, turn_between
 from completion.parts.profiles.sweeps import axes_of, directions_of
-from completion.parts.sample import sample_of
 from completion.relations.graph import RelationGraph, is_settled
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
@@ -42,7 +41,7 @@ DRAWN = RelationOptions(
 """What lines and arcs of a profile may be to each other."""
 
 
-def profiles_of(part: Part, options: RelationOptions = DRAWN) -> tuple[Profile, ...]:
+def profiles_of(part: SweptPart, options: RelationOptions = DRAWN) -> tuple[Profile, ...]:
     """Find what of a part is swept along a direction or about an axis, and its profiles.
 
     A profile's lines and arcs are fitted jointly where their relations hold, which are proposed, tested and
@@ -126,7 +125,7 @@ def _sizes(outline: Outline) -> list[tuple[str, float, float]]:
     return found
 
 
-def _profile(part: Part, outline: Outline, n_alike: int, options: RelationOptions) -> Profile | None:
+def _profile(part: SweptPart, outline: Outline, n_alike: int, options: RelationOptions) -> Profile | None:
     """The profile of an outline: its walls where their relations hold, and its loops there.
 
     None where a wall has too few points to be fitted.

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.parts.part import Part
 from completion.parts.profiles import limits
+from completion.parts.profiles.sample import SweptPart
 from completion.parts.profiles.sweep import Sweep
 from completion.relations.equations import Placement, place
 from completion.relations.graph import is_settled
@@ -22,7 +22,7 @@ _MOST_DIRECTIONS = 4
 _LARGE = 0.2  # of the largest face, from which its direction goes before those of smaller ones
 
 
-def directions_of(part: Part, sample: Sequence[FloatArray]) -> list[tuple[Sweep, float]]:
+def directions_of(part: SweptPart, sample: Sequence[FloatArray]) -> list[tuple[Sweep, float]]:
     """Extrusions along the directions that most of a part may be swept along, and the share of it that is.
 
     `sample` holds points (n, 3) of each face. x of their frames lies along the largest flat wall, so that
@@ -40,7 +40,7 @@ def directions_of(part: Part, sample: Sequence[FloatArray]) -> list[tuple[Sweep,
     return sorted(found, key=lambda pair: -pair[1])[:_MOST_DIRECTIONS]
 
 
-def axes_of(part: Part, sample: Sequence[FloatArray]) -> list[tuple[Sweep, float]]:
+def axes_of(part: SweptPart, sample: Sequence[FloatArray]) -> list[tuple[Sweep, float]]:
     """Revolutions about the axes that curved faces have, and the share of the part on each."""
 
     def are_one(axis: _Axis, other: _Axis) -> bool:
@@ -111,7 +111,7 @@ class _Axis:
         return SurfaceFit(Cylinder(point, self.direction, 1.0), 0.0, covariance, 9)
 
 
-def _axes(part: Part, sample: Sequence[FloatArray], *, curved: bool = False) -> Iterator[_Axis]:
+def _axes(part: SweptPart, sample: Sequence[FloatArray], *, curved: bool = False) -> Iterator[_Axis]:
     for fit, points in zip(part.fits, sample, strict=True):
         axis = _Axis(fit, len(points)) if np.isfinite(fit.covariance).all() and is_settled(fit) else None
         if axis is not None and axis.at.direction.any() and not (curved and axis.is_plane):
@@ -127,7 +127,7 @@ def _allowed(axis: _Axis, other: _Axis) -> float:
     return float(max(limits.SAME_DIRECTION, limits.FAR_SD * np.hypot(axis.sd, other.sd)))
 
 
-def _upright(part: Part, sample: Sequence[FloatArray], along: FloatArray, middle: FloatArray) -> Pose:
+def _upright(part: SweptPart, sample: Sequence[FloatArray], along: FloatArray, middle: FloatArray) -> Pose:
     """The frame of an extrusion: x along the largest wall, or across it if that is wider."""
     flat, most = {k: fit.surface for k, fit in enumerate(part.fits)}, np.sin(limits.SAME_DIRECTION)
     walls = [

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from completion.fitting.result import SurfaceFit
 from scenes.checks import FloatArray, IntArray
 
 _MOST_SAMPLES = 400_000
@@ -39,6 +40,26 @@ class SampledPart(Protocol):
     @property
     def spacing_m(self) -> float:
         """Their sampling distance, metres."""
+
+
+class SweptPart(SampledPart, Protocol):
+    """What profiles read of a part (`Part`)."""
+
+    @property
+    def measured(self) -> tuple[SurfaceFit, ...]:
+        """Its surfaces as their own points say."""
+
+    @property
+    def fits(self) -> tuple[SurfaceFit, ...]:
+        """Its surfaces where relations hold."""
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Which of them are one."""
+
+    @property
+    def noise_m(self) -> float:
+        """Deviation of the points, metres."""
 
 
 def sample_of(part: SampledPart) -> tuple[FloatArray, IntArray]:
