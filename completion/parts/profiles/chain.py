@@ -78,7 +78,7 @@ class Chain:
         between: list[FloatArray | None] = []
         for k, near in enumerate(self.corners):
             pair = self.walls[k], self.walls[(k + 1) % n]
-            place = corner_of(*(surfaces[wall] for wall in pair), near, touching=frozenset(pair) in touching)
+            place = corner_of(surfaces[pair[0]], surfaces[pair[1]], near, touching=frozenset(pair) in touching)
             between.append(near if place is None else place)
         before = [between[-1] if ring else None, *between[: n - 1]]
         after = [*between[: n - 1], between[-1] if ring else None]

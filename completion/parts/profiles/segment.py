@@ -92,7 +92,7 @@ class Piece:
         middle = place_at(surface, (self.low + self.high) / 2)
         first = place_at(surface, self.low) if start is None else start
         last = place_at(surface, self.high) if end is None else end
-        if isinstance(surface, Plane):
+        if not isinstance(surface, Cylinder):
             return Segment(self.wall, first, last, (first + last) / 2)
         last = first if self.is_whole else last
         return Segment(self.wall, first, last, middle, surface.point[:2].copy(), surface.radius)
@@ -139,7 +139,7 @@ def corner_of(
         foot, way, half = _of_circles(first, second)
     else:
         line, circle = (first, second) if isinstance(first, Plane) else (second, first)
-        foot, way, half = _of_line(line, circle)
+        foot, way, half = _of_line(line, circle)  # type: ignore[arg-type]
     if way is None:
         return None
     if touching or half <= 0:
