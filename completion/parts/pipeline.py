@@ -9,8 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
-from completion.parts.division.pipeline import fit_labelled, segment_mesh, segment_part, segment_rippled
+from completion.parts.division.meshes import segment_mesh
+from completion.parts.division.pipeline import fit_labelled, segment_part
 from completion.parts.division.result import PartSegmentation
+from completion.parts.division.rippled import segment_rippled
 from completion.parts.part import Part
 from completion.relations.estimate import NO_DOUBT, Doubt
 from completion.relations.graph import RelationGraph, is_settled

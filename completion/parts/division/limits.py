@@ -64,7 +64,7 @@ WIDEST_HOLE = 0.5
 # Tessellated models
 MODEL_PRECISION = 2e-6
 """Of the size, that corners of a model's mesh may be off its surfaces: files round, kernels trim."""
-MODEL_SHARE = 0.5
+MODEL_SHARE = 0.75
 """Of the area that exact surfaces explain, from which on a mesh is a model's: hardly any of a scanned one."""
 FREE_FORM = 0.005
 """Share of the area on no surface of a known kind that is told. Chosen by eye."""
@@ -83,7 +83,7 @@ FACET_SIZES = np.log(8.0)
 SAG_RATIO, TURN_RATIO = 10.0, 6.0
 """Of the usual sag of a surface's chords, and of its usual turn across them, beyond which a patch is none."""
 MOST_TURN = np.radians(60.0)
-"""Radians that a curved surface turns by across a chord: diagonals of those that bend twice. Chosen by eye."""
+"""Radians that a curved surface turns by across a chord, along a diagonal too. Chosen by eye."""
 MOST_OF_SURFACE = 0.5
 """Of the area of a curved surface, that one of its chords has: a plane between two chords has more."""
 HOPELESS = 30.0

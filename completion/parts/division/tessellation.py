@@ -55,7 +55,7 @@ class _Patches(NamedTuple):
     """Patches (p,) of coplanar triangles.
 
     `of` (m,) is that of each triangle, `corner` (k,) are vertices, those of patch i from `first[i]` to
-    `first[i + 1]`; `bends` (p, p) links neighbours that turn little; `count` triangles; `is_thin`: its normal
+    `first[i + 1]`; `bends` (p, p) links neighbours that turn little; `n_triangles` in each; `is_thin`: its normal
     says nothing; `is_inner`: it has no sharp edge.
     """
 
@@ -66,10 +66,11 @@ class _Patches(NamedTuple):
     first: IntArray
     corner: IntArray
     bends: csr_array
-    count: IntArray
+    n_triangles: IntArray
     is_seed: BoolArray
     is_thin: BoolArray
     is_inner: BoolArray
+    mesh: LabelledMesh
     tolerance_m: float
 
 
@@ -90,18 +91,18 @@ def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation |
     for seed in np.lexsort((-patches.area, -_depths(patches))):
         if face[seed] >= 0 or is_tried[seed] or not n_bends[seed]:
             continue
-        found = _grown_from(mesh, patches, int(seed), face < 0, tolerance_m)
+        found = _grown_from(patches, int(seed), face < 0)
         if found is None:
             is_tried[seed] = True
             for ring in _rings(patches, int(seed), face < 0)[:2]:
-                is_tried[ring[patches.count[ring] == 1]] = True
+                is_tried[ring[patches.n_triangles[ring] == 1]] = True
             n_failed += 1
             if n_failed == _MOST_FAILED and _explained(patches, face) < limits.MODEL_SHARE * total:
                 return None
             continue
         face[found.members] = len(surfaces)
         surfaces.append(found.surface)
-    surfaces = _absorbed(mesh, patches, surfaces, face, tolerance_m)
+    surfaces = _absorbed(patches, surfaces, face)
     if _explained(patches, face) < limits.MODEL_SHARE * total:
         return None
     for patch in np.flatnonzero((face < 0) & ~_is_free_form(patches, face)):
@@ -114,15 +115,15 @@ def divide_tessellated(mesh: LabelledMesh, tolerance_m: float) -> Tessellation |
 
 def _explained(patches: _Patches, face: IntArray) -> float:
     """Area on curved surfaces, and in planes of several triangles."""
-    return float(patches.area[(face >= 0) | (patches.count > 1)].sum())
+    return float(patches.area[(face >= 0) | (patches.n_triangles > 1)].sum())
 
 
 def _is_free_form(patches: _Patches, face: IntArray) -> BoolArray:
     """Which patches (p,) are single triangles that turn little to others of their like, on no surface."""
-    left = (face < 0) & (patches.count == 1)
+    left = (face < 0) & (patches.n_triangles == 1)
     first = np.repeat(np.arange(len(left)), np.diff(patches.bends.indptr))
     beside = np.bincount(first, left[patches.bends.indices], minlength=len(left))
-    return (left & (beside > 0)) | ((face < 0) & (patches.area <= 0))
+    return np.asarray((left & (beside > 0)) | ((face < 0) & (patches.area <= 0)))
 
 
 def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
@@ -141,12 +142,12 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     graph = coo_array((np.ones(is_flat.sum()), (a[is_flat], b[is_flat])), shape=(n, n))
     of = connected_components(graph, directed=False)[1].astype(np.int64)
     p = int(of.max()) + 1
-    area = np.bincount(of, areas, minlength=p)
-    normal = np.column_stack([np.bincount(of, areas * normals[:, k], minlength=p) for k in range(3)])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    area: FloatArray = np.bincount(of, areas, minlength=p).astype(np.float64)
+    normal: FloatArray = np.column_stack([np.bincount(of, areas * way, minlength=p) for way in normals.T])
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     middle = mesh.corners.mean(axis=1)
-    centroid = np.column_stack([np.bincount(of, areas * middle[:, k], minlength=p) for k in range(3)])
-    centroid /= np.maximum(area[:, None], 1e-300)
+    centroid: FloatArray = np.column_stack([np.bincount(of, areas * one, minlength=p) for one in middle.T])
+    centroid = centroid / np.maximum(area[:, None], 1e-300)
     pairs = _outline_corners(mesh, of, tolerance_m)
     first = np.searchsorted(pairs[:, 0], np.arange(p + 1))
     i, j = of[a], of[b]
@@ -163,13 +164,13 @@ def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
     count = np.bincount(of, minlength=p)
     is_seed = (area > 0) & ~thin
     return _Patches(
-        of, area, normal, centroid, first=first, corner=pairs[:, 1], bends=bends, count=count,
-        is_seed=is_seed, is_thin=thin, is_inner=inner, tolerance_m=tolerance_m,
+        of, area, normal, centroid, first=first, corner=pairs[:, 1], bends=bends, n_triangles=count,
+        is_seed=is_seed, is_thin=thin, is_inner=inner, mesh=mesh, tolerance_m=tolerance_m,
     )  # fmt: skip
 
 
 def _outline_corners(mesh: LabelledMesh, of: IntArray, tolerance_m: float) -> IntArray:
-    """Patch and vertex (k, 2), ascending, where the outlines of patches turn: not within a side, nor inside."""
+    """Patch and vertex (k, 2), ascending, where outlines of patches turn: not within a side, nor inside."""
     faces, n = mesh.faces.astype(np.int64), len(mesh.vertices)
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     patch = np.repeat(of, 3)
@@ -189,12 +190,12 @@ def _outline_corners(mesh: LabelledMesh, of: IntArray, tolerance_m: float) -> In
     chord = np.linalg.norm(sides[0] - sides[1], axis=1)
     is_straight = (count == 2) & (across <= tolerance_m * chord)
     is_straight &= np.einsum("ij,ij->i", *sides) < 0
-    return np.column_stack([known // n, vertex])[~is_straight]
+    return np.asarray(np.column_stack([known // n, vertex])[~is_straight])
 
 
 def _longest(mesh: LabelledMesh) -> FloatArray:
     """Longest edge (m,) of each triangle."""
-    return np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2).max(axis=1)
+    return np.asarray(np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2).max(axis=1))
 
 
 def _pairs(mesh: LabelledMesh) -> tuple[IntArray, IntArray, IntArray]:
@@ -208,9 +209,7 @@ def _pairs(mesh: LabelledMesh) -> tuple[IntArray, IntArray, IntArray]:
     return triangle[twice], triangle[twice + 1], np.column_stack([opposite[twice], opposite[twice + 1]])
 
 
-def _absorbed(
-    mesh: LabelledMesh, patches: _Patches, surfaces: Sequence[Surface], face: IntArray, tolerance_m: float
-) -> list[Surface]:
+def _absorbed(patches: _Patches, surfaces: Sequence[Surface], face: IntArray) -> list[Surface]:
     """Give what lies on a larger surface beside it to that, in `face` (p,); return the surfaces that stay."""
     area = np.array([patches.area[face == k].sum() for k in range(len(surfaces))])
     for k in np.argsort(-area, kind="stable"):
@@ -218,9 +217,9 @@ def _absorbed(
         if not len(members):
             continue
         smaller = (face < 0) | (area[face] < area[k]) | (face == k)
-        held = _held(mesh, patches, surfaces[k], smaller, tolerance_m, limits.FACET_TURN)
+        held = _held(patches, surfaces[k], smaller, slope=limits.FACET_TURN)
         mask = reachable(patches.bends.indptr, patches.bends.indices, held, members[:1])
-        mask &= _chords(mesh, patches, surfaces[k], np.flatnonzero(mask), members)
+        mask &= _chords(patches, surfaces[k], np.flatnonzero(mask), members)
         inside = np.bincount(face[mask & (face >= 0)], patches.area[mask & (face >= 0)], minlength=len(area))
         is_taken = inside >= limits.NEARLY_ALL * area
         is_taken[k] = True
@@ -242,12 +241,10 @@ def _depths(patches: _Patches) -> IntArray:
     for _ in range(_DEEPEST):
         is_deep = is_deep & (np.bincount(first, ~is_deep[other], minlength=len(size)) == 0)
         depth += is_deep
-    return depth
+    return np.asarray(depth)
 
 
-def _grown_from(
-    mesh: LabelledMesh, patches: _Patches, seed: int, free: BoolArray, tolerance_m: float
-) -> _Grown | None:
+def _grown_from(patches: _Patches, seed: int, free: BoolArray) -> _Grown | None:
     """The curved surface that holds most around a patch, and its patches (k,)."""
     best: _Grown | None = None
     rings = _rings(patches, seed, free)
@@ -255,8 +252,8 @@ def _grown_from(
         ring = rings.pop(0)
         before = best
         for kind in _CURVED:
-            for start in _starts(mesh, patches, ring, kind):
-                grown = _grow(mesh, patches, seed, ring, start, free, tolerance_m)
+            for start in _starts(patches, ring, kind):
+                grown = _grow(patches, seed, ring, start, free)
                 if grown is not None and grown.is_better(best):
                     best = grown
         if best is not None and best is not before:  # which tell all kinds better than a few do
@@ -270,13 +267,13 @@ def _around(patches: _Patches, some: IntArray, free: BoolArray, seed: int) -> In
     """Some patches and their free neighbours that are about as large as the seed."""
     every = np.unique(np.concatenate([some, patches.bends[some].indices]))
     alike = np.abs(np.log(np.maximum(patches.area[every], 1e-300) / patches.area[seed])) < limits.FACET_SIZES
-    return every[free[every] & alike]
+    return np.asarray(every[free[every] & alike])
 
 
-def _starts(mesh: LabelledMesh, patches: _Patches, ring: IntArray, kind: str) -> list[Surface]:
+def _starts(patches: _Patches, ring: IntArray, kind: str) -> list[Surface]:
     """Surfaces of a kind near patches: through their middles, and through their corners."""
     found = hypotheses(kind, patches.centroid[ring], patches.normal[ring])
-    return found + hypotheses(kind, *_corners_of(mesh, patches, ring))
+    return found + hypotheses(kind, *_corners_of(patches, ring))
 
 
 class _Grown(NamedTuple):
@@ -315,48 +312,46 @@ def _rings(patches: _Patches, seed: int, free: BoolArray) -> list[IntArray]:
     """
     one = _around(patches, np.array([seed]), free, seed)
     two = _around(patches, one, free, seed)
-    rings = [one, two] if patches.count[seed] > 1 else [two, _around(patches, two, free, seed)]
+    rings = [one, two] if patches.n_triangles[seed] > 1 else [two, _around(patches, two, free, seed)]
     beside = one[one != seed]
     turn = np.arccos(np.clip(patches.normal[beside] @ patches.normal[seed], -1, 1))
     order = beside[np.argsort(turn, kind="stable")]
-    if patches.count[seed] > 1 and len(order) > 2:
+    if patches.n_triangles[seed] > 1 and len(order) > 2:
         rings += [np.array([seed, *pair]) for pair in pairwise(order[:4])]
     return [ring for ring in rings if len(ring) >= 3]
 
 
-def _corners_of(mesh: LabelledMesh, patches: _Patches, some: IntArray) -> tuple[FloatArray, FloatArray]:
+def _corners_of(patches: _Patches, some: IntArray) -> tuple[FloatArray, FloatArray]:
     """Corners (k, 3) of patches, each with its patch's normal (k, 3)."""
     parts = [patches.corner[patches.first[k] : patches.first[k + 1]] for k in some]
     normals = np.repeat(patches.normal[some], [len(part) for part in parts], axis=0)
-    return mesh.vertices[np.concatenate(parts)], normals
+    return patches.mesh.vertices[np.concatenate(parts)], normals
 
 
 def _grow(
-    mesh: LabelledMesh,
     patches: _Patches,
     seed: int,
     ring: IntArray,
     surface: Surface,
     free: BoolArray,
-    tolerance_m: float,
 ) -> _Grown | None:
     """Adjust a surface to the patches that it holds, from a seed on."""
     members = ring
     for turn in range(_ROUNDS):
-        corners = np.unique(_corners_of(mesh, patches, members)[0], axis=0)
+        corners = np.unique(_corners_of(patches, members)[0], axis=0)
         if len(members) < 3 or len(corners) < N_PARAMETERS[surface.kind] + 2:
             return None
-        loose = max(3 * float(np.median(np.abs(surface.distance(corners)))), tolerance_m)
+        loose = max(3 * float(np.median(np.abs(surface.distance(corners)))), patches.tolerance_m)
         better = refine_surface(surface, corners, loose)
         if better is None:
             return None
         surface = better[0]
         off = float(np.median(np.abs(surface.distance(corners))))
-        if off > tolerance_m:  # not yet determined: stay with these
-            if turn >= _STARTING or off > limits.HOPELESS * tolerance_m:
+        if off > patches.tolerance_m:  # not yet determined: stay with these
+            if turn >= _STARTING or off > limits.HOPELESS * patches.tolerance_m:
                 return None
             continue
-        held = _held(mesh, patches, surface, free, tolerance_m)
+        held = _held(patches, surface, free)
         if not held[seed]:
             return None
         new = np.flatnonzero(reachable(patches.bends.indptr, patches.bends.indices, held, np.array([seed])))
@@ -365,31 +360,33 @@ def _grow(
         members = new
     else:
         return None
-    is_chord = _chords(mesh, patches, surface, members, members)
+    is_chord = _chords(patches, surface, members, members)
     if not is_chord[seed]:
         return None
     kept = np.flatnonzero(reachable(patches.bends.indptr, patches.bends.indices, is_chord, np.array([seed])))
-    corners = np.unique(_corners_of(mesh, patches, kept)[0], axis=0)
+    corners = np.unique(_corners_of(patches, kept)[0], axis=0)
     if len(kept) < 3 or len(corners) < N_PARAMETERS[surface.kind] + 2:
         return None
     triangles = np.flatnonzero(np.isin(patches.of, kept))
-    sags, area = _sags(mesh, triangles, surface), mesh.face_areas()[triangles]
+    sags, area = _sags(patches.mesh, triangles, surface), patches.mesh.face_areas()[triangles]
     rms = float(np.sqrt(np.mean(np.square(surface.distance(corners)))))
-    if len(kept) < _SURELY_MANY and np.median(patches.count[kept]) == 1 and rms > limits.EXACT * tolerance_m:
+    if (
+        len(kept) < _SURELY_MANY
+        and np.median(patches.n_triangles[kept]) == 1
+        and rms > limits.EXACT * patches.tolerance_m
+    ):
         return None  # a few triangles of a free form lie on some sphere, nearly
     if patches.area[kept].max() > limits.MOST_OF_SURFACE * patches.area[kept].sum():
         return None
     return _Grown(surface, kept, float(patches.area[kept].sum()), float(area @ sags / area.sum()))
 
 
-def _chords(
-    mesh: LabelledMesh, patches: _Patches, surface: Surface, some: IntArray, members: IntArray
-) -> BoolArray:
+def _chords(patches: _Patches, surface: Surface, some: IntArray, members: IntArray) -> BoolArray:
     """Which of some patches (k,) lie as near to a surface between their corners as its members do: (p,)."""
     triangles = np.flatnonzero(np.isin(patches.of, np.union1d(some, members)))
     sag, turn = np.zeros(len(patches.area)), np.zeros(len(patches.area))
-    np.maximum.at(sag, patches.of[triangles], _sags(mesh, triangles, surface))
-    np.maximum.at(turn, patches.of[triangles], _turns(mesh, triangles, surface))
+    np.maximum.at(sag, patches.of[triangles], _sags(patches.mesh, triangles, surface))
+    np.maximum.at(turn, patches.of[triangles], _turns(patches.mesh, triangles, surface))
     most_m = limits.SAG_RATIO * float(np.median(sag[members])) + patches.tolerance_m
     most = min(limits.TURN_RATIO * float(np.median(turn[members])) + limits.FLAT_ANGLE, limits.MOST_TURN)
     chords = np.zeros(len(patches.area), np.bool_)
@@ -402,26 +399,26 @@ def _turns(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatAr
     one, two = mesh.corners[triangles], np.roll(mesh.corners[triangles], 1, axis=1)
     inner = [(1 - t) * one + t * two for t in (_END, 1 - _END)]  # not at an apex, where there is no normal
     ends = [surface.normal(points.reshape(-1, 3)).reshape(-1, 3, 3) for points in inner]
-    return np.arccos(np.clip(np.einsum("kij,kij->ki", *ends), -1, 1)).max(axis=1) / (1 - 2 * _END)
+    turn = np.arccos(np.clip(np.einsum("kij,kij->ki", *ends), -1, 1)).max(axis=1) / (1 - 2 * _END)
+    return np.asarray(turn)
 
 
 def _sags(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArray:
     """How far triangles (k,) lie off a surface at most, at the middles of their edges."""
     corners = mesh.corners[triangles]
     middles = (corners + np.roll(corners, 1, axis=1)) / 2
-    return np.abs(surface.distance(middles.reshape(-1, 3))).reshape(-1, 3).max(axis=1)
+    return np.asarray(np.abs(surface.distance(middles.reshape(-1, 3))).reshape(-1, 3).max(axis=1))
 
 
 def _held(
-    mesh: LabelledMesh,
     patches: _Patches,
     surface: Surface,
     free: BoolArray,
-    tolerance_m: float,
+    *,
     slope: float = limits.FACET_SLOPE,
 ) -> BoolArray:
     """Which patches (p,) have all corners on a surface, and look its way."""
-    off = np.abs(surface.distance(mesh.vertices)) > tolerance_m
+    off = np.abs(surface.distance(patches.mesh.vertices)) > patches.tolerance_m
     is_off = np.add.reduceat(off[patches.corner].astype(np.int64), patches.first[:-1]) > 0
     ahead = np.abs(np.einsum("ij,ij->i", surface.normal(patches.centroid), patches.normal))
-    return free & ~is_off & ((ahead > np.cos(slope)) | patches.is_thin)
+    return np.asarray(free & ~is_off & ((ahead > np.cos(slope)) | patches.is_thin))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from completion.parts.division.pipeline import segment_mesh
+from completion.parts.division.meshes import segment_mesh
 from scenes.checks import InputError
 from scenes.mesh.labelled_mesh import LabelledMesh
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from completion.parts.division.faces import settle
-from completion.parts.division.pipeline import segment_part, segment_rippled
+from completion.parts.division.pipeline import segment_part
+from completion.parts.division.rippled import segment_rippled
 from tests.helpers.wall_examples import corner_mesh, panelled, wall_mesh
 
 

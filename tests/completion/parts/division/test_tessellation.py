@@ -8,7 +8,7 @@ import pytest
 import shapely
 import trimesh
 
-from completion.parts.division.pipeline import segment_mesh
+from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.tessellation import divide_tessellated
 from scenes.mesh.labelled_mesh import LabelledMesh
 
