@@ -18,7 +18,7 @@ from completion.parts.part import Part
 from completion.parts.pipeline import divide_part, relate_part
 from completion.parts.profiles.pipeline import profiles_of
 from completion.parts.profiles.profile import Profile
-from completion.parts.profiles.segment import Segment
+from completion.parts.profiles.chain import Segment
 from completion.relations.constraint import constrain
 from completion.relations.equations import RelationFrame, place
 from completion.relations.relation import Relation, RelationKind

@@ -4,33 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from completion.export.step.pipeline import StepModel, step_of
 from completion.export.step.regions import FittedRegion, PartRegions, part_regions
 from completion.fitting.result import SurfaceFit
-from completion.parts.profiles.sample import SampledPart, sample_of
+from completion.parts.division.divided_part import DividedPart, points_on_triangles
 from scenes.checks import FloatArray
 
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
-
-
-class DividedPart(SampledPart, Protocol):
-    """What is read of a part (`Part`)."""
-
-    @property
-    def fits(self) -> tuple[SurfaceFit, ...]:
-        """The surfaces."""
-
-    @property
-    def groups(self) -> tuple[int, ...]:
-        """Which of them are one."""
-
-    @property
-    def noise_m(self) -> float:
-        """Deviation of the points, metres."""
 
 
 def step_model(part: DividedPart, name: str = "part") -> StepModel:
@@ -46,7 +29,13 @@ def regions_of(part: DividedPart) -> PartRegions:
 
     Raises InputError: a part without surfaces.
     """
-    points, region = sample_of(part)
+    points, label = part.points, part.surface
+    if part.faces is not None and part.triangle_surface is not None and part.spacing_m > 0:
+        points, members = points_on_triangles(part.points, part.faces, part.spacing_m)
+        label = part.triangle_surface[members]
+    place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
+    place[list(part.labels)] = np.arange(len(part.labels))
+    region = np.where(label > 0, place[np.maximum(label, 0)], -1)
     regions = [
         FittedRegion(number, fit.surface, _deviation(fit, points[region == k]), group)
         for k, (number, fit, group) in enumerate(zip(part.labels, part.fits, part.groups, strict=True))

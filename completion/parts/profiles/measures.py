@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import ndtri
 
+from completion.parts.profiles.chain import Segment
 from completion.parts.profiles.profile import Loop, Profile
-from completion.parts.profiles.segment import Segment
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane
 

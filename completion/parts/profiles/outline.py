@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Outlines: what of a part a sweep explains, as chains of walls, before these are related.
+"""Outlines: what of a part a sweep explains, as chains of walls between levels, and the loops that these are.
 
 A cloud is divided anew in the profile, where all points of a wall fall on one curve; of a model's mesh, whose
 triangles are chords, and where curves touch, the faces of the part are the walls, joined by their ends.
@@ -7,26 +7,46 @@ triangles are chords, and where curves touch, the faces of the part are the wall
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from scipy.spatial import cKDTree
 
 from completion.fitting.result import SurfaceFit
 from completion.parts.profiles import limits
-from completion.parts.profiles.chain import Chain, chains_of
-from completion.parts.profiles.loops import Level, Stretch, joined, levels_of, stretches_of
-from completion.parts.profiles.partition import chain_of, curves_of, partition
-from completion.parts.profiles.sample import SweptPart
-from completion.parts.profiles.segment import Piece, pieces_of
-from completion.parts.profiles.sweep import Sweep
+from completion.parts.profiles.chain import Chain, Piece, Segment, chains_of, pieces_of
+from completion.parts.profiles.partition import curves_of, partition
+from completion.parts.profiles.profile import Loop, LoopKind
+from completion.parts.profiles.sweep import Sweep, SweptPart
 from completion.relations.graph import is_settled
 from scenes.checks import FloatArray
-from scenes.surfaces.catalogue import Cylinder, Plane
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _SAME_NOISES = 1.0  # deviations within which a wall between other caps is the same
+_OVER, _NEARLY = 0.5, 0.98  # of a loop's area that lies in another, from which it is within, and wholly so
+_ACROSS = float(np.sin(limits.SMOOTH / 4))  # of a line's angle to what is across an axis, or along it
+_SECTORS = 36  # of a turn, in each of which a face has points or none
+
+
+class Level(NamedTuple):
+    """A height of an extrusion at which something ends, and its standard deviation; NaN without a plane."""
+
+    height_m: float
+    sd_m: float
+
+
+_TURN = (Level(-np.pi, np.nan), Level(np.pi, np.nan))  # of a revolution, radians
+
+
+class Stretch(NamedTuple):
+    """A chain and the levels, from 0, between which it is swept."""
+
+    chain: Chain
+    low: int
+    high: int
 
 
 class Outline(NamedTuple):
@@ -38,169 +58,134 @@ class Outline(NamedTuple):
     levels: tuple[Level, ...]
     stretches: tuple[Stretch, ...]
     explained: frozenset[int]
-    straight: frozenset[int] = frozenset()
-    is_divided: bool = False
+    is_divided: bool
+
+    @property
+    def used(self) -> list[int]:
+        """Walls in chains."""
+        return sorted({wall for stretch in self.stretches for wall in stretch.chain.walls})
 
     def own_points(self, part: SweptPart) -> FloatArray:
         """Points (n, 3) of the part to which walls are fitted: all, or those of their faces."""
         if self.is_divided:
             return part.points
-        numbers = [part.labels[number] for stretch in self.stretches for wall in stretch.chain.walls
-                   for number in self.faces[wall]]  # fmt: skip
+        numbers = [part.labels[number] for wall in self.used for number in self.faces[wall]]
         return part.points[np.isin(part.surface, numbers)]
 
 
-AXIS_LINE = SurfaceFit(Plane((0, 0, 0), (0, 1, 0), (-1, 0, 0)), 0.0, np.diag([1e-18, 0.0, 0.0]), 0)
-"""The axis of a revolution among its walls, exactly known: what lines may be parallel to, or across."""
-
-
 def outline_of(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep, share: float) -> Outline:
-    """Return what a sweep explains; `share` of the part may be swept so."""
+    """Return what a sweep explains.
+
+    `sample` holds points (n, 3) of each face, metres; `share` of the part may be swept so.
+    """
+    is_turned = sweep.kind == "revolved"
+    caps = {number: cap for number, fit in enumerate(part.measured)
+            if not is_turned and (cap := sweep.cap(fit)) is not None}  # fmt: skip
     if part.faces is None and share >= limits.LEAST_SHARE:
-        return divided(part, sample, sweep)
-    return joined_faces(part, sample, sweep)
+        local = sweep.flatten(part.points)
+        least = 2 * _cell_m(part)
+        levels = list(_TURN) if is_turned else _levels(list(caps.values()), local[:, 2], least)
+        walls, stretches = _divided(part, sweep, local, levels)
+        if stretches:
+            faces = _faces_of(part, local, walls, stretches)
+            return _outline(sweep, walls, faces, levels, stretches, caps, is_divided=True)
+    walls, faces = _walls(part, sweep)
+    surfaces = [wall.surface for wall in walls]
+    places = [sweep.flatten(np.concatenate([sample[number] for number in numbers])) for numbers in faces]
+    if is_turned:
+        return _outline(sweep, walls, faces, list(_TURN), _turned(part, surfaces, places), {})
+    heights = np.concatenate([np.zeros(0), *(each[:, 2] for each in places)])
+    levels = _levels(list(caps.values()), heights, 2 * part.spacing_m)
+    stretches = [one for one in _stretches(part, surfaces, places, levels) if one.chain.is_closed]
+    return _outline(sweep, walls, faces, levels, stretches, caps if stretches else {})
 
 
-def divided(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
-    """Return what a sweep explains of a cloud, divided anew; without closed curves as `joined_faces` does."""
-    local = sweep.flatten(part.points)
-    if sweep.kind == "extruded":
-        caps = {
-            number: cap for number, fit in enumerate(part.measured) if (cap := sweep.cap(fit)) is not None
-        }
-        least = max(2 * limits.CELL_NOISES * part.noise_m, 2 * limits.CELL_SPACINGS * part.spacing_m)
-        levels = levels_of(list(caps.values()), local[:, 2], least)
-    else:
-        caps, levels = {}, [Level(-np.pi, np.nan), Level(np.pi, np.nan)]
+def _outline(
+    sweep: Sweep, walls: Sequence[SurfaceFit], faces: Sequence[tuple[int, ...]], levels: Sequence[Level],
+    stretches: Sequence[Stretch], caps: Mapping[int, object], *, is_divided: bool = False,
+) -> Outline:  # fmt: skip
+    explained = {n for one in stretches for wall in one.chain.walls for n in faces[wall]} | set(caps)
+    made = tuple(walls), tuple(faces), tuple(levels), tuple(stretches)
+    return Outline(sweep, *made, explained=frozenset(explained), is_divided=is_divided)
+
+
+def _cell_m(part: SweptPart) -> float:
+    """How wide a place on a curve is, metres."""
+    return max(limits.CELL_NOISES * part.noise_m, limits.CELL_SPACINGS * part.spacing_m)
+
+
+def _levels(caps: Sequence[tuple[float, float]], heights: FloatArray, least_m: float) -> list[Level]:
+    """Levels, at least so far apart, by caps' heights and deviations, and by heights (n,) of points."""
+    ends = [(float(heights.min()), np.nan), (float(heights.max()), np.nan)] if len(heights) else []
+    levels: list[Level] = []
+    for height, sd in sorted([*caps, *ends]):
+        if not levels or height - levels[-1].height_m > least_m:
+            levels.append(Level(height, sd))
+        elif not np.isfinite(levels[-1].sd_m) or sd < levels[-1].sd_m:
+            levels[-1] = Level(height, sd)
+    return levels
+
+
+def _divided(
+    part: SweptPart, sweep: Sweep, local: FloatArray, levels: Sequence[Level]
+) -> tuple[list[SurfaceFit], list[Stretch]]:
+    """Walls and chains of a cloud's places (n, 3) in the profile, divided anew between its levels."""
     walls, stretches = list[SurfaceFit](), list[Stretch]()
     for number, (low, high) in enumerate(pairwise(levels)):
         thick, known = high.height_m - low.height_m, len(walls)
         margin = 0.0 if sweep.kind == "revolved" else min(2 * part.spacing_m, 0.2 * thick)
-        inside = local[np.abs(local[:, 2] - (low.height_m + high.height_m) / 2) <= thick / 2 - margin]
-        share = (inside[:, 2] - low.height_m - margin) / max(thick - 2 * margin, 1e-12)
-        for chain, own in _curves(part, sweep, inside[:, :2], share):
-            chain = _renamed(chain, own, walls, known, part.noise_m)
-            off = limits.SAME_NOISES * part.noise_m + limits.SAME_SPACINGS * part.spacing_m
-            stretches.append(joined(stretches, chain, number, [wall.surface for wall in walls], off))
+        share = (local[:, 2] - low.height_m - margin) / max(thick - 2 * margin, 1e-12)
+        inside = (share >= 0) & (share <= 1)
+        for chain, own in _curves(part, sweep, local[inside, :2], share[inside]):
+            named = _renamed(chain, own, walls, known, part.noise_m)
+            stretches.append(_joined(stretches, named, number, [wall.surface for wall in walls], part))
     if sweep.kind == "revolved":
-        stretches = [stretch for stretch in stretches if _is_turned(stretch.chain, walls)]
-    if not stretches:
-        return joined_faces(part, sample, sweep)
-    faces = _faces_of(part, local, walls, stretches)
-    used = {wall for stretch in stretches for wall in stretch.chain.walls}
-    explained = {number for wall in used for number in faces[wall]} | set(caps)
-    return Outline(
-        sweep, tuple(walls), faces, tuple(levels), tuple(stretches), frozenset(explained), is_divided=True
-    )
+        surfaces = [wall.surface for wall in walls]
+        stretches = [stretch for stretch in stretches if _is_turned(stretch.chain, surfaces)]
+    return walls, stretches
 
 
 def _curves(
     part: SweptPart, sweep: Sweep, places: FloatArray, share: FloatArray
 ) -> Iterator[tuple[Chain, list[SurfaceFit]]]:
     """Chains of the closed curves of places (n, 2), and their walls; of a revolution those above the axis."""
-    cell = max(limits.CELL_NOISES * part.noise_m, limits.CELL_SPACINGS * part.spacing_m)
+    cell = _cell_m(part)
     if sweep.kind == "revolved":
         places, share = np.concatenate([places, places * [1.0, -1.0]]), np.tile(share, 2)
     for curve, along in curves_of(places, share, cell):
-        if sweep.kind == "revolved" and curve[:, 1].max() + 2 * cell < -curve[:, 1].min():
+        low, high = float(curve[:, 1].min()), float(curve[:, 1].max())
+        if sweep.kind == "revolved" and high + 2 * cell < -low:
             continue
-        parts = partition(curve, along, part.noise_m, cell)
-        chain, walls = chain_of(parts)
-        if sweep.kind == "revolved" and curve[:, 1].min() < 0:
-            chain = _upper(chain, parts)
-        yield chain, walls
+        chain, walls = partition(curve, along, part.noise_m, cell)
+        yield (
+            _upper(chain, [wall.surface for wall in walls])
+            if sweep.kind == "revolved" and low < 0
+            else chain,
+            walls,
+        )
 
 
-def joined_faces(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
-    """Return what a sweep explains by the faces of a part, of which `sample` has points (n, 3) each."""
-    return (_extruded if sweep.kind == "extruded" else _revolved)(part, sample, sweep)
-
-
-def _extruded(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
-    """Chains of walls along a direction, between the planes across it."""
-    walls, faces = _walls(part, sweep, (Plane, Cylinder))
-    caps = {number: cap for number, fit in enumerate(part.measured) if (cap := sweep.cap(fit)) is not None}
-    places = [sweep.flatten(np.concatenate([sample[number] for number in numbers])) for numbers in faces]
-    heights = np.concatenate([np.zeros(0), *(each[:, 2] for each in places)])
-    levels = levels_of(list(caps.values()), heights, 2 * part.spacing_m)
-    surfaces = [wall.surface for wall in walls]
-    stretches = stretches_of(surfaces, places, levels, spacing_m=part.spacing_m, noise_m=part.noise_m)
-    kept = [stretch for stretch in stretches if stretch.chain.is_closed]
-    used = {wall for stretch in kept for wall in stretch.chain.walls}
-    explained = {number for wall in used for number in faces[wall]} | (set(caps) if kept else set())
-    return Outline(sweep, walls, faces, tuple(levels), tuple(kept), frozenset(explained))
-
-
-def _revolved(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep) -> Outline:
-    """Chains of what is turned about an axis: at least three faces, or one that no extrusion has."""
-    walls, faces = _walls(part, sweep, (Plane, Cylinder))
-    places = [sweep.flatten(np.concatenate([sample[number] for number in numbers])) for numbers in faces]
-    surfaces = [wall.surface for wall in walls]
-    gap_m, pieces = limits.GAP * part.spacing_m, list[Piece]()
-    for wall, points in enumerate(places):
-        pieces += pieces_of(surfaces[wall], wall, points[:, :2], gap_m)
-    kept = []
-    for chain in chains_of(pieces, surfaces, part.spacing_m, part.noise_m, axis=True):
-        curved = {wall for wall in chain.walls if any(_is_curved(part, number) for number in faces[wall])}
-        bent = {wall for wall in curved if any(_is_bent(part, number) for number in faces[wall])}
-        turns = [len(np.unique(np.floor(places[wall][:, 2] / np.radians(10)))) / 36 for wall in curved]
-        if (len(curved) >= 3 or bent) and len(chain.pieces) > 1 and np.mean(turns) >= limits.TURN_SHARE:
-            kept.append(Stretch(chain, 0, 1))
-    explained = {number for stretch in kept for wall in stretch.chain.walls for number in faces[wall]}
-    straight = frozenset(number for number in explained if not _is_bent(part, number))
-    return Outline(sweep, walls, faces, (), tuple(kept), frozenset(explained), straight)
-
-
-def _is_curved(part: SweptPart, number: int) -> bool:
-    return not isinstance(part.fits[number].surface, Plane)
-
-
-def _is_bent(part: SweptPart, number: int) -> bool:
-    return not isinstance(part.fits[number].surface, Plane | Cylinder)
-
-
-def _walls(
-    part: SweptPart, sweep: Sweep, kinds: tuple[type, ...]
-) -> tuple[tuple[SurfaceFit, ...], tuple[tuple[int, ...], ...]]:
-    """Walls of a sweep; faces on one cylinder are one."""
-    walls, faces = list[SurfaceFit](), list[tuple[int, ...]]()
-    of: dict[int, int] = {}
-    for number, fit in enumerate(part.measured):
-        wall = sweep.wall(fit) if np.isfinite(fit.covariance).all() and is_settled(fit) else None
-        if wall is None or not isinstance(wall.surface, kinds):
-            continue
-        group = part.groups[number]
-        if isinstance(wall.surface, Cylinder) and group in of:
-            faces[of[group]] += (number,)
-            continue
-        of[group] = len(walls)
-        walls.append(wall)
-        faces.append((number,))
-    return tuple(walls), tuple(faces)
-
-
-def _upper(chain: Chain, parts: Sequence[object]) -> Chain:
+def _upper(chain: Chain, surfaces: Sequence[Surface]) -> Chain:
     """The part above y = 0 of a chain that is alike below it, from the axis to the axis."""
     n = len(chain.pieces)
-    is_above = [max(float(place[1]) for place in (part.start, part.middle, part.end)) > 0 for part in parts]  # type: ignore[attr-defined]
+    is_above = [one.places(3)[:, 1].max() > 0 for one in chain.trace(surfaces)]
     starts = [k for k in range(n) if is_above[k] and not is_above[k - 1]]
     if len(starts) != 1:
         return chain
     run = [(starts[0] + k) % n for k in range(n) if is_above[(starts[0] + k) % n]]
-    return Chain(
-        tuple(chain.pieces[k] for k in run),
-        tuple(chain.is_forward[k] for k in run),
-        tuple(chain.corners[k] for k in run[:-1]),
-        True,
-        True,
-    )
+    kept = [tuple(each[k] for k in run) for each in (chain.pieces, chain.is_forward, chain.corners)]
+    return Chain(kept[0], kept[1], kept[2][:-1], is_closed=True, on_axis=True)
 
 
-def _is_turned(chain: Chain, walls: Sequence[SurfaceFit]) -> bool:
+def _slope(surface: Surface) -> float:
+    """Sine of a line's angle to what is across the axis; of an arc that of 30 degrees."""
+    return abs(float(surface.normal_direction[1])) if isinstance(surface, Plane) else 0.5
+
+
+def _is_turned(chain: Chain, surfaces: Sequence[Surface]) -> bool:
     """Whether at least three walls are not planes across the axis, or one is no cylinder either."""
-    surfaces = [walls[wall].surface for wall in set(chain.walls)]
-    slopes = [abs(float(one.normal_direction[1])) if isinstance(one, Plane) else 0.5 for one in surfaces]
-    low, high = np.sin(limits.SMOOTH / 4), np.cos(limits.SMOOTH / 4)
+    slopes = [_slope(surfaces[wall]) for wall in set(chain.walls)]
+    low, high = _ACROSS, np.sqrt(1 - _ACROSS**2)
     return sum(slope > low for slope in slopes) >= 3 or any(low < slope < high for slope in slopes)
 
 
@@ -213,44 +198,188 @@ def _renamed(
     """
     among: dict[int, int] = {}
     for piece in chain.pieces:
-        fit = own[piece.wall]
-        places = fit.surface.from_uv(np.column_stack([np.linspace(piece.low, piece.high, 7), np.zeros(7)]))
-        same = [
-            k for k, wall in enumerate(walls[:known])
-            if wall.surface.kind == fit.surface.kind
-            and np.abs(wall.surface.distance(places)).max() <= _SAME_NOISES * noise_m
-        ]  # fmt: skip
-        if same:
-            among[piece.wall] = same[0]
-        else:
-            among[piece.wall] = len(walls)
-            walls.append(fit)
+        surface = own[piece.wall].surface
+        places = surface.from_uv(np.column_stack([np.linspace(piece.low, piece.high, 7), np.zeros(7)]))
+        same = (k for k, wall in enumerate(walls[:known]) if wall.surface.kind == surface.kind
+                and np.abs(wall.surface.distance(places)).max() <= _SAME_NOISES * noise_m)  # fmt: skip
+        among[piece.wall] = next(same, len(walls))
+        if among[piece.wall] == len(walls):
+            walls.append(own[piece.wall])
     return chain.renumber(among)
 
 
 def _faces_of(
     part: SweptPart, local: FloatArray, walls: Sequence[SurfaceFit], stretches: Sequence[Stretch]
-) -> tuple[tuple[int, ...], ...]:
-    """The faces (by place) of which most points lie on each wall."""
+) -> list[tuple[int, ...]]:
+    """The faces (by place) of which most points, at places (n, 3), lie on each wall."""
     surfaces = [wall.surface for wall in walls]
-    places, wall_of = [], []
-    for stretch in stretches:
-        for segment in stretch.chain.trace(surfaces):
-            if segment.wall >= 0:
-                n = max(2, int(segment.length / part.spacing_m))
-                line = (
-                    segment.places(n)
-                    if segment.centre is not None
-                    else np.linspace(segment.start, segment.end, n)
-                )
-                places.append(line)
-                wall_of += [segment.wall] * len(line)
-    off, near = cKDTree(np.concatenate(places)).query(local[:, :2])
-    wall = np.where(off <= limits.REACH * part.spacing_m, np.array(wall_of)[near], len(walls))
-    number = {label: place for place, label in enumerate(part.labels)}
+    segments = [one for stretch in stretches for one in stretch.chain.trace(surfaces) if one.wall >= 0]
+    lines = [one.places(max(2, int(one.length / part.spacing_m))) for one in segments]
+    off, near = cKDTree(np.concatenate(lines)).query(local[:, :2])
+    wall_of = np.repeat([one.wall for one in segments], [len(line) for line in lines])
+    wall = np.where(off <= limits.REACH * part.spacing_m, wall_of[near], len(walls))
     faces: list[tuple[int, ...]] = [() for _ in walls]
-    for label in part.labels:
+    for number, label in enumerate(part.labels):
         votes = np.bincount(wall[part.surface == label], minlength=len(walls) + 1)
-        if votes.sum() and votes[:-1].sum() > votes.sum() / 2:
-            faces[int(np.argmax(votes[:-1]))] += (number[label],)
-    return tuple(faces)
+        if votes[:-1].sum() > votes.sum() / 2:
+            faces[int(np.argmax(votes[:-1]))] += (number,)
+    return faces
+
+
+def _walls(part: SweptPart, sweep: Sweep) -> tuple[list[SurfaceFit], list[tuple[int, ...]]]:
+    """Walls of a sweep; faces on one cylinder are one."""
+    walls, faces, of = list[SurfaceFit](), list[tuple[int, ...]](), dict[int, int]()
+    for number, fit in enumerate(part.measured):
+        wall = sweep.wall(fit) if np.isfinite(fit.covariance).all() and is_settled(fit) else None
+        group = part.groups[number]
+        if wall is not None and isinstance(wall.surface, Cylinder) and group in of:
+            faces[of[group]] += (number,)
+        elif wall is not None:
+            of[group] = len(walls)
+            walls.append(wall)
+            faces.append((number,))
+    return walls, faces
+
+
+def _turned(part: SweptPart, surfaces: Sequence[Surface], places: Sequence[FloatArray]) -> list[Stretch]:
+    """Chains of what is turned about an axis, by places (n, 3) of each wall's points in the profile."""
+    gap_m, pieces = limits.GAP * part.spacing_m, list[Piece]()
+    for wall, points in enumerate(places):
+        pieces += pieces_of(surfaces[wall], wall, points[:, :2], gap_m)
+    turn = [len(np.unique(np.floor(points[:, 2] * _SECTORS / (2 * np.pi)))) / _SECTORS for points in places]
+    found = []
+    for chain in chains_of(pieces, surfaces, part.spacing_m, part.noise_m, axis=True):
+        curved = [wall for wall in set(chain.walls) if _slope(surfaces[wall]) > _ACROSS]
+        if len(chain.pieces) > 1 and _is_turned(chain, surfaces):
+            share = float(np.mean([turn[wall] for wall in curved]))
+            found += [Stretch(chain, 0, 1)] if share >= limits.TURN_SHARE else []
+    return found
+
+
+def _stretches(
+    part: SweptPart, surfaces: Sequence[Surface], places: Sequence[FloatArray], levels: Sequence[Level]
+) -> list[Stretch]:
+    """Chains between each level and the next, those that go on as one, by places (n, 3) of walls' points."""
+    found: list[Stretch] = []
+    for number, (low, high) in enumerate(pairwise(levels)):
+        thick, middle = high.height_m - low.height_m, (low.height_m + high.height_m) / 2
+        margin, pieces = min(part.spacing_m, 0.2 * thick), []
+        for wall, points in enumerate(places):
+            inside = points[np.abs(points[:, 2] - middle) < thick / 2 - margin]
+            if len(inside) and np.ptp(inside[:, 2]) >= limits.LEAST_HEIGHT_SHARE * (thick - 2 * margin):
+                pieces += pieces_of(surfaces[wall], wall, inside[:, :2], limits.GAP * part.spacing_m)
+        for chain in chains_of(pieces, surfaces, part.spacing_m, part.noise_m):
+            found.append(_joined(found, chain, number, surfaces, part))
+    return found
+
+
+def _joined(
+    found: list[Stretch], chain: Chain, number: int, surfaces: Sequence[Surface], part: SweptPart
+) -> Stretch:
+    """The chain between a level and the next, with the one below that is the same, taken off the list.
+
+    It is if it is near in the mean along both; of two the one of fewer pieces stays.
+    """
+    off_m = limits.SAME_NOISES * part.noise_m + limits.SAME_SPACINGS * part.spacing_m
+    two = _area(chain, chain.trace(surfaces)) if chain.is_ring else shapely.Polygon()
+    for k, before in enumerate(found):
+        if before.high == number and before.chain.is_closed and two.area > 0:
+            one = _area(before.chain, before.chain.trace(surfaces))
+            if one.symmetric_difference(two).area <= off_m * two.length:
+                del found[k]
+                return Stretch(
+                    min(before.chain, chain, key=lambda each: len(each.pieces)), before.low, number + 1
+                )
+    return Stretch(chain, number, number + 1)
+
+
+def _area(chain: Chain, segments: Sequence[Segment]) -> shapely.Polygon:
+    """The area within a chain, empty of an open one."""
+    polygon = Loop(tuple(segments), "outer" if chain.is_closed else "open").polygon
+    return polygon if polygon.is_valid else polygon.buffer(0)
+
+
+class _Traced(NamedTuple):
+    """A chain on its walls, the area within, and in how many others it lies."""
+
+    stretch: Stretch
+    segments: tuple[Segment, ...]
+    area: shapely.Polygon
+    depth: int = 0
+
+    def lies_in(self, other: _Traced) -> bool:
+        """Whether most of it lies within another."""
+        return other.area.area > self.area.area > 0 and _is_over(self.area, other.area, _OVER)
+
+
+def loops_of(
+    outline: Outline, traced: Sequence[tuple[Segment, ...]], surfaces: Sequence[Surface]
+) -> tuple[Loop, ...]:
+    """Return the loops of an extrusion by its chains' segments on surfaces (k,); the largest first.
+
+    Their kinds are by what lies within what between the same levels.
+    """
+    rows = [_Traced(stretch, segments, _area(stretch.chain, segments))
+            for stretch, segments in zip(outline.stretches, traced, strict=True)]  # fmt: skip
+    rows = [row._replace(depth=_depth(row, rows, surfaces)) for row in rows]
+    loops = []
+    for row in sorted(rows, key=lambda row: (not row.stretch.chain.is_closed, -row.area.area)):
+        segments, is_through = row.segments, False
+        kind: LoopKind = "open"
+        if row.stretch.chain.is_closed:
+            is_solid = row.depth % 2 == 0
+            kind = _solid_kind(row, rows) if is_solid else _hollow_kind(segments, surfaces)
+            if shapely.is_ccw(row.area.exterior) != is_solid:
+                segments = tuple(one.reverse() for one in segments[::-1])
+            beside = row.stretch.low - 1, row.stretch.high
+            is_through = not is_solid and not any(_is_solid_at(row.area, level, rows) for level in beside)
+        low, high = outline.levels[row.stretch.low], outline.levels[row.stretch.high]
+        loop = Loop(
+            segments, kind, low.height_m, high.height_m, end_sd_m=(low.sd_m, high.sd_m), is_through=is_through
+        )
+        loops.append(loop)
+    return tuple(loops)
+
+
+def _is_over(inner: shapely.Polygon, outer: shapely.Polygon, share: float) -> bool:
+    return bool(inner.intersection(outer).area > share * inner.area)
+
+
+def _depth(row: _Traced, rows: Sequence[_Traced], surfaces: Sequence[Surface]) -> int:
+    """Within how many others a loop lies at most of the levels that it is swept; of a bore an odd number."""
+    around = [other.stretch for other in rows if other is not row and row.lies_in(other)]
+    levels = range(row.stretch.low, row.stretch.high)
+    depth = int(np.median([sum(one.low <= level < one.high for one in around) for level in levels]))
+    is_bore = row.segments[0].is_whole and bool(getattr(surfaces[row.segments[0].wall], "concave", False))
+    return depth + int(is_bore and depth % 2 == 0)
+
+
+def _is_solid_at(area: shapely.Polygon, level: int, rows: Sequence[_Traced]) -> bool:
+    """Whether there is material over most of an area between a level and the next."""
+    left = shapely.Polygon()
+    for row in sorted(rows, key=lambda row: row.depth):
+        if row.stretch.low <= level < row.stretch.high and row.area.area > 0:
+            left = left.difference(row.area) if row.depth % 2 else left.union(row.area)
+    return _is_over(area, left, _OVER)
+
+
+def _solid_kind(row: _Traced, rows: Sequence[_Traced]) -> LoopKind:
+    """A section within a larger one at other heights is a boss, or a rib."""
+    larger = [
+        other.area for other in rows if other.depth % 2 == 0 and _NEARLY * other.area.area > row.area.area
+    ]
+    if not any(_is_over(row.area, area, _NEARLY) for area in larger):
+        return "outer"
+    box = np.array(shapely.oriented_envelope(row.area).exterior.coords)
+    sides = sorted(np.linalg.norm(np.diff(box[:3], axis=0), axis=1))
+    return "rib" if sides[1] >= limits.RIB * sides[0] else "boss"
+
+
+def _hollow_kind(segments: Sequence[Segment], surfaces: Sequence[Surface]) -> LoopKind:
+    """What is cut out: round, a slot (two parallel lines between two arcs), or anything else."""
+    lines = [surfaces[one.wall].normal_direction for one in segments if one.centre is None]  # type: ignore[attr-defined]
+    if len(segments) == 1:
+        return "hole"
+    is_even = len(segments) == 4 and (segments[0].centre is None) == (segments[2].centre is None)
+    is_slot = is_even and len(lines) == 2 and abs(float(lines[0] @ lines[1])) > np.cos(limits.SMOOTH)
+    return "slot" if is_slot else "pocket"

@@ -11,7 +11,6 @@ square of distances.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -19,11 +18,10 @@ from scipy.spatial import cKDTree
 
 from completion.fitting.result import SurfaceFit
 from completion.parts.profiles import limits
-from completion.parts.profiles.chain import Chain
-from completion.parts.profiles.refit import unfitted
-from completion.parts.profiles.segment import Piece, corner_of
+from completion.parts.profiles.chain import Chain, Piece, along_wall, corner_of
+from completion.parts.profiles.refit import line_of, unfitted
 from scenes.checks import FloatArray, IntArray
-from scenes.surfaces.catalogue import Cylinder, Plane, Surface
+from scenes.surfaces.catalogue import Cylinder, Surface
 
 _MOST_PLACES = 12_000  # of a curve
 _SECTORS = 8  # of the height or turn, half of which a place must have
@@ -33,32 +31,10 @@ _ROUNDS = 2
 _BIN_CELLS, _BIN_NOISES = 1 / 3, 3.0  # width of a bin: at least so many cells, deviations of noise
 _BESIDE = 2  # bins at the ends of a segment that may lie over a corner
 _MOST_LEFT_OUT = 3  # spans beside a corner
-_NEWTON = 12
-_POWERS = (
-    (0, 0),
-    (1, 0),
-    (0, 1),
-    (2, 0),
-    (1, 1),
-    (0, 2),
-    (3, 0),
-    (2, 1),
-    (1, 2),
-    (0, 3),
-    (4, 0),
-    (2, 2),
-    (0, 4),
-)
-
-
-class Part(NamedTuple):
-    """A line or an arc of a curve, and its ends (2,) in the curve's order, and a place (2,) between."""
-
-    surface: Surface
-    start: FloatArray
-    middle: FloatArray
-    end: FloatArray
-    is_whole: bool
+_NEWTON, _STILL = 12, 1e-11  # most steps; of the size squared, a step that is the last
+_PARAMETERS = (3, 4)  # of a line and an arc, with where each ends
+_FAR_CORNER = 3.0  # times the distance of ends, beyond which a corner is not theirs
+_Span = tuple[int, int]  # of bins: the first, and the one after the last
 
 
 def curves_of(
@@ -74,23 +50,21 @@ def curves_of(
     which = which.reshape(-1)
     middle = np.column_stack([np.bincount(which, places[:, k]) for k in (0, 1)]) / count[:, None]
     sector = np.minimum((share * _SECTORS).astype(np.int64), _SECTORS - 1)
-    near = cKDTree(places).query_ball_point(middle, cell_m)
-    n_there = np.array([len(np.unique(sector[some])) for some in near])
-    expected = _SECTORS * (1 - (1 - 1 / _SECTORS) ** np.array([len(some) for some in near]))
-    is_swept = n_there >= expected / 2
-    band = (
-        shapely.union_all(shapely.buffer(shapely.points(middle[is_swept]), _WIDER * cell_m))
-        if is_swept.any()
-        else None
-    )
-    for piece in shapely.get_parts(band) if band is not None else ():
-        holes = [ring for ring in piece.interiors if shapely.Polygon(ring).area > (2 * cell_m) ** 2]
-        if len(holes) != 1:
-            continue
-        own = is_swept[which] & shapely.contains_xy(piece, places)
-        some = places[own]
-        some = some[:: max(1, len(some) // _MOST_PLACES)]
-        yield _ordered(some, _middle_line(piece, cell_m), cell_m)
+    n_near = cKDTree(places).query_ball_point(middle, cell_m, return_length=True)
+    trees = [cKDTree(places[sector == number]) for number in range(_SECTORS)]
+    is_there = [np.isfinite(tree.query(middle, distance_upper_bound=cell_m)[0]) for tree in trees]
+    is_swept = np.sum(is_there, axis=0) >= _SECTORS / 2 * (1 - (1 - 1 / _SECTORS) ** n_near)
+    band = shapely.union_all(shapely.buffer(shapely.points(middle[is_swept]), _WIDER * cell_m))
+    for piece in shapely.get_parts(band):
+        if _is_ring(piece, cell_m):
+            some = places[is_swept[which] & shapely.contains_xy(piece, places)]
+            some = some[:: max(1, len(some) // _MOST_PLACES)]
+            yield _ordered(some, _middle_line(piece, cell_m), cell_m)
+
+
+def _is_ring(band: shapely.Polygon, cell_m: float) -> bool:
+    """Whether a band has one hole that is larger than gaps between places."""
+    return sum(shapely.Polygon(ring).area > (2 * cell_m) ** 2 for ring in band.interiors) == 1
 
 
 def _along_ring(places: FloatArray, ring: FloatArray) -> tuple[FloatArray, float]:
@@ -109,11 +83,9 @@ def _along_ring(places: FloatArray, ring: FloatArray) -> tuple[FloatArray, float
 
 def _middle_line(band: shapely.Polygon, cell_m: float) -> FloatArray:
     """Corners (k, 2) of a ring along a band of discs, as near to its middle as it stays in one."""
-    thin = max(
-        shapely.get_parts(shapely.buffer(band, -_THINNER * cell_m)), key=lambda part: part.area, default=band
-    )
-    is_ring = sum(shapely.Polygon(ring).area > (2 * cell_m) ** 2 for ring in thin.interiors) == 1
-    ring = shapely.segmentize((thin if is_ring else band).exterior, cell_m)
+    parts = shapely.get_parts(shapely.buffer(band, -_THINNER * cell_m))
+    thin = max(parts, key=lambda part: part.area, default=band)
+    ring = shapely.segmentize((thin if _is_ring(thin, cell_m) else band).exterior, cell_m)
     return shapely.get_coordinates(ring)[:-1]
 
 
@@ -142,73 +114,96 @@ def _ordered(places: FloatArray, ring: FloatArray, cell_m: float) -> tuple[Float
     return places[order], along[order]
 
 
-def partition(curve: FloatArray, along: FloatArray, noise_m: float, cell_m: float) -> list[Part]:
-    """Lines and arcs of a closed curve of places (n, 2) in order, `along` (n,) it, metres."""
+def partition(
+    curve: FloatArray, along: FloatArray, noise_m: float, cell_m: float
+) -> tuple[Chain, list[SurfaceFit]]:
+    """Return the lines and arcs of a closed curve of places (n, 2) in order, `along` (n,) it, metres.
+
+    As a chain and its walls. These have no covariance yet, but of the parameters that are free: a fit finds
+    these (`refitted`).
+    """
     length = float(along[-1])
     n_bins = int(np.clip(length / max(_BIN_CELLS * cell_m, _BIN_NOISES * noise_m), 8, _MOST_BINS))
     bounds = np.searchsorted(along, np.linspace(0, length, n_bins + 1))
     bounds[-1] = len(curve)
-    bounds = np.unique(bounds)
-    n_bins = len(bounds) - 1
-    centre, scale = curve.mean(axis=0), float(np.abs(curve - curve.mean(axis=0)).max())
-    bins = _Bins((curve - centre) / scale, bounds, noise_m / scale)
+    bins = _Bins(curve, np.unique(bounds), noise_m)
     cuts = [0]
     for _ in range(2):  # from anywhere; then from a corner of that
         begin = cuts[len(cuts) // 2]
-        cuts = [
-            (cut + begin) % n_bins for cut in _best_cuts(np.roll(bins.moments, -begin, axis=1), bins.noise)
-        ]
+        rolled = np.roll(bins.moments, -begin, axis=1)
+        cuts = [(cut + begin) % bins.n for cut in _best_cuts(rolled, bins.noise)]
         if len(cuts) == 1:
             break
-    return [bins.part(*span, centre, scale) for span in _simplified(sorted(cuts), bins)]
+    return _chain_of(_simplified(sorted(cuts), bins), bins)
+
+
+def _chain_of(spans: Sequence[_Span], bins: _Bins) -> tuple[Chain, list[SurfaceFit]]:
+    """The closed chain of a curve's spans, and their walls."""
+    surfaces = [bins.surface(*span) for span in spans]
+    walls = [unfitted(surface) for surface in surfaces]
+    if spans[0][1] - spans[0][0] == bins.n:
+        return Chain.circle(0, surfaces[0]), walls
+    ends = [[bins.middle(k) for k in (begin, (begin + end) // 2, end - 1)] for begin, end in spans]
+    pieces, forward, corners = list[Piece](), list[bool](), list[FloatArray]()
+    for k, surface in enumerate(surfaces):
+        last, following = ends[k][-1], (k + 1) % len(spans)
+        near, apart = (last + ends[following][0]) / 2, np.linalg.norm(last - ends[following][0])
+        corner = corner_of(surface, surfaces[following], near)
+        is_far = corner is None or np.linalg.norm(corner - near) > _FAR_CORNER * apart
+        corners.append(near if is_far or corner is None else corner)
+        begin, middle, end = along_wall(surface, np.array(ends[k])).tolist()
+        if isinstance(surface, Cylinder):  # round by its middle
+            to_middle, to_end = (middle - begin) % surface.period, (end - begin) % surface.period
+            end = begin + to_end - (0.0 if to_middle <= to_end else surface.period)
+        pieces.append(Piece(k, min(begin, end), max(begin, end)))
+        forward.append(end > begin)
+    return Chain(tuple(pieces), tuple(forward), tuple(corners), is_closed=True), walls
 
 
 class _Bins:
-    """Places (n, 2) in bins along a curve, with the sums (13, k) of their powers, in units of its size."""
+    """Places (n, 2) in bins along a curve, with the sums (10, k) of what fits need, in units of its size."""
 
-    def __init__(self, unit: FloatArray, bounds: IntArray, noise: float) -> None:
-        self.unit, self.bounds, self.noise, self.n = unit, bounds, noise, len(bounds) - 1
-        x, y = unit.T
-        self.moments = np.stack([np.add.reduceat(x**i * y**j, bounds[:-1]) for i, j in _POWERS])
+    def __init__(self, curve: FloatArray, bounds: IntArray, noise_m: float) -> None:
+        self.centre = curve.mean(axis=0)
+        self.scale = float(np.abs(curve - self.centre).max())
+        self.unit, self.bounds = (curve - self.centre) / self.scale, bounds
+        self.noise, self.n = noise_m / self.scale, len(bounds) - 1
+        x, y = self.unit.T
+        z = x * x + y * y
+        powers = np.stack([np.ones_like(x), x, y, z, x * x, x * y, y * y, x * z, y * z, z * z])
+        self.moments = np.add.reduceat(powers, bounds[:-1], axis=1)
 
     def sums(self, begin: int, end: int) -> FloatArray:
-        """Sums (13, 1) of bins from `begin` up to `end`, round the curve."""
+        """Sums (10, 1) of bins from `begin` up to `end`, round the curve."""
         return np.asarray(self.moments[:, np.arange(begin, end) % self.n].sum(axis=1, keepdims=True))
 
     def members(self, begin: int, end: int) -> FloatArray:
         """Their places (m, 2)."""
-        return np.concatenate(
-            [self.unit[self.bounds[k] : self.bounds[k + 1]] for k in np.arange(begin, end) % self.n]
-        )
+        spans = [self.unit[self.bounds[k] : self.bounds[k + 1]] for k in np.arange(begin, end) % self.n]
+        return np.concatenate(spans)
 
-    def costs(self, begin: int, end: int) -> tuple[float, float]:
-        """What they cost as a line and as an arc."""
-        sums = self.sums(begin, end)
-        return float(_line_cost(sums, self.noise)[0]), float(_arc_cost(sums, self.noise)[0])
+    def middle(self, k: int) -> FloatArray:
+        """Mean place (2,) of a bin, metres."""
+        return np.asarray(self.centre + self.scale * self.members(k, k + 1).mean(axis=0))
 
-    def surface(self, begin: int, end: int, *, is_whole: bool = False) -> Surface:
-        """The line or circle that costs least, of what is not beside its ends, where that is enough."""
+    def cost(self, begin: int, end: int) -> float:
+        """What they cost as what costs less, a line or an arc."""
+        return float(_costs(self.sums(begin, end), self.noise).min())
+
+    def surface(self, begin: int, end: int) -> Surface:
+        """The line or circle that costs least, metres, of what is not beside its ends."""
+        is_whole = end - begin == self.n
         if end - begin > 4 * _BESIDE and not is_whole:
             begin, end = begin + _BESIDE, end - _BESIDE
-        line, arc = self.costs(begin, end)
-        if arc < line or is_whole:
-            return _circle(self.sums(begin, end))
-        return _straight(self.members(begin, end))
-
-    def part(self, begin: int, end: int, centre: FloatArray, scale: float) -> Part:
-        """The part of the curve that they are, in its own place and size."""
-        is_whole = end - begin == self.n
-        surface = self.surface(begin, end, is_whole=is_whole)
-        point = np.append(centre, 0.0) + scale * surface.point  # type: ignore[attr-defined]
-        if isinstance(surface, Cylinder):
-            surface = Cylinder(point, surface.direction, scale * surface.radius, surface.zero_direction)
-        elif isinstance(surface, Plane):
-            surface = Plane(point, surface.normal_direction, surface.u_direction)
-        ends = [self.members(k, k + 1).mean(axis=0) for k in (begin, (begin + end) // 2, end - 1)]
-        return Part(surface, *(centre + scale * place for place in ends), is_whole)
+        sums = self.sums(begin, end)
+        if is_whole or np.argmin(_costs(sums, self.noise)[:, 0]) == 1:
+            centre, radius = _circle(sums)
+            place = np.append(self.centre + self.scale * centre, 0.0)
+            return Cylinder(place, (0, 0, 1), self.scale * radius, (1, 0, 0))
+        return line_of(self.centre + self.scale * self.members(begin, end))
 
 
-def _simplified(cuts: Sequence[int], bins: _Bins) -> list[tuple[int, int]]:
+def _simplified(cuts: Sequence[int], bins: _Bins) -> list[_Span]:
     """Spans of bins between cuts, without cuts that say nothing: within one line or arc, or beside a corner.
 
     A bin over a corner has places on both sides, which fit neither; up to three spans of such bins are none
@@ -220,37 +215,34 @@ def _simplified(cuts: Sequence[int], bins: _Bins) -> list[tuple[int, int]]:
     return [(begin % bins.n, begin % bins.n + end - begin) for begin, end in spans]
 
 
-def _without_one(spans: Sequence[tuple[int, int]], bins: _Bins) -> list[tuple[int, int]] | None:
+def _without_one(spans: Sequence[_Span], bins: _Bins) -> list[_Span] | None:
     """The spans with two of them joined or some left out, the shortest first; None where all are needed."""
     n = len(spans)
     for k in sorted(range(n), key=lambda k: spans[k][1] - spans[k][0]):
-        ring = [spans[(k + step) % n] for step in range(n)]  # from the span on
+        ring = [*spans[k:], *spans[:k]]
         for length in range(1, min(_MOST_LEFT_OUT, n - 2) + 1):
             begin, size = ring[0][0], sum(end - start for start, end in ring[:length])
-            cost = sum(min(bins.costs(*span)) for span in ring[:length])
             before, after = ring[-1], ring[length]
+            cost = sum(bins.cost(*span) for span in ring[:length])
             cut = _corner_within(before, (begin, begin + size), after, cost, bins)
             if cut is not None:
-                between = ring[length + 1 : -1] if length + 1 < n else []
-                return [(before[0], before[1] + cut), (after[0] - size + cut, after[1]), *between]
+                kept = (before[0], before[1] + cut), (after[0] - size + cut, after[1])
+                return [*kept, *ring[length + 1 : -1]]
         if n > 1:
             together = ring[0][0], ring[0][1] + ring[1][1] - ring[1][0]
-            if min(bins.costs(*together)) <= sum(min(bins.costs(*span)) for span in ring[:2]):
+            if bins.cost(*together) <= sum(bins.cost(*span) for span in ring[:2]):
                 return [together, *ring[2:]]
     return None
 
 
-def _corner_within(
-    before: tuple[int, int], span: tuple[int, int], after: tuple[int, int], cost: float, bins: _Bins
-) -> int | None:
+def _corner_within(before: _Span, span: _Span, after: _Span, cost: float, bins: _Bins) -> int | None:
     """After how many bins of a span its neighbours meet, if these explain it at no more than its cost."""
     size = span[1] - span[0]
     if before is after or size > min(before[1] - before[0], after[1] - after[0]):
         return None
-    members = bins.members(*span)
-    flat = np.column_stack([members, np.zeros(len(members))])
-    square = np.stack([np.square(bins.surface(*each).distance(flat)) for each in (before, after)])
-    square = square / bins.noise**2
+    flat = np.pad(bins.centre + bins.scale * bins.members(*span), ((0, 0), (0, 1)))
+    noise_m = bins.noise * bins.scale
+    square = np.square([bins.surface(*each).distance(flat) / noise_m for each in (before, after)])
     if square.min(axis=0).sum() > cost:
         return None
     number = np.repeat(np.arange(size), [len(bins.members(k, k + 1)) for k in range(*span)])
@@ -259,16 +251,15 @@ def _corner_within(
 
 
 def _best_cuts(moments: FloatArray, noise: float) -> list[int]:
-    """First bins of the segments into which bins with moments (13, n) fall at the least cost."""
+    """First bins of the segments into which bins with sums (10, n) fall at the least cost."""
     n = moments.shape[1]
     sums = np.concatenate([np.zeros((len(moments), 1)), np.cumsum(moments, axis=1)], axis=1)
     least, before = np.full(n + 1, np.inf), np.zeros(n + 1, dtype=np.int64)
     least[0] = 0.0
     for end in range(_LEAST_BINS, n + 1):
-        inside = sums[:, end : end + 1] - sums[:, : end - _LEAST_BINS + 1]
-        cost = least[: end - _LEAST_BINS + 1] + np.minimum(
-            _line_cost(inside, noise), _arc_cost(inside, noise)
-        )
+        starts = slice(0, end - _LEAST_BINS + 1)
+        inside = sums[:, end : end + 1] - sums[:, starts]
+        cost = least[starts] + _costs(inside, noise).min(axis=0)
         before[end] = int(np.argmin(cost))
         least[end] = cost[before[end]]
     cuts, at = list[int](), n
@@ -278,33 +269,27 @@ def _best_cuts(moments: FloatArray, noise: float) -> list[int]:
     return cuts[::-1]
 
 
-def _line_cost(sums: FloatArray, noise: float) -> FloatArray:
-    """Squares over those of noise of points with sums (13, k) of powers about lines; and parameters."""
-    n, x, y, xx, xy, yy = sums[:6]
-    a, b, c = xx - x * x / n, xy - x * y / n, yy - y * y / n
-    rest = (a + c) / 2 - np.sqrt(np.square((a - c) / 2) + np.square(b))
-    return np.asarray(rest / noise**2 + 3 * limits.NATS * np.log(n))
+def _costs(sums: FloatArray, noise: float) -> FloatArray:
+    """Squares over those of noise of points with sums (10, k) about lines, and circles (2, k); and parameters."""
+    n, central = sums[0], _central(sums)
+    _, _, xx, xy, yy, *_ = central
+    line = (xx + yy) / 2 - np.sqrt(np.square((xx - yy) / 2) + np.square(xy))
+    square = np.stack([line, _eigenvalue(central)]) / noise**2
+    return np.asarray(n * square + np.outer(_PARAMETERS, limits.NATS * np.log(n)))
 
 
 def _central(sums: FloatArray) -> tuple[FloatArray, ...]:
-    """Means of x, y, and of the centred xx, xy, yy, xz, yz, zz with z = xx + yy."""
-    mean = sums / sums[0]
-    _, p, q, xx, xy, yy, xxx, xxy, xyy, yyy, x4, x2y2, y4 = mean
-    cxx, cxy, cyy = xx - p * p, xy - p * q, yy - q * q
-    c30 = xxx - 3 * p * xx + 2 * p**3
-    c03 = yyy - 3 * q * yy + 2 * q**3
-    c21 = xxy - 2 * p * xy - q * xx + 2 * p * p * q
-    c12 = xyy - 2 * q * xy - p * yy + 2 * p * q * q
-    c40 = x4 - 4 * p * xxx + 6 * p * p * xx - 3 * p**4
-    c04 = y4 - 4 * q * yyy + 6 * q * q * yy - 3 * q**4
-    c22 = x2y2 - 2 * q * xxy - 2 * p * xyy + q * q * xx + p * p * yy + 4 * p * q * xy - 3 * p * p * q * q
-    return p, q, cxx, cxy, cyy, c30 + c12, c21 + c03, c40 + 2 * c22 + c04
+    """Means of x, y, and of xx, xy, yy, xz, yz, zz about these, with z = xx + yy."""
+    _, p, q, z, xx, xy, yy, xz, yz, zz = sums / sums[0]
+    xx, xy, yy, xz, yz, zz = xx - p * p, xy - p * q, yy - q * q, xz - p * z, yz - q * z, zz - z * z
+    by = p * xx + q * xy, p * xy + q * yy
+    about = zz - 4 * (p * xz + q * yz) + 4 * (p * by[0] + q * by[1]) + np.square(xx + yy)
+    return p, q, xx, xy, yy, xz - 2 * by[0], yz - 2 * by[1], about
 
 
-def _eigenvalue(
-    xx: FloatArray, xy: FloatArray, yy: FloatArray, xz: FloatArray, yz: FloatArray, zz: FloatArray
-) -> FloatArray:
-    """Taubin's least eigenvalue, the mean square of distances from the circle, by Newton from 0."""
+def _eigenvalue(central: Sequence[FloatArray]) -> FloatArray:
+    """Taubin's least eigenvalue (k,), the mean square of distances from the circle, by Newton from 0."""
+    _, _, xx, xy, yy, xz, yz, zz = central
     z, det = xx + yy, xx * yy - xy * xy
     spread = zz - z * z
     a3, a2 = 4 * z, -3 * z * z - zz
@@ -314,62 +299,18 @@ def _eigenvalue(
     with np.errstate(divide="ignore", invalid="ignore"):
         for _ in range(_NEWTON):
             step = (a0 + root * (a1 + root * (a2 + root * a3))) / (a1 + root * (2 * a2 + 3 * root * a3))
-            root = np.where(np.isfinite(step), root - step, root)
+            step = np.where(np.isfinite(step), step, 0.0)
+            root = root - step
+            if (np.abs(step) <= _STILL * z).all():
+                break
     return np.asarray(np.maximum(root, 0.0))
 
 
-def _arc_cost(sums: FloatArray, noise: float) -> FloatArray:
-    """The same about circles."""
-    n = sums[0]
-    return np.asarray(n * _eigenvalue(*_central(sums)[2:]) / noise**2 + 4 * limits.NATS * np.log(n))
-
-
-def _circle(sums: FloatArray) -> Cylinder:
-    p, q, xx, xy, yy, xz, yz, zz = (float(value[0]) for value in _central(sums))
-    root = float(_eigenvalue(*(np.array([value]) for value in (xx, xy, yy, xz, yz, zz)))[0])
-    det = root * root - root * (xx + yy) + xx * yy - xy * xy
-    a, b = (xz * (yy - root) - yz * xy) / det / 2, (yz * (xx - root) - xz * xy) / det / 2
-    radius = float(np.sqrt(a * a + b * b + xx + yy))
-    return Cylinder((p + a, q + b, 0), (0, 0, 1), radius, (1, 0, 0))
-
-
-def _straight(members: FloatArray) -> Plane:
-    middle = members.mean(axis=0)
-    away = members - middle
-    x, y = np.linalg.eigh(away.T @ away)[1][:, 0]
-    return Plane(np.append(middle, 0.0), (x, y, 0), (-y, x, 0))
-
-
-def chain_of(parts: Sequence[Part]) -> tuple[Chain, list[SurfaceFit]]:
-    """The closed chain of a curve's parts, and their walls.
-
-    The walls have no covariance yet, but of the parameters that are free: a fit finds these (`refitted`).
-    """
-    walls = [unfitted(part.surface) for part in parts]
-    if parts[0].is_whole:
-        return Chain((Piece(0, 0.0, parts[0].surface.period, True),), (True,), (), True), walls
-    pieces, forward, corners = list[Piece](), list[bool](), list[FloatArray]()
-    for k, (part, following) in enumerate(zip(parts, [*parts[1:], parts[0]], strict=True)):
-        near = (part.end + following.start) / 2
-        corner = corner_of(part.surface, following.surface, near)
-        is_far = corner is None or np.linalg.norm(corner - near) > 3 * np.linalg.norm(
-            part.end - following.start
-        )
-        corners.append(near if is_far or corner is None else corner)
-        begin, end = _unrolled(part)
-        pieces.append(Piece(k, min(begin, end), max(begin, end)))
-        forward.append(end > begin)
-    return Chain(tuple(pieces), tuple(forward), tuple(corners), True), walls
-
-
-def _unrolled(part: Part) -> tuple[float, float]:
-    """Coordinates along a part's surface of its start and end, with its middle between."""
-    flat = np.column_stack([[part.start, part.middle, part.end], np.zeros(3)])
-    begin, middle, end = part.surface.to_uv(flat)[:, 0].tolist()
-    period = part.surface.period
-    if not np.isfinite(period):
-        return begin, end
-    to_middle, to_end = (middle - begin) % period, (end - begin) % period
-    if to_middle <= to_end:
-        return begin, begin + to_end
-    return begin, begin - (begin - end) % period
+def _circle(sums: FloatArray) -> tuple[FloatArray, float]:
+    """Centre (2,) and radius of the circle about points with sums (10, 1)."""
+    central = _central(sums)
+    p, q, xx, xy, yy, xz, yz, _ = (float(value[0]) for value in central)
+    root = float(_eigenvalue(central)[0])
+    scatter = np.array([[xx - root, xy], [xy, yy - root]])
+    away = np.linalg.solve(scatter, [xz, yz]) / 2
+    return away + [p, q], float(np.sqrt(away @ away + xx + yy))

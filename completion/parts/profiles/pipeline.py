@@ -11,19 +11,16 @@ import numpy as np
 
 from completion.fitting.result import SurfaceFit
 from completion.parts.profiles import limits
-from completion.parts.profiles.chain import Chain
-from completion.parts.profiles.loops import loops_of
-from completion.parts.profiles.outline import AXIS_LINE, Outline, outline_of
+from completion.parts.profiles.chain import Chain, Segment, turn_between
+from completion.parts.profiles.outline import Outline, loops_of, outline_of
 from completion.parts.profiles.profile import Loop, Profile
 from completion.parts.profiles.refit import refitted, without_breaks
-from completion.parts.profiles.sample import SweptPart, sample_of
-from completion.parts.profiles.segment import Segment, turn_between
-from completion.parts.profiles.sweeps import axes_of, directions_of
+from completion.parts.profiles.sweep import SweptPart, axes_of, directions_of, sample_of
 from completion.relations.graph import RelationGraph, is_settled
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
 from completion.relations.relation import Relation, RelationKind
-from scenes.checks import InputError, IntArray
+from scenes.checks import InputError
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 DRAWN = RelationOptions(
@@ -39,6 +36,9 @@ DRAWN = RelationOptions(
     )
 )
 """What lines and arcs of a profile may be to each other."""
+_ACROSS = 1e-9  # sine of an angle, below which a line lies across the axis
+AXIS_LINE = SurfaceFit(Plane((0, 0, 0), (0, 1, 0), (-1, 0, 0)), 0.0, np.diag([1e-18, 0.0, 0.0]), 0)
+"""The axis of a revolution among its walls, exactly known: what lines may be parallel to, or across."""
 
 
 def profiles_of(part: SweptPart, options: RelationOptions = DRAWN) -> tuple[Profile, ...]:
@@ -62,36 +62,39 @@ def profiles_of(part: SweptPart, options: RelationOptions = DRAWN) -> tuple[Prof
         nothing is swept.
     """
     # 1. Outline: faces that each direction and axis sweeps, in chains by how their ends meet.
-    points, place = sample_of(part)
-    sample = [points[place == number] for number in range(len(part.fits))]
+    points, label = sample_of(part)
+    sample = [points[label == number] for number in part.labels]
     turned, drawn = (
         [outline_of(part, sample, sweep, share) for sweep, share in sweeps]
         for sweeps in (axes_of(part, sample), directions_of(part, sample))
     )
 
     # 2. Choose: what explains most first, until nothing is left to explain; of holes that are alike one.
-    chosen = _chosen(turned, drawn, np.array([len(each) for each in sample]))
+    chosen = _chosen(part, [len(each) for each in sample], turned, drawn)
 
     # 3. Relate: walls of each outline jointly; neighbours whose corner is smooth may be tangent.
     profiles = [_profile(part, outline, n_alike, options) for outline, n_alike in chosen]
     return tuple(profile for profile in profiles if profile is not None)
 
 
-def _chosen(turned: Sequence[Outline], drawn: Sequence[Outline], size: IntArray) -> list[tuple[Outline, int]]:
+def _chosen(
+    part: SweptPart, size: Sequence[int], turned: Sequence[Outline], drawn: Sequence[Outline]
+) -> list[tuple[Outline, int]]:
     """Outlines that explain something new, revolutions first, and how many are alike.
 
     A turned hole has its section by its revolution, and its place by an extrusion that shows it as a circle:
     of revolutions only the largest explains its cylinders.
     """
+    straight = {number for number, fit in enumerate(part.fits) if isinstance(fit.surface, Plane | Cylinder)}
     left, unplaced, chosen = set(range(len(size))), set(range(len(size))), list[tuple[Outline, int]]()
     for outlines in (list(turned), list(drawn)):
         while outlines:
-            gain = [int(size[sorted(outline.explained & left)].sum()) for outline in outlines]
+            gain = [sum(size[number] for number in outline.explained & left) for outline in outlines]
             best = outlines.pop(int(np.argmax(gain)))
             if not best.explained & left:
                 break
             left -= best.explained
-            unplaced -= best.explained if not chosen else best.explained - best.straight
+            unplaced -= best.explained - (straight if chosen else set())
             is_turned = best.sweep.kind == "revolved"
             same = [k for k, (other, _) in enumerate(chosen) if is_turned and _is_alike(best, other)]
             if same:
@@ -104,24 +107,23 @@ def _chosen(turned: Sequence[Outline], drawn: Sequence[Outline], size: IntArray)
 
 def _is_alike(outline: Outline, other: Outline) -> bool:
     """Whether two revolutions have the same sizes, within what is doubtful of them."""
-    sizes = [sorted(_sizes(each)) for each in (outline, other)]
-    if [one[0] for one in sizes[0]] != [one[0] for one in sizes[1]]:
-        return False
-    return all(abs(a[1] - b[1]) <= limits.FAR_SD * np.hypot(a[2], b[2]) for a, b in zip(*sizes, strict=True))
+    own, others = (sorted(_sizes(each)) for each in (outline, other))
+    return [one[0] for one in own] == [one[0] for one in others] and all(
+        abs(a[1] - b[1]) <= limits.FAR_SD * np.hypot(a[2], b[2]) for a, b in zip(own, others, strict=True)
+    )
 
 
 def _sizes(outline: Outline) -> list[tuple[str, float, float]]:
     """Kind, radius or distance from the axis, and its deviation of each wall that is no plane across."""
-    used = {wall for stretch in outline.stretches for wall in stretch.chain.walls}
     found = []
-    for wall in (outline.walls[number] for number in sorted(used)):
-        sd = np.sqrt(np.diag(wall.covariance))
-        if isinstance(wall.surface, Cylinder):
-            found.append(("arc", wall.surface.radius, float(sd[4])))
-        elif abs(wall.surface.normal_direction[1]) > 1 - 1e-9:  # type: ignore[attr-defined]
-            found.append(("line", float(wall.surface.point[1]), float(sd[0])))  # type: ignore[attr-defined]
-        elif abs(wall.surface.normal_direction[1]) > 1e-9:  # type: ignore[attr-defined]
-            found.append(("slope", float(abs(wall.surface.normal_direction[1])), float(sd[1])))  # type: ignore[attr-defined]
+    for wall in (outline.walls[number] for number in outline.used):
+        sd, surface = np.sqrt(np.diag(wall.covariance)), wall.surface
+        if isinstance(surface, Cylinder):
+            found.append(("arc", surface.radius, float(sd[4])))
+        elif isinstance(surface, Plane) and (slope := abs(float(surface.normal_direction[1]))) > _ACROSS:
+            is_along = slope > 1 - _ACROSS
+            value, at = (float(surface.point[1]), 0) if is_along else (slope, 1)
+            found.append(("line" if is_along else "slope", value, float(sd[at])))
     return found
 
 
@@ -130,52 +132,57 @@ def _profile(part: SweptPart, outline: Outline, n_alike: int, options: RelationO
 
     None where a wall has too few points to be fitted.
     """
-    used = sorted({wall for stretch in outline.stretches for wall in stretch.chain.walls})
-    among = {wall: k for k, wall in enumerate(used)}
-    own = [outline.walls[wall] for wall in used]
-    stretches = [stretch._replace(chain=stretch.chain.renumber(among)) for stretch in outline.stretches]
-    chains = [stretch.chain for stretch in stretches]
-    places = outline.sweep.flatten(outline.own_points(part))
-    walls = refitted(own, chains, places, part.noise_m)
-    if outline.is_divided:
-        chains = [without_breaks(chain, walls, own) for chain in chains]
-        used_still = sorted({wall for chain in chains for wall in chain.walls})
-        place = {wall: k for k, wall in enumerate(used_still)}
-        chains, used = [chain.renumber(place) for chain in chains], [used[wall] for wall in used_still]
-        walls = refitted([walls[wall] for wall in used_still], chains, places, part.noise_m)
-        stretches = [stretch._replace(chain=chain) for stretch, chain in zip(stretches, chains, strict=True)]
+    outline, places = _only_used(outline), outline.sweep.flatten(outline.own_points(part))
+    for is_first in (True, False) if outline.is_divided else (False,):
+        chains = [stretch.chain for stretch in outline.stretches]
+        walls = refitted(outline.walls, chains, places, part.noise_m)
+        if is_first:
+            simpler = [
+                one._replace(chain=without_breaks(one.chain, walls, outline.walls))
+                for one in outline.stretches
+            ]
+            outline = _only_used(outline._replace(walls=tuple(walls), stretches=tuple(simpler)))
     if not walls or any(wall.n == 0 for wall in walls):
         return None
-    if outline.sweep.kind == "revolved":
-        walls.append(AXIS_LINE)
-    graph = relate_walls(walls, chains, options)
+    is_turned = outline.sweep.kind == "revolved"
+    graph = relate_walls([*walls, AXIS_LINE] if is_turned else walls, chains, options)
     touching = {frozenset(relation.surfaces) for relation in graph.relations
                 if relation.kind == "tangent" and relation.holds}  # fmt: skip
     surfaces = [fit.surface for fit in graph.fits]
-    traced = [(stretch, stretch.chain.trace(surfaces, touching)) for stretch in stretches]
-    if outline.sweep.kind == "extruded":
-        loops = loops_of(traced, outline.levels, surfaces)
-    else:
+    traced = [chain.trace(surfaces, touching) for chain in chains]
+    if is_turned:
         loops = tuple(
-            Loop(segments, "turned") if stretch.chain.is_closed else Loop(_shortened(segments), "open")
-            for stretch, segments in traced
+            Loop(segments, "turned") if chain.is_closed else Loop(_shortened(segments), "open")
+            for chain, segments in zip(chains, traced, strict=True)
         )
-    names = tuple(tuple(part.labels[number] for number in outline.faces[wall]) for wall in used)
-    names += ((),) * (len(walls) - len(names))
-    return Profile(outline.sweep, loops, names, tuple(walls), graph, n_alike)
+    else:
+        loops = loops_of(outline, traced, surfaces)
+    names = [tuple(part.labels[number] for number in numbers) for numbers in outline.faces]
+    measured = (*walls, AXIS_LINE) if is_turned else tuple(walls)
+    return Profile(outline.sweep, loops, (*names, *([()] if is_turned else [])), measured, graph, n_alike)
+
+
+def _only_used(outline: Outline) -> Outline:
+    """The outline without walls that are in no chain."""
+    used = outline.used
+    among = {wall: k for k, wall in enumerate(used)}
+    return outline._replace(
+        walls=tuple(outline.walls[wall] for wall in used),
+        faces=tuple(outline.faces[wall] for wall in used),
+        stretches=tuple(one._replace(chain=one.chain.renumber(among)) for one in outline.stretches),
+    )
 
 
 def _shortened(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
     """An open chain with its loose lines no longer than all between them reach: they end somewhere else."""
-    inner = np.concatenate([one.places() for one in segments[1:-1]] or [one.places() for one in segments])
+    inner = np.concatenate([one.places() for one in segments[1:-1] or segments])
     reach, made = float(np.linalg.norm(np.ptp(inner, axis=0))), list(segments)
     for k, is_start in ((0, True), (len(segments) - 1, False)):
         one = made[k]
         if one.centre is None and one.length > reach > 0:
-            kept = one.end if is_start else one.start
-            far = kept + reach * ((one.start if is_start else one.end) - kept) / one.length
-            ends = (far, kept) if is_start else (kept, far)
-            made[k] = Segment(one.wall, *ends, (far + kept) / 2)
+            kept, loose = (one.end, one.start) if is_start else (one.start, one.end)
+            far = kept + reach * (loose - kept) / one.length
+            made[k] = Segment.line(one.wall, *((far, kept) if is_start else (kept, far)))
     return tuple(made)
 
 
@@ -187,19 +194,20 @@ def relate_walls(
     Arcs have one direction from the start, and lines across an axis too, so that what is concentric and
     collinear among these is asked for.
     """
-    candidates = []
-    for chain in chains:
-        for (one, two), place in zip(chain.neighbours, chain.corners, strict=False):
-            surfaces = walls[one].surface, walls[two].surface
-            is_line = [isinstance(surface, Plane) for surface in surfaces]
-            if not all(is_line) and turn_between(*surfaces, place) <= limits.SMOOTH:
-                candidates.append(Relation(kind="tangent", surfaces=(one, two)))
-    for one, two in combinations(range(len(walls)), 2):
-        pair = [isinstance(walls[number].surface, Plane) for number in (one, two)]
-        if not any(pair):
-            candidates.append(Relation(kind="coaxial", surfaces=(one, two)))
-        elif all(pair) and not (walls[one].covariance[1, 1] or walls[two].covariance[1, 1]):
-            candidates.append(Relation(kind="coplanar", surfaces=(one, two)))
+    flat = [isinstance(wall.surface, Plane) for wall in walls]
+    held = [is_flat and not wall.covariance[1, 1] for wall, is_flat in zip(walls, flat, strict=True)]
+    candidates = [
+        Relation(kind="tangent", surfaces=pair)
+        for chain in chains
+        for pair, place in zip(chain.neighbours, chain.corners, strict=True)
+        if not all(flat[k] for k in pair)
+        and turn_between(walls[pair[0]].surface, walls[pair[1]].surface, place) <= limits.SMOOTH
+    ]
+    for pair in combinations(range(len(walls)), 2):
+        if not any(flat[k] for k in pair):
+            candidates.append(Relation(kind="coaxial", surfaces=pair))
+        elif all(held[k] for k in pair):
+            candidates.append(Relation(kind="coplanar", surfaces=pair))
     unsure = {number for number, wall in enumerate(walls) if not is_settled(wall)}
     wanted = [one for one in candidates if one.kind in options.kinds and not unsure & set(one.surfaces)]
     try:

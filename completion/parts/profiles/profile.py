@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from completion.fitting.result import SurfaceFit
-from completion.parts.profiles.segment import Segment
+from completion.parts.profiles.chain import Segment
 from completion.parts.profiles.sweep import Sweep
 from completion.relations.graph import RelationGraph
 from completion.relations.relation import Relation
@@ -60,7 +60,8 @@ class Loop:
     @cached_property
     def polygon(self) -> shapely.Polygon:
         """The area within; empty of an open chain."""
-        places = [place for segment in self.segments for place in segment.places()[:-1]]
+        places = [place for one in self.segments
+                  for place in one.places(2 if one.centre is None else 24)[:-1]]  # fmt: skip
         return shapely.Polygon(places) if self.is_closed and len(places) > 2 else shapely.Polygon()
 
 

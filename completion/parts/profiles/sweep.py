@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Sweep: a direction or an axis along which a profile is moved, and what a face is in the profile's plane.
+"""Sweeps: directions and axes along which profiles are moved, and what a face is in a profile's plane.
 
 In two dimensions a line is a plane along the third, and an arc a cylinder along it: charts and relations of
 surfaces serve as they are. Across a sweep by turning, a plane is a line at right angles to the axis, a
@@ -9,23 +9,45 @@ A face's parameters are taken where it is swept exactly, and its covariance give
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
+from completion.parts.division.divided_part import DividedPart, points_on_triangles
 from completion.parts.profiles import limits
 from completion.relations.equations import Placement, move_surface, place
 from completion.relations.estimate import JointEstimate, wald_test
+from completion.relations.graph import is_settled
 from completion.relations.relation import Relation, RelationKind
-from scenes.checks import FloatArray
+from scenes.checks import FloatArray, IntArray
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
+from scenes.surfaces.surface import perpendicular
 
 SweepKind = Literal["extruded", "revolved"]
 _ROUNDING = 1e-9  # metres
 _Z = np.array([0.0, 0.0, 1.0])
+_MOST_DIRECTIONS = 4
+_LARGE = 0.2  # of the largest face, from which its direction goes before those of smaller ones
+
+
+class SweptPart(DividedPart, Protocol):
+    """What profiles read of a part (`Part`)."""
+
+    @property
+    def measured(self) -> tuple[SurfaceFit, ...]:
+        """Its surfaces as their own points say."""
+
+
+def sample_of(part: SweptPart) -> tuple[FloatArray, IntArray]:
+    """Return points (k, 3) of a part, metres, or on its triangles, and the label (k,) of each; 0 for none."""
+    if part.faces is None or part.triangle_surface is None or part.spacing_m <= 0:
+        return part.points, part.surface
+    points, members = points_on_triangles(part.points, part.faces, part.spacing_m)
+    return points, part.triangle_surface[members]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,3 +174,114 @@ def _arc(fit: SurfaceFit, centre: FloatArray, radius: float, by: FloatArray) -> 
     concave = bool(getattr(fit.surface, "concave", False))
     surface = Cylinder(np.append(centre, 0.0), _Z, radius, np.array([1.0, 0.0, 0.0]), concave)
     return replace(fit, surface=surface, covariance=covariance, inliers=None)
+
+
+def directions_of(part: SweptPart, sample: Sequence[FloatArray]) -> list[tuple[Sweep, float]]:
+    """Extrusions along the directions that most of a part may be swept along, and the share of it that is.
+
+    `sample` holds points (n, 3) of each face. x of their frames lies along the largest flat wall, so that
+    what they show is wider than high.
+    """
+
+    def is_swept(axis: _Axis, other: _Axis) -> bool:
+        angle, allowed = axis.angle(other), axis.allowed(other)
+        return (angle <= allowed and other.is_straight) or (
+            other.at.is_plane and abs(angle - np.pi / 2) <= allowed
+        )
+
+    middle, n = part.points.mean(axis=0), max(sum(map(len, sample)), 1)
+    axes = list(_axes(part, sample))
+    classes = _classes(axes, lambda axis, other: axis.angle(other) <= axis.allowed(other))
+    sweeps = [(Sweep("extruded", _upright(part, sample, axis.direction, middle), axis.fit(middle)),
+               sum(other.n for other in axes if is_swept(axis, other)) / n) for axis in classes]  # fmt: skip
+    return sorted(sweeps, key=lambda pair: -pair[1])[:_MOST_DIRECTIONS]
+
+
+def axes_of(part: SweptPart, sample: Sequence[FloatArray]) -> list[tuple[Sweep, float]]:
+    """Revolutions about the axes of curved faces, and the share of the part that is on each.
+
+    `sample` holds points (n, 3) of each face.
+    """
+
+    def are_one(axis: _Axis, other: _Axis) -> bool:
+        step = axis.at.point - other.at.point
+        off = limits.FAR_SD * np.hypot(axis.place_sd, other.place_sd) + limits.BUILT_SD[1]
+        off += axis.allowed(other) * float(np.linalg.norm(step))
+        beside = float(np.linalg.norm(np.cross(other.direction, step)))
+        return axis.angle(other) <= axis.allowed(other) and beside <= off
+
+    middle, n, found = part.points.mean(axis=0), max(sum(map(len, sample)), 1), []
+    axes = [axis for axis in _axes(part, sample) if not axis.at.is_plane]
+    for axis in _classes(axes, are_one):
+        along, first = axis.direction, perpendicular(axis.direction)
+        point = axis.at.point + float((middle - axis.at.point) @ along) * along
+        turn = np.stack([along, first, np.cross(along, first)])
+        sweep = Sweep("revolved", Pose.from_parts(turn, -turn @ point), axis.fit(axis.at.point))
+        found.append((sweep, sum(other.n for other in axes if are_one(other, axis)) / n))
+    return sorted(found, key=lambda pair: -pair[1])
+
+
+class _Axis(NamedTuple):
+    """The direction (3,) of a face of n points, where it is, and how well both are known."""
+
+    n: int
+    is_straight: bool
+    at: Placement
+    direction: FloatArray
+    sd: float
+    place_sd: float
+
+    def angle(self, other: _Axis) -> float:
+        """Radians between two directions, either way round."""
+        return float(np.arcsin(min(1.0, np.linalg.norm(np.cross(self.direction, other.direction)))))
+
+    def allowed(self, other: _Axis) -> float:
+        """Radians within which two directions may be one."""
+        return float(max(limits.SAME_DIRECTION, limits.FAR_SD * np.hypot(self.sd, other.sd)))
+
+    def fit(self, point: FloatArray) -> SurfaceFit:
+        """The axis as a cylinder through a point (3,)."""
+        variance = np.repeat([self.place_sd**2 / 2, self.sd**2 / 2, 0.0], [2, 2, 1])
+        return SurfaceFit(Cylinder(point, self.direction, 1.0), 0.0, np.diag(variance), 9)
+
+
+def _axes(part: SweptPart, sample: Sequence[FloatArray]) -> Iterator[_Axis]:
+    for fit, points in zip(part.fits, sample, strict=True):
+        at = place(fit.surface, np.zeros(len(fit.covariance)))
+        if at.direction.any() and np.isfinite(fit.covariance).all() and is_settled(fit):
+            largest = int(np.argmax(np.abs(np.round(at.direction, 9))))
+            by = at.across @ at.by_direction, at.across @ at.by_point
+            sd, place_sd = (float(np.sqrt(max(np.trace(each @ fit.covariance @ each.T), 0.0))) for each in by)
+            is_straight = isinstance(fit.surface, Plane | Cylinder)
+            yield _Axis(
+                len(points), is_straight, at, at.direction * np.sign(at.direction[largest]), sd, place_sd
+            )
+
+
+def _classes(axes: Sequence[_Axis], are_one: Callable[[_Axis, _Axis], bool]) -> list[_Axis]:
+    """One axis of those that are one: the best known, of a large face if there is one."""
+    most = max((axis.n for axis in axes), default=0)
+    classes: list[_Axis] = []
+    for axis in sorted(axes, key=lambda axis: (axis.n < _LARGE * most, axis.sd)):
+        if not any(are_one(axis, other) for other in classes):
+            classes.append(axis)
+    return classes
+
+
+def _upright(part: SweptPart, sample: Sequence[FloatArray], along: FloatArray, middle: FloatArray) -> Pose:
+    """The frame of an extrusion: x along the largest wall, or across it if that is wider."""
+    walls = [
+        (len(points), fit.surface.normal_direction)
+        for fit, points in zip(part.fits, sample, strict=True)
+        if isinstance(fit.surface, Plane)
+        and abs(fit.surface.normal_direction @ along) < np.sin(limits.SAME_DIRECTION)
+    ]
+    first = perpendicular(along)
+    if walls:
+        first = np.cross(max(walls, key=lambda wall: wall[0])[1], along)
+        first = first / np.linalg.norm(first)
+    second = np.cross(along, first)
+    if np.ptp((part.points - middle) @ second) > np.ptp((part.points - middle) @ first):
+        first, second = second, -first
+    turn = np.stack([first, second, along])
+    return Pose.from_parts(turn, -turn @ middle)

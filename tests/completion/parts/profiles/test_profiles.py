@@ -113,9 +113,10 @@ def test_a_curve_is_divided_into_its_lines_and_arcs():
     places = np.concatenate([one.places(rng.random(int(60 * one.length))) for one in outer.segments])
     places = 1e-3 * (places + 0.1 * rng.normal(size=places.shape))
     ((curve, along),) = curves_of(places, rng.random(len(places)), 8e-4)
-    parts = partition(curve, along, 1e-4, 8e-4)
-    assert sorted(part.surface.kind for part in parts) == ["cylinder"] * 2 + ["plane"] * 4
-    radii = [1e3 * part.surface.radius for part in parts if isinstance(part.surface, Cylinder)]
+    chain, walls = partition(curve, along, 1e-4, 8e-4)
+    assert chain.is_ring
+    assert sorted(wall.surface.kind for wall in walls) == ["cylinder"] * 2 + ["plane"] * 4
+    radii = [1e3 * wall.surface.radius for wall in walls if isinstance(wall.surface, Cylinder)]
     np.testing.assert_allclose(radii, 8.0, atol=0.1)
 
 
