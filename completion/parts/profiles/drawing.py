@@ -9,14 +9,15 @@ with diameters in place of ordinates across the axis.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.optimize import isotonic_regression
 
-from completion.parts.profiles.measures import SIGMA, Measure, angles_of, ordinates_of, radii_of
+from completion.parts.profiles.measures import SIGMA, Measure, leaders_of, ordinates_of
 from completion.parts.profiles.profile import Loop, Profile
 from scenes.checks import FloatArray
 
@@ -27,8 +28,9 @@ _LEAST_VIEW_MM = 60.0  # of the widest view, below which a larger sheet is taken
 _MARGIN_MM, _BLOCK_MM, _TEXT_MM, _LINE_MM, _GAP_MM = 10.0, 22.0, 2.5, 4.0, 3.4
 _SIDE_MM, _FOOT_MM, _ROOM_MM = 30.0, 30.0, 12.0  # for ordinates, and between views
 _REACH_MM = 9.0  # of a leader
-_SAME_MM = 1e-4  # ordinates that are one
+_SAME = 1e-4  # millimetres or degrees within which measures are one
 _EXACT_MM = 5e-5  # half an interval that is not shown: of models, which nobody measured
+_STEPS_MM = (3.0, 7.0, 8.5)  # from a view to the bends of an ordinate's line, and its end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,21 +76,14 @@ class Sheet:
     scale: float
     items: tuple[Item, ...]
 
-    @property
-    def scale_text(self) -> str:
-        """The scale in words."""
-        return f"{self.scale:g} : 1" if self.scale >= 1 else f"1 : {1 / self.scale:g}"
 
-
-@dataclass(slots=True, eq=False)
-class _View:
-    """A profile in millimetres from its lower left, what is drawn of it, and the texts below."""
+class _View(NamedTuple):
+    """A profile in millimetres from its lower left (2,), metres, its size (2,), and the texts below."""
 
     profile: Profile
-    loops: tuple[Loop, ...]
-    low: FloatArray  # (2,) of the profile, metres
-    size: FloatArray  # (2,) millimetres
-    captions: list[str] = field(default_factory=list)
+    low: FloatArray
+    size: FloatArray
+    captions: list[str]
 
     @classmethod
     def of(cls, profile: Profile, number: int) -> _View:
@@ -96,9 +91,7 @@ class _View:
         low, high = places.min(axis=0), places.max(axis=0)
         if profile.sweep.kind == "revolved":
             low = np.array([low[0], -high[1]])
-        view = cls(profile, profile.loops, low, 1e3 * (high - low))
-        view.captions = list(_captions(profile, number))
-        return view
+        return cls(profile, low, 1e3 * (high - low), list(_captions(profile, number)))
 
     def room(self, scale: float) -> FloatArray:
         """Paper (2,) that it takes, millimetres."""
@@ -109,20 +102,19 @@ def drawn_sheet(profiles: Sequence[Profile], title: str) -> Sheet:
     """Return the sheet that shows profiles; the smallest of A4 to A1 on which they are not too small."""
     views = [_View.of(profile, number) for number, profile in enumerate(profiles, start=1)]
     widest = max((float(view.size.max()) for view in views), default=1.0)
-    for size in _SIZES_MM:
-        for scale in _SCALES:
-            corners = _placed([view.room(scale) for view in views], size)
-            if corners is not None:
-                break
-        if corners is not None and (widest * scale >= _LEAST_VIEW_MM or size == _SIZES_MM[-1]):
-            break
+    fitting = [(size, scale, corners) for size in _SIZES_MM for scale in _SCALES
+               if (corners := _placed([view.room(scale) for view in views], size)) is not None]  # fmt: skip
+    large = [each for each in fitting if each[1] * widest >= _LEAST_VIEW_MM]
+    size, scale, corners = large[0] if large else max(fitting, key=lambda each: each[1])
     items = [
-        item
-        for view, corner in zip(views, corners or (), strict=True)
-        for item in _drawn(view, corner, scale)
+        item for view, corner in zip(views, corners, strict=True) for item in _drawn(view, corner, scale)
     ]
-    sheet = Sheet(*size, scale, tuple(items))
-    return replace(sheet, items=(*items, *_block(sheet, title)))
+    return Sheet(*size, scale, (*items, *_block(size, scale_text(scale), title)))
+
+
+def scale_text(scale: float) -> str:
+    """A scale in words."""
+    return f"{scale:g} : 1" if scale >= 1 else f"1 : {1 / scale:g}"
 
 
 def _placed(rooms: Sequence[FloatArray], size: tuple[float, float]) -> list[FloatArray] | None:
@@ -142,16 +134,15 @@ def _placed(rooms: Sequence[FloatArray], size: tuple[float, float]) -> list[Floa
 def _captions(profile: Profile, number: int) -> Iterator[str]:
     along = ", ".join(f"{round(float(value), 3) + 0.0:g}" for value in profile.sweep.direction)
     alike = f", {profile.alike} alike" if profile.alike > 1 else ""
-    word = "extruded along" if profile.sweep.kind == "extruded" else "turned about"
-    yield f"Profile {number}: {word} ({along}){alike}"
-    seen: dict[str, int] = {}
+    is_turned = profile.sweep.kind == "revolved"
+    yield f"Profile {number}: {'turned about' if is_turned else 'extruded along'} ({along}){alike}"
     base = min((loop.low_m for loop in profile.loops), default=0.0)
-    for loop in profile.loops if profile.sweep.kind == "extruded" else ():
+    texts = Counter[str]()
+    for loop in () if is_turned else profile.loops:
         ends = [value_text(1e3 * (height - base), 1e3 * SIGMA * sd)
                 for height, sd in zip((loop.low_m, loop.high_m), loop.end_sd_m, strict=True)]  # fmt: skip
-        text = f"{loop.kind}, through" if loop.is_through else f"{loop.kind}, z {ends[0]} to {ends[1]}"
-        seen[text] = seen.get(text, 0) + 1
-    yield from (text if n == 1 else f"{n}\u00d7 {text}" for text, n in seen.items())
+        texts[f"{loop.kind}, through" if loop.is_through else f"{loop.kind}, z {ends[0]} to {ends[1]}"] += 1
+    yield from (text if n == 1 else f"{n}\u00d7 {text}" for text, n in texts.items())
 
 
 def value_text(value: float, half: float, sign: str = "") -> str:
@@ -175,110 +166,94 @@ def _drawn(view: _View, corner: FloatArray, scale: float) -> Iterator[Item]:
         return np.asarray(origin + 1e3 * scale * (places - view.low))
 
     is_turned = view.profile.sweep.kind == "revolved"
-    for loop in view.loops:
+    for loop in view.profile.loops:
         yield from _outline(loop, on_paper, 1e3 * scale, is_turned)
-    high = view.low + 1e-3 * view.size
     if is_turned:
-        ends = on_paper(np.array([[view.low[0], 0.0], [high[0], 0.0]])) + [[-4.0, 0.0], [4.0, 0.0]]
-        yield Stroke("centre", ends, np.zeros(2))
-    yield from _radii(view, on_paper, on_paper((view.low + high) / 2))
+        ends = view.low + np.array([[-4.0 / scale, 0.0], view.size + [4.0 / scale, 0.0]]) * 1e-3
+        yield Stroke("centre", on_paper(ends * [1.0, 0.0]), np.zeros(2))
+    middle = origin + scale * view.size / 2
+    for measure, n in _counted(leaders_of(view.profile)):
+        place = on_paper(measure.place)
+        is_outward = measure.way @ (place - middle) >= 0 or measure.sign == "\u2300"
+        way = measure.way if is_outward else -measure.way
+        yield Stroke("dimension", np.stack([place, place + _REACH_MM * way]), np.zeros(2))
+        end = place + (_REACH_MM + 0.8) * way - [0.0, _TEXT_MM / 3]
+        times = f"{n}\u00d7 " if n > 1 else ""
+        yield Lettering(end, times + _measure_text(measure), 0.0, "start" if way[0] >= 0 else "end")
     for axis in (0, 1):
-        yield from _ordinates(view, axis, on_paper, origin)
+        yield from _ordinates(
+            [each for each, _ in _counted(ordinates_of(view.profile, axis))], axis, on_paper, origin
+        )
     for k, text in enumerate(view.captions):
         yield Lettering(corner + [2.0, _LINE_MM * (len(view.captions) - k) - 1.0], text)
 
 
 def _outline(loop: Loop, on_paper: OnPaper, scale: float, is_turned: bool) -> Iterator[Item]:
     """A loop, of a revolution with its mirror image below the axis."""
-    layer: Layer = "outline" if loop.kind in ("outer", "boss", "rib", "turned", "open") else "cut"
-    segments = [one for one in loop.segments if one.wall >= 0] if is_turned else list(loop.segments)
-    if segments[0].is_whole:
-        for sign in (1.0, -1.0) if is_turned else (1.0,):
-            yield Circle(layer, on_paper(segments[0].centre * [1.0, sign]), scale * segments[0].radius)
-            yield from _cross(on_paper(segments[0].centre), scale * segments[0].radius)
+    layer: Layer = "cut" if loop.is_hollow else "outline"
+    segments, signs = [one for one in loop.segments if one.wall >= 0], (1.0, -1.0) if is_turned else (1.0,)
+    if segments[0].centre is not None and segments[0].is_whole:
+        for sign in signs:
+            centre, radius = on_paper(segments[0].centre * [1.0, sign]), scale * segments[0].radius
+            yield Circle(layer, centre, radius)
+            for way in np.eye(2):
+                yield Stroke("centre", centre + np.outer([-1.0, 1.0], way) * (radius + 2.0), np.zeros(2))
         return
     places = np.array([one.start for one in segments] + [segments[-1].end])
     bulge = np.array([np.tan(one.sweep_rad / 4) for one in segments] + [0.0])
-    is_closed = (loop.is_closed and not is_turned) or bool(np.allclose(places[0], places[-1]))
-    if is_closed:
-        places, bulge = places[:-1], bulge[:-1]
-    yield Stroke(layer, on_paper(places), bulge, is_closed)
-    if is_turned:
-        yield Stroke(layer, on_paper(places * [1.0, -1.0]), -bulge, is_closed)
-
-
-def _cross(centre: FloatArray, radius: float) -> Iterator[Item]:
-    """A centre's mark."""
-    for way in np.eye(2):
-        yield Stroke("centre", centre + np.outer([-1.0, 1.0], way) * (radius + 2.0), np.zeros(2))
-
-
-def _radii(view: _View, on_paper: OnPaper, middle: FloatArray) -> Iterator[Item]:
-    """Radii and diameters with leaders, those that are one once; the angles of slanted lines beside these."""
-    for measure, n in _counted(radii_of(view.profile)):
-        sign = "\u2300" if measure.is_diameter else "R"
-        text = value_text(measure.value_mm, measure.half_mm, sign)
-        place = on_paper(measure.place)
-        way = measure.way if measure.way @ (place - middle) >= 0 or measure.is_diameter else -measure.way
-        yield Stroke("dimension", np.stack([place, place + _REACH_MM * way]), np.zeros(2))
-        end = place + (_REACH_MM + 0.8) * way - [0.0, _TEXT_MM / 3]
-        yield Lettering(end, f"{n}\u00d7 {text}" if n > 1 else text, 0.0, "start" if way[0] >= 0 else "end")
-    for measure, _ in _counted(angles_of(view.profile)):
-        place = on_paper(measure.place)
-        away = place - middle
-        away = away / max(float(np.linalg.norm(away)), 1e-9)
-        text = f"{value_text(measure.value_mm, measure.half_mm)}\u00b0"
-        yield Lettering(place + 2.0 * away, text, 0.0, "start" if away[0] >= 0 else "end")
+    is_ring = bool(np.allclose(places[0], places[-1], rtol=0, atol=1e-9))
+    n = len(segments) + (not is_ring)
+    for sign in signs:
+        yield Stroke(layer, on_paper(places[:n] * [1.0, sign]), sign * bulge[:n], is_ring)
 
 
 def _counted(measures: Sequence[Measure]) -> list[tuple[Measure, int]]:
     """Measures of one value once, and how many."""
     found: list[tuple[Measure, int]] = []
     for measure in measures:
-        same = [k for k, (other, _) in enumerate(found) if other.is_diameter == measure.is_diameter
-                and abs(other.value_mm - measure.value_mm) < _SAME_MM]  # fmt: skip
-        if same:
-            found[same[0]] = found[same[0]][0], found[same[0]][1] + 1
+        same = (k for k, (other, _) in enumerate(found)
+                if other.sign == measure.sign and abs(other.value - measure.value) < _SAME)  # fmt: skip
+        if (k := next(same, -1)) >= 0:
+            found[k] = found[k][0], found[k][1] + 1
         else:
             found.append((measure, 1))
     return found
 
 
-def _ordinates(view: _View, axis: int, on_paper: OnPaper, origin: FloatArray) -> Iterator[Item]:
+def _measure_text(measure: Measure) -> str:
+    sign = measure.sign
+    text = value_text(measure.value, measure.half, "" if sign == "\u00b0" else sign)
+    return text + sign if sign == "\u00b0" else text
+
+
+def _ordinates(
+    measures: Sequence[Measure], axis: int, on_paper: OnPaper, origin: FloatArray
+) -> Iterator[Item]:
     """Places along x below the view, or along y (of a revolution diameters) to its left."""
-    measures = [measure for measure, _ in _counted(ordinates_of(view.profile, axis))]
     if not measures:
         return
     at = np.array([on_paper(measure.place)[axis] for measure in measures])
-    steps = _GAP_MM * np.arange(len(at))
+    steps, other = _GAP_MM * np.arange(len(at)), 1 - axis
     spread = np.asarray(isotonic_regression(at - steps).x) + steps
-    other = 1 - axis
     for measure, here, there in zip(measures, at, spread, strict=True):
         places = np.zeros((4, 2))
         places[:, axis] = here, here, there, there
-        places[:, other] = (
-            on_paper(measure.place)[other],
-            origin[other] - 3.0,
-            origin[other] - 7.0,
-            origin[other] - 8.5,
-        )
+        places[:, other] = on_paper(measure.place)[other], *(origin[other] - np.array(_STEPS_MM))
         yield Stroke("dimension", places, np.zeros(4))
         foot = places[3] + (np.array([_TEXT_MM / 3, -0.8]) if axis == 0 else np.array([-0.8, -_TEXT_MM / 3]))
-        sign = "\u2300" if measure.is_diameter else ""
-        yield Lettering(foot, value_text(measure.value_mm, measure.half_mm, sign), 90.0 * other, "end")
+        yield Lettering(foot, _measure_text(measure), 90.0 * other, "end")
 
 
-def _block(sheet: Sheet, title: str) -> Iterator[Item]:
+def _block(size: tuple[float, float], scale: str, title: str) -> Iterator[Item]:
     """The frame and what the drawing is."""
-    low, high = np.array([5.0, 5.0]), np.array([sheet.width_mm - 5.0, sheet.height_mm - 5.0])
+    low, high, top = np.array([5.0, 5.0]), np.array(size) - 5.0, _BLOCK_MM + 3.0
     frame = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     yield Stroke("frame", frame, np.zeros(4), True)
-    top = low[1] + _BLOCK_MM - 2.0
     yield Stroke("frame", np.array([[low[0], top], [high[0], top]]), np.zeros(2))
-    yield Lettering(np.array([low[0] + 4.0, top - 6.5]), title, size_mm=4.0)
+    yield Lettering(np.array([9.0, top - 6.5]), title, size_mm=4.0)
     told = (
-        f"Dimensions in mm, scale {sheet.scale_text}. \u00b1: 95 % interval, no tolerance.",
+        f"Dimensions in mm, scale {scale}. \u00b1: 95 % interval, no tolerance.",
         "Ordinates from the lowest edge of each view, or the centre of a round one.",
     )
     for k, text in enumerate(told):
-        yield Lettering(np.array([low[0] + 4.0, top - 11.5 - 4.0 * k]), text)
+        yield Lettering(np.array([9.0, top - 11.5 - 4.0 * k]), text)

@@ -31,7 +31,7 @@ _ROUNDS = 2
 _BIN_CELLS, _BIN_NOISES = 1 / 3, 3.0  # width of a bin: at least so many cells, deviations of noise
 _BESIDE = 2  # bins at the ends of a segment that may lie over a corner
 _MOST_LEFT_OUT = 3  # spans beside a corner
-_NEWTON, _STILL = 12, 1e-11  # most steps; of the size squared, a step that is the last
+_NEWTON, _STILL = 12, 1e-7  # most steps; of the size squared, a step that is the last
 _PARAMETERS = (3, 4)  # of a line and an arc, with where each ends
 _FAR_CORNER = 3.0  # times the distance of ends, beyond which a corner is not theirs
 _Span = tuple[int, int]  # of bins: the first, and the one after the last
@@ -270,7 +270,7 @@ def _best_cuts(moments: FloatArray, noise: float) -> list[int]:
 
 
 def _costs(sums: FloatArray, noise: float) -> FloatArray:
-    """Squares over those of noise of points with sums (10, k) about lines, and circles (2, k); and parameters."""
+    """What points with sums (10, k) cost as lines and circles (2, k): squares over those of noise; parameters."""
     n, central = sums[0], _central(sums)
     _, _, xx, xy, yy, *_ = central
     line = (xx + yy) / 2 - np.sqrt(np.square((xx - yy) / 2) + np.square(xy))

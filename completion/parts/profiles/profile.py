@@ -53,9 +53,9 @@ class Loop:
         return self.kind != "open"
 
     @property
-    def walls(self) -> tuple[int, ...]:
-        """The walls of its segments, without the axis."""
-        return tuple(segment.wall for segment in self.segments if segment.wall >= 0)
+    def is_hollow(self) -> bool:
+        """Whether it is cut out."""
+        return self.kind in ("hole", "slot", "pocket")
 
     @cached_property
     def polygon(self) -> shapely.Polygon:

@@ -10,7 +10,7 @@ import ezdxf
 import numpy as np
 
 from completion.export.dxf import fixed_marks
-from completion.parts.profiles.drawing import Circle, Item, Sheet, Stroke
+from completion.parts.profiles.drawing import Circle, Item, Sheet, Stroke, scale_text
 from scenes.checks import FloatArray
 
 _STYLE = """
@@ -34,7 +34,7 @@ def sheet_svg(sheet: Sheet, title: str) -> str:
             '<?xml version="1.0" encoding="UTF-8"?>',
             f'<svg xmlns="http://www.w3.org/2000/svg" {size} '
             f'viewBox="0 0 {_n(sheet.width_mm)} {_n(sheet.height_mm)}" data-scale="{sheet.scale:g}">',
-            f"<title>{escape(title)}, {sheet.scale_text}</title>",
+            f"<title>{escape(title)}, {scale_text(sheet.scale)}</title>",
             f"<style>{_STYLE}</style>",
             *(_drawn(item, sheet.height_mm) for item in sheet.items),
             "</svg>\n",

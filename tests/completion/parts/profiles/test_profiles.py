@@ -14,8 +14,8 @@ from benchmarks.cases.profiles import SweptCase, TrueLoop, TrueSegment, ring_of,
 from completion.fitting.result import SurfaceFit
 from completion.parts.part import Part
 from completion.parts.pipeline import model_part
-from completion.parts.profiles.drawing import drawn_sheet, value_text
-from completion.parts.profiles.measures import angles_of, ordinates_of, radii_of
+from completion.parts.profiles.drawing import drawn_sheet, scale_text, value_text
+from completion.parts.profiles.measures import leaders_of, ordinates_of
 from completion.parts.profiles.partition import curves_of, partition
 from completion.parts.profiles.pipeline import profiles_of
 from completion.parts.profiles.profile import profile_record
@@ -133,10 +133,10 @@ def test_a_plate_has_its_loops_heights_and_relations():
     assert kinds.count("tangent") >= 7
     assert kinds.count("equal_radius") == 2
     assert kinds.count("perpendicular") == 1
-    widths = [measure.value_mm for axis in (0, 1) for measure in ordinates_of(profile, axis)]
-    halves = [measure.half_mm for axis in (0, 1) for measure in ordinates_of(profile, axis)]
+    widths = [measure.value for axis in (0, 1) for measure in ordinates_of(profile, axis)]
+    halves = [measure.half for axis in (0, 1) for measure in ordinates_of(profile, axis)]
     assert max(widths) == pytest.approx(60, abs=2 * max(halves))
-    assert sorted({round(measure.value_mm) for measure in radii_of(profile)}) == [5, 8]
+    assert sorted({round(one.value) for one in leaders_of(profile) if one.sign == "R"}) == [5, 8]
     assert profile_record(profile)["free"] == profile.free
 
 
@@ -147,9 +147,9 @@ def test_a_shaft_has_a_section_from_axis_to_axis():
     assert sorted("A" if one.centre is not None else "L" for one in loop.segments if one.wall >= 0) == list(
         "ALLLLL"
     )
-    (angle,) = angles_of(profile)
-    assert angle.value_mm == pytest.approx(np.degrees(np.arctan2(6, 25)), abs=2 * angle.half_mm)
-    diameters = [measure.value_mm for measure in ordinates_of(profile, 1)]
+    (angle,) = [one for one in leaders_of(profile) if one.sign == "\u00b0"]
+    assert angle.value == pytest.approx(np.degrees(np.arctan2(6, 25)), abs=2 * angle.half)
+    diameters = [measure.value for measure in ordinates_of(profile, 1)]
     assert min(abs(value - 24) for value in diameters) < 0.02
 
 
@@ -165,7 +165,7 @@ def test_the_drawing_is_the_same_twice_and_cutters_read_its_outlines():
     assert [one.closed for one in outlines] == [True, True]
     (circle,) = space.query("CIRCLE")
     assert circle.dxf.radius == pytest.approx(4.0, abs=0.02)
-    assert (document.units, sheet.scale_text) == (4, "2 : 1")
+    assert (document.units, scale_text(sheet.scale)) == (4, "2 : 1")
 
 
 @pytest.mark.parametrize(
