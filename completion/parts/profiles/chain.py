@@ -19,6 +19,7 @@ AXIS = -1
 _PARALLEL = 0.02  # sine of an angle between lines, below which they have no corner
 _CONCENTRIC = 1e-3  # of the lesser radius
 _LEAST_POINTS = 4
+_Y_0 = Plane((0, 0, 0), (0, 1, 0), (-1, 0, 0))
 _End = tuple[int, bool]  # of a piece, by its place: whether its high one
 
 
@@ -249,15 +250,12 @@ class Chain:
             ends = between[k - 1], between[k]
             segment = piece.segment(surfaces[piece.wall], *(ends if forward else ends[::-1]))
             segments.append(segment if forward else segment.reverse())
-        return _closed_by_axis(segments) if self.on_axis else tuple(segments)
-
-
-def _closed_by_axis(segments: list[Segment]) -> tuple[Segment, ...]:
-    """Segments from the axis to the axis, y = 0, and that along it."""
-    if segments[0].centre is None and segments[-1].centre is None:
-        segments[0] = Segment.line(segments[0].wall, segments[0].start * [1.0, 0.0], segments[0].end)
-        segments[-1] = Segment.line(segments[-1].wall, segments[-1].start, segments[-1].end * [1.0, 0.0])
-    return (*segments, Segment.line(AXIS, segments[-1].end, segments[0].start))
+        if not self.on_axis:
+            return tuple(segments)
+        for k, end in ((0, "start"), (-1, "end")):
+            place = corner_of(surfaces[segments[k].wall], _Y_0, getattr(segments[k], end))
+            segments[k] = segments[k] if place is None else replace(segments[k], **{end: place})
+        return (*segments, Segment.line(AXIS, segments[-1].end, segments[0].start))
 
 
 class _Meeting(NamedTuple):

@@ -27,9 +27,10 @@ _SCALES = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)  # ISO 5455
 _LEAST_VIEW_MM = 60.0  # of the widest view, below which a larger sheet is taken
 _MARGIN_MM, _BLOCK_MM, _TEXT_MM, _LINE_MM, _GAP_MM = 10.0, 22.0, 2.5, 4.0, 3.4
 _SIDE_MM, _FOOT_MM, _ROOM_MM = 30.0, 30.0, 12.0  # for ordinates, and between views
-_REACH_MM = 9.0  # of a leader
+_REACHES_MM = tuple(np.arange(9.0, 34.0, 3.5).tolist())  # of leaders
+_WIDE = 0.55  # of a letter, over its height
 _SAME = 1e-4  # millimetres or degrees within which measures are one
-_EXACT_MM = 5e-5  # half an interval that is not shown: of models, which nobody measured
+_EXACT_MM = 5e-4  # half an interval that is less than the last digit, as of models, is not shown
 _STEPS_MM = (3.0, 7.0, 8.5)  # from a view to the bends of an ordinate's line, and its end
 
 
@@ -139,9 +140,10 @@ def _captions(profile: Profile, number: int) -> Iterator[str]:
     base = min((loop.low_m for loop in profile.loops), default=0.0)
     texts = Counter[str]()
     for loop in () if is_turned else profile.loops:
-        ends = [value_text(1e3 * (height - base), 1e3 * SIGMA * sd)
-                for height, sd in zip((loop.low_m, loop.high_m), loop.end_sd_m, strict=True)]  # fmt: skip
-        texts[f"{loop.kind}, through" if loop.is_through else f"{loop.kind}, z {ends[0]} to {ends[1]}"] += 1
+        heights = zip(("from", "to"), (loop.low_m, loop.high_m), loop.end_sd_m, strict=True)
+        ends = [f" {word} z {value_text(1e3 * (height - base), 1e3 * SIGMA * sd)}"
+                for word, height, sd in heights if np.isfinite(sd)]  # fmt: skip
+        texts[f"{loop.kind} through" if loop.is_through else f"{loop.kind}{''.join(ends)}"] += 1
     yield from (text if n == 1 else f"{n}\u00d7 {text}" for text, n in texts.items())
 
 
@@ -172,20 +174,37 @@ def _drawn(view: _View, corner: FloatArray, scale: float) -> Iterator[Item]:
         ends = view.low + np.array([[-4.0 / scale, 0.0], view.size + [4.0 / scale, 0.0]]) * 1e-3
         yield Stroke("centre", on_paper(ends * [1.0, 0.0]), np.zeros(2))
     middle = origin + scale * view.size / 2
+    taken = list[FloatArray]()
+    for axis in (0, 1):
+        rows = [each for each, _ in _counted(ordinates_of(view.profile, axis))]
+        for item in _ordinates(rows, axis, on_paper, origin):
+            taken += [_room_of(item)] if isinstance(item, Lettering) else []
+            yield item
     for measure, n in _counted(leaders_of(view.profile)):
         place = on_paper(measure.place)
         is_outward = measure.way @ (place - middle) >= 0 or measure.sign == "\u2300"
         way = measure.way if is_outward else -measure.way
-        yield Stroke("dimension", np.stack([place, place + _REACH_MM * way]), np.zeros(2))
-        end = place + (_REACH_MM + 0.8) * way - [0.0, _TEXT_MM / 3]
-        times = f"{n}\u00d7 " if n > 1 else ""
-        yield Lettering(end, times + _measure_text(measure), 0.0, "start" if way[0] >= 0 else "end")
-    for axis in (0, 1):
-        yield from _ordinates(
-            [each for each, _ in _counted(ordinates_of(view.profile, axis))], axis, on_paper, origin
-        )
+        text = (f"{n}\u00d7 " if n > 1 else "") + _measure_text(measure)
+        for reach in _REACHES_MM:  # the first that is free
+            end = place + (reach + 0.8) * way - [0.0, _TEXT_MM / 3]
+            lettering = Lettering(end, text, 0.0, "start" if way[0] >= 0 else "end")
+            room = _room_of(lettering)
+            if not any((room[0] < other[1]).all() and (other[0] < room[1]).all() for other in taken):
+                break
+        taken.append(room)
+        yield Stroke("dimension", np.stack([place, place + reach * way]), np.zeros(2))
+        yield lettering
     for k, text in enumerate(view.captions):
         yield Lettering(corner + [2.0, _LINE_MM * (len(view.captions) - k) - 1.0], text)
+
+
+def _room_of(item: Lettering) -> FloatArray:
+    """Lower left and upper right (2, 2) of a text that is not turned, or turned by 90 degrees."""
+    length = _WIDE * item.size_mm * len(item.text)
+    start = {"start": 0.0, "middle": -length / 2, "end": -length}[item.anchor]
+    if item.turn_deg:
+        return np.asarray(item.place + [[-item.size_mm, start], [0.0, start + length]])
+    return np.asarray(item.place + [[start, 0.0], [start + length, item.size_mm]])
 
 
 def _outline(loop: Loop, on_paper: OnPaper, scale: float, is_turned: bool) -> Iterator[Item]:

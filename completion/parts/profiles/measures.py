@@ -63,7 +63,7 @@ def ordinates_of(profile: Profile, axis: int) -> list[Measure]:
 
 
 def leaders_of(profile: Profile) -> list[Measure]:
-    """Radii of arcs, diameters of circles, angles of slanted lines with x, by the longest line along x or y."""
+    """Radii of arcs, diameters of circles, angles of slanted lines with the longest line along x or y."""
     found = []
     straight = [one for one in _segments(profile) if _slant(profile, one) <= _ALONG]
     datum = max(straight, key=lambda one: one.length, default=None)

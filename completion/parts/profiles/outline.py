@@ -50,7 +50,10 @@ class Stretch(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """What a sweep explains: its walls (k,), the faces of each by their places, and chains between levels."""
+    """What a sweep explains: its walls (k,), the faces of each by their places, and chains between levels.
+
+    `sides` (k,): 1 where a line's normal leads out of material, or the radius of an arc; else -1; 0: unknown.
+    """
 
     sweep: Sweep
     walls: tuple[SurfaceFit, ...]
@@ -59,6 +62,7 @@ class Outline(NamedTuple):
     stretches: tuple[Stretch, ...]
     explained: frozenset[int]
     is_divided: bool
+    sides: tuple[int, ...]
 
     @property
     def used(self) -> list[int]:
@@ -88,25 +92,39 @@ def outline_of(part: SweptPart, sample: Sequence[FloatArray], sweep: Sweep, shar
         walls, stretches = _divided(part, sweep, local, levels)
         if stretches:
             faces = _faces_of(part, local, walls, stretches)
-            return _outline(sweep, walls, faces, levels, stretches, caps, is_divided=True)
+            sides = [0] * len(walls)
+            return _outline(sweep, walls, faces, levels, stretches, caps=caps, sides=sides, is_divided=True)
     walls, faces = _walls(part, sweep)
-    surfaces = [wall.surface for wall in walls]
+    surfaces, sides = [wall.surface for wall in walls], [_side(part, numbers[0]) for numbers in faces]
     places = [sweep.flatten(np.concatenate([sample[number] for number in numbers])) for numbers in faces]
     if is_turned:
-        return _outline(sweep, walls, faces, list(_TURN), _turned(part, surfaces, places), {})
+        stretches = _turned(part, surfaces, places)
+        return _outline(sweep, walls, faces, list(_TURN), stretches, caps={}, sides=sides)
     heights = np.concatenate([np.zeros(0), *(each[:, 2] for each in places)])
     levels = _levels(list(caps.values()), heights, 2 * part.spacing_m)
     stretches = [one for one in _stretches(part, surfaces, places, levels) if one.chain.is_closed]
-    return _outline(sweep, walls, faces, levels, stretches, caps if stretches else {})
+    return _outline(sweep, walls, faces, levels, stretches, caps=caps if stretches else {}, sides=sides)
+
+
+def _side(part: SweptPart, number: int) -> int:
+    """1 where the normal of a face leads out of material, -1 where into it, by its triangles; else 0."""
+    surface = part.measured[number].surface
+    if part.faces is None or part.triangle_surface is None:
+        return -1 if getattr(surface, "concave", False) else 0
+    own: FloatArray = part.points[part.faces[part.triangle_surface == part.labels[number]]]
+    turned = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
+    side = int(np.sign(np.sum(turned * surface.normal(own.mean(axis=1)))))
+    return -side if getattr(surface, "concave", False) else side
 
 
 def _outline(
     sweep: Sweep, walls: Sequence[SurfaceFit], faces: Sequence[tuple[int, ...]], levels: Sequence[Level],
-    stretches: Sequence[Stretch], caps: Mapping[int, object], *, is_divided: bool = False,
+    stretches: Sequence[Stretch], *, caps: Mapping[int, object], sides: Sequence[int],
+    is_divided: bool = False,
 ) -> Outline:  # fmt: skip
     explained = {n for one in stretches for wall in one.chain.walls for n in faces[wall]} | set(caps)
     made = tuple(walls), tuple(faces), tuple(levels), tuple(stretches)
-    return Outline(sweep, *made, explained=frozenset(explained), is_divided=is_divided)
+    return Outline(sweep, *made, frozenset(explained), is_divided=is_divided, sides=tuple(sides))  # fmt: skip
 
 
 def _cell_m(part: SweptPart) -> float:
@@ -138,7 +156,8 @@ def _divided(
         inside = (share >= 0) & (share <= 1)
         for chain, own in _curves(part, sweep, local[inside, :2], share[inside]):
             named = _renamed(chain, own, walls, known, part.noise_m)
-            stretches.append(_joined(stretches, named, number, [wall.surface for wall in walls], part))
+            none: list[set[int]] = [set()] * (number + 1)
+            stretches.append(_joined(stretches, named, none, [wall.surface for wall in walls], part))
     if sweep.kind == "revolved":
         surfaces = [wall.surface for wall in walls]
         stretches = [stretch for stretch in stretches if _is_turned(stretch.chain, surfaces)]
@@ -260,30 +279,39 @@ def _stretches(
     part: SweptPart, surfaces: Sequence[Surface], places: Sequence[FloatArray], levels: Sequence[Level]
 ) -> list[Stretch]:
     """Chains between each level and the next, those that go on as one, by places (n, 3) of walls' points."""
-    found: list[Stretch] = []
-    for number, (low, high) in enumerate(pairwise(levels)):
+    found, present = list[Stretch](), list[set[int]]()
+    for low, high in pairwise(levels):
         thick, middle = high.height_m - low.height_m, (low.height_m + high.height_m) / 2
         margin, pieces = min(part.spacing_m, 0.2 * thick), []
         for wall, points in enumerate(places):
             inside = points[np.abs(points[:, 2] - middle) < thick / 2 - margin]
             if len(inside) and np.ptp(inside[:, 2]) >= limits.LEAST_HEIGHT_SHARE * (thick - 2 * margin):
                 pieces += pieces_of(surfaces[wall], wall, inside[:, :2], limits.GAP * part.spacing_m)
+        present.append({piece.wall for piece in pieces})
         for chain in chains_of(pieces, surfaces, part.spacing_m, part.noise_m):
-            found.append(_joined(found, chain, number, surfaces, part))
+            found.append(_joined(found, chain, present, surfaces, part))
     return found
 
 
 def _joined(
-    found: list[Stretch], chain: Chain, number: int, surfaces: Sequence[Surface], part: SweptPart
+    found: list[Stretch],
+    chain: Chain,
+    present: Sequence[set[int]],
+    surfaces: Sequence[Surface],
+    part: SweptPart,
 ) -> Stretch:
-    """The chain between a level and the next, with the one below that is the same, taken off the list.
+    """The chain above the last level, with the one below that is the same, taken off the list.
 
-    It is if it is near in the mean along both; of two the one of fewer pieces stays.
+    It is if it is near in the mean along both; of two the one of fewer pieces stays. Between them there may
+    be levels where others cut into it, but half of its walls are `present`.
     """
+    number = len(present) - 1
     off_m = limits.SAME_NOISES * part.noise_m + limits.SAME_SPACINGS * part.spacing_m
     two = _area(chain, chain.trace(surfaces)) if chain.is_ring else shapely.Polygon()
     for k, before in enumerate(found):
-        if before.high == number and before.chain.is_closed and two.area > 0:
+        own = set(before.chain.walls)
+        goes_on = all(2 * len(own & there) >= len(own) for there in present[before.high : number])
+        if goes_on and before.chain.is_closed and two.area > 0:
             one = _area(before.chain, before.chain.trace(surfaces))
             if one.symmetric_difference(two).area <= off_m * two.length:
                 del found[k]
@@ -300,12 +328,12 @@ def _area(chain: Chain, segments: Sequence[Segment]) -> shapely.Polygon:
 
 
 class _Traced(NamedTuple):
-    """A chain on its walls, the area within, and in how many others it lies."""
+    """A chain on its walls, anticlockwise, the area within, and whether there is material."""
 
     stretch: Stretch
     segments: tuple[Segment, ...]
     area: shapely.Polygon
-    depth: int = 0
+    is_solid: bool = True
 
     def lies_in(self, other: _Traced) -> bool:
         """Whether most of it lies within another."""
@@ -317,57 +345,67 @@ def loops_of(
 ) -> tuple[Loop, ...]:
     """Return the loops of an extrusion by its chains' segments on surfaces (k,); the largest first.
 
-    Their kinds are by what lies within what between the same levels.
+    Their kinds are by the side of material, or else by what lies within what between the same levels.
     """
-    rows = [_Traced(stretch, segments, _area(stretch.chain, segments))
-            for stretch, segments in zip(outline.stretches, traced, strict=True)]  # fmt: skip
-    rows = [row._replace(depth=_depth(row, rows, surfaces)) for row in rows]
+    rows = []
+    for stretch, segments in zip(outline.stretches, traced, strict=True):
+        area = _area(stretch.chain, segments)
+        is_ccw = not area.area or shapely.is_ccw(area.exterior)
+        rows.append(_Traced(stretch, segments if is_ccw else _reversed(segments), area))
+    rows = [row._replace(is_solid=_is_solid(row, rows, outline.sides, surfaces)) for row in rows]
     loops = []
     for row in sorted(rows, key=lambda row: (not row.stretch.chain.is_closed, -row.area.area)):
-        segments, is_through = row.segments, False
+        segments = row.segments if row.is_solid else _reversed(row.segments)
         kind: LoopKind = "open"
         if row.stretch.chain.is_closed:
-            is_solid = row.depth % 2 == 0
-            kind = _solid_kind(row, rows) if is_solid else _hollow_kind(segments, surfaces)
-            if shapely.is_ccw(row.area.exterior) != is_solid:
-                segments = tuple(one.reverse() for one in segments[::-1])
-            beside = row.stretch.low - 1, row.stretch.high
-            is_through = not is_solid and not any(_is_solid_at(row.area, level, rows) for level in beside)
-        low, high = outline.levels[row.stretch.low], outline.levels[row.stretch.high]
-        loop = Loop(
-            segments, kind, low.height_m, high.height_m, end_sd_m=(low.sd_m, high.sd_m), is_through=is_through
+            kind = _solid_kind(row, rows) if row.is_solid else _hollow_kind(segments, surfaces)
+        beside = row.stretch.low - 1, row.stretch.high
+        is_through = not row.is_solid and not any(
+            _is_solid_at(row.area, level, rows, len(outline.levels)) for level in beside
         )
-        loops.append(loop)
+        low, high = outline.levels[row.stretch.low], outline.levels[row.stretch.high]
+        ends = {"end_sd_m": (low.sd_m, high.sd_m), "is_through": is_through}
+        loops.append(Loop(segments, kind, low.height_m, high.height_m, **ends))  # type: ignore[arg-type]
     return tuple(loops)
+
+
+def _reversed(segments: Sequence[Segment]) -> tuple[Segment, ...]:
+    return tuple(one.reverse() for one in segments[::-1])
+
+
+def _is_solid(
+    row: _Traced, rows: Sequence[_Traced], sides: Sequence[int], surfaces: Sequence[Surface]
+) -> bool:
+    """Whether material is within a loop: by its walls' sides, or as it lies within an even number of others."""
+    outward = 0.0
+    for one in row.segments if row.stretch.chain.is_closed else ():
+        x, y = one.end - one.start
+        same = np.sign(one.sweep_rad) if one.centre is not None else np.sign(
+            np.array([y, -x]) @ surfaces[one.wall].normal_direction[:2])  # type: ignore[attr-defined]  # fmt: skip
+        outward += float(same) * sides[one.wall] * one.length
+    if outward:
+        return outward > 0
+    around = [other.stretch for other in rows if other is not row and row.lies_in(other)]
+    levels = range(row.stretch.low, row.stretch.high)
+    return int(np.median([sum(one.low <= level < one.high for one in around) for level in levels])) % 2 == 0
 
 
 def _is_over(inner: shapely.Polygon, outer: shapely.Polygon, share: float) -> bool:
     return bool(inner.intersection(outer).area > share * inner.area)
 
 
-def _depth(row: _Traced, rows: Sequence[_Traced], surfaces: Sequence[Surface]) -> int:
-    """Within how many others a loop lies at most of the levels that it is swept; of a bore an odd number."""
-    around = [other.stretch for other in rows if other is not row and row.lies_in(other)]
-    levels = range(row.stretch.low, row.stretch.high)
-    depth = int(np.median([sum(one.low <= level < one.high for one in around) for level in levels]))
-    is_bore = row.segments[0].is_whole and bool(getattr(surfaces[row.segments[0].wall], "concave", False))
-    return depth + int(is_bore and depth % 2 == 0)
-
-
-def _is_solid_at(area: shapely.Polygon, level: int, rows: Sequence[_Traced]) -> bool:
-    """Whether there is material over most of an area between a level and the next."""
+def _is_solid_at(area: shapely.Polygon, level: int, rows: Sequence[_Traced], n_levels: int) -> bool:
+    """Whether material is over most of an area between a level and the next, or what is there is not known."""
+    there = [row for row in rows if row.stretch.low <= level < row.stretch.high and row.area.area > 0]
     left = shapely.Polygon()
-    for row in sorted(rows, key=lambda row: row.depth):
-        if row.stretch.low <= level < row.stretch.high and row.area.area > 0:
-            left = left.difference(row.area) if row.depth % 2 else left.union(row.area)
-    return _is_over(area, left, _OVER)
+    for row in sorted(there, key=lambda row: -row.area.area):
+        left = left.union(row.area) if row.is_solid else left.difference(row.area)
+    return _is_over(area, left, _OVER) if there else 0 <= level < n_levels - 1
 
 
 def _solid_kind(row: _Traced, rows: Sequence[_Traced]) -> LoopKind:
     """A section within a larger one at other heights is a boss, or a rib."""
-    larger = [
-        other.area for other in rows if other.depth % 2 == 0 and _NEARLY * other.area.area > row.area.area
-    ]
+    larger = [other.area for other in rows if other.is_solid and _NEARLY * other.area.area > row.area.area]
     if not any(_is_over(row.area, area, _NEARLY) for area in larger):
         return "outer"
     box = np.array(shapely.oriented_envelope(row.area).exterior.coords)

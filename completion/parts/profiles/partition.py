@@ -270,7 +270,7 @@ def _best_cuts(moments: FloatArray, noise: float) -> list[int]:
 
 
 def _costs(sums: FloatArray, noise: float) -> FloatArray:
-    """What points with sums (10, k) cost as lines and circles (2, k): squares over those of noise; parameters."""
+    """What points with sums (10, k) cost as lines and circles (2, k): squares over noise, parameters."""
     n, central = sums[0], _central(sums)
     _, _, xx, xy, yy, *_ = central
     line = (xx + yy) / 2 - np.sqrt(np.square((xx - yy) / 2) + np.square(xy))

@@ -169,6 +169,7 @@ def _only_used(outline: Outline) -> Outline:
     return outline._replace(
         walls=tuple(outline.walls[wall] for wall in used),
         faces=tuple(outline.faces[wall] for wall in used),
+        sides=tuple(outline.sides[wall] for wall in used),
         stretches=tuple(one._replace(chain=one.chain.renumber(among)) for one in outline.stretches),
     )
 
