@@ -183,9 +183,9 @@ def _drawn(view: _View, corner: FloatArray, scale: float) -> Iterator[Item]:
     for measure, n in _counted(leaders_of(view.profile)):
         place = on_paper(measure.place)
         is_outward = measure.way @ (place - middle) >= 0 or measure.sign == "\u2300"
-        way = measure.way if is_outward else -measure.way
+        outward = measure.way if is_outward else -measure.way
         text = (f"{n}\u00d7 " if n > 1 else "") + _measure_text(measure)
-        for reach in _REACHES_MM:  # the first that is free
+        for reach, way in [(reach, sign * outward) for reach in _REACHES_MM for sign in (1, -1)]:
             end = place + (reach + 0.8) * way - [0.0, _TEXT_MM / 3]
             lettering = Lettering(end, text, 0.0, "start" if way[0] >= 0 else "end")
             room = _room_of(lettering)

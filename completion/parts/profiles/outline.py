@@ -376,7 +376,7 @@ def _reversed(segments: Sequence[Segment]) -> tuple[Segment, ...]:
 def _is_solid(
     row: _Traced, rows: Sequence[_Traced], sides: Sequence[int], surfaces: Sequence[Surface]
 ) -> bool:
-    """Whether material is within a loop: by its walls' sides, or as it lies within an even number of others."""
+    """Whether material is in a loop: by its walls' sides, or as it lies within an even number of others."""
     outward = 0.0
     for one in row.segments if row.stretch.chain.is_closed else ():
         x, y = one.end - one.start
@@ -395,7 +395,7 @@ def _is_over(inner: shapely.Polygon, outer: shapely.Polygon, share: float) -> bo
 
 
 def _is_solid_at(area: shapely.Polygon, level: int, rows: Sequence[_Traced], n_levels: int) -> bool:
-    """Whether material is over most of an area between a level and the next, or what is there is not known."""
+    """Whether material is over most of an area between a level and the next, or it is not known what is."""
     there = [row for row in rows if row.stretch.low <= level < row.stretch.high and row.area.area > 0]
     left = shapely.Polygon()
     for row in sorted(there, key=lambda row: -row.area.area):

@@ -15,12 +15,12 @@ from completion.parts.profiles.chain import Chain, Segment, turn_between
 from completion.parts.profiles.outline import Outline, loops_of, outline_of
 from completion.parts.profiles.profile import Loop, Profile
 from completion.parts.profiles.refit import refitted, without_breaks
-from completion.parts.profiles.sweep import SweptPart, axes_of, directions_of, sample_of
+from completion.parts.profiles.sweep import Sweep, SweptPart, axes_of, directions_of, sample_of
 from completion.relations.graph import RelationGraph, is_settled
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
 from completion.relations.relation import Relation, RelationKind
-from scenes.checks import InputError
+from scenes.checks import FloatArray, InputError
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 DRAWN = RelationOptions(
@@ -61,16 +61,14 @@ def profiles_of(part: SweptPart, options: RelationOptions = DRAWN) -> tuple[Prof
         Revolutions first, then extrusions, those that explain most of the part before others. Empty where
         nothing is swept.
     """
-    # 1. Outline: faces that each direction and axis sweeps, in chains by how their ends meet.
     points, label = sample_of(part)
     sample = [points[label == number] for number in part.labels]
-    turned, drawn = (
-        [outline_of(part, sample, sweep, share) for sweep, share in sweeps]
-        for sweeps in (axes_of(part, sample), directions_of(part, sample))
-    )
 
-    # 2. Choose: what explains most first, until nothing is left to explain; of holes that are alike one.
-    chosen = _chosen(part, [len(each) for each in sample], turned, drawn)
+    # 1. Sweep: directions and axes, and the faces that each may sweep.
+    sweeps = axes_of(part, sample), directions_of(part, sample)
+
+    # 2. Outline: what a sweep explains, in chains of walls; the most first, until nothing is left to explain.
+    chosen = _chosen(part, sample, sweeps)
 
     # 3. Relate: walls of each outline jointly; neighbours whose corner is smooth may be tangent.
     profiles = [_profile(part, outline, n_alike, options) for outline, n_alike in chosen]
@@ -78,25 +76,40 @@ def profiles_of(part: SweptPart, options: RelationOptions = DRAWN) -> tuple[Prof
 
 
 def _chosen(
-    part: SweptPart, size: Sequence[int], turned: Sequence[Outline], drawn: Sequence[Outline]
+    part: SweptPart,
+    sample: Sequence[FloatArray],
+    sweeps: Sequence[Sequence[tuple[Sweep, frozenset[int]]]],
 ) -> list[tuple[Outline, int]]:
     """Outlines that explain something new, revolutions first, and how many are alike.
 
     A turned hole has its section by its revolution, and its place by an extrusion that shows it as a circle:
     of revolutions only the largest explains its cylinders.
     """
+    size = [len(points) for points in sample]
     straight = {number for number, fit in enumerate(part.fits) if isinstance(fit.surface, Plane | Cylinder)}
     left, unplaced, chosen = set(range(len(size))), set(range(len(size))), list[tuple[Outline, int]]()
-    for outlines in (list(turned), list(drawn)):
-        while outlines:
-            gain = [sum(size[number] for number in outline.explained & left) for outline in outlines]
-            best = outlines.pop(int(np.argmax(gain)))
-            if not best.explained & left:
+    for kind in sweeps:
+        todo: list[tuple[frozenset[int], Sweep, Outline | None]] = [
+            (faces, sweep, None) for sweep, faces in kind
+        ]
+        while todo:
+            gain = [sum(size[number] for number in faces & left) for faces, *_ in todo]
+            faces, sweep, best = todo.pop(int(np.argmax(gain)))
+            if not faces & left:
                 break
+            if best is None:  # it may explain less than this
+                best = outline_of(
+                    part, sample, sweep, sum(size[number] for number in faces) / max(sum(size), 1)
+                )
+                todo.append((best.explained, sweep, best))
+                continue
             left -= best.explained
             unplaced -= best.explained - (straight if chosen else set())
-            is_turned = best.sweep.kind == "revolved"
-            same = [k for k, (other, _) in enumerate(chosen) if is_turned and _is_alike(best, other)]
+            same = [
+                k
+                for k, (other, _) in enumerate(chosen)
+                if sweep.kind == "revolved" and _is_alike(best, other)
+            ]
             if same:
                 chosen[same[0]] = (chosen[same[0]][0], chosen[same[0]][1] + 1)
             else:

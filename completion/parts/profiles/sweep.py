@@ -162,6 +162,8 @@ def _line(fit: SurfaceFit, point: FloatArray, normal: FloatArray, by: FloatArray
     tangent = np.array([-normal[1], normal[0], 0.0])
     covariance = np.zeros((3, 3))
     covariance[:2, :2] = by @ fit.covariance @ by.T + np.diag([_ROUNDING**2, 0.0])
+    if covariance[1, 1] <= 0:  # its slope is held: no rounding of it
+        covariance[1] = covariance[:, 1] = 0.0
     surface = Plane(np.append(point, 0.0), np.append(normal, 0.0), tangent)
     return replace(fit, surface=surface, covariance=covariance, inliers=None)
 
@@ -176,8 +178,8 @@ def _arc(fit: SurfaceFit, centre: FloatArray, radius: float, by: FloatArray) -> 
     return replace(fit, surface=surface, covariance=covariance, inliers=None)
 
 
-def directions_of(part: SweptPart, sample: Sequence[FloatArray]) -> list[tuple[Sweep, float]]:
-    """Extrusions along the directions that most of a part may be swept along, and the share of it that is.
+def directions_of(part: SweptPart, sample: Sequence[FloatArray]) -> list[tuple[Sweep, frozenset[int]]]:
+    """Extrusions along the directions that most of a part may be swept along, and these faces (by place).
 
     `sample` holds points (n, 3) of each face. x of their frames lies along the largest flat wall, so that
     what they show is wider than high.
@@ -189,16 +191,16 @@ def directions_of(part: SweptPart, sample: Sequence[FloatArray]) -> list[tuple[S
             other.at.is_plane and abs(angle - np.pi / 2) <= allowed
         )
 
-    middle, n = part.points.mean(axis=0), max(sum(map(len, sample)), 1)
-    axes = list(_axes(part, sample))
-    classes = _classes(axes, lambda axis, other: axis.angle(other) <= axis.allowed(other))
-    sweeps = [(Sweep("extruded", _upright(part, sample, axis.direction, middle), axis.fit(middle)),
-               sum(other.n for other in axes if is_swept(axis, other)) / n) for axis in classes]  # fmt: skip
-    return sorted(sweeps, key=lambda pair: -pair[1])[:_MOST_DIRECTIONS]
+    middle, axes = part.points.mean(axis=0), list(_axes(part, sample))
+    found = []
+    for axis in _classes(axes, lambda axis, other: axis.angle(other) <= axis.allowed(other)):
+        sweep = Sweep("extruded", _upright(part, sample, axis.direction, middle), axis.fit(middle))
+        found.append((sweep, frozenset(other.number for other in axes if is_swept(axis, other))))
+    return sorted(found, key=lambda pair: -sum(len(sample[number]) for number in pair[1]))[:_MOST_DIRECTIONS]
 
 
-def axes_of(part: SweptPart, sample: Sequence[FloatArray]) -> list[tuple[Sweep, float]]:
-    """Revolutions about the axes of curved faces, and the share of the part that is on each.
+def axes_of(part: SweptPart, sample: Sequence[FloatArray]) -> list[tuple[Sweep, frozenset[int]]]:
+    """Revolutions about the axes of curved faces, and the faces that are on each, by their places.
 
     `sample` holds points (n, 3) of each face.
     """
@@ -210,20 +212,21 @@ def axes_of(part: SweptPart, sample: Sequence[FloatArray]) -> list[tuple[Sweep, 
         beside = float(np.linalg.norm(np.cross(other.direction, step)))
         return axis.angle(other) <= axis.allowed(other) and beside <= off
 
-    middle, n, found = part.points.mean(axis=0), max(sum(map(len, sample)), 1), []
+    middle, found = part.points.mean(axis=0), []
     axes = [axis for axis in _axes(part, sample) if not axis.at.is_plane]
     for axis in _classes(axes, are_one):
         along, first = axis.direction, perpendicular(axis.direction)
         point = axis.at.point + float((middle - axis.at.point) @ along) * along
         turn = np.stack([along, first, np.cross(along, first)])
         sweep = Sweep("revolved", Pose.from_parts(turn, -turn @ point), axis.fit(axis.at.point))
-        found.append((sweep, sum(other.n for other in axes if are_one(other, axis)) / n))
-    return sorted(found, key=lambda pair: -pair[1])
+        found.append((sweep, frozenset(other.number for other in axes if are_one(other, axis))))
+    return found
 
 
 class _Axis(NamedTuple):
-    """The direction (3,) of a face of n points, where it is, and how well both are known."""
+    """The direction (3,) of a face (by place) of n points, where it is, and how well both are known."""
 
+    number: int
     n: int
     is_straight: bool
     at: Placement
@@ -246,16 +249,15 @@ class _Axis(NamedTuple):
 
 
 def _axes(part: SweptPart, sample: Sequence[FloatArray]) -> Iterator[_Axis]:
-    for fit, points in zip(part.fits, sample, strict=True):
+    for number, (fit, points) in enumerate(zip(part.fits, sample, strict=True)):
         at = place(fit.surface, np.zeros(len(fit.covariance)))
         if at.direction.any() and np.isfinite(fit.covariance).all() and is_settled(fit):
             largest = int(np.argmax(np.abs(np.round(at.direction, 9))))
             by = at.across @ at.by_direction, at.across @ at.by_point
             sd, place_sd = (float(np.sqrt(max(np.trace(each @ fit.covariance @ each.T), 0.0))) for each in by)
+            direction = at.direction * np.sign(at.direction[largest])
             is_straight = isinstance(fit.surface, Plane | Cylinder)
-            yield _Axis(
-                len(points), is_straight, at, at.direction * np.sign(at.direction[largest]), sd, place_sd
-            )
+            yield _Axis(number, len(points), is_straight, at, direction, sd=sd, place_sd=place_sd)
 
 
 def _classes(axes: Sequence[_Axis], are_one: Callable[[_Axis, _Axis], bool]) -> list[_Axis]:

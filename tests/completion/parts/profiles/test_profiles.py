@@ -8,6 +8,7 @@ import io
 import ezdxf
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from benchmarks.cases.profiles import SweptCase, TrueLoop, TrueSegment, ring_of, sampled
@@ -18,7 +19,7 @@ from completion.parts.profiles.drawing import drawn_sheet, scale_text, value_tex
 from completion.parts.profiles.measures import leaders_of, ordinates_of
 from completion.parts.profiles.partition import curves_of, partition
 from completion.parts.profiles.pipeline import profiles_of
-from completion.parts.profiles.profile import profile_record
+from completion.parts.profiles.profile import Profile, profile_record
 from completion.parts.profiles.sheet_files import sheet_dxf, sheet_svg
 from completion.parts.profiles.sweep import Sweep
 from scenes.pose import Pose
@@ -62,13 +63,15 @@ def part_of(case: SweptCase, heights: tuple[float, ...] = ()) -> Part:
     points = sampled(case, SIGMA_MM, 1)[::3]
     local = case.world.inverse().apply(points) * 1e3
     flat = local[:, :2] if case.kind == "extruded" else np.column_stack([local[:, 0], np.hypot(*local.T[1:])])
-    places = [one.places(np.linspace(0, 1, 300)) for one in case.segments]
-    off = [np.linalg.norm(flat[:, None] - line[None], axis=2).min(axis=1) for line in places]
+    off = [cKDTree(one.places(np.linspace(0, 1, 300))).query(flat)[0] for one in case.segments]
     off += [np.where(np.abs(local[:, 2] - height) < 0.1, 0.0, 9.0) for height in heights]
     return model_part(points, np.argmin(off, axis=0) + 1)
 
 
-PLATE, SHAFT = part_of(plate(), (0.0, 6.0, 15.0)), part_of(shaft())
+@pytest.fixture(scope="module")
+def plates() -> tuple[Profile, ...]:
+    """The profiles of the plate."""
+    return profiles_of(part_of(plate(), (0.0, 6.0, 15.0)))
 
 
 @pytest.mark.parametrize(
@@ -120,8 +123,8 @@ def test_a_curve_is_divided_into_its_lines_and_arcs():
     np.testing.assert_allclose(radii, 8.0, atol=0.1)
 
 
-def test_a_plate_has_its_loops_heights_and_relations():
-    (profile,) = profiles_of(PLATE)
+def test_a_plate_has_its_loops_heights_and_relations(plates):
+    (profile,) = plates
     assert [(loop.kind, len(loop.segments), loop.is_through) for loop in profile.loops] == [
         ("outer", 6, False), ("slot", 4, False), ("hole", 1, True),
     ]  # fmt: skip
@@ -141,7 +144,7 @@ def test_a_plate_has_its_loops_heights_and_relations():
 
 
 def test_a_shaft_has_a_section_from_axis_to_axis():
-    profile = profiles_of(SHAFT)[0]
+    profile = profiles_of(part_of(shaft()))[0]
     (loop,) = profile.loops
     assert (loop.kind, [segment.wall for segment in loop.segments].count(-1)) == ("turned", 1)
     assert sorted("A" if one.centre is not None else "L" for one in loop.segments if one.wall >= 0) == list(
@@ -153,10 +156,9 @@ def test_a_shaft_has_a_section_from_axis_to_axis():
     assert min(abs(value - 24) for value in diameters) < 0.02
 
 
-def test_the_drawing_is_the_same_twice_and_cutters_read_its_outlines():
-    profiles = profiles_of(PLATE)
-    sheet = drawn_sheet(profiles, "plate")
-    assert sheet_svg(sheet, "plate") == sheet_svg(drawn_sheet(profiles, "plate"), "plate")
+def test_the_drawing_is_the_same_twice_and_cutters_read_its_outlines(plates):
+    sheet = drawn_sheet(plates, "plate")
+    assert sheet_svg(sheet, "plate") == sheet_svg(drawn_sheet(plates, "plate"), "plate")
     data = sheet_dxf(sheet)
     assert data == sheet_dxf(sheet)
     document = ezdxf.read(io.StringIO(data.decode()))
