@@ -11,14 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.cases.profiles import SweptCase, TrueSegment, sampled, swept_case
+from benchmarks.cases.profiles import SweptCase, TrueLoop, TrueSegment, sampled, swept_case
 from benchmarks.run import suite
 from benchmarks.store import each
 from completion.parts.part import Part
 from completion.parts.pipeline import divide_part, relate_part
+from completion.parts.profiles.chain import Segment
 from completion.parts.profiles.pipeline import profiles_of
 from completion.parts.profiles.profile import Profile
-from completion.parts.profiles.chain import Segment
 from completion.relations.constraint import constrain
 from completion.relations.equations import RelationFrame, place
 from completion.relations.relation import Relation, RelationKind
@@ -66,12 +66,12 @@ def scored(case: SweptCase, part: Part, noise_mm: float) -> Score:
         (_compared(case, profile, noise_mm) for profile in profiles), key=lambda one: one[0], default=None
     )
     true = _true_relations(case)
-    n_true = dict(Counter(one.kind for one in true))
+    n_true = dict(Counter[str](one.kind for one in true))
     n = len(case.segments)
     if best is None:
         return Score(n, 0, len(case.loops), 0, n_true, {}, 0, 0, f"nothing swept in {part!r}", seconds)
     right, wall_of, profile = best
-    found = Counter(one.kind for one in true if _is_held(one, wall_of, profile))
+    found = Counter[str](one.kind for one in true if _is_held(one, wall_of, profile))
     holding, false = _false(case, wall_of, profile)
     told = f"{right} of {n} segments" + (
         "" if right == n else f" of {[len(loop.segments) for loop in profile.loops]}; {part!r}"
@@ -128,7 +128,7 @@ def _in_case(case: SweptCase, profile: Profile, places: FloatArray) -> FloatArra
     )
 
 
-def _is_right(case: SweptCase, loop: object, profile: Profile, noise_mm: float) -> bool:
+def _is_right(case: SweptCase, loop: TrueLoop, profile: Profile, noise_mm: float) -> bool:
     """Whether a loop of its kind was found at its place, between its heights."""
     for one in profile.loops:
         if one.kind != loop.kind or abs(len(one.segments) - len(loop.segments)) > (case.kind == "revolved"):
@@ -177,9 +177,8 @@ def _true_relations(case: SweptCase) -> list[Relation]:
         kinds: tuple[RelationKind, ...] = ()
         if all(lines):
             kinds = ("parallel", "perpendicular", "coplanar")
-            if case.kind == "revolved" and all(
-                abs(surfaces[k].normal_direction).max() > 1 - 1e-9 for k in (one, two)
-            ):  # type: ignore[attr-defined]
+            ways = [case.segments[k].end - case.segments[k].start for k in (one, two)]
+            if case.kind == "revolved" and all(abs(way).min() < 1e-9 * abs(way).max() for way in ways):
                 kinds = ("coplanar",)
         elif not any(lines):
             kinds = ("coaxial", "equal_radius")

@@ -165,7 +165,7 @@ def corner_of(
     if touching or half_square <= 0:
         return np.asarray(foot)
     half = np.sqrt(half_square) * np.array([-normal[1], normal[0]])
-    return min(foot - half, foot + half, key=lambda place: float(np.linalg.norm(place - near)))
+    return np.asarray(min(foot - half, foot + half, key=lambda place: float(np.linalg.norm(place - near))))
 
 
 def turn_between(first: Surface, second: Surface, place: FloatArray) -> float:
@@ -241,8 +241,8 @@ class Chain:
             return (self.pieces[0].segment(surfaces[self.pieces[0].wall]),)
         between: list[FloatArray | None] = []
         for near, pair in zip(self.corners, self.neighbours, strict=True):
-            walls = [surfaces[wall] for wall in pair]
-            place = corner_of(*walls, near, touching=frozenset(pair) in touching)
+            one, two = (surfaces[wall] for wall in pair)
+            place = corner_of(one, two, near, touching=frozenset(pair) in touching)
             between.append(near if place is None else place)
         between = between if self.is_ring else [*between, None]
         segments = []
@@ -252,9 +252,11 @@ class Chain:
             segments.append(segment if forward else segment.reverse())
         if not self.on_axis:
             return tuple(segments)
-        for k, end in ((0, "start"), (-1, "end")):
-            place = corner_of(surfaces[segments[k].wall], _Y_0, getattr(segments[k], end))
-            segments[k] = segments[k] if place is None else replace(segments[k], **{end: place})
+        first, last = segments[0], segments[-1]
+        if (place := corner_of(surfaces[first.wall], _Y_0, first.start)) is not None:
+            segments[0] = replace(first, start=place)
+        if (place := corner_of(surfaces[last.wall], _Y_0, last.end)) is not None:
+            segments[-1] = replace(segments[-1], end=place)
         return (*segments, Segment.line(AXIS, segments[-1].end, segments[0].start))
 
 

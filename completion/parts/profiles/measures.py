@@ -71,10 +71,11 @@ def leaders_of(profile: Profile) -> list[Measure]:
     for one in _segments(profile):
         if one.centre is not None:
             away = np.sqrt([0.5, 0.5]) if one.is_whole else (one.middle - one.centre) / one.radius
-            size, by = (2, "\u2300") if one.is_whole else (1, "R"), _by(profile, one.wall, [0, 0, 0, 0, 1])
+            times, by = 2 if one.is_whole else 1, _by(profile, one.wall, [0, 0, 0, 0, 1])
+            sign: _Sign = "\u2300" if one.is_whole else "R"
             way = -away if id(one) in hollow and not one.is_whole else away
             place = one.centre + one.radius * away
-            found.append(_measure(profile, size[0] * one.radius, size[0] * by, place, way, sign=size[1]))
+            found.append(_measure(profile, times * one.radius, times * by, place, way, sign=sign))
         elif _slant(profile, one) > _ALONG:
             x, y = one.end - one.start
             by = _by(profile, one.wall, [0, 1]) - (0 if datum is None else _by(profile, datum.wall, [0, 1]))
@@ -88,7 +89,7 @@ def _measure(
 ) -> Measure:
     """A length or an angle of SI units, which has derivatives (n,) by all parameters."""
     scale = _DEGREES if sign == "\u00b0" else _MM
-    half = SIGMA * float(np.sqrt(max(by @ profile.graph.covariance @ by, 0.0)))
+    half = SIGMA * float(np.sqrt(np.maximum(by @ profile.graph.covariance @ by, 0.0)))
     return Measure(scale * float(value), scale * half, place, way, sign)
 
 

@@ -192,8 +192,9 @@ def _upper(chain: Chain, surfaces: Sequence[Surface]) -> Chain:
     if len(starts) != 1:
         return chain
     run = [(starts[0] + k) % n for k in range(n) if is_above[(starts[0] + k) % n]]
-    kept = [tuple(each[k] for k in run) for each in (chain.pieces, chain.is_forward, chain.corners)]
-    return Chain(kept[0], kept[1], kept[2][:-1], is_closed=True, on_axis=True)
+    pieces, forward = tuple(chain.pieces[k] for k in run), tuple(chain.is_forward[k] for k in run)
+    corners = tuple(chain.corners[k] for k in run[:-1])
+    return Chain(pieces, forward, corners, is_closed=True, on_axis=True)
 
 
 def _slope(surface: Surface) -> float:
@@ -282,7 +283,7 @@ def _stretches(
     found, present = list[Stretch](), list[set[int]]()
     for low, high in pairwise(levels):
         thick, middle = high.height_m - low.height_m, (low.height_m + high.height_m) / 2
-        margin, pieces = min(part.spacing_m, 0.2 * thick), []
+        margin, pieces = min(part.spacing_m, 0.2 * thick), list[Piece]()
         for wall, points in enumerate(places):
             inside = points[np.abs(points[:, 2] - middle) < thick / 2 - margin]
             if len(inside) and np.ptp(inside[:, 2]) >= limits.LEAST_HEIGHT_SHARE * (thick - 2 * margin):

@@ -64,7 +64,7 @@ def curves_of(
 
 def _is_ring(band: shapely.Polygon, cell_m: float) -> bool:
     """Whether a band has one hole that is larger than gaps between places."""
-    return sum(shapely.Polygon(ring).area > (2 * cell_m) ** 2 for ring in band.interiors) == 1
+    return bool(sum(shapely.Polygon(ring).area > (2 * cell_m) ** 2 for ring in band.interiors) == 1)
 
 
 def _along_ring(places: FloatArray, ring: FloatArray) -> tuple[FloatArray, float]:
@@ -86,7 +86,7 @@ def _middle_line(band: shapely.Polygon, cell_m: float) -> FloatArray:
     parts = shapely.get_parts(shapely.buffer(band, -_THINNER * cell_m))
     thin = max(parts, key=lambda part: part.area, default=band)
     ring = shapely.segmentize((thin if _is_ring(thin, cell_m) else band).exterior, cell_m)
-    return shapely.get_coordinates(ring)[:-1]
+    return np.asarray(shapely.get_coordinates(ring)[:-1])
 
 
 def _ordered(places: FloatArray, ring: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArray]:

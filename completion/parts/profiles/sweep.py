@@ -94,9 +94,12 @@ class Sweep:
         given = self._given(fit, "parallel") if isinstance(fit.surface, Plane) else None
         if given is None:
             return None
-        along = self.direction @ place(given.surface, np.zeros(3)).by_point
-        height = float(self.profile_from_world.apply(given.surface.point[None])[0, 2])
-        return height, float(np.sqrt(max(along @ given.covariance @ along, 0.0)))
+        at = place(given.surface, np.zeros(3))
+        along, height = (
+            self.direction @ at.by_point,
+            float(self.profile_from_world.apply(at.point[None])[0, 2]),
+        )
+        return height, float(np.sqrt(np.maximum(along @ given.covariance @ along, 0.0)))
 
     def _given(self, fit: SurfaceFit, kind: RelationKind) -> SurfaceFit | None:
         """The fit where it is so to the axis exactly, and its covariance given that; None where it is not."""
@@ -116,7 +119,7 @@ class Sweep:
     def _centred(self, fit: SurfaceFit) -> SurfaceFit | None:
         """A sphere with its centre on the axis."""
         across = self.profile_from_world.rotation[1:] @ np.eye(4)[:3]
-        off = self.profile_from_world.apply(fit.surface.centre[None])[0, 1:]
+        off = self.profile_from_world.apply(place(fit.surface, np.zeros(4)).point[None])[0, 1:]
         gain = fit.covariance @ across.T
         by_axis = np.eye(2) * float(self.axis.covariance[:2, :2].max() + limits.BUILT_SD[1] ** 2)
         if off @ np.linalg.solve(across @ gain + by_axis, off) > 2 * limits.FAR_SD**2:
@@ -236,7 +239,7 @@ class _Axis(NamedTuple):
 
     def angle(self, other: _Axis) -> float:
         """Radians between two directions, either way round."""
-        return float(np.arcsin(min(1.0, np.linalg.norm(np.cross(self.direction, other.direction)))))
+        return float(np.arcsin(np.minimum(1.0, np.linalg.norm(np.cross(self.direction, other.direction)))))
 
     def allowed(self, other: _Axis) -> float:
         """Radians within which two directions may be one."""
