@@ -105,7 +105,7 @@ class SurfaceFit:
         Points move across the axis or along the normal only. Names ending in `_deg` are in degrees.
         """
         total = {
-            name: float(np.sqrt(np.trace(covariance)))
+            name: float(np.sqrt(max(np.trace(covariance), 0.0)))
             for name, covariance in self.parameter_covariances().items()
         }
         if isinstance(self.surface, Plane):

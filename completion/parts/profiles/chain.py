@@ -104,7 +104,7 @@ class Piece:
         if not isinstance(surface, Cylinder):
             return Segment.line(self.wall, first, last)
         middle = place_at(surface, (self.low + self.high) / 2)
-        return Segment(self.wall, first, last, middle, surface.point[:2].copy(), surface.radius)
+        return Segment(self.wall, first, last, middle, surface.point[:2].copy(), radius=surface.radius)
 
 
 def place_at(surface: Surface, along: float) -> FloatArray:

@@ -24,18 +24,12 @@ from scenes.checks import FloatArray, InputError
 from scenes.surfaces.catalogue import Cylinder, Plane
 
 DRAWN = RelationOptions(
-    kinds=(
-        "parallel",
-        "perpendicular",
-        "angle",
-        "coplanar",
-        "coaxial",
-        "tangent",
-        "equal_radius",
-        "symmetric",
-    )
+    kinds=("parallel", "perpendicular", "coplanar", "coaxial", "tangent", "equal_radius", "symmetric")
 )
-"""What lines and arcs of a profile may be to each other."""
+"""What lines and arcs of a profile may be to each other.
+
+No angles of whole degrees: of lines at any angle some are such by chance; drawings give what was measured.
+"""
 _ACROSS = 1e-9  # sine of an angle, below which a line lies across the axis
 AXIS_LINE = SurfaceFit(Plane((0, 0, 0), (0, 1, 0), (-1, 0, 0)), 0.0, np.diag([1e-18, 0.0, 0.0]), 0)
 """The axis of a revolution among its walls, exactly known: what lines may be parallel to, or across."""
@@ -172,7 +166,8 @@ def _profile(part: SweptPart, outline: Outline, n_alike: int, options: RelationO
         loops = loops_of(outline, traced, surfaces)
     names = [tuple(part.labels[number] for number in numbers) for numbers in outline.faces]
     measured = (*walls, AXIS_LINE) if is_turned else tuple(walls)
-    return Profile(outline.sweep, loops, (*names, *([()] if is_turned else [])), measured, graph, n_alike)
+    faces = (*names, ()) if is_turned else tuple(names)
+    return Profile(outline.sweep, loops, faces, measured, graph, alike=n_alike)
 
 
 def _only_used(outline: Outline) -> Outline:

@@ -65,7 +65,7 @@ def part_of(case: SweptCase, heights: tuple[float, ...] = ()) -> Part:
     flat = local[:, :2] if case.kind == "extruded" else np.column_stack([local[:, 0], np.hypot(*local.T[1:])])
     off = [cKDTree(one.places(np.linspace(0, 1, 300))).query(flat)[0] for one in case.segments]
     off += [np.where(np.abs(local[:, 2] - height) < 0.1, 0.0, 9.0) for height in heights]
-    return model_part(points, np.argmin(off, axis=0) + 1)
+    return model_part(points, np.argmin(off, axis=0) + 1, relations=None)
 
 
 @pytest.fixture(scope="module")
