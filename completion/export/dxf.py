@@ -40,7 +40,7 @@ def dxf_of(model: BuildingModel, units: Units = "m") -> bytes:
     share and deviation of a fold, the deviation of a corner, and the surface of a line. Where the drawing is
     turned against the scans' world, the custom property `drawing_from_world` says how, row by row.
     """
-    with _fixed_marks():
+    with fixed_marks():
         document = ezdxf.new(_VERSION, setup=["linetypes"])
         document.units = _UNITS[units]
         document.header["$MEASUREMENT"] = int(units in ("mm", "cm", "m"))
@@ -173,7 +173,7 @@ def _inner_edges(model: BuildingModel) -> NDArray[np.bool_]:
 
 
 @contextmanager
-def _fixed_marks() -> Iterator[None]:
+def fixed_marks() -> Iterator[None]:
     """No dates and identifiers of a run in what is written."""
     options = ezdxf.options
     before = options.write_fixed_meta_data_for_testing

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -17,6 +18,9 @@ from completion.parts.dimensions.pipeline import dimensions_of
 from completion.parts.dimensions.table import dimension_records, dimensions_csv, frame_record
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part
+from completion.parts.profiles.drawing import drawn_sheet
+from completion.parts.profiles.profile import Profile, profile_record
+from completion.parts.profiles.sheet_files import sheet_dxf, sheet_svg
 from completion.relations.graph import FORMAT as RELATIONS_FORMAT
 from completion.relations.graph import frame_records, freedom_record, relation_records, surface_record
 from completion.relations.relation import RelationStatus
@@ -26,6 +30,7 @@ from scenes.run.atomic import Stage, hold_lock, make_folder, write_bytes, write_
 from scenes.scan.colour import surface_bytes
 
 FORMAT = "unseen-part/1"
+PROFILES_FORMAT = "unseen-profiles/1"
 _LEGEND = ["surface 0 none"]
 
 
@@ -39,6 +44,8 @@ def write_part(
     step: StepModel | None = None,
     closed: ClosedPart | None = None,
     dimensions: PartDimensions | None = None,
+    profiles: Sequence[Profile] = (),
+    title: str = "part",
 ) -> None:
     """Write part.json, dimensions.csv, relations.json and part.ply, all or none.
 
@@ -62,6 +69,10 @@ def write_part(
         Its mesh with holes closed (`close_holes`): closed.ply, if any was.
     dimensions : PartDimensions, optional
         Its dimensions (`dimensions_of`), where they are at hand.
+    profiles : sequence of Profile
+        What of it is swept (`profiles_of`): profiles.json, and drawing.svg and drawing.dxf, millimetres.
+    title : str
+        Of the drawing.
 
     Raises
     ------
@@ -86,6 +97,16 @@ def write_part(
         write_json(stage.path("part.json"), record)
         if part.relations is not None:
             write_json(stage.path("relations.json"), relations_record(part))
+        if profiles:
+            record = {
+                "format": PROFILES_FORMAT,
+                "units": "m",
+                "profiles": [profile_record(one) for one in profiles],
+            }
+            write_json(stage.path("profiles.json"), record)
+            sheet = drawn_sheet(profiles, title)
+            write_bytes(stage.path("drawing.svg"), sheet_svg(sheet, title).encode())
+            write_bytes(stage.path("drawing.dxf"), sheet_dxf(sheet))
         every = _Places(rows, n_rows)
         surface = every.of(part.surface, 0)
         colour = surface_bytes(places_of(part, surface))

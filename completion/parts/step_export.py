@@ -10,12 +10,9 @@ import numpy as np
 from completion.export.step.pipeline import StepModel, step_of
 from completion.export.step.regions import FittedRegion, PartRegions, part_regions
 from completion.fitting.result import SurfaceFit
-from completion.parts.division.divided_part import DividedPart
+from completion.parts.division.divided_part import DividedPart, surface_points
 from scenes.checks import FloatArray
-from scenes.mesh.labelled_mesh import spread_points, triangle_areas
 
-_MOST_SAMPLES = 400_000
-_DENSER = 1.2  # samples in a square of the sampling distance
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
 
 
@@ -32,12 +29,7 @@ def regions_of(part: DividedPart) -> PartRegions:
 
     Raises InputError: a part without surfaces.
     """
-    points, label = part.points, part.surface
-    if part.faces is not None and part.triangle_surface is not None and part.spacing_m > 0:
-        corners: FloatArray = part.points[part.faces]
-        n = int(min(_DENSER * triangle_areas(corners).sum() / part.spacing_m**2, _MOST_SAMPLES))
-        points, members = spread_points(corners, max(n, 1))
-        label = part.triangle_surface[members]
+    points, label = surface_points(part)
     place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
     place[list(part.labels)] = np.arange(len(part.labels))
     region = np.where(label > 0, place[np.maximum(label, 0)], -1)

@@ -242,6 +242,8 @@ def constrain(relation: Relation, at: Mapping[int, Placement], frame: RelationFr
     if kind == "axis_in_plane":
         rows = _angle_rows(index, two, at, 1.0, 0.0), _height(index, two, at)
         return stack([built(rows[0], ANGLE), built(rows[1], LENGTH)])
+    if kind == "tangent":
+        return _tangent(relation.surfaces, at, frame)
     turned = built(_parallel(index, two, at, frame), ANGLE)
     if kind in ("coplanar", "coaxial"):
         beside = _height(index, two, at) if kind == "coplanar" else _offset(index, two, at)
@@ -261,6 +263,11 @@ def _check_kinds(relation: Relation, at: Mapping[int, Placement]) -> None:
         raise InputError("coplanar relates two planes")
     if relation.kind == "coaxial" and any(flat):
         raise InputError("coaxial relates two axes")
+    if relation.kind == "tangent" and (
+        all(flat) or any(at[number].radius <= 0 or at[number].half_angle > 0 or at[number].ring_radius > 0
+                         for number, is_flat in zip(relation.surfaces, flat, strict=True) if not is_flat)
+    ):  # fmt: skip
+        raise InputError("tangent relates a plane and a cylinder, or two cylinders")
     if relation.kind == "axis_in_plane" and flat != [True, False]:
         raise InputError("axis in plane relates a plane and then an axis")
     if relation.kind == "regular" and any(flat) != all(flat):
@@ -359,6 +366,32 @@ def _distance(index: int, two: int, at: Mapping[int, Placement], frame: Relation
     began = frame.start[flat].direction @ (frame.start[other].point - frame.start[flat].point)
     sign = -1.0 if began < 0 else 1.0
     return sign * value, {number: sign * block for number, block in blocks.items()}
+
+
+def _tangent(surfaces: Sequence[int], at: Mapping[int, Placement], frame: RelationFrame) -> Constraint:
+    """A cylinder's axis is as far from a plane as its radius; two, by the sum or difference of theirs.
+
+    Which of both, where the surfaces began says.
+    """
+    index, two = surfaces
+    radii = {number: at[number].radius for number in surfaces if not at[number].is_plane}
+    if len(radii) == 1:
+        turned, weight = _angle_rows(index, two, at, 1.0, 0.0), dict.fromkeys(radii, 1.0)
+    else:
+        turned = _parallel(index, two, at, frame)
+        start = [frame.start[number] for number in surfaces]
+        apart = float(np.linalg.norm(_offset(index, two, frame.start)[0]))
+        inner, outer = abs(start[0].radius - start[1].radius), start[0].radius + start[1].radius
+        first = (
+            1.0 if abs(apart - outer) <= abs(apart - inner) or start[0].radius >= start[1].radius else -1.0
+        )
+        second = first if abs(apart - outer) <= abs(apart - inner) else -first
+        weight = {index: first, two: second}
+    reach = [(-weight[number], (np.float64(radius), {number: at[number].by_radius[0]}))
+             for number, radius in radii.items()]  # fmt: skip
+    return stack(
+        [built(turned, ANGLE), built(weighted_sum([(1.0, _distance(index, two, at, frame)), *reach]), LENGTH)]
+    )
 
 
 def _sizes(relation: Relation, at: Mapping[int, Placement]) -> Constraint:

@@ -28,13 +28,14 @@ from completion.relations.constraint import constrain
 from completion.relations.equations import Constraint, Placement, RelationFrame, place
 from completion.relations.limits import DETERMINED_SHARE, EXACT_SD, PART_SHARE
 from completion.relations.relation import Relation
-from scenes.checks import FloatArray, InputError
+from scenes.checks import BoolArray, FloatArray, InputError
 
 _N_ROUNDS = 20
 _LOOSE = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)  # of an equation's variance: what it may be off
 _GROWTH = 0.2  # of the rank, after which all is solved together again
 _EVERY = 60  # equations, up to which that is done after each
 _ROUNDING = 1e-9  # metres or radians: what is measured without noise is no better known
+_HELD = 1e-9  # of an equation's derivative, which is rounding
 _STILL = 1e-12  # standard deviations: a step that is smaller is the last
 
 
@@ -86,7 +87,8 @@ class JointEstimate:
     Parameters
     ----------
     fits : sequence of SurfaceFit
-        Planes, spheres, cylinders, cones and tori with finite covariances.
+        Planes, spheres, cylinders, cones and tori with finite covariances. A parameter without variance,
+        among others with some, is held exactly.
     up : (3,) float, optional
         Unit vector against gravity.
     sd : (3,) float
@@ -116,6 +118,12 @@ class JointEstimate:
         self._prior += _ROUNDING**2 * np.eye(len(self._prior))
         if doubt.shared is not None:
             self._prior = self._prior + doubt.shared
+        self._is_free = np.concatenate(
+            [
+                np.ones(0),
+                *((np.diag(fit.covariance) > 0) | (not np.diag(fit.covariance).any()) for fit in fits),
+            ]
+        )
         self.prior_sd = np.sqrt(np.diag(self._prior))
         self.x = np.zeros(first[-1])
         self.covariance = self._prior.copy()
@@ -167,6 +175,13 @@ class JointEstimate:
         unit = self.x / self.prior_sd
         scaled = self._prior / np.outer(self.prior_sd, self.prior_sd)
         return float(unit @ np.linalg.lstsq(scaled, unit, rcond=None)[0])
+
+    def is_held(self, constraint: Constraint) -> BoolArray:
+        """Which equations (m,) are of parameters alone that fits hold exactly, so that nothing moves them."""
+        slopes = np.concatenate([block * self._is_free[self.columns(number)]
+                                 for number, block in constraint.blocks.items()], axis=1)  # fmt: skip
+        whole = np.concatenate(list(constraint.blocks.values()), axis=1)
+        return np.asarray(np.linalg.norm(slopes, axis=1) <= _HELD * np.linalg.norm(whole, axis=1))
 
     def freedom_of(self, surfaces: Sequence[int]) -> float:
         """Degrees of freedom of a test of these surfaces: those of the least well known covariance."""
@@ -302,7 +317,8 @@ def wald_test(relation: Relation, estimate: JointEstimate) -> WaldTest:
     constraint = estimate.constraint(relation)
     prior, now = estimate.variance(constraint, prior=True), estimate.variance(constraint)
     scale = np.sqrt(np.maximum(np.diag(prior), np.finfo(np.float64).tiny))
-    rows = _independent(now / np.outer(scale, scale))
+    may_move = ~estimate.is_held(constraint)
+    rows = _independent(now * np.outer(may_move, may_move) / np.outer(scale, scale))
     free = [k for k in range(len(scale)) if k not in rows]
     value = constraint.value
     if not rows:

@@ -28,7 +28,7 @@ from completion.relations.estimate import (
     what_determines,
     with_only,
 )
-from completion.relations.evidence import CHOSEN, log_evidence, size_of
+from completion.relations.evidence import CHOSEN, log_evidence, near, size_of
 from completion.relations.graph import RelationGraph, is_settled
 from completion.relations.options import RelationOptions
 from completion.relations.proposals import STAGES, propose
@@ -193,6 +193,7 @@ def infer(
     *,
     doubt: Doubt = NO_DOUBT,
     proposes: bool = True,
+    candidates: Sequence[Relation] = (),
 ) -> RelationGraph:
     """Infer the relations between surfaces, reject those that do not hold, and impose the rest.
 
@@ -211,6 +212,8 @@ def infer(
         How well the covariances are known, and what errors the surfaces share.
     proposes : bool
         Whether relations are inferred; else only the given ones are tested and imposed (`impose`).
+    candidates : sequence of Relation
+        What comes into question besides what is proposed, such as neighbours that may be tangent.
 
     Raises
     ------
@@ -239,7 +242,8 @@ def infer(
         for proposed in (False, True):
             if proposed:
                 new = propose(stage, estimate, options) if proposes else []
-                unknown = [relation for relation in new if _key(relation) not in known]
+                new += [each for one in candidates if one.kind in kinds for each in near(one, estimate)]
+                unknown = list({_key(one): one for one in new if _key(one) not in known}.values())
                 todo = by_evidence(unknown, estimate, options, size_m)
             level = options.level / max(len(todo), 1)
             for relation in todo:

@@ -317,7 +317,7 @@ def _n_tried(row: Sequence[int], place: FloatArray) -> float:
 STAGES: tuple[tuple[RelationKind, ...], ...] = (
     ("parallel", "perpendicular", "vertical", "horizontal"),
     ("angle", "half_angle"),
-    ("coaxial", "coplanar", "axis_in_plane"),
+    ("coaxial", "coplanar", "axis_in_plane", "tangent"),
     ("equal_radius", "equal_ring_radius", "radius"),
     ("distance", "equal_distance"),
     ("regular", "symmetric"),

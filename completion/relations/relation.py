@@ -31,6 +31,7 @@ RelationKind = Literal[
     "equal_ring_radius",
     "half_angle",
     "axis_in_plane",
+    "tangent",
     "vertical",
     "horizontal",
     "symmetric",
@@ -68,7 +69,8 @@ class Relation:
         in radians. "coplanar", "coaxial". "distance": between two parallel planes or axes, `value` in metres.
         "equal_distance": of the first two as of the last two. "radius", "half_angle": `value` in metres or
         radians. "equal_radius" (of tori the tubes'); "equal_ring_radius" of the circles in tori's tubes.
-        "axis_in_plane": a plane, then what has an axis. "vertical", "horizontal": a
+        "axis_in_plane": a plane, then what has an axis. "tangent": a plane and a cylinder along it, or two
+        parallel cylinders, that touch. "vertical", "horizontal": a
         plane or an axis, against gravity. "regular": three or more parallel planes or axes in a row, each as
         far from the next. "symmetric": two or more pairs, one after the other, each one's halves images of
         each other in one mirror; of planes, cylinders and spheres.

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from completion.parts.files import closing_record, status_counts, whole_record, 
 from completion.parts.flat_part import FlatPart, flatten_part
 from completion.parts.part import Part, kinds_text
 from completion.parts.pipeline import MACHINED, divide_part, relate_part
+from completion.parts.profiles.pipeline import profiles_of
+from completion.parts.profiles.profile import Profile
 from completion.parts.step_export import outcome_lines, step_model
 from completion.relations.relation import RelationStatus, StatedRelation, read_part_relations
 from nbv.commands.options import PartOptions, Shared
@@ -43,6 +46,7 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         run.will_call(reachable, 10)
         part = _model_file(held, request, stated, run)
         flat = _flatten_part(part, request, run) if request.flatten else None
+        profiles = () if part.relations is None else profiles_of(part)
         closed = close_holes(part)
         doubts = [] if closed is None or not closed.n_closed else [closed.told]
         run.warn([*part.warnings, *(() if flat is None else flat.doubts), *doubts])
@@ -60,15 +64,18 @@ def run_part(shared: Shared, request: PartOptions) -> None:
             step=step,
             closed=closed,
             dimensions=dimensions,
+            profiles=profiles,
+            title=Path(request.shape).stem,
         )
         run.watch.enter("report")
         from nbv.report.part_report import part_page
 
-        run.report(part_page(part, Path(request.shape).name, flat, dimensions), request.record())
+        page = part_page(part, Path(request.shape).name, flat, dimensions=dimensions, profiles=profiles)
+        run.report(page, request.record())
         record = {} if step is None else {"step": step.record()}
         record |= {} if closed is None else {"closing": closing_record(closed)}
         lines = lines_of(part, flat) + lines_of_dimensions(dimensions, request.preferred)
-        lines += [] if step is None else list(outcome_lines(step))
+        lines += profile_lines(profiles) + ([] if step is None else list(outcome_lines(step)))
         told = {**summary_of(part, flat), "dimensions": dimension_records(dimensions), **record}
         told["warnings"] = [*told["warnings"], *dimensions.doubts]
         run.finish({**request.record(), **record}, told, lines)
@@ -176,6 +183,24 @@ def lines_of_dimensions(dimensions: PartDimensions, preferred: str) -> list[str]
     elif preferred == "tell" and probable:
         least = f"each with a probability of {100 * IMPOSED:g} % or more"
         lines.append(f"preferred  {count(len(probable), 'dimension')} at preferred values, {least}")
+    return lines
+
+
+_PLURAL = {"boss": "bosses", "outer": "outer", "turned": "turned", "open": "open"}
+
+
+def profile_lines(profiles: Sequence[Profile]) -> list[str]:
+    """What is swept, a line each."""
+    lines = []
+    for number, profile in enumerate(profiles):
+        kinds = [("through " if loop.is_through else "") + loop.kind for loop in profile.loops]
+        what = ", ".join(
+            count(kinds.count(kind), kind, _PLURAL.get(kind, f"{kind}s")) for kind in dict.fromkeys(kinds)
+        )
+        alike = f", {profile.alike} alike" if profile.alike > 1 else ""
+        n = sum(1 for _ in profile.relations())
+        text = f"{profile.sweep.kind}: {what}{alike}; {count(n, 'relation holds', 'relations hold')}"
+        lines.append(f"{'profiles' if number == 0 else '':10} {text}")
     return lines
 
 

@@ -15,11 +15,15 @@ from completion.parts.dimensions.dimension import PartDimensions
 from completion.parts.dimensions.table import basis_text, preferred_text, symbol_text, value_text
 from completion.parts.flat_part import FlatPart
 from completion.parts.part import Part, kinds_text
+from completion.parts.profiles.drawing import drawn_sheet
+from completion.parts.profiles.profile import Profile
+from completion.parts.profiles.sheet_files import sheet_svg
 from completion.relations.graph import RelationGraph, shared_directions
 from completion.relations.relation import Relation, RelationKind, RelationStatus
 from nbv.report.blocks.page import Block, Cell, Gallery, Headline, Page, PageSection, Table, Text
 from nbv.report.blocks.surface_tables import FlatRow, flattening_blocks, relation_section
 from nbv.report.figures.part_drawing import PartDrawing, dimension_pictures, height_pictures, part_pictures
+from nbv.report.figures.picture import Picture
 from nbv.report.figures.plots import Plot, Theme, drawn_plot
 from nbv.report.viewer.part_view import part_view, shown_part
 from nbv.run.wording import count, percent
@@ -35,7 +39,7 @@ _REJECTED = "#c8322b"
 _RADII = "#2f8f5b"
 _FAMILIES: tuple[tuple[str, str, tuple[RelationKind, ...]], ...] = (
     ("at right angles, at an angle", "line", ("perpendicular", "angle")),
-    ("in one plane, on one axis", "accent", ("coplanar", "coaxial", "axis_in_plane")),
+    ("in one plane, on one axis, tangent", "accent", ("coplanar", "coaxial", "axis_in_plane", "tangent")),
     ("of one radius", _RADII, ("equal_radius", "equal_ring_radius")),
     ("apart, evenly spaced, images", "inferred", ("distance", "equal_distance", "regular", "symmetric")),
 )
@@ -148,9 +152,14 @@ _SHOWN_SD = 3.0  # of the ripple, at which the colours of heights end
 
 
 def part_page(
-    part: Part, title: str, flat: FlatPart | None = None, dimensions: PartDimensions | None = None
+    part: Part,
+    title: str,
+    flat: FlatPart | None = None,
+    *,
+    dimensions: PartDimensions | None = None,
+    profiles: Sequence[Profile] = (),
 ) -> Page:
-    """Return the report of one part, of the same flattened where it was, and of its dimensions."""
+    """Return the report of one part, of the same flattened where it was, of its dimensions and profiles."""
     what = "vertices" if part.faces is not None else "points"
     share = float(np.mean(part.surface > 0)) if len(part.surface) else 0.0
     graph = part.relations
@@ -178,6 +187,7 @@ def part_page(
         sections=(
             PageSection("The part by surface", _view(part)),
             *(() if dimensions is None else (PageSection("Dimensions", dimension_blocks(part, dimensions)),)),
+            *_drawing(profiles, title),
             PageSection("Surfaces", _surface_blocks(part)),
             *(() if flat is None else (PageSection("Flattened", _flat_blocks(part, flat)),)),
             *relations,
@@ -189,6 +199,21 @@ def part_page(
             *(() if dimensions is None else dimensions.doubts),
         ),
     )
+
+
+def _drawing(profiles: Sequence[Profile], title: str) -> tuple[PageSection, ...]:
+    """The drawing of what is swept; none where nothing is."""
+    if not profiles:
+        return ()
+    sheet = drawn_sheet(profiles, title)
+    picture = Picture(
+        "Drawing of the profiles",
+        "Millimetres; \u00b1: 95 % interval of the measurement. drawing.dxf holds the outlines at full size.",
+        sheet_svg(sheet, title).encode(),
+        round(4 * sheet.width_mm),
+        round(4 * sheet.height_mm),
+    )
+    return (PageSection("Drawing", (Gallery((picture,), 1),)),)
 
 
 def _drawn_relations(part: Part) -> tuple[PageSection, ...]:

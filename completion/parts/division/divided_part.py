@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: MIT
-"""A divided part as exporters and dimensions read it."""
+"""A divided part as exporters, dimensions and profiles read it."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+
 from completion.fitting.result import SurfaceFit
 from completion.relations.graph import RelationGraph
 from scenes.checks import FloatArray, IntArray
+from scenes.mesh.labelled_mesh import spread_points, triangle_areas
+
+_MOST_SAMPLES = 400_000
+_DENSER = 1.2  # samples in a square of the sampling distance
 
 
 class DividedPart(Protocol):
@@ -64,3 +70,13 @@ class RelatedPart(DividedPart, Protocol):
     @property
     def related(self) -> tuple[int, ...]:
         """Places of these surfaces."""
+
+
+def surface_points(part: DividedPart) -> tuple[FloatArray, IntArray]:
+    """Return points (k, 3) of a part, of a mesh spread evenly over its triangles, and their labels (k,)."""
+    if part.faces is None or part.triangle_surface is None or part.spacing_m <= 0:
+        return part.points, part.surface
+    corners: FloatArray = part.points[part.faces]
+    n = int(min(_DENSER * triangle_areas(corners).sum() / part.spacing_m**2, _MOST_SAMPLES))
+    points, members = spread_points(corners, max(n, 1))
+    return points, np.asarray(part.triangle_surface[members])

@@ -63,7 +63,7 @@ WIDEST_HOLE = 0.5
 
 # Tessellated models
 MODEL_PRECISIONS = 2e-6, 2e-5, 2e-4, 6e-4
-"""Of the size, that corners of a model's mesh may be off its surfaces: files round, kernels trim, remeshers drift."""
+"""Of the size, that corners of a mesh may be off its model: files round, kernels trim, meshers drift."""
 HARDLY_MORE = 2.0
 """Times the area that the loosest precision leaves unexplained, up to which a tighter one is preferred."""
 SCANNED = 0.95

@@ -14,11 +14,18 @@ from itertools import islice, pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from completion.parts.division import limits
-from completion.parts.division.growing import N_PARAMETERS, hypotheses, reachable, refine_surface, rings_around
+from completion.parts.division.growing import (
+    N_PARAMETERS,
+    hypotheses,
+    reachable,
+    refine_surface,
+    rings_around,
+)
+from completion.parts.division.patches import Patches, pairs_of, patches_of, ranges
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.surfaces.catalogue import Plane, Surface
@@ -55,45 +62,6 @@ class Tessellation:
     tolerance_m: float
 
 
-class _Patches(NamedTuple):
-    """Patches (p,) of coplanar triangles.
-
-    `of` (m,) is that of each triangle, of `areas`; `triangle` (m,) and `corner` (k,) are triangles and vertices
-    in order of their patches: of patch i from `first_triangle[i]` and `first[i]` to the next; `bends` (p, p)
-    links neighbours that turn little; `n_triangles` in each; `is_thin`: its normal says nothing; `is_inner`: it
-    has no sharp edge.
-    """
-
-    of: IntArray
-    triangle: IntArray
-    first_triangle: IntArray
-    areas: FloatArray
-    area: FloatArray
-    normal: FloatArray
-    centroid: FloatArray
-    first: IntArray
-    corner: IntArray
-    bends: csr_array
-    n_triangles: IntArray
-    is_seed: BoolArray
-    is_thin: BoolArray
-    is_inner: BoolArray
-    mesh: LabelledMesh
-    tolerance_m: float
-
-    def triangles_of(self, some: IntArray) -> IntArray:
-        """Triangles (k,) of patches, in their order."""
-        return self.triangle[_ranges(self.first_triangle, some)[0]]
-
-
-def _ranges(first: IntArray, some: IntArray) -> tuple[IntArray, IntArray]:
-    """Places (k,) from `first[i]` to `first[i + 1]` for each i of some (n,), and which (k,) of these it is."""
-    count = first[some + 1] - first[some]
-    which = np.repeat(np.arange(len(some)), count)
-    start = first[some] - np.concatenate([[0], np.cumsum(count)[:-1]])
-    return np.arange(len(which)) + start[which], which
-
-
 def divide_tessellated(mesh: LabelledMesh, tolerances_m: Sequence[float]) -> Tessellation | None:
     """Divide a mesh where the faces of its model are; None where it is no model's.
 
@@ -102,12 +70,12 @@ def divide_tessellated(mesh: LabelledMesh, tolerances_m: Sequence[float]) -> Tes
     mesh : LabelledMesh
         Metres; triangles of neighbours share their vertices.
     tolerances_m : sequence of float
-        How far vertices may be off their surface, ascending: the first is the file's precision. A larger one is
-        taken where it explains much that no smaller one does.
+        How far vertices may be off their surface, ascending: the first is the file's precision. A larger one
+        is taken where it explains much that no smaller one does.
     """
     tried = list[_Division]()
     for tolerance_m in tolerances_m:
-        tried.append(_Division(_patches_of(mesh, tolerance_m)))
+        tried.append(_Division(patches_of(mesh, tolerance_m)))
         tried[-1].grow(_TRIED)
         if tried[-1].failed <= limits.FREE_FORM or tried[0].failed >= limits.SCANNED:
             break
@@ -123,7 +91,7 @@ class _Division:
     `face` (p,) is that of each patch in `surfaces`, -1 for none.
     """
 
-    def __init__(self, patches: _Patches) -> None:
+    def __init__(self, patches: Patches) -> None:
         self.patches, self.surfaces = patches, list[Surface]()
         self.face: IntArray = np.full(len(patches.area), -1, dtype=np.int64)
         is_seed = patches.is_seed & (np.diff(patches.bends.indptr) > 0)
@@ -179,11 +147,10 @@ class _Division:
         free_form = float(patches.area[face < 0].sum() / patches.area.sum())
         return Tessellation(face[patches.of] + 1, tuple(surfaces), free_form, patches.tolerance_m)
 
-
     def _join_lone(self) -> None:
-        """Give single triangles the surface beside them that has all their corners: coarse ones may be steep."""
+        """Give single triangles the surface beside them that has all their corners: they may be steep."""
         patches, face = self.patches, self.face
-        a, b, _ = _pairs(patches.mesh)
+        a, b, _ = pairs_of(patches.mesh)
         for one, two in (patches.of[[a, b]], patches.of[[b, a]]):
             lone = (face[one] < 0) & (patches.n_triangles[one] == 1) & (face[two] >= 0)
             for patch, number in zip(one[lone], face[two[lone]], strict=True):
@@ -194,7 +161,7 @@ class _Division:
                     face[patch] = number
 
 
-def _join_slivers(patches: _Patches, face: IntArray) -> None:
+def _join_slivers(patches: Patches, face: IntArray) -> None:
     """Give patches without a normal the face (p,) of the largest neighbour that has one, in place."""
     first, other = np.repeat(np.arange(len(face)), np.diff(patches.bends.indptr)), patches.bends.indices
     order = np.lexsort((patches.area[other], first))
@@ -206,7 +173,7 @@ def _join_slivers(patches: _Patches, face: IntArray) -> None:
         face[first[joins]] = face[other[joins]]  # the largest is the last
 
 
-def _chains(patches: _Patches, left: BoolArray) -> IntArray:
+def _chains(patches: Patches, left: BoolArray) -> IntArray:
     """A number (p,) equal for patches left that bend on from one to the next, and are about as large."""
     first, other = np.repeat(np.arange(len(left)), np.diff(patches.bends.indptr)), patches.bends.indices
     size = np.log(np.maximum(patches.area, 1e-300))
@@ -215,99 +182,14 @@ def _chains(patches: _Patches, left: BoolArray) -> IntArray:
     return np.asarray(connected_components(chain, directed=False)[1], dtype=np.int64)
 
 
-def _is_free_form(patches: _Patches, face: IntArray) -> BoolArray:
+def _is_free_form(patches: Patches, face: IntArray) -> BoolArray:
     """Which patches (p,) are on no surface, and one of a few alike that bend on."""
     left = (face < 0) & (patches.area > 0)
     chain = _chains(patches, left)
     return np.asarray((left & (np.bincount(chain)[chain] >= limits.CHAIN)) | ((face < 0) & ~left))
 
 
-def _patches_of(mesh: LabelledMesh, tolerance_m: float) -> _Patches:
-    """Triangles joined where they lie in one plane."""
-    n, areas, normals = len(mesh.faces), mesh.face_areas(), mesh.face_normals()
-    a, b, over = _pairs(mesh)
-    large, small = np.where(areas[a] >= areas[b], a, b), np.where(areas[a] >= areas[b], b, a)
-    other = np.where(areas[a] >= areas[b], over[:, 1], over[:, 0])
-    height = np.einsum("ij,ij->i", mesh.vertices[other] - mesh.vertices[mesh.faces[large, 0]], normals[large])
-    is_flat = np.abs(height) <= tolerance_m
-    same = np.einsum("ij,ij->i", normals[a], normals[b])
-    is_thin = 2 * areas <= limits.THIN * tolerance_m * _longest(mesh)
-    wide = 2 * areas / np.maximum(_longest(mesh), 1e-300)
-    unsure = limits.EXACTLY_FLAT + limits.ROUNDED * tolerance_m / np.maximum(wide[small], 1e-300)
-    is_flat &= (np.arccos(np.clip(same, -1, 1)) <= unsure) & ~is_thin[small]
-    graph = coo_array((np.ones(is_flat.sum()), (a[is_flat], b[is_flat])), shape=(n, n))
-    of = connected_components(graph, directed=False)[1].astype(np.int64)
-    p = int(of.max()) + 1
-    area: FloatArray = np.bincount(of, areas, minlength=p).astype(np.float64)
-    normal: FloatArray = np.column_stack([np.bincount(of, areas * way, minlength=p) for way in normals.T])
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    middle = mesh.corners.mean(axis=1)
-    centroid: FloatArray = np.column_stack([np.bincount(of, areas * one, minlength=p) for one in middle.T])
-    centroid = centroid / np.maximum(area[:, None], 1e-300)
-    pairs = _outline_corners(mesh, of, tolerance_m)
-    first = np.searchsorted(pairs[:, 0], np.arange(p + 1))
-    i, j = of[a], of[b]
-    apart = i != j
-    i, j = i[apart], j[apart]
-    turn = np.arccos(np.clip(np.einsum("ij,ij->i", normal[i], normal[j]), -1, 1))
-    inner = np.ones(p, np.bool_)
-    inner[np.concatenate([i[turn >= limits.FACET_TURN], j[turn >= limits.FACET_TURN]])] = False
-    thin = np.ones(p, np.bool_)
-    np.logical_and.at(thin, of, is_thin)
-    bent = (turn < limits.FACET_TURN) | thin[i] | thin[j]
-    both = np.concatenate([i[bent], j[bent]]), np.concatenate([j[bent], i[bent]])
-    bends = csr_array((np.ones(len(both[0])), both), shape=(p, p))
-    count = np.bincount(of, minlength=p)
-    is_seed = (area > 0) & ~thin
-    order = np.argsort(of, kind="stable")
-    first_triangle = np.concatenate([[0], np.cumsum(count)])
-    return _Patches(
-        of, order, first_triangle, areas, area, normal, centroid, first=first, corner=pairs[:, 1], bends=bends, n_triangles=count,
-        is_seed=is_seed, is_thin=thin, is_inner=inner, mesh=mesh, tolerance_m=tolerance_m,
-    )  # fmt: skip
-
-
-def _outline_corners(mesh: LabelledMesh, of: IntArray, tolerance_m: float) -> IntArray:
-    """Patch and vertex (k, 2), ascending, where outlines of patches turn: not within a side, nor inside."""
-    faces, n = mesh.faces.astype(np.int64), len(mesh.vertices)
-    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    patch = np.repeat(of, 3)
-    key = (patch * n + np.minimum(start, end)) * n + np.maximum(start, end)
-    _, place, count = np.unique(key, return_inverse=True, return_counts=True)
-    outer = count[place.reshape(-1)] == 1
-    start, end, patch = start[outer], end[outer], patch[outer]
-    at = np.concatenate([patch * n + start, patch * n + end])
-    other = np.concatenate([end, start])
-    order = np.argsort(at, kind="stable")
-    at, other = at[order], other[order]
-    known, first, count = np.unique(at, return_index=True, return_counts=True)
-    vertex = known % n
-    last = np.minimum(first + 1, len(other) - 1)
-    sides = [mesh.vertices[other[place]] - mesh.vertices[vertex] for place in (first, last)]
-    across = np.linalg.norm(np.cross(*sides), axis=1)
-    chord = np.linalg.norm(sides[0] - sides[1], axis=1)
-    is_straight = (count == 2) & (across <= tolerance_m * chord)
-    is_straight &= np.einsum("ij,ij->i", *sides) < 0
-    return np.asarray(np.column_stack([known // n, vertex])[~is_straight])
-
-
-def _longest(mesh: LabelledMesh) -> FloatArray:
-    """Longest edge (m,) of each triangle."""
-    return np.asarray(np.linalg.norm(mesh.corners - np.roll(mesh.corners, 1, axis=1), axis=2).max(axis=1))
-
-
-def _pairs(mesh: LabelledMesh) -> tuple[IntArray, IntArray, IntArray]:
-    """Triangles (e,), (e,) beside edges, and the corner (e, 2) of each that is not on it."""
-    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
-    triangle, opposite = np.repeat(np.arange(len(mesh.faces)), 3), mesh.faces[:, [2, 0, 1]].ravel()
-    order = np.lexsort((edges[:, 1], edges[:, 0]))
-    edges, triangle, opposite = edges[order], triangle[order], opposite[order]
-    start = np.flatnonzero(np.concatenate([[True], (edges[1:] != edges[:-1]).any(axis=1)]))
-    twice = start[np.diff(np.append(start, len(edges))) == 2]
-    return triangle[twice], triangle[twice + 1], np.column_stack([opposite[twice], opposite[twice + 1]])
-
-
-def _absorbed(patches: _Patches, surfaces: Sequence[Surface], face: IntArray) -> list[Surface]:
+def _absorbed(patches: Patches, surfaces: Sequence[Surface], face: IntArray) -> list[Surface]:
     """Give what lies on a larger surface beside it to that, in `face` (p,); return the surfaces that stay."""
     area = np.array([patches.area[face == k].sum() for k in range(len(surfaces))])
     for k in np.argsort(-area, kind="stable"):
@@ -328,7 +210,7 @@ def _absorbed(patches: _Patches, surfaces: Sequence[Surface], face: IntArray) ->
     return [surfaces[k] for k in left]
 
 
-def _depths(patches: _Patches) -> IntArray:
+def _depths(patches: Patches) -> IntArray:
     """Steps (p,) from each patch to where its surface may end: sharp edges, patches of another size."""
     size = np.log(np.maximum(patches.area, 1e-300))
     first, other = np.repeat(np.arange(len(size)), np.diff(patches.bends.indptr)), patches.bends.indices
@@ -341,7 +223,7 @@ def _depths(patches: _Patches) -> IntArray:
     return np.asarray(depth)
 
 
-def _grown_from(patches: _Patches, seed: int, free: BoolArray) -> _Grown | None:
+def _grown_from(patches: Patches, seed: int, free: BoolArray) -> _Grown | None:
     """The surface that holds most around a patch, and its patches (k,)."""
     best: _Grown | None = None
     rings = _rings(patches, seed, free)
@@ -360,14 +242,14 @@ def _grown_from(patches: _Patches, seed: int, free: BoolArray) -> _Grown | None:
     return best
 
 
-def _around(patches: _Patches, some: IntArray, free: BoolArray, seed: int) -> IntArray:
+def _around(patches: Patches, some: IntArray, free: BoolArray, seed: int) -> IntArray:
     """Some patches and their free neighbours that are about as large as the seed."""
     every = np.unique(np.concatenate([some, patches.bends[some].indices]))
     alike = np.abs(np.log(np.maximum(patches.area[every], 1e-300) / patches.area[seed])) < limits.FACET_SIZES
     return np.asarray(every[free[every] & alike])
 
 
-def _starts(patches: _Patches, ring: IntArray, kind: str) -> list[Surface]:
+def _starts(patches: Patches, ring: IntArray, kind: str) -> list[Surface]:
     """Surfaces of a kind near patches: through their middles, and through their corners."""
     found = hypotheses(kind, patches.centroid[ring], patches.normal[ring])
     return found + hypotheses(kind, *_corners_of(patches, ring))
@@ -381,7 +263,7 @@ class _Grown(NamedTuple):
     area: float
     sag: float
 
-    def is_whole(self, patches: _Patches) -> bool:
+    def is_whole(self, patches: Patches) -> bool:
         """Whether nothing beside it goes on as it does."""
         inside = np.zeros(len(patches.area), np.bool_)
         inside[self.members] = True
@@ -401,7 +283,7 @@ class _Grown(NamedTuple):
         return is_simpler or self.sag < 0.8 * other.sag
 
 
-def _rings(patches: _Patches, seed: int, free: BoolArray) -> list[IntArray]:
+def _rings(patches: Patches, seed: int, free: BoolArray) -> list[IntArray]:
     """Patches around a seed, to start from: its neighbours, and theirs.
 
     Of a chord of several triangles its neighbours are enough, two of them where others are of another
@@ -423,14 +305,14 @@ def _rings(patches: _Patches, seed: int, free: BoolArray) -> list[IntArray]:
     return [ring for ring in rings if len(ring) >= 3]
 
 
-def _corners_of(patches: _Patches, some: IntArray) -> tuple[FloatArray, FloatArray]:
+def _corners_of(patches: Patches, some: IntArray) -> tuple[FloatArray, FloatArray]:
     """Corners (k, 3) of patches, each with its patch's normal (k, 3)."""
-    place, which = _ranges(patches.first, some)
+    place, which = ranges(patches.first, some)
     return patches.mesh.vertices[patches.corner[place]], patches.normal[some[which]]
 
 
 def _grow(
-    patches: _Patches,
+    patches: Patches,
     seed: int,
     ring: IntArray,
     surface: Surface,
@@ -481,7 +363,7 @@ def _grow(
     return _Grown(surface, kept, float(patches.area[kept].sum()), float(area @ sags / area.sum()))
 
 
-def _chords(patches: _Patches, surface: Surface, some: IntArray, members: IntArray) -> BoolArray:
+def _chords(patches: Patches, surface: Surface, some: IntArray, members: IntArray) -> BoolArray:
     """Which of some patches (k,) lie as near to a surface between their corners as its members do: (p,)."""
     triangles = patches.triangles_of(np.union1d(some, members))
     sag, turn = np.zeros(len(patches.area)), np.zeros(len(patches.area))
@@ -512,7 +394,7 @@ def _sags(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArr
 
 
 def _held(
-    patches: _Patches,
+    patches: Patches,
     surface: Surface,
     free: BoolArray,
     begin: IntArray,
@@ -526,7 +408,7 @@ def _held(
     while True:
         fresh = rings_around(first, beside, free & ~is_known, fresh, n_rings)
         is_known[fresh] = True
-        place, which = _ranges(patches.first, fresh)
+        place, which = ranges(patches.first, fresh)
         off = np.abs(surface.distance(patches.mesh.vertices[patches.corner[place]])) > patches.tolerance_m
         n_off = np.bincount(which[off], minlength=len(fresh))
         ahead = np.abs(np.einsum("ij,ij->i", surface.normal(patches.centroid[fresh]), patches.normal[fresh]))

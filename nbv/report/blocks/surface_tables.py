@@ -43,6 +43,7 @@ _WORDS = {
     "equal_ring_radius": "rings of one radius",
     "half_angle": "of half angle {value:g}\u00b0",
     "axis_in_plane": "plane and axis in it",
+    "tangent": "tangent",
     "vertical": "vertical",
     "horizontal": "horizontal",
     "symmetric": "mirror images",

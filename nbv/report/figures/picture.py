@@ -32,7 +32,7 @@ _PNG_LEVEL = 4  # of zlib: 6 takes two thirds more time for four percent less
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture of the page, PNG, `width` x `height` pixels.
+    """A picture of the page, PNG or SVG, `width` x `height` pixels.
 
     The title stands in for it where it cannot be seen; `dark_png` is empty when one serves both themes.
     """
@@ -110,8 +110,9 @@ def height_colours(heights: FloatArray, most_m: float) -> FloatArray:
     return colours
 
 
-def _data_uri(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+def _data_uri(data: bytes) -> str:
+    kind = "svg+xml" if data.startswith(b"<?xml") else "png"
+    return f"data:image/{kind};base64," + base64.b64encode(data).decode("ascii")
 
 
 ASIDE_DEG = (

@@ -65,6 +65,9 @@ CASES = [
     (Relation(kind="axis_in_plane", surfaces=(0, 1)), [UPRIGHT, RING]),
     (Relation(kind="distance", surfaces=(0, 1), value=0.4), [PIPE, RING]),
     (Relation(kind="axis_in_plane", surfaces=(0, 1)), [PLANE, LYING]),
+    (Relation(kind="tangent", surfaces=(0, 1)), [PLANE, LYING]),
+    (Relation(kind="tangent", surfaces=(0, 1)), [PIPE, TUBE]),
+    (Relation(kind="tangent", surfaces=(1, 0)), [PEG, PIN]),
     (Relation(kind="vertical", surfaces=(0,)), [UPRIGHT]),
     (Relation(kind="vertical", surfaces=(0,)), [PIPE]),
     (Relation(kind="horizontal", surfaces=(0,)), [OTHER]),
@@ -130,7 +133,8 @@ def test_what_holds_is_zero():
     balls = [Sphere((side, 0.3, 1), 0.2) for side in (-1, 1)]
     legs[0] = Cylinder((-1, 0.5, 1), unit(0.3, -0.2, -1), 0.2)
     surfaces = [flat, above, pipe, cone, lying, ball, ring, hoop, third, fourth, *row]
-    surfaces += [*slopes, *legs, *balls]
+    surfaces += [*slopes, *legs, *balls, Plane((9, -0.5, 4), (0, 1, 0))]
+    surfaces += [Cylinder((x, 0, x), (0, 0, 1), r) for x, r in ((0.0, 0.5), (0.8, 0.3), (0.7, 0.4))]
     at = placed(surfaces, [np.zeros(size(surface)) for surface in surfaces])
     frame = RelationFrame(at, np.array([0, 0, 1.0]))
     for kind, numbers, value in [
@@ -151,6 +155,9 @@ def test_what_holds_is_zero():
         ("equal_radius", (2, 6), None),
         ("radius", (6,), 0.5),
         ("equal_ring_radius", (6, 7), None),
+        ("tangent", (20, 21), None),
+        ("tangent", (21, 22), None),
+        ("tangent", (22, 23), None),
         ("horizontal", (1,), None),
         ("vertical", (3,), None),
         ("horizontal", (4,), None),
@@ -180,6 +187,7 @@ def test_what_surfaces_cannot_have_is_refused():
         ("equal_ring_radius", (1, 3), None, "only tori have a ring"),
         ("angle", (0, 1), 0.0, "an angle of 0 deg is the relation parallel"),
         ("coplanar", (0, 1), None, "coplanar relates two planes"),
+        ("tangent", (0, 3), None, "tangent relates a plane and a cylinder, or two cylinders"),
         ("coaxial", (0, 1), None, "coaxial relates two axes"),
         ("axis_in_plane", (1, 0), None, "axis in plane relates a plane and then an axis"),
         ("regular", (0, 1, 3), None, "regular relates planes, or axes, not both"),

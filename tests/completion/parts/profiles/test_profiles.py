@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: MIT
+"""Profiles: what a sweep makes of faces, curves divided anew, a plate and a shaft, their drawing."""
+
+from __future__ import annotations
+
+import io
+
+import ezdxf
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from benchmarks.cases.profiles import SweptCase, TrueLoop, TrueSegment, ring_of, sampled
+from completion.fitting.result import SurfaceFit
+from completion.parts.part import Part
+from completion.parts.pipeline import model_part
+from completion.parts.profiles.drawing import drawn_sheet, scale_text, value_text
+from completion.parts.profiles.measures import leaders_of, ordinates_of
+from completion.parts.profiles.partition import curves_of, partition
+from completion.parts.profiles.pipeline import profiles_of
+from completion.parts.profiles.profile import Profile, profile_record
+from completion.parts.profiles.sheet_files import sheet_dxf, sheet_svg
+from completion.parts.profiles.sweep import Sweep
+from scenes.pose import Pose
+from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
+
+POSE = Pose.from_parts(Rotation.from_euler("xyz", (0.4, -0.7, 1.1)).as_matrix(), np.array([0.1, -0.2, 0.3]))
+SIGMA_MM = 0.02
+
+
+def plate() -> SweptCase:
+    """60 x 40 x 15 mm with two round corners, a hole and a blind slot."""
+    corners = np.array([(0, 0), (60, 0), (60, 40), (0, 40)], dtype=float)
+    ring = ring_of(corners, [("sharp", 0), ("round", 8), ("round", 8), ("sharp", 0)])
+    hole = TrueSegment(np.array([24.0, 28]), np.array([24.0, 28]), np.array([20.0, 28]), 4.0, 2 * np.pi)
+    slot = [
+        TrueSegment(np.array([20.0, 7]), np.array([40.0, 7])),
+        TrueSegment(np.array([40.0, 7]), np.array([40.0, 17]), np.array([40.0, 12]), 5.0, np.pi),
+        TrueSegment(np.array([40.0, 17]), np.array([20.0, 17])),
+        TrueSegment(np.array([20.0, 17]), np.array([20.0, 7]), np.array([20.0, 12]), 5.0, np.pi),
+    ]
+    loops = (
+        TrueLoop(tuple(ring), "outer", 0, 15),
+        TrueLoop((hole,), "hole", 0, 15),
+        TrueLoop(tuple(slot), "slot", 6, 15),
+    )
+    return SweptCase("extruded", loops, (), POSE)
+
+
+def shaft() -> SweptCase:
+    """Two steps with a fillet and a taper, solid."""
+    corners = np.array([(0, 0), (0, 12), (20, 12), (20, 24), (45, 18), (45, 0)], dtype=float)[::-1]
+    ring = ring_of(
+        corners, [("sharp", 0), ("sharp", 0), ("sharp", 0), ("round", 5), ("sharp", 0), ("sharp", 0)]
+    )
+    faces = tuple(one for one in ring if max(one.start[1], one.end[1]) > 0)
+    return SweptCase("revolved", (TrueLoop(faces, "turned"),), (), POSE)
+
+
+def part_of(case: SweptCase, heights: tuple[float, ...] = ()) -> Part:
+    """The part of a case, its points labelled by the face they are nearest to."""
+    points = sampled(case, SIGMA_MM, 1)[::3]
+    local = case.world.inverse().apply(points) * 1e3
+    flat = local[:, :2] if case.kind == "extruded" else np.column_stack([local[:, 0], np.hypot(*local.T[1:])])
+    off = [cKDTree(one.places(np.linspace(0, 1, 300))).query(flat)[0] for one in case.segments]
+    off += [np.where(np.abs(local[:, 2] - height) < 0.1, 0.0, 9.0) for height in heights]
+    return model_part(points, np.argmin(off, axis=0) + 1, relations=None)
+
+
+@pytest.fixture(scope="module")
+def plates() -> tuple[Profile, ...]:
+    """The profiles of the plate."""
+    return profiles_of(part_of(plate(), (0.0, 6.0, 15.0)))
+
+
+@pytest.mark.parametrize(
+    ("surface", "free"),
+    [
+        (Plane((0.02, 0.03, 0.01), (1, 0, 0)), 0),
+        (Cylinder((0.01, 0, 0), (1, 0, 0), 0.02), 4),
+        (Cone((0.03, 0, 0), (-1, 0, 0), 0.02, 0.3), 5),
+        (Torus((0.02, 0, 0), (1, 0, 0), 0.03, 0.005), 6),
+        (Sphere((0.02, 0, 0), 0.01), 3),
+    ],
+)
+def test_surfaces_of_revolution_are_lines_and_arcs_with_their_deviation(surface, free):
+    axis = SurfaceFit(Cylinder((0, 0, 0), (1, 0, 0), 1.0), 0.0, np.diag([1e-12, 1e-12, 1e-10, 1e-10, 0]), 9)
+    sweep = Sweep("revolved", Pose.identity(), axis)
+    n = {Plane: 3, Sphere: 4, Cylinder: 5, Cone: 6, Torus: 7}[type(surface)]
+    covariance = np.diag(np.full(n, 1e-12))
+    covariance[free, free] = 1e-8
+    wall = sweep.wall(SurfaceFit(surface, 1e-5, covariance, 100))
+    grid = surface.from_uv(np.column_stack([np.linspace(-0.004, 0.004, 9), np.linspace(-0.003, 0.003, 9)]))
+    flat = sweep.flatten(grid)
+    np.testing.assert_allclose(wall.surface.distance(flat * [1, 1, 0]), 0, atol=1e-12)
+    assert np.sqrt(np.diag(wall.covariance).max()) == pytest.approx(
+        1e-4 * (np.cos(0.3) if free == 4 and n == 6 else 1), rel=0.01
+    )
+
+
+def test_what_is_not_swept_is_no_wall():
+    axis = SurfaceFit(Cylinder((0, 0, 0), (0, 0, 1), 1.0), 0.0, np.zeros((5, 5)), 9)
+    sweep = Sweep("extruded", Pose.identity(), axis)
+    exact = 1e-12 * np.eye(3)
+    assert sweep.wall(SurfaceFit(Plane((0, 0, 0), (1, 0, 0.01)), 0.0, exact, 9)) is None
+    assert sweep.wall(SurfaceFit(Sphere((0, 0, 0), 1.0), 0.0, 1e-12 * np.eye(4), 9)) is None
+    assert sweep.cap(SurfaceFit(Plane((0, 0, 0.2), (0, 0, -1)), 0.0, exact, 9)) == pytest.approx(
+        (0.2, 1e-6), rel=1e-3
+    )
+
+
+def test_a_curve_is_divided_into_its_lines_and_arcs():
+    rng = np.random.default_rng(3)
+    outer = plate().loops[0]
+    places = np.concatenate([one.places(rng.random(int(60 * one.length))) for one in outer.segments])
+    places = 1e-3 * (places + 0.1 * rng.normal(size=places.shape))
+    ((curve, along),) = curves_of(places, rng.random(len(places)), 8e-4)
+    chain, walls = partition(curve, along, 1e-4, 8e-4)
+    assert chain.is_ring
+    assert sorted(wall.surface.kind for wall in walls) == ["cylinder"] * 2 + ["plane"] * 4
+    radii = [1e3 * wall.surface.radius for wall in walls if isinstance(wall.surface, Cylinder)]
+    np.testing.assert_allclose(radii, 8.0, atol=0.1)
+
+
+def test_a_plate_has_its_loops_heights_and_relations(plates):
+    (profile,) = plates
+    assert [(loop.kind, len(loop.segments), loop.is_through) for loop in profile.loops] == [
+        ("outer", 6, False), ("slot", 4, False), ("hole", 1, True),
+    ]  # fmt: skip
+    outer, slot, _ = profile.loops
+    assert 1e3 * (outer.high_m - outer.low_m) == pytest.approx(15, abs=0.01)
+    assert 1e3 * (slot.high_m - slot.low_m) == pytest.approx(9, abs=0.01)
+    assert outer.polygon.area * 1e6 == pytest.approx(plate().loops[0].polygon.area, rel=2e-3)
+    kinds = [relation.kind for relation in profile.relations()]
+    assert kinds.count("tangent") >= 7
+    assert kinds.count("equal_radius") == 2
+    assert kinds.count("perpendicular") == 1
+    widths = [measure.value for axis in (0, 1) for measure in ordinates_of(profile, axis)]
+    halves = [measure.half for axis in (0, 1) for measure in ordinates_of(profile, axis)]
+    assert max(widths) == pytest.approx(60, abs=2 * max(halves))
+    assert sorted({round(one.value) for one in leaders_of(profile) if one.sign == "R"}) == [5, 8]
+    assert profile_record(profile)["free"] == profile.free
+
+
+def test_a_shaft_has_a_section_from_axis_to_axis():
+    profile = profiles_of(part_of(shaft()))[0]
+    (loop,) = profile.loops
+    assert (loop.kind, [segment.wall for segment in loop.segments].count(-1)) == ("turned", 1)
+    assert sorted("A" if one.centre is not None else "L" for one in loop.segments if one.wall >= 0) == list(
+        "ALLLLL"
+    )
+    (angle,) = [one for one in leaders_of(profile) if one.sign == "\u00b0"]
+    assert angle.value == pytest.approx(np.degrees(np.arctan2(6, 25)), abs=2 * angle.half)
+    diameters = [measure.value for measure in ordinates_of(profile, 1)]
+    assert min(abs(value - 24) for value in diameters) < 0.02
+
+
+def test_the_drawing_is_the_same_twice_and_cutters_read_its_outlines(plates):
+    sheet = drawn_sheet(plates, "plate")
+    assert sheet_svg(sheet, "plate") == sheet_svg(drawn_sheet(plates, "plate"), "plate")
+    data = sheet_dxf(sheet)
+    assert data == sheet_dxf(sheet)
+    document = ezdxf.read(io.StringIO(data.decode()))
+    space = document.modelspace()
+    outlines = space.query('LWPOLYLINE[layer=="OUTLINE" | layer=="CUT"]')
+    assert [one.closed for one in outlines] == [True, True]
+    (circle,) = space.query("CIRCLE")
+    assert circle.dxf.radius == pytest.approx(4.0, abs=0.02)
+    assert (document.units, scale_text(sheet.scale)) == (4, "2 : 1")
+
+
+@pytest.mark.parametrize(
+    ("half", "text"),
+    [(np.nan, "1.23"), (1e-9, "1.235"), (0.0011, "1.235 \u00b10.002"), (0.4, "1.2 \u00b10.4")],
+)
+def test_values_have_the_digits_that_their_interval_leaves(half, text):
+    assert value_text(1.2346, half) == text
