@@ -16,11 +16,12 @@ import shapely
 from scipy.spatial import cKDTree
 
 from completion.fitting.result import SurfaceFit
+from completion.parts.division.divided_part import RelatedPart
 from completion.parts.profiles import limits
 from completion.parts.profiles.chain import Chain, Piece, Segment, chains_of, pieces_of
 from completion.parts.profiles.partition import curves_of, partition
 from completion.parts.profiles.profile import Loop, LoopKind
-from completion.parts.profiles.sweep import RelatedPart, Sweep
+from completion.parts.profiles.sweep import Sweep
 from completion.relations.graph import is_settled
 from scenes.checks import FloatArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface

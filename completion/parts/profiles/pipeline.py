@@ -10,12 +10,13 @@ from itertools import combinations
 import numpy as np
 
 from completion.fitting.result import SurfaceFit
+from completion.parts.division.divided_part import RelatedPart, surface_points
 from completion.parts.profiles import limits
 from completion.parts.profiles.chain import Chain, Segment, turn_between
 from completion.parts.profiles.outline import Outline, loops_of, outline_of
 from completion.parts.profiles.profile import Loop, Profile
 from completion.parts.profiles.refit import refitted, without_breaks
-from completion.parts.profiles.sweep import RelatedPart, Sweep, axes_of, directions_of, surface_points
+from completion.parts.profiles.sweep import Sweep, axes_of, directions_of
 from completion.relations.graph import RelationGraph, is_settled
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import infer
