@@ -106,7 +106,8 @@ def model_meshes(
 ) -> Iterator[str]:
     """Meshes of CAD models: faces found once and of their kind, and with --step their solids.
 
-    --file: formats. --only: tuning (five parts that were looked at) or held-out (ten of other kinds, dimensions by --seed).
+    --only: tuning (five parts that were looked at) or held-out (ten of other kinds, dimensions by --seed);
+    --file: format.
     """
     names = [*(TUNING if only != "held-out" else ()), *(HELD_OUT if only != "tuning" else ())]
     cases = [
@@ -145,9 +146,7 @@ def _sentence(scores: list[ModelScore], *, with_step: bool) -> str:
     right = sum(score.n_right for score in scores)
     whole = sum(score.n_right == score.n_faces and not score.n_more for score in scores)
     solids = [abs(score.volume) for score in scores if score.volume is not None]
-    told = (
-        f"; {len(solids)} solids, volumes off by {max(solids, default=0.0):.3%} at most" if with_step else ""
-    )
+    off = f"; {len(solids)} solids, volumes off by {max(solids, default=0.0):.3%} at most"
     return (
         f"{whole} of {len(scores)} files right, {right} of {faces} faces ({right / faces:.1%}), "
         f"{sum(score.n_more for score in scores)} too many, "
