@@ -4,17 +4,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import Protocol
 
 import numpy as np
 
 from completion.export.step.pipeline import StepModel, step_of
-from completion.export.step.regions import FittedRegion, PartRegions, part_regions
+from completion.export.step.regions import FittedRegion, PartRegions, RegionMesh, part_regions
 from completion.fitting.result import SurfaceFit
 from scenes.checks import FloatArray, IntArray
 
 _MOST_SAMPLES = 400_000
 _DENSER = 1.2  # samples in a square of the sampling distance
+_MOST_SLIVERS, _FLAT = 5, 1e-6  # rounds of giving them to neighbours; of its length, that one is high
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
 
 
@@ -50,6 +52,10 @@ class DividedPart(Protocol):
         """Labels (m,) of these."""
 
     @property
+    def is_model(self) -> bool:
+        """Whether the mesh is a tessellated model."""
+
+    @property
     def noise_m(self) -> float:
         """Deviation of the points, metres."""
 
@@ -77,12 +83,40 @@ def regions_of(part: DividedPart) -> PartRegions:
         label = part.triangle_surface[members]
     place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
     place[list(part.labels)] = np.arange(len(part.labels))
-    region = np.where(label > 0, place[np.maximum(label, 0)], -1)
+    region = place[np.maximum(label, 0)]
     regions = [
         FittedRegion(number, fit.surface, _deviation(fit, points[region == k]), group)
         for k, (number, fit, group) in enumerate(zip(part.labels, part.fits, part.groups, strict=True))
     ]
-    return part_regions(regions, points, region, spacing_m=part.spacing_m, noise_m=part.noise_m)
+    mesh = None
+    if part.is_model and part.faces is not None and part.triangle_surface is not None:
+        mesh = _region_mesh(part.points, part.faces, place[part.triangle_surface])
+    return part_regions(regions, points, region, spacing_m=part.spacing_m, noise_m=part.noise_m, mesh=mesh)
+
+
+def _region_mesh(points: FloatArray, faces: IntArray, region: IntArray) -> RegionMesh | None:
+    """A model's triangles with vertices that neighbours share; None where some are on no surface.
+
+    Triangles without area are of the region beside their longest edge.
+    """
+    vertices, number = np.unique(points, axis=0, return_inverse=True)
+    corners = number.reshape(-1)[faces].astype(np.int64)
+    kept = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+    corners, region = corners[kept], region[kept]
+    for _ in range(_MOST_SLIVERS):
+        lost = np.flatnonzero(region < 0)
+        if not len(lost):
+            return RegionMesh(vertices, corners, region)
+        sides = np.linalg.norm(vertices[corners[lost]] - vertices[np.roll(corners[lost], -1, axis=1)], axis=2)
+        longest = sides.argmax(axis=1)
+        if (sides.sum(axis=1) > 2 * sides.max(axis=1) * (1 + _FLAT)).any():
+            return None
+        beside = {frozenset(pair): k for k, row in enumerate(corners.tolist()) for pair in combinations(row, 2)
+                  if region[k] >= 0}  # fmt: skip
+        for k, one in zip(lost.tolist(), longest.tolist(), strict=True):
+            other = beside.get(frozenset((int(corners[k, one]), int(corners[k, (one + 1) % 3]))))
+            region[k] = region[k] if other is None else region[other]
+    return None
 
 
 def _deviation(fit: SurfaceFit, points: FloatArray) -> float:

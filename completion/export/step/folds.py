@@ -281,7 +281,7 @@ class FoldFinder:
     def curves_between(self, pair: tuple[int, int], contacts: FloatArray) -> list[ContactCurve]:
         """The curves of a pair that contacts (n, 3) are near."""
         folds, left = list[ContactCurve](), contacts
-        for geometry in self._conics(pair):
+        for geometry in self.conics(pair):
             if len(left) < 2:
                 break
             curve = self._trim_curve(pair, geometry, left, is_tangent=False)
@@ -313,7 +313,7 @@ class FoldFinder:
         reach = limits.CONTACT_REACH if same or curve.is_tangent else limits.TOUCH_REACH
         return np.asarray(left[curve.tree.query(left)[0] >= reach * self.spacing])
 
-    def _conics(self, pair: tuple[int, int]) -> Iterator[Any]:
+    def conics(self, pair: tuple[int, int]) -> Iterator[Any]:
         """Lines and conics in which the kernel says that two surfaces cross."""
         geom = kernel().Geom
         kinds = {self.surfaces[number].kind for number in pair}
@@ -406,13 +406,13 @@ class FoldFinder:
         plain = line_through(path.points, exact) or circle_through(path.points, exact)
         if plain is not None:
             return self._trim_curve(pair, plain, contacts, is_tangent=touching)
-        geometry = self._spline(pair, path, touching=touching)
+        geometry = self.spline(pair, path, touching=touching)
         if geometry is None:
             return None
         span = (geometry.FirstParameter(), geometry.LastParameter())
         return tabulate(pair, geometry, span, self.spacing, is_closed=path.is_closed, is_tangent=touching)
 
-    def _spline(self, pair: tuple[int, int], path: CurvePath, *, touching: bool) -> Any | None:
+    def spline(self, pair: tuple[int, int], path: CurvePath, *, touching: bool) -> Any | None:
         """The spline through a path, made finer until it lies on both surfaces."""
         surface, two = (self.surfaces[place] for place in pair)
         points = path.points

@@ -10,13 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from completion.export.step.boundaries import OpenEnds, Seams
-from completion.export.step.faces import EdgeMaker, FaceMaker, is_valid, volume_of
+from completion.export.step.chains import RegionOutlines, directed_edges, outlines_of
+from completion.export.step.faces import EdgeMaker, FaceMaker, RegionFaces, is_valid, volume_of
 from completion.export.step.folds import FoldFinder
 from completion.export.step.kernel import NamedFace, kernel, kernel_errors, kernel_surface, step_bytes
 from completion.export.step.limits import MEASURED, SEWING_REACH, SMALL_SHARE
 from completion.export.step.pieces import RegionPoints, choose_pieces, corners_of, loops_of, pieces_of
 from completion.export.step.regions import MM, PartRegions, drop_regions, in_millimetres, join_regions
-from scenes.checks import InputError
+from scenes.checks import FloatArray, InputError
 from scenes.scan.colour import surface_bytes
 
 
@@ -299,12 +300,61 @@ def _attempt(parts: PartRegions) -> _Attempt:
     # 1. Regions: all in millimetres from here on.
     surfaces = [in_millimetres(region.surface) for region in parts.regions]
     points = [parts.points[parts.region == k] * MM for k in range(len(surfaces))]
-    spacing, contacts = parts.spacing_m * MM, parts.contacts * MM
+    spacing = parts.spacing_m * MM
 
-    # 2. Folds: the curves in which neighbours cross, or touch where they are tangent.
+    # 2.-5. Curves of folds, their pieces between corners, and the loops of these around regions.
     finder = FoldFinder(
         surfaces, [kernel_surface(surface) for surface in surfaces], spacing, parts.noise_m * MM
     )
+    edges = None if parts.mesh is None else directed_edges(parts.mesh)
+    if parts.mesh is None or edges is None:
+        curves, kept, corners, loops, is_open, reasons = _from_contacts(parts, finder, points)
+    else:
+        mesh, numbers = (
+            parts.mesh._replace(vertices=parts.mesh.vertices * MM),
+            [r.number for r in parts.regions],
+        )
+        curves, kept, corners, loops, is_open, reasons = outlines_of(edges, mesh, finder, numbers)
+
+    # 6. Seams: where surfaces that return to themselves are cut open.
+    seams = Seams(kept, curves, surfaces)
+    for surface, point in zip(surfaces, loops, strict=True):
+        seams.begin_on_tubes(surface, point.closed)
+    shapes = [
+        seams.shape(surface, point, loop.closed)
+        for surface, point, loop in zip(surfaces, points, loops, strict=True)
+    ]
+
+    # 7. Faces: each surface within its loops; what does not hold its region's points is none.
+    make = EdgeMaker(seams.pieces, curves, corners, surfaces)
+    maker = FaceMaker(parts, make, spacing)
+    trimmed = [
+        RegionFaces([], reason=reasons[k]) if k in reasons else maker.faces(surface, shape, loop, point)
+        for k, (surface, shape, loop, point) in enumerate(zip(surfaces, shapes, loops, points, strict=True))
+    ]
+    outcomes = tuple(
+        FaceOutcome(
+            region.number,
+            region.surface.kind,
+            faces.reason,
+            faces.measured,
+            sd_m=region.sd_m,
+            is_open=ends_open,
+        )
+        for region, faces, ends_open in zip(parts.regions, trimmed, is_open, strict=True)
+    )
+    gap = max((make.off(piece) for piece in seams.pieces), default=0.0)
+    faces = [(face, k) for k, faces in enumerate(trimmed) for face in faces.faces]
+    held = sum(len(point) for point, faces in zip(points, trimmed, strict=True) if faces.faces)
+    return _Attempt(
+        [face for face, _ in faces], [k for _, k in faces], outcomes, gap=gap, spacing=spacing, n_held=held
+    )
+
+
+def _from_contacts(parts: PartRegions, finder: FoldFinder, points: Sequence[FloatArray]) -> RegionOutlines:
+    """Loops of regions whose neighbours are known by near points alone."""
+    # 2. Folds: the curves in which neighbours cross, or touch where they are tangent.
+    surfaces, spacing, contacts = finder.surfaces, finder.spacing, parts.contacts * MM
     curves = [
         curve
         for pair in np.unique(parts.between, axis=0).tolist()
@@ -326,40 +376,7 @@ def _attempt(parts: PartRegions) -> _Attempt:
     is_open = [False] * len(surfaces)
     for k, point in enumerate(points):
         loops[k], is_open[k] = ends.close_loops(k, loops[k], point)
-
-    # 6. Seams: where surfaces that return to themselves are cut open.
-    seams = Seams(kept, curves, surfaces)
-    for surface, point in zip(surfaces, loops, strict=True):
-        seams.begin_on_tubes(surface, point.closed)
-    shapes = [
-        seams.shape(surface, point, loop.closed)
-        for surface, point, loop in zip(surfaces, points, loops, strict=True)
-    ]
-
-    # 7. Faces: each surface within its loops; what does not hold its region's points is none.
-    make = EdgeMaker(seams.pieces, curves, corners, surfaces)
-    maker = FaceMaker(parts, make, spacing)
-    trimmed = [
-        maker.faces(surface, shape, loop, point)
-        for surface, shape, loop, point in zip(surfaces, shapes, loops, points, strict=True)
-    ]
-    outcomes = tuple(
-        FaceOutcome(
-            region.number,
-            region.surface.kind,
-            faces.reason,
-            faces.measured,
-            sd_m=region.sd_m,
-            is_open=ends_open,
-        )
-        for region, faces, ends_open in zip(parts.regions, trimmed, is_open, strict=True)
-    )
-    gap = max((make.off(piece) for piece in seams.pieces), default=0.0)
-    faces = [(face, k) for k, faces in enumerate(trimmed) for face in faces.faces]
-    held = sum(len(point) for point, faces in zip(points, trimmed, strict=True) if faces.faces)
-    return _Attempt(
-        [face for face, _ in faces], [k for _, k in faces], outcomes, gap=gap, spacing=spacing, n_held=held
-    )
+    return RegionOutlines(curves, kept, corners, loops, is_open, {})
 
 
 def _small_failures(parts: PartRegions, outcomes: Sequence[FaceOutcome], most: int) -> list[int]:
