@@ -13,10 +13,13 @@ from completion.export.step.pipeline import StepModel, step_of
 from completion.export.step.regions import FittedRegion, PartRegions, RegionMesh, part_regions
 from completion.fitting.result import SurfaceFit
 from scenes.checks import FloatArray, IntArray
+from scenes.mesh.merging import merge_vertices
 
 _MOST_SAMPLES = 400_000
 _DENSER = 1.2  # samples in a square of the sampling distance
+_ROUNDED = 1e-7  # of the size: what single precision does to a vertex
 _MOST_SLIVERS, _FLAT = 5, 1e-6  # rounds of giving them to neighbours; of its length, that one is high
+_LEAST_SAMPLES = 30  # of a surface; where there are fewer, its triangles' middles are added
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
 
 
@@ -81,6 +84,10 @@ def regions_of(part: DividedPart) -> PartRegions:
     if part.faces is not None and part.triangle_surface is not None and part.spacing_m > 0:
         points, members = _on_triangles(part.points, part.faces, part.spacing_m)
         label = part.triangle_surface[members]
+        few = np.bincount(label, minlength=max(part.labels, default=0) + 1) < _LEAST_SAMPLES
+        small = np.flatnonzero(few[part.triangle_surface])
+        more = part.points[part.faces[small]].mean(axis=1)
+        points, label = np.concatenate([points, more]), np.append(label, part.triangle_surface[small])
     place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
     place[list(part.labels)] = np.arange(len(part.labels))
     region = place[np.maximum(label, 0)]
@@ -99,8 +106,8 @@ def _region_mesh(points: FloatArray, faces: IntArray, region: IntArray) -> Regio
 
     Triangles without area are of the region beside their longest edge.
     """
-    vertices, number = np.unique(points, axis=0, return_inverse=True)
-    corners = number.reshape(-1)[faces].astype(np.int64)
+    vertices, number = merge_vertices(points, _ROUNDED * float(np.linalg.norm(np.ptp(points, axis=0))))
+    corners = number[faces]
     kept = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     corners, region = corners[kept], region[kept]
     for _ in range(_MOST_SLIVERS):
@@ -111,8 +118,11 @@ def _region_mesh(points: FloatArray, faces: IntArray, region: IntArray) -> Regio
         longest = sides.argmax(axis=1)
         if (sides.sum(axis=1) > 2 * sides.max(axis=1) * (1 + _FLAT)).any():
             return None
-        beside = {frozenset(pair): k for k, row in enumerate(corners.tolist()) for pair in combinations(row, 2)
-                  if region[k] >= 0}  # fmt: skip
+        beside = {
+            frozenset(pair): k
+            for k in np.flatnonzero(region >= 0).tolist()
+            for pair in combinations(corners[k].tolist(), 2)
+        }
         for k, one in zip(lost.tolist(), longest.tolist(), strict=True):
             other = beside.get(frozenset((int(corners[k, one]), int(corners[k, (one + 1) % 3]))))
             region[k] = region[k] if other is None else region[other]

@@ -14,9 +14,9 @@ import numpy as np
 
 from completion.export.step import limits
 from completion.export.step.folds import ContactCurve, CurvePath, FoldFinder, project_on_curve, tabulate
-from completion.export.step.kernel import circle_through, kernel, kernel_point, line_through
+from completion.export.step.kernel import circle_through, interpolate, kernel, kernel_point, line_through
 from completion.export.step.pieces import CurveCorner, CurvePiece, LoopSide, RegionLoops
-from completion.export.step.regions import RegionMesh
+from completion.export.step.regions import RegionMesh, place_text
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Surface
 
@@ -29,47 +29,48 @@ _MOST_LOST = 0.25  # of the points of a chain that may lead to no curve: at its 
 class RegionOutlines(NamedTuple):
     """Curves with their pieces and corners, the loops of each region, and why a region has none.
 
-    `is_open` tells of each region whether it ends where its measurement does.
+    `open_at` tells of each region where (3,) it ends without a neighbour; None of those that do not.
     """
 
     curves: list[ContactCurve]
     pieces: list[CurvePiece]
     corners: list[CurveCorner]
     loops: list[RegionLoops]
-    is_open: list[bool]
+    open_at: list[FloatArray | None]
     reasons: dict[int, str]
 
 
 class _Chain(NamedTuple):
-    """Vertices (n,) from corner to corner between regions, the first on its left; closed ones have none."""
+    """Vertices (n,) from corner to corner between two regions, or of one that has no neighbour there."""
 
     pair: tuple[int, int]
     vertices: IntArray
     is_closed: bool
 
 
-class _Edges(NamedTuple):
-    """Directed edges (3 m,) of triangles: where they start, the same edge of the neighbour, both regions'."""
+class DirectedEdges(NamedTuple):
+    """Directed edges (3 m,) of triangles: where they start, the neighbour's edge, the regions beside them.
+
+    Without a neighbour the one is -1 and the region `beside` as well.
+    """
 
     start: IntArray
     twin: IntArray
     region: IntArray
-    is_border: BoolArray
+    beside: IntArray
 
-    def following(self, edge: int) -> int:
-        """The next edge round the same region."""
-        edge = _next(edge)
-        while not self.is_border[edge]:
-            edge = _next(int(self.twin[edge]))
-        return edge
+    @property
+    def is_border(self) -> BoolArray:
+        """Which edges part regions."""
+        return np.asarray(self.region != self.beside)
 
 
 def _next(edge: int) -> int:
     return edge - 2 if edge % 3 == 2 else edge + 1
 
 
-def directed_edges(mesh: RegionMesh) -> _Edges | None:
-    """The edges of a mesh; None where it is not closed, or its triangles turn both ways."""
+def directed_edges(mesh: RegionMesh) -> DirectedEdges | None:
+    """The edges of a mesh; None where triangles overlap, or turn both ways."""
     start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
     n = len(mesh.vertices)
     key, other = start * n + end, end * n + start
@@ -77,14 +78,14 @@ def directed_edges(mesh: RegionMesh) -> _Edges | None:
     if (np.diff(key[order]) == 0).any():
         return None
     place = np.minimum(np.searchsorted(key[order], other), len(order) - 1)
-    twin = order[place]
-    if (key[twin] != other).any():
-        return None
+    twin = np.where(key[order[place]] == other, order[place], -1)
     region = np.repeat(mesh.region, 3)
-    return _Edges(start, twin, region, is_border=region != region[twin])
+    return DirectedEdges(start, twin, region, beside=np.where(twin < 0, -1, region[twin]))
 
 
-def outlines_of(edges: _Edges, mesh: RegionMesh, finder: FoldFinder, names: Sequence[int]) -> RegionOutlines:
+def outlines_of(
+    edges: DirectedEdges, mesh: RegionMesh, finder: FoldFinder, names: Sequence[int]
+) -> RegionOutlines:
     """Return the loops of the regions of a model's triangles, with the finder's surfaces; millimetres.
 
     `names` (k,) are what the surfaces are called.
@@ -102,8 +103,8 @@ def outlines_of(edges: _Edges, mesh: RegionMesh, finder: FoldFinder, names: Sequ
         places.append(-1 if curve is None else len(curves))
         if curve is None:
             one, two = (names[place] for place in chain.pair)
-            from_, to = (_told(points[k]) for k in (0, len(points) // 2 if chain.is_closed else -1))
-            for place in chain.pair:
+            from_, to = (place_text(points[k]) for k in (0, len(points) // 2 if chain.is_closed else -1))
+            for place in set(chain.pair):
                 reasons[place] = f"no curve was found where surfaces {one} and {two} meet, {from_} to {to}"
             is_along.append(True)
             continue
@@ -118,11 +119,10 @@ def outlines_of(edges: _Edges, mesh: RegionMesh, finder: FoldFinder, names: Sequ
         else RegionLoops([], [])
         for k, own in enumerate(rounds)
     ]
-    return RegionOutlines(curves, pieces, corners, loops, [False] * len(loops), reasons)
-
-
-def _told(point: FloatArray) -> str:
-    return f"({', '.join(f'{value:.2f}' for value in point)}) mm"
+    free = {
+        chain.pair[0]: mesh.vertices[chain.vertices[0]] for chain in chains if chain.pair[0] == chain.pair[1]
+    }
+    return RegionOutlines(curves, pieces, corners, loops, [free.get(k) for k in range(len(loops))], reasons)
 
 
 def _loop(
@@ -147,59 +147,70 @@ def _sides(mesh: RegionMesh, surfaces: Sequence[Surface]) -> FloatArray:
     ])  # fmt: skip
 
 
-def _chains(edges: _Edges, n: int) -> tuple[list[_Chain], list[list[list[tuple[int, bool]]]]]:
-    """All chains, and the loops of each of n regions: chains in order, and whether each runs as it is held."""
-    is_corner = _are_corners(edges)
+def _chains(edges: DirectedEdges, n: int) -> tuple[list[_Chain], list[list[list[tuple[int, bool]]]]]:
+    """All chains, and the loops of each of n regions: chains in order, and whether each runs as given."""
+    is_corner, is_border = _are_corners(edges), edges.is_border
     chains, known = list[_Chain](), dict[int, int]()
     rounds: list[list[list[tuple[int, bool]]]] = [[] for _ in range(n)]
-    done = np.zeros(len(edges.start), dtype=np.bool_)
-    for first in np.flatnonzero(edges.is_border).tolist():
+    done = edges.region < 0
+    for first in np.flatnonzero(is_border).tolist():
         if done[first]:
             continue
-        ring, edge = list[int](), first
-        while not done[edge]:
-            done[edge] = True
-            ring.append(edge)
-            edge = edges.following(edge)
+        ring = _ring(edges, is_border, first)
+        done[ring] = True
         breaks = [k for k, one in enumerate(ring) if is_corner[edges.start[one]]]
         ring = ring[breaks[0] :] + ring[: breaks[0]] if breaks else ring
         starts = [k - breaks[0] for k in breaks] if breaks else [0]
-        parts = [ring[a:b] for a, b in zip(starts, [*starts[1:], len(ring)], strict=True)]
         loop = list[tuple[int, bool]]()
-        for part in parts:
-            name = min(min(one, int(edges.twin[one])) for one in part)
+        for a, b in zip(starts, [*starts[1:], len(ring)], strict=True):
+            part = ring[a:b]
+            name = min(min(one, int(edges.twin[one]) % len(done)) for one in part)
             is_new = name not in known
             if is_new:
                 known[name] = len(chains)
-                ends = edges.start[[*part, int(edges.twin[part[-1]])]]
-                pair = int(edges.region[part[0]]), int(edges.region[edges.twin[part[0]]])
-                chains.append(_Chain((min(pair), max(pair)), ends, not breaks))
+                pair = int(edges.region[first]), int(edges.beside[part[0]])
+                pair = (min(pair), max(pair)) if pair[1] >= 0 else (pair[0], pair[0])
+                chains.append(_Chain(pair, edges.start[[*part, _next(part[-1])]], not breaks))
             loop.append((known[name], is_new))
         rounds[int(edges.region[first])].append(loop)
     return chains, rounds
 
 
-def _are_corners(edges: _Edges) -> BoolArray:
+def _ring(edges: DirectedEdges, is_border: BoolArray, first: int) -> list[int]:
+    """Edges round a region, from one on."""
+    ring, edge = [first], first
+    while True:
+        edge = _next(edge)
+        while not is_border[edge]:
+            edge = _next(int(edges.twin[edge]))
+        if edge == first:
+            return ring
+        ring.append(edge)
+
+
+def _are_corners(edges: DirectedEdges) -> BoolArray:
     """Which vertices (n,) end chains: where other regions meet than two along one line."""
-    border = np.flatnonzero(edges.is_border)
-    start, n = edges.start[border], int(edges.start.max()) + 1
-    pair = np.sort(np.column_stack([edges.region[border], edges.region[edges.twin[border]]]), axis=1)
-    low, high = np.full((n, 2), np.iinfo(np.int64).max), np.full((n, 2), -1)
+    own = np.arange(len(edges.start))
+    border = np.flatnonzero(edges.is_border & ((edges.twin < 0) | (own < edges.twin)))
+    ends = edges.start[np.column_stack([border, np.where(border % 3 == 2, border - 2, border + 1)])].T.ravel()
+    pair = np.sort(np.column_stack([edges.region[border], edges.beside[border]]), axis=1)
+    n = int(edges.start.max()) + 1
+    low, high = np.full((n, 2), len(own)), np.full((n, 2), -2)
     for k in range(2):
-        np.minimum.at(low[:, k], start, pair[:, k])
-        np.maximum.at(high[:, k], start, pair[:, k])
-    return np.asarray((np.bincount(start, minlength=n) != 2) | (low != high).any(axis=1))
+        np.minimum.at(low[:, k], ends, np.tile(pair[:, k], 2))
+        np.maximum.at(high[:, k], ends, np.tile(pair[:, k], 2))
+    return np.asarray((np.bincount(ends, minlength=n) != 2) | (low != high).any(axis=1))
 
 
 def _corners(
-    chains: Sequence[_Chain], edges: _Edges, mesh: RegionMesh, finder: FoldFinder
+    chains: Sequence[_Chain], edges: DirectedEdges, mesh: RegionMesh, finder: FoldFinder
 ) -> tuple[list[CurveCorner], dict[int, int]]:
     """Where chains end: the place nearest to the vertex that is on all surfaces there; places by vertex."""
     ends = [int(vertex) for chain in chains if not chain.is_closed for vertex in chain.vertices[[0, -1]]]
     at = {vertex: place for place, vertex in enumerate(dict.fromkeys(ends))}
     meeting: dict[int, set[int]] = {vertex: set() for vertex in at}
     for vertex, region in zip(edges.start.tolist(), edges.region.tolist(), strict=True):
-        if vertex in meeting:
+        if vertex in meeting and region >= 0:
             meeting[vertex].add(region)
     return [
         CurveCorner(
@@ -216,9 +227,7 @@ def _on_all(surfaces: Sequence[Surface], vertex: FloatArray, finder: FoldFinder)
         normals = np.concatenate([surface.normal(point[None]) for surface in surfaces])
         off = np.concatenate([surface.distance(point[None]) for surface in surfaces])
         point = point - np.linalg.pinv(normals, rcond=limits.FLAT_SINE) @ off
-    is_near = (
-        np.isfinite(point).all() and np.linalg.norm(point - vertex) < limits.COINCIDENT_REACH * finder.spacing
-    )
+    is_near = np.isfinite(point).all() and np.linalg.norm(point - vertex) < finder.reach
     return point if is_near else vertex
 
 
@@ -230,31 +239,38 @@ def _curve(chain: _Chain, points: FloatArray, finder: FoldFinder) -> ContactCurv
         finer = np.empty((2 * len(dense) - 1, 3))
         finer[::2], finer[1::2] = dense, (dense[1:] + dense[:-1]) / 2
         dense = finer
-    if chain.is_closed:
-        dense = dense[:-1]
-    sine = np.linalg.norm(np.cross(surface.normal(dense), two.normal(dense)), axis=1)
-    touching = bool(np.median(sine) < limits.FLAT_SINE)
-    on = project_on_curve(surface, two, dense, touching=touching)
-    near = on.holds & (np.linalg.norm(on.points - dense, axis=1) < finder.spacing)
-    if not chain.is_closed:
-        on.points[[0, -1]] = points[[0, -1]]
-        near[[0, -1]] = True
-    if near.mean() < 1 - _MOST_LOST or near.sum() < 3:
-        return None
-    path = CurvePath(on.points[near], chain.is_closed, float(np.median(on.gap[near])))
-    for geometry in _candidates(chain.pair, path, finder, touching=touching):
+    dense = dense[:-1] if chain.is_closed else dense
+    if chain.pair[0] == chain.pair[1]:
+        on = dense - surface.distance(dense)[:, None] * surface.normal(dense)
+        path, touching = CurvePath(on, chain.is_closed, 0.0), True
+    else:
+        sine = np.linalg.norm(np.cross(surface.normal(points), two.normal(points)), axis=1)
+        touching = bool(np.median(sine) < limits.FLAT_SINE)
+        moved = project_on_curve(surface, two, dense, touching=touching)
+        near = moved.holds & (np.linalg.norm(moved.points - dense, axis=1) < finder.spacing)
+        if not chain.is_closed:
+            moved.points[[0, -1]] = points[[0, -1]]
+            near[[0, -1]] = True
+        if near.mean() < 1 - _MOST_LOST or near.sum() < 3:
+            return None
+        path = CurvePath(moved.points[near], chain.is_closed, float(np.median(moved.gap[near])))
+    for geometry in _candidates(chain.pair, path, points, finder, touching=touching):
         curve = _tabulated(chain.pair, geometry, path, finder.spacing, is_tangent=touching)
-        if curve.feet(points)[1].max() < limits.COINCIDENT_REACH * finder.spacing:
+        if curve.feet(points)[1].max() < finder.reach:
             return curve
     return None
 
 
 def _candidates(
-    pair: tuple[int, int], path: CurvePath, finder: FoldFinder, *, touching: bool
+    pair: tuple[int, int], path: CurvePath, points: FloatArray, finder: FoldFinder, *, touching: bool
 ) -> Iterator[Any]:
-    """Curves that a path may be of, the simplest first."""
+    """Curves that a path may be of, the simplest first; those without a neighbour pass its points."""
     exact = 100 * limits.TOLERANCE + 4 * path.gap if touching else limits.TOLERANCE
     yield from filter(None, (line_through(path.points, exact), circle_through(path.points, exact)))
+    if pair[0] == pair[1]:
+        circle = circle_through(points, exact) if len(points) > _LEAST_POINTS else None
+        yield from filter(None, (circle, interpolate(path.points, is_closed=path.is_closed)))
+        return
     if not touching:
         yield from finder.conics(pair)
     if (spline := finder.spline(pair, path, touching=touching)) is not None:
@@ -282,7 +298,7 @@ def _parameter(geometry: Any, point: FloatArray) -> float:
 def _piece(
     curve: ContactCurve, points: FloatArray, ends: tuple[int, int], place: int
 ) -> tuple[CurvePiece, bool]:
-    """The piece of a curve from the first of some points (n, 3) to the last, and whether it runs their way."""
+    """The piece of a curve from the first to the last of points (n, 3), and whether it runs their way."""
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     low, high, along = curve.low, curve.high, True
     if curve.is_closed:

@@ -277,6 +277,7 @@ class FoldFinder:
     def __init__(self, surfaces: list[Surface], shapes: list[Any], spacing: float, noise: float) -> None:
         self.surfaces, self.shapes = surfaces, shapes
         self.spacing, self.tolerance = spacing, max(4 * noise, 0.01 * spacing, 1e-4)
+        self.reach = max(8 * noise, limits.COINCIDENT_REACH * spacing)
 
     def curves_between(self, pair: tuple[int, int], contacts: FloatArray) -> list[ContactCurve]:
         """The curves of a pair that contacts (n, 3) are near."""

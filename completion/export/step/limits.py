@@ -58,6 +58,8 @@ END_QUANTILE = 0.005
 """Quantile of heights at which a region ends, so that single points do not lengthen it."""
 SMALL_SHARE = 0.02
 """Share of all points of a region that may be left out. Chosen by eye."""
+EXACT_VOLUME = 1e-5
+"""Share of a model's volume that rounded vertices may change. Chosen by eye."""
 LEAST_POINTS = 6
 """Points, of which fewer have no contacts. Chosen by eye."""
 

@@ -41,6 +41,11 @@ class FittedRegion:
     group: int = -1
 
 
+def place_text(point: FloatArray) -> str:
+    """A place (3,), millimetres, as people read it."""
+    return f"({', '.join(f'{value + 0.0:.4g}' for value in point)}) mm"
+
+
 class RegionMesh(NamedTuple):
     """A model's triangles (m, 3) of vertices (n, 3), and the place (m,) of each among the regions."""
 
