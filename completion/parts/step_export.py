@@ -101,8 +101,8 @@ def regions_of(part: DividedPart) -> PartRegions:
     return part_regions(regions, points, region, spacing_m=part.spacing_m, noise_m=part.noise_m, mesh=mesh)
 
 
-def _region_mesh(points: FloatArray, faces: IntArray, region: IntArray) -> RegionMesh | None:
-    """A model's triangles with vertices that neighbours share; None where some are on no surface.
+def _region_mesh(points: FloatArray, faces: IntArray, region: IntArray) -> RegionMesh:
+    """A model's triangles with vertices that neighbours share.
 
     Triangles without area are of the region beside their longest edge.
     """
@@ -110,23 +110,23 @@ def _region_mesh(points: FloatArray, faces: IntArray, region: IntArray) -> Regio
     corners = number[faces]
     kept = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     corners, region = corners[kept], region[kept]
+    sides = np.linalg.norm(vertices[corners] - vertices[np.roll(corners, -1, axis=1)], axis=2)
+    is_flat = sides.sum(axis=1) <= 2 * sides.max(axis=1) * (1 + _FLAT)
+    longest = sides.argmax(axis=1)
     for _ in range(_MOST_SLIVERS):
-        lost = np.flatnonzero(region < 0)
+        lost = np.flatnonzero((region < 0) & is_flat)
         if not len(lost):
-            return RegionMesh(vertices, corners, region)
-        sides = np.linalg.norm(vertices[corners[lost]] - vertices[np.roll(corners[lost], -1, axis=1)], axis=2)
-        longest = sides.argmax(axis=1)
-        if (sides.sum(axis=1) > 2 * sides.max(axis=1) * (1 + _FLAT)).any():
-            return None
+            break
         beside = {
             frozenset(pair): k
             for k in np.flatnonzero(region >= 0).tolist()
             for pair in combinations(corners[k].tolist(), 2)
         }
-        for k, one in zip(lost.tolist(), longest.tolist(), strict=True):
-            other = beside.get(frozenset((int(corners[k, one]), int(corners[k, (one + 1) % 3]))))
+        for k in lost.tolist():
+            pair = corners[k, longest[k]], corners[k, (longest[k] + 1) % 3]
+            other = beside.get(frozenset(map(int, pair)))
             region[k] = region[k] if other is None else region[other]
-    return None
+    return RegionMesh(vertices, corners, region)
 
 
 def _deviation(fit: SurfaceFit, points: FloatArray) -> float:

@@ -23,10 +23,11 @@ from completion.export.step.kernel import (
     kernel,
     kernel_errors,
     kernel_point,
+    kernel_surface,
     line_through,
 )
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces.catalogue import Surface
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _LEAST_POINTS, _MOST_POINTS = 48, 3000  # of a table
 _FINE = 4.0  # points of a table in a sampling distance
@@ -321,7 +322,7 @@ class FoldFinder:
         if "torus" in kinds and kinds != {"torus", "plane"} and not self._coaxial(pair):
             return
         try:
-            crossing = kernel().GeomAPI.GeomAPI_IntSS(self.shapes[pair[0]], self.shapes[pair[1]], 1e-7)
+            crossing = kernel().GeomAPI.GeomAPI_IntSS(*self._parallel(pair), 1e-7)
         except kernel_errors():
             return
         if not crossing.IsDone():
@@ -332,6 +333,18 @@ class FoldFinder:
                 line = line.BasisCurve()
             if type(line).__name__ in _CONICS:
                 yield line
+
+    def _parallel(self, pair: tuple[int, int]) -> list[Any]:
+        """The kernel's surfaces of a pair, a cylinder along a plane exactly so: no ellipse of endless length."""
+        shapes = [self.shapes[place] for place in pair]
+        surface, two = (self.surfaces[place] for place in pair)
+        for place, one, other in ((0, surface, two), (1, two, surface)):
+            if isinstance(one, Cylinder) and isinstance(other, Plane):
+                normal = other.normal_direction
+                along = one.direction - one.direction @ normal * normal
+                if np.linalg.norm(along - one.direction) < limits.PARALLEL:
+                    shapes[place] = kernel_surface(Cylinder(one.point, along, one.radius))
+        return shapes
 
     def _coaxial(self, pair: tuple[int, int]) -> bool:
         """Whether two surfaces turn about one axis, a sphere about any through its centre."""

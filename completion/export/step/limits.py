@@ -39,6 +39,8 @@ STEEP = 0.2
 """Sine of the angle between curves, from which on they cross well: 12 deg. Chosen by eye."""
 FLAT_SINE = 0.035
 """Sine of the angle between surfaces of a model, below which they touch: 2 deg. Chosen by eye."""
+PARALLEL = 1e-8
+"""Radians between a cylinder's axis and a plane along it: over 100 mm, `TOLERANCE`."""
 MOST_TURN = np.radians(12.0)
 """Radians between steps along a curve. Chosen by eye."""
 SMOOTH_ANGLE = np.radians(30.0)

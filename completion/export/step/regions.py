@@ -47,7 +47,7 @@ def place_text(point: FloatArray) -> str:
 
 
 class RegionMesh(NamedTuple):
-    """A model's triangles (m, 3) of vertices (n, 3), and the place (m,) of each among the regions."""
+    """A model's triangles (m, 3) of vertices (n, 3), and the place (m,) of each among the regions, -1 for none."""
 
     vertices: FloatArray
     faces: IntArray
@@ -153,7 +153,8 @@ def _shared_edges(mesh: RegionMesh) -> tuple[FloatArray, IntArray]:
     ends = np.sort(np.column_stack([start, end]), axis=1)
     order = np.lexsort((ends[:, 1], ends[:, 0]))
     ends, region = ends[order], np.repeat(mesh.region, 3)[order]
-    kept = np.flatnonzero((ends[1:] == ends[:-1]).all(axis=1) & (region[1:] != region[:-1]))
+    is_shared = (ends[1:] == ends[:-1]).all(axis=1) & (region[1:] != region[:-1])
+    kept = np.flatnonzero(is_shared & (np.minimum(region[1:], region[:-1]) >= 0))
     between = np.sort(np.column_stack([region[kept], region[kept + 1]]), axis=1)
     middle = mesh.vertices[ends[kept]].mean(axis=1)
     return np.concatenate([middle, middle]), np.concatenate([between, between])
@@ -218,7 +219,9 @@ def join_regions(parts: PartRegions) -> PartRegions:
         between=between[differ],
         spacing_m=parts.spacing_m,
         noise_m=parts.noise_m,
-        mesh=None if parts.mesh is None else parts.mesh._replace(region=new[parts.mesh.region]),
+        mesh=None
+        if parts.mesh is None
+        else parts.mesh._replace(region=np.append(new, -1)[parts.mesh.region]),
     )
 
 

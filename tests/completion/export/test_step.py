@@ -152,6 +152,7 @@ def test_a_region_too_small_to_be_trimmed_is_left_out_and_told():
     (left,) = model.record()["without_face"]
     assert left["surface"] == 7
     assert "its neighbours were extended across it" in left["reason"]
+    assert b"extended across surface 7" in model.data
     first, second = outcome_lines(model)
     assert first == "step       6 faces of 7 surfaces, 1 solid, 6 cm3"
     assert second.strip().startswith("surface 7 (plane) is too small to be trimmed")
