@@ -14,11 +14,13 @@ from completion.export.step.regions import FittedRegion, PartRegions, RegionMesh
 from completion.fitting.result import SurfaceFit
 from scenes.checks import FloatArray, IntArray
 from scenes.mesh.merging import merge_vertices
+from scenes.surfaces.catalogue import Surface
 
 _MOST_SAMPLES = 400_000
 _DENSER = 1.2  # samples in a square of the sampling distance
 _ROUNDED = 1e-7  # of the size: what single precision does to a vertex
-_MOST_SLIVERS, _FLAT = 5, 1e-6  # rounds of giving them to neighbours; of its length, that one is high
+_EXACT = 2e-6  # of the size, that a vertex is off its surface
+_MOST_LAYERS = 3  # of triangles on no surface that are given to those beside them
 _LEAST_SAMPLES = 30  # of a surface; where there are fewer, its triangles' middles are added
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
 
@@ -97,35 +99,38 @@ def regions_of(part: DividedPart) -> PartRegions:
     ]
     mesh = None
     if part.is_model and part.faces is not None and part.triangle_surface is not None:
-        mesh = _region_mesh(part.points, part.faces, place[part.triangle_surface])
+        mesh = _region_mesh(
+            part.points, part.faces, place[part.triangle_surface], [fit.surface for fit in part.fits]
+        )
     return part_regions(regions, points, region, spacing_m=part.spacing_m, noise_m=part.noise_m, mesh=mesh)
 
 
-def _region_mesh(points: FloatArray, faces: IntArray, region: IntArray) -> RegionMesh:
+def _region_mesh(
+    points: FloatArray, faces: IntArray, region: IntArray, surfaces: Sequence[Surface]
+) -> RegionMesh:
     """A model's triangles with vertices that neighbours share.
 
-    Triangles without area are of the region beside their longest edge.
+    Triangles of no region, as those without area, are of one beside them if they lie on its surface.
     """
-    vertices, number = merge_vertices(points, _ROUNDED * float(np.linalg.norm(np.ptp(points, axis=0))))
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    vertices, number = merge_vertices(points, _ROUNDED * size)
     corners = number[faces]
     kept = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     corners, region = corners[kept], region[kept]
-    sides = np.linalg.norm(vertices[corners] - vertices[np.roll(corners, -1, axis=1)], axis=2)
-    is_flat = sides.sum(axis=1) <= 2 * sides.max(axis=1) * (1 + _FLAT)
-    longest = sides.argmax(axis=1)
-    for _ in range(_MOST_SLIVERS):
-        lost = np.flatnonzero((region < 0) & is_flat)
+    for _ in range(_MOST_LAYERS):
+        lost = np.flatnonzero(region < 0)
         if not len(lost):
             break
-        beside = {
-            frozenset(pair): k
+        beside: dict[frozenset[int], int] = {
+            frozenset(pair): int(region[k])
             for k in np.flatnonzero(region >= 0).tolist()
             for pair in combinations(corners[k].tolist(), 2)
         }
         for k in lost.tolist():
-            pair = corners[k, longest[k]], corners[k, (longest[k] + 1) % 3]
-            other = beside.get(frozenset(map(int, pair)))
-            region[k] = region[k] if other is None else region[other]
+            near = {beside.get(frozenset(pair), -1) for pair in combinations(corners[k].tolist(), 2)} - {-1}
+            off = {one: float(np.abs(surfaces[one].distance(vertices[corners[k]])).max()) for one in near}
+            best = min(sorted(off), key=lambda one: off[one], default=-1)
+            region[k] = best if best >= 0 and off[best] <= _EXACT * size else -1
     return RegionMesh(vertices, corners, region)
 
 

@@ -335,7 +335,7 @@ class FoldFinder:
                 yield line
 
     def _parallel(self, pair: tuple[int, int]) -> list[Any]:
-        """The kernel's surfaces of a pair, a cylinder along a plane exactly so: no ellipse of endless length."""
+        """The kernel's surfaces of a pair; a cylinder along a plane is exactly so, not an endless ellipse."""
         shapes = [self.shapes[place] for place in pair]
         surface, two = (self.surfaces[place] for place in pair)
         for place, one, other in ((0, surface, two), (1, two, surface)):

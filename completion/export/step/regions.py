@@ -47,7 +47,7 @@ def place_text(point: FloatArray) -> str:
 
 
 class RegionMesh(NamedTuple):
-    """A model's triangles (m, 3) of vertices (n, 3), and the place (m,) of each among the regions, -1 for none."""
+    """Triangles (m, 3) of vertices (n, 3), and the place (m,) of each among the regions; -1 for none."""
 
     vertices: FloatArray
     faces: IntArray
