@@ -199,14 +199,14 @@ def _elbow(rng: np.random.Generator) -> Any:
     ends = _ends_of(quarter[0])
     shape = quarter[0]
     for place, way in ends:
-        shape = _fuse(shape, _rod(place, wide, tall, way))
+        shape = _fuse(shape, _rod(place.tolist(), wide, tall, way.tolist()))
     shape = _cut(shape, quarter[1])
     for place, way in ends:
-        shape = _cut(shape, _rod(place, bore, tall + 1, way))
+        shape = _cut(shape, _rod(place.tolist(), bore, tall + 1, way.tolist()))
         side = np.cross(way, (0, 1, 0))
         for x, y in _polar(4, (outer + wide) / 2 + 1, np.pi / 4):
-            at = np.asarray(place) + x * side + y * np.array([0, 1, 0]) - np.asarray(way)
-            shape = _cut(shape, _rod(at, hole, tall + 2, way))
+            at = place + x * side + y * np.array([0, 1, 0]) - way
+            shape = _cut(shape, _rod(at.tolist(), hole, tall + 2, way.tolist()))
     return shape
 
 

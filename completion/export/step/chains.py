@@ -49,7 +49,7 @@ class _Chain(NamedTuple):
 
 
 class DirectedEdges(NamedTuple):
-    """Directed edges (3 m,) of triangles: where they start, the neighbour's edge, the regions beside them.
+    """Directed edges (n,) of triangles: where they start, the neighbour's edge, the regions beside them.
 
     Without a neighbour the one is -1 and the region `beside` as well.
     """
@@ -61,7 +61,7 @@ class DirectedEdges(NamedTuple):
 
     @property
     def is_border(self) -> BoolArray:
-        """Which edges part regions."""
+        """Which edges (n,) part regions."""
         return np.asarray(self.region != self.beside)
 
 
@@ -122,7 +122,8 @@ def outlines_of(
     free = {
         chain.pair[0]: mesh.vertices[chain.vertices[0]] for chain in chains if chain.pair[0] == chain.pair[1]
     }
-    return RegionOutlines(curves, pieces, corners, loops, [free.get(k) for k in range(len(loops))], reasons)
+    open_at = [free.get(k) for k in range(len(loops))]
+    return RegionOutlines(curves, pieces, corners, loops, open_at=open_at, reasons=reasons)
 
 
 def _loop(

@@ -280,7 +280,7 @@ def _from_contacts(parts: PartRegions, finder: FoldFinder, points: Sequence[Floa
     open_at: list[FloatArray | None] = [None] * len(surfaces)
     for k, point in enumerate(points):
         loops[k], open_at[k] = ends.close_loops(k, loops[k], point)
-    return RegionOutlines(curves, kept, corners, loops, open_at, {})
+    return RegionOutlines(curves, kept, corners, loops, open_at=open_at, reasons={})
 
 
 def _small_failures(parts: PartRegions, outcomes: Sequence[FaceOutcome], most: int) -> list[int]:
