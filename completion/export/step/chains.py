@@ -22,6 +22,7 @@ from scenes.surfaces.catalogue import Surface
 
 _LEAST_POINTS = 9  # of a chain, those between its vertices included
 _N_STEPS = 8
+_OFF = 2.0  # times as far as vertices are off the surfaces, across these, that they may be off the curve
 _ENDLESS = 1e50  # parameters of lines
 _MOST_LOST = 0.25  # of the points of a chain that may lead to no curve: at its ends surfaces may be tangent
 
@@ -241,12 +242,15 @@ def _curve(chain: _Chain, points: FloatArray, finder: FoldFinder) -> ContactCurv
         finer[::2], finer[1::2] = dense, (dense[1:] + dense[:-1]) / 2
         dense = finer
     dense = dense[:-1] if chain.is_closed else dense
+    within = finder.reach
     if chain.pair[0] == chain.pair[1]:
         on = dense - surface.distance(dense)[:, None] * surface.normal(dense)
         path, touching = CurvePath(on, chain.is_closed, 0.0), True
     else:
         sine = np.linalg.norm(np.cross(surface.normal(points), two.normal(points)), axis=1)
         touching = bool(np.median(sine) < limits.FLAT_SINE)
+        off = float(np.abs([one.distance(points) for one in (surface, two)]).max())
+        within += _OFF * off / max(float(np.median(sine)), limits.FLAT_SINE)
         moved = project_on_curve(surface, two, dense, touching=touching)
         near = moved.holds & (np.linalg.norm(moved.points - dense, axis=1) < finder.spacing)
         if not chain.is_closed:
@@ -257,7 +261,7 @@ def _curve(chain: _Chain, points: FloatArray, finder: FoldFinder) -> ContactCurv
         path = CurvePath(moved.points[near], chain.is_closed, float(np.median(moved.gap[near])))
     for geometry in _candidates(chain.pair, path, points, finder, touching=touching):
         curve = _tabulated(chain.pair, geometry, path, finder.spacing, is_tangent=touching)
-        if curve.feet(points)[1].max() < finder.reach:
+        if curve.feet(points)[1].max() < within:
             return curve
     return None
 
