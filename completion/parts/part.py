@@ -46,6 +46,8 @@ class Part:
         Corners of the triangles of a mesh.
     triangle_surface : (m,) int, optional
         Label of the surface of each triangle.
+    is_model : bool
+        Whether the mesh is a tessellated model, whose edges are those of its faces.
     warnings : tuple of str
         What is doubtful, a sentence each.
     """
@@ -62,6 +64,7 @@ class Part:
     related: tuple[int, ...] = ()
     faces: IntArray | None = None
     triangle_surface: IntArray | None = None
+    is_model: bool = False
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

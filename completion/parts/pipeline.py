@@ -229,6 +229,7 @@ def part_of(
         related=() if made is None else made.numbers,
         faces=None if mesh is None else mesh.faces,
         triangle_surface=None if triangles is None else names[triangles],
+        is_model=segmentation.is_model,
         warnings=(*segmentation.warnings, *_warp_text(None if made is None else made.warp)),
     )
 

@@ -8,11 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from completion.export.step.pipeline import StepModel, step_of
-from completion.export.step.regions import FittedRegion, PartRegions, part_regions
+from completion.export.step.regions import FittedRegion, PartRegions, RegionMesh, part_regions
 from completion.fitting.result import SurfaceFit
 from completion.parts.division.divided_part import DividedPart, surface_points
-from scenes.checks import FloatArray
+from completion.parts.division.limits import ROUNDED_OFF
+from scenes.checks import FloatArray, IntArray
+from scenes.mesh.merging import merge_vertices
 
+_LEAST_SAMPLES = 30  # of a surface; where there are fewer, its triangles' middles are added
 _MOST_ASKED = 500  # points of a region whose deviation is predicted
 
 
@@ -30,14 +33,31 @@ def regions_of(part: DividedPart) -> PartRegions:
     Raises InputError: a part without surfaces.
     """
     points, label = surface_points(part)
+    if part.faces is not None and part.triangle_surface is not None:
+        few = np.bincount(label, minlength=max(part.labels, default=0) + 1) < _LEAST_SAMPLES
+        small = np.flatnonzero(few[part.triangle_surface])
+        more = part.points[part.faces[small]].mean(axis=1)
+        points, label = np.concatenate([points, more]), np.append(label, part.triangle_surface[small])
     place = np.full(max((*part.labels, *label.tolist(), 0)) + 1, -1, dtype=np.int64)
     place[list(part.labels)] = np.arange(len(part.labels))
-    region = np.where(label > 0, place[np.maximum(label, 0)], -1)
+    region = place[np.maximum(label, 0)]
     regions = [
         FittedRegion(number, fit.surface, _deviation(fit, points[region == k]), group)
         for k, (number, fit, group) in enumerate(zip(part.labels, part.fits, part.groups, strict=True))
     ]
-    return part_regions(regions, points, region, spacing_m=part.spacing_m, noise_m=part.noise_m)
+    mesh = None
+    if part.is_model and part.faces is not None and part.triangle_surface is not None:
+        mesh = _region_mesh(part.points, part.faces, place[part.triangle_surface])
+    return part_regions(regions, points, region, spacing_m=part.spacing_m, noise_m=part.noise_m, mesh=mesh)
+
+
+def _region_mesh(points: FloatArray, faces: IntArray, region: IntArray) -> RegionMesh:
+    """A model's triangles with vertices that neighbours share."""
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    vertices, number = merge_vertices(points, ROUNDED_OFF * size)
+    corners = number[faces]
+    kept = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+    return RegionMesh(vertices, corners[kept], region[kept])
 
 
 def _deviation(fit: SurfaceFit, points: FloatArray) -> float:

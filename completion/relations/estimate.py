@@ -147,9 +147,15 @@ class JointEstimate:
         return np.asarray(self.x[self.columns(number)])
 
     def covariance_of(self, number: int) -> FloatArray:
-        """Covariance (k, k) of the parameters of a surface, given the relations."""
+        """Covariance (k, k) of the parameters of a surface, given the relations.
+
+        What relations determine has none: where rounding leaves less than nothing, it is 0.
+        """
         stretch = self.columns(number)
-        return np.asarray(self.covariance[stretch, stretch])
+        left: FloatArray = self.covariance[stretch, stretch].copy()
+        scale = np.outer(self.prior_sd[stretch], self.prior_sd[stretch])
+        values, vectors = np.linalg.eigh(left / scale)
+        return left if values[0] >= 0 else np.asarray((vectors * np.maximum(values, 0)) @ vectors.T * scale)
 
     def constraint(self, relation: Relation) -> Constraint:
         """The equations of a relation where the surfaces are now."""

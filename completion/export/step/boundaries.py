@@ -54,13 +54,19 @@ class OpenEnds:
         self.pieces, self.curves, self.corners = pieces, curves, corners
         self.surfaces, self.spacing = surfaces, spacing
 
-    def close_loops(self, place: int, loops: RegionLoops, points: FloatArray) -> tuple[RegionLoops, bool]:
-        """The loops of a region of points (n, 3) with its open ends closed, and whether it had any."""
+    def close_loops(
+        self, place: int, loops: RegionLoops, points: FloatArray
+    ) -> tuple[RegionLoops, FloatArray | None]:
+        """The loops of a region of points (n, 3) with its open ends closed, and where (3,) there was one."""
         if loops.open_chains:
             joined = self._join_chains(place, loops.open_chains, points)
-            return (loops, False) if joined is None else (RegionLoops([*loops.closed, *joined], []), True)
+            if joined is None:
+                return loops, None
+            end = self._ends(loops.open_chains[0])[1]
+            return RegionLoops([*loops.closed, *joined], []), self.corners[end].point
         rims = self._rims(place, loops.closed, points)
-        return RegionLoops([*loops.closed, *rims], []), bool(rims)
+        at = self.curves[self.pieces[rims[0][0].piece].curve].points[0] if rims else None
+        return RegionLoops([*loops.closed, *rims], []), at
 
     def _ends(self, chain: Sequence[LoopSide]) -> tuple[int, int]:
         first, last = chain[0], chain[-1]

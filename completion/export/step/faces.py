@@ -20,7 +20,7 @@ from completion.export.step.pieces import (
     loop_points,
     nest_loops,
 )
-from completion.export.step.regions import PartRegions
+from completion.export.step.regions import PartRegions, place_text
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Cone, Sphere, Surface, Torus
 
@@ -327,7 +327,9 @@ class FaceMaker:
         numbers = ", ".join(
             str(number) for number in sorted(self.parts.regions[place].number for place in places)
         )
-        return f"its boundary is open where surfaces {numbers} should meet"
+        corner = pieces[ends[0].piece].ends[0 if ends[0].is_forward else 1]
+        place = f" near {place_text(self.make.corners[corner].point)}" if corner >= 0 else ""
+        return f"its boundary is open where surfaces {numbers} should meet{place}"
 
     def _make_faces(
         self, surface: Surface, shape: Any, loops: RegionLoops, points: FloatArray

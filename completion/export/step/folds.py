@@ -23,10 +23,11 @@ from completion.export.step.kernel import (
     kernel,
     kernel_errors,
     kernel_point,
+    kernel_surface,
     line_through,
 )
 from scenes.checks import BoolArray, FloatArray
-from scenes.surfaces.catalogue import Surface
+from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _LEAST_POINTS, _MOST_POINTS = 48, 3000  # of a table
 _FINE = 4.0  # points of a table in a sampling distance
@@ -277,11 +278,12 @@ class FoldFinder:
     def __init__(self, surfaces: list[Surface], shapes: list[Any], spacing: float, noise: float) -> None:
         self.surfaces, self.shapes = surfaces, shapes
         self.spacing, self.tolerance = spacing, max(4 * noise, 0.01 * spacing, 1e-4)
+        self.reach = max(8 * noise, limits.COINCIDENT_REACH * spacing)
 
     def curves_between(self, pair: tuple[int, int], contacts: FloatArray) -> list[ContactCurve]:
         """The curves of a pair that contacts (n, 3) are near."""
         folds, left = list[ContactCurve](), contacts
-        for geometry in self._conics(pair):
+        for geometry in self.conics(pair):
             if len(left) < 2:
                 break
             curve = self._trim_curve(pair, geometry, left, is_tangent=False)
@@ -313,14 +315,14 @@ class FoldFinder:
         reach = limits.CONTACT_REACH if same or curve.is_tangent else limits.TOUCH_REACH
         return np.asarray(left[curve.tree.query(left)[0] >= reach * self.spacing])
 
-    def _conics(self, pair: tuple[int, int]) -> Iterator[Any]:
+    def conics(self, pair: tuple[int, int]) -> Iterator[Any]:
         """Lines and conics in which the kernel says that two surfaces cross."""
         geom = kernel().Geom
         kinds = {self.surfaces[number].kind for number in pair}
         if "torus" in kinds and kinds != {"torus", "plane"} and not self._coaxial(pair):
             return
         try:
-            crossing = kernel().GeomAPI.GeomAPI_IntSS(self.shapes[pair[0]], self.shapes[pair[1]], 1e-7)
+            crossing = kernel().GeomAPI.GeomAPI_IntSS(*self._parallel(pair), 1e-7)
         except kernel_errors():
             return
         if not crossing.IsDone():
@@ -331,6 +333,18 @@ class FoldFinder:
                 line = line.BasisCurve()
             if type(line).__name__ in _CONICS:
                 yield line
+
+    def _parallel(self, pair: tuple[int, int]) -> list[Any]:
+        """The kernel's surfaces of a pair; a cylinder along a plane is exactly so, not an endless ellipse."""
+        shapes = [self.shapes[place] for place in pair]
+        surface, two = (self.surfaces[place] for place in pair)
+        for place, one, other in ((0, surface, two), (1, two, surface)):
+            if isinstance(one, Cylinder) and isinstance(other, Plane):
+                normal = other.normal_direction
+                along = one.direction - one.direction @ normal * normal
+                if np.linalg.norm(along - one.direction) < limits.PARALLEL:
+                    shapes[place] = kernel_surface(Cylinder(one.point, along, one.radius))
+        return shapes
 
     def _coaxial(self, pair: tuple[int, int]) -> bool:
         """Whether two surfaces turn about one axis, a sphere about any through its centre."""
@@ -406,13 +420,13 @@ class FoldFinder:
         plain = line_through(path.points, exact) or circle_through(path.points, exact)
         if plain is not None:
             return self._trim_curve(pair, plain, contacts, is_tangent=touching)
-        geometry = self._spline(pair, path, touching=touching)
+        geometry = self.spline(pair, path, touching=touching)
         if geometry is None:
             return None
         span = (geometry.FirstParameter(), geometry.LastParameter())
         return tabulate(pair, geometry, span, self.spacing, is_closed=path.is_closed, is_tangent=touching)
 
-    def _spline(self, pair: tuple[int, int], path: CurvePath, *, touching: bool) -> Any | None:
+    def spline(self, pair: tuple[int, int], path: CurvePath, *, touching: bool) -> Any | None:
         """The spline through a path, made finer until it lies on both surfaces."""
         surface, two = (self.surfaces[place] for place in pair)
         points = path.points

@@ -37,6 +37,10 @@ SEWING_REACH = 0.02
 # Angles, radians unless said
 STEEP = 0.2
 """Sine of the angle between curves, from which on they cross well: 12 deg. Chosen by eye."""
+FLAT_SINE = 0.035
+"""Sine of the angle between surfaces of a model, below which they touch: 2 deg. Chosen by eye."""
+PARALLEL = 1e-8
+"""Radians between a cylinder's axis and a plane along it: over 100 mm, `TOLERANCE`."""
 MOST_TURN = np.radians(12.0)
 """Radians between steps along a curve. Chosen by eye."""
 SMOOTH_ANGLE = np.radians(30.0)
@@ -56,6 +60,8 @@ END_QUANTILE = 0.005
 """Quantile of heights at which a region ends, so that single points do not lengthen it."""
 SMALL_SHARE = 0.02
 """Share of all points of a region that may be left out. Chosen by eye."""
+EXACT_VOLUME = 1e-5
+"""Share of a model's volume that rounded vertices may change. Chosen by eye."""
 LEAST_POINTS = 6
 """Points, of which fewer have no contacts. Chosen by eye."""
 

@@ -10,13 +10,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from completion.export.step.boundaries import OpenEnds, Seams
-from completion.export.step.faces import EdgeMaker, FaceMaker, is_valid, volume_of
+from completion.export.step.chains import RegionOutlines, directed_edges, outlines_of
+from completion.export.step.faces import EdgeMaker, FaceMaker, RegionFaces
 from completion.export.step.folds import FoldFinder
 from completion.export.step.kernel import NamedFace, kernel, kernel_errors, kernel_surface, step_bytes
-from completion.export.step.limits import MEASURED, SEWING_REACH, SMALL_SHARE
+from completion.export.step.limits import EXACT_VOLUME, MEASURED, SMALL_SHARE
 from completion.export.step.pieces import RegionPoints, choose_pieces, corners_of, loops_of, pieces_of
-from completion.export.step.regions import MM, PartRegions, drop_regions, in_millimetres, join_regions
-from scenes.checks import InputError
+from completion.export.step.regions import (
+    MM,
+    PartRegions,
+    RegionMesh,
+    drop_regions,
+    in_millimetres,
+    join_regions,
+    place_text,
+)
+from completion.export.step.sewing import sewn
+from scenes.checks import FloatArray, InputError
 from scenes.scan.colour import surface_bytes
 
 
@@ -34,8 +44,10 @@ class FaceOutcome:
         Share of the face's area that was measured.
     sd_m : float
         Standard deviation of the surface along its normal, metres.
-    is_open : bool
-        Whether the face ends where its measurement does, without a neighbour.
+    open_at : (3,) float, optional
+        Where the face ends without a neighbour, as its measurement does, millimetres.
+    extended : tuple of int
+        Numbers of surfaces without a face that this one was extended across.
     """
 
     number: int
@@ -43,7 +55,13 @@ class FaceOutcome:
     reason: str
     measured_share: float
     sd_m: float
-    is_open: bool = False
+    open_at: FloatArray | None = None
+    extended: tuple[int, ...] = ()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it ends without a neighbour."""
+        return self.open_at is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,129 +124,6 @@ class StepModel:
         }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SewnShape:
-    """A part's shape: solids where it closes, else open shells, mm.
-
-    Attributes
-    ----------
-    shape : kernel shape
-        A solid, a shell, a face, or a compound of these.
-    faces : list of kernel faces
-        What became of each face that was given.
-    n_solids, n_open : int
-        Solids, and shells or faces that are open.
-    volume_mm3 : float
-        Of all solids.
-    is_valid : bool
-        Whether the kernel finds nothing wrong with it.
-    """
-
-    shape: Any
-    faces: list[Any]
-    n_solids: int
-    n_open: int
-    volume_mm3: float
-    is_valid: bool
-
-
-def sewn(faces: Sequence[Any], spacing: float, gap: float) -> SewnShape:
-    """Sew faces along the edges that they share, and make solids of the shells that close.
-
-    Edges may be `gap` off their surfaces, mm. A shell within another one is a cavity of that.
-    """
-    modules = kernel()
-    sewing = modules.BRepBuilderAPI.BRepBuilderAPI_Sewing(max(SEWING_REACH * spacing, 4 * gap))
-    for face in faces:
-        sewing.Add(face)
-    sewing.Perform()
-    whole = sewing.SewedShape()
-    moved = [sewing.ModifiedSubShape(face) if sewing.IsModifiedSubShape(face) else face for face in faces]
-    shells = [
-        *_sub_shapes(whole, "TopAbs_SHELL"),
-        *map(_shell, _sub_shapes(whole, "TopAbs_FACE", "TopAbs_SHELL")),
-    ]
-    closed = [shell for shell in shells if modules.BRep.BRep_Tool.IsClosed_s(shell)]
-    still_open = [shell for shell in shells if not modules.BRep.BRep_Tool.IsClosed_s(shell)]
-    solids = _solids([modules.TopoDS.TopoDS.Shell(closed_shell) for closed_shell in closed])
-    parts = [*solids, *still_open]
-    shape = parts[0] if len(parts) == 1 else _compound(parts)
-    volume = sum(volume_of(solid) for solid in solids)
-    is_sound = bool(parts) and is_valid(shape)
-    return SewnShape(shape, moved, len(solids), len(still_open), volume_mm3=volume, is_valid=is_sound)
-
-
-def _sub_shapes(shape: Any, kind: str, without: str | None = None) -> list[Any]:
-    """The sub-shapes of a kind, those within others of a second kind left out."""
-    modules, kinds = kernel(), kernel().TopAbs.TopAbs_ShapeEnum
-    walk = (
-        modules.TopExp.TopExp_Explorer(shape, getattr(kinds, kind))
-        if without is None
-        else modules.TopExp.TopExp_Explorer(shape, getattr(kinds, kind), getattr(kinds, without))
-    )
-    shapes = list[Any]()
-    while walk.More():
-        shapes.append(walk.Current())
-        walk.Next()
-    return shapes
-
-
-def _shell(face: Any) -> Any:
-    """A shell of one face."""
-    made, build = kernel().TopoDS.TopoDS_Shell(), kernel().BRep.BRep_Builder()
-    build.MakeShell(made)
-    build.Add(made, face)
-    return made
-
-
-def _compound(parts: Sequence[Any]) -> Any:
-    made, build = kernel().TopoDS.TopoDS_Compound(), kernel().BRep.BRep_Builder()
-    build.MakeCompound(made)
-    for part in parts:
-        build.Add(made, part)
-    return made
-
-
-def _solids(shells: Sequence[Any]) -> list[Any]:
-    """A solid of each closed shell; shells within it are its cavities."""
-    alone = [_solid([shell]) for shell in shells]
-    order = sorted(range(len(alone)), key=lambda k: -volume_of(alone[k]))
-    cavities = dict[int, list[int]]()
-    outer = list[int]()
-    for k in order:
-        around = [n for n in outer if _is_within(shells[k], alone[n])]
-        if around:
-            cavities.setdefault(around[-1], []).append(k)
-        else:
-            outer.append(k)
-    return [_solid([shells[k], *(shells[n] for n in cavities.get(k, ()))]) for k in sorted(outer)]
-
-
-def _solid(shells: Sequence[Any]) -> Any:
-    """A solid of an outer shell and its cavities."""
-    modules = kernel()
-    if len(shells) == 1:
-        solid = modules.BRepBuilderAPI.BRepBuilderAPI_MakeSolid(shells[0]).Solid()
-        modules.BRepLib.BRepLib.OrientClosedSolid_s(solid)
-        return solid
-    solid = modules.TopoDS.TopoDS_Solid()
-    build = modules.BRep.BRep_Builder()
-    build.MakeSolid(solid)
-    for place, shell in enumerate(shells):
-        alone = _solid([shell])
-        turned = _sub_shapes(alone, "TopAbs_SHELL")[0]
-        build.Add(solid, turned if place == 0 else turned.Reversed())
-    return solid
-
-
-def _is_within(shell: Any, solid: Any) -> bool:
-    modules = kernel()
-    vertex = modules.TopoDS.TopoDS.Vertex(_sub_shapes(shell, "TopAbs_VERTEX")[0])
-    point = modules.BRep.BRep_Tool.Pnt_s(vertex)
-    asked = modules.BRepClass3d.BRepClass3d_SolidClassifier(solid, point, 1e-6)
-    return bool(asked.State() == modules.TopAbs.TopAbs_State.TopAbs_IN)
-
-
 _MOST_TOLD = 3
 _SMALL = (12, 30, 100)  # points, and share of all, of a region that may be left out
 _FAULTS = "the geometry kernel finds faults in the shape"
@@ -262,7 +157,7 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
     kernel()
     whole, left_out = join_regions(parts), list[FaceOutcome]()
     best = _attempt(whole)
-    for most in _SMALL:
+    for most in () if whole.mesh is not None else _SMALL:
         small = _small_failures(whole, best.outcomes, most)
         if not small:
             continue
@@ -271,8 +166,18 @@ def step_of(parts: PartRegions, name: str = "part") -> StepModel:
         if again.n_held < best.n_held or again.n_failed + len(small) > best.n_failed:
             continue
         left_out += [replace(best.outcomes[k], reason=_CROSSED) for k in small]
-        whole, best = fewer, again
-    return _model(best, tuple(left_out), name)
+        across = {n: _beside(whole, small, n) for n in (region.number for region in fewer.regions)}
+        kept = {outcome.number: outcome.extended for outcome in best.outcomes}
+        told = [replace(one, extended=(*kept[one.number], *across[one.number])) for one in again.outcomes]
+        whole, best = fewer, again._replace(outcomes=tuple(told))
+    return _model(best, tuple(left_out), whole, name)
+
+
+def _beside(parts: PartRegions, small: Sequence[int], number: int) -> tuple[int, ...]:
+    """Numbers of some regions, by place, that touch the one of a number."""
+    place = next(k for k, region in enumerate(parts.regions) if region.number == number)
+    beside = set(parts.between[(parts.between == place).any(axis=1)].ravel().tolist())
+    return tuple(parts.regions[k].number for k in small if k in beside)
 
 
 class _Attempt(NamedTuple):
@@ -299,12 +204,61 @@ def _attempt(parts: PartRegions) -> _Attempt:
     # 1. Regions: all in millimetres from here on.
     surfaces = [in_millimetres(region.surface) for region in parts.regions]
     points = [parts.points[parts.region == k] * MM for k in range(len(surfaces))]
-    spacing, contacts = parts.spacing_m * MM, parts.contacts * MM
+    spacing = parts.spacing_m * MM
 
-    # 2. Folds: the curves in which neighbours cross, or touch where they are tangent.
+    # 2.-5. Curves of folds, their pieces between corners, and the loops of these around regions.
     finder = FoldFinder(
         surfaces, [kernel_surface(surface) for surface in surfaces], spacing, parts.noise_m * MM
     )
+    edges = None if parts.mesh is None else directed_edges(parts.mesh)
+    if parts.mesh is None or edges is None:
+        curves, kept, corners, loops, open_at, reasons = _from_contacts(parts, finder, points)
+    else:
+        mesh, numbers = (
+            parts.mesh._replace(vertices=parts.mesh.vertices * MM),
+            [r.number for r in parts.regions],
+        )
+        curves, kept, corners, loops, open_at, reasons = outlines_of(edges, mesh, finder, numbers)
+
+    # 6. Seams: where surfaces that return to themselves are cut open.
+    seams = Seams(kept, curves, surfaces)
+    for surface, point in zip(surfaces, loops, strict=True):
+        seams.begin_on_tubes(surface, point.closed)
+    shapes = [
+        seams.shape(surface, point, loop.closed)
+        for surface, point, loop in zip(surfaces, points, loops, strict=True)
+    ]
+
+    # 7. Faces: each surface within its loops; what does not hold its region's points is none.
+    make = EdgeMaker(seams.pieces, curves, corners, surfaces)
+    maker = FaceMaker(parts, make, spacing)
+    trimmed = [
+        RegionFaces([], reason=reasons[k]) if k in reasons else maker.faces(surface, shape, loop, point)
+        for k, (surface, shape, loop, point) in enumerate(zip(surfaces, shapes, loops, points, strict=True))
+    ]
+    outcomes = tuple(
+        FaceOutcome(
+            region.number,
+            region.surface.kind,
+            faces.reason,
+            faces.measured,
+            sd_m=region.sd_m,
+            open_at=ends_at,
+        )
+        for region, faces, ends_at in zip(parts.regions, trimmed, open_at, strict=True)
+    )
+    gap = max((make.off(piece) for piece in seams.pieces), default=0.0)
+    faces = [(face, k) for k, faces in enumerate(trimmed) for face in faces.faces]
+    held = sum(len(point) for point, faces in zip(points, trimmed, strict=True) if faces.faces)
+    return _Attempt(
+        [face for face, _ in faces], [k for _, k in faces], outcomes, gap=gap, spacing=spacing, n_held=held
+    )
+
+
+def _from_contacts(parts: PartRegions, finder: FoldFinder, points: Sequence[FloatArray]) -> RegionOutlines:
+    """Loops of regions whose neighbours are known by near points alone."""
+    # 2. Folds: the curves in which neighbours cross, or touch where they are tangent.
+    surfaces, spacing, contacts = finder.surfaces, finder.spacing, parts.contacts * MM
     curves = [
         curve
         for pair in np.unique(parts.between, axis=0).tolist()
@@ -323,43 +277,10 @@ def _attempt(parts: PartRegions) -> _Attempt:
     loops = [loops_of(k, kept, curves, surface, near[k]) for k, surface in enumerate(surfaces)]
 
     ends = OpenEnds(kept, curves, corners, surfaces, spacing)
-    is_open = [False] * len(surfaces)
+    open_at: list[FloatArray | None] = [None] * len(surfaces)
     for k, point in enumerate(points):
-        loops[k], is_open[k] = ends.close_loops(k, loops[k], point)
-
-    # 6. Seams: where surfaces that return to themselves are cut open.
-    seams = Seams(kept, curves, surfaces)
-    for surface, point in zip(surfaces, loops, strict=True):
-        seams.begin_on_tubes(surface, point.closed)
-    shapes = [
-        seams.shape(surface, point, loop.closed)
-        for surface, point, loop in zip(surfaces, points, loops, strict=True)
-    ]
-
-    # 7. Faces: each surface within its loops; what does not hold its region's points is none.
-    make = EdgeMaker(seams.pieces, curves, corners, surfaces)
-    maker = FaceMaker(parts, make, spacing)
-    trimmed = [
-        maker.faces(surface, shape, loop, point)
-        for surface, shape, loop, point in zip(surfaces, shapes, loops, points, strict=True)
-    ]
-    outcomes = tuple(
-        FaceOutcome(
-            region.number,
-            region.surface.kind,
-            faces.reason,
-            faces.measured,
-            sd_m=region.sd_m,
-            is_open=ends_open,
-        )
-        for region, faces, ends_open in zip(parts.regions, trimmed, is_open, strict=True)
-    )
-    gap = max((make.off(piece) for piece in seams.pieces), default=0.0)
-    faces = [(face, k) for k, faces in enumerate(trimmed) for face in faces.faces]
-    held = sum(len(point) for point, faces in zip(points, trimmed, strict=True) if faces.faces)
-    return _Attempt(
-        [face for face, _ in faces], [k for _, k in faces], outcomes, gap=gap, spacing=spacing, n_held=held
-    )
+        loops[k], open_at[k] = ends.close_loops(k, loops[k], point)
+    return RegionOutlines(curves, kept, corners, loops, open_at=open_at, reasons={})
 
 
 def _small_failures(parts: PartRegions, outcomes: Sequence[FaceOutcome], most: int) -> list[int]:
@@ -369,7 +290,7 @@ def _small_failures(parts: PartRegions, outcomes: Sequence[FaceOutcome], most: i
     return [k for k, outcome in enumerate(outcomes) if outcome.reason and size[k] <= least]
 
 
-def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> StepModel:
+def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], parts: PartRegions, name: str) -> StepModel:
     """Sew the faces, and write the file."""
     # 8. Shells and solids, and the file.
     n = len(best.outcomes)
@@ -386,6 +307,8 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> Step
     ]
     if not reason and whole.n_open:
         reason = "the faces do not meet along all of their edges"
+    if not reason and parts.mesh is not None:
+        reason = _false_volume(parts.mesh, parts, whole.volume_mm3 / MM**3)
     if not whole.is_valid:
         reason = f"{reason}; {_FAULTS}" if reason else _FAULTS
     return StepModel(
@@ -401,13 +324,36 @@ def _model(best: _Attempt, left_out: tuple[FaceOutcome, ...], name: str) -> Step
     )
 
 
+def _false_volume(mesh: RegionMesh, parts: PartRegions, volume_m3: float) -> str:
+    """Why a solid is not the model's: its volume differs by more than chords do; empty where it is."""
+    corners = mesh.vertices[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas, own = (
+        np.linalg.norm(across, axis=1) / 2,
+        abs(float(np.einsum("ij,ij->", corners[:, 0], across)) / 6),
+    )
+    middles = np.stack(
+        [corners.mean(axis=1), *((corners + np.roll(corners, 1, axis=1)) / 2).transpose(1, 0, 2)]
+    )
+    most = 0.0
+    for k, region in enumerate(parts.regions):
+        some = mesh.region == k
+        sag = np.abs(region.surface.distance(middles[:, some].reshape(-1, 3))).max(initial=0.0)
+        most += float(sag * areas[some].sum())
+    if abs(volume_m3 - own) <= most + EXACT_VOLUME * own:
+        return ""
+    return f"its solid has {1e6 * volume_m3:.4g} cm3, but its triangles enclose {1e6 * own:.4g} cm3"
+
+
 def _failure_text(outcomes: Sequence[FaceOutcome], n: int) -> str:
     """Which surfaces have no face, and why, in one sentence."""
     failed = [outcome for outcome in outcomes if outcome.reason]
-    free = [str(outcome.number) for outcome in outcomes if outcome.is_open and not outcome.reason]
+    free = [(one.number, one.open_at) for one in outcomes if one.open_at is not None and not one.reason]
     if not failed and free:
-        whose = f"surface {free[0]} ends" if len(free) == 1 else f"surfaces {', '.join(free)} end"
-        return f"{whose} where the measurement does, without a neighbour"
+        whose = ", ".join(str(number) for number, _ in free)
+        whose = f"surface {whose} ends" if len(free) == 1 else f"surfaces {whose} end"
+        places = ", ".join(f"{number} at {place_text(place)}" for number, place in free[:_MOST_TOLD])
+        return f"{whose} where the measurement does, without a neighbour: {places}"
     if not failed:
         return ""
     sentence = "; ".join(
@@ -420,9 +366,11 @@ def _failure_text(outcomes: Sequence[FaceOutcome], n: int) -> str:
 def _name(outcome: FaceOutcome) -> str:
     sd = f"sd {1e6 * outcome.sd_m:.3g} um"
     end = ", open end" if outcome.is_open else ""
-    return (
-        f"surface {outcome.number} {outcome.kind}, {100 * outcome.measured_share:.0f} % measured, {sd}{end}"
-    )
+    guess = ", rest inferred" if outcome.measured_share < MEASURED else ""
+    if outcome.extended:
+        guess += f", extended across surface {', '.join(map(str, outcome.extended))}"
+    measured = f"{100 * outcome.measured_share:.0f} % measured"
+    return f"surface {outcome.number} {outcome.kind}, {measured}{guess}, {sd}{end}"
 
 
 def _layer(outcome: FaceOutcome) -> str:

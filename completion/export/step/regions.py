@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -40,6 +41,19 @@ class FittedRegion:
     group: int = -1
 
 
+def place_text(point: FloatArray) -> str:
+    """A place (3,), millimetres, as people read it."""
+    return f"({', '.join(f'{value + 0.0:.4g}' for value in point)}) mm"
+
+
+class RegionMesh(NamedTuple):
+    """Triangles (m, 3) of vertices (n, 3), and the place (m,) of each among the regions; -1 for none."""
+
+    vertices: FloatArray
+    faces: IntArray
+    region: IntArray
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PartRegions:
     """What a part's boundary is made of.
@@ -58,6 +72,8 @@ class PartRegions:
         Places of these regions, the lesser first.
     spacing_m, noise_m : float
         Sampling distance, and the deviation of the points along the normal.
+    mesh : RegionMesh, optional
+        The triangles of a model, whose edges are where regions meet; metres.
     """
 
     regions: tuple[FittedRegion, ...]
@@ -67,6 +83,7 @@ class PartRegions:
     between: IntArray
     spacing_m: float
     noise_m: float
+    mesh: RegionMesh | None = None
 
     def __post_init__(self) -> None:
         for name in ("points", "contacts"):
@@ -76,7 +93,13 @@ class PartRegions:
 
 
 def part_regions(
-    regions: Sequence[FittedRegion], points: object, region: object, *, spacing_m: float, noise_m: float = 0.0
+    regions: Sequence[FittedRegion],
+    points: object,
+    region: object,
+    *,
+    spacing_m: float,
+    noise_m: float = 0.0,
+    mesh: RegionMesh | None = None,
 ) -> PartRegions:
     """Return the regions of points (n, 3), with their contacts: pairs of near points of two regions.
 
@@ -88,6 +111,8 @@ def part_regions(
         Metres, and the place of each point among the regions; -1 for none. Of a mesh, some on its triangles.
     spacing_m, noise_m : float
         Sampling distance and noise, metres.
+    mesh : RegionMesh, optional
+        The triangles of a model, metres: regions touch where they share an edge.
 
     Raises
     ------
@@ -115,10 +140,24 @@ def part_regions(
     if int(members.max(initial=-1)) >= len(regions):
         raise InputError(f"a point is of region {int(members.max())}, but there are {len(regions)}")
     place, members = place[used], members[used]
-    contacts, between = _contacts(place, members, spacing_m)
+    contacts, between = _contacts(place, members, spacing_m) if mesh is None else _shared_edges(mesh)
     return PartRegions(
-        tuple(regions), place, members, contacts, between=between, spacing_m=spacing_m, noise_m=noise_m
-    )
+        tuple(regions), place, members, contacts, between=between, spacing_m=spacing_m, noise_m=noise_m,
+        mesh=mesh,
+    )  # fmt: skip
+
+
+def _shared_edges(mesh: RegionMesh) -> tuple[FloatArray, IntArray]:
+    """Middles (m, 3) of edges of triangles of two regions, once for each of both ways, and these regions."""
+    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    ends = np.sort(np.column_stack([start, end]), axis=1)
+    order = np.lexsort((ends[:, 1], ends[:, 0]))
+    ends, region = ends[order], np.repeat(mesh.region, 3)[order]
+    is_shared = (ends[1:] == ends[:-1]).all(axis=1) & (region[1:] != region[:-1])
+    kept = np.flatnonzero(is_shared & (np.minimum(region[1:], region[:-1]) >= 0))
+    between = np.sort(np.column_stack([region[kept], region[kept + 1]]), axis=1)
+    middle = mesh.vertices[ends[kept]].mean(axis=1)
+    return np.concatenate([middle, middle]), np.concatenate([between, between])
 
 
 def _contacts(points: FloatArray, members: IntArray, spacing_m: float) -> tuple[FloatArray, IntArray]:
@@ -155,7 +194,7 @@ def join_regions(parts: PartRegions) -> PartRegions:
         return index
 
     size = np.bincount(parts.region, minlength=n)
-    tolerance = max(3 * parts.noise_m, 1e-2 * parts.spacing_m)
+    tolerance = max(3 * parts.noise_m, (1e-2 if parts.mesh is None else 1e-4) * parts.spacing_m)
     pairs, count = np.unique(parts.between, axis=0, return_counts=True)
     for (first, two), n_contacts in zip(pairs.tolist(), count.tolist(), strict=True):
         a, b = root(first), root(two)
@@ -180,6 +219,9 @@ def join_regions(parts: PartRegions) -> PartRegions:
         between=between[differ],
         spacing_m=parts.spacing_m,
         noise_m=parts.noise_m,
+        mesh=None
+        if parts.mesh is None
+        else parts.mesh._replace(region=np.append(new, -1)[parts.mesh.region]),
     )
 
 

@@ -48,6 +48,10 @@ class DividedPart(Protocol):
         """Labels (m,) of these."""
 
     @property
+    def is_model(self) -> bool:
+        """Whether the mesh is a tessellated model."""
+
+    @property
     def noise_m(self) -> float:
         """Deviation of the points, metres."""
 

@@ -62,6 +62,8 @@ WIDEST_HOLE = 0.5
 """Of a turn that a hole in a cylinder may take: beyond it the other side could be meant."""
 
 # Tessellated models
+ROUNDED_OFF = 1e-7
+"""Of the size, within which vertices are one: what single precision does to them."""
 MODEL_PRECISIONS = 2e-6, 2e-5, 2e-4, 6e-4
 """Of the size, that corners of a mesh may be off its model: files round, kernels trim, meshers drift."""
 HARDLY_MORE = 2.0

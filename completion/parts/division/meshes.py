@@ -24,6 +24,7 @@ from completion.parts.division.result import (
 from completion.parts.division.tessellation import divide_tessellated
 from scenes.checks import FloatArray, InputError, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh, spread_points
+from scenes.mesh.merging import merge_vertices
 from scenes.run.steps import Progress
 
 _SAMPLES = (4_000, 30_000)  # least and most
@@ -55,9 +56,9 @@ def segment_mesh(
     InputError
         A mesh without area, or a noise below zero.
     """
-    distinct, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    distinct, place = merge_vertices(mesh.vertices, limits.ROUNDED_OFF * size)
     if len(distinct) < len(mesh.vertices):  # triangles that do not share their corners
-        place = place.reshape(-1)
         joined = LabelledMesh(distinct, place[mesh.faces].astype(np.int32))
         part = segment_mesh(joined, noise_m=noise_m, step_m=step_m, progress=progress)
         return replace(part, labels=part.labels[place])

@@ -112,7 +112,9 @@ def test_what_was_not_measured_is_not_closed_and_says_why(tmp_path):
     record = model.record()
     assert record["solid"] is False
     assert record["volume_m3"] is None
-    assert record["reason"] == "surfaces 1, 2, 3, 4 end where the measurement does, without a neighbour"
+    told, places = record["reason"].split(": ")
+    assert told == "surfaces 1, 2, 3, 4 end where the measurement does, without a neighbour"
+    assert re.match(r"1 at \(-15, -?10, 4\.\d+\) mm, 2 at ", places)
     assert record["open_faces"] == [1, 2, 3, 4]
     assert b"open end" in model.data
     assert b"MANIFOLD_SOLID_BREP" not in model.data
@@ -150,6 +152,7 @@ def test_a_region_too_small_to_be_trimmed_is_left_out_and_told():
     (left,) = model.record()["without_face"]
     assert left["surface"] == 7
     assert "its neighbours were extended across it" in left["reason"]
+    assert b"extended across surface 7" in model.data
     first, second = outcome_lines(model)
     assert first == "step       6 faces of 7 surfaces, 1 solid, 6 cm3"
     assert second.strip().startswith("surface 7 (plane) is too small to be trimmed")
@@ -158,7 +161,7 @@ def test_a_region_too_small_to_be_trimmed_is_left_out_and_told():
 def test_people_read_why_a_part_is_open():
     first, second = outcome_lines(step_of(regions(rod(0.01, 0.03)[:2])))
     assert first == "step       2 faces of 2 surfaces, open"
-    assert second.strip() == "surface 1 ends where the measurement does, without a neighbour"
+    assert second.strip().startswith("surface 1 ends where the measurement does, without a neighbour: 1 at (")
 
 
 def test_the_same_part_gives_the_same_bytes_without_date_or_user():
@@ -232,7 +235,7 @@ def test_a_plane_alone_cannot_be_trimmed():
 
 
 def test_a_shape_with_faults_is_no_solid_and_says_so(monkeypatch):
-    monkeypatch.setattr("completion.export.step.pipeline.is_valid", lambda _shape: False)
+    monkeypatch.setattr("completion.export.step.sewing.is_valid", lambda _shape: False)
     model = step_of(regions(SOLIDS["rod"][0]))
     assert not model.is_solid
     assert model.reason == "the geometry kernel finds faults in the shape"

@@ -13,7 +13,7 @@ from completion.fitting.euclidean import fit_euclidean
 from completion.fitting.result import SurfaceFit
 from completion.relations.constraint import constrain
 from completion.relations.equations import RelationFrame, place
-from completion.relations.estimate import Doubt
+from completion.relations.estimate import Doubt, JointEstimate
 from completion.relations.graph import RelationGraph
 from completion.relations.options import RelationOptions
 from completion.relations.pipeline import impose, infer
@@ -315,3 +315,15 @@ def test_covariances_of_related_tori_are_those_of_monte_carlo():
         predicted.append(np.sqrt(found.fits[1].covariance[5, 5]))
     ratio = np.sqrt(np.mean(np.square(np.array(off) / predicted)))
     assert abs(ratio - 1) < 4 / np.sqrt(48)
+
+
+def test_what_relations_determine_has_no_variance_below_nothing(part):
+    estimate = JointEstimate(part, None, np.zeros(3))
+    for number, fit in enumerate(part):
+        stretch = estimate.columns(number)
+        values, vectors = np.linalg.eigh(fit.covariance)
+        left = (vectors * np.where(values == values.min(), -1e-17 * values, values)) @ vectors.T
+        estimate.covariance[stretch, stretch] = left
+        known = estimate.covariance_of(number)
+        assert min(np.trace(known), *np.linalg.eigvalsh(known) + 1e-15 * values.max()) >= 0
+        assert np.allclose(known, left, atol=1e-15 * values.max())
