@@ -220,6 +220,8 @@ def rings_around(first: IntArray, beside: IntArray, allowed: BoolArray, begin: I
                     seen[there] = True
                     stack[top] = there
                     top += 1
+        if top == high:
+            break
         here = stack[high:top].copy()
     return stack[:top].copy()
 

@@ -90,6 +90,8 @@ FACET_SIZES = np.log(8.0)
 """Ratio of areas of neighbouring chords, by its logarithm, from which a surface may start."""
 SAG_RATIO, TURN_RATIO = 10.0, 6.0
 """Of the usual sag of a surface's chords, and of its usual turn across them, beyond which a patch is none."""
+WIDER = 1.5
+"""Of the usual turn across chords, beyond which a wide one is a flat: meshers divide a face evenly."""
 MOST_TURN = np.radians(60.0)
 """Radians that a curved surface turns by across a chord, along a diagonal too. Chosen by eye."""
 MOST_OF_SURFACE = 0.5

@@ -127,3 +127,39 @@ def test_a_noisy_mesh_is_no_model():
     finer = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, 0.004))
     finer.vertices += np.random.default_rng(0).normal(size=finer.vertices.shape) * 2e-5
     assert divide_tessellated(labelled(finer), TOLERANCE_M) is None
+
+
+def extruded(outline: np.ndarray, height_m: float):
+    """A prism over a convex outline."""
+    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.Polygon(outline)))
+    corners = np.array([shapely.get_coordinates(piece)[:3] for piece in pieces])
+    vertices, faces = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
+    return trimesh.creation.extrude_triangulation(vertices, faces.reshape(-1, 3), height_m)
+
+
+@pytest.mark.parametrize(("sections", "depth_m"), [(24, 5e-4), (24, 1e-3), (72, 1e-3), (144, 3e-3)])
+def test_a_flat_on_a_shaft_is_a_plane(sections, depth_m):
+    half = np.degrees(np.arccos(1 - depth_m / 0.01))
+    angles = np.linspace(0, 360, sections, endpoint=False) + 0.5
+    angles = np.concatenate([[half], angles[(angles > half) & (angles < 360 - half)], [360 - half]])
+    turned = np.radians(angles)
+    shaft_mesh = extruded(0.01 * np.column_stack([np.cos(turned), np.sin(turned)]), 0.03)
+    assert kinds(shaft_mesh) == {"cylinder": 1, "plane": 3}
+
+
+@pytest.mark.parametrize("count", [16, 32])
+def test_balls_of_meridians_are_whole(count):
+    assert kinds(trimesh.creation.capsule(0.03, 0.01, count=[count, count])) == {"sphere": 2, "cylinder": 1}
+
+
+def test_corners_that_are_less_exact_are_divided_at_their_own_precision():
+    mesh = labelled(plate())
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    column = np.unique(mesh.vertices[:, :2].round(9), axis=0, return_inverse=True)[1].reshape(-1)
+    off = np.random.default_rng(0).normal(0, 1e-5 * size, (column.max() + 1, 2))[column]
+    moved = mesh.vertices + np.column_stack([off, np.zeros(len(off))])
+    tolerances = [share * size for share in (2e-6, 2e-5, 2e-4)]
+    found = divide_tessellated(LabelledMesh(moved, mesh.faces), tolerances)
+    assert found is not None
+    assert found.tolerance_m == tolerances[2]
+    assert Counter(surface.kind for surface in found.surfaces) == {"plane": 6, "cylinder": 5}
