@@ -184,7 +184,8 @@ def test_values_have_the_digits_that_their_interval_leaves(half, text):
 def test_a_countersink_of_a_model_keeps_its_angle_and_mouth(sections):
     section = [[4.5, 0], [4.5, 9.5], [7, 12], [20, 12], [20, 0], [4.5, 0]]
     mesh = trimesh.creation.revolve(1e-3 * np.array(section), sections=sections)
-    part = model_part(LabelledMesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32)))
+    rounded = (mesh.vertices + [0.046, 0, 0]).astype(np.float32).astype(np.float64)
+    part = model_part(LabelledMesh(rounded, np.asarray(mesh.faces, np.int32)))
     turned = next(one for one in profiles_of(part) if one.sweep.kind == "revolved")
     segments = [one for loop in turned.loops for one in loop.segments]
     slopes = [(one.end - one.start)[:2] for one in segments if one.centre is None]
