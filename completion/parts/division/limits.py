@@ -39,6 +39,12 @@ ripple."""
 LEAST_KEPT = 40
 """Points that are kept of a thinned part. Chosen by eye."""
 
+# Borders
+APART = CUT
+"""Tolerances between two surfaces, from which on a point's error hardly decides which of them it is given."""
+LEAST_INSIDE = 0.3
+"""Of the points of a face, that lie clear of the faces beside. Chosen by eye."""
+
 # Noise
 CHANCE = 0.01
 """Probability that noise makes a paraboloid look wrong. Chosen by eye."""

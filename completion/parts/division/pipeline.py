@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from completion.parts.division.borders import fits_inside
 from completion.parts.division.faces import fit_labels, groups_of, numbered_faces, spread
 from completion.parts.division.labelling import (
     best_of_kinds,
@@ -99,6 +100,7 @@ def segment_part(
     if len(kept) < len(cloud):
         labels = spread(cloud, about.points, faces, labels, about.tolerance_m)
     fits, labels = fit_labels(cloud, faces, labels, about.noise_m)
+    fits = fits_inside(about, cloud, fits, labels, kept)
     return PartSegmentation(
         labels=labels,
         fits=fits,
