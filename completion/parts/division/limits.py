@@ -45,6 +45,12 @@ APART = CUT
 LEAST_INSIDE = 0.3
 """Of the points of a face, that lie clear of the faces beside. Chosen by eye."""
 
+# Free forms
+MANY_FACES = 100
+"""Faces, from which on it is asked how many points they have. Of parts for tuning ten have .8 of the points."""
+LEAST_OF_MANY = 0.5
+"""Share of the points that so many faces of a part have. Those of parts for tuning: .58 on twenty and more."""
+
 # Noise
 CHANCE = 0.01
 """Probability that noise makes a paraboloid look wrong. Chosen by eye."""

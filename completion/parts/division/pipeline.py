@@ -10,6 +10,7 @@ from completion.parts.division.faces import fit_labels, groups_of, numbered_face
 from completion.parts.division.labelling import (
     best_of_kinds,
     first_labels,
+    is_free_form,
     of_best_kind,
     proposals,
     relabel,
@@ -24,7 +25,7 @@ from completion.parts.division.result import (
     thin_points,
     too_little,
 )
-from scenes.checks import InputError
+from scenes.checks import InputError, IntArray
 from scenes.run.steps import Progress
 from scenes.surfaces.catalogue import Surface
 
@@ -89,10 +90,12 @@ def segment_part(
 
     # 4. Label: which surface each point is on, the surfaces given that, in turn.
     tell("label", 0, 1)
-    labels = first_labels(about, regions)
-    surfaces, labels = relabel(about, [region.surface for region in regions], labels)
-    labels = without_islands(about, labels)
-    surfaces, labels = relabel(about, of_best_kind(about, surfaces, labels), labels)
+    labels, surfaces = first_labels(about, regions), [region.surface for region in regions]
+    is_free = is_free_form(len(regions), labels == 0)
+    if not is_free:
+        surfaces, labels = relabel(about, surfaces, labels)
+        labels = without_islands(about, labels)
+        surfaces, labels = relabel(about, of_best_kind(about, surfaces, labels), labels)
 
     # 5. Faces: connected pieces; all points find theirs; a fit for each, with its covariance.
     tell("fit", 0, 1)
@@ -107,6 +110,16 @@ def segment_part(
         groups=groups_of(cloud, fits, labels, about.tolerance_m),
         noise_m=about.noise_m,
         spacing_m=about.spacing_m,
+        warnings=(_told_of_free_form(len(regions), labels),) if is_free else (),
+    )
+
+
+def _told_of_free_form(n_regions: int, labels: IntArray) -> str:
+    """What is told of a cloud with labels (n,) whose regions explain too little of it."""
+    return (
+        f"most of this surface is on no plane, cylinder, cone, sphere or torus: the {n_regions} largest faces "
+        f"have {float((labels > 0).mean()):.0%} of the points, and no more were sought; use `unseen complete` "
+        "for rooms and free forms"
     )
 
 
