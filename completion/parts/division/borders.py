@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Borders: the fits of faces without the points that may be on the face beside.
 
-Where two faces meet smoothly, as a fillet and its plane do, their surfaces differ by less than the noise over a
+Where two faces meet smoothly, as a fillet and its plane do, their surfaces differ by less than k sigma over a
 width of sqrt(2 r k sigma), r being the fillet's radius. Which face a point there is given to depends on its
 error, and what a fit makes of points that were chosen by their errors is biased: radii of fillets came out
 3.6 standard deviations high.

@@ -299,7 +299,7 @@ def _reached_points(
 def _is_explained(
     about: Neighbourhoods, surface: Surface, covariance: FloatArray, chosen: IntArray
 ) -> BoolArray:
-    """Which of the points `chosen` (k,) are near enough to the surface where it is known, and turned as it is."""
+    """Which of the points `chosen` (k,) are near enough to the surface where it is known, and turn alike."""
     tolerance, points = about.tolerance_m, about.points[chosen]
     distance = np.abs(surface.distance(points))
     explained: BoolArray = np.asarray(distance <= CUT * tolerance * np.hypot(1, MOST_DEVIATION))

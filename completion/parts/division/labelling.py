@@ -8,7 +8,7 @@ conditional modes), from neighbours' labels alone, so that no surface reaches to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -213,7 +213,7 @@ def proposals(about: Neighbourhoods, tell: Progress) -> list[GrownRegion]:
     """
     free = np.ones(len(about.points), dtype=np.bool_)
     tree = cKDTree(about.points)
-    regions = _from_smooth(about, free, tree, tell)
+    regions = from_smooth(about, free, tree, tell)
     if is_free_form(len(regions), free):
         return regions
     regions = _join_neighbours(about, regions, free)
@@ -228,8 +228,20 @@ def is_free_form(n_regions: int, free: BoolArray) -> bool:
     return n_regions >= MANY_FACES and float(free.mean()) > 1 - LEAST_OF_MANY
 
 
-def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Progress) -> list[GrownRegion]:
-    """From seeds whose neighbourhoods are largest on."""
+def from_smooth(
+    about: Neighbourhoods,
+    free: BoolArray,
+    tree: cKDTree,
+    tell: Progress,
+    ends: Callable[[list[GrownRegion], BoolArray], bool] = lambda regions, free: is_free_form(
+        len(regions), free
+    ),
+) -> list[GrownRegion]:
+    """Return surfaces grown from seeds whose neighbourhoods are largest on.
+
+    What they explain is no longer `free` (n,). `ends` tells of the surfaces and what is free whether these
+    are enough.
+    """
     regions: list[GrownRegion] = []
     untried = about.is_smooth.copy()
     for seed in np.lexsort((np.arange(len(free)), -about.reach)):
@@ -246,7 +258,7 @@ def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Pr
             regions.append(best)
             free[best.members] = False
             tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
-            if is_free_form(len(regions), free):
+            if ends(regions, free):
                 break
     return regions
 

@@ -47,9 +47,9 @@ LEAST_INSIDE = 0.3
 
 # Free forms
 MANY_FACES = 100
-"""Faces, from which on it is asked how many points they have. Of parts for tuning ten have .8 of the points."""
+"""Faces, from which on it is asked how many points they have. Ten have .8 of them on parts for tuning."""
 LEAST_OF_MANY = 0.5
-"""Share of the points that so many faces of a part have. Those of parts for tuning: .58 on twenty and more."""
+"""Share of the points that so many faces of a part have. Of parts for tuning twenty have .58 and more."""
 
 # Noise
 CHANCE = 0.01

@@ -116,10 +116,11 @@ def segment_part(
 
 def _told_of_free_form(n_regions: int, labels: IntArray) -> str:
     """What is told of a cloud with labels (n,) whose regions explain too little of it."""
+    share = float((labels > 0).mean())
     return (
-        f"most of this surface is on no plane, cylinder, cone, sphere or torus: the {n_regions} largest faces "
-        f"have {float((labels > 0).mean()):.0%} of the points, and no more were sought; use `unseen complete` "
-        "for rooms and free forms"
+        "most of this surface is on no plane, cylinder, cone, sphere or torus: the "
+        f"{n_regions} largest faces have {share:.0%} of the points, and no more were sought; use "
+        "`unseen complete` for rooms and free forms"
     )
 
 
