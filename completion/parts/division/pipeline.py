@@ -16,6 +16,7 @@ from completion.parts.division.labelling import (
     relabel,
     without_islands,
 )
+from completion.parts.division.limits import MANY_FACES
 from completion.parts.division.neighbourhoods import look_around
 from completion.parts.division.result import (
     MOST_POINTS,
@@ -110,17 +111,24 @@ def segment_part(
         groups=groups_of(cloud, fits, labels, about.tolerance_m),
         noise_m=about.noise_m,
         spacing_m=about.spacing_m,
-        warnings=(_told_of_free_form(len(regions), labels),) if is_free else (),
+        warnings=_doubts(labels, len(fits), is_free),
     )
 
 
-def _told_of_free_form(n_regions: int, labels: IntArray) -> str:
-    """What is told of a cloud with labels (n,) whose regions explain too little of it."""
+def _doubts(labels: IntArray, n_faces: int, is_free: bool) -> tuple[str, ...]:
+    """What is told of a cloud with labels (n,) that has more faces than parts have; a sentence, or none."""
     share = float((labels > 0).mean())
+    if is_free:
+        return (
+            "most of this surface is on no plane, cylinder, cone, sphere or torus: the "
+            f"{n_faces} largest faces have {share:.0%} of the points, and no more were sought; use "
+            "`unseen complete` for rooms and free forms",
+        )
+    if n_faces < MANY_FACES:
+        return ()
     return (
-        "most of this surface is on no plane, cylinder, cone, sphere or torus: the "
-        f"{n_regions} largest faces have {share:.0%} of the points, and no more were sought; use "
-        "`unseen complete` for rooms and free forms"
+        f"{n_faces} faces have {share:.0%} of the points, more than most parts have; use `unseen complete` "
+        "if this is a scan of a room or a plant",
     )
 
 

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from completion.parts.division import labelling
+from completion.parts.division import labelling, pipeline
 from completion.parts.division.growing import (
     _is_explained,
     _reached_points,
@@ -41,5 +41,14 @@ def test_a_free_form_ends_early_and_is_told(monkeypatch):
     assert len(found.fits) <= 8
     assert (found.labels > 0).mean() < labelling.LEAST_OF_MANY
     (told,) = found.warnings
-    assert "the 8 largest faces have" in told
+    assert f"the {len(found.fits)} largest faces have" in told
     assert "unseen complete" in told
+
+
+def test_more_faces_than_parts_have_are_told(monkeypatch):
+    monkeypatch.setattr(pipeline, "MANY_FACES", 6)
+    points, _, _ = sampled(PARTS["plate"](), 4e-3, 1e-4, 1)
+    found = segment_part(points)
+    (told,) = found.warnings
+    assert told.startswith(f"{len(found.fits)} faces have ")
+    assert "if this is a scan of a room or a plant" in told
