@@ -17,7 +17,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from completion.fitting.chart import Chart
 from completion.fitting.euclidean import ScaledCloud, normal_equations, polish_chart
@@ -264,8 +263,7 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
         if pair is None:
             return None
         surface, covariance = pair
-        explained = _explained_points(about, surface, covariance)
-        new = np.flatnonzero(reachable(about.links.indptr, about.links.indices, explained, members))
+        new = _reached_points(about, surface, covariance, members)
         if np.count_nonzero(free[new]) < n_least:
             return None
         changed = len(np.setxor1d(new, members, assume_unique=True))
@@ -278,22 +276,45 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
     return GrownRegion(surface, members, score_of(surface, about.points[indices], tolerance))
 
 
-def _explained_points(about: Neighbourhoods, surface: Surface, covariance: FloatArray) -> BoolArray:
-    """Which points (n,) are near enough to the surface where it is known, and turned as it is."""
-    tolerance = about.tolerance_m
-    distance = np.abs(surface.distance(about.points))
-    near = np.flatnonzero(distance <= CUT * tolerance * np.hypot(1, MOST_DEVIATION))
-    explained = np.zeros(len(about.points), dtype=np.bool_)
+def _reached_points(
+    about: Neighbourhoods, surface: Surface, covariance: FloatArray, begin: IntArray
+) -> IntArray:
+    """Which points (k,) can be walked to from those in `begin` over what the surface explains.
+
+    Only those walked over and their neighbours are looked at: most surfaces are small.
+    """
+    first, beside = about.links.indptr, about.links.indices
+    explained, is_known = np.zeros(len(about.points), np.bool_), np.zeros(len(about.points), np.bool_)
+    fresh, n_rings = begin, 1
+    while True:
+        fresh = rings_around(first, beside, ~is_known, fresh, n_rings)
+        is_known[fresh] = True
+        explained[fresh] = _is_explained(about, surface, covariance, fresh)
+        mask = reachable(first, beside, explained, begin)
+        reached = np.flatnonzero(mask)
+        fresh = rings_around(first, beside, ~is_known, reached, 1)
+        if not len(fresh):
+            return reached
+        n_rings *= 2
+
+
+def _is_explained(
+    about: Neighbourhoods, surface: Surface, covariance: FloatArray, chosen: IntArray
+) -> BoolArray:
+    """Which of the points `chosen` (k,) are near enough to the surface where it is known, and turn alike."""
+    tolerance, points = about.tolerance_m, about.points[chosen]
+    distance = np.abs(surface.distance(points))
+    explained: BoolArray = np.asarray(distance <= CUT * tolerance * np.hypot(1, MOST_DEVIATION))
+    near = np.flatnonzero(explained)
     if not len(near):
         return explained
-    places = about.points[near]
+    places, which = points[near], chosen[near]
     deviation = SurfaceFit(surface, tolerance, covariance, len(places)).standard_deviation(places)
     fits = distance[near] <= CUT * np.hypot(tolerance, deviation)
     fits &= deviation <= MOST_DEVIATION * tolerance
-    aligned = np.abs(np.einsum("ij,ij->i", surface.normal(places), about.normals[near]))
-    turned = aligned < np.cos(np.minimum(np.maximum(CUT * about.normal_sd[near], LEAST_ANGLE), np.pi / 2))
-    fits &= ~(turned & about.is_smooth[near])
-    explained[near[fits]] = True
+    aligned = np.abs(np.einsum("ij,ij->i", surface.normal(places), about.normals[which]))
+    turned = aligned < np.cos(np.minimum(np.maximum(CUT * about.normal_sd[which], LEAST_ANGLE), np.pi / 2))
+    explained[near] = fits & ~(turned & about.is_smooth[which])
     return explained
 
 
@@ -307,7 +328,8 @@ def best_grown(about: Neighbourhoods, patch: IntArray, free: BoolArray) -> Grown
     for kind in KINDS:
         begins = [patch]
         if best is not None and len(best.members) > 1.5 * len(patch):
-            begins.append(_with_neighbours(about.links, best.members))
+            links, every = about.links, np.ones(len(free), np.bool_)
+            begins.append(np.sort(rings_around(links.indptr, links.indices, every, best.members, 2)))
         for begin in begins:
             for surface in likely(about, kind, begin):
                 region = grown(about, surface, begin, free)
@@ -346,12 +368,3 @@ def likely(about: Neighbourhoods, kind: str, begin: IntArray, share: float = 0.5
             best, most = moved, n_explained
     if best is not None:
         yield best
-
-
-def _with_neighbours(links: csr_array, members: IntArray) -> IntArray:
-    """The points (n,) and those within two steps of them."""
-    mark = np.zeros(links.shape[0])
-    mark[members] = 1.0
-    for _ in range(2):
-        mark = np.minimum(mark + links @ mark, 1.0)
-    return np.flatnonzero(mark > 0)

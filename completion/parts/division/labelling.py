@@ -8,7 +8,7 @@ conditional modes), from neighbours' labels alone, so that no surface reaches to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -24,7 +24,15 @@ from completion.parts.division.growing import (
     refine_surface,
     score_of,
 )
-from completion.parts.division.limits import EXPLAINED_COST, ISLAND, LEAST_ANGLE, LEAST_POINTS, STEP
+from completion.parts.division.limits import (
+    EXPLAINED_COST,
+    ISLAND,
+    LEAST_ANGLE,
+    LEAST_OF_MANY,
+    LEAST_POINTS,
+    MANY_FACES,
+    STEP,
+)
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.run.steps import Progress
@@ -200,16 +208,40 @@ _MOST_SEEDS = 6  # of them in a rest
 def proposals(about: Neighbourhoods, tell: Progress) -> list[GrownRegion]:
     """Return surfaces that explain the points, each with points of its own, as they were found.
 
-    `tell` hears how many of the points are explained.
+    `tell` hears how many of the points are explained. Of a free form (`is_free_form`) only those that
+    grew before it was known for one.
     """
     free = np.ones(len(about.points), dtype=np.bool_)
     tree = cKDTree(about.points)
-    regions = _join_neighbours(about, _from_smooth(about, free, tree, tell), free)
+    regions = from_smooth(about, free, tree, tell)
+    if is_free_form(len(regions), free):
+        return regions
+    regions = _join_neighbours(about, regions, free)
     return _join_neighbours(about, regions + _from_rests(about, free, tell), free)
 
 
-def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Progress) -> list[GrownRegion]:
-    """From seeds whose neighbourhoods are largest on."""
+def is_free_form(n_regions: int, free: BoolArray) -> bool:
+    """Whether so many regions leave so many points (n,) free that these are of no part.
+
+    Seeds come by the size of their smooth neighbourhood, so that the largest faces grow first.
+    """
+    return n_regions >= MANY_FACES and float(free.mean()) > 1 - LEAST_OF_MANY
+
+
+def from_smooth(
+    about: Neighbourhoods,
+    free: BoolArray,
+    tree: cKDTree,
+    tell: Progress,
+    ends: Callable[[list[GrownRegion], BoolArray], bool] = lambda regions, free: is_free_form(
+        len(regions), free
+    ),
+) -> list[GrownRegion]:
+    """Return surfaces grown from seeds whose neighbourhoods are largest on.
+
+    What they explain is no longer `free` (n,). `ends` tells of the surfaces and what is free whether these
+    are enough.
+    """
     regions: list[GrownRegion] = []
     untried = about.is_smooth.copy()
     for seed in np.lexsort((np.arange(len(free)), -about.reach)):
@@ -226,6 +258,8 @@ def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Pr
             regions.append(best)
             free[best.members] = False
             tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
+            if ends(regions, free):
+                break
     return regions
 
 

@@ -39,6 +39,18 @@ ripple."""
 LEAST_KEPT = 40
 """Points that are kept of a thinned part. Chosen by eye."""
 
+# Borders
+APART = CUT
+"""Tolerances between two surfaces, from which on a point's error hardly decides which of them it is given."""
+LEAST_INSIDE = 0.3
+"""Of the points of a face, that lie clear of the faces beside. Chosen by eye."""
+
+# Free forms
+MANY_FACES = 100
+"""Faces, from which on it is asked how many points they have. Ten have .8 of them on parts for tuning."""
+LEAST_OF_MANY = 0.5
+"""Share of the points that so many faces of a part have. Of parts for tuning twenty have .58 and more."""
+
 # Noise
 CHANCE = 0.01
 """Probability that noise makes a paraboloid look wrong. Chosen by eye."""
