@@ -118,7 +118,7 @@ def test_free_form_has_no_surface_and_is_told():
     assert [fit.surface.kind for fit in found.fits] == ["plane"] * 6
     share = wavy.area / (wavy.area + box.area)
     assert found.warnings == (
-        f"{100 * share:.1f} % of the area of this model is on no plane, cylinder, cone, sphere or torus",
+        f"{100 * share:.1f} % of the model's area is on no plane, cylinder, cone, sphere or torus",
     )
 
 
