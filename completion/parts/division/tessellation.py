@@ -83,7 +83,7 @@ def divide_tessellated(mesh: LabelledMesh, tolerances_m: Sequence[float]) -> Tes
     most = max(limits.FREE_FORM, limits.HARDLY_MORE * min(division.failed for division in tried))
     chosen = next(division for division in tried if division.failed <= most)
     chosen.grow()
-    return chosen.result() if chosen.unexplained <= 1 - limits.MODEL_SHARE else None
+    return chosen.result() if chosen.explained >= limits.MODEL_SHARE else None
 
 
 class _Division:
@@ -120,14 +120,15 @@ class _Division:
             for ring in _rings(patches, seed, self.face < 0)[:2]:
                 self._is_tried[ring[patches.n_triangles[ring] == 1]] = True
             n_failed += 1
-            if n_failed == _MOST_FAILED and self.unexplained > 1 - limits.MODEL_SHARE:
+            if n_failed == _MOST_FAILED and self.explained < limits.MODEL_SHARE:
                 break
 
     @property
-    def unexplained(self) -> float:
-        """Share of the area that is neither on curved surfaces nor in planes."""
-        area = self.patches.area
-        return float(area[_is_free_form(self.patches, self.face)].sum() / area.sum())
+    def explained(self) -> float:
+        """Share of the area on curved surfaces and in planes of several triangles: any triangle is flat."""
+        patches, is_known = self.patches, self.face >= 0
+        is_known |= (patches.n_triangles > 1) & ~_is_free_form(patches, self.face)
+        return float(patches.area[is_known].sum() / patches.area.sum())
 
     @property
     def failed(self) -> float:

@@ -163,3 +163,9 @@ def test_corners_that_are_less_exact_are_divided_at_their_own_precision():
     assert found is not None
     assert found.tolerance_m == tolerances[2]
     assert Counter(surface.kind for surface in found.surfaces) == {"plane": 6, "cylinder": 5}
+
+
+def test_lone_triangles_are_no_model():
+    corners = np.random.default_rng(0).normal(size=(300, 3))
+    soup = LabelledMesh(corners, np.arange(300, dtype=np.int32).reshape(-1, 3))
+    assert divide_tessellated(soup, [1e-6, 1e-5, 1e-4]) is None
