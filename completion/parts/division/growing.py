@@ -13,10 +13,12 @@ linear again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from completion.fitting.chart import Chart
 from completion.fitting.euclidean import ScaledCloud, normal_equations, polish_chart
@@ -176,31 +178,11 @@ def _tori(points: FloatArray, normals: FloatArray) -> list[Surface]:
 
 
 @compiled
-def reachable(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray) -> BoolArray:
-    """Which points (n,) can be walked to from those in `begin`; `first`, `beside` are a sparse graph's."""
-    mask = np.zeros(len(allowed), dtype=np.bool_)
-    stack = np.empty(len(allowed), dtype=np.int64)
-    top = 0
-    for start in begin:
-        if allowed[start] and not mask[start]:
-            mask[start] = True
-            stack[top] = start
-            top += 1
-    while top > 0:
-        top -= 1
-        here = stack[top]
-        for place in range(first[here], first[here + 1]):
-            there = beside[place]
-            if allowed[there] and not mask[there]:
-                mask[there] = True
-                stack[top] = there
-                top += 1
-    return mask
-
-
-@compiled
 def rings_around(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray, n: int) -> IntArray:
-    """Points within n steps of those in `begin`, these too, of the allowed (m,); as for `reachable`."""
+    """Points within n steps of those in `begin`, these too, of those allowed (m,).
+
+    `first` and `beside` are a sparse graph's.
+    """
     seen = np.zeros(len(allowed), dtype=np.bool_)
     stack = np.empty(len(allowed), dtype=np.int64)
     top = 0
@@ -223,6 +205,36 @@ def rings_around(first: IntArray, beside: IntArray, allowed: BoolArray, begin: I
             break
         here = stack[high:top].copy()
     return stack[:top].copy()
+
+
+@compiled
+def reachable(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray) -> BoolArray:
+    """Which points (n,) can be walked to over allowed ones from those in `begin`; as for `rings_around`."""
+    mask = np.zeros(len(allowed), dtype=np.bool_)
+    mask[rings_around(first, beside, allowed, begin[allowed[begin]], len(allowed))] = True
+    return mask
+
+
+def walked(
+    links: csr_array, allowed: BoolArray, begin: IntArray, holds: Callable[[IntArray], BoolArray]
+) -> BoolArray:
+    """Which points (n,) can be walked to from those in `begin` over allowed ones of which something holds.
+
+    `holds` is asked of places (k,), and only of those that are walked over and their neighbours, each once:
+    most surfaces are small.
+    """
+    first, beside = links.indptr, links.indices
+    held, is_known = np.zeros(len(allowed), np.bool_), np.zeros(len(allowed), np.bool_)
+    fresh, n_rings = begin, 1
+    while True:
+        fresh = rings_around(first, beside, allowed & ~is_known, fresh, n_rings)
+        is_known[fresh] = True
+        held[fresh] = holds(fresh)
+        mask = reachable(first, beside, held, begin)
+        fresh = rings_around(first, beside, allowed & ~is_known, np.flatnonzero(mask), 1)
+        if not len(fresh):
+            return np.asarray(mask)
+        n_rings *= 2
 
 
 GAIN = CUT**2 / 2  # what it is worth to explain a point, in logarithms of likelihood
@@ -263,7 +275,8 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
         if pair is None:
             return None
         surface, covariance = pair
-        new = _reached_points(about, surface, covariance, members)
+        explains = partial(_is_explained, about, surface, covariance)
+        new = np.flatnonzero(walked(about.links, np.ones_like(free), members, explains))
         if np.count_nonzero(free[new]) < n_least:
             return None
         changed = len(np.setxor1d(new, members, assume_unique=True))
@@ -274,28 +287,6 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
         seen.add(mark)
     indices = members[free[members]]
     return GrownRegion(surface, members, score_of(surface, about.points[indices], tolerance))
-
-
-def _reached_points(
-    about: Neighbourhoods, surface: Surface, covariance: FloatArray, begin: IntArray
-) -> IntArray:
-    """Which points (k,) can be walked to from those in `begin` over what the surface explains.
-
-    Only those walked over and their neighbours are looked at: most surfaces are small.
-    """
-    first, beside = about.links.indptr, about.links.indices
-    explained, is_known = np.zeros(len(about.points), np.bool_), np.zeros(len(about.points), np.bool_)
-    fresh, n_rings = begin, 1
-    while True:
-        fresh = rings_around(first, beside, ~is_known, fresh, n_rings)
-        is_known[fresh] = True
-        explained[fresh] = _is_explained(about, surface, covariance, fresh)
-        mask = reachable(first, beside, explained, begin)
-        reached = np.flatnonzero(mask)
-        fresh = rings_around(first, beside, ~is_known, reached, 1)
-        if not len(fresh):
-            return reached
-        n_rings *= 2
 
 
 def _is_explained(

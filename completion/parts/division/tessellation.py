@@ -23,7 +23,7 @@ from completion.parts.division.growing import (
     hypotheses,
     reachable,
     refine_surface,
-    rings_around,
+    walked,
 )
 from completion.parts.division.patches import Patches, most_turn, patches_of, ranges
 from completion.parts.division.whole_faces import join_slivers, whole_faces
@@ -384,19 +384,12 @@ def _held(
     slope: float = limits.FACET_SLOPE,
 ) -> BoolArray:
     """Which patches (p,) have all corners on a surface, look its way, and can be walked to from some (k,)."""
-    held, is_known = np.zeros(len(free), np.bool_), np.zeros(len(free), np.bool_)
-    fresh, n_rings = begin, 1
-    first, beside = patches.bends.indptr, patches.bends.indices
-    while True:
-        fresh = rings_around(first, beside, free & ~is_known, fresh, n_rings)
-        is_known[fresh] = True
-        place, which = ranges(patches.first, fresh)
+
+    def holds(some: IntArray) -> BoolArray:
+        place, which = ranges(patches.first, some)
         off = np.abs(surface.distance(patches.mesh.vertices[patches.corner[place]])) > patches.tolerance_m
-        n_off = np.bincount(which[off], minlength=len(fresh))
-        ahead = np.abs(np.einsum("ij,ij->i", surface.normal(patches.centroid[fresh]), patches.normal[fresh]))
-        held[fresh] = (n_off == 0) & ((ahead > np.cos(slope)) | patches.is_thin[fresh])
-        mask = reachable(first, beside, held, begin)
-        fresh = rings_around(first, beside, free & ~is_known, np.flatnonzero(mask), 1)
-        if not len(fresh):
-            return mask
-        n_rings = 2 * n_rings
+        n_off = np.bincount(which[off], minlength=len(some))
+        ahead = np.abs(np.einsum("ij,ij->i", surface.normal(patches.centroid[some]), patches.normal[some]))
+        return np.asarray((n_off == 0) & ((ahead > np.cos(slope)) | patches.is_thin[some]))
+
+    return walked(patches.bends, free, begin, holds)

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: MIT
 """Growing and its end: what is walked over, and clouds that are no parts."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from completion.parts.division import labelling, pipeline
 from completion.parts.division.growing import (
     _is_explained,
-    _reached_points,
     likely,
     reachable,
     refine_surface,
+    walked,
 )
 from completion.parts.division.neighbourhoods import look_around
 from completion.parts.division.pipeline import segment_part
@@ -25,9 +27,11 @@ def test_walking_reaches_what_a_look_at_all_points_reaches(kind):
         begin = np.flatnonzero(true == number)[:40]
         for surface in likely(about, kind, begin):
             surface, covariance = refine_surface(surface, points[begin], about.tolerance_m)
-            explained = _is_explained(about, surface, covariance, np.arange(len(points)))
+            explains = partial(_is_explained, about, surface, covariance)
+            explained = explains(np.arange(len(points)))
             every = reachable(about.links.indptr, about.links.indices, explained, begin)
-            assert (_reached_points(about, surface, covariance, begin) == np.flatnonzero(every)).all()
+            reached = walked(about.links, np.ones(len(points), np.bool_), begin, explains)
+            assert (reached == every).all()
 
 
 def test_a_free_form_ends_early_and_is_told(monkeypatch):
