@@ -240,19 +240,22 @@ class GrownRegion:
     score: float
 
 
-def score_of(surface: Surface, points: FloatArray, tolerance: float) -> float:
-    """How much likelier a surface makes points (n, 3), less what its parameters cost (logarithms)."""
+def score_of(surface: Surface, points: FloatArray, tolerance: float, worth: FloatArray | float = GAIN) -> float:
+    """How much likelier a surface makes points (n, 3), less what its parameters cost (logarithms).
+
+    `worth` (n,) is what it is worth to explain each: less where another surface explains it somehow.
+    """
     share = surface.distance(points) / tolerance
-    explained = np.maximum(GAIN - share * share / 2, 0.0)
+    explained = np.maximum(worth - share * share / 2, 0.0)
     cost = N_PARAMETERS[surface.kind] * (GAIN + np.log(max(len(points), 2)) / 2)
     return float(explained.sum() - cost)
 
 
-def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolArray) -> GrownRegion | None:
-    """Grow a surface from points `begin` (m,) over all that it explains; None where too few are `free` (n,).
+def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, worth: FloatArray) -> GrownRegion | None:
+    """Grow a surface from points `begin` (m,) over all that it explains; None where too few are worth it.
 
     Points on the rim of two surfaces are on both: what is explained already still says where a surface is,
-    but not that there is one.
+    but not that there is one. So it is `worth` (n,) nothing to explain it again.
     """
     tolerance, members = about.tolerance_m, begin
     seen: set[int] = set()
@@ -264,7 +267,7 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
         surface, covariance = pair
         explained = _explained_points(about, surface, covariance)
         new = np.flatnonzero(reachable(about.links.indptr, about.links.indices, explained, members))
-        if np.count_nonzero(free[new]) < n_least:
+        if np.count_nonzero(worth[new]) < n_least:
             return None
         changed = len(np.setxor1d(new, members, assume_unique=True))
         members = new
@@ -272,8 +275,8 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
         if changed <= STILL_SHARE * len(new) or mark in seen:
             break
         seen.add(mark)
-    indices = members[free[members]]
-    return GrownRegion(surface, members, score_of(surface, about.points[indices], tolerance))
+    free = members[worth[members] > 0]
+    return GrownRegion(surface, members, score_of(surface, about.points[free], tolerance, worth[free]))
 
 
 def _explained_points(about: Neighbourhoods, surface: Surface, covariance: FloatArray) -> BoolArray:
@@ -295,7 +298,7 @@ def _explained_points(about: Neighbourhoods, surface: Surface, covariance: Float
     return explained
 
 
-def best_grown(about: Neighbourhoods, patch: IntArray, free: BoolArray) -> GrownRegion | None:
+def best_grown(about: Neighbourhoods, patch: IntArray, worth: FloatArray) -> GrownRegion | None:
     """The surface that explains most from a patch (m,) on, simple kinds first.
 
     Each kind begins from the patch, and from what the kinds before it explained with a margin of two points
@@ -308,7 +311,7 @@ def best_grown(about: Neighbourhoods, patch: IntArray, free: BoolArray) -> Grown
             begins.append(_with_neighbours(about.links, best.members))
         for begin in begins:
             for surface in likely(about, kind, begin):
-                region = grown(about, surface, begin, free)
+                region = grown(about, surface, begin, worth)
                 if region is not None and region.score > 0 and (best is None or region.score > best.score):
                     best = region
     return best
@@ -317,7 +320,7 @@ def best_grown(about: Neighbourhoods, patch: IntArray, free: BoolArray) -> Grown
 def joint(about: Neighbourhoods, both: IntArray) -> GrownRegion | None:
     """The surface of most score that explains nearly all of some points (m,), grown from them."""
     best: GrownRegion | None = None
-    everything = np.ones(len(about.points), dtype=np.bool_)
+    everything = np.full(len(about.points), GAIN)
     for kind in KINDS:
         for surface in likely(about, kind, both, MOST_OF_FACE):
             region = grown(about, surface, both, everything)

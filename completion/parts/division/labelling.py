@@ -22,6 +22,7 @@ from completion.parts.division.growing import (
     joint,
     likely,
     refine_surface,
+    rings_around,
     score_of,
 )
 from completion.parts.division.limits import EXPLAINED_COST, ISLAND, LEAST_ANGLE, LEAST_POINTS, STEP
@@ -31,6 +32,8 @@ from scenes.run.steps import Progress
 from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled
 
+_HALF = GAIN / 2  # what another surface explains worse may be of one of its own
+_N_BESIDE = 2  # neighbours from a surface's points, to which it may explain others
 _N_SWEEPS = 20
 _N_ROUNDS = 6
 
@@ -202,57 +205,78 @@ def proposals(about: Neighbourhoods, tell: Progress) -> list[GrownRegion]:
 
     `tell` hears how many of the points are explained.
     """
-    free = np.ones(len(about.points), dtype=np.bool_)
-    tree = cKDTree(about.points)
-    regions = _join_neighbours(about, _from_smooth(about, free, tree, tell), free)
-    return _join_neighbours(about, regions + _from_rests(about, free, tell), free)
+    worth = np.full(len(about.points), GAIN)
+    regions = _join_neighbours(about, _from_smooth(about, worth, cKDTree(about.points), tell))
+    worth = _worth(about, regions)
+    return _join_neighbours(about, regions + _from_rests(about, worth, tell))
 
 
-def _from_smooth(about: Neighbourhoods, free: BoolArray, tree: cKDTree, tell: Progress) -> list[GrownRegion]:
+def _worth(about: Neighbourhoods, regions: Sequence[GrownRegion]) -> FloatArray:
+    """What it is worth to explain each point (n,) that surfaces leave."""
+    worth = np.full(len(about.points), GAIN)
+    for region in regions:
+        _take(about, region, worth)
+    return worth
+
+
+def _take(about: Neighbourhoods, region: GrownRegion, worth: FloatArray) -> None:
+    """Lower what it is worth to explain points (n,): a surface explains its own, and those beside them somehow.
+
+    Near an edge normals are of neither side where noise hides it: such points are left out, but are no sign
+    of a surface of their own.
+    """
+    links = about.links
+    near = rings_around(links.indptr, links.indices, worth > 0, region.members, _N_BESIDE)
+    share = region.surface.distance(about.points[near]) / about.tolerance_m
+    worth[near] = np.minimum(worth[near], share * share / 2)
+    worth[region.members] = 0.0
+
+
+def _from_smooth(about: Neighbourhoods, worth: FloatArray, tree: cKDTree, tell: Progress) -> list[GrownRegion]:
     """From seeds whose neighbourhoods are largest on."""
     regions: list[GrownRegion] = []
     untried = about.is_smooth.copy()
-    for seed in np.lexsort((np.arange(len(free)), -about.reach)):
-        if not (untried[seed] and free[seed]):
+    for seed in np.lexsort((np.arange(len(worth)), -about.reach)):
+        if not (untried[seed] and worth[seed] > _HALF):
             continue
         near = np.atleast_1d(tree.query(about.points[seed], k=int(about.reach[seed]))[1])
         inner = near[: max(LEAST_POINTS, len(near) // 2)]  # what does not fit lies at the border
         untried[inner] = False
-        patch = inner[free[inner]]
+        patch = inner[worth[inner] > 0]
         if len(patch) < max(LEAST_POINTS, len(inner) // 2):
             continue
-        best = best_grown(about, patch, free)
+        best = best_grown(about, patch, worth)
         if best is not None:
             regions.append(best)
-            free[best.members] = False
-            tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
+            _take(about, best, worth)
+            tell("grow", len(worth) - int(np.count_nonzero(worth)), len(worth))
     return regions
 
 
-def _from_rests(about: Neighbourhoods, free: BoolArray, tell: Progress) -> list[GrownRegion]:
+def _from_rests(about: Neighbourhoods, worth: FloatArray, tell: Progress) -> list[GrownRegion]:
     """From what is left, piece by piece: as a whole, or about seeds in it."""
     rests: list[GrownRegion] = []
     failed: set[bytes] = set()
     while True:
         new: list[GrownRegion] = []
-        for piece in _pieces(about, free):
+        for piece in _pieces(about, worth > _HALF):
             if piece.tobytes() in failed:
                 continue
-            best = best_grown(about, piece, free)
+            best = best_grown(about, piece, worth)
             if best is None or len(best.members) < 0.8 * len(piece):
-                best = _better(best, _about_seeds(about, piece, free))
+                best = _better(best, _about_seeds(about, piece, worth))
             if best is None:
                 failed.add(piece.tobytes())
             else:
                 new.append(best)
-                free[best.members] = False
-                tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
+                _take(about, best, worth)
+                tell("grow", len(worth) - int(np.count_nonzero(worth)), len(worth))
         if not new:
             return rests
         rests += new
 
 
-def _join_neighbours(about: Neighbourhoods, regions: list[GrownRegion], free: BoolArray) -> list[GrownRegion]:
+def _join_neighbours(about: Neighbourhoods, regions: list[GrownRegion]) -> list[GrownRegion]:
     """The surfaces with neighbours replaced by one surface where that makes all points likelier.
 
     What grew from a patch across a border is of a wrong kind and small; two of them together tell the kind.
@@ -292,7 +316,6 @@ def _join_neighbours(about: Neighbourhoods, regions: list[GrownRegion], free: Bo
         names[max([*names, *(number for pair in tried for number in pair)]) + 1] = new
         owner = _owners(about, names)
         waiting = _beside(about, names, owner)
-    free[:] = owner < 0
     return list(names.values())
 
 
@@ -333,7 +356,7 @@ def _pieces(about: Neighbourhoods, free: BoolArray) -> list[IntArray]:
     )
 
 
-def _about_seeds(about: Neighbourhoods, piece: IntArray, free: BoolArray) -> GrownRegion | None:
+def _about_seeds(about: Neighbourhoods, piece: IntArray, worth: FloatArray) -> GrownRegion | None:
     """The best surface from patches about points of a piece."""
     tree, best = cKDTree(about.points[piece]), None
     for seed in piece[np.linspace(0, len(piece) - 1, min(_MOST_SEEDS, len(piece))).astype(np.int64)]:
@@ -341,8 +364,8 @@ def _about_seeds(about: Neighbourhoods, piece: IntArray, free: BoolArray) -> Gro
             if size > len(piece):
                 break
             near = piece[tree.query(about.points[seed], k=size)[1]]
-            best = _better(best, best_grown(about, near, free))
-            if best is not None and np.count_nonzero(free[best.members]) >= 0.8 * len(piece):
+            best = _better(best, best_grown(about, near, worth))
+            if best is not None and np.count_nonzero(worth[best.members]) >= 0.8 * len(piece):
                 return best
     return best
 
