@@ -13,7 +13,7 @@ linear again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -302,18 +302,37 @@ def best_grown(about: Neighbourhoods, patch: IntArray, worth: FloatArray) -> Gro
     """The surface that explains most from a patch (m,) on, simple kinds first.
 
     Each kind begins from the patch, and from what the kinds before it explained with a margin of two points
-    about it: a strip of a torus that a cylinder grew over begins the torus.
+    about it: a strip of a torus that a cylinder grew over begins the torus. What explains most begins each
+    kind once more: of a patch that noise hides the bend of, any kind may grow over a face.
     """
     best: GrownRegion | None = None
     for kind in KINDS:
         begins = [patch]
         if best is not None and len(best.members) > 1.5 * len(patch):
             begins.append(_with_neighbours(about.links, best.members))
-        for begin in begins:
-            for surface in likely(about, kind, begin):
-                region = grown(about, surface, begin, worth)
-                if region is not None and region.score > 0 and (best is None or region.score > best.score):
-                    best = region
+        best = _best_of(about, kind, begins, worth, best)
+    if best is None or best.surface.kind == KINDS[0]:
+        return best
+    found = best.members
+    for kind in KINDS:
+        if best is not None and kind != best.surface.kind:
+            best = _best_of(about, kind, [found], worth, best)
+    return best
+
+
+def _best_of(
+    about: Neighbourhoods,
+    kind: str,
+    begins: Sequence[IntArray],
+    worth: FloatArray,
+    best: GrownRegion | None,
+) -> GrownRegion | None:
+    """The region of a kind from some points (m,) on, where it explains more than the best so far."""
+    for begin in begins:
+        for surface in likely(about, kind, begin):
+            region = grown(about, surface, begin, worth)
+            if region is not None and region.score > 0 and (best is None or region.score > best.score):
+                best = region
     return best
 
 
