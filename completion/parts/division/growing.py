@@ -280,10 +280,16 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, worth: Float
 
 
 def _explained_points(about: Neighbourhoods, surface: Surface, covariance: FloatArray) -> BoolArray:
-    """Which points (n,) are near enough to the surface where it is known, and turned as it is."""
-    tolerance = about.tolerance_m
-    distance = np.abs(surface.distance(about.points))
-    near = np.flatnonzero(distance <= CUT * tolerance * np.hypot(1, MOST_DEVIATION))
+    """Which points (n,) are near enough to the surface where it is known, and turned as it is.
+
+    They are near enough with their neighbours too: the mean of what those are off, which are near, scatters
+    less, and tells a surface that departs from this one sooner.
+    """
+    tolerance, links = about.tolerance_m, about.links
+    signed = surface.distance(about.points)
+    distance = np.abs(signed)
+    is_near = distance <= CUT * tolerance * np.hypot(1, MOST_DEVIATION)
+    near = np.flatnonzero(is_near)
     explained = np.zeros(len(about.points), dtype=np.bool_)
     if not len(near):
         return explained
@@ -291,11 +297,29 @@ def _explained_points(about: Neighbourhoods, surface: Surface, covariance: Float
     deviation = SurfaceFit(surface, tolerance, covariance, len(places)).standard_deviation(places)
     fits = distance[near] <= CUT * np.hypot(tolerance, deviation)
     fits &= deviation <= MOST_DEVIATION * tolerance
+    n_near, mean = _means_beside(links.indptr, links.indices, signed, near, is_near)
+    fits &= np.abs(mean) <= CUT * np.hypot(tolerance / np.sqrt(n_near), deviation)
     aligned = np.abs(np.einsum("ij,ij->i", surface.normal(places), about.normals[near]))
     turned = aligned < np.cos(np.minimum(np.maximum(CUT * about.normal_sd[near], LEAST_ANGLE), np.pi / 2))
     fits &= ~(turned & about.is_smooth[near])
     explained[near[fits]] = True
     return explained
+
+
+@compiled
+def _means_beside(
+    first: IntArray, beside: IntArray, values: FloatArray, asked: IntArray, counted: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Number (m,) and mean (m,) of the values (n,) at points (m,) and those beside them that are counted."""
+    number, mean = np.empty(len(asked)), np.empty(len(asked))
+    for k in range(len(asked)):
+        number[k], mean[k] = 1.0, values[asked[k]]
+        for place in range(first[asked[k]], first[asked[k] + 1]):
+            if counted[beside[place]]:
+                number[k] += 1.0
+                mean[k] += values[beside[place]]
+        mean[k] /= number[k]
+    return number, mean
 
 
 def best_grown(about: Neighbourhoods, patch: IntArray, worth: FloatArray) -> GrownRegion | None:
