@@ -247,8 +247,12 @@ def score_of(surface: Surface, points: FloatArray, tolerance: float, worth: Floa
     """
     share = surface.distance(points) / tolerance
     explained = np.maximum(worth - share * share / 2, 0.0)
-    cost = N_PARAMETERS[surface.kind] * (GAIN + np.log(max(len(points), 2)) / 2)
-    return float(explained.sum() - cost)
+    return float(explained.sum()) - parameter_cost(surface.kind, len(points))
+
+
+def parameter_cost(kind: str, n: int) -> float:
+    """What the parameters of a kind of surface cost that explains n points (logarithms)."""
+    return N_PARAMETERS[kind] * (GAIN + float(np.log(max(n, 2))) / 2)
 
 
 def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, worth: FloatArray) -> GrownRegion | None:

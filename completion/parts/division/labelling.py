@@ -21,6 +21,7 @@ from completion.parts.division.growing import (
     best_grown,
     joint,
     likely,
+    parameter_cost,
     refine_surface,
     rings_around,
     score_of,
@@ -39,16 +40,24 @@ _N_ROUNDS = 6
 
 
 def first_labels(about: Neighbourhoods, regions: Sequence[GrownRegion]) -> IntArray:
-    """Labels (n,) by which of the surfaces that grew over a point is nearest to it; 0 for none."""
+    """Labels (n,) by which of the surfaces that grew over a point is nearest to it; 0 for none.
+
+    Of two about as near the one counts that was found for most of its points, not for what others left.
+    """
     labels = np.zeros(len(about.points), dtype=np.int64)
     least = np.full(len(labels), np.inf)
-    for number, region in sorted(enumerate(regions, start=1), key=lambda pair: len(pair[1].members)):
+    for number, region in sorted(enumerate(regions, start=1), key=lambda pair: -_merit(pair[1])):
         share = region.surface.distance(about.points[region.members]) / about.tolerance_m
         cost = share * share / 2
         nearer = cost < least[region.members] - EXPLAINED_COST
         labels[region.members[nearer]] = number
         least[region.members[nearer]] = cost[nearer]
     return labels
+
+
+def _merit(region: GrownRegion) -> float:
+    """How much likelier a region made each of its points."""
+    return region.score / len(region.members)
 
 
 def relabel(
@@ -58,7 +67,8 @@ def relabel(
     surface = list(surfaces)
     for _ in range(_N_ROUNDS):
         before = labels.copy()
-        labels = _swept(about, misfits(about, surface), labels)
+        cost = misfits(about, surface)
+        labels = _needed(about, surface, cost, _swept(about, cost, labels))
         surface, labels = _refit(about, surface, labels)
         if len(before) == len(labels) and (before == labels).all():
             break
@@ -158,6 +168,36 @@ def _sweep(first: IntArray, beside: IntArray, cost: FloatArray, labels: IntArray
             labels[here] = best
             changed += 1
     return changed
+
+
+def _needed(
+    about: Neighbourhoods, surfaces: Sequence[Surface], cost: FloatArray, labels: IntArray
+) -> IntArray:
+    """Labels (n,) without those whose points the surfaces beside them explain nearly as well.
+
+    A label stays where its points, and its borders, cost less by more than its parameters are worth.
+    """
+    labels, size = labels.copy(), np.bincount(labels, minlength=len(surfaces) + 1)
+    rows = np.repeat(np.arange(len(labels)), np.diff(about.links.indptr))
+    for number in np.argsort(size[1:], kind="stable") + 1:
+        members = np.flatnonzero(labels == number)
+        if not len(members):
+            continue
+        is_edge = labels[rows] == number
+        inner, outer = rows[is_edge], about.links.indices[is_edge]
+        beside = np.unique(labels[outer])
+        beside = np.union1d(beside[beside != number], 0)
+        choice = beside[np.argmin(cost[np.ix_(members, beside)], axis=1)]
+        other = labels.copy()
+        other[members] = choice
+        inside = labels[outer] == number  # such links are met from both ends
+        borders = STEP * float(
+            np.sum((other[inner] != other[outer]) * np.where(inside, 0.5, 1.0)) - np.sum(~inside)
+        )
+        worse = float(np.sum(cost[members, choice] - cost[members, number]))
+        if worse + borders <= parameter_cost(surfaces[number - 1].kind, len(members)):
+            labels = other
+    return labels
 
 
 def _refit(
