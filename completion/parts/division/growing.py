@@ -240,7 +240,9 @@ class GrownRegion:
     score: float
 
 
-def score_of(surface: Surface, points: FloatArray, tolerance: float, worth: FloatArray | float = GAIN) -> float:
+def score_of(
+    surface: Surface, points: FloatArray, tolerance: float, worth: FloatArray | float = GAIN
+) -> float:
     """How much likelier a surface makes points (n, 3), less what its parameters cost (logarithms).
 
     `worth` (n,) is what it is worth to explain each: less where another surface explains it somehow.

@@ -260,7 +260,7 @@ def _worth(about: Neighbourhoods, regions: Sequence[GrownRegion]) -> FloatArray:
 
 
 def _take(about: Neighbourhoods, region: GrownRegion, worth: FloatArray) -> None:
-    """Lower what it is worth to explain points (n,): a surface explains its own, and those beside them somehow.
+    """Lower what it is worth to explain points (n,): a surface explains its own, and somehow those beside.
 
     Near an edge normals are of neither side where noise hides it: such points are left out, but are no sign
     of a surface of their own.
@@ -272,7 +272,9 @@ def _take(about: Neighbourhoods, region: GrownRegion, worth: FloatArray) -> None
     worth[region.members] = 0.0
 
 
-def _from_smooth(about: Neighbourhoods, worth: FloatArray, tree: cKDTree, tell: Progress) -> list[GrownRegion]:
+def _from_smooth(
+    about: Neighbourhoods, worth: FloatArray, tree: cKDTree, tell: Progress
+) -> list[GrownRegion]:
     """From seeds whose neighbourhoods are largest on."""
     regions: list[GrownRegion] = []
     untried = about.is_smooth.copy()
