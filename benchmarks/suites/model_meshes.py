@@ -78,7 +78,7 @@ def evaluate_model(name: str, tolerance: str, format_: str, seed: int, with_step
         n = 0 if held.mesh is None else len(held.mesh.faces)
         raise InputError(f"{title}: {n} triangles were read of {len(model.face)}")
     began = time.process_time()
-    part = divide_part(held.mesh)
+    part = divide_part(held.mesh, step_m=held.step_m)
     seconds = time.process_time() - began
     n_found, n_right, faults = faces_found(model, part)
     n_more = int(len(part.fits) - n_found)

@@ -57,8 +57,6 @@ FIRST_PRICE = 0.9
 eye."""
 
 # Relief
-LEAST_SCALE = 1.0
-"""Nats: half a chi-square of one freedom falls no faster."""
 CLEAR_EVIDENCE = 10.0
 """Nats: what is as evident as this is left out of the error from which walls are drawn; 1 in 22,000."""
 FARTHEST_SD = 5.0

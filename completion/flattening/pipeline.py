@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
+from scipy.special import logsumexp
 
 from completion.fitting.result import SurfaceFit
 from completion.flattening import limits
@@ -33,38 +34,43 @@ from completion.flattening.separation import ReliefCandidate, Separation, separa
 from scenes.checks import BoolArray, FloatArray, InputError, check_faces, check_points, check_rng
 from scenes.surfaces.catalogue import Plane
 
-_WALLS = (4, 8)  # without relief, least and most
+_WALLS = (6, 8)  # without relief, least and most
 _SIDE, _CELLS = 160, 50_000  # the longest side of one; cells of all
-_TAIL = 5  # regions of each that make the tail
+_SCALES = np.geomspace(1e-2, 1e3, 400)  # nats: scales that a tail may have
 _EXACT = 1e-3  # of the sd: a smaller middle error is none
 
 
 @dataclass(frozen=True, slots=True)
 class NullModel:
-    """Regions on walls without relief.
+    """The most evident region of each of some walls without relief: its evidence in nats, `peaks`.
 
-    Beyond `start` nats of evidence there are `rate` of them a cell, fewer by e for each further `scale` nats,
-    as the `n` that were found there tell; inf where that is known.
+    Each such wall has `n_cells` cells.
     """
 
-    start: float
-    rate: float
-    scale: float
-    n: float
+    peaks: tuple[float, ...]
+    n_cells: int
 
     def p(self, evidence: float, n_cells: int) -> float:
         """How probably a wall of that many cells without relief shows a region of that evidence, or more.
 
-        The scale of an exponential tail that n of its members tell is known to 1 / sqrt(n) of itself: what
-        is to be expected beyond is the mean over all that it may be, (1 + x / n)^-n in place of exp(-x).
+        Peaks are of Gumbel's distribution, as the largest of many with exponential tails are. Its place and
+        scale are what so few peaks tell, averaged over by the prior 1 / scale, by which predictions of
+        location-scale families hold exactly. A wall of more cells shows more regions, but knows its ripple
+        better: walls that methods are tuned on show more by the root of the number of cells.
         """
-        beyond = (evidence - self.start) / self.scale
-        with np.errstate(over="ignore"):
-            share = np.exp(-beyond if beyond < 0 or np.isinf(self.n) else -self.n * np.log1p(beyond / self.n))
-        return float(-np.expm1(-n_cells * self.rate * share))
+        if not self.peaks:
+            return 1.0
+        peaks, n = np.array(self.peaks), len(self.peaks)
+        spread = max(float(np.std(peaks)), _EXACT)
+        scales = spread * _SCALES
+        log_sum = logsumexp(-peaks / scales[:, None], axis=1)
+        log_weight = (1 - n) * np.log(scales) - peaks.sum() / scales - n * log_sum
+        weight = np.exp(log_weight - log_weight.max())
+        more = np.sqrt(n_cells / self.n_cells) * np.exp(np.minimum(-evidence / scales - log_sum, 700.0))
+        return float(weight @ -np.expm1(-n * np.log1p(more)) / weight.sum())
 
 
-NOTHING = NullModel(np.inf, np.inf, 1.0, np.inf)
+NOTHING = NullModel((), 1)
 """Of walls on which nothing could stay: no evidence says anything."""
 
 
@@ -72,27 +78,20 @@ def learn_null(parts: Separation, rng: np.random.Generator) -> NullModel:
     """Make walls without relief with the ripple of a wall, and find regions on them.
 
     Their white noise is drawn from the whitened error itself, with its tails, and takes the ripple's
-    spectrum. All that was learned from the wall is learned from each of them anew. Evidence
-    far beyond theirs is judged by the exponential tail of the largest.
+    spectrum. All that was learned from the wall is learned from each of them anew.
     """
     white = _white_noise(parts)
     shape = tuple(min(_SIDE, n) for n in _extent(parts.known))
     wide = tuple(fft.next_fast_len(n + MARGIN, real=True) for n in shape)
     n_walls = int(np.clip(_CELLS // (shape[0] * shape[1]), *_WALLS))
     gain = np.sqrt(parts.ripple.spectrum.on(wide, fall=0))
-    evidence = list[float]()
+    peaks = list[float]()
     for _ in range(n_walls):
         noise = rng.choice(white, wide) * rng.choice([-1.0, 1.0], wide)
         heights = fft.irfft2(fft.rfft2(noise) * gain, s=wide)[: shape[0], : shape[1]]
         candidates = separate(heights - heights.mean(), np.ones(shape, np.bool_)).candidates
-        evidence += [candidate.evidence for candidate in candidates]
-    n_cells = n_walls * shape[0] * shape[1]
-    largest = np.sort(evidence)[::-1][: _TAIL * n_walls + 1]
-    if len(largest) < 3:
-        return NullModel(0.0, 1 / n_cells, limits.LEAST_SCALE, np.inf)
-    start = float(largest[-1])
-    n = len(largest) - 1
-    return NullModel(start, n / n_cells, max(float(np.mean(largest[:-1] - start)), limits.LEAST_SCALE), n)
+        peaks.append(max((candidate.evidence for candidate in candidates), default=0.0))
+    return NullModel(tuple(peaks), shape[0] * shape[1])
 
 
 def _white_noise(parts: Separation) -> FloatArray:
@@ -215,7 +214,7 @@ def flatten_heights(
     regions += [
         _region(candidate, RegionKind.FLATTENED, q, cell_m, True)
         for candidate, q in sorted(zip(parts.candidates, p, strict=True), key=lambda pair: pair[1])
-        if candidate not in kept and candidate.evidence > null.start
+        if candidate not in kept and candidate.evidence > min(null.peaks, default=np.inf)
     ]
     noise_sd = float(np.sqrt(parts.ripple.noise_power()))
     mean = float(np.mean(heights[plane])) if plane.any() else 0.0

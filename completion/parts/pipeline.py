@@ -96,14 +96,16 @@ def divide_part(
     *,
     normals: object | None = None,
     noise_m: float | None = None,
+    step_m: float = 0.0,
     has_ripple: bool = False,
     progress: Progress | None = None,
     journal: Journal = NO_JOURNAL,
 ) -> PartSegmentation:
     """Divide a part into surfaces, or fit one to the points of each label.
 
-    Parameters and errors are those of `model_part`. With `has_ripple` planes may bear ripple, as before they
-    are flattened: they are then sought beneath it (`segment_rippled`).
+    Parameters and errors are those of `model_part`; `step_m` is the step between coordinates of the file,
+    metres: corners of a model's mesh are known to it. With `has_ripple` planes may bear ripple, as before
+    they are flattened: they are then sought beneath it (`segment_rippled`).
     """
 
     def divide() -> PartSegmentation:
@@ -113,7 +115,7 @@ def divide_part(
             points = shape.vertices if isinstance(shape, LabelledMesh) else shape
             return fit_labelled(points, labels, normals, noise_m=noise_m)
         if isinstance(shape, LabelledMesh):
-            return segment_mesh(shape, noise_m=noise_m, progress=progress)
+            return segment_mesh(shape, noise_m=noise_m, step_m=step_m, progress=progress)
         return segment_part(shape, normals, noise_m=noise_m, progress=progress)
 
     return journal.step("divided", divide)

@@ -91,6 +91,7 @@ def _model_file(
         None if request.ignores_labels else held.label,
         normals=held.normals,
         noise_m=request.noise_m,
+        step_m=held.step_m,
         has_ripple=request.flatten,
         progress=run.progress,
         journal=run.journal(request.record()),

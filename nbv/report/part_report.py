@@ -396,7 +396,9 @@ def _with_sd(value: float, sd: float) -> str:
 
 def _small_length(value_m: float) -> tuple[str, str]:
     """A length and its unit, short: micrometres below a hundredth of a millimetre."""
-    return (f"{1e6 * value_m:.2g}", "\u00b5m") if 1e-9 <= value_m < 1e-5 else (millimetres(value_m), "mm")
+    return (
+        (f"{max(1e6 * value_m, 1e-3):.2g}", "\u00b5m") if 0 < value_m < 1e-5 else (millimetres(value_m), "mm")
+    )
 
 
 def millimetres(value_m: float) -> str:

@@ -208,6 +208,6 @@ def _angles_about(surface: Surface, points: FloatArray) -> FloatArray:
     height = offset @ axis
     radial = offset - height[:, None] * axis
     if surface.kind == "torus":
-        return np.asarray(np.arctan2(height, np.linalg.norm(radial, axis=1) - surface.radius))  # type: ignore[attr-defined]
+        return np.asarray(np.arctan2(height, np.linalg.norm(radial, axis=1) - surface.radius))  # type: ignore[attr-defined]  # a torus
     first = perpendicular(axis)
     return np.asarray(np.arctan2(radial @ np.cross(axis, first), radial @ first))

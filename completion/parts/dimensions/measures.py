@@ -60,7 +60,9 @@ def measure_rows(known: JointSurfaces) -> tuple[list[PartDimension], tuple[str, 
         turned.mesh.face_areas()[part.triangle_surface == 0].sum() / turned.mesh.face_areas().sum()
     )
     if without > _LEAST_TOLD:
-        doubts.append(f"{100 * without:.1f} % of the mesh's area is on no surface: there it is as measured")
+        doubts.append(
+            f"volume and area count the {100 * without:.1f} % of the mesh on no surface as they are"
+        )
     if n_open:
         what = f"{n_open} of {len(part.faces)} triangles are of no closed component"
         doubts.append(f"the mesh is open ({what}): no volume, and its area is that of what is there")

@@ -108,14 +108,15 @@ def fit_labels(
     fits, number = list[SurfaceFit](), np.zeros(len(faces) + 1, dtype=np.int64)
     for face, surface in enumerate(faces):
         members = points[order[bounds[face] : bounds[face + 1]]]
-        fit = _fitted_face(members, surface, least_m)
+        fit = fitted_face(members, surface, least_m)
         if fit is not None:
             fits.append(fit)
             number[face + 1] = len(fits)
     return tuple(fits), number[labels]
 
 
-def _fitted_face(points: FloatArray, surface: Surface, least_m: float) -> SurfaceFit | None:
+def fitted_face(points: FloatArray, surface: Surface, least_m: float) -> SurfaceFit | None:
+    """The fit to points (n, 3) from a surface on, as for `fit_labels`; None where they determine none."""
     try:
         fit = (
             fit_plane(points) if isinstance(surface, Plane) else fit_euclidean(points, surface.kind, surface)

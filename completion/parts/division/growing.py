@@ -13,8 +13,9 @@ linear again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -177,31 +178,11 @@ def _tori(points: FloatArray, normals: FloatArray) -> list[Surface]:
 
 
 @compiled
-def reachable(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray) -> BoolArray:
-    """Which points (n,) can be walked to from those in `begin`; `first`, `beside` are a sparse graph's."""
-    mask = np.zeros(len(allowed), dtype=np.bool_)
-    stack = np.empty(len(allowed), dtype=np.int64)
-    top = 0
-    for start in begin:
-        if allowed[start] and not mask[start]:
-            mask[start] = True
-            stack[top] = start
-            top += 1
-    while top > 0:
-        top -= 1
-        here = stack[top]
-        for place in range(first[here], first[here + 1]):
-            there = beside[place]
-            if allowed[there] and not mask[there]:
-                mask[there] = True
-                stack[top] = there
-                top += 1
-    return mask
-
-
-@compiled
 def rings_around(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray, n: int) -> IntArray:
-    """Points within n steps of those in `begin`, these too, of the allowed (m,); as for `reachable`."""
+    """Points within n steps of those in `begin`, these too, of those allowed (m,).
+
+    `first` and `beside` are a sparse graph's.
+    """
     seen = np.zeros(len(allowed), dtype=np.bool_)
     stack = np.empty(len(allowed), dtype=np.int64)
     top = 0
@@ -220,8 +201,40 @@ def rings_around(first: IntArray, beside: IntArray, allowed: BoolArray, begin: I
                     seen[there] = True
                     stack[top] = there
                     top += 1
+        if top == high:
+            break
         here = stack[high:top].copy()
     return stack[:top].copy()
+
+
+@compiled
+def reachable(first: IntArray, beside: IntArray, allowed: BoolArray, begin: IntArray) -> BoolArray:
+    """Which points (n,) can be walked to over allowed ones from those in `begin`; as for `rings_around`."""
+    mask = np.zeros(len(allowed), dtype=np.bool_)
+    mask[rings_around(first, beside, allowed, begin[allowed[begin]], len(allowed))] = True
+    return mask
+
+
+def walked(
+    links: csr_array, allowed: BoolArray, begin: IntArray, holds: Callable[[IntArray], BoolArray]
+) -> BoolArray:
+    """Which points (n,) can be walked to from those in `begin` over allowed ones of which something holds.
+
+    `holds` is asked of places (k,), and only of those that are walked over and their neighbours, each once:
+    most surfaces are small.
+    """
+    first, beside = links.indptr, links.indices
+    held, is_known = np.zeros(len(allowed), np.bool_), np.zeros(len(allowed), np.bool_)
+    fresh, n_rings = begin, 1
+    while True:
+        fresh = rings_around(first, beside, allowed & ~is_known, fresh, n_rings)
+        is_known[fresh] = True
+        held[fresh] = holds(fresh)
+        mask = reachable(first, beside, held, begin)
+        fresh = rings_around(first, beside, allowed & ~is_known, np.flatnonzero(mask), 1)
+        if not len(fresh):
+            return np.asarray(mask)
+        n_rings *= 2
 
 
 GAIN = CUT**2 / 2  # what it is worth to explain a point, in logarithms of likelihood
@@ -271,8 +284,8 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, worth: Float
         if pair is None:
             return None
         surface, covariance = pair
-        explained = _explained_points(about, surface, covariance)
-        new = np.flatnonzero(reachable(about.links.indptr, about.links.indices, explained, members))
+        explains = partial(_is_explained, about, surface, covariance, np.full(len(worth), np.nan))
+        new = np.flatnonzero(walked(about.links, np.ones(len(worth), np.bool_), members, explains))
         if np.count_nonzero(worth[new]) < n_least:
             return None
         changed = len(np.setxor1d(new, members, assume_unique=True))
@@ -285,43 +298,47 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, worth: Float
     return GrownRegion(surface, members, score_of(surface, about.points[free], tolerance, worth[free]))
 
 
-def _explained_points(about: Neighbourhoods, surface: Surface, covariance: FloatArray) -> BoolArray:
-    """Which points (n,) are near enough to the surface where it is known, and turned as it is.
+def _is_explained(
+    about: Neighbourhoods, surface: Surface, covariance: FloatArray, signed: FloatArray, chosen: IntArray
+) -> BoolArray:
+    """Which of the points `chosen` (k,) are near enough to the surface where it is known, and turn alike.
 
     They are near enough with their neighbours too: the mean of what those are off, which are near, scatters
-    less, and tells a surface that departs from this one sooner.
+    less, and tells a surface that departs from this one sooner. `signed` (n,) keeps distances, NaN before
+    they are asked for.
     """
     tolerance, links = about.tolerance_m, about.links
-    signed = surface.distance(about.points)
-    distance = np.abs(signed)
-    is_near = distance <= CUT * tolerance * np.hypot(1, MOST_DEVIATION)
-    near = np.flatnonzero(is_near)
-    explained = np.zeros(len(about.points), dtype=np.bool_)
-    if not len(near):
+    most = CUT * tolerance * np.hypot(1, MOST_DEVIATION)
+    asked = chosen[np.isnan(signed[chosen])]
+    signed[asked] = surface.distance(about.points[asked])
+    explained: BoolArray = np.asarray(np.abs(signed[chosen]) <= most)
+    which = chosen[explained]
+    if not len(which):
         return explained
-    places = about.points[near]
+    beside = rings_around(links.indptr, links.indices, np.isnan(signed), which, 1)
+    signed[beside] = surface.distance(about.points[beside])
+    places = about.points[which]
     deviation = SurfaceFit(surface, tolerance, covariance, len(places)).standard_deviation(places)
-    fits = distance[near] <= CUT * np.hypot(tolerance, deviation)
+    fits = np.abs(signed[which]) <= CUT * np.hypot(tolerance, deviation)
     fits &= deviation <= MOST_DEVIATION * tolerance
-    n_near, mean = _means_beside(links.indptr, links.indices, signed, near, is_near)
+    n_near, mean = _means_beside(links.indptr, links.indices, signed, which, most)
     fits &= np.abs(mean) <= CUT * np.hypot(tolerance / np.sqrt(n_near), deviation)
-    aligned = np.abs(np.einsum("ij,ij->i", surface.normal(places), about.normals[near]))
-    turned = aligned < np.cos(np.minimum(np.maximum(CUT * about.normal_sd[near], LEAST_ANGLE), np.pi / 2))
-    fits &= ~(turned & about.is_smooth[near])
-    explained[near[fits]] = True
+    aligned = np.abs(np.einsum("ij,ij->i", surface.normal(places), about.normals[which]))
+    turned = aligned < np.cos(np.minimum(np.maximum(CUT * about.normal_sd[which], LEAST_ANGLE), np.pi / 2))
+    explained[explained] = fits & ~(turned & about.is_smooth[which])
     return explained
 
 
 @compiled
 def _means_beside(
-    first: IntArray, beside: IntArray, values: FloatArray, asked: IntArray, counted: BoolArray
+    first: IntArray, beside: IntArray, values: FloatArray, asked: IntArray, most: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Number (m,) and mean (m,) of the values (n,) at points (m,) and those beside them that are counted."""
+    """Number (m,) and mean (m,) of values (n,) of at most so much at points (m,) and those beside them."""
     number, mean = np.empty(len(asked)), np.empty(len(asked))
     for k in range(len(asked)):
         number[k], mean[k] = 1.0, values[asked[k]]
         for place in range(first[asked[k]], first[asked[k] + 1]):
-            if counted[beside[place]]:
+            if abs(values[beside[place]]) <= most:
                 number[k] += 1.0
                 mean[k] += values[beside[place]]
         mean[k] /= number[k]
@@ -339,7 +356,8 @@ def best_grown(about: Neighbourhoods, patch: IntArray, worth: FloatArray) -> Gro
     for kind in KINDS:
         begins = [patch]
         if best is not None and len(best.members) > 1.5 * len(patch):
-            begins.append(_with_neighbours(about.links, best.members))
+            links, every = about.links, np.ones(len(worth), np.bool_)
+            begins.append(np.sort(rings_around(links.indptr, links.indices, every, best.members, 2)))
         best = _best_of(about, kind, begins, worth, best)
     if best is None or best.surface.kind == KINDS[0]:
         return best
@@ -396,12 +414,3 @@ def likely(about: Neighbourhoods, kind: str, begin: IntArray, share: float = 0.5
             best, most = moved, n_explained
     if best is not None:
         yield best
-
-
-def _with_neighbours(links: csr_array, members: IntArray) -> IntArray:
-    """The points (n,) and those within two steps of them."""
-    mark = np.zeros(links.shape[0])
-    mark[members] = 1.0
-    for _ in range(2):
-        mark = np.minimum(mark + links @ mark, 1.0)
-    return np.flatnonzero(mark > 0)

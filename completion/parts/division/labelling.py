@@ -8,7 +8,7 @@ conditional modes), from neighbours' labels alone, so that no surface reaches to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -26,7 +26,15 @@ from completion.parts.division.growing import (
     rings_around,
     score_of,
 )
-from completion.parts.division.limits import EXPLAINED_COST, ISLAND, LEAST_ANGLE, LEAST_POINTS, STEP
+from completion.parts.division.limits import (
+    EXPLAINED_COST,
+    ISLAND,
+    LEAST_ANGLE,
+    LEAST_OF_MANY,
+    LEAST_POINTS,
+    MANY_FACES,
+    STEP,
+)
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.run.steps import Progress
@@ -243,10 +251,14 @@ _MOST_SEEDS = 6  # of them in a rest
 def proposals(about: Neighbourhoods, tell: Progress) -> list[GrownRegion]:
     """Return surfaces that explain the points, each with points of its own, as they were found.
 
-    `tell` hears how many of the points are explained.
+    `tell` hears how many of the points are explained. Of a free form (`is_free_form`) only those that
+    grew before it was known for one.
     """
     worth = np.full(len(about.points), GAIN)
-    regions = _join_neighbours(about, _from_smooth(about, worth, cKDTree(about.points), tell))
+    regions = from_smooth(about, worth, cKDTree(about.points), tell)
+    if is_free_form(len(regions), worth > 0):
+        return regions
+    regions = _join_neighbours(about, regions)
     worth = _worth(about, regions)
     return _join_neighbours(about, regions + _from_rests(about, worth, tell))
 
@@ -272,10 +284,28 @@ def _take(about: Neighbourhoods, region: GrownRegion, worth: FloatArray) -> None
     worth[region.members] = 0.0
 
 
-def _from_smooth(
-    about: Neighbourhoods, worth: FloatArray, tree: cKDTree, tell: Progress
+def is_free_form(n_regions: int, free: BoolArray) -> bool:
+    """Whether so many regions leave so many points (n,) free that these are of no part.
+
+    Seeds come by the size of their smooth neighbourhood, so that the largest faces grow first.
+    """
+    return n_regions >= MANY_FACES and float(free.mean()) > 1 - LEAST_OF_MANY
+
+
+def from_smooth(
+    about: Neighbourhoods,
+    worth: FloatArray,
+    tree: cKDTree,
+    tell: Progress,
+    ends: Callable[[list[GrownRegion], BoolArray], bool] = lambda regions, free: is_free_form(
+        len(regions), free
+    ),
 ) -> list[GrownRegion]:
-    """From seeds whose neighbourhoods are largest on."""
+    """Return surfaces grown from seeds whose neighbourhoods are largest on.
+
+    It is `worth` (n,) less to explain what they do. `ends` tells of the surfaces and what is free whether
+    these are enough.
+    """
     regions: list[GrownRegion] = []
     untried = about.is_smooth.copy()
     for seed in np.lexsort((np.arange(len(worth)), -about.reach)):
@@ -292,6 +322,8 @@ def _from_smooth(
             regions.append(best)
             _take(about, best, worth)
             tell("grow", len(worth) - int(np.count_nonzero(worth)), len(worth))
+            if ends(regions, worth > 0):
+                break
     return regions
 
 

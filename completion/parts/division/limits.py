@@ -39,6 +39,18 @@ ripple."""
 LEAST_KEPT = 40
 """Points that are kept of a thinned part. Chosen by eye."""
 
+# Borders
+APART = CUT
+"""Tolerances between two surfaces, from which on a point's error hardly decides which of them it is given."""
+LEAST_INSIDE = 0.3
+"""Of the points of a face, that lie clear of the faces beside. Chosen by eye."""
+
+# Free forms
+MANY_FACES = 100
+"""Faces, from which on it is asked how many points they have. Ten have .8 of them on parts for tuning."""
+LEAST_OF_MANY = 0.5
+"""Share of the points that so many faces of a part have. Of parts for tuning twenty have .58 and more."""
+
 # Noise
 CHANCE = 0.01
 """Probability that noise makes a paraboloid look wrong. Chosen by eye."""
@@ -90,6 +102,8 @@ FACET_SIZES = np.log(8.0)
 """Ratio of areas of neighbouring chords, by its logarithm, from which a surface may start."""
 SAG_RATIO, TURN_RATIO = 10.0, 6.0
 """Of the usual sag of a surface's chords, and of its usual turn across them, beyond which a patch is none."""
+WIDER = 1.5
+"""Of the usual turn across chords, beyond which a wide one is a flat: meshers divide a face evenly."""
 MOST_TURN = np.radians(60.0)
 """Radians that a curved surface turns by across a chord, along a diagonal too. Chosen by eye."""
 MOST_OF_SURFACE = 0.5

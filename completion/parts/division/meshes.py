@@ -102,7 +102,7 @@ def _segment_model(mesh: LabelledMesh, areas: FloatArray, step_m: float) -> Part
     place[number] = labels
     triangles = place[triangles]
     free_form = float(areas[triangles == 0].sum()) / float(areas.sum())
-    told = f"{free_form:.1%} of the area of this model is on no plane, cylinder, cone, sphere or torus"
+    told = f"{100 * free_form:.1f} % of the model's area is on no plane, cylinder, cone, sphere or torus"
     return PartSegmentation(
         labels=_of_vertices(mesh, triangles, areas, len(fits)),
         fits=fits,

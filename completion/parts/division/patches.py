@@ -12,6 +12,9 @@ from scipy.sparse.csgraph import connected_components
 from completion.parts.division import limits
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
+from scenes.surfaces.catalogue import Surface
+
+_END = 0.05  # of an edge
 
 
 class Patches(NamedTuple):
@@ -43,6 +46,36 @@ class Patches(NamedTuple):
     def triangles_of(self, some: IntArray) -> IntArray:
         """Triangles (k,) of patches, in their order."""
         return self.triangle[ranges(self.first_triangle, some)[0]]
+
+    def turns(self, triangles: IntArray, surface: Surface) -> FloatArray:
+        """Largest angle (k,) that a surface turns by along an edge of triangles, radians."""
+        one = self.mesh.vertices[self.mesh.faces[triangles]]
+        two = np.roll(one, 1, axis=1)
+        inner = [
+            (1 - t) * one + t * two for t in (_END, 1 - _END)
+        ]  # not at an apex, where there is no normal
+        ends = [surface.normal(points.reshape(-1, 3)).reshape(-1, 3, 3) for points in inner]
+        turn = np.arccos(np.clip(np.einsum("kij,kij->ki", *ends), -1, 1)).max(axis=1) / (1 - 2 * _END)
+        return np.asarray(turn)
+
+    def sags(self, triangles: IntArray, surface: Surface) -> FloatArray:
+        """How far triangles (k,) lie off a surface at most, at the middles of their edges."""
+        corners = self.mesh.vertices[self.mesh.faces[triangles]]
+        middles = (corners + np.roll(corners, 1, axis=1)) / 2
+        return np.asarray(np.abs(surface.distance(middles.reshape(-1, 3))).reshape(-1, 3).max(axis=1))
+
+
+def most_turn(turn: FloatArray, area: FloatArray, surface: Surface, n_triangles: IntArray) -> FloatArray:
+    """Return how far a surface may turn across chords (k,) of so many triangles, radians.
+
+    Of the usual turn across its chords (n,), by area: a wider chord of a cylinder is a flat, as is one of
+    many triangles on what bends both ways; others there may be diagonals.
+    """
+    order = np.argsort(turn, kind="stable")
+    usual = float(turn[order][np.searchsorted(np.cumsum(area[order]), area.sum() / 2)])
+    is_one = (n_triangles <= 2) & (surface.kind in ("sphere", "torus"))
+    ratio = np.where(is_one, limits.TURN_RATIO, limits.WIDER)
+    return np.minimum(ratio * usual + limits.FLAT_ANGLE, limits.MOST_TURN)
 
 
 def ranges(first: IntArray, some: IntArray) -> tuple[IntArray, IntArray]:

@@ -5,15 +5,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from completion.parts.division.borders import fits_inside
 from completion.parts.division.faces import fit_labels, groups_of, numbered_faces, spread
 from completion.parts.division.labelling import (
     best_of_kinds,
     first_labels,
+    is_free_form,
     of_best_kind,
     proposals,
     relabel,
     without_islands,
 )
+from completion.parts.division.limits import MANY_FACES
 from completion.parts.division.neighbourhoods import look_around
 from completion.parts.division.result import (
     MOST_POINTS,
@@ -23,7 +26,7 @@ from completion.parts.division.result import (
     thin_points,
     too_little,
 )
-from scenes.checks import InputError
+from scenes.checks import InputError, IntArray
 from scenes.run.steps import Progress
 from scenes.surfaces.catalogue import Surface
 
@@ -88,10 +91,12 @@ def segment_part(
 
     # 4. Label: which surface each point is on, the surfaces given that, in turn.
     tell("label", 0, 1)
-    labels = first_labels(about, regions)
-    surfaces, labels = relabel(about, [region.surface for region in regions], labels)
-    labels = without_islands(about, labels)
-    surfaces, labels = relabel(about, of_best_kind(about, surfaces, labels), labels)
+    labels, surfaces = first_labels(about, regions), [region.surface for region in regions]
+    is_free = is_free_form(len(regions), labels == 0)
+    if not is_free:
+        surfaces, labels = relabel(about, surfaces, labels)
+        labels = without_islands(about, labels)
+        surfaces, labels = relabel(about, of_best_kind(about, surfaces, labels), labels)
 
     # 5. Faces: connected pieces; all points find theirs; a fit for each, with its covariance.
     tell("fit", 0, 1)
@@ -99,12 +104,31 @@ def segment_part(
     if len(kept) < len(cloud):
         labels = spread(cloud, about.points, faces, labels, about.tolerance_m)
     fits, labels = fit_labels(cloud, faces, labels, about.noise_m)
+    fits = fits_inside(about, cloud, fits, labels, kept)
     return PartSegmentation(
         labels=labels,
         fits=fits,
         groups=groups_of(cloud, fits, labels, about.tolerance_m),
         noise_m=about.noise_m,
         spacing_m=about.spacing_m,
+        warnings=_doubts(labels, len(fits), is_free),
+    )
+
+
+def _doubts(labels: IntArray, n_faces: int, is_free: bool) -> tuple[str, ...]:
+    """What is told of a cloud with labels (n,) that has more faces than parts have; a sentence, or none."""
+    share = float((labels > 0).mean())
+    if is_free:
+        return (
+            "most of this surface is on no plane, cylinder, cone, sphere or torus: the "
+            f"{n_faces} largest faces have {share:.0%} of the points, and no more were sought; use "
+            "`unseen complete` for rooms and free forms",
+        )
+    if n_faces < MANY_FACES:
+        return ()
+    return (
+        f"{n_faces} faces have {share:.0%} of the points, more than most parts have; use `unseen complete` "
+        "if this is a scan of a room or a plant",
     )
 
 

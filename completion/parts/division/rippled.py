@@ -8,12 +8,18 @@ predict the points' places best.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from completion.parts.division import limits
 from completion.parts.division.faces import fit_labels, groups_of, settle, spread
+from completion.parts.division.growing import GAIN, GrownRegion
+from completion.parts.division.labelling import from_smooth
 from completion.parts.division.meshes import segment_mesh
+from completion.parts.division.neighbourhoods import look_around
 from completion.parts.division.pipeline import fit_labelled, segment_part
 from completion.parts.division.result import (
     MOST_POINTS,
@@ -21,7 +27,7 @@ from completion.parts.division.result import (
     checked_cloud,
     thin_points,
 )
-from scenes.checks import FloatArray, InputError, IntArray
+from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.run.steps import Progress
 from scenes.surfaces.catalogue import Plane
@@ -40,9 +46,10 @@ def segment_rippled(
 ) -> PartSegmentation:
     """Divide a part whose planes may bear ripple.
 
-    It is divided as it is, and with one of 16, 64 and 256 of its points. That division stands whose planes
-    shorten the description of the points most: by the logarithm of a plane's side over the deviation from it,
-    for each point on one. All points then find their surface among those of the sparser division.
+    It is divided with one of 16, 64 and 256 of its points, and as it is, unless planes could say no more
+    then. That division stands whose planes shorten the description of the points most: by the logarithm of a
+    plane's side over the deviation from it, for each point on one. All points then find their surface among
+    those of the sparser division.
 
     Parameters
     ----------
@@ -66,30 +73,72 @@ def segment_rippled(
     """
     points = shape.vertices if isinstance(shape, LabelledMesh) else checked_cloud(shape, None, None)[0]
     given = None if labels is None else np.asarray(labels)
-    if given is not None:
-        best = fit_labelled(points, given, normals, noise_m=noise_m)
-    elif isinstance(shape, LabelledMesh):
-        best = segment_mesh(shape, noise_m=noise_m, progress=progress)
-    else:
-        best = segment_part(points, normals, noise_m=noise_m, progress=progress)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    every, most = min(len(np.unique(points, axis=0)), MOST_POINTS), said_by_planes(best, size)
-    for sparser in _SPARSER:
-        if every // sparser < limits.LEAST_KEPT:
-            break
-        sample = points[kept := thin_points(points, every // sparser)]
-        rough = max(_roughness(sample), noise_m or 0.0)
-        try:
-            if given is None:
-                coarse = segment_part(sample, noise_m=rough, progress=progress)
-            else:
-                coarse = fit_labelled(sample, given[kept], noise_m=rough)
-        except InputError:
-            continue
-        value = said_by_planes(coarse, size)
+    every = min(len(np.unique(points, axis=0)), MOST_POINTS)
+
+    def whole() -> PartSegmentation:
+        if given is not None:
+            return fit_labelled(points, given, normals, noise_m=noise_m)
+        if isinstance(shape, LabelledMesh):
+            return segment_mesh(shape, noise_m=noise_m, progress=progress)
+        return segment_part(points, normals, noise_m=noise_m, progress=progress)
+
+    # 1. Sparse points first, since all of them take long where ripple is taken for surfaces.
+    sparser = [
+        (kept, coarse, said_by_planes(coarse, size))
+        for n in _SPARSER
+        if every // n >= limits.LEAST_KEPT
+        for kept, coarse in _coarse(points, every // n, given, noise_m, progress)
+    ]
+
+    # 2. All points, unless their planes could not say as much.
+    enough = max((value for *_, value in sparser), default=-np.inf) - limits.CLEAR_GAIN
+    asks = given is None and len(points) >= limits.LEAST_VERTICES and enough > 0
+    most = _most_said(points, noise_m, size, enough) if asks else np.inf
+    best = None if most < enough else whole()
+    most = most if best is None else said_by_planes(best, size)
+
+    # 3. The division that says clearly more.
+    chosen: tuple[IntArray, PartSegmentation] | None = None
+    for kept, coarse, value in sparser:
         if value > most + limits.CLEAR_GAIN:
-            best, most = _of_all(points, sample, coarse, given), value
-    return best
+            chosen, most = (kept, coarse), value
+    if chosen is not None:
+        return _of_all(points, points[chosen[0]], chosen[1], given)
+    return whole() if best is None else best
+
+
+def _coarse(
+    points: FloatArray, n: int, given: IntArray | None, noise_m: float | None, progress: Progress | None
+) -> Iterator[tuple[IntArray, PartSegmentation]]:
+    """About n of the points (m, 3), and their division, if there is one."""
+    sample = points[kept := thin_points(points, n)]
+    rough = max(_roughness(sample), noise_m or 0.0)
+    with suppress(InputError):
+        if given is None:
+            yield kept, segment_part(sample, noise_m=rough, progress=progress)
+        else:
+            yield kept, fit_labelled(sample, given[kept], noise_m=rough)
+
+
+def _most_said(points: FloatArray, noise_m: float | None, size_m: float, enough: float) -> float:
+    """Nats a point that planes of a division of points (n, 3) may say at most, as `said_by_planes` counts.
+
+    Surfaces are grown until no more than `enough` can be said; what is free yet counts as one plane.
+    """
+    about = look_around(points[thin_points(points, MOST_POINTS)], None, noise_m)
+    n, said = len(about.points), np.inf
+
+    def ends(regions: list[GrownRegion], free: BoolArray) -> bool:
+        nonlocal said
+        planes = [len(region.members) for region in regions if isinstance(region.surface, Plane)]
+        share = np.array([*planes, np.count_nonzero(free)]) / n
+        gain = np.log(np.maximum(np.sqrt(share) * size_m / about.tolerance_m, 1.0))
+        said = float(share @ gain)
+        return said < enough
+
+    from_smooth(about, np.full(n, GAIN), cKDTree(about.points), lambda *_: None, ends)
+    return said
 
 
 def _roughness(points: FloatArray) -> float:

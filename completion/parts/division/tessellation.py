@@ -23,18 +23,19 @@ from completion.parts.division.growing import (
     hypotheses,
     reachable,
     refine_surface,
-    rings_around,
+    walked,
 )
-from completion.parts.division.patches import Patches, pairs_of, patches_of, ranges
+from completion.parts.division.patches import Patches, most_turn, patches_of, ranges
+from completion.parts.division.whole_faces import join_slivers, whole_faces
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.surfaces.catalogue import Plane, Surface
 
 _KINDS = "plane", "cylinder", "cone", "sphere", "torus"  # the simplest first
 _ROUNDS = 20
+_LEAST_CHORDS = {"cone": 4}  # mirrored ones of three are always on one
 _STARTING = 2  # of these until a start must be right
 _SURELY_MANY = 30  # triangles on one surface
-_END = 0.05  # of an edge
 _DEEPEST = 3  # neighbours that a start looks at
 _TRIED = 24  # seeds, by which tolerances are compared
 _MOST_FAILED = 20  # seeds without a surface, before a mesh that has explained little counts as scanned
@@ -82,7 +83,7 @@ def divide_tessellated(mesh: LabelledMesh, tolerances_m: Sequence[float]) -> Tes
     most = max(limits.FREE_FORM, limits.HARDLY_MORE * min(division.failed for division in tried))
     chosen = next(division for division in tried if division.failed <= most)
     chosen.grow()
-    return chosen.result() if chosen.unexplained <= 1 - limits.MODEL_SHARE else None
+    return chosen.result() if chosen.explained >= limits.MODEL_SHARE else None
 
 
 class _Division:
@@ -119,14 +120,15 @@ class _Division:
             for ring in _rings(patches, seed, self.face < 0)[:2]:
                 self._is_tried[ring[patches.n_triangles[ring] == 1]] = True
             n_failed += 1
-            if n_failed == _MOST_FAILED and self.unexplained > 1 - limits.MODEL_SHARE:
+            if n_failed == _MOST_FAILED and self.explained < limits.MODEL_SHARE:
                 break
 
     @property
-    def unexplained(self) -> float:
-        """Share of the area that is neither on curved surfaces nor in planes."""
-        area = self.patches.area
-        return float(area[_is_free_form(self.patches, self.face)].sum() / area.sum())
+    def explained(self) -> float:
+        """Share of the area on curved surfaces and in planes of several triangles: any triangle is flat."""
+        patches, is_known = self.patches, self.face >= 0
+        is_known |= (patches.n_triangles > 1) & ~_is_free_form(patches, self.face)
+        return float(patches.area[is_known].sum() / patches.area.sum())
 
     @property
     def failed(self) -> float:
@@ -138,39 +140,14 @@ class _Division:
     def result(self) -> Tessellation:
         """What was found and planes of the rest, joined."""
         patches, face, surfaces = self.patches, self.face, self.surfaces
-        self._join_lone()
         flat = np.flatnonzero((face < 0) & ~_is_free_form(patches, face) & ~patches.is_thin)
         face[flat] = len(surfaces) + np.arange(len(flat))
         surfaces += [Plane(patches.centroid[patch], patches.normal[patch]) for patch in flat]
         surfaces = _absorbed(patches, surfaces, face)
-        _join_slivers(patches, face)
-        free_form = float(patches.area[face < 0].sum() / patches.area.sum())
-        return Tessellation(face[patches.of] + 1, tuple(surfaces), free_form, patches.tolerance_m)
-
-    def _join_lone(self) -> None:
-        """Give single triangles the surface beside them that has all their corners: they may be steep."""
-        patches, face = self.patches, self.face
-        a, b, _ = pairs_of(patches.mesh)
-        for one, two in (patches.of[[a, b]], patches.of[[b, a]]):
-            lone = (face[one] < 0) & (patches.n_triangles[one] == 1) & (face[two] >= 0)
-            for patch, number in zip(one[lone], face[two[lone]], strict=True):
-                triangle, surface = patches.triangles_of(np.array([patch])), self.surfaces[number]
-                corners = patches.mesh.vertices[patches.mesh.faces[triangle[0]]]
-                is_on = np.abs(surface.distance(corners)).max() <= patches.tolerance_m
-                if is_on and _turns(patches.mesh, triangle, surface)[0] <= limits.MOST_TURN:
-                    face[patch] = number
-
-
-def _join_slivers(patches: Patches, face: IntArray) -> None:
-    """Give patches without a normal the face (p,) of the largest neighbour that has one, in place."""
-    first, other = np.repeat(np.arange(len(face)), np.diff(patches.bends.indptr)), patches.bends.indices
-    order = np.lexsort((patches.area[other], first))
-    first, other = first[order], other[order]
-    for _ in range(_ROUNDS):
-        joins = (face[first] < 0) & patches.is_thin[first] & (face[other] >= 0)
-        if not joins.any():
-            break
-        face[first[joins]] = face[other[joins]]  # the largest is the last
+        join_slivers(patches, face)
+        labels, surfaces = whole_faces(patches, face[patches.of], surfaces)
+        free_form = float(patches.areas[labels < 0].sum() / patches.area.sum())
+        return Tessellation(labels + 1, tuple(surfaces), free_form, patches.tolerance_m)
 
 
 def _chains(patches: Patches, left: BoolArray) -> IntArray:
@@ -235,7 +212,9 @@ def _grown_from(patches: Patches, seed: int, free: BoolArray) -> _Grown | None:
                 grown = _grow(patches, seed, ring, start, free)
                 if grown is not None and grown.is_better(best):
                     best = grown
-        if best is not None and best is not before:  # which tell all kinds better than a few do
+        if best is not None and (
+            before is None or best.area > 1.05 * before.area
+        ):  # which tell all kinds better than a few do
             rings.insert(0, _around(patches, best.members, free, seed))
         elif best is not None and best.is_whole(patches):
             break
@@ -250,9 +229,29 @@ def _around(patches: Patches, some: IntArray, free: BoolArray, seed: int) -> Int
 
 
 def _starts(patches: Patches, ring: IntArray, kind: str) -> list[Surface]:
-    """Surfaces of a kind near patches: through their middles, and through their corners."""
-    found = hypotheses(kind, patches.centroid[ring], patches.normal[ring])
-    return found + hypotheses(kind, *_corners_of(patches, ring))
+    """Surfaces of a kind near patches: through their middles, and through their corners.
+
+    Of triangles between two circles those on one are turned a little to those on the other. Means of
+    neighbours are not, and tell a cone's axis.
+    """
+    corners, normals = _corners_of(patches, ring)
+    found = hypotheses(kind, patches.centroid[ring], patches.normal[ring]) + hypotheses(
+        kind, corners, normals
+    )
+    if kind != "cone":
+        return found
+    between = coo_array(patches.bends[ring][:, ring])
+    pair = np.arange(len(between.row))
+    for place, by, at in (
+        (patches.centroid[ring], np.concatenate([pair, pair]), np.concatenate([between.row, between.col])),
+        (corners, np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1), np.arange(len(corners))),
+    ):
+        way = normals if place is corners else patches.normal[ring]
+        count = np.maximum(np.bincount(by), 1)[:, None]
+        means = [np.stack([np.bincount(by, one) for one in of[at].T], axis=1) / count for of in (place, way)]
+        several = count[:, 0] > 1
+        found += hypotheses(kind, *(mean[several] for mean in means))
+    return found
 
 
 class _Grown(NamedTuple):
@@ -347,10 +346,10 @@ def _grow(
         return None
     kept = np.flatnonzero(reachable(patches.bends.indptr, patches.bends.indices, is_chord, np.array([seed])))
     corners = np.unique(_corners_of(patches, kept)[0], axis=0)
-    if len(kept) < 3 or len(corners) < N_PARAMETERS[surface.kind] + 2:
+    if len(kept) < _LEAST_CHORDS.get(surface.kind, 3) or len(corners) < N_PARAMETERS[surface.kind] + 2:
         return None
     triangles = patches.triangles_of(kept)
-    sags, area = _sags(patches.mesh, triangles, surface), patches.areas[triangles]
+    sags, area = patches.sags(triangles, surface), patches.areas[triangles]
     rms = float(np.sqrt(np.mean(np.square(surface.distance(corners)))))
     if (
         len(kept) < _SURELY_MANY
@@ -367,30 +366,13 @@ def _chords(patches: Patches, surface: Surface, some: IntArray, members: IntArra
     """Which of some patches (k,) lie as near to a surface between their corners as its members do: (p,)."""
     triangles = patches.triangles_of(np.union1d(some, members))
     sag, turn = np.zeros(len(patches.area)), np.zeros(len(patches.area))
-    np.maximum.at(sag, patches.of[triangles], _sags(patches.mesh, triangles, surface))
-    np.maximum.at(turn, patches.of[triangles], _turns(patches.mesh, triangles, surface))
+    np.maximum.at(sag, patches.of[triangles], patches.sags(triangles, surface))
+    np.maximum.at(turn, patches.of[triangles], patches.turns(triangles, surface))
     most_m = limits.SAG_RATIO * float(np.median(sag[members])) + patches.tolerance_m
-    most = min(limits.TURN_RATIO * float(np.median(turn[members])) + limits.FLAT_ANGLE, limits.MOST_TURN)
+    most = most_turn(turn[members], patches.area[members], surface, patches.n_triangles[some])
     chords = np.zeros(len(patches.area), np.bool_)
     chords[some] = (sag[some] <= most_m) & ((turn[some] <= most) | patches.is_thin[some])
     return chords
-
-
-def _turns(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArray:
-    """Largest angle (k,) that a surface turns by along an edge of triangles, radians."""
-    one = mesh.vertices[mesh.faces[triangles]]
-    two = np.roll(one, 1, axis=1)
-    inner = [(1 - t) * one + t * two for t in (_END, 1 - _END)]  # not at an apex, where there is no normal
-    ends = [surface.normal(points.reshape(-1, 3)).reshape(-1, 3, 3) for points in inner]
-    turn = np.arccos(np.clip(np.einsum("kij,kij->ki", *ends), -1, 1)).max(axis=1) / (1 - 2 * _END)
-    return np.asarray(turn)
-
-
-def _sags(mesh: LabelledMesh, triangles: IntArray, surface: Surface) -> FloatArray:
-    """How far triangles (k,) lie off a surface at most, at the middles of their edges."""
-    corners = mesh.vertices[mesh.faces[triangles]]
-    middles = (corners + np.roll(corners, 1, axis=1)) / 2
-    return np.asarray(np.abs(surface.distance(middles.reshape(-1, 3))).reshape(-1, 3).max(axis=1))
 
 
 def _held(
@@ -402,19 +384,12 @@ def _held(
     slope: float = limits.FACET_SLOPE,
 ) -> BoolArray:
     """Which patches (p,) have all corners on a surface, look its way, and can be walked to from some (k,)."""
-    held, is_known = np.zeros(len(free), np.bool_), np.zeros(len(free), np.bool_)
-    fresh, n_rings = begin, 1
-    first, beside = patches.bends.indptr, patches.bends.indices
-    while True:
-        fresh = rings_around(first, beside, free & ~is_known, fresh, n_rings)
-        is_known[fresh] = True
-        place, which = ranges(patches.first, fresh)
+
+    def holds(some: IntArray) -> BoolArray:
+        place, which = ranges(patches.first, some)
         off = np.abs(surface.distance(patches.mesh.vertices[patches.corner[place]])) > patches.tolerance_m
-        n_off = np.bincount(which[off], minlength=len(fresh))
-        ahead = np.abs(np.einsum("ij,ij->i", surface.normal(patches.centroid[fresh]), patches.normal[fresh]))
-        held[fresh] = (n_off == 0) & ((ahead > np.cos(slope)) | patches.is_thin[fresh])
-        mask = reachable(first, beside, held, begin)
-        fresh = rings_around(first, beside, free & ~is_known, np.flatnonzero(mask), 1)
-        if not len(fresh):
-            return mask
-        n_rings *= 2
+        n_off = np.bincount(which[off], minlength=len(some))
+        ahead = np.abs(np.einsum("ij,ij->i", surface.normal(patches.centroid[some]), patches.normal[some]))
+        return np.asarray((n_off == 0) & ((ahead > np.cos(slope)) | patches.is_thin[some]))
+
+    return walked(patches.bends, free, begin, holds)

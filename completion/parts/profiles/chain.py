@@ -146,12 +146,12 @@ def corner_of(
     """
     line, circle = (first, second) if isinstance(first, Plane) else (second, first)
     if not isinstance(circle, Cylinder):
-        normals = np.stack([first.normal_direction[:2], second.normal_direction[:2]])  # type: ignore[attr-defined]
+        normals = np.stack([first.normal_direction[:2], second.normal_direction[:2]])  # type: ignore[attr-defined]  # planes
         if abs(float(np.linalg.det(normals))) < _PARALLEL:
             return None
-        points = [first.point[:2], second.point[:2]]  # type: ignore[attr-defined]
+        points = [first.point[:2], second.point[:2]]  # type: ignore[attr-defined]  # planes
         return np.linalg.solve(normals, np.einsum("ij,ij->i", normals, points))
-    step = line.point[:2] - circle.point[:2]  # type: ignore[attr-defined]
+    step = line.point[:2] - circle.point[:2]  # type: ignore[attr-defined]  # plane or cylinder
     if isinstance(line, Cylinder):  # the chord of both
         apart, reach = float(np.linalg.norm(step)), circle.radius
         if apart <= _CONCENTRIC * min(line.radius, reach):
@@ -159,7 +159,7 @@ def corner_of(
         normal = step / apart
         above = float(np.clip((apart**2 + reach**2 - line.radius**2) / (2 * apart), -reach, reach))
     else:
-        normal = line.normal_direction[:2]  # type: ignore[attr-defined]
+        normal = line.normal_direction[:2]  # type: ignore[attr-defined]  # a plane
         above = float(normal @ step)
     foot, half_square = circle.point[:2] + above * normal, circle.radius**2 - above**2
     if touching or half_square <= 0:
@@ -170,7 +170,7 @@ def corner_of(
 
 def turn_between(first: Surface, second: Surface, place: FloatArray) -> float:
     """Angle between two walls at their corner (2,), radians, 0 where they touch."""
-    normals = [each.normal_direction[:2] if isinstance(each, Plane) else place - each.point[:2]  # type: ignore[attr-defined]
+    normals = [each.normal_direction[:2] if isinstance(each, Plane) else place - each.point[:2]  # type: ignore[attr-defined]  # a cylinder
                for each in (first, second)]  # fmt: skip
     (a, b), (c, d) = normals
     return float(np.arctan2(abs(a * d - b * c), abs(a * c + b * d)))

@@ -141,7 +141,7 @@ def _captions(profile: Profile, number: int) -> Iterator[str]:
     texts = Counter[str]()
     for loop in () if is_turned else profile.loops:
         heights = zip(("from", "to"), (loop.low_m, loop.high_m), loop.end_sd_m, strict=True)
-        ends = [f" {word} z {value_text(1e3 * (height - base), 1e3 * SIGMA * sd)}"
+        ends = [f" {word} {value_text(1e3 * (height - base), 1e3 * SIGMA * sd)}"
                 for word, height, sd in heights if np.isfinite(sd)]  # fmt: skip
         texts[f"{loop.kind} through" if loop.is_through else f"{loop.kind}{''.join(ends)}"] += 1
     yield from (text if n == 1 else f"{n}\u00d7 {text}" for text, n in texts.items())
@@ -152,12 +152,12 @@ def value_text(value: float, half: float, sign: str = "") -> str:
     if value == 0 and half == 0:
         return "0"
     if not np.isfinite(half):
-        return f"{sign}{value + 0.0:.2f}"
+        return f"{sign}{round(value, 2) + 0.0:.2f}"
     if half < _EXACT_MM:
-        return f"{sign}{value + 0.0:.3f}"
+        return f"{sign}{round(value, 3) + 0.0:.3f}"
     digits = int(np.clip(np.ceil(-np.log10(max(half, 1e-9))), 1, 3))
     up = max(np.ceil(half * 10**digits - 1e-9), 1) / 10**digits
-    return f"{sign}{value + 0.0:.{digits}f} \u00b1{up:.{digits}f}"
+    return f"{sign}{round(value, digits) + 0.0:.{digits}f} \u00b1{up:.{digits}f}"
 
 
 def _drawn(view: _View, corner: FloatArray, scale: float) -> Iterator[Item]:

@@ -141,7 +141,7 @@ def _normal(profile: Profile, one: Segment, place: FloatArray) -> FloatArray:
     """Unit normal (2,) of a segment's wall at a place (2,) on it."""
     if one.centre is not None:
         return (place - one.centre) / float(np.linalg.norm(place - one.centre))
-    return np.asarray(profile.walls[one.wall].surface.normal_direction[:2])  # type: ignore[attr-defined]
+    return np.asarray(profile.walls[one.wall].surface.normal_direction[:2])  # type: ignore[attr-defined]  # a plane
 
 
 def _shift(profile: Profile, one: Segment, place: FloatArray) -> FloatArray:

@@ -144,6 +144,8 @@ def _profile(part: RelatedPart, outline: Outline, n_alike: int, options: Relatio
     for is_first in (True, False) if outline.is_divided else (False,):
         chains = [stretch.chain for stretch in outline.stretches]
         walls = refitted(outline.walls, chains, places, part.noise_m)
+        if part.is_model:  # points on its triangles are off what bends; its corners are exact
+            walls = [old if old.n else new for old, new in zip(outline.walls, walls, strict=True)]
         if is_first:
             simpler = [
                 one._replace(chain=without_breaks(one.chain, walls, outline.walls))

@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import kstest
 
 from completion.flattening.flat import FlatteningOptions, RegionKind
-from completion.flattening.pipeline import flatten_heights
+from completion.flattening.pipeline import NullModel, flatten_heights
 from scenes.checks import InputError
 from tests.helpers.wall_examples import CELL, PANEL, SHAPE, SWITCH, panelled, ripple
 
@@ -164,3 +164,17 @@ def test_steps_of_rounding_are_no_relief_and_higher_ones_are() -> None:
     assert min(steps) > 0.0022
     with pytest.raises(InputError, match="rounding"):
         FlatteningOptions(rounding_m=-1.0)
+
+
+def test_p_of_another_peak_is_uniform_whatever_the_place_and_scale():
+    """Few peaks of Gumbel's distribution predict another: the p of 600 is uniform, in the tail too."""
+    rng = np.random.default_rng(0)
+    peaks = rng.gumbel(3.0, 2.0, (600, 7))
+    p = np.array([NullModel(tuple(row[:6]), 100).p(row[6], 100) for row in peaks])
+    assert kstest(p, "uniform").pvalue > 0.01
+    assert (p <= 0.05).mean() == pytest.approx(0.05, abs=4 * np.sqrt(0.05 * 0.95 / 600))
+    moved = NullModel(tuple(5 + 3 * peaks[0, :6]), 100).p(5 + 3 * peaks[0, 6], 100)
+    assert moved == pytest.approx(p[0], rel=1e-9)
+    null = NullModel(tuple(peaks[0, :6]), 100)
+    assert null.p(4.0, 100) > null.p(5.0, 100) > null.p(1e3, 100) > 0
+    assert null.p(4.0, 400) > null.p(4.0, 100)

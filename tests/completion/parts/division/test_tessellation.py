@@ -106,11 +106,11 @@ def test_a_turned_model_is_divided_alike():
 
 
 def test_free_form_has_no_surface_and_is_told():
-    u, v = np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 12), indexing="ij")
+    u, v = np.meshgrid(np.linspace(0, 1, 7), np.linspace(0, 1, 7), indexing="ij")
     top = np.stack([0.05 * u, 0.05 * v, 0.02 + 0.004 * np.sin(4 * u) * np.cos(5 * v)], -1).reshape(-1, 3)
-    corner = (np.arange(11)[:, None] * 12 + np.arange(11)).ravel()
-    faces = np.vstack([np.column_stack([corner, corner + 12, corner + 1]),
-                       np.column_stack([corner + 1, corner + 12, corner + 13])])  # fmt: skip
+    corner = (np.arange(6)[:, None] * 7 + np.arange(6)).ravel()
+    faces = np.vstack([np.column_stack([corner, corner + 7, corner + 1]),
+                       np.column_stack([corner + 1, corner + 7, corner + 8])])  # fmt: skip
     wavy = trimesh.Trimesh(top, faces)
     box = trimesh.creation.box((0.05, 0.05, 0.02), trimesh.transformations.translation_matrix([0.2, 0, 0]))
     found = segment_mesh(labelled(trimesh.util.concatenate([wavy, box])))
@@ -118,7 +118,7 @@ def test_free_form_has_no_surface_and_is_told():
     assert [fit.surface.kind for fit in found.fits] == ["plane"] * 6
     share = wavy.area / (wavy.area + box.area)
     assert found.warnings == (
-        f"{share:.1%} of the area of this model is on no plane, cylinder, cone, sphere or torus",
+        f"{100 * share:.1f} % of the model's area is on no plane, cylinder, cone, sphere or torus",
     )
 
 
@@ -127,3 +127,45 @@ def test_a_noisy_mesh_is_no_model():
     finer = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, 0.004))
     finer.vertices += np.random.default_rng(0).normal(size=finer.vertices.shape) * 2e-5
     assert divide_tessellated(labelled(finer), TOLERANCE_M) is None
+
+
+def extruded(outline: np.ndarray, height_m: float):
+    """A prism over a convex outline."""
+    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.Polygon(outline)))
+    corners = np.array([shapely.get_coordinates(piece)[:3] for piece in pieces])
+    vertices, faces = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
+    return trimesh.creation.extrude_triangulation(vertices, faces.reshape(-1, 3), height_m)
+
+
+@pytest.mark.parametrize(("sections", "depth_m"), [(24, 5e-4), (24, 1e-3), (72, 1e-3), (144, 3e-3)])
+def test_a_flat_on_a_shaft_is_a_plane(sections, depth_m):
+    half = np.degrees(np.arccos(1 - depth_m / 0.01))
+    angles = np.linspace(0, 360, sections, endpoint=False) + 0.5
+    angles = np.concatenate([[half], angles[(angles > half) & (angles < 360 - half)], [360 - half]])
+    turned = np.radians(angles)
+    shaft_mesh = extruded(0.01 * np.column_stack([np.cos(turned), np.sin(turned)]), 0.03)
+    assert kinds(shaft_mesh) == {"cylinder": 1, "plane": 3}
+
+
+@pytest.mark.parametrize("count", [16, 32])
+def test_balls_of_meridians_are_whole(count):
+    assert kinds(trimesh.creation.capsule(0.03, 0.01, count=[count, count])) == {"sphere": 2, "cylinder": 1}
+
+
+def test_corners_that_are_less_exact_are_divided_at_their_own_precision():
+    mesh = labelled(plate())
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    column = np.unique(mesh.vertices[:, :2].round(9), axis=0, return_inverse=True)[1].reshape(-1)
+    off = np.random.default_rng(0).normal(0, 3e-5 * size, (column.max() + 1, 2))[column]
+    moved = mesh.vertices + np.column_stack([off, np.zeros(len(off))])
+    tolerances = [share * size for share in (2e-6, 2e-5, 2e-4)]
+    found = divide_tessellated(LabelledMesh(moved, mesh.faces), tolerances)
+    assert found is not None
+    assert found.tolerance_m == tolerances[2]
+    assert Counter(surface.kind for surface in found.surfaces) == {"plane": 6, "cylinder": 5}
+
+
+def test_lone_triangles_are_no_model():
+    corners = np.random.default_rng(0).normal(size=(300, 3))
+    soup = LabelledMesh(corners, np.arange(300, dtype=np.int32).reshape(-1, 3))
+    assert divide_tessellated(soup, [1e-6, 1e-5, 1e-4]) is None

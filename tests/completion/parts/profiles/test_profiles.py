@@ -8,6 +8,7 @@ import io
 import ezdxf
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -22,6 +23,7 @@ from completion.parts.profiles.pipeline import profiles_of
 from completion.parts.profiles.profile import Profile, profile_record
 from completion.parts.profiles.sheet_files import sheet_dxf, sheet_svg
 from completion.parts.profiles.sweep import Sweep
+from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
 
@@ -176,3 +178,16 @@ def test_the_drawing_is_the_same_twice_and_cutters_read_its_outlines(plates):
 )
 def test_values_have_the_digits_that_their_interval_leaves(half, text):
     assert value_text(1.2346, half) == text
+
+
+@pytest.mark.parametrize("sections", [36, 96])
+def test_a_countersink_of_a_model_keeps_its_angle_and_mouth(sections):
+    section = [[4.5, 0], [4.5, 9.5], [7, 12], [20, 12], [20, 0], [4.5, 0]]
+    mesh = trimesh.creation.revolve(1e-3 * np.array(section), sections=sections)
+    rounded = (mesh.vertices + [0.046, 0, 0]).astype(np.float32).astype(np.float64)
+    part = model_part(LabelledMesh(rounded, np.asarray(mesh.faces, np.int32)))
+    turned = next(one for one in profiles_of(part) if one.sweep.kind == "revolved")
+    segments = [one for loop in turned.loops for one in loop.segments]
+    slopes = [(one.end - one.start)[:2] for one in segments if one.centre is None]
+    cone = next(slope for slope in slopes if np.abs(slope).min() > 1e-4)
+    assert np.abs(cone) == pytest.approx([2.5e-3, 2.5e-3], abs=1e-6)
