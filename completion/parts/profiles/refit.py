@@ -117,10 +117,12 @@ def _fitted(wall: SurfaceFit, points: FloatArray, noise_m: float) -> SurfaceFit 
     return inflated(made, points)
 
 
-def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[SurfaceFit]) -> Chain:
+def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[SurfaceFit]) -> Chain | None:
     """The closed chain of walls as they are fitted, neighbours on one line or circle as one piece.
 
-    `before` are the walls that its pieces are measured along. Those with too few points are left out.
+    `before` are the walls that its pieces are measured along. Those with too few points are left out; None
+    where these are more than half of its length: what is there is not swept, as the cones of countersinks
+    between a hole and the face over it.
     """
     pieces, forward, corners = list(chain.pieces), list(chain.is_forward), list(chain.corners)
     for k, piece in enumerate(pieces):
@@ -130,12 +132,16 @@ def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[S
             low, high = along_wall(surface, ends).tolist()
             forward[k] = forward[k] == (high > low)
             pieces[k] = replace(piece, low=min(low, high), high=max(low, high))
+    length = np.array([piece.high - piece.low for piece in pieces])
+    if 2 * length @ [walls[piece.wall].n == 0 for piece in pieces] > length.sum():
+        return None
     for k in reversed(range(len(pieces))):
-        if walls[pieces[k].wall].n == 0 and len(pieces) > 1 and not chain.on_axis:
+        if walls[pieces[k].wall].n == 0 and not chain.on_axis:
             corners[k - 1] = (corners[k - 1] + corners[k]) / 2
             del pieces[k], forward[k], corners[k]
-    if len(pieces) == 1 and isinstance(walls[pieces[0].wall].surface, Cylinder):
-        return Chain.circle(pieces[0].wall, walls[pieces[0].wall].surface)
+    if len(pieces) == 1 and not chain.on_axis:
+        surface = walls[pieces[0].wall].surface
+        return Chain.circle(pieces[0].wall, surface) if isinstance(surface, Cylinder) else None
     k = 0
     while len(pieces) > 2 and k < len(corners):
         one, two = pieces[k], pieces[(k + 1) % len(pieces)]
