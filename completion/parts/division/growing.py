@@ -42,6 +42,7 @@ KINDS = ("plane", "sphere", "cylinder", "cone", "torus")
 N_PARAMETERS = {"plane": 3, "sphere": 4, "cylinder": 5, "cone": 6, "torus": 7}
 _MOST_POINTS = 800  # that a surface is polished on
 _N_STEPS = 3  # of Gauss and Newton; what calls this repeats it
+_STILL = 0.01  # of the tolerance, below which a step is the last
 _CUT = 4.685  # deviations, Tukey's
 
 
@@ -80,9 +81,11 @@ def refine_surface(
     cloud = ScaledCloud(sample, centre, scale, weights)
     try:
         chart: Chart = chart_of(surface, centre, scale)
-        chart, normal, _ = polish_chart(chart, cloud, surface.kind, _N_STEPS)
-        chart = chart.turn_to_growth() if hasattr(chart, "turn_to_growth") else chart
-        normal = normal_equations(chart, cloud)
+        still = _STILL * tolerance / scale
+        chart, normal, _ = polish_chart(chart, cloud, surface.kind, _N_STEPS, still=still)
+        if hasattr(chart, "turn_to_growth"):
+            chart = chart.turn_to_growth()
+            normal = normal_equations(chart, cloud)
         adjusted_surface = chart.surface(centre, scale, False)
         units = np.where(chart.lengths() > 0, 1.0, 1 / scale)
         covariance = tolerance**2 / stride * normal.inverse() * np.outer(units, units)
@@ -321,19 +324,25 @@ def _is_explained(
     deviation = SurfaceFit(surface, tolerance, covariance, len(places)).standard_deviation(places)
     fits = np.abs(signed[which]) <= CUT * np.hypot(tolerance, deviation)
     fits &= deviation <= MOST_DEVIATION * tolerance
-    n_near, mean = _means_beside(links.indptr, links.indices, signed, which, most)
-    fits &= np.abs(mean) <= CUT * np.hypot(tolerance / np.sqrt(n_near), deviation)
+    n_near, mean = means_beside(links, signed, which, most)
+    fits &= np.abs(mean) <= CUT * np.hypot(tolerance * np.sqrt(about.alike / n_near), deviation)
     aligned = np.abs(np.einsum("ij,ij->i", surface.normal(places), about.normals[which]))
     turned = aligned < np.cos(np.minimum(np.maximum(CUT * about.normal_sd[which], LEAST_ANGLE), np.pi / 2))
     explained[explained] = fits & ~(turned & about.is_smooth[which])
     return explained
 
 
+def means_beside(
+    links: csr_array, values: FloatArray, asked: IntArray, most: float
+) -> tuple[FloatArray, FloatArray]:
+    """Number (m,) and mean (m,) of values (n,) of at most so much at points (m,) and those beside them."""
+    return _means_beside(links.indptr, links.indices, values, asked, most)
+
+
 @compiled
 def _means_beside(
     first: IntArray, beside: IntArray, values: FloatArray, asked: IntArray, most: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Number (m,) and mean (m,) of values (n,) of at most so much at points (m,) and those beside them."""
     number, mean = np.empty(len(asked)), np.empty(len(asked))
     for k in range(len(asked)):
         number[k], mean[k] = 1.0, values[asked[k]]
@@ -407,10 +416,12 @@ def likely(about: Neighbourhoods, kind: str, begin: IntArray, share: float = 0.5
         for factor in (30.0, 8.0, 2.0, 1.0):
             likelihoods = None if moved is None else refine_surface(moved, points, factor * about.tolerance_m)
             moved = None if likelihoods is None else likelihoods[0]
-        if moved is None:
-            continue
-        n_explained = int((np.abs(moved.distance(points)) <= CUT * about.tolerance_m).sum())
-        if n_explained > most:
+            if moved is None:
+                break
+            n_explained = int((np.abs(moved.distance(points)) <= CUT * factor * about.tolerance_m).sum())
+            if n_explained <= most:
+                break
+        else:
             best, most = moved, n_explained
     if best is not None:
         yield best

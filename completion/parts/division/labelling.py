@@ -9,6 +9,7 @@ conditional modes), from neighbours' labels alone, so that no surface reaches to
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -21,12 +22,14 @@ from completion.parts.division.growing import (
     best_grown,
     joint,
     likely,
+    means_beside,
     parameter_cost,
     refine_surface,
     rings_around,
     score_of,
 )
 from completion.parts.division.limits import (
+    CUT,
     EXPLAINED_COST,
     ISLAND,
     LEAST_ANGLE,
@@ -43,6 +46,8 @@ from texture.engine.compiled import compiled
 
 _HALF = GAIN / 2  # what another surface explains worse may be of one of its own
 _N_BESIDE = 2  # neighbours from a surface's points, to which it may explain others
+_N_FIRST = 8  # surfaces that tell how alike neighbours err
+_LEAST_ALIKE = 0.25  # of them, that hardly any grew too far: a quantile
 _N_SWEEPS = 20
 _N_ROUNDS = 6
 
@@ -254,13 +259,37 @@ def proposals(about: Neighbourhoods, tell: Progress) -> list[GrownRegion]:
     `tell` hears how many of the points are explained. Of a free form (`is_free_form`) only those that
     grew before it was known for one.
     """
-    worth = np.full(len(about.points), GAIN)
-    regions = from_smooth(about, worth, cKDTree(about.points), tell)
+    tree, worth = cKDTree(about.points), np.full(len(about.points), GAIN)
+    about = _with_alike(about, tree)
+    regions = from_smooth(about, worth, tree, tell)
     if is_free_form(len(regions), worth > 0):
         return regions
     regions = _join_neighbours(about, regions)
     worth = _worth(about, regions)
     return _join_neighbours(about, regions + _from_rests(about, worth, tell))
+
+
+def _with_alike(about: Neighbourhoods, tree: cKDTree) -> Neighbourhoods:
+    """How alike neighbours err, by what the first surfaces say that grow without asking for it.
+
+    Scanners smooth, and err alike over a few points: the mean of these says less then than of others. Some of
+    the surfaces grow too far, and only seem to err alike.
+    """
+    first = from_smooth(
+        about,
+        np.full(len(about.points), GAIN),
+        tree,
+        lambda *_: None,
+        lambda regions, _: len(regions) >= _N_FIRST,
+    )
+    ratios = []
+    for region in first:
+        off = region.surface.distance(about.points) / about.tolerance_m
+        n, mean = means_beside(about.links, off, region.members, 2 * CUT)
+        own = float(np.median(np.square(off[region.members])))
+        ratios += [float(np.median(n * mean**2)) / own] if own > 0 else []
+    alike = float(np.quantile(ratios, _LEAST_ALIKE)) if ratios else np.inf
+    return replace(about, alike=max(alike, 1.0))
 
 
 def _worth(about: Neighbourhoods, regions: Sequence[GrownRegion]) -> FloatArray:

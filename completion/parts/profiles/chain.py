@@ -244,9 +244,7 @@ class Chain:
         for k, (near, pair) in enumerate(zip(self.corners, self.neighbours, strict=True)):
             one, two = (surfaces[wall] for wall in pair)
             place = corner_of(one, two, near, touching=frozenset(pair) in touching)
-            reach = max(
-                size[k], size[(k + 1) % len(size)]
-            )  # lines that turn little meet far off
+            reach = max(size[k], size[(k + 1) % len(size)])  # lines that turn little meet far off
             is_far = place is None or float(np.linalg.norm(place - near)) > reach
             between.append(near if place is None or is_far else place)
         between = between if self.is_ring else [*between, None]
