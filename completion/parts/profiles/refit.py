@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from completion.fitting.limits import MOST_CONDITION
 from completion.fitting.result import SurfaceFit, inflated
 from completion.parts.profiles import limits
 from completion.parts.profiles.chain import Chain, Piece, along_wall, fuzz_m, place_at
@@ -88,16 +89,18 @@ def _away(surface: Surface, places: FloatArray, middle: float) -> FloatArray:
 def _refit(wall: SurfaceFit, points: FloatArray, noise_m: float) -> SurfaceFit:
     """A wall fitted to points (n, 3); an arc that never was is a line if that tells them as shortly."""
     fit = _fitted(wall, points, noise_m)
-    if wall.n == 0 and fit is not None and isinstance(wall.surface, Cylinder):
+    if wall.n == 0 and isinstance(wall.surface, Cylinder):
         line = _fitted(unfitted(line_of(points)), points, noise_m)
-        if line is not None:
+        if fit is None:
+            fit = line
+        elif line is not None:
             arc, straight = (np.square(each.surface.distance(points)).sum() for each in (fit, line))
             fit = line if straight - arc <= limits.NATS * np.log(len(points)) * noise_m**2 else fit
     return wall if fit is None else fit
 
 
 def _fitted(wall: SurfaceFit, points: FloatArray, noise_m: float) -> SurfaceFit | None:
-    """A wall's free parameters by least squares; None where no surface is left."""
+    """A wall's free parameters by least squares; None where no surface is left, or points determine none."""
     free, fit = np.flatnonzero(np.diag(wall.covariance) > 0), wall
     for step in range(_ROUNDS + 1):
         slope, height = fit.gradient(points)[:, free], fit.surface.distance(points)
@@ -110,6 +113,9 @@ def _fitted(wall: SurfaceFit, points: FloatArray, noise_m: float) -> SurfaceFit 
             fit = replace(fit, surface=move_surface(fit.surface, change))
         except InputError:
             return None
+    scale = np.linalg.norm(slope, axis=0)
+    if not scale.all() or np.linalg.cond(slope / scale) ** 2 > MOST_CONDITION:
+        return None
     rms = float(np.sqrt(height @ height / max(len(points) - len(free), 1)))
     covariance = np.zeros_like(wall.covariance)
     covariance[np.ix_(free, free)] = max(rms, noise_m) ** 2 * np.linalg.pinv(slope.T @ slope)
