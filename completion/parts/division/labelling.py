@@ -22,14 +22,12 @@ from completion.parts.division.growing import (
     best_grown,
     joint,
     likely,
-    means_beside,
     parameter_cost,
     refine_surface,
     rings_around,
     score_of,
 )
 from completion.parts.division.limits import (
-    CUT,
     EXPLAINED_COST,
     ISLAND,
     LEAST_ANGLE,
@@ -38,7 +36,7 @@ from completion.parts.division.limits import (
     MANY_FACES,
     STEP,
 )
-from completion.parts.division.neighbourhoods import Neighbourhoods
+from completion.parts.division.neighbourhoods import N_LINKS, Neighbourhoods
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.run.steps import Progress
 from scenes.surfaces.catalogue import Surface
@@ -47,7 +45,7 @@ from texture.engine.compiled import compiled
 _HALF = GAIN / 2  # what another surface explains worse may be of one of its own
 _N_BESIDE = 2  # neighbours from a surface's points, to which it may explain others
 _N_FIRST = 8  # surfaces that tell how alike neighbours err
-_LEAST_ALIKE = 0.25  # of them, that hardly any grew too far: a quantile
+_LEAST_TELLING, _MOST_TELLING, _N_ASKED = 40, 200, 1_000  # neighbours that say so, and of how many points
 _N_SWEEPS = 20
 _N_ROUNDS = 6
 
@@ -272,23 +270,23 @@ def proposals(about: Neighbourhoods, tell: Progress) -> list[GrownRegion]:
 def _with_alike(about: Neighbourhoods, tree: cKDTree) -> Neighbourhoods:
     """How alike neighbours err, by what the first surfaces say that grow without asking for it.
 
-    Scanners smooth, and err alike over a few points: the mean of these says less then than of others. Some of
-    the surfaces grow too far, and only seem to err alike.
+    Scanners smooth, and err alike over a few points: the mean of these says less then than of others. What
+    the mean of the nearest is off that of many about them counts: a surface that grew too far is off both.
+    By the quarter of the surfaces that say least.
     """
-    first = from_smooth(
-        about,
-        np.full(len(about.points), GAIN),
-        tree,
-        lambda *_: None,
-        lambda regions, _: len(regions) >= _N_FIRST,
-    )
+    every = np.full(len(about.points), GAIN)
+    first = from_smooth(about, every, tree, lambda *_: None, lambda regions, _: len(regions) >= _N_FIRST)
     ratios = []
-    for region in first:
-        off = region.surface.distance(about.points) / about.tolerance_m
-        n, mean = means_beside(about.links, off, region.members, 2 * CUT)
-        own = float(np.median(np.square(off[region.members])))
-        ratios += [float(np.median(n * mean**2)) / own] if own > 0 else []
-    alike = float(np.quantile(ratios, _LEAST_ALIKE)) if ratios else np.inf
+    for points, surface in ((about.points[region.members], region.surface) for region in first):
+        n = min(len(points) // 4, _MOST_TELLING)
+        if n < _LEAST_TELLING:
+            continue
+        off = surface.distance(points)
+        near = off[cKDTree(points).query(points[:: max(1, len(points) // _N_ASKED)], k=n)[1]]
+        apart = near[:, : N_LINKS + 1].mean(axis=1) - near.mean(axis=1)
+        ratio = np.median(apart**2) / np.median(near[:, 0] ** 2) / (1 / (N_LINKS + 1) - 1 / n)
+        ratios.append(float(ratio))
+    alike = float(np.quantile(ratios, 0.25)) if ratios else 1.0
     return replace(about, alike=max(alike, 1.0))
 
 
