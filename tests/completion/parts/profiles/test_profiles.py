@@ -23,6 +23,7 @@ from completion.parts.profiles.outline import outline_of
 from completion.parts.profiles.partition import curves_of, partition
 from completion.parts.profiles.pipeline import profiles_of
 from completion.parts.profiles.profile import Profile, profile_record
+from completion.parts.profiles.refit import without_breaks
 from completion.parts.profiles.sheet_files import sheet_dxf, sheet_svg
 from completion.parts.profiles.sweep import Sweep, directions_of
 from scenes.mesh.labelled_mesh import LabelledMesh
@@ -197,6 +198,17 @@ def test_lines_that_hardly_turn_meet_where_they_were_seen_to():
     near = np.array([0.01, 0.0])
     chain = Chain((Piece(0, 0.0, 0.01), Piece(1, 0.0, 0.01)), (True, True), (near,), is_closed=False)
     assert [segment.length < 0.05 for segment in chain.trace([first, second])] == [True, True]
+
+
+@pytest.mark.parametrize(("chord", "n"), [(0.4e-3, 1), (3e-3, 2)])
+def test_a_chord_that_noise_hides_is_of_its_circle(chord, n):
+    circle = SurfaceFit(Cylinder((0, 0, 0), (0, 0, 1), 4e-3), 2e-5, np.diag([1e-12, 1e-12, 0, 0, 1e-12]), 500)
+    height = np.sqrt(16e-6 - chord**2 / 4)
+    line = SurfaceFit(Plane((0, height, 0), (0, 1, 0)), 2e-5, np.diag([1e-12, 1e-4, 0]), 40)
+    pieces = (Piece(0, 0.0, 2 * np.pi * 4e-3 - chord), Piece(1, -chord / 2, chord / 2))
+    corners = (np.array([-chord / 2, height]), np.array([chord / 2, height]))
+    chain = Chain(pieces, (True, True), corners, is_closed=True)
+    assert len(without_breaks(chain, [circle, line], [circle, line]).pieces) == n
 
 
 def test_a_sheet_is_made_higher_where_texts_need_it(plates):
