@@ -9,6 +9,7 @@ conditional modes), from neighbours' labels alone, so that no surface reaches to
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -21,7 +22,9 @@ from completion.parts.division.growing import (
     best_grown,
     joint,
     likely,
+    parameter_cost,
     refine_surface,
+    rings_around,
     score_of,
 )
 from completion.parts.division.limits import (
@@ -33,27 +36,39 @@ from completion.parts.division.limits import (
     MANY_FACES,
     STEP,
 )
-from completion.parts.division.neighbourhoods import Neighbourhoods
+from completion.parts.division.neighbourhoods import N_LINKS, Neighbourhoods
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.run.steps import Progress
 from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled
 
+_HALF = GAIN / 2  # what another surface explains worse may be of one of its own
+_N_BESIDE = 2  # neighbours from a surface's points, to which it may explain others
+_N_FIRST = 8  # surfaces that tell how alike neighbours err
+_LEAST_TELLING, _MOST_TELLING, _N_ASKED = 40, 200, 1_000  # neighbours that say so, and of how many points
 _N_SWEEPS = 20
 _N_ROUNDS = 6
 
 
 def first_labels(about: Neighbourhoods, regions: Sequence[GrownRegion]) -> IntArray:
-    """Labels (n,) by which of the surfaces that grew over a point is nearest to it; 0 for none."""
+    """Labels (n,) by which of the surfaces that grew over a point is nearest to it; 0 for none.
+
+    Of two about as near the one counts that was found for most of its points, not for what others left.
+    """
     labels = np.zeros(len(about.points), dtype=np.int64)
     least = np.full(len(labels), np.inf)
-    for number, region in sorted(enumerate(regions, start=1), key=lambda pair: len(pair[1].members)):
+    for number, region in sorted(enumerate(regions, start=1), key=lambda pair: -_merit(pair[1])):
         share = region.surface.distance(about.points[region.members]) / about.tolerance_m
         cost = share * share / 2
         nearer = cost < least[region.members] - EXPLAINED_COST
         labels[region.members[nearer]] = number
         least[region.members[nearer]] = cost[nearer]
     return labels
+
+
+def _merit(region: GrownRegion) -> float:
+    """How much likelier a region made each of its points."""
+    return region.score / len(region.members)
 
 
 def relabel(
@@ -63,7 +78,8 @@ def relabel(
     surface = list(surfaces)
     for _ in range(_N_ROUNDS):
         before = labels.copy()
-        labels = _swept(about, misfits(about, surface), labels)
+        cost = misfits(about, surface)
+        labels = _needed(about, surface, cost, _swept(about, cost, labels))
         surface, labels = _refit(about, surface, labels)
         if len(before) == len(labels) and (before == labels).all():
             break
@@ -165,6 +181,36 @@ def _sweep(first: IntArray, beside: IntArray, cost: FloatArray, labels: IntArray
     return changed
 
 
+def _needed(
+    about: Neighbourhoods, surfaces: Sequence[Surface], cost: FloatArray, labels: IntArray
+) -> IntArray:
+    """Labels (n,) without those whose points the surfaces beside them explain nearly as well.
+
+    A label stays where its points, and its borders, cost less by more than its parameters are worth.
+    """
+    labels, size = labels.copy(), np.bincount(labels, minlength=len(surfaces) + 1)
+    rows = np.repeat(np.arange(len(labels)), np.diff(about.links.indptr))
+    for number in np.argsort(size[1:], kind="stable") + 1:
+        members = np.flatnonzero(labels == number)
+        if not len(members):
+            continue
+        is_edge = labels[rows] == number
+        inner, outer = rows[is_edge], about.links.indices[is_edge]
+        beside = np.unique(labels[outer])
+        beside = np.union1d(beside[beside != number], 0)
+        choice = beside[np.argmin(cost[np.ix_(members, beside)], axis=1)]
+        other = labels.copy()
+        other[members] = choice
+        inside = labels[outer] == number  # such links are met from both ends
+        borders = STEP * float(
+            np.sum((other[inner] != other[outer]) * np.where(inside, 0.5, 1.0)) - np.sum(~inside)
+        )
+        worse = float(np.sum(cost[members, choice] - cost[members, number]))
+        if worse + borders <= parameter_cost(surfaces[number - 1].kind, len(members)):
+            labels = other
+    return labels
+
+
 def _refit(
     about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray
 ) -> tuple[list[Surface], IntArray]:
@@ -211,13 +257,58 @@ def proposals(about: Neighbourhoods, tell: Progress) -> list[GrownRegion]:
     `tell` hears how many of the points are explained. Of a free form (`is_free_form`) only those that
     grew before it was known for one.
     """
-    free = np.ones(len(about.points), dtype=np.bool_)
-    tree = cKDTree(about.points)
-    regions = from_smooth(about, free, tree, tell)
-    if is_free_form(len(regions), free):
+    tree, worth = cKDTree(about.points), np.full(len(about.points), GAIN)
+    about = _with_alike(about, tree)
+    regions = from_smooth(about, worth, tree, tell)
+    if is_free_form(len(regions), worth > 0):
         return regions
-    regions = _join_neighbours(about, regions, free)
-    return _join_neighbours(about, regions + _from_rests(about, free, tell), free)
+    regions = _join_neighbours(about, regions)
+    worth = _worth(about, regions)
+    return _join_neighbours(about, regions + _from_rests(about, worth, tell))
+
+
+def _with_alike(about: Neighbourhoods, tree: cKDTree) -> Neighbourhoods:
+    """How alike neighbours err, by what the first surfaces say that grow without asking for it.
+
+    Scanners smooth, and err alike over a few points: the mean of these says less then than of others. What
+    the mean of the nearest is off that of many about them counts: a surface that grew too far is off both.
+    By the quarter of the surfaces that say least.
+    """
+    every = np.full(len(about.points), GAIN)
+    first = from_smooth(about, every, tree, lambda *_: None, lambda regions, _: len(regions) >= _N_FIRST)
+    ratios = []
+    for points, surface in ((about.points[region.members], region.surface) for region in first):
+        n = min(len(points) // 4, _MOST_TELLING)
+        if n < _LEAST_TELLING:
+            continue
+        off = surface.distance(points)
+        near = off[cKDTree(points).query(points[:: max(1, len(points) // _N_ASKED)], k=n)[1]]
+        apart = near[:, : N_LINKS + 1].mean(axis=1) - near.mean(axis=1)
+        ratio = np.median(apart**2) / np.median(near[:, 0] ** 2) / (1 / (N_LINKS + 1) - 1 / n)
+        ratios.append(float(ratio))
+    alike = float(np.quantile(ratios, 0.25)) if ratios else 1.0
+    return replace(about, alike=max(alike, 1.0))
+
+
+def _worth(about: Neighbourhoods, regions: Sequence[GrownRegion]) -> FloatArray:
+    """What it is worth to explain each point (n,) that surfaces leave."""
+    worth = np.full(len(about.points), GAIN)
+    for region in regions:
+        _take(about, region, worth)
+    return worth
+
+
+def _take(about: Neighbourhoods, region: GrownRegion, worth: FloatArray) -> None:
+    """Lower what it is worth to explain points (n,): a surface explains its own, and somehow those beside.
+
+    Near an edge normals are of neither side where noise hides it: such points are left out, but are no sign
+    of a surface of their own.
+    """
+    links = about.links
+    near = rings_around(links.indptr, links.indices, worth > 0, region.members, _N_BESIDE)
+    share = region.surface.distance(about.points[near]) / about.tolerance_m
+    worth[near] = np.minimum(worth[near], share * share / 2)
+    worth[region.members] = 0.0
 
 
 def is_free_form(n_regions: int, free: BoolArray) -> bool:
@@ -230,7 +321,7 @@ def is_free_form(n_regions: int, free: BoolArray) -> bool:
 
 def from_smooth(
     about: Neighbourhoods,
-    free: BoolArray,
+    worth: FloatArray,
     tree: cKDTree,
     tell: Progress,
     ends: Callable[[list[GrownRegion], BoolArray], bool] = lambda regions, free: is_free_form(
@@ -239,54 +330,54 @@ def from_smooth(
 ) -> list[GrownRegion]:
     """Return surfaces grown from seeds whose neighbourhoods are largest on.
 
-    What they explain is no longer `free` (n,). `ends` tells of the surfaces and what is free whether these
-    are enough.
+    It is `worth` (n,) less to explain what they do. `ends` tells of the surfaces and what is free whether
+    these are enough.
     """
     regions: list[GrownRegion] = []
     untried = about.is_smooth.copy()
-    for seed in np.lexsort((np.arange(len(free)), -about.reach)):
-        if not (untried[seed] and free[seed]):
+    for seed in np.lexsort((np.arange(len(worth)), -about.reach)):
+        if not (untried[seed] and worth[seed] > _HALF):
             continue
         near = np.atleast_1d(tree.query(about.points[seed], k=int(about.reach[seed]))[1])
         inner = near[: max(LEAST_POINTS, len(near) // 2)]  # what does not fit lies at the border
         untried[inner] = False
-        patch = inner[free[inner]]
+        patch = inner[worth[inner] > 0]
         if len(patch) < max(LEAST_POINTS, len(inner) // 2):
             continue
-        best = best_grown(about, patch, free)
+        best = best_grown(about, patch, worth)
         if best is not None:
             regions.append(best)
-            free[best.members] = False
-            tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
-            if ends(regions, free):
+            _take(about, best, worth)
+            tell("grow", len(worth) - int(np.count_nonzero(worth)), len(worth))
+            if ends(regions, worth > 0):
                 break
     return regions
 
 
-def _from_rests(about: Neighbourhoods, free: BoolArray, tell: Progress) -> list[GrownRegion]:
+def _from_rests(about: Neighbourhoods, worth: FloatArray, tell: Progress) -> list[GrownRegion]:
     """From what is left, piece by piece: as a whole, or about seeds in it."""
     rests: list[GrownRegion] = []
     failed: set[bytes] = set()
     while True:
         new: list[GrownRegion] = []
-        for piece in _pieces(about, free):
+        for piece in _pieces(about, worth > _HALF):
             if piece.tobytes() in failed:
                 continue
-            best = best_grown(about, piece, free)
+            best = best_grown(about, piece, worth)
             if best is None or len(best.members) < 0.8 * len(piece):
-                best = _better(best, _about_seeds(about, piece, free))
+                best = _better(best, _about_seeds(about, piece, worth))
             if best is None:
                 failed.add(piece.tobytes())
             else:
                 new.append(best)
-                free[best.members] = False
-                tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
+                _take(about, best, worth)
+                tell("grow", len(worth) - int(np.count_nonzero(worth)), len(worth))
         if not new:
             return rests
         rests += new
 
 
-def _join_neighbours(about: Neighbourhoods, regions: list[GrownRegion], free: BoolArray) -> list[GrownRegion]:
+def _join_neighbours(about: Neighbourhoods, regions: list[GrownRegion]) -> list[GrownRegion]:
     """The surfaces with neighbours replaced by one surface where that makes all points likelier.
 
     What grew from a patch across a border is of a wrong kind and small; two of them together tell the kind.
@@ -326,7 +417,6 @@ def _join_neighbours(about: Neighbourhoods, regions: list[GrownRegion], free: Bo
         names[max([*names, *(number for pair in tried for number in pair)]) + 1] = new
         owner = _owners(about, names)
         waiting = _beside(about, names, owner)
-    free[:] = owner < 0
     return list(names.values())
 
 
@@ -367,7 +457,7 @@ def _pieces(about: Neighbourhoods, free: BoolArray) -> list[IntArray]:
     )
 
 
-def _about_seeds(about: Neighbourhoods, piece: IntArray, free: BoolArray) -> GrownRegion | None:
+def _about_seeds(about: Neighbourhoods, piece: IntArray, worth: FloatArray) -> GrownRegion | None:
     """The best surface from patches about points of a piece."""
     tree, best = cKDTree(about.points[piece]), None
     for seed in piece[np.linspace(0, len(piece) - 1, min(_MOST_SEEDS, len(piece))).astype(np.int64)]:
@@ -375,8 +465,8 @@ def _about_seeds(about: Neighbourhoods, piece: IntArray, free: BoolArray) -> Gro
             if size > len(piece):
                 break
             near = piece[tree.query(about.points[seed], k=size)[1]]
-            best = _better(best, best_grown(about, near, free))
-            if best is not None and np.count_nonzero(free[best.members]) >= 0.8 * len(piece):
+            best = _better(best, best_grown(about, near, worth))
+            if best is not None and np.count_nonzero(worth[best.members]) >= 0.8 * len(piece):
                 return best
     return best
 

@@ -28,9 +28,14 @@ def test_walking_reaches_what_a_look_at_all_points_reaches(kind):
         for surface in likely(about, kind, begin):
             surface, covariance = refine_surface(surface, points[begin], about.tolerance_m)
             explains = partial(_is_explained, about, surface, covariance)
-            explained = explains(np.arange(len(points)))
+            explained = explains(np.full(len(points), np.nan), np.arange(len(points)))
             every = reachable(about.links.indptr, about.links.indices, explained, begin)
-            reached = walked(about.links, np.ones(len(points), np.bool_), begin, explains)
+            reached = walked(
+                about.links,
+                np.ones(len(points), np.bool_),
+                begin,
+                partial(explains, np.full(len(points), np.nan)),
+            )
             assert (reached == every).all()
 
 
