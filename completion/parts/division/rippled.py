@@ -17,10 +17,10 @@ from scipy.spatial import cKDTree
 from completion.parts.division import limits
 from completion.parts.division.faces import fit_labels, groups_of, settle, spread
 from completion.parts.division.growing import GAIN, GrownRegion
-from completion.parts.division.labelling import from_smooth
 from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.neighbourhoods import look_around
 from completion.parts.division.pipeline import fit_labelled, segment_part
+from completion.parts.division.proposals import from_smooth
 from completion.parts.division.result import (
     MOST_POINTS,
     PartSegmentation,
