@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -199,7 +200,8 @@ def _draw_figure(draw: Callable[[Axes, Theme], None], theme: Theme, size: tuple[
         figure = Figure(figsize=size, dpi=_DPI, layout="constrained", facecolor="none")
         axes = figure.add_subplot(facecolor="none")
         draw(axes, theme)
-        canvas, data = FigureCanvasAgg(figure), io.BytesIO()
+        canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
+        data = io.BytesIO()
         canvas.draw()  # once: `savefig` draws all of it once more before, for the layout
         Image.fromarray(np.asarray(canvas.buffer_rgba())).save(data, "PNG")
     return data.getvalue()
