@@ -218,7 +218,7 @@ class JointEstimate:
 
     def has_radii(self, x: FloatArray) -> bool:
         """Whether radii are above 0 where the surfaces' parameters have moved by x (p,)."""
-        return bool((self._radii + self._by_radii @ x > 0).all())
+        return bool((self._radii + self._by_radii @ x > _HELD * self._radii).all())
 
     def impose(self, relation: Relation, rows: list[int]) -> bool:
         """Impose some equations of a relation, and move the surfaces by one step.
