@@ -164,17 +164,19 @@ def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[S
         pieces[k], forward[k] = _joined(one, two, forward[k], forward[k + 1])
         del pieces[k + 1], forward[k + 1], corners[k]
         k = 0
-    if len(pieces) == 2 and not chain.on_axis and (arc := _arc_of_chord(pieces, walls)) is not None:
-        return Chain.circle(arc, walls[arc].surface)
+    if len(pieces) == 2 and not chain.on_axis:
+        chord = float(np.linalg.norm(corners[0] - corners[1]))
+        if (arc := _arc_of_chord(pieces, walls, chord)) is not None:
+            return Chain.circle(arc, walls[arc].surface)
     return replace(chain, pieces=tuple(pieces), is_forward=tuple(forward), corners=tuple(corners))
 
 
-def _arc_of_chord(pieces: Sequence[Piece], walls: Sequence[SurfaceFit]) -> int | None:
+def _arc_of_chord(pieces: Sequence[Piece], walls: Sequence[SurfaceFit], chord_m: float) -> int | None:
     """The wall of an arc that a line closes which noise hides from its circle; None of other pieces."""
     for arc, line in (pieces, pieces[::-1]):
-        circle, length = walls[arc.wall].surface, line.high - line.low
+        circle = walls[arc.wall].surface
         if isinstance(circle, Cylinder) and isinstance(walls[line.wall].surface, Plane):
-            sag = length**2 / (8 * circle.radius)
+            sag = chord_m**2 / (8 * circle.radius)
             return arc.wall if sag <= limits.CUT * walls[arc.wall].rms else None
     return None
 
