@@ -21,7 +21,7 @@ from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, SY
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
 
-_N_THROWN = 4_000  # places that tell how rare a hole's looks are
+_N_THROWN = 16_000  # places that tell how rare a hole's looks are
 
 
 def log_chance(
@@ -92,8 +92,25 @@ def _log_alike(candidates: HoleCandidates, chosen: IntArray, spacing: float) -> 
     return float(min(tube - freedom * np.log(wide), 0.0))
 
 
-def looks(radius: float, survey: PlateSurvey, opened: Openings) -> FloatArray:
-    """Return how much places thrown on a plate look like holes of a radius: log odds (m,), rising.
+@dataclass(frozen=True, slots=True, eq=False)
+class Looks:
+    """Places (m, 2) thrown on a plate, and how much each looks like a hole of one radius: log odds (m,)."""
+
+    places: FloatArray
+    evidence: FloatArray
+
+    def rarity(self, evidence: FloatArray, own: FloatArray, radius: float) -> FloatArray:
+        """Return less the log of the share of places that look (k,) as much like a hole as some do.
+
+        Places within the holes `own` (n, 2) of the pattern that is tested are none of its null.
+        """
+        thrown = np.sort(self.evidence[cKDTree(own).query(self.places)[0] > radius])
+        as_many = len(thrown) - np.searchsorted(thrown, evidence, side="left")
+        return np.asarray(np.log(_N_THROWN + 1) - np.log(as_many + 1))
+
+
+def looks(radius: float, soft: float, survey: PlateSurvey, opened: Openings) -> Looks:
+    """Measure how much places thrown on a plate look like holes of a radius, known to `soft`.
 
     Measured on the plate itself, losses and all: a model's log odds say less than how often they occur.
     Places that are plainly none are left out.
@@ -103,16 +120,8 @@ def looks(radius: float, survey: PlateSurvey, opened: Openings) -> FloatArray:
     places = corner + extent * rng.uniform(size=(_N_THROWN, 2))
     places = places[~survey.is_no_hole(places, np.full(_N_THROWN, radius))]
     radii = np.full(len(places), radius)
-    thrown = rim_scores(
-        survey, places, radii, np.full(len(places), limits.SOFT_PLACE * survey.spacing)
-    ).evidence
-    return np.asarray(np.sort(thrown + opened.evidence(places, radii, survey.spacing)))
-
-
-def log_rarity(evidence: FloatArray, thrown: FloatArray) -> FloatArray:
-    """Return less the log of the share of places that look (m,) as much like a hole as some do (n,)."""
-    as_many = len(thrown) - np.searchsorted(thrown, evidence, side="left")
-    return np.asarray(np.log(_N_THROWN + 1) - np.log(as_many + 1))
+    thrown = rim_scores(survey, places, radii, np.full(len(places), soft)).evidence
+    return Looks(places, thrown + opened.evidence(places, radii, survey.spacing))
 
 
 _MULTIPLES = (1, 2, 3)  # pitches between two candidates

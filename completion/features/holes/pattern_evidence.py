@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.features.holes import limits
 from completion.features.holes.circles import HoleCandidates, rim_scores
-from completion.features.holes.lattices import Proposal, log_chance, log_rarity, looks, matches
+from completion.features.holes.lattices import Looks, Proposal, log_chance, looks, matches
 from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, Pattern, centres_of
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -142,7 +142,7 @@ class Ground:
     opened: Openings
     candidates: HoleCandidates
     area: float
-    looks: dict[int, FloatArray] = field(default_factory=dict)  # of places thrown, by the log of the radius
+    looks: dict[tuple[int, float], Looks] = field(default_factory=dict)  # by the log of the radius, and width
 
     def weigh(self, pattern: Pattern, proposal: Proposal | WeighedPattern, soft: float) -> WeighedPattern:
         """Weigh a pattern of which some holes are candidates, its places known to `soft` spacings.
@@ -152,14 +152,14 @@ class Ground:
         """
         holes, rims, filled = self.holes(pattern, soft)
         places, chosen = proposal.places, proposal.chosen
-        evidence = self._evidence(pattern, places, chosen, holes)
+        evidence = self._evidence(pattern, places, chosen, holes, soft)
         while len(places) > _least_seen(pattern):
             off = np.hypot(*(self.candidates.centres[chosen] - pattern.centres[places]).T)
             kept = (
                 np.arange(len(places))
                 != (off + np.abs(self.candidates.radii[chosen] - pattern.radius)).argmax()
             )
-            less = self._evidence(pattern, places[kept], chosen[kept], holes)
+            less = self._evidence(pattern, places[kept], chosen[kept], holes, soft)
             if less <= evidence:
                 break
             places, chosen, evidence = places[kept], chosen[kept], less
@@ -175,13 +175,15 @@ class Ground:
             blocked=self.opened.none_passed(pattern.centres, pattern.radius),
         )
 
-    def _evidence(self, pattern: Pattern, places: IntArray, chosen: IntArray, holes: FloatArray) -> float:
+    def _evidence(
+        self, pattern: Pattern, places: IntArray, chosen: IntArray, holes: FloatArray, soft: float
+    ) -> float:
         """Against chance, with what holes (count,) that are no candidates add, less what a fit costs."""
         candidates = self.candidates
         chance = log_chance(pattern, places, chosen, candidates, area=self.area, spacing=self.survey.spacing)
         other = np.ones(pattern.count, dtype=np.bool_)
         other[places] = False
-        more = self._rarities(holes[other], pattern.radius).sum()
+        more = self._rarities(holes[other], pattern, soft).sum()
         freedom = 3 * len(places) - len(pattern.x) - 1
         alone = candidates.evidence[chosen]
         if pattern.radius > limits.LARGE_RADIUS * self.survey.spacing:
@@ -190,18 +192,19 @@ class Ground:
         loss = float(np.maximum(alone - holes[places], 0.0).sum()) - freedom
         return float(more - chance - max(loss, 0.0))
 
-    def _rarities(self, holes: FloatArray, radius: float) -> FloatArray:
+    def _rarities(self, holes: FloatArray, pattern: Pattern, soft: float) -> FloatArray:
         """What holes (n,) that were no candidates add: by how rare they are on this plate, once seen."""
+        against = np.clip(holes, -limits.MOST_HOLE_NATS, 0.0)
         if not (holes > limits.SEEN_NATS).any():
-            return np.clip(holes, -limits.MOST_HOLE_NATS, 0.0)
-        size = round(float(np.log(radius / self.survey.spacing)) / limits.RADIUS_STEP)
-        if size not in self.looks:
-            as_large = self.survey.spacing * float(np.exp(size * limits.RADIUS_STEP))
-            self.looks[size] = looks(as_large, self.survey, self.opened)
-        rare = log_rarity(holes, self.looks[size]) - _LOOKS
-        return np.where(
-            holes > limits.SEEN_NATS, np.maximum(rare, 0.0), np.clip(holes, -limits.MOST_HOLE_NATS, 0.0)
-        )
+            return against
+        spacing = self.survey.spacing
+        size = round(float(np.log(pattern.radius / spacing)) / limits.RADIUS_STEP)
+        if (size, soft) not in self.looks:
+            as_large = spacing * float(np.exp(size * limits.RADIUS_STEP))
+            width = max(soft * spacing, self.survey.plate.noise)
+            self.looks[size, soft] = looks(as_large, width, self.survey, self.opened)
+        rare = self.looks[size, soft].rarity(holes, pattern.centres, pattern.radius) - _LOOKS
+        return np.where(holes > limits.SEEN_NATS, np.maximum(rare, 0.0), against)
 
     def holes(self, pattern: Pattern, soft: float) -> tuple[FloatArray, BoolArray, BoolArray]:
         """Log odds, sectors with a rim, and whether filled, of each hole (count,) of a pattern."""
