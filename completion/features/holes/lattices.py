@@ -21,7 +21,7 @@ from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, SY
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
 
-_N_THROWN = 16_000  # places that tell how rare a hole's looks are
+_N_THROWN = 8_000  # places that tell how rare a hole's looks are
 
 
 def log_chance(
@@ -32,6 +32,7 @@ def log_chance(
     *,
     area: float,
     spacing: float,
+    evidence: FloatArray | None = None,
 ) -> float:
     """Log of the expected number of patterns as regular, among candidates thrown on the plate at random.
 
@@ -51,11 +52,12 @@ def log_chance(
         All.
     area, spacing : float
         Of the plate, and of its points.
+    evidence : (n,) float, optional
+        Of the circles where the pattern has them; without it, of the candidates where they are.
     """
     n, p = len(chosen), len(pattern.x)
-    more = len(candidates) - np.searchsorted(
-        np.sort(candidates.evidence), candidates.evidence[chosen], side="left"
-    )
+    own = candidates.evidence[chosen] if evidence is None else evidence
+    more = len(candidates) - np.searchsorted(np.sort(candidates.evidence), own, side="left")
     ways = float(np.log(np.maximum(more, np.arange(1, n + 1))).sum())
     symmetry = SYMMETRIES[pattern.kind] * (pattern.count if pattern.kind == CIRCLE else 1)
     slopes = pattern.slopes[places].reshape(2 * n, p)
@@ -92,25 +94,8 @@ def _log_alike(candidates: HoleCandidates, chosen: IntArray, spacing: float) -> 
     return float(min(tube - freedom * np.log(wide), 0.0))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Looks:
-    """Places (m, 2) thrown on a plate, and how much each looks like a hole of one radius: log odds (m,)."""
-
-    places: FloatArray
-    evidence: FloatArray
-
-    def rarity(self, evidence: FloatArray, own: FloatArray, radius: float) -> FloatArray:
-        """Return less the log of the share of places that look (k,) as much like a hole as some do.
-
-        Places within the holes `own` (n, 2) of the pattern that is tested are none of its null.
-        """
-        thrown = np.sort(self.evidence[cKDTree(own).query(self.places)[0] > radius])
-        as_many = len(thrown) - np.searchsorted(thrown, evidence, side="left")
-        return np.asarray(np.log(_N_THROWN + 1) - np.log(as_many + 1))
-
-
-def looks(radius: float, soft: float, survey: PlateSurvey, opened: Openings) -> Looks:
-    """Measure how much places thrown on a plate look like holes of a radius, known to `soft`.
+def looks(radius: float, soft: float, survey: PlateSurvey, opened: Openings) -> FloatArray:
+    """Return how much places thrown on a plate look like holes of a radius known to `soft`: log odds, rising.
 
     Measured on the plate itself, losses and all: a model's log odds say less than how often they occur.
     Places that are plainly none are left out.
@@ -121,7 +106,16 @@ def looks(radius: float, soft: float, survey: PlateSurvey, opened: Openings) -> 
     places = places[~survey.is_no_hole(places, np.full(_N_THROWN, radius))]
     radii = np.full(len(places), radius)
     thrown = rim_scores(survey, places, radii, np.full(len(places), soft)).evidence
-    return Looks(places, thrown + opened.evidence(places, radii, survey.spacing))
+    return np.asarray(np.sort(thrown + opened.evidence(places, radii, survey.spacing)))
+
+
+def log_rarity(evidence: FloatArray, thrown: FloatArray, *, of_all: bool = True) -> FloatArray:
+    """Return less the log of the share of places that look (m,) as much like a hole as some do (n,).
+
+    The share of all places of the plate, or of those at which a hole might be.
+    """
+    as_many = len(thrown) - np.searchsorted(thrown, evidence, side="left")
+    return np.asarray(np.log((_N_THROWN if of_all else len(thrown)) + 1) - np.log(as_many + 1))
 
 
 _MULTIPLES = (1, 2, 3)  # pitches between two candidates

@@ -31,6 +31,7 @@ from completion.features.holes.pattern_evidence import (
     are_notches,
     best_window,
     climb_pattern,
+    cut_ends,
     open_sides,
 )
 from completion.features.holes.patterns import (
@@ -343,8 +344,9 @@ def _together(
     """Step 3: all holes at once, by their rims; with more holes where now more of the lattice is evident."""
     held = np.array([name in given for name in (*PARAMETERS[coarse.pattern.kind], "radius")])
     refined = refine(coarse.pattern, ground.survey, held, ~coarse.filled, rng=rng)
-    again = best_window(replace(coarse, pattern=refined.pattern), ground, given)
-    if again is not None and again.pattern.shape != coarse.pattern.shape:
+    moved = replace(coarse, pattern=refined.pattern)
+    again = cut_ends(best_window(moved, ground, given) or moved, ground, given)
+    if again.pattern.shape != coarse.pattern.shape:
         coarse = again
         refined = refine(coarse.pattern, ground.survey, held, ~coarse.filled, rng=rng)
     return coarse, _by_walls(refined, coarse.seen, ground, measured, held)
