@@ -25,8 +25,6 @@ class RimScores:
     ----------
     evidence : (m,) float
         Log odds of a hole against the plate and against a lost patch of any shape, nats.
-    against_patch : (m,) float
-        Against the patch alone.
     seen : (m, k) bool
         Sectors in which the plate begins at the rim rather than farther out.
     filled : (m,) float
@@ -34,7 +32,6 @@ class RimScores:
     """
 
     evidence: FloatArray
-    against_patch: FloatArray
     seen: BoolArray
     filled: FloatArray
 
@@ -44,12 +41,12 @@ def rim_scores(survey: PlateSurvey, centres: FloatArray, radii: FloatArray, soft
 
     In each of 16 sectors the plate begins at some distance g from the centre. Its points are a Poisson
     process of density rho beyond g and of a small density eps rho before it:
-    log L(g) = n(r < g) log eps + rho (1 - eps) angle g^2 / 2, less what a plate without a hole has. Losses
-    know nothing of holes: a lost patch ends at some b in each sector, of one prior with or without a hole; the
-    plate begins at b without one, and at max(R, b) with one. Sectors that are lost beyond the rim say nothing.
+    log L(g) = n(r < g) log eps + rho (1 - eps) angle g^2 / 2, less what a plate without a hole has. A lost
+    patch ends at some b in each sector, of one prior with or without a hole: the plate begins at b without
+    one, and at max(R, b) with one. So sectors that are lost beyond the rim say nothing.
     """
     if not len(centres):
-        return RimScores(np.zeros(0), np.zeros(0), np.zeros((0, N_SECTORS), dtype=np.bool_), np.zeros(0))
+        return RimScores(np.zeros(0), np.zeros((0, N_SECTORS), dtype=np.bool_), np.zeros(0))
     level = survey.level(radii)
     scores = [_scores(survey, centres[at], radii[at], soft[at], level=int(level[at[0]]))
               for at in (np.flatnonzero(level == step_level) for step_level in np.unique(level))]  # fmt: skip
@@ -81,10 +78,9 @@ def _scores(
     begins = np.log((1 - limits.LOST_SHARE) * radii / grid[:, -1])[:, None] + at_rim
     whole, lost = np.log(1 - limits.LOST_SHARE), np.log(limits.LOST_SHARE)
     hole = np.logaddexp(whole + at_rim.sum(axis=1), lost + np.logaddexp(begins, ends).sum(axis=1))
-    patch = patch.sum(axis=1)
-    none = np.logaddexp(whole, lost + patch)
+    none = np.logaddexp(whole, lost + patch.sum(axis=1))
     inside = before[:, :, _INNER - 2].sum(axis=1) * np.log(eps) + expected[:, _INNER - 2] * N_SECTORS
-    return RimScores(hole - none, hole - patch, np.asarray(begins > ends, dtype=np.bool_), -inside)
+    return RimScores(hole - none, np.asarray(begins > ends, dtype=np.bool_), -inside)
 
 
 def _rings(

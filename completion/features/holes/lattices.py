@@ -94,8 +94,33 @@ def _log_alike(candidates: HoleCandidates, chosen: IntArray, spacing: float) -> 
     return float(min(tube - freedom * np.log(wide), 0.0))
 
 
-def looks(radius: float, soft: float, survey: PlateSurvey, opened: Openings) -> FloatArray:
-    """Return how much places thrown on a plate look like holes of a radius known to `soft`: log odds, rising.
+@dataclass(frozen=True, slots=True, eq=False)
+class Looks:
+    """Places (m, 2) thrown on a plate, and how much each looks like a hole of one radius: nats, rising."""
+
+    places: FloatArray
+    evidence: FloatArray
+
+    def rarity(self, evidence: FloatArray) -> FloatArray:
+        """Return less the log of the share of places of the plate that look (n,) as much like a hole."""
+        return _log_rarity(evidence, self.evidence, _N_THROWN)
+
+    def rarity_where_lost(self, evidence: FloatArray, own: FloatArray, radius: float) -> FloatArray:
+        """Return the same of places at which a hole might be, but for the holes `own` (k, 2) of a pattern.
+
+        These places are no fewer than are lost before anything is measured.
+        """
+        beside = self.evidence[cKDTree(own).query(self.places)[0] > radius]
+        return _log_rarity(evidence, beside, max(len(beside), limits.LOST_SHARE * _N_THROWN))
+
+
+def _log_rarity(evidence: FloatArray, thrown: FloatArray, n_places: float) -> FloatArray:
+    as_many = len(thrown) - np.searchsorted(thrown, evidence, side="left")
+    return np.asarray(np.log(n_places + 1) - np.log(as_many + 1))
+
+
+def looks(radius: float, soft: float, survey: PlateSurvey, opened: Openings) -> Looks:
+    """Measure how much places thrown on a plate look like holes of a radius that is known to `soft`.
 
     Measured on the plate itself, losses and all: a model's log odds say less than how often they occur.
     Places that are plainly none are left out.
@@ -106,16 +131,9 @@ def looks(radius: float, soft: float, survey: PlateSurvey, opened: Openings) -> 
     places = places[~survey.is_no_hole(places, np.full(_N_THROWN, radius))]
     radii = np.full(len(places), radius)
     thrown = rim_scores(survey, places, radii, np.full(len(places), soft)).evidence
-    return np.asarray(np.sort(thrown + opened.evidence(places, radii, survey.spacing)))
-
-
-def log_rarity(evidence: FloatArray, thrown: FloatArray, *, of_all: bool = True) -> FloatArray:
-    """Return less the log of the share of places that look (m,) as much like a hole as some do (n,).
-
-    The share of all places of the plate, or of those at which a hole might be.
-    """
-    as_many = len(thrown) - np.searchsorted(thrown, evidence, side="left")
-    return np.asarray(np.log((_N_THROWN if of_all else len(thrown)) + 1) - np.log(as_many + 1))
+    thrown += opened.evidence(places, radii, survey.spacing)
+    order = np.argsort(thrown, kind="stable")
+    return Looks(places[order], thrown[order])
 
 
 _MULTIPLES = (1, 2, 3)  # pitches between two candidates

@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.features.holes import limits
 from completion.features.holes.circles import HoleCandidates, rim_scores
-from completion.features.holes.lattices import Proposal, log_chance, log_rarity, looks, matches
+from completion.features.holes.lattices import Looks, Proposal, log_chance, looks, matches
 from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, Pattern, centres_of
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -143,7 +143,7 @@ class Ground:
     opened: Openings
     candidates: HoleCandidates
     area: float
-    looks: dict[tuple[int, float], FloatArray] = field(default_factory=dict)  # by the log of the radius, and width
+    looks: dict[tuple[int, float], Looks] = field(default_factory=dict)  # by radius and softness
 
     def weigh(self, pattern: Pattern, proposal: Proposal | WeighedPattern, soft: float) -> WeighedPattern:
         """Weigh a pattern of which some holes are candidates, its places known to `soft` spacings.
@@ -199,10 +199,10 @@ class Ground:
         against = np.clip(holes, -limits.MOST_HOLE_NATS, 0.0)
         if not (holes > limits.SEEN_NATS).any():
             return against
-        rare = log_rarity(holes, self._thrown(pattern.radius, soft)) - _LOOKS
+        rare = self._thrown(pattern.radius, soft).rarity(holes) - _LOOKS
         return np.where(holes > limits.SEEN_NATS, np.maximum(rare, 0.0), against)
 
-    def _thrown(self, radius: float, soft: float) -> FloatArray:
+    def _thrown(self, radius: float, soft: float) -> Looks:
         """How much places of this plate look like holes of about a radius, known to `soft` spacings."""
         spacing = self.survey.spacing
         size = round(float(np.log(radius / spacing)) / limits.RADIUS_STEP)
@@ -221,7 +221,8 @@ class Ground:
         holes = np.clip(self.holes(pattern, soft)[0], -limits.MOST_HOLE_NATS, limits.MOST_HOLE_NATS)
         seen = holes > limits.SEEN_NATS
         if seen.any():
-            rare = log_rarity(holes[seen], self._thrown(pattern.radius, soft), of_all=False)
+            thrown = self._thrown(pattern.radius, soft)
+            rare = thrown.rarity_where_lost(holes[seen], pattern.centres, pattern.radius)
             holes[seen] = np.minimum(holes[seen], rare - limits.SURE_NATS)
         return np.asarray(holes + limits.UNSEEN_NATS)
 
