@@ -7,7 +7,9 @@ BIN := .venv/bin
 export PYTHONDONTWRITEBYTECODE :=
 export OPENBLAS_NUM_THREADS := 1
 
-PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=30 --durations-min=0.5
+# glibc gives freed memory back to the system and asks for it anew, for each large array; tests do without
+KEEP := MALLOC_MMAP_THRESHOLD_=268435456 MALLOC_TRIM_THRESHOLD_=1073741824
+PYTEST := $(KEEP) $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=30 --durations-min=0.5
 
 .PHONY: demo test test-long types install bench docs gallery format fuzz wheels clean
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What holds for all tests: reports are drawn small and packed quickly; the longest files run first."""
+"""What holds for all tests: reports are small, packed quickly and not synced; the longest files run first."""
 
 import gc
+import os
 from collections.abc import Iterator
 from functools import cache
 
@@ -26,6 +27,14 @@ def small_reports() -> Iterator[None]:
         patch.setattr(plots, "_DARK", plots.LIGHT)  # what is equal is drawn once
         for module in (completion_shots, scan_coverage_blocks, surface_values):
             patch.setattr(module, "_WIDTH", 380)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def unsynced_files() -> Iterator[None]:
+    """No file of a test outlives the machine, so nobody waits until the disk has it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
         yield
 
 

@@ -36,6 +36,7 @@ _GROWTH = 0.2  # of the rank, after which all is solved together again
 _EVERY = 60  # equations, up to which that is done after each
 _ROUNDING = 1e-9  # metres or radians: what is measured without noise is no better known
 _HELD = 1e-9  # of an equation's derivative, which is rounding
+_LOST = 1e6  # deviations: a step beyond them leads nowhere
 _STILL = 1e-12  # standard deviations: a step that is smaller is the last
 
 
@@ -130,6 +131,16 @@ class JointEstimate:
         self.imposed: list[ImposedRelation] = []
         self._n_solved = 0
         self.at = _Placements(self)
+        radii = [
+            (radius, by[0], self.columns(number))
+            for number, at in ((number, self.at[number]) for number in range(len(fits)))
+            for radius, by in ((at.radius, at.by_radius), (at.ring_radius, at.by_ring_radius))
+            if radius > 0 and at.half_angle == 0
+        ]
+        self._radii = np.array([radius for radius, *_ in radii])
+        self._by_radii = np.zeros((len(radii), len(self.x)))
+        for k, (_, by, stretch) in enumerate(radii):
+            self._by_radii[k, stretch] = by
         self.frame = RelationFrame({number: self.at[number] for number in range(len(fits))}, up)
 
     @property
@@ -205,10 +216,16 @@ class JointEstimate:
         along = vectors.T @ (self.x[stretch] / scale)
         return float(np.max(np.abs(along) / np.sqrt(np.maximum(values, np.finfo(np.float64).eps))))
 
-    def impose(self, relation: Relation, rows: list[int]) -> None:
-        """Impose some equations of a relation, and move the surfaces by one step."""
+    def has_radii(self, x: FloatArray) -> bool:
+        """Whether radii are above 0 where the surfaces' parameters have moved by x (p,)."""
+        return bool((self._radii + self._by_radii @ x > _HELD * self._radii).all())
+
+    def impose(self, relation: Relation, rows: list[int]) -> bool:
+        """Impose some equations of a relation, and move the surfaces by one step.
+
+        False, and nothing is imposed, where that would leave a surface no radius.
+        """
         constraint = self.constraint(relation).only(rows)
-        self.imposed.append(ImposedRelation(relation, rows))
         where = np.concatenate(
             [np.arange(self.n_unknowns)[self.columns(block)] for block in constraint.blocks]
         )
@@ -216,9 +233,14 @@ class JointEstimate:
         gain = self.covariance[:, where] @ jacobian.T
         spread = jacobian @ gain[where] + np.diag(self.built_within(constraint))
         by = np.linalg.solve(spread, gain.T)
-        self.x = self.x - constraint.value @ by
+        moved = self.x - constraint.value @ by
+        if not self.has_radii(moved):
+            return False
+        self.imposed.append(ImposedRelation(relation, rows))
+        self.x = moved
         self.covariance -= gain @ by
         self.at.clear()
+        return True
 
     def settle(self) -> None:
         """Solve, where so much was imposed since that derivatives may have changed."""
@@ -234,7 +256,10 @@ class JointEstimate:
             jacobian, value, within = self.equations()
             gain, factor = self.factor(jacobian, within)
             moved = gain @ cho_solve(factor, jacobian @ self.x - value)
-            step, self.x = np.abs(moved - self.x) / self.prior_sd, moved
+            step = np.abs(moved - self.x) / self.prior_sd
+            if not step.max() < _LOST or not self.has_radii(moved):
+                break
+            self.x = moved
             self.at.clear()
             if step.max() < _STILL:
                 break

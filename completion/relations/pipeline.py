@@ -82,7 +82,9 @@ def examine(
         reason = f"{_misfit(test)} off: {word}, and the evidence is weak"
         return replace(tested, status=RelationStatus.UNDECIDED, reason=reason)
     accepted = replace(tested, status=RelationStatus.ACCEPTED)
-    estimate.impose(accepted, test.rows)
+    if not estimate.impose(accepted, test.rows):
+        reason = f"{_misfit(test)} off: it would leave a surface no radius"
+        return replace(tested, status=RelationStatus.REJECTED, reason=reason)
     return accepted
 
 

@@ -41,6 +41,7 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         run.read(request.files)
         stated = tuple(relation for file in request.files[1:] for relation in read_part_relations(file))
         held = read_part_file(request.shape, request.units)
+        run.warn(held.warnings)
         if "step" in request.exports:
             kernel()  # what is missing is said before the work
         run.will_call(reachable, 10)
@@ -49,7 +50,8 @@ def run_part(shared: Shared, request: PartOptions) -> None:
         profiles = () if part.relations is None else profiles_of(part)
         closed = close_holes(part)
         doubts = [] if closed is None or not closed.n_closed else [closed.told]
-        run.warn([*part.warnings, *(() if flat is None else flat.doubts), *doubts])
+        found = [text for text in part.warnings if text not in held.warnings]
+        run.warn([*found, *(() if flat is None else flat.doubts), *doubts])
         step = _as_step(part, request, run) if "step" in request.exports else None
         run.watch.enter("dimensions")
         dimensions = dimensions_of(part, preferred=request.preferred != "off")

@@ -264,7 +264,7 @@ def read_part_file(path: str | os.PathLike[str], units: Units = "m") -> PartFile
     normals = cloud.normals
     if normals is not None and not (np.linalg.norm(normals, axis=1) > 0).all():
         normals = None  # some are unknown
-    warnings = (*cloud.warnings, *_doubts(cloud.points))
+    warnings = (*cloud.warnings, *_doubts(cloud.points), *_one_sided(cloud))
     return PartFile(
         points=cloud.points,
         normals=normals,
@@ -291,6 +291,17 @@ def _from_mesh(path: Path, units: Units) -> PartFile:
         n_rows=len(mesh.vertices),
         warnings=tuple(dict.fromkeys((*scene.warnings, *_doubts(mesh.vertices)))),
         step_m=float(single_steps(mesh.vertices / metres, metres).max()),
+    )
+
+
+def _one_sided(cloud: PointCloud) -> tuple[str, ...]:
+    """What is told of points that a scanner measured from one place: a sentence, or none."""
+    if cloud.origins is None or (cloud.origins != cloud.origins[0]).any():
+        return ()
+    near, far = np.quantile(np.linalg.norm(cloud.points - cloud.origins[0], axis=1), (0, 1))
+    return (
+        f"all points were measured from one place, {near:.2g} to {far:.2g} m away, and show one side: use "
+        "`unseen complete` for rooms, plants and what stands in them",
     )
 
 

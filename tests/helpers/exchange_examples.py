@@ -31,9 +31,15 @@ def panorama(name: str = "two_occluders", noise: str = "gaussian-2mm") -> Comple
     return complete(scan, CompletionOptions(texture=False), rng=0)
 
 
+@cache
+def parts_of(done: Completion) -> BuildingParts:
+    """The building of a completion, made once a process."""
+    return done.building()
+
+
 def drawn(done: Completion) -> BuildingModel:
     """What drawings show of a completion."""
-    return done.building().model
+    return parts_of(done).model
 
 
 WRITTEN = datetime(2026, 5, 4, 3, 2, 1, tzinfo=UTC)

@@ -87,15 +87,22 @@ def public_names() -> set[str]:
 
 
 @pytest.fixture(scope="module")
-def trees():
-    return {path: tree_of(path) for path in modules().values()}
+def nodes():
+    """Functions, compiled functions, and calls with many arguments by position, of each file."""
+    found = {}
+    for path in modules().values():
+        every = list(ast.walk(tree_of(path)))
+        functions = [node for node in every if isinstance(node, ast.FunctionDef)]
+        calls = [node for node in every if isinstance(node, ast.Call) and len(node.args) > MOST_POSITIONAL]
+        found[path] = functions, [node for node in functions if compiled(node)], calls
+    return found
 
 
-def test_inner_functions_take_at_most_eight_arguments(trees) -> None:
+def test_inner_functions_take_at_most_eight_arguments(nodes) -> None:
     public, found = public_names(), []
-    for path, tree in trees.items():
-        for node in ast.walk(tree):
-            if not isinstance(node, ast.FunctionDef) or compiled(node) or node.name in public:
+    for path, (functions, loops, _) in nodes.items():
+        for node in functions:
+            if node in loops or node.name in public:
                 continue
             given = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
             n_given = len([one for one in given if one.arg not in ("self", "cls")])
@@ -104,28 +111,16 @@ def test_inner_functions_take_at_most_eight_arguments(trees) -> None:
     assert found == []
 
 
-def inside_compiled(tree: ast.AST) -> set[int]:
-    """Lines of compiled functions; numba calls by position."""
-    lines: set[int] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef) and compiled(node):
-            lines |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
-    return lines
-
-
-def test_calls_give_at_most_five_arguments_by_position(trees) -> None:
-    """But calls of compiled loops, and of libraries that take no names."""
-    loops = {
-        n.name for t in trees.values() for n in ast.walk(t) if isinstance(n, ast.FunctionDef) and compiled(n)
-    }
+def test_calls_give_at_most_five_arguments_by_position(nodes) -> None:
+    """But calls of compiled loops, and in them, and of libraries that take no names."""
+    names = {loop.name for _, loops, _ in nodes.values() for loop in loops}
     found = []
-    for path, tree in trees.items():
-        within = inside_compiled(tree)
-        for node in ast.walk(tree):
-            if not isinstance(node, ast.Call) or len(node.args) <= MOST_POSITIONAL or node.lineno in within:
+    for path, (_, loops, calls) in nodes.items():
+        for node in calls:
+            if any(loop.lineno <= node.lineno <= (loop.end_lineno or loop.lineno) for loop in loops):
                 continue
             called = ast.unparse(node.func)
-            if called.split(".")[-1] not in loops and not called.startswith(OTHERS):
+            if called.split(".")[-1] not in names and not called.startswith(OTHERS):
                 found.append(f"{path}:{node.lineno}: {called}")
     assert found == []
 

@@ -2,6 +2,8 @@
 """Compiled functions: stored code is read again, and made anew when a part of it changes."""
 
 import ast
+import importlib
+import linecache
 import subprocess
 import sys
 from pathlib import Path
@@ -121,3 +123,17 @@ def borrowed_names(path):
 def test_functions_stored_by_their_own_file_use_nothing_of_others():
     files = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
     assert [name for path in files for name in borrowed_names(path)] == []
+
+
+def test_stored_entries_of_inlined_functions_go_stale_with_these(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for step in (9, 20):  # of other lengths: Python tells files of one second by these
+        (tmp_path / "raising.py").write_text(
+            f"from texture.engine.compiled import inlined\n\nSTEP = {step}\n\n\n"
+            "@inlined\ndef raised(x):\n    return x + STEP\n"
+        )
+        sys.modules.pop("raising", None)
+        importlib.invalidate_caches()
+        linecache.clearcache()
+        assert importlib.import_module("raising").raised(1) == 1 + step
+        assert importlib.import_module("raising").raised(2) == 2 + step

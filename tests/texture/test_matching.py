@@ -74,19 +74,21 @@ FINDERS = (find_compiled, find_candidates)
 def find_by_hand(template: PixelTemplate, sample: Sample) -> dict[int, int]:
     """The definition, pixel by pixel: {position: distance} of all positions within 1.1 of the best."""
     (height, width), window = sample.usable.shape, template.known.shape[0]
-    weights = gaussian_weights(window)
+    weights, usable = gaussian_weights(window).tolist(), sample.usable.tolist()
+    levels, colours = sample.levels.tolist(), template.levels.tolist()
+    known = np.argwhere(template.known).tolist()
     distances = {}
     for row, column in np.argwhere(sample.usable).tolist():
         distance = 0
-        for i, j in np.argwhere(template.known).tolist():
+        for i, j in known:
             there = [row + i - window // 2, column + j - window // 2]
             for axis, size in enumerate((height, width)):
                 if sample.wrap[axis]:
                     there[axis] %= size
-            if not (0 <= there[0] < height and 0 <= there[1] < width and sample.usable[there[0], there[1]]):
+            if not (0 <= there[0] < height and 0 <= there[1] < width and usable[there[0]][there[1]]):
                 break
-            differences = sample.levels[there[0], there[1]] - template.levels[i, j]
-            distance += int(weights[i, j]) * sum(d * d for d in differences.tolist())
+            pairs = zip(levels[there[0]][there[1]], colours[i][j], strict=True)
+            distance += weights[i][j] * sum((one - other) ** 2 for one, other in pairs)
         else:
             distances[row * width + column] = distance
     best = min(distances.values(), default=0)

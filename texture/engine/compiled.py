@@ -13,6 +13,7 @@ import pickle
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from hashlib import sha256
+from types import FunctionType
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -75,13 +76,18 @@ class _Inlined(CPUDispatcher):  # type: ignore[misc]
 
 @cache
 def _entry(function: _Inlined) -> Callable[..., Any]:
-    """Return a compiled function that calls another one."""
+    """Return a compiled function that calls another one, stored under a name of its own."""
+    source = function.py_func
+    made = FunctionType(_call.__code__, {"_called": function}, source.__name__)
+    made.__module__, made.__qualname__ = source.__module__, f"{source.__module__}.{source.__qualname__}"
+    return compiled(made)
 
-    def call(*arguments: Any) -> Any:
-        return function(*arguments)
 
-    made: Callable[..., Any] = njit(nogil=True, error_model="numpy")(call)
-    return made
+_called: Any = None  # of each entry the function that it calls
+
+
+def _call(*arguments: Any) -> Any:
+    return _called(*arguments)
 
 
 @inlined

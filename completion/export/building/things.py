@@ -7,7 +7,6 @@ from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
@@ -31,9 +30,12 @@ def find_things(model: BuildingModel, structure: Collection[int]) -> tuple[tuple
         return ()
     places, facet = _samples(model.vertices[model.faces[is_loose]])
     owner = np.searchsorted(numbers, model.surface[is_loose])[facet]
-    links = owner[cKDTree(places).query_pairs(limits.NEAR_FACE_M, output_type="ndarray")]
-    links = links[links[:, 0] != links[:, 1]]
-    graph = coo_array((np.ones(len(links)), tuple(links.T)), shape=(len(numbers),) * 2)
+    trees = [cKDTree(places[owner == k]) for k in range(len(numbers))]
+    low, high = np.array([tree.mins for tree in trees]), np.array([tree.maxes for tree in trees])
+    graph = np.triu((low[:, None] <= high + limits.NEAR_FACE_M).all(axis=2), 1)
+    graph &= (low <= high[:, None] + limits.NEAR_FACE_M).all(axis=2)
+    for one, other in np.argwhere(graph).tolist():  # boxes that meet
+        graph[one, other] = trees[one].count_neighbors(trees[other], limits.NEAR_FACE_M) > 0
     n_things, thing = connected_components(graph, directed=False)
     groups = (tuple(numbers[thing == k].tolist()) for k in range(n_things))
     return tuple(sorted(groups))

@@ -145,7 +145,9 @@ class FaceSamples:
         own = self.of(place)
         if len(own) < _N_PLACES:
             return 0
+        own = own[:: max(1, len(own) // _MOST_ASKED)]
         others = self.points[self.place != place]
+        others = others[:: max(1, len(others) // _MOST_ASKED)]
         far = cKDTree(others).query(own)[0] if len(others) else np.ones(len(own))
         inner = np.argsort(-far, kind="stable")[: max(len(own) // 2, _N_PLACES)]
         chosen = own[inner[np.linspace(0, len(inner) - 1, _N_PLACES).astype(np.int64)]]

@@ -13,7 +13,7 @@ linear again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -42,6 +42,7 @@ KINDS = ("plane", "sphere", "cylinder", "cone", "torus")
 N_PARAMETERS = {"plane": 3, "sphere": 4, "cylinder": 5, "cone": 6, "torus": 7}
 _MOST_POINTS = 800  # that a surface is polished on
 _N_STEPS = 3  # of Gauss and Newton; what calls this repeats it
+_STILL = 0.01  # of the tolerance, below which a step is the last
 _CUT = 4.685  # deviations, Tukey's
 
 
@@ -80,9 +81,11 @@ def refine_surface(
     cloud = ScaledCloud(sample, centre, scale, weights)
     try:
         chart: Chart = chart_of(surface, centre, scale)
-        chart, normal, _ = polish_chart(chart, cloud, surface.kind, _N_STEPS)
-        chart = chart.turn_to_growth() if hasattr(chart, "turn_to_growth") else chart
-        normal = normal_equations(chart, cloud)
+        still = _STILL * tolerance / scale
+        chart, normal, _ = polish_chart(chart, cloud, surface.kind, _N_STEPS, still=still)
+        if hasattr(chart, "turn_to_growth"):
+            chart = chart.turn_to_growth()
+            normal = normal_equations(chart, cloud)
         adjusted_surface = chart.surface(centre, scale, False)
         units = np.where(chart.lengths() > 0, 1.0, 1 / scale)
         covariance = tolerance**2 / stride * normal.inverse() * np.outer(units, units)
@@ -253,19 +256,28 @@ class GrownRegion:
     score: float
 
 
-def score_of(surface: Surface, points: FloatArray, tolerance: float) -> float:
-    """How much likelier a surface makes points (n, 3), less what its parameters cost (logarithms)."""
+def score_of(
+    surface: Surface, points: FloatArray, tolerance: float, worth: FloatArray | float = GAIN
+) -> float:
+    """How much likelier a surface makes points (n, 3), less what its parameters cost (logarithms).
+
+    `worth` (n,) is what it is worth to explain each: less where another surface explains it somehow.
+    """
     share = surface.distance(points) / tolerance
-    explained = np.maximum(GAIN - share * share / 2, 0.0)
-    cost = N_PARAMETERS[surface.kind] * (GAIN + np.log(max(len(points), 2)) / 2)
-    return float(explained.sum() - cost)
+    explained = np.maximum(worth - share * share / 2, 0.0)
+    return float(explained.sum()) - parameter_cost(surface.kind, len(points))
 
 
-def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolArray) -> GrownRegion | None:
-    """Grow a surface from points `begin` (m,) over all that it explains; None where too few are `free` (n,).
+def parameter_cost(kind: str, n: int) -> float:
+    """What the parameters of a kind of surface cost that explains n points (logarithms)."""
+    return N_PARAMETERS[kind] * (GAIN + float(np.log(max(n, 2))) / 2)
+
+
+def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, worth: FloatArray) -> GrownRegion | None:
+    """Grow a surface from points `begin` (m,) over all that it explains; None where too few are worth it.
 
     Points on the rim of two surfaces are on both: what is explained already still says where a surface is,
-    but not that there is one.
+    but not that there is one. So it is `worth` (n,) nothing to explain it again.
     """
     tolerance, members = about.tolerance_m, begin
     seen: set[int] = set()
@@ -275,9 +287,9 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
         if pair is None:
             return None
         surface, covariance = pair
-        explains = partial(_is_explained, about, surface, covariance)
-        new = np.flatnonzero(walked(about.links, np.ones_like(free), members, explains))
-        if np.count_nonzero(free[new]) < n_least:
+        explains = partial(_is_explained, about, surface, covariance, np.full(len(worth), np.nan))
+        new = np.flatnonzero(walked(about.links, np.ones(len(worth), np.bool_), members, explains))
+        if np.count_nonzero(worth[new]) < n_least:
             return None
         changed = len(np.setxor1d(new, members, assume_unique=True))
         members = new
@@ -285,54 +297,106 @@ def grown(about: Neighbourhoods, surface: Surface, begin: IntArray, free: BoolAr
         if changed <= STILL_SHARE * len(new) or mark in seen:
             break
         seen.add(mark)
-    indices = members[free[members]]
-    return GrownRegion(surface, members, score_of(surface, about.points[indices], tolerance))
+    free = members[worth[members] > 0]
+    return GrownRegion(surface, members, score_of(surface, about.points[free], tolerance, worth[free]))
 
 
 def _is_explained(
-    about: Neighbourhoods, surface: Surface, covariance: FloatArray, chosen: IntArray
+    about: Neighbourhoods, surface: Surface, covariance: FloatArray, signed: FloatArray, chosen: IntArray
 ) -> BoolArray:
-    """Which of the points `chosen` (k,) are near enough to the surface where it is known, and turn alike."""
-    tolerance, points = about.tolerance_m, about.points[chosen]
-    distance = np.abs(surface.distance(points))
-    explained: BoolArray = np.asarray(distance <= CUT * tolerance * np.hypot(1, MOST_DEVIATION))
-    near = np.flatnonzero(explained)
-    if not len(near):
+    """Which of the points `chosen` (k,) are near enough to the surface where it is known, and turn alike.
+
+    They are near enough with their neighbours too: the mean of what those are off, which are near, scatters
+    less, and tells a surface that departs from this one sooner. `signed` (n,) keeps distances, NaN before
+    they are asked for.
+    """
+    tolerance, links = about.tolerance_m, about.links
+    most = CUT * tolerance * np.hypot(1, MOST_DEVIATION)
+    asked = chosen[np.isnan(signed[chosen])]
+    signed[asked] = surface.distance(about.points[asked])
+    explained: BoolArray = np.asarray(np.abs(signed[chosen]) <= most)
+    which = chosen[explained]
+    if not len(which):
         return explained
-    places, which = points[near], chosen[near]
+    beside = rings_around(links.indptr, links.indices, np.isnan(signed), which, 1)
+    signed[beside] = surface.distance(about.points[beside])
+    places = about.points[which]
     deviation = SurfaceFit(surface, tolerance, covariance, len(places)).standard_deviation(places)
-    fits = distance[near] <= CUT * np.hypot(tolerance, deviation)
+    fits = np.abs(signed[which]) <= CUT * np.hypot(tolerance, deviation)
     fits &= deviation <= MOST_DEVIATION * tolerance
+    n_near, mean = means_beside(links, signed, which, most)
+    fits &= np.abs(mean) <= CUT * np.hypot(tolerance * np.sqrt(about.alike / n_near), deviation)
     aligned = np.abs(np.einsum("ij,ij->i", surface.normal(places), about.normals[which]))
     turned = aligned < np.cos(np.minimum(np.maximum(CUT * about.normal_sd[which], LEAST_ANGLE), np.pi / 2))
-    explained[near] = fits & ~(turned & about.is_smooth[which])
+    explained[explained] = fits & ~(turned & about.is_smooth[which])
     return explained
 
 
-def best_grown(about: Neighbourhoods, patch: IntArray, free: BoolArray) -> GrownRegion | None:
+def means_beside(
+    links: csr_array, values: FloatArray, asked: IntArray, most: float
+) -> tuple[FloatArray, FloatArray]:
+    """Number (m,) and mean (m,) of values (n,) of at most so much at points (m,) and those beside them."""
+    return _means_beside(links.indptr, links.indices, values, asked, most)
+
+
+@compiled
+def _means_beside(
+    first: IntArray, beside: IntArray, values: FloatArray, asked: IntArray, most: float
+) -> tuple[FloatArray, FloatArray]:
+    number, mean = np.empty(len(asked)), np.empty(len(asked))
+    for k in range(len(asked)):
+        number[k], mean[k] = 1.0, values[asked[k]]
+        for place in range(first[asked[k]], first[asked[k] + 1]):
+            if abs(values[beside[place]]) <= most:
+                number[k] += 1.0
+                mean[k] += values[beside[place]]
+        mean[k] /= number[k]
+    return number, mean
+
+
+def best_grown(about: Neighbourhoods, patch: IntArray, worth: FloatArray) -> GrownRegion | None:
     """The surface that explains most from a patch (m,) on, simple kinds first.
 
     Each kind begins from the patch, and from what the kinds before it explained with a margin of two points
-    about it: a strip of a torus that a cylinder grew over begins the torus.
+    about it: a strip of a torus that a cylinder grew over begins the torus. What explains most begins each
+    kind once more: of a patch that noise hides the bend of, any kind may grow over a face.
     """
     best: GrownRegion | None = None
     for kind in KINDS:
         begins = [patch]
         if best is not None and len(best.members) > 1.5 * len(patch):
-            links, every = about.links, np.ones(len(free), np.bool_)
+            links, every = about.links, np.ones(len(worth), np.bool_)
             begins.append(np.sort(rings_around(links.indptr, links.indices, every, best.members, 2)))
-        for begin in begins:
-            for surface in likely(about, kind, begin):
-                region = grown(about, surface, begin, free)
-                if region is not None and region.score > 0 and (best is None or region.score > best.score):
-                    best = region
+        best = _best_of(about, kind, begins, worth, best)
+    if best is None or best.surface.kind == KINDS[0]:
+        return best
+    found = best.members
+    for kind in KINDS:
+        if best is not None and kind != best.surface.kind:
+            best = _best_of(about, kind, [found], worth, best)
+    return best
+
+
+def _best_of(
+    about: Neighbourhoods,
+    kind: str,
+    begins: Sequence[IntArray],
+    worth: FloatArray,
+    best: GrownRegion | None,
+) -> GrownRegion | None:
+    """The region of a kind from some points (m,) on, where it explains more than the best so far."""
+    for begin in begins:
+        for surface in likely(about, kind, begin):
+            region = grown(about, surface, begin, worth)
+            if region is not None and region.score > 0 and (best is None or region.score > best.score):
+                best = region
     return best
 
 
 def joint(about: Neighbourhoods, both: IntArray) -> GrownRegion | None:
     """The surface of most score that explains nearly all of some points (m,), grown from them."""
     best: GrownRegion | None = None
-    everything = np.ones(len(about.points), dtype=np.bool_)
+    everything = np.full(len(about.points), GAIN)
     for kind in KINDS:
         for surface in likely(about, kind, both, MOST_OF_FACE):
             region = grown(about, surface, both, everything)
@@ -352,10 +416,12 @@ def likely(about: Neighbourhoods, kind: str, begin: IntArray, share: float = 0.5
         for factor in (30.0, 8.0, 2.0, 1.0):
             likelihoods = None if moved is None else refine_surface(moved, points, factor * about.tolerance_m)
             moved = None if likelihoods is None else likelihoods[0]
-        if moved is None:
-            continue
-        n_explained = int((np.abs(moved.distance(points)) <= CUT * about.tolerance_m).sum())
-        if n_explained > most:
+            if moved is None:
+                break
+            n_explained = int((np.abs(moved.distance(points)) <= CUT * factor * about.tolerance_m).sum())
+            if n_explained <= most:
+                break
+        else:
             best, most = moved, n_explained
     if best is not None:
         yield best

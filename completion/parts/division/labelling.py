@@ -8,34 +8,27 @@ conditional modes), from neighbours' labels alone, so that no surface reaches to
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from completion.parts.division.growing import (
     GAIN,
     KINDS,
     GrownRegion,
-    best_grown,
-    joint,
     likely,
+    parameter_cost,
     refine_surface,
     score_of,
 )
 from completion.parts.division.limits import (
     EXPLAINED_COST,
     ISLAND,
-    LEAST_ANGLE,
-    LEAST_OF_MANY,
-    LEAST_POINTS,
-    MANY_FACES,
     STEP,
 )
 from completion.parts.division.neighbourhoods import Neighbourhoods
-from scenes.checks import BoolArray, FloatArray, IntArray
-from scenes.run.steps import Progress
+from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Surface
 from texture.engine.compiled import compiled
 
@@ -44,16 +37,24 @@ _N_ROUNDS = 6
 
 
 def first_labels(about: Neighbourhoods, regions: Sequence[GrownRegion]) -> IntArray:
-    """Labels (n,) by which of the surfaces that grew over a point is nearest to it; 0 for none."""
+    """Labels (n,) by which of the surfaces that grew over a point is nearest to it; 0 for none.
+
+    Of two about as near the one counts that was found for most of its points, not for what others left.
+    """
     labels = np.zeros(len(about.points), dtype=np.int64)
     least = np.full(len(labels), np.inf)
-    for number, region in sorted(enumerate(regions, start=1), key=lambda pair: len(pair[1].members)):
+    for number, region in sorted(enumerate(regions, start=1), key=lambda pair: -_merit(pair[1])):
         share = region.surface.distance(about.points[region.members]) / about.tolerance_m
         cost = share * share / 2
         nearer = cost < least[region.members] - EXPLAINED_COST
         labels[region.members[nearer]] = number
         least[region.members[nearer]] = cost[nearer]
     return labels
+
+
+def _merit(region: GrownRegion) -> float:
+    """How much likelier a region made each of its points."""
+    return region.score / len(region.members)
 
 
 def relabel(
@@ -63,7 +64,8 @@ def relabel(
     surface = list(surfaces)
     for _ in range(_N_ROUNDS):
         before = labels.copy()
-        labels = _swept(about, misfits(about, surface), labels)
+        cost = misfits(about, surface)
+        labels = _needed(about, surface, cost, _swept(about, cost, labels))
         surface, labels = _refit(about, surface, labels)
         if len(before) == len(labels) and (before == labels).all():
             break
@@ -165,6 +167,36 @@ def _sweep(first: IntArray, beside: IntArray, cost: FloatArray, labels: IntArray
     return changed
 
 
+def _needed(
+    about: Neighbourhoods, surfaces: Sequence[Surface], cost: FloatArray, labels: IntArray
+) -> IntArray:
+    """Labels (n,) without those whose points the surfaces beside them explain nearly as well.
+
+    A label stays where its points, and its borders, cost less by more than its parameters are worth.
+    """
+    labels, size = labels.copy(), np.bincount(labels, minlength=len(surfaces) + 1)
+    rows = np.repeat(np.arange(len(labels)), np.diff(about.links.indptr))
+    for number in np.argsort(size[1:], kind="stable") + 1:
+        members = np.flatnonzero(labels == number)
+        if not len(members):
+            continue
+        is_edge = labels[rows] == number
+        inner, outer = rows[is_edge], about.links.indices[is_edge]
+        beside = np.unique(labels[outer])
+        beside = np.union1d(beside[beside != number], 0)
+        choice = beside[np.argmin(cost[np.ix_(members, beside)], axis=1)]
+        other = labels.copy()
+        other[members] = choice
+        inside = labels[outer] == number  # such links are met from both ends
+        borders = STEP * float(
+            np.sum((other[inner] != other[outer]) * np.where(inside, 0.5, 1.0)) - np.sum(~inside)
+        )
+        worse = float(np.sum(cost[members, choice] - cost[members, number]))
+        if worse + borders <= parameter_cost(surfaces[number - 1].kind, len(members)):
+            labels = other
+    return labels
+
+
 def _refit(
     about: Neighbourhoods, surfaces: Sequence[Surface], labels: IntArray
 ) -> tuple[list[Surface], IntArray]:
@@ -199,189 +231,3 @@ def pieces_of(about: Neighbourhoods, labels: IntArray) -> tuple[int, IntArray]:
     links.eliminate_zeros()
     n, piece = connected_components(links, directed=False)
     return int(n), piece.astype(np.int64)
-
-
-_PATCHES = (12, 24, 48)  # points about a seed, where what is left is several surfaces
-_MOST_SEEDS = 6  # of them in a rest
-
-
-def proposals(about: Neighbourhoods, tell: Progress) -> list[GrownRegion]:
-    """Return surfaces that explain the points, each with points of its own, as they were found.
-
-    `tell` hears how many of the points are explained. Of a free form (`is_free_form`) only those that
-    grew before it was known for one.
-    """
-    free = np.ones(len(about.points), dtype=np.bool_)
-    tree = cKDTree(about.points)
-    regions = from_smooth(about, free, tree, tell)
-    if is_free_form(len(regions), free):
-        return regions
-    regions = _join_neighbours(about, regions, free)
-    return _join_neighbours(about, regions + _from_rests(about, free, tell), free)
-
-
-def is_free_form(n_regions: int, free: BoolArray) -> bool:
-    """Whether so many regions leave so many points (n,) free that these are of no part.
-
-    Seeds come by the size of their smooth neighbourhood, so that the largest faces grow first.
-    """
-    return n_regions >= MANY_FACES and float(free.mean()) > 1 - LEAST_OF_MANY
-
-
-def from_smooth(
-    about: Neighbourhoods,
-    free: BoolArray,
-    tree: cKDTree,
-    tell: Progress,
-    ends: Callable[[list[GrownRegion], BoolArray], bool] = lambda regions, free: is_free_form(
-        len(regions), free
-    ),
-) -> list[GrownRegion]:
-    """Return surfaces grown from seeds whose neighbourhoods are largest on.
-
-    What they explain is no longer `free` (n,). `ends` tells of the surfaces and what is free whether these
-    are enough.
-    """
-    regions: list[GrownRegion] = []
-    untried = about.is_smooth.copy()
-    for seed in np.lexsort((np.arange(len(free)), -about.reach)):
-        if not (untried[seed] and free[seed]):
-            continue
-        near = np.atleast_1d(tree.query(about.points[seed], k=int(about.reach[seed]))[1])
-        inner = near[: max(LEAST_POINTS, len(near) // 2)]  # what does not fit lies at the border
-        untried[inner] = False
-        patch = inner[free[inner]]
-        if len(patch) < max(LEAST_POINTS, len(inner) // 2):
-            continue
-        best = best_grown(about, patch, free)
-        if best is not None:
-            regions.append(best)
-            free[best.members] = False
-            tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
-            if ends(regions, free):
-                break
-    return regions
-
-
-def _from_rests(about: Neighbourhoods, free: BoolArray, tell: Progress) -> list[GrownRegion]:
-    """From what is left, piece by piece: as a whole, or about seeds in it."""
-    rests: list[GrownRegion] = []
-    failed: set[bytes] = set()
-    while True:
-        new: list[GrownRegion] = []
-        for piece in _pieces(about, free):
-            if piece.tobytes() in failed:
-                continue
-            best = best_grown(about, piece, free)
-            if best is None or len(best.members) < 0.8 * len(piece):
-                best = _better(best, _about_seeds(about, piece, free))
-            if best is None:
-                failed.add(piece.tobytes())
-            else:
-                new.append(best)
-                free[best.members] = False
-                tell("grow", len(free) - int(np.count_nonzero(free)), len(free))
-        if not new:
-            return rests
-        rests += new
-
-
-def _join_neighbours(about: Neighbourhoods, regions: list[GrownRegion], free: BoolArray) -> list[GrownRegion]:
-    """The surfaces with neighbours replaced by one surface where that makes all points likelier.
-
-    What grew from a patch across a border is of a wrong kind and small; two of them together tell the kind.
-    """
-    tolerance, tried = about.tolerance_m, set[tuple[int, int]]()
-    names = dict(enumerate(regions))
-    owner = _owners(about, names)
-    waiting = _beside(about, names, owner)
-    while waiting:
-        pair = waiting.pop(0)
-        if pair in tried:
-            continue
-        tried.add(pair)
-        new = joint(about, np.flatnonzero(np.isin(owner, pair)))
-        if new is None:
-            continue
-        taken = np.zeros(len(owner), dtype=np.bool_)
-        taken[new.members] = True
-        touched = [number for number in names if taken[owner == number].any()]
-        before, after = 0.0, 0.0
-        for number in touched:
-            points = about.points[owner == number]
-            remaining = about.points[(owner == number) & ~taken]
-            before += score_of(names[number].surface, points, tolerance)
-            after += max(score_of(names[number].surface, remaining, tolerance), 0.0)
-        mine = new.members[np.isin(owner[new.members], [*touched, -1])]
-        after += score_of(new.surface, about.points[mine], tolerance)
-        gone = [
-            number
-            for number in touched
-            if score_of(names[number].surface, about.points[(owner == number) & ~taken], tolerance) <= 0
-        ]
-        if after <= before + GAIN or len(gone) < 2:
-            continue
-        for number in gone:
-            del names[number]
-        names[max([*names, *(number for pair in tried for number in pair)]) + 1] = new
-        owner = _owners(about, names)
-        waiting = _beside(about, names, owner)
-    free[:] = owner < 0
-    return list(names.values())
-
-
-def _owners(about: Neighbourhoods, names: dict[int, GrownRegion]) -> IntArray:
-    """Which surface each point (n,) is on, by its number; -1 for none."""
-    numbers = np.array([*names, -1])
-    labels = first_labels(about, list(names.values()))
-    return numbers[labels - 1]
-
-
-def _beside(about: Neighbourhoods, names: dict[int, GrownRegion], owner: IntArray) -> list[tuple[int, int]]:
-    """Pairs of surfaces that go over into each other without an edge, the smallest first."""
-    rows = np.repeat(np.arange(len(owner)), np.diff(about.links.indptr))
-    first, two = owner[rows], owner[about.links.indices]
-    differ = np.flatnonzero((first >= 0) & (first < two))
-    normals = np.zeros_like(about.points)
-    for number, grown in names.items():
-        is_member = owner == number
-        normals[is_member] = grown.surface.normal(about.points[is_member])
-    turned = np.abs(np.einsum("ij,ij->i", normals[rows[differ]], normals[about.links.indices[differ]]))
-    smooth = differ[turned > np.cos(LEAST_ANGLE)]
-    pairs, count = np.unique(np.column_stack([first, two])[smooth], axis=0, return_counts=True)
-    size = np.bincount(owner[owner >= 0], minlength=int(owner.max(initial=0)) + 1)
-    order = np.argsort(size[pairs].max(axis=1), kind="stable")
-    return [(int(pairs[k, 0]), int(pairs[k, 1])) for k in order if count[k] >= 3]
-
-
-def _pieces(about: Neighbourhoods, free: BoolArray) -> list[IntArray]:
-    """The connected pieces of what is free, largest first."""
-    places = np.flatnonzero(free)
-    links = about.links[places][:, places]
-    n, label = connected_components(links, directed=False)
-    order = np.argsort(label, kind="stable")
-    bounds = np.cumsum(np.bincount(label, minlength=n))[:-1]
-    pieces = [places[group] for group in np.split(order, bounds)]
-    return sorted(
-        (piece for piece in pieces if len(piece) >= LEAST_POINTS), key=lambda piece: (-len(piece), piece[0])
-    )
-
-
-def _about_seeds(about: Neighbourhoods, piece: IntArray, free: BoolArray) -> GrownRegion | None:
-    """The best surface from patches about points of a piece."""
-    tree, best = cKDTree(about.points[piece]), None
-    for seed in piece[np.linspace(0, len(piece) - 1, min(_MOST_SEEDS, len(piece))).astype(np.int64)]:
-        for size in _PATCHES:
-            if size > len(piece):
-                break
-            near = piece[tree.query(about.points[seed], k=size)[1]]
-            best = _better(best, best_grown(about, near, free))
-            if best is not None and np.count_nonzero(free[best.members]) >= 0.8 * len(piece):
-                return best
-    return best
-
-
-def _better(region: GrownRegion | None, two: GrownRegion | None) -> GrownRegion | None:
-    if region is None or two is None:
-        return region or two
-    return two if two.score > region.score else region

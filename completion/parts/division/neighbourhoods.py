@@ -161,6 +161,9 @@ class Neighbourhoods:
         Standard deviation of the points along the normal, as estimated.
     tolerance_m : float
         The noise, or a hundredth of the sampling distance where that is more: what surfaces are held to.
+    alike : float
+        How many times the variance of independent errors the mean of neighbours' errors has; infinite before
+        surfaces tell it.
     """
 
     points: FloatArray
@@ -172,6 +175,7 @@ class Neighbourhoods:
     spacing_m: float
     noise_m: float
     tolerance_m: float
+    alike: float = np.inf
 
 
 def look_around(

@@ -10,14 +10,13 @@ from completion.parts.division.faces import fit_labels, groups_of, numbered_face
 from completion.parts.division.labelling import (
     best_of_kinds,
     first_labels,
-    is_free_form,
     of_best_kind,
-    proposals,
     relabel,
     without_islands,
 )
 from completion.parts.division.limits import MANY_FACES
 from completion.parts.division.neighbourhoods import look_around
+from completion.parts.division.proposals import is_free_form, proposals
 from completion.parts.division.result import (
     MOST_POINTS,
     PartSegmentation,

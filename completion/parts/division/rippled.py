@@ -16,11 +16,11 @@ from scipy.spatial import cKDTree
 
 from completion.parts.division import limits
 from completion.parts.division.faces import fit_labels, groups_of, settle, spread
-from completion.parts.division.growing import GrownRegion
-from completion.parts.division.labelling import from_smooth
+from completion.parts.division.growing import GAIN, GrownRegion
 from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.neighbourhoods import look_around
 from completion.parts.division.pipeline import fit_labelled, segment_part
+from completion.parts.division.proposals import from_smooth
 from completion.parts.division.result import (
     MOST_POINTS,
     PartSegmentation,
@@ -137,7 +137,7 @@ def _most_said(points: FloatArray, noise_m: float | None, size_m: float, enough:
         said = float(share @ gain)
         return said < enough
 
-    from_smooth(about, np.ones(n, np.bool_), cKDTree(about.points), lambda *_: None, ends)
+    from_smooth(about, np.full(n, GAIN), cKDTree(about.points), lambda *_: None, ends)
     return said
 
 

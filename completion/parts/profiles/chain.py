@@ -240,10 +240,13 @@ class Chain:
         if self.pieces[0].is_whole:
             return (self.pieces[0].segment(surfaces[self.pieces[0].wall]),)
         between: list[FloatArray | None] = []
-        for near, pair in zip(self.corners, self.neighbours, strict=True):
+        size = [piece.high - piece.low for piece in self.pieces]
+        for k, (near, pair) in enumerate(zip(self.corners, self.neighbours, strict=True)):
             one, two = (surfaces[wall] for wall in pair)
             place = corner_of(one, two, near, touching=frozenset(pair) in touching)
-            between.append(near if place is None else place)
+            reach = max(size[k], size[(k + 1) % len(size)])  # lines that turn little meet far off
+            is_far = place is None or float(np.linalg.norm(place - near)) > reach
+            between.append(near if place is None or is_far else place)
         between = between if self.is_ring else [*between, None]
         segments = []
         for k, (piece, forward) in enumerate(zip(self.pieces, self.is_forward, strict=True)):

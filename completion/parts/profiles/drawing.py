@@ -23,7 +23,8 @@ from scenes.checks import FloatArray
 
 Layer = Literal["outline", "cut", "centre", "dimension", "frame"]
 _SIZES_MM = ((297.0, 210.0), (420.0, 297.0), (594.0, 420.0), (841.0, 594.0))  # A4 to A1
-_SCALES = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)  # ISO 5455
+_TALLEST = 64  # times A1's height, where nothing less shows all, as ISO 5457 makes sheets longer
+_SCALES = tuple(m * 10.0**e for e in range(1, -5, -1) for m in (1.0, 0.5, 0.2))  # ISO 5455
 _LEAST_VIEW_MM = 60.0  # of the widest view, below which a larger sheet is taken
 _MARGIN_MM, _BLOCK_MM, _TEXT_MM, _LINE_MM, _GAP_MM = 10.0, 22.0, 2.5, 4.0, 3.4
 _SIDE_MM, _FOOT_MM, _ROOM_MM = 30.0, 30.0, 12.0  # for ordinates, and between views
@@ -100,11 +101,20 @@ class _View(NamedTuple):
 
 
 def drawn_sheet(profiles: Sequence[Profile], title: str) -> Sheet:
-    """Return the sheet that shows profiles; the smallest of A4 to A1 on which they are not too small."""
+    """Return the sheet that shows profiles; the smallest of A4 to A1 on which they are not too small.
+
+    Where A1 is too small for all texts, it is made higher.
+    """
     views = [_View.of(profile, number) for number, profile in enumerate(profiles, start=1)]
     widest = max((float(view.size.max()) for view in views), default=1.0)
-    fitting = [(size, scale, corners) for size in _SIZES_MM for scale in _SCALES
-               if (corners := _placed([view.room(scale) for view in views], size)) is not None]  # fmt: skip
+    width, height = _SIZES_MM[-1]
+    higher = [(width, k * height) for k in range(2, _TALLEST + 1)]
+    rooms = {scale: [view.room(scale) for view in views] for scale in _SCALES}
+    for sizes in (_SIZES_MM, higher):
+        fitting = [(size, scale, corners) for size in sizes for scale in _SCALES
+                   if (corners := _placed(rooms[scale], size)) is not None]  # fmt: skip
+        if fitting:
+            break
     large = [each for each in fitting if each[1] * widest >= _LEAST_VIEW_MM]
     size, scale, corners = large[0] if large else max(fitting, key=lambda each: each[1])
     items = [

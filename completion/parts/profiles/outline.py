@@ -23,7 +23,7 @@ from completion.parts.profiles.partition import curves_of, partition
 from completion.parts.profiles.profile import Loop, LoopKind
 from completion.parts.profiles.sweep import Sweep
 from completion.relations.graph import is_settled
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.surfaces.catalogue import Cylinder, Plane, Surface
 
 _SAME_NOISES = 1.0  # deviations within which a wall between other caps is the same
@@ -73,7 +73,7 @@ class Outline(NamedTuple):
     def own_points(self, part: RelatedPart) -> FloatArray:
         """Points (n, 3) of the part to which walls are fitted: all, or those of their faces."""
         if self.is_divided:
-            return part.points
+            return part.points[_along(part, self.sweep)]
         numbers = [part.labels[number] for wall in self.used for number in self.faces[wall]]
         return part.points[np.isin(part.surface, numbers)]
 
@@ -87,12 +87,13 @@ def outline_of(part: RelatedPart, sample: Sequence[FloatArray], sweep: Sweep, sh
     caps = {number: cap for number, fit in enumerate(part.measured)
             if not is_turned and (cap := sweep.cap(fit)) is not None}  # fmt: skip
     if part.faces is None and share >= limits.LEAST_SHARE:
-        local = sweep.flatten(part.points)
+        is_along = _along(part, sweep)
+        local = sweep.flatten(part.points[is_along])
         least = 2 * _cell_m(part)
         levels = list(_TURN) if is_turned else _levels(list(caps.values()), local[:, 2], least)
         walls, stretches = _divided(part, sweep, local, levels)
         if stretches:
-            faces = _faces_of(part, local, walls, stretches)
+            faces = _faces_of(part, (local, part.surface[is_along]), walls, stretches)
             sides = [0] * len(walls)
             return _outline(sweep, walls, faces, levels, stretches, caps=caps, sides=sides, is_divided=True)
     walls, faces = _walls(part, sweep)
@@ -126,6 +127,15 @@ def _outline(
     explained = {n for one in stretches for wall in one.chain.walls for n in faces[wall]} | set(caps)
     made = tuple(walls), tuple(faces), tuple(levels), tuple(stretches)
     return Outline(sweep, *made, frozenset(explained), is_divided=is_divided, sides=tuple(sides))  # fmt: skip
+
+
+def _along(part: RelatedPart, sweep: Sweep) -> BoolArray:
+    """Points (n,) of a part that a sweep may have made: those on no face, and on faces along its motion."""
+    is_along = np.ones(len(part.points), dtype=np.bool_)
+    for number, fit in zip(part.labels, part.measured, strict=True):
+        own = np.flatnonzero(part.surface == number)
+        is_along[own] = sweep.is_along(fit.surface, part.points[own])
+    return is_along
 
 
 def _cell_m(part: RelatedPart) -> float:
@@ -230,9 +240,13 @@ def _renamed(
 
 
 def _faces_of(
-    part: RelatedPart, local: FloatArray, walls: Sequence[SurfaceFit], stretches: Sequence[Stretch]
+    part: RelatedPart,
+    named: tuple[FloatArray, IntArray],
+    walls: Sequence[SurfaceFit],
+    stretches: Sequence[Stretch],
 ) -> list[tuple[int, ...]]:
-    """The faces (by place) of which most points, at places (n, 3), lie on each wall."""
+    """The faces (by place) of which most points, `named` by places (n, 3) and labels, lie on each wall."""
+    local, own = named
     surfaces = [wall.surface for wall in walls]
     segments = [one for stretch in stretches for one in stretch.chain.trace(surfaces) if one.wall >= 0]
     lines = [one.places(max(2, int(one.length / part.spacing_m))) for one in segments]
@@ -241,7 +255,7 @@ def _faces_of(
     wall = np.where(off <= limits.REACH * part.spacing_m, wall_of[near], len(walls))
     faces: list[tuple[int, ...]] = [() for _ in walls]
     for number, label in enumerate(part.labels):
-        votes = np.bincount(wall[part.surface == label], minlength=len(walls) + 1)
+        votes = np.bincount(wall[own == label], minlength=len(walls) + 1)
         if votes[:-1].sum() > votes.sum() / 2:
             faces[int(np.argmax(votes[:-1]))] += (number,)
     return faces

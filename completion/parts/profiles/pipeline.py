@@ -148,8 +148,9 @@ def _profile(part: RelatedPart, outline: Outline, n_alike: int, options: Relatio
             walls = [old if old.n else new for old, new in zip(outline.walls, walls, strict=True)]
         if is_first:
             simpler = [
-                one._replace(chain=without_breaks(one.chain, walls, outline.walls))
+                one._replace(chain=chain)
                 for one in outline.stretches
+                if (chain := without_breaks(one.chain, walls, outline.walls)) is not None
             ]
             outline = _only_used(outline._replace(walls=tuple(walls), stretches=tuple(simpler)))
     if not walls or any(wall.n == 0 for wall in walls):

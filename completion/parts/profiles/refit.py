@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from completion.fitting.limits import MOST_CONDITION
 from completion.fitting.result import SurfaceFit, inflated
 from completion.parts.profiles import limits
 from completion.parts.profiles.chain import Chain, Piece, along_wall, fuzz_m, place_at
@@ -88,16 +89,18 @@ def _away(surface: Surface, places: FloatArray, middle: float) -> FloatArray:
 def _refit(wall: SurfaceFit, points: FloatArray, noise_m: float) -> SurfaceFit:
     """A wall fitted to points (n, 3); an arc that never was is a line if that tells them as shortly."""
     fit = _fitted(wall, points, noise_m)
-    if wall.n == 0 and fit is not None and isinstance(wall.surface, Cylinder):
+    if wall.n == 0 and isinstance(wall.surface, Cylinder):
         line = _fitted(unfitted(line_of(points)), points, noise_m)
-        if line is not None:
+        if fit is None:
+            fit = line
+        elif line is not None:
             arc, straight = (np.square(each.surface.distance(points)).sum() for each in (fit, line))
             fit = line if straight - arc <= limits.NATS * np.log(len(points)) * noise_m**2 else fit
     return wall if fit is None else fit
 
 
 def _fitted(wall: SurfaceFit, points: FloatArray, noise_m: float) -> SurfaceFit | None:
-    """A wall's free parameters by least squares; None where no surface is left."""
+    """A wall's free parameters by least squares; None where no surface is left, or points determine none."""
     free, fit = np.flatnonzero(np.diag(wall.covariance) > 0), wall
     for step in range(_ROUNDS + 1):
         slope, height = fit.gradient(points)[:, free], fit.surface.distance(points)
@@ -110,6 +113,9 @@ def _fitted(wall: SurfaceFit, points: FloatArray, noise_m: float) -> SurfaceFit 
             fit = replace(fit, surface=move_surface(fit.surface, change))
         except InputError:
             return None
+    scale = np.linalg.norm(slope, axis=0)
+    if not scale.all() or np.linalg.cond(slope / scale) ** 2 > MOST_CONDITION:
+        return None
     rms = float(np.sqrt(height @ height / max(len(points) - len(free), 1)))
     covariance = np.zeros_like(wall.covariance)
     covariance[np.ix_(free, free)] = max(rms, noise_m) ** 2 * np.linalg.pinv(slope.T @ slope)
@@ -117,10 +123,12 @@ def _fitted(wall: SurfaceFit, points: FloatArray, noise_m: float) -> SurfaceFit 
     return inflated(made, points)
 
 
-def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[SurfaceFit]) -> Chain:
+def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[SurfaceFit]) -> Chain | None:
     """The closed chain of walls as they are fitted, neighbours on one line or circle as one piece.
 
-    `before` are the walls that its pieces are measured along. Those with too few points are left out.
+    `before` are the walls that its pieces are measured along. Those with too few points are left out; None
+    where these are more than half of its length: what is there is not swept, as the cones of countersinks
+    between a hole and the face over it.
     """
     pieces, forward, corners = list(chain.pieces), list(chain.is_forward), list(chain.corners)
     for k, piece in enumerate(pieces):
@@ -130,12 +138,16 @@ def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[S
             low, high = along_wall(surface, ends).tolist()
             forward[k] = forward[k] == (high > low)
             pieces[k] = replace(piece, low=min(low, high), high=max(low, high))
+    length = np.array([piece.high - piece.low for piece in pieces])
+    if 2 * length @ [walls[piece.wall].n == 0 for piece in pieces] > length.sum():
+        return None
     for k in reversed(range(len(pieces))):
-        if walls[pieces[k].wall].n == 0 and len(pieces) > 1 and not chain.on_axis:
+        if walls[pieces[k].wall].n == 0 and not chain.on_axis:
             corners[k - 1] = (corners[k - 1] + corners[k]) / 2
             del pieces[k], forward[k], corners[k]
-    if len(pieces) == 1 and isinstance(walls[pieces[0].wall].surface, Cylinder):
-        return Chain.circle(pieces[0].wall, walls[pieces[0].wall].surface)
+    if len(pieces) == 1 and not chain.on_axis:
+        surface = walls[pieces[0].wall].surface
+        return Chain.circle(pieces[0].wall, surface) if isinstance(surface, Cylinder) else None
     k = 0
     while len(pieces) > 2 and k < len(corners):
         one, two = pieces[k], pieces[(k + 1) % len(pieces)]
@@ -152,7 +164,19 @@ def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[S
         pieces[k], forward[k] = _joined(one, two, forward[k], forward[k + 1])
         del pieces[k + 1], forward[k + 1], corners[k]
         k = 0
+    if len(pieces) == 2 and not chain.on_axis and (arc := _arc_of_chord(pieces, walls)) is not None:
+        return Chain.circle(arc, walls[arc].surface)
     return replace(chain, pieces=tuple(pieces), is_forward=tuple(forward), corners=tuple(corners))
+
+
+def _arc_of_chord(pieces: Sequence[Piece], walls: Sequence[SurfaceFit]) -> int | None:
+    """The wall of an arc that a line closes which noise hides from its circle; None of other pieces."""
+    for arc, line in (pieces, pieces[::-1]):
+        circle, length = walls[arc.wall].surface, line.high - line.low
+        if isinstance(circle, Cylinder) and isinstance(walls[line.wall].surface, Plane):
+            sag = length**2 / (8 * circle.radius)
+            return arc.wall if sag <= limits.CUT * walls[arc.wall].rms else None
+    return None
 
 
 def _joined(one: Piece, two: Piece, one_forward: bool, two_forward: bool) -> tuple[Piece, bool]:

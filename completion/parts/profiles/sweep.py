@@ -22,9 +22,9 @@ from completion.relations.equations import Placement, move_surface, place
 from completion.relations.estimate import JointEstimate, wald_test
 from completion.relations.graph import is_settled
 from completion.relations.relation import Relation, RelationKind
-from scenes.checks import FloatArray
+from scenes.checks import BoolArray, FloatArray
 from scenes.pose import Pose
-from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
+from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from scenes.surfaces.surface import perpendicular
 
 SweepKind = Literal["extruded", "revolved"]
@@ -63,6 +63,17 @@ class Sweep:
         if self.kind == "extruded":
             return np.asarray(local)
         return np.column_stack([local[:, 0], np.hypot(*local.T[1:]), np.arctan2(local[:, 2], local[:, 1])])
+
+    def is_along(self, surface: Surface, points: FloatArray) -> BoolArray:
+        """Whether a surface is along the motion of each of its points (n, 3), within `SWEPT`."""
+        motion: FloatArray = self.direction
+        if self.kind == "revolved":
+            local = self.profile_from_world.apply(points) * [0.0, 1.0, 1.0]
+            across = (
+                np.cross([1.0, 0.0, 0.0], local) / np.maximum(np.linalg.norm(local, axis=1), 1e-12)[:, None]
+            )
+            motion = across @ self.profile_from_world.rotation
+        return np.asarray(np.abs(np.sum(surface.normal(points) * motion, axis=1)) <= np.sin(limits.SWEPT))
 
     def wall(self, fit: SurfaceFit) -> SurfaceFit | None:
         """Return a face as a plane or cylinder along z through its profile; None where it is not swept."""

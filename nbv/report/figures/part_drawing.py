@@ -17,6 +17,7 @@ from nbv.report.figures.picture import Camera, Picture, height_colours, overview
 from nbv.report.figures.plots import Theme, drawn_plot
 from scenes.checks import BoolArray, FloatArray, IntArray
 from scenes.mesh.labelled_mesh import Appearance, LabelledMesh
+from scenes.rays.raycast import RayCaster
 from scenes.scan.colour import surface_bytes
 
 _WIDTH, _TRIAL_WIDTH = 760, 96
@@ -44,18 +45,26 @@ class PartDrawing:
         )
         self.place = place
         self._normals, self._centres = self.mesh.face_normals(), self.mesh.corners.mean(axis=1)
+        self._caster = RayCaster(self.mesh.vertices, self.mesh.faces)
+        self._best: dict[float, tuple[float, Camera]] = {}
 
-    def cameras(self, height_deg: float) -> list[Camera]:
-        """Return cameras all around, in the drawing's frame."""
-        return overview_cameras(self.mesh.bounds(), height_deg=height_deg)
+    def best_camera(self, *heights_deg: float) -> Camera:
+        """Return the camera of those all around at some heights that shows most, in the drawing's frame."""
+        for height in heights_deg:
+            if height not in self._best:
+                cameras = overview_cameras(self.mesh.bounds(), height_deg=height)
+                shown = [self._shown(camera) for camera in cameras]
+                self._best[height] = max(shown), cameras[int(np.argmax(shown))]
+        return max((self._best[height] for height in heights_deg), key=lambda pair: pair[0])[1]
 
     def look(self, camera: Camera, width: int) -> tuple[MeshDrawing, SeenFaces]:
         """Return what a camera sees; all faces turn their front to it."""
         towards = np.einsum("ij,ij->i", camera.origin - self._centres, self._normals)
-        drawing = MeshDrawing(self.mesh, self._normals * np.where(towards < 0, -1.0, 1.0)[:, None])
+        front = self._normals * np.where(towards < 0, -1.0, 1.0)[:, None]
+        drawing = MeshDrawing(self.mesh, front, caster=self._caster)
         return drawing, drawing.look(camera, camera.shape(width))
 
-    def n_shown(self, camera: Camera) -> float:
+    def _shown(self, camera: Camera) -> float:
         """How many surfaces a camera shows well, each by the root of its pixels."""
         _, seen = self.look(camera, _TRIAL_WIDTH)
         count = np.bincount(self.place[seen.face[seen.hit]])
@@ -73,7 +82,7 @@ class PartDrawing:
 
 def part_pictures(drawing: PartDrawing) -> tuple[tuple[Picture, ...], Camera]:
     """Return pictures from above and from below, and the first camera in the part's own frame."""
-    best = [best_camera(drawing, drawing.cameras(height)) for height in _HEIGHTS_DEG]
+    best = [drawing.best_camera(height) for height in _HEIGHTS_DEG]
     titles = ("The part, coloured by surface.", "From below.")
     captions = ("Grey belongs to no surface.", "The same from below.")
     pictures = tuple(drawing.picture(*triple) for triple in zip(best, titles, captions, strict=True))
@@ -89,9 +98,7 @@ def height_pictures(
     """
     drawings = [PartDrawing(mesh, place, _opaque(height_colours(heights, most_m))[mesh.faces])
                 for heights in (before, after)]  # fmt: skip
-    camera = best_camera(
-        drawings[0], [camera for height in _HEIGHTS_DEG for camera in drawings[0].cameras(height)]
-    )
+    camera = drawings[0].best_camera(*_HEIGHTS_DEG)
     scale = f"{-1000 * most_m:.2g} mm (blue) to {1000 * most_m:.2g} mm (red) over each plane"
     return (
         drawings[0].picture(camera, "As measured", f"{scale}; grey is no plane."),
@@ -102,12 +109,6 @@ def height_pictures(
 def _opaque(colours: FloatArray) -> FloatArray:
     """Colours (n, 3) of colours (n, 4) on grey."""
     return np.where(colours[:, 3:] > 0, colours[:, :3], _GREY)
-
-
-def best_camera(drawing: PartDrawing, cameras: Sequence[Camera]) -> Camera:
-    """Return the camera that shows most surfaces."""
-    shown: FloatArray = np.array([drawing.n_shown(camera) for camera in cameras])
-    return cameras[int(np.argmax(shown))]
 
 
 _DRAWN = (
@@ -140,7 +141,7 @@ def dimension_pictures(drawing: PartDrawing, dimensions: PartDimensions) -> tupl
     """Return pictures from above and from below with the main dimensions, each drawn where it is seen."""
     pictures, drawn = [], set[int]()
     for height, title in zip(_HEIGHTS_DEG, ("The main dimensions.", "Others, from below."), strict=True):
-        camera = best_camera(drawing, drawing.cameras(height))
+        camera = drawing.best_camera(height)
         mesh, seen = drawing.look(camera, _SHARP)
         lines = [] if drawn else _overall_lines(drawing, camera, dimensions)
         for row in _main(dimensions.rows):

@@ -6,10 +6,12 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
@@ -195,9 +197,11 @@ def _draw_figure(draw: Callable[[Axes, Theme], None], theme: Theme, size: tuple[
         mpl.rc("grid", color=theme.fill, linewidth=0.8)
         for axis in ("xtick", "ytick"):
             mpl.rc(axis, color=theme.ink)
-        figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
-        axes = figure.add_subplot()
+        figure = Figure(figsize=size, dpi=_DPI, layout="constrained", facecolor="none")
+        axes = figure.add_subplot(facecolor="none")
         draw(axes, theme)
+        canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
         data = io.BytesIO()
-        figure.savefig(data, format="png", transparent=True, metadata={"Software": None})
+        canvas.draw()  # once: `savefig` draws all of it once more before, for the layout
+        Image.fromarray(np.asarray(canvas.buffer_rgba())).save(data, "PNG")
     return data.getvalue()

@@ -14,7 +14,7 @@ from completion.export.decisions import COLUMNS, DecisionSheet, advice, decision
 from completion.export.room_dimensions import opening_sizes
 from completion.uncertainty.joint_errors import NO_ERRORS, RelatedErrors, SharedErrors
 from scenes.checks import InputError
-from tests.helpers.exchange_examples import length, panorama
+from tests.helpers.exchange_examples import length, panorama, parts_of
 from tests.helpers.exchange_houses import HIGH_M, SLAB_M, completed_house
 
 
@@ -144,7 +144,7 @@ def test_the_sheet_is_a_table_that_programs_read():
 
 def test_of_a_mesh_no_interval_is_known_until_somebody_says_how_wrong_it_is():
     errors = replace(panorama().errors, is_known=False)
-    building = panorama().building()
+    building = parts_of(panorama())
     sheet = decision_sheet(replace(building, model=replace(building.model, errors=errors)))
     assert {one.high for one in sheet.dimensions} == {np.inf}
     assert min(one.low for one in sheet.dimensions) == 0

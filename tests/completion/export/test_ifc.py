@@ -20,7 +20,7 @@ from scenes.io.scene_files import load_scene
 from scenes.pose import Pose
 from scenes.scan.projection import PinholeProjection
 from scenes.scan.range_image import RangeImage
-from tests.helpers.exchange_examples import UTM, WRITTEN, ifc_text, panorama
+from tests.helpers.exchange_examples import UTM, WRITTEN, ifc_text, panorama, parts_of
 from tests.helpers.exchange_houses import (
     DOOR,
     HIGH_M,
@@ -201,7 +201,7 @@ def test_it_is_valid(name, text, tmp_path):
     from ifcopenshell import validate
 
     path = tmp_path / "a.ifc"
-    path.write_text(text if name == "house" else ifc_text(panorama(name).building()))
+    path.write_text(text if name == "house" else ifc_text(parts_of(panorama(name))))
     logger = validate.json_logger()
     validate.validate(str(path), logger, express_rules=True)
     assert logger.statements == []
@@ -280,7 +280,7 @@ def test_measured_and_inferred_differ_in_colour(read):
 
 def test_columns_and_open_rooms_of_the_office():
     ifcopenshell = pytest.importorskip("ifcopenshell")
-    read = ifcopenshell.file.from_string(ifc_text(panorama("office").building()))
+    read = ifcopenshell.file.from_string(ifc_text(parts_of(panorama("office"))))
     (column,) = read.by_type("IfcColumn")
     told = quantities(column)
     # The engine draws a circle as a polygon within it.

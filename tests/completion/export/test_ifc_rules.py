@@ -14,15 +14,15 @@ import shapely
 from completion.export.ifc_elements import elements_of
 from completion.export.ifc_entities import Shapes, StepText
 from scenes.io.formats.format import METRES_PER_UNIT
-from tests.helpers.exchange_examples import ifc_text, panorama
+from tests.helpers.exchange_examples import ifc_text, panorama, parts_of
 from tests.helpers.exchange_houses import house_parts
 
 UNITS = ("m", "mm", "in", "ft", "us-ft")
 BUILDINGS = {
     "house of two storeys": house_parts,
     "one storey": lambda: house_parts(places=(0, 1)),
-    "open room": lambda: panorama("office").building(),
-    "furniture": lambda: panorama("two_occluders").building(),
+    "open room": lambda: parts_of(panorama("office")),
+    "furniture": lambda: parts_of(panorama("two_occluders")),
 }
 
 
@@ -230,7 +230,7 @@ def test_doors_and_windows_are_where_their_kind_is_known(kind, width, height, si
 
 
 def test_things_are_one_proxy_each():
-    parts = panorama("two_occluders").building()
+    parts = parts_of(panorama("two_occluders"))
     products = Counter(
         product.entity for _, product in elements_of(parts, [Shapes(StepText(b""), np.zeros(3))])
     )

@@ -27,7 +27,7 @@ from completion.export.building.parts import building_parts, find_columns, find_
 from completion.export.building.rooms import bands, find_storeys, shut_volume, storey_at
 from completion.observe.tolerance import EvidenceOptions
 from scenes.pose import Pose
-from tests.helpers.exchange_examples import SIZE, UTM, box, drawn, panorama
+from tests.helpers.exchange_examples import SIZE, UTM, box, drawn, panorama, parts_of
 from tests.helpers.exchange_houses import (
     DOOR,
     HIGH_M,
@@ -175,7 +175,7 @@ def test_rooms_have_their_area_height_and_volume(parts):
 
 
 def test_a_room_without_all_walls_is_open_and_has_no_volume():
-    room = next(one for one in panorama("office").building().rooms)
+    room = next(one for one in parts_of(panorama("office")).rooms)
     assert (room.closed, room.volume_m3) == (False, None)
     assert room.volume_origin == "no volume: walls were not found all around it"
 
@@ -209,7 +209,7 @@ def test_a_room_whose_facets_close_has_their_volume():
 
 
 def test_columns_stand_on_floors_and_pipes_do_not():
-    office = panorama("office").building()
+    office = parts_of(panorama("office"))
     (column,) = office.columns
     assert column.cylinder.radius_m == pytest.approx(0.15, abs=0.002)
     assert column.top_m - column.bottom_m == pytest.approx(2.6, abs=0.05)

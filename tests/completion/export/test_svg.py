@@ -12,7 +12,7 @@ from completion.export.building.cut import plan_of
 from completion.export.room_dimensions import room_widths
 from completion.export.svg import Lettering, Paper, svg_of, told_width
 from tests.helpers.browser import Browser, needs_chromium
-from tests.helpers.exchange_examples import SIZE, drawn, length, panorama
+from tests.helpers.exchange_examples import SIZE, drawn, length, panorama, parts_of
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -70,7 +70,7 @@ def test_areas_of_closed_rooms_are_told(root):
 
 
 def test_openings_are_told():
-    text = svg_of(panorama("office").building())
+    text = svg_of(parts_of(panorama("office")))
     assert re.search(r"window \d\.\d\d \u00d7 \d\.\d\d", text)
 
 

@@ -327,3 +327,13 @@ def test_what_relations_determine_has_no_variance_below_nothing(part):
         known = estimate.covariance_of(number)
         assert min(np.trace(known), *np.linalg.eigvalsh(known) + 1e-15 * values.max()) >= 0
         assert np.allclose(known, left, atol=1e-15 * values.max())
+
+
+def test_what_would_leave_a_surface_no_radius_is_rejected():
+    bore = SurfaceFit(Cylinder((0, 0, 0), (0, 0, 1), 1e-3), 0.0, 1e-4 * np.eye(5), 100)
+    estimate = JointEstimate([bore], None, np.zeros(3))
+    assert not estimate.impose(Relation(kind="radius", surfaces=(0,), value=0.0), [0])
+    assert not estimate.imposed
+    assert not estimate.x.any()
+    assert estimate.impose(Relation(kind="radius", surfaces=(0,), value=2e-3), [0])
+    assert bore.surface.radius + estimate.x[4] == pytest.approx(2e-3)

@@ -126,13 +126,13 @@ def test_complete_calls_a_floor_a_floor(tmp_path, options: tuple[str, ...], monk
 
 
 REAL = {
+    "pcl/office1.pcd": ((0.01, 1.0, -0.03), {}),
+    "mOSD/learn0.pcd": ((0.006, -0.8, -0.601), {}),
     "align3d_sample1": ((0.01, -0.962, -0.272), {}),
     "icl_nuim": ((0, 1, 0), {"intrinsics": (481.2, -480, 319.5, 239.5), "depth_scale": 5000}),
     "align3d_sample2": ((0.025, 1.0, 0.0), {}),
     "open3d_redwood": ((-0.01, 1.0, 0.0), {}),
     "nyu_dining": ((-0.097, -0.951, -0.293), {"intrinsics": (518, 519, 325.5, 253.5), "depth_scale": 1000}),
-    "pcl/office1.pcd": ((0.01, 1.0, -0.03), {}),
-    "mOSD/learn0.pcd": ((0.006, -0.8, -0.601), {}),
     "e57/pumpA.e57": ((0, 0, 1), {}),
     "tdtk": ((0, 0, 1), {}),
     "nvblox_3dmatch": ((0, 1, 0), {}),

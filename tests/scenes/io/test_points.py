@@ -14,7 +14,7 @@ from scenes.io.checks.limits import limits
 from scenes.io.clouds.ptx import PtxFile
 from scenes.io.formats.format import point_suffixes
 from scenes.io.meshes.ply_writer import write_mesh_ply
-from scenes.io.point_files import PointCloud, read_points
+from scenes.io.point_files import PointCloud, read_part_file, read_points
 from scenes.io.scan_files import read_scan, write_scan, write_scans
 from scenes.pose import Pose
 from tests.helpers.data_paths import data_path, requires_data
@@ -395,3 +395,14 @@ def test_a_scan_that_is_not_there_is_named(tmp_path: Path) -> None:
     write_scan(example_scan(LASER, colour=False), tmp_path / "one.ptx")
     with pytest.raises(InputError, match="there is no scan 3: there are 1"):
         PtxFile(tmp_path / "one.ptx").points(2)
+
+
+def test_a_part_seen_from_one_place_is_told_to_be_one_sided(tmp_path: Path) -> None:
+    pytest.importorskip("pye57")
+    scans = [example_scan(LASER, colour=False), example_scan(LASER, colour=False).transform(POSE)]
+    write_scan(scans[0], tmp_path / "one.ptx")
+    (told,) = read_part_file(tmp_path / "one.ptx").warnings
+    assert "measured from one place, " in told
+    assert "unseen complete" in told
+    write_scans(scans, tmp_path / "two.e57")
+    assert not any("one place" in text for text in read_part_file(tmp_path / "two.e57").warnings)

@@ -3,6 +3,7 @@
 
 import hashlib
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -83,6 +84,11 @@ def completed(journal):
     return digest
 
 
+@cache
+def undisturbed(run):
+    return run(NO_JOURNAL)
+
+
 @pytest.mark.parametrize(
     ("run", "cut_at"),
     [
@@ -96,7 +102,7 @@ def completed(journal):
     ],
 )
 def test_a_run_that_was_cut_off_ends_as_an_undisturbed_one(tmp_path, run, cut_at):
-    whole = run(NO_JOURNAL)
+    whole = undisturbed(run)
     with pytest.raises(CutOffError):
         run(CutOff(tmp_path / "journal", cut_at))
     n_kept = len(list((tmp_path / "journal").glob("*.npz")))

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from completion.parts.division import labelling, pipeline
+from completion.parts.division import pipeline, proposals
 from completion.parts.division.growing import (
     _is_explained,
     likely,
@@ -28,9 +28,14 @@ def test_walking_reaches_what_a_look_at_all_points_reaches(kind):
         for surface in likely(about, kind, begin):
             surface, covariance = refine_surface(surface, points[begin], about.tolerance_m)
             explains = partial(_is_explained, about, surface, covariance)
-            explained = explains(np.arange(len(points)))
+            explained = explains(np.full(len(points), np.nan), np.arange(len(points)))
             every = reachable(about.links.indptr, about.links.indices, explained, begin)
-            reached = walked(about.links, np.ones(len(points), np.bool_), begin, explains)
+            reached = walked(
+                about.links,
+                np.ones(len(points), np.bool_),
+                begin,
+                partial(explains, np.full(len(points), np.nan)),
+            )
             assert (reached == every).all()
 
 
@@ -40,10 +45,10 @@ def test_a_free_form_ends_early_and_is_told(monkeypatch):
     points /= np.linalg.norm(points, axis=1)[:, None]
     wave = rng.normal(size=(3, 30)) * 4
     points *= 1 + 0.03 * np.sin(points @ wave + rng.uniform(0, 6, 30)).sum(axis=1, keepdims=True)
-    monkeypatch.setattr(labelling, "MANY_FACES", 8)
+    monkeypatch.setattr(proposals, "MANY_FACES", 8)
     found = segment_part(points)
     assert len(found.fits) <= 8
-    assert (found.labels > 0).mean() < labelling.LEAST_OF_MANY
+    assert (found.labels > 0).mean() < proposals.LEAST_OF_MANY
     (told,) = found.warnings
     assert f"the {len(found.fits)} largest faces have" in told
     assert "unseen complete" in told

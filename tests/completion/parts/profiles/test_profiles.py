@@ -16,13 +16,16 @@ from benchmarks.cases.profiles import SweptCase, TrueLoop, TrueSegment, ring_of,
 from completion.fitting.result import SurfaceFit
 from completion.parts.part import Part
 from completion.parts.pipeline import model_part
+from completion.parts.profiles.chain import Chain, Piece
 from completion.parts.profiles.drawing import drawn_sheet, scale_text, value_text
 from completion.parts.profiles.measures import leaders_of, ordinates_of
+from completion.parts.profiles.outline import outline_of
 from completion.parts.profiles.partition import curves_of, partition
 from completion.parts.profiles.pipeline import profiles_of
 from completion.parts.profiles.profile import Profile, profile_record
+from completion.parts.profiles.refit import without_breaks
 from completion.parts.profiles.sheet_files import sheet_dxf, sheet_svg
-from completion.parts.profiles.sweep import Sweep
+from completion.parts.profiles.sweep import Sweep, directions_of
 from scenes.mesh.labelled_mesh import LabelledMesh
 from scenes.pose import Pose
 from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Torus
@@ -156,6 +159,61 @@ def test_a_shaft_has_a_section_from_axis_to_axis():
     assert angle.value == pytest.approx(np.degrees(np.arctan2(6, 25)), abs=2 * angle.half)
     diameters = [measure.value for measure in ordinates_of(profile, 1)]
     assert min(abs(value - 24) for value in diameters) < 0.02
+
+
+def filleted_boss(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) on a disc of 80 mm with a boss of 32 mm and a fillet of 6 mm between, and their faces."""
+    turn = np.linspace(np.pi, 1.5 * np.pi, 30)
+    fillet = np.column_stack([22 + 6 * np.cos(turn), 16 + 6 * np.sin(turn)])[::-1]
+    section = np.array([(0, 0), (40, 0), (40, 10), *fillet, (16, 40), (0, 40)])
+    number = np.array([0, 1, 2, *[3] * 29, 4, 5])
+    rng = np.random.default_rng(1)
+    begin, step = section[:-1], np.diff(section, axis=0)
+    area = np.linalg.norm(step, axis=1) * (begin[:, 0] + step[:, 0] / 2)
+    piece = rng.choice(len(step), n, p=area / area.sum())
+    share = rng.uniform(size=n)
+    span = np.square(begin[piece, 0] + [[0.0], [1.0]] * step[piece, 0])  # even by area
+    radius = np.sqrt(span[0] + share * (span[1] - span[0]))
+    along = np.where(step[piece, 0] == 0, share, (radius - begin[piece, 0]) / (step[piece, 0] + 1e-300))
+    angle, height = rng.uniform(0, 2 * np.pi, n), begin[piece, 1] + along * step[piece, 1]
+    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+    return 1e-3 * (points + rng.normal(0, SIGMA_MM, points.shape)), number[piece] + 1
+
+
+def test_what_a_fillet_adds_to_a_section_is_not_swept():
+    points, face = filleted_boss(8_000)
+    part = model_part(points, face, relations=None)
+    sample = [points[face == number] for number in part.labels]
+    (sweep, _), *_ = directions_of(part, sample)
+    outline = outline_of(part, sample, sweep, 1.0)
+    pieces = [stretch.chain.pieces for stretch in outline.stretches]
+    assert [len(each) <= 2 for each in pieces] == [True, True]  # more with all of the fillet
+    radii = [{round(outline.walls[one.wall].surface.radius * 1e3) for one in each} for each in pieces]
+    assert radii == [{40}, {16}]
+
+
+def test_lines_that_hardly_turn_meet_where_they_were_seen_to():
+    first = Plane((0.0, 0, 0), (0, 1, 0))
+    second = Plane((0.01, 1e-5, 0), (1e-4, 1, 0))
+    near = np.array([0.01, 0.0])
+    chain = Chain((Piece(0, 0.0, 0.01), Piece(1, 0.0, 0.01)), (True, True), (near,), is_closed=False)
+    assert [segment.length < 0.05 for segment in chain.trace([first, second])] == [True, True]
+
+
+@pytest.mark.parametrize(("chord", "n"), [(0.4e-3, 1), (3e-3, 2)])
+def test_a_chord_that_noise_hides_is_of_its_circle(chord, n):
+    circle = SurfaceFit(Cylinder((0, 0, 0), (0, 0, 1), 4e-3), 2e-5, np.diag([1e-12, 1e-12, 0, 0, 1e-12]), 500)
+    height = np.sqrt(16e-6 - chord**2 / 4)
+    line = SurfaceFit(Plane((0, height, 0), (0, 1, 0)), 2e-5, np.diag([1e-12, 1e-4, 0]), 40)
+    pieces = (Piece(0, 0.0, 2 * np.pi * 4e-3 - chord), Piece(1, -chord / 2, chord / 2))
+    corners = (np.array([-chord / 2, height]), np.array([chord / 2, height]))
+    chain = Chain(pieces, (True, True), corners, is_closed=True)
+    assert len(without_breaks(chain, [circle, line], [circle, line]).pieces) == n
+
+
+def test_a_sheet_is_made_higher_where_texts_need_it(plates):
+    sheet = drawn_sheet(plates * 200, "many")
+    assert (sheet.width_mm, sheet.height_mm > 594) == (841, True)
 
 
 def test_the_drawing_is_the_same_twice_and_cutters_read_its_outlines(plates):
