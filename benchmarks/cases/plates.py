@@ -42,18 +42,26 @@ def plate(
     sigma: float = 0.1,
     lost: float = 0.3,
     outliers: float = 0.1,
-    round_only: bool = False,
+    counts: tuple[int, int] = (4, 8),
+    half_lost: bool = False,
 ) -> PlateTruth:
-    """A plate of one point a square millimetre with "hole-row", "hole-grid", "bolt-circle" or "blank"."""
+    """A plate of one point a square millimetre with "hole-row", "hole-grid", "bolt-circle" or "blank".
+
+    Rows have the least to the most holes of `counts`; where half of them are lost, these show less than a
+    third of their rims each, whatever else is lost.
+    """
     radius = float(rng.uniform(3.0, 6.0))
-    flat, pitches = centres_of(rng, kind, radius)
+    flat, pitches = centres_of(rng, kind, radius, counts)
     points = rng.uniform(0, 1, (rng.poisson(SIZE[0] * SIZE[1]), 2)) * SIZE
     kept = np.ones(len(points), dtype=np.bool_)
     for centre in flat:
         kept &= np.hypot(*(points - centre).T) > radius
     points = points[kept]
-    gone = LostPatches(rng, lost, round_only=round_only)
-    points = points[~gone(points)]
+    gone = LostPatches()
+    for centre in rng.permutation(flat)[: len(flat) // 2] if half_lost else ():
+        while _shown(centre, radius, gone) >= 1 / 3:
+            gone.cover(rng, centre + rng.uniform(-1, 1, 2) * radius)
+    points = points[~gone.grow(rng, lost)(points)]
     shown = np.array([_shown(centre, radius, gone) for centre in flat])
     space = np.column_stack([points, np.zeros(len(points))]) + sigma * rng.normal(size=(len(points), 3))
     n_out = round(outliers * len(points) / (1 - outliers))
@@ -65,7 +73,9 @@ def plate(
     return PlateTruth(kind, centres, radius, pitches, shown, measured)
 
 
-def centres_of(rng: np.random.Generator, kind: str, radius: float) -> tuple[FloatArray, tuple[float, ...]]:
+def centres_of(
+    rng: np.random.Generator, kind: str, radius: float, counts: tuple[int, int] = (4, 8)
+) -> tuple[FloatArray, tuple[float, ...]]:
     """Centres (n, 2) within the plate, and the pitches, or the radius of the circle."""
     while kind != "blank":
         angle = rng.uniform(0, 2 * np.pi)
@@ -73,7 +83,7 @@ def centres_of(rng: np.random.Generator, kind: str, radius: float) -> tuple[Floa
         across = np.array([-along[1], along[0]])
         pitches = tuple(rng.uniform(2.5, 5.0, 2) * radius)
         if kind == "hole-row":
-            n = int(rng.integers(4, 9))
+            n = int(rng.integers(counts[0], counts[1] + 1))
             flat, pitches = np.arange(n)[:, None] * pitches[0] * along, pitches[:1]
         elif kind == "hole-grid":
             shape = rng.integers(2, 5, 2)
@@ -106,19 +116,26 @@ class LostPatches:
 
     _CELL = 0.1  # mm
 
-    def __init__(self, rng: np.random.Generator, share: float, *, round_only: bool = False) -> None:
-        shape = tuple(int(side / self._CELL) for side in SIZE)
-        self._lost: BoolArray = np.zeros(shape, dtype=np.bool_)
+    def __init__(self) -> None:
+        self._lost: BoolArray = np.zeros(tuple(int(side / self._CELL) for side in SIZE), dtype=np.bool_)
+
+    def grow(self, rng: np.random.Generator, share: float) -> LostPatches:
+        """Lose patches anywhere until they are a share of the plate."""
         while self._lost.mean() < share:
-            name = "disc" if round_only else _PATCHES[int(rng.integers(len(_PATCHES)))]
-            centre = rng.uniform(0, 1, 2) * SIZE
-            size = float(rng.uniform(3.0, 9.0))
-            low = np.maximum(((centre - 3 * size) / self._CELL).astype(int), 0)
-            high = np.minimum(((centre + 3 * size) / self._CELL).astype(int), shape)
-            x, y = np.meshgrid(*(np.arange(a, b) for a, b in zip(low, high, strict=True)), indexing="ij")
-            place = (np.stack([x, y], axis=-1) + 0.5) * self._CELL - centre
-            window = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
-            self._lost[window] |= _patch(rng, name, place, size, self._CELL)
+            self.cover(rng)
+        return self
+
+    def cover(self, rng: np.random.Generator, centre: FloatArray | None = None) -> None:
+        """Lose a patch of any shape about a place, or anywhere."""
+        name = _PATCHES[int(rng.integers(len(_PATCHES)))]
+        centre = rng.uniform(0, 1, 2) * SIZE if centre is None else centre
+        size = float(rng.uniform(3.0, 9.0))
+        low = np.maximum(((centre - 3 * size) / self._CELL).astype(int), 0)
+        high = np.minimum(((centre + 3 * size) / self._CELL).astype(int), self._lost.shape)
+        x, y = np.meshgrid(*(np.arange(a, b) for a, b in zip(low, high, strict=True)), indexing="ij")
+        place = (np.stack([x, y], axis=-1) + 0.5) * self._CELL - centre
+        window = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+        self._lost[window] |= _patch(rng, name, place, size, self._CELL)
 
     def __call__(self, places: FloatArray) -> BoolArray:
         """Tell which places (n, 2) are lost."""
@@ -206,7 +223,7 @@ def scan(
     ranges = seen.ranges.ravel() / _MM
     origin = np.asarray(seen.origin) / _MM
     # patches are lost in the image, half of them with their beams
-    gone, without_beam = LostPatches(rng, lost), LostPatches(rng, lost / 2)
+    gone, without_beam = LostPatches().grow(rng, lost), LostPatches().grow(rng, lost / 2)
     pixel = np.stack(np.meshgrid(*(np.arange(_PIXELS) / _PIXELS,) * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     is_lost = gone(pixel * (min(SIZE), min(SIZE)))
     ranges = np.where(is_lost, np.inf, ranges)

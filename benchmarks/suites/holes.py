@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -109,6 +110,34 @@ def holes(first: int = 10_000, n: int = 20) -> Iterator[str]:
             f"radius {np.median([one.radius_error for one in whole]):+.3f} mm, median |z| "
             f"{np.median(zs):.2f}, {np.mean(seconds):.1f} s"
         )
+
+
+_ROWS: dict[str, dict[str, Any]] = {
+    "rows of 4 to 7, nothing lost": {"counts": (4, 7), "lost": 0.0},
+    "rows of 4 to 7, half of the holes lost": {"counts": (4, 7), "half_lost": True},
+    "single holes": {"counts": (1, 1)},
+}
+
+
+@suite("hole-rows", smallest="--n 1")
+def hole_rows(first: int = 10_000, n: int = 20) -> Iterator[str]:
+    """Rows by how much of them was lost, and rows found of single holes; n plates each."""
+    for name in _ROWS:
+        scores = list(each(_row_score, name, range(first, first + n)))
+        found = [one for one in scores if one.status is FeatureStatus.FOUND]
+        can = [one for one in scores if one.can_be_seen]
+        yield (
+            f"{name}: found {len(found)} of {n}, within what is told "
+            f"{sum(one.is_range_right for one in found)}, all holes counted "
+            f"{sum(one.is_count_right for one in found)}; of {len(can)} with three holes that can be seen: "
+            f"{sum(one.is_range_right and one.status is FeatureStatus.FOUND for one in can)}"
+        )
+
+
+def _row_score(name: str, seed: int) -> Score:
+    """The same of one plate under a named condition."""
+    rng = np.random.default_rng(seed)
+    return score(plate(rng, "hole-row", **_ROWS[name]), rng=rng)
 
 
 @suite("hole-nulls", smallest="--n 1")

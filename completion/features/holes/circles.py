@@ -25,8 +25,6 @@ class RimScores:
     ----------
     evidence : (m,) float
         Log odds of a hole against the plate and against a lost patch of any shape, nats.
-    against_patch : (m,) float
-        Against the patch alone.
     seen : (m, k) bool
         Sectors in which the plate begins at the rim rather than farther out.
     filled : (m,) float
@@ -34,7 +32,6 @@ class RimScores:
     """
 
     evidence: FloatArray
-    against_patch: FloatArray
     seen: BoolArray
     filled: FloatArray
 
@@ -44,11 +41,12 @@ def rim_scores(survey: PlateSurvey, centres: FloatArray, radii: FloatArray, soft
 
     In each of 16 sectors the plate begins at some distance g from the centre. Its points are a Poisson
     process of density rho beyond g and of a small density eps rho before it:
-    log L(g) = n(r < g) log eps + rho (1 - eps) angle g^2 / 2, less what a plate without a hole has. A hole
-    says g = R, or farther out where surface was lost; a patch says any g.
+    log L(g) = n(r < g) log eps + rho (1 - eps) angle g^2 / 2, less what a plate without a hole has. A lost
+    patch ends at some b in each sector, of one prior with or without a hole: the plate begins at b without
+    one, and at max(R, b) with one. So sectors that are lost beyond the rim say nothing.
     """
     if not len(centres):
-        return RimScores(np.zeros(0), np.zeros(0), np.zeros((0, N_SECTORS), dtype=np.bool_), np.zeros(0))
+        return RimScores(np.zeros(0), np.zeros((0, N_SECTORS), dtype=np.bool_), np.zeros(0))
     level = survey.level(radii)
     scores = [_scores(survey, centres[at], radii[at], soft[at], level=int(level[at[0]]))
               for at in (np.flatnonzero(level == step_level) for step_level in np.unique(level))]  # fmt: skip
@@ -76,12 +74,13 @@ def _scores(
     rising = np.log(eps + (1 - eps) * ndtr((far - radii[owner]) / soft[owner]))
     begun = np.bincount(wedge, rising, minlength=m * N_SECTORS).reshape(m, N_SECTORS)
     at_rim = begun + (rate * (radii**2 + soft**2))[:, None]
-    patch, lost = _anywhere(log_l, grid)
-    begins, ends = np.log(1 - limits.LOST_SHARE) + at_rim, np.log(limits.LOST_SHARE) + lost
-    hole, patch = np.logaddexp(begins, ends).sum(axis=1), patch.sum(axis=1)
-    none = np.logaddexp(np.log(limits.LOST_SHARE) + patch, np.log(1 - limits.LOST_SHARE))
+    patch, ends = _anywhere(log_l, grid)
+    begins = np.log((1 - limits.LOST_SHARE) * radii / grid[:, -1])[:, None] + at_rim
+    whole, lost = np.log(1 - limits.LOST_SHARE), np.log(limits.LOST_SHARE)
+    hole = np.logaddexp(whole + at_rim.sum(axis=1), lost + np.logaddexp(begins, ends).sum(axis=1))
+    none = np.logaddexp(whole, lost + patch.sum(axis=1))
     inside = before[:, :, _INNER - 2].sum(axis=1) * np.log(eps) + expected[:, _INNER - 2] * N_SECTORS
-    return RimScores(hole - none, hole - patch, np.asarray(begins > ends, dtype=np.bool_), -inside)
+    return RimScores(hole - none, np.asarray(begins > ends, dtype=np.bool_), -inside)
 
 
 def _rings(
@@ -101,14 +100,15 @@ def _rings(
 
 
 def _anywhere(log_l: FloatArray, grid: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Log likelihood (m, k) of a plate that begins anywhere, and anywhere beyond the rim, or farther out."""
+    """Log likelihood (m, k) of a patch that ends anywhere, and of its part that ends beyond the rim."""
     top = log_l.max(axis=2)
     likely = np.exp(log_l - top[:, :, None])
     middle = (likely[:, :, 1:] + likely[:, :, :-1]) / 2
     share = np.diff(grid, axis=1) / grid[:, -1:]
     last = likely[:, :, -1]
     patch = (1 - limits.LOST_SHARE) * np.einsum("mkr,mr->mk", middle, share) + limits.LOST_SHARE * last
-    lost = (middle[:, :, _INNER:].mean(axis=2) + last) / 2
+    lost = (1 - limits.LOST_SHARE) * np.einsum("mkr,mr->mk", middle[:, :, _INNER:], share[:, _INNER:])
+    lost += limits.LOST_SHARE * last
     with np.errstate(divide="ignore"):
         return top + np.log(patch), top + np.log(lost)
 

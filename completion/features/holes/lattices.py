@@ -21,7 +21,7 @@ from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, SY
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
 
-_N_THROWN = 4_000  # places that tell how rare a hole's looks are
+_N_THROWN = 8_000  # places that tell how rare a hole's looks are
 
 
 def log_chance(
@@ -32,6 +32,7 @@ def log_chance(
     *,
     area: float,
     spacing: float,
+    evidence: FloatArray | None = None,
 ) -> float:
     """Log of the expected number of patterns as regular, among candidates thrown on the plate at random.
 
@@ -51,11 +52,12 @@ def log_chance(
         All.
     area, spacing : float
         Of the plate, and of its points.
+    evidence : (n,) float, optional
+        Of the circles where the pattern has them; without it, of the candidates where they are.
     """
     n, p = len(chosen), len(pattern.x)
-    more = len(candidates) - np.searchsorted(
-        np.sort(candidates.evidence), candidates.evidence[chosen], side="left"
-    )
+    own = candidates.evidence[chosen] if evidence is None else evidence
+    more = len(candidates) - np.searchsorted(np.sort(candidates.evidence), own, side="left")
     ways = float(np.log(np.maximum(more, np.arange(1, n + 1))).sum())
     symmetry = SYMMETRIES[pattern.kind] * (pattern.count if pattern.kind == CIRCLE else 1)
     slopes = pattern.slopes[places].reshape(2 * n, p)
@@ -92,8 +94,33 @@ def _log_alike(candidates: HoleCandidates, chosen: IntArray, spacing: float) -> 
     return float(min(tube - freedom * np.log(wide), 0.0))
 
 
-def looks(radius: float, survey: PlateSurvey, opened: Openings) -> FloatArray:
-    """Return how much places thrown on a plate look like holes of a radius: log odds (m,), rising.
+@dataclass(frozen=True, slots=True, eq=False)
+class Looks:
+    """Places (m, 2) thrown on a plate, and how much each looks like a hole of one radius: nats, rising."""
+
+    places: FloatArray
+    evidence: FloatArray
+
+    def rarity(self, evidence: FloatArray) -> FloatArray:
+        """Return less the log of the share of places of the plate that look (n,) as much like a hole."""
+        return _log_rarity(evidence, self.evidence, _N_THROWN)
+
+    def rarity_where_lost(self, evidence: FloatArray, own: FloatArray, radius: float) -> FloatArray:
+        """Return the same of places at which a hole might be, but for the holes `own` (k, 2) of a pattern.
+
+        These places are no fewer than are lost before anything is measured.
+        """
+        beside = self.evidence[cKDTree(own).query(self.places)[0] > radius]
+        return _log_rarity(evidence, beside, max(len(beside), limits.LOST_SHARE * _N_THROWN))
+
+
+def _log_rarity(evidence: FloatArray, thrown: FloatArray, n_places: float) -> FloatArray:
+    as_many = len(thrown) - np.searchsorted(thrown, evidence, side="left")
+    return np.asarray(np.log(n_places + 1) - np.log(as_many + 1))
+
+
+def looks(radius: float, soft: float, survey: PlateSurvey, opened: Openings) -> Looks:
+    """Measure how much places thrown on a plate look like holes of a radius that is known to `soft`.
 
     Measured on the plate itself, losses and all: a model's log odds say less than how often they occur.
     Places that are plainly none are left out.
@@ -103,16 +130,10 @@ def looks(radius: float, survey: PlateSurvey, opened: Openings) -> FloatArray:
     places = corner + extent * rng.uniform(size=(_N_THROWN, 2))
     places = places[~survey.is_no_hole(places, np.full(_N_THROWN, radius))]
     radii = np.full(len(places), radius)
-    thrown = rim_scores(
-        survey, places, radii, np.full(len(places), limits.SOFT_PLACE * survey.spacing)
-    ).evidence
-    return np.asarray(np.sort(thrown + opened.evidence(places, radii, survey.spacing)))
-
-
-def log_rarity(evidence: FloatArray, thrown: FloatArray) -> FloatArray:
-    """Return less the log of the share of places that look (m,) as much like a hole as some do (n,)."""
-    as_many = len(thrown) - np.searchsorted(thrown, evidence, side="left")
-    return np.asarray(np.log(_N_THROWN + 1) - np.log(as_many + 1))
+    thrown = rim_scores(survey, places, radii, np.full(len(places), soft)).evidence
+    thrown += opened.evidence(places, radii, survey.spacing)
+    order = np.argsort(thrown, kind="stable")
+    return Looks(places[order], thrown[order])
 
 
 _MULTIPLES = (1, 2, 3)  # pitches between two candidates

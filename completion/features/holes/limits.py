@@ -127,7 +127,7 @@ HOPELESS_NATS = -7.0
 FURTHER_NATS = 0.0
 """The same of further ones: evidence is for them."""
 FALSE_FITS = 0.01
-"""Probability of a false fit of what is found. By choice."""
+"""Of blank plates on which a pattern of any kind that was asked for is found. By choice."""
 DOUBTFUL_FITS = 0.5
 """The same of what is ambiguous. By choice."""
 PARALLEL = 0.99

@@ -10,7 +10,7 @@ import numpy as np
 
 from completion.features.holes import limits
 from completion.features.holes.circles import HoleCandidates, rim_scores
-from completion.features.holes.lattices import Proposal, log_chance, log_rarity, looks, matches
+from completion.features.holes.lattices import Looks, Proposal, log_chance, looks, matches
 from completion.features.holes.patterns import CIRCLE, GRID, PARAMETERS, ROW, Pattern, centres_of
 from completion.features.holes.plates import Openings, PlateSurvey
 from scenes.checks import BoolArray, FloatArray, IntArray
@@ -91,6 +91,7 @@ def _on_webs(pattern: Pattern, pairs: IntArray, survey: PlateSurvey) -> tuple[In
 
 _MARGIN = {ROW: 3, GRID: 1, CIRCLE: 0}  # places beyond what was proposed
 _LOOKS = float(np.log(3.0))  # of a hole that was no candidate: places that it might have had
+_FITTED_NATS = 3.0  # that a circle gains by its own centre and radius
 _STEPS, _N_ROUNDS = (0.4, 0.2), 8  # spacings that a pattern's holes move at most, and how often
 
 
@@ -142,7 +143,7 @@ class Ground:
     opened: Openings
     candidates: HoleCandidates
     area: float
-    looks: dict[int, FloatArray] = field(default_factory=dict)  # of places thrown, by the log of the radius
+    looks: dict[tuple[int, float], Looks] = field(default_factory=dict)  # by radius and softness
 
     def weigh(self, pattern: Pattern, proposal: Proposal | WeighedPattern, soft: float) -> WeighedPattern:
         """Weigh a pattern of which some holes are candidates, its places known to `soft` spacings.
@@ -152,14 +153,14 @@ class Ground:
         """
         holes, rims, filled = self.holes(pattern, soft)
         places, chosen = proposal.places, proposal.chosen
-        evidence = self._evidence(pattern, places, chosen, holes)
+        evidence = self._evidence(pattern, places, chosen, holes, soft)
         while len(places) > _least_seen(pattern):
             off = np.hypot(*(self.candidates.centres[chosen] - pattern.centres[places]).T)
             kept = (
                 np.arange(len(places))
                 != (off + np.abs(self.candidates.radii[chosen] - pattern.radius)).argmax()
             )
-            less = self._evidence(pattern, places[kept], chosen[kept], holes)
+            less = self._evidence(pattern, places[kept], chosen[kept], holes, soft)
             if less <= evidence:
                 break
             places, chosen, evidence = places[kept], chosen[kept], less
@@ -175,33 +176,55 @@ class Ground:
             blocked=self.opened.none_passed(pattern.centres, pattern.radius),
         )
 
-    def _evidence(self, pattern: Pattern, places: IntArray, chosen: IntArray, holes: FloatArray) -> float:
-        """Against chance, with what holes (count,) that are no candidates add, less what a fit costs."""
+    def _evidence(
+        self, pattern: Pattern, places: IntArray, chosen: IntArray, holes: FloatArray, soft: float
+    ) -> float:
+        """Against chance, with what holes (count,) that are no candidates add.
+
+        A circle is the most evident one near it: three parameters gain a nat each, since a rim's edge is no
+        regular parameter. So a candidate counts as no more than its hole at the pattern's place, and three.
+        """
         candidates = self.candidates
-        chance = log_chance(pattern, places, chosen, candidates, area=self.area, spacing=self.survey.spacing)
+        alone = np.minimum(candidates.evidence[chosen], holes[places] + _FITTED_NATS)
+        chance = log_chance(
+            pattern, places, chosen, candidates, area=self.area, spacing=self.survey.spacing, evidence=alone
+        )
         other = np.ones(pattern.count, dtype=np.bool_)
         other[places] = False
-        more = self._rarities(holes[other], pattern.radius).sum()
-        freedom = 3 * len(places) - len(pattern.x) - 1
-        alone = candidates.evidence[chosen]
-        if pattern.radius > limits.LARGE_RADIUS * self.survey.spacing:
-            # many points on a rim: by how much depends on how exactly it is placed, so like with like
-            alone = np.minimum(alone, holes[places] + freedom / max(len(places), 1) + limits.SURE_NATS)
-        loss = float(np.maximum(alone - holes[places], 0.0).sum()) - freedom
-        return float(more - chance - max(loss, 0.0))
+        more = self._rarities(holes[other], pattern, soft).sum()
+        return float(more - chance + np.clip(alone, -limits.MOST_HOLE_NATS, 0.0).sum())
 
-    def _rarities(self, holes: FloatArray, radius: float) -> FloatArray:
+    def _rarities(self, holes: FloatArray, pattern: Pattern, soft: float) -> FloatArray:
         """What holes (n,) that were no candidates add: by how rare they are on this plate, once seen."""
+        against = np.clip(holes, -limits.MOST_HOLE_NATS, 0.0)
         if not (holes > limits.SEEN_NATS).any():
-            return np.clip(holes, -limits.MOST_HOLE_NATS, 0.0)
-        size = round(float(np.log(radius / self.survey.spacing)) / limits.RADIUS_STEP)
-        if size not in self.looks:
-            as_large = self.survey.spacing * float(np.exp(size * limits.RADIUS_STEP))
-            self.looks[size] = looks(as_large, self.survey, self.opened)
-        rare = log_rarity(holes, self.looks[size]) - _LOOKS
-        return np.where(
-            holes > limits.SEEN_NATS, np.maximum(rare, 0.0), np.clip(holes, -limits.MOST_HOLE_NATS, 0.0)
-        )
+            return against
+        rare = self._thrown(pattern.radius, soft).rarity(holes) - _LOOKS
+        return np.where(holes > limits.SEEN_NATS, np.maximum(rare, 0.0), against)
+
+    def _thrown(self, radius: float, soft: float) -> Looks:
+        """How much places of this plate look like holes of about a radius, known to `soft` spacings."""
+        spacing = self.survey.spacing
+        size = round(float(np.log(radius / spacing)) / limits.RADIUS_STEP)
+        if (size, soft) not in self.looks:
+            as_large = spacing * float(np.exp(size * limits.RADIUS_STEP))
+            width = max(soft * spacing, self.survey.plate.noise)
+            self.looks[size, soft] = looks(as_large, width, self.survey, self.opened)
+        return self.looks[size, soft]
+
+    def worth(self, pattern: Pattern, soft: float) -> FloatArray:
+        """What each hole (count,) of a pattern is worth to it, nats: less than nothing where nobody saw one.
+
+        Of the places of this plate at which a hole might be, one in twenty looks as much like one as what
+        ends a pattern, at most: arcs of lost patches continue no row.
+        """
+        holes = np.clip(self.holes(pattern, soft)[0], -limits.MOST_HOLE_NATS, limits.MOST_HOLE_NATS)
+        seen = holes > limits.SEEN_NATS
+        if seen.any():
+            thrown = self._thrown(pattern.radius, soft)
+            rare = thrown.rarity_where_lost(holes[seen], pattern.centres, pattern.radius)
+            holes[seen] = np.minimum(holes[seen], rare - limits.SURE_NATS)
+        return np.asarray(holes + limits.UNSEEN_NATS)
 
     def holes(self, pattern: Pattern, soft: float) -> tuple[FloatArray, BoolArray, BoolArray]:
         """Log odds, sectors with a rim, and whether filled, of each hole (count,) of a pattern."""
@@ -232,21 +255,39 @@ def best_window(
     margins = [margins[0], margins[1] if pattern.kind == GRID else 0]
     low = (-margins[0], -margins[1])
     wide = pattern.resize(low, (n_along + 2 * margins[0], n_across + 2 * margins[1]))
-    value = (
-        np.clip(ground.holes(wide, limits.SOFT_WINDOW)[0], -limits.MOST_HOLE_NATS, limits.MOST_HOLE_NATS)
-        + limits.UNSEEN_NATS
-    )
+    value = ground.worth(wide, limits.SOFT_WINDOW)
     window = _best_window(value.reshape(wide.shape), pattern.kind, asked)
     if window is None:
         return None
     i, j, shape = window
-    kept = wide.resize((i, j), shape)
-    at = np.stack(np.divmod(proposal.places, n_across)) - np.array([[i + low[0]], [j + low[1]]])
+    kept = _part(proposal, (i + low[0], j + low[1]), shape)
+    return None if kept is None else ground.weigh(kept.pattern, kept, limits.SOFT_WINDOW)
+
+
+def _part(whole: Proposal | WeighedPattern, low: tuple[int, int], shape: tuple[int, int]) -> Proposal | None:
+    """The part of a row or grid from the hole `low` on; None where too few candidates are left."""
+    at = np.stack(np.divmod(whole.places, whole.pattern.shape[1])) - np.array(low)[:, None]
     inside = ((at >= 0) & (at < np.array(shape)[:, None])).all(axis=0)
-    if inside.sum() < _least_seen(pattern):
+    kept = whole.pattern.resize(low, shape)
+    if inside.sum() < _least_seen(kept):
         return None
-    places = at[0, inside] * shape[1] + at[1, inside]
-    return ground.weigh(kept, Proposal(kept, places, proposal.chosen[inside], 0.0), limits.SOFT_WINDOW)
+    return Proposal(kept, at[0, inside] * shape[1] + at[1, inside], whole.chosen[inside], 0.0)
+
+
+def cut_ends(weighed: WeighedPattern, ground: Ground, given: Mapping[str, float]) -> WeighedPattern:
+    """Weigh the part of a row or grid between the first and the last holes that were seen."""
+    pattern = weighed.pattern
+    holes, rims, filled = ground.holes(pattern, limits.SOFT_REFINED)
+    seen = replace(weighed, holes=holes, rims=rims, filled=filled).seen
+    if pattern.kind == CIRCLE or "count" in given or "count_2" in given or not seen.any():
+        return weighed
+    at = np.nonzero(seen.reshape(pattern.shape))
+    low, shape = (int(at[0].min()), int(at[1].min())), (int(np.ptp(at[0])) + 1, int(np.ptp(at[1])) + 1)
+    least = (3, 1) if pattern.kind == ROW else (2, 2)
+    if shape == pattern.shape or shape[0] < least[0] or shape[1] < least[1]:
+        return weighed
+    kept = _part(weighed, low, shape)
+    return weighed if kept is None else ground.weigh(kept.pattern, kept, limits.SOFT_REFINED)
 
 
 def climb_pattern(begun: WeighedPattern, ground: Ground, given: Mapping[str, float]) -> WeighedPattern:

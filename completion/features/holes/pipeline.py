@@ -2,9 +2,9 @@
 """Hole patterns on one page: rows, grids and bolt circles of equal holes in plates, and their acceptance.
 
 The null: how evident patterns become on plates without any, of which patches were lost.
-Measured on simulated blank plates, 30 % of them lost in discs, ellipses, strips, stars, clouds and
-rectangles, 10 % outliers (`python -m benchmarks run hole-nulls`, seeds 500 to 549, 600 to 699 and, for
-rows, 50000 to 50299): of each kind the greatest evidence of those patterns that nothing else refuses.
+Measured on 125 simulated blank plates, 30 % of them lost in discs, ellipses, strips, stars, clouds and
+rectangles, 10 % outliers (`python -m benchmarks run hole-nulls --first 80000 --n 125`): of each kind the
+greatest evidence of those patterns that nothing else refuses.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from completion.features.holes.pattern_evidence import (
     are_notches,
     best_window,
     climb_pattern,
+    cut_ends,
     open_sides,
 )
 from completion.features.holes.patterns import (
@@ -57,27 +58,23 @@ from completion.features.holes.plates import (
 )
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
 
-_N_PLATES = 450
-_TAIL = {
-    ROW: ((0.0, 0.049, 3.0), (0.0, 0.049, 3.0)),
-    GRID: ((-1.0, 0.027, 1.5), (-2.0, 0.02, 1.5)),
-    CIRCLE: ((0.0, 0.045, 2.4), (0.0, 0.045, 1.4)),
-}
-"""Of each kind, with as few holes seen as it needs, and with more: nats, the share of plates that show such a
-pattern beyond them, and the nats in which that falls by e."""
+_N_PLATES = 125
+_TAIL = {ROW: (0.3, 0.2, 2.1), GRID: (-1.3, 0.2, 2.5), CIRCLE: (3.5, 0.2, 2.3)}
+"""Of each kind: nats, the share of plates that show a pattern beyond them, and the nats in which that falls
+by e; one standard deviation more than was measured."""
 
 
-def false_fit_probability(kind: str, evidence: float, *, n_seen: int) -> float:
-    """Return how probably a blank plate with losses shows a pattern of a kind as evident, or more.
+def false_fit_probability(kind: str, evidence: float, *, n_kinds: int = 1) -> float:
+    """Return how probably a blank plate with losses shows as evident a pattern of any kind asked for.
 
-    False patterns have mostly as few holes as are needed: three of a circle lie on one anyhow. So both are
-    told apart, and each may be false as often: twice the tail of its own. The tails are exponential; no less
-    is quoted than one in as many plates as were simulated.
+    The tail of the most evident pattern of a kind on a plate, with all places, radii and pitches that were
+    tried, times the kinds that were (Bonferroni). Tails are exponential; no less is quoted than one in as
+    many plates as were simulated.
     """
-    start, share, scale = _TAIL[kind][n_seen > LEAST_SEEN[kind]]
+    start, share, scale = _TAIL[kind]
     if evidence < start:
         return 1.0
-    return float(max(2 * share * np.exp(-(evidence - start) / scale), 1 / _N_PLATES))
+    return float(np.clip(n_kinds * share * np.exp(-(evidence - start) / scale), 1 / _N_PLATES, 1.0))
 
 
 _KIND_NAMES = {"hole-row": "row", "hole-grid": "grid", "bolt-circle": "bolt circle"}
@@ -89,10 +86,13 @@ def fit_of(
     refined: PatternRefinement,
     assignment: IntArray,
     given: Mapping[str, float],
+    *,
+    n_kinds: int,
 ) -> TemplateFit:
     """Return the fit in space: parameters with covariance, a side a hole, and the decision.
 
     `assignment` (n,) numbers the faces of the input's points: 1 the plate, 2 and on its holes' walls.
+    Patterns of `n_kinds` were looked for.
     """
     pattern, plate = refined.pattern, survey.plate
     names, x, slopes = _in_space(plate, refined)
@@ -100,7 +100,7 @@ def fit_of(
     across = np.zeros(len(x))
     across[:3] = plate.frame[2]
     covariance += np.outer(across, across) * plate.noise**2 / max(int(plate.is_on.sum()), 1)
-    probability = false_fit_probability(pattern.kind, weighed.evidence, n_seen=int(weighed.seen.sum()))
+    probability = false_fit_probability(pattern.kind, weighed.evidence, n_kinds=n_kinds)
     status, reason = _decision(weighed, probability, _spread(refined), survey.spacing)
     least, most = count_range(pattern, weighed.seen, survey)
     if status is FeatureStatus.FOUND and least < most:
@@ -296,7 +296,9 @@ def find_holes(
         for kind in kinds:
             for begun in _lattices(kind, ground, given):
                 coarse, refined = _together(begun, ground, measured, given, rng=rng)
-                fits.append(_against_chance(coarse, refined, ground, measured, given))
+                faces = assign_faces(refined.pattern, plate, ground.opened, measured.points)
+                weighed = ground.weigh(refined.pattern, coarse, limits.SOFT_REFINED)
+                fits.append(fit_of(ground.survey, weighed, refined, faces, given, n_kinds=len(kinds)))
                 spent += refined.evaluations
                 if spent >= budget:
                     return _choose_fits(fits, kinds, measured, is_complete=False)
@@ -343,8 +345,9 @@ def _together(
     """Step 3: all holes at once, by their rims; with more holes where now more of the lattice is evident."""
     held = np.array([name in given for name in (*PARAMETERS[coarse.pattern.kind], "radius")])
     refined = refine(coarse.pattern, ground.survey, held, ~coarse.filled, rng=rng)
-    again = best_window(replace(coarse, pattern=refined.pattern), ground, given)
-    if again is not None and again.pattern.shape != coarse.pattern.shape:
+    moved = replace(coarse, pattern=refined.pattern)
+    again = cut_ends(best_window(moved, ground, given) or moved, ground, given)
+    if again.pattern.shape != coarse.pattern.shape:
         coarse = again
         refined = refine(coarse.pattern, ground.survey, held, ~coarse.filled, rng=rng)
     return coarse, _by_walls(refined, coarse.seen, ground, measured, held)
@@ -360,20 +363,10 @@ def _by_walls(
     return sharpen_pattern(refined, on_walls, seen, ground.survey, held) or refined
 
 
-def _against_chance(
-    coarse: WeighedPattern, refined: PatternRefinement, ground: Ground, measured: Measurements, given: Given
-) -> TemplateFit:
-    """Step 5: the pattern against as many as chance makes, what is known of each hole, and the decision."""
-    weighed = ground.weigh(refined.pattern, coarse, limits.SOFT_REFINED)
-    plate = ground.survey.plate
-    faces = assign_faces(refined.pattern, plate, ground.opened, measured.points)
-    return fit_of(ground.survey, weighed, refined, faces, given)
-
-
 def _choose_fits(
     fits: list[TemplateFit], kinds: Sequence[str], measured: Measurements, *, is_complete: bool
 ) -> list[TemplateFit]:
-    """Step 6: of each kind what was found or may be; else what came nearest, or that there is none."""
+    """Step 5: of each kind what was found or may be; else what came nearest, or that there is none."""
     chosen = list[TemplateFit]()
     for kind in kinds:
         template_fit = best_first([fit for fit in fits if fit.kind == kind])

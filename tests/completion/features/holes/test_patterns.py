@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from completion.features.holes.circles import HoleCandidates
-from completion.features.holes.lattices import log_chance
-from completion.features.holes.patterns import CIRCLE, GRID, KINDS, LEAST_SEEN, ROW, Pattern, fit_pattern
+from completion.features.holes.circles import HoleCandidates, rim_scores
+from completion.features.holes.lattices import Looks, log_chance
+from completion.features.holes.patterns import CIRCLE, GRID, KINDS, ROW, Pattern, fit_pattern
 from completion.features.holes.pipeline import false_fit_probability
+from completion.features.holes.plates import HolePlate, survey
 
 PATTERNS = (
     Pattern(ROW, (5, 1), np.array([3.0, -2.0, 0.7, 11.0]), 2.0),
@@ -62,11 +63,47 @@ def test_chance_makes_few_regular_patterns_and_more_of_more_circles() -> None:
 
 def test_of_as_evident_false_patterns_there_are_fewer_but_never_none() -> None:
     for kind in KINDS:
-        for n_seen in (LEAST_SEEN[kind], LEAST_SEEN[kind] + 1):
-            shares = [
-                false_fit_probability(kind, evidence, n_seen=n_seen)
-                for evidence in (-20.0, 0.0, 3.0, 6.0, 100.0)
-            ]
-            assert shares[0] == 1.0
-            assert shares == sorted(shares, reverse=True)
-            assert shares[-1] > 0
+        shares = [false_fit_probability(kind, evidence) for evidence in (-20.0, 0.0, 3.0, 6.0, 100.0)]
+        assert shares[0] == 1.0
+        assert shares == sorted(shares, reverse=True)
+        assert shares[-1] > 0
+
+
+def test_each_kind_that_is_looked_for_is_another_chance_of_a_false_one() -> None:
+    for kind in KINDS:
+        alone = false_fit_probability(kind, 5.0)
+        assert 1 / 125 < alone < 1 / 3
+        assert false_fit_probability(kind, 5.0, n_kinds=3) == pytest.approx(3 * alone)
+        assert false_fit_probability(kind, 1e3, n_kinds=3) == false_fit_probability(kind, 1e3)
+
+
+def test_a_place_is_as_rare_as_few_others_look_like_it_but_for_those_of_its_pattern() -> None:
+    places = np.column_stack([np.arange(4000.0), np.zeros(4000)])
+    thrown = Looks(places, np.sort(np.random.default_rng(0).normal(size=4000)))
+    likely = np.array([-9.0, thrown.evidence[3601], 9.0])
+    nowhere, ends = np.array([[-9.0, 0.0]]), np.array([[3999.0, 0.0]])
+    wanted = np.log(4001 / np.array([4001, 400, 1]))
+    np.testing.assert_allclose(thrown.rarity_where_lost(likely, nowhere, 1.0), wanted)
+    assert (thrown.rarity(likely) > wanted).all()
+    assert thrown.rarity_where_lost(likely, ends, 200.0)[1] == pytest.approx(np.log(3801 / 200), abs=0.01)
+
+
+def test_a_place_that_is_lost_whole_says_nothing_and_a_rim_the_more_the_more_is_left() -> None:
+    rng, radius = np.random.default_rng(1), 4.0
+    flat = rng.uniform(-30, 30, (3600, 2))
+    flat = flat[np.hypot(*flat.T) > radius]
+    turn = np.arctan2(flat[:, 1], flat[:, 0]) % (2 * np.pi)
+
+    def evidence(lost: float) -> float:
+        kept = flat[(np.hypot(*flat.T) > radius + 6.0) | (turn > lost * 2 * np.pi)]
+        space = np.column_stack([kept, np.zeros(len(kept))])
+        noise, everything = 0.1, np.ones(len(kept), dtype=np.bool_)
+        plate = HolePlate(np.zeros(3), np.eye(3), kept, space[:, 2], everything, noise)
+        return float(
+            rim_scores(survey(plate), np.zeros((1, 2)), np.array([radius]), np.array([0.1])).evidence[0]
+        )
+
+    seen = [evidence(lost) for lost in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    assert seen == sorted(seen, reverse=True)
+    assert seen[0] > 15
+    assert abs(seen[-1]) < 0.5

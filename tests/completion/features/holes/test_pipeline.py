@@ -188,6 +188,15 @@ def test_the_order_of_points_matters_little_and_the_seed_decides() -> None:
     np.testing.assert_array_equal(other.assignment, first.assignment[mixed])
 
 
+def test_a_row_ends_before_a_patch_in_which_nobody_saw_a_hole() -> None:
+    centres = row(6, 16.0)
+    whole = plate(np.random.default_rng(15), centres[:4], RADIUS, _LONG)
+    fit = best_fit(without(whole, centres[4:], 9.0), "hole-row")
+    assert (fit.status, fit.geometry["count"]) == (FeatureStatus.FOUND, 4)
+    least, most = np.asarray(fit.geometry["count_range"])
+    assert least == 4 < most
+
+
 def test_given_values_are_held() -> None:
     measured = plate(np.random.default_rng(11), row(5, PITCH), RADIUS)
     fit = best_fit(measured, "hole-row", pitch=15.05, radius=4.02, count=4)
