@@ -11,6 +11,7 @@ import numpy as np
 from completion.fitting.result import SurfaceFit
 from completion.parts.dimensions.pipeline import dimensions_of
 from completion.parts.dimensions.preferred import preferred_relations
+from completion.parts.division.limits import MANY_FACES
 from completion.parts.division.meshes import segment_mesh
 from completion.parts.division.pipeline import fit_labelled, segment_part
 from completion.parts.division.result import PartSegmentation
@@ -105,7 +106,8 @@ def divide_part(
 
     Parameters and errors are those of `model_part`; `step_m` is the step between coordinates of the file,
     metres: corners of a model's mesh are known to it. With `has_ripple` planes may bear ripple, as before
-    they are flattened: they are then sought beneath it (`segment_rippled`).
+    they are flattened: they are then sought beneath it (`segment_rippled`). So they are where no model has
+    more faces than parts have: ripple looks like many.
     """
 
     def divide() -> PartSegmentation:
@@ -115,8 +117,12 @@ def divide_part(
             points = shape.vertices if isinstance(shape, LabelledMesh) else shape
             return fit_labelled(points, labels, normals, noise_m=noise_m)
         if isinstance(shape, LabelledMesh):
-            return segment_mesh(shape, noise_m=noise_m, step_m=step_m, progress=progress)
-        return segment_part(shape, normals, noise_m=noise_m, progress=progress)
+            found = segment_mesh(shape, noise_m=noise_m, step_m=step_m, progress=progress)
+        else:
+            found = segment_part(shape, normals, noise_m=noise_m, progress=progress)
+        if found.is_model or len(found.fits) < MANY_FACES:
+            return found
+        return segment_rippled(shape, normals=normals, noise_m=noise_m, progress=progress, found=found)
 
     return journal.step("divided", divide)
 

@@ -43,6 +43,7 @@ def segment_rippled(
     *,
     noise_m: float | None = None,
     progress: Progress | None = None,
+    found: PartSegmentation | None = None,
 ) -> PartSegmentation:
     """Divide a part whose planes may bear ripple.
 
@@ -59,6 +60,8 @@ def segment_rippled(
         As for `fit_labelled`; what is sought is then the kind of each surface alone.
     normals, noise_m, progress
         As for `segment_part`; they are of the points as they are.
+    found : PartSegmentation, optional
+        The division as it is, where that is known already.
 
     Returns
     -------
@@ -77,6 +80,8 @@ def segment_rippled(
     every = min(len(np.unique(points, axis=0)), MOST_POINTS)
 
     def whole() -> PartSegmentation:
+        if found is not None:
+            return found
         if given is not None:
             return fit_labelled(points, given, normals, noise_m=noise_m)
         if isinstance(shape, LabelledMesh):
@@ -93,7 +98,7 @@ def segment_rippled(
 
     # 2. All points, unless their planes could not say as much.
     enough = max((value for *_, value in sparser), default=-np.inf) - limits.CLEAR_GAIN
-    asks = given is None and len(points) >= limits.LEAST_VERTICES and enough > 0
+    asks = given is None and found is None and len(points) >= limits.LEAST_VERTICES and enough > 0
     most = _most_said(points, noise_m, size, enough) if asks else np.inf
     best = None if most < enough else whole()
     most = most if best is None else said_by_planes(best, size)

@@ -4,9 +4,11 @@
 import numpy as np
 import pytest
 
+from completion.parts import pipeline
 from completion.parts.division.faces import settle
-from completion.parts.division.pipeline import segment_part
+from completion.parts.division.pipeline import fit_labelled, segment_part
 from completion.parts.division.rippled import segment_rippled
+from completion.parts.pipeline import divide_part
 from tests.helpers.wall_examples import corner_mesh, panelled, wall_mesh
 
 
@@ -44,3 +46,20 @@ def test_without_ripple_it_is_the_same_division():
     points = np.vstack([np.insert(flat[axis], axis, 0.0, axis=1) for axis in range(3)])
     points += rng.normal(0, 1e-4, points.shape)
     np.testing.assert_array_equal(segment_rippled(points).labels, segment_part(points).labels)
+
+
+@pytest.mark.parametrize(("most", "n_faces"), [(12, 3), (13, 12)])
+def test_where_ripple_looks_like_many_faces_it_is_sought_beneath(monkeypatch, most, n_faces):
+    """Errors of a depth camera, alike over some points: a corner of a box has three faces."""
+    rng = np.random.default_rng(3)
+    flat = rng.uniform(0, 0.3, (3, 1000, 2))
+    points = np.vstack([np.insert(flat[axis], axis, 0.0, axis=1) for axis in range(3)])
+    quarter = (np.vstack(flat) > 0.15) @ [1, 2] + 4 * np.repeat(np.arange(3), 1000)
+    waves, phase = rng.normal(size=(200, 3)) / 0.03, rng.uniform(0, 2 * np.pi, (200, 3))
+    points += 0.004 * np.sqrt(2 / 200) * np.cos((points @ waves.T)[:, :, None] + phase).sum(axis=1)
+    many = fit_labelled(points, quarter + 1, noise_m=0.004)
+    monkeypatch.setattr(pipeline, "MANY_FACES", most)
+    monkeypatch.setattr(pipeline, "segment_part", lambda *_, **__: many)
+    found = divide_part(points)
+    assert len(found.fits) == n_faces
+    assert any("where ripple is noise" in text for text in found.warnings) == (n_faces == 3)
