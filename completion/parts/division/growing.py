@@ -324,7 +324,7 @@ def _is_explained(
     deviation = SurfaceFit(surface, tolerance, covariance, len(places)).standard_deviation(places)
     fits = np.abs(signed[which]) <= CUT * np.hypot(tolerance, deviation)
     fits &= deviation <= MOST_DEVIATION * tolerance
-    n_near, mean = means_beside(links, signed, which, most)
+    n_near, mean = _means_beside(links.indptr, links.indices, signed, which, most)
     fits &= np.abs(mean) <= CUT * np.hypot(tolerance * np.sqrt(about.alike / n_near), deviation)
     aligned = np.abs(np.einsum("ij,ij->i", surface.normal(places), about.normals[which]))
     turned = aligned < np.cos(np.minimum(np.maximum(CUT * about.normal_sd[which], LEAST_ANGLE), np.pi / 2))
@@ -332,17 +332,14 @@ def _is_explained(
     return explained
 
 
-def means_beside(
-    links: csr_array, values: FloatArray, asked: IntArray, most: float
-) -> tuple[FloatArray, FloatArray]:
-    """Number (m,) and mean (m,) of values (n,) of at most so much at points (m,) and those beside them."""
-    return _means_beside(links.indptr, links.indices, values, asked, most)
-
-
 @compiled
 def _means_beside(
     first: IntArray, beside: IntArray, values: FloatArray, asked: IntArray, most: float
 ) -> tuple[FloatArray, FloatArray]:
+    """Number (m,) and mean (m,) of values (n,) of at most so much at points (m,) and those beside them.
+
+    `first` and `beside` are a sparse graph's.
+    """
     number, mean = np.empty(len(asked)), np.empty(len(asked))
     for k in range(len(asked)):
         number[k], mean[k] = 1.0, values[asked[k]]

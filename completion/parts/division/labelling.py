@@ -22,11 +22,7 @@ from completion.parts.division.growing import (
     refine_surface,
     score_of,
 )
-from completion.parts.division.limits import (
-    EXPLAINED_COST,
-    ISLAND,
-    STEP,
-)
+from completion.parts.division.limits import EXPLAINED_COST, ISLAND, STEP
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from scenes.checks import FloatArray, IntArray
 from scenes.surfaces.catalogue import Surface

@@ -127,7 +127,7 @@ def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[S
     """The closed chain of walls as they are fitted, neighbours on one line or circle as one piece.
 
     `before` are the walls that its pieces are measured along. Those with too few points are left out; None
-    where these are more than half of its length: what is there is not swept, as the cones of countersinks
+    where these are half of its length or more: what is there is not swept, as the cones of countersinks
     between a hole and the face over it.
     """
     pieces, forward, corners = list(chain.pieces), list(chain.is_forward), list(chain.corners)
@@ -139,7 +139,7 @@ def without_breaks(chain: Chain, walls: Sequence[SurfaceFit], before: Sequence[S
             forward[k] = forward[k] == (high > low)
             pieces[k] = replace(piece, low=min(low, high), high=max(low, high))
     length = np.array([piece.high - piece.low for piece in pieces])
-    if 2 * length @ [walls[piece.wall].n == 0 for piece in pieces] > length.sum():
+    if 2 * length @ [walls[piece.wall].n == 0 for piece in pieces] >= length.sum():
         return None
     for k in reversed(range(len(pieces))):
         if walls[pieces[k].wall].n == 0 and not chain.on_axis:
