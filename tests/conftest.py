@@ -12,7 +12,7 @@ import typer.testing
 from hypothesis import settings
 
 from nbv.report import scans_report as scan_coverage_blocks
-from nbv.report.figures import completion_shots, picture, plots, surface_values
+from nbv.report.figures import completion_shots, part_drawing, picture, plots, surface_values
 from nbv.report.viewer import encoding as byte_packing
 from tests.helpers.data_paths import ROOT
 
@@ -25,8 +25,9 @@ def small_reports() -> Iterator[None]:
         patch.setattr(byte_packing, "_METHOD", 0)
         patch.setattr(plots, "_DPI", 90)
         patch.setattr(plots, "_DARK", plots.LIGHT)  # what is equal is drawn once
-        for module in (completion_shots, scan_coverage_blocks, surface_values):
+        for module in (completion_shots, part_drawing, scan_coverage_blocks, surface_values):
             patch.setattr(module, "_WIDTH", 380)
+        patch.setattr(part_drawing, "_SHARP", 600)
         yield
 
 

@@ -35,6 +35,9 @@ NOT_RUN = {
 
 LONG = {
     "benchmark",
+    "check",
+    "planning",
+    "part-dimensions",
     "parts",
     "decisions",
     "features",

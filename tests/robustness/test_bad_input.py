@@ -48,11 +48,11 @@ import json, sys
 sys.path.insert(0, {root!r})
 from pathlib import Path
 from tests.robustness.bad_files.trial import all_cases
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory
 import scenes.io.clouds.e57, scenes.io.clouds.las, pye57
 cases = [case for case in all_cases() if case.kind == 7]
-folders = [Path(mkdtemp(prefix="within-")) for _ in cases]
-paths = [case.write(folder) for case, folder in zip(cases, folders)]
+folders = [TemporaryDirectory() for _ in cases]  # deleted with the process
+paths = [case.write(Path(folder.name)) for case, folder in zip(cases, folders)]
 opened = []
 sys.addaudithook(lambda event, given: event == "open" and opened.append(str(given[0])))
 for case, path in zip(cases, paths):

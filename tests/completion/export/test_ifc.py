@@ -29,6 +29,7 @@ from tests.helpers.exchange_houses import (
     completed_house,
     house_parts,
 )
+from tests.helpers.long_cases import first_in_gate
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +196,7 @@ def rules_compiled_once():
 @pytest.mark.usefixtures("rules_compiled_once")
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # the library leaves its rules open
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize("name", ["house", "two_occluders", "office"])
+@pytest.mark.parametrize("name", first_in_gate(2, ["house", "office", "two_occluders"]))
 def test_it_is_valid(name, text, tmp_path):
     pytest.importorskip("ifcopenshell")
     from ifcopenshell import validate
