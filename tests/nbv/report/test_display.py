@@ -25,9 +25,10 @@ from tests.helpers.room_examples import ROOM, VIEW, covered_by_two
 
 
 @pytest.fixture
-def opened(monkeypatch):
-    """Addresses that the browser was told to open."""
+def opened(monkeypatch, tmp_path):
+    """Addresses that the browser was told to open, of files that are written beside the test."""
     addresses = []
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr("webbrowser.open", lambda address: addresses.append(address))
     monkeypatch.delitem(sys.modules, "IPython", raising=False)
     return addresses
