@@ -20,11 +20,11 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csr_array
 
-from completion.fitting.chart import Chart
-from completion.fitting.euclidean import ScaledCloud, normal_equations, polish_chart
+from completion.fitting.chart import SphereChart, axis_frame
 from completion.fitting.kinds import chart_of
-from completion.fitting.result import FitError, SurfaceFit
+from completion.fitting.result import SurfaceFit
 from completion.fitting.starts import rotation_axes, torus_about
+from completion.parts.division.adjusting import KINDS, N_PARAMETERS, adjusted, n_within, row_of
 from completion.parts.division.limits import (
     CUT,
     LEAST_ANGLE,
@@ -35,15 +35,11 @@ from completion.parts.division.limits import (
 )
 from completion.parts.division.neighbourhoods import Neighbourhoods
 from scenes.checks import BoolArray, FloatArray, InputError, IntArray
-from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface
+from scenes.surfaces.catalogue import Cone, Cylinder, Plane, Sphere, Surface, Torus
 from texture.engine.compiled import compiled
 
-KINDS = ("plane", "sphere", "cylinder", "cone", "torus")
-N_PARAMETERS = {"plane": 3, "sphere": 4, "cylinder": 5, "cone": 6, "torus": 7}
 _MOST_POINTS = 800  # that a surface is polished on
-_N_STEPS = 3  # of Gauss and Newton; what calls this repeats it
-_STILL = 0.01  # of the tolerance, below which a step is the last
-_CUT = 4.685  # deviations, Tukey's
+_LIMITS = (3, 0.01, PLANE_RADIUS)  # steps: what calls this repeats it; tolerances; extents of the points
 
 
 def hypotheses(kind: str, points: FloatArray, normals: FloatArray) -> list[Surface]:
@@ -71,29 +67,28 @@ def refine_surface(
     the surface as it comes. None where they determine no such surface.
     """
     stride = max(1, len(points) // most)
-    sample = points[::stride]
-    share = surface.distance(sample) / (_CUT * tolerance)
-    weights = np.maximum(1 - share * share, 0.0) ** 2
-    if np.count_nonzero(weights) < N_PARAMETERS[surface.kind]:
-        return None
-    centre = sample.mean(axis=0)
-    scale = float(np.sqrt(np.mean(np.sum((sample - centre) ** 2, axis=1)))) or 1.0
-    cloud = ScaledCloud(sample, centre, scale, weights)
+    kind, row = row_of(surface)
+    is_found, row, covariance = adjusted(
+        kind, row, np.ascontiguousarray(points[::stride]), tolerance, _LIMITS
+    )
+    made = _surface_of(surface.kind, row, points) if is_found else None
+    return None if made is None else (made, covariance / stride)
+
+
+def _surface_of(kind: str, row: FloatArray, points: FloatArray) -> Surface | None:
+    """The surface of a kind and a row (8,), `adjusting`'s, near points (n, 3), in its covariance's frame."""
+    point, axis = row[:3], row[3:6]
     try:
-        chart: Chart = chart_of(surface, centre, scale)
-        still = _STILL * tolerance / scale
-        chart, normal, _ = polish_chart(chart, cloud, surface.kind, _N_STEPS, still=still)
-        if hasattr(chart, "turn_to_growth"):
-            chart = chart.turn_to_growth()
-            normal = normal_equations(chart, cloud)
-        adjusted_surface = chart.surface(centre, scale, False)
-        units = np.where(chart.lengths() > 0, 1.0, 1 / scale)
-        covariance = tolerance**2 / stride * normal.inverse() * np.outer(units, units)
-    except (FitError, InputError, np.linalg.LinAlgError):
+        if kind == "plane":
+            return Plane(point, axis, axis_frame(axis)[0])
+        if kind == "sphere":
+            middle = points.mean(axis=0)
+            return SphereChart(point - middle, row[6]).surface(middle, 1.0, False)
+        if kind == "torus":
+            return Torus(point, axis, row[6], row[7])
+        return Cylinder(point, axis, row[6]) if kind == "cylinder" else Cone(point, axis, row[6], row[7])
+    except InputError:
         return None
-    if not np.isfinite(covariance).all() or chart.size() > PLANE_RADIUS:
-        return None
-    return adjusted_surface, covariance
 
 
 def _planes(points: FloatArray, _normals: FloatArray) -> list[Surface]:
@@ -409,16 +404,13 @@ def likely(about: Neighbourhoods, kind: str, begin: IntArray, share: float = 0.5
     points, normals = about.points[sample], about.normals[sample]
     best, most = None, share * len(sample)
     for surface in hypotheses(kind, points, normals):
-        moved: Surface | None = surface
+        number, row = row_of(surface)
         for factor in (30.0, 8.0, 2.0, 1.0):
-            likelihoods = None if moved is None else refine_surface(moved, points, factor * about.tolerance_m)
-            moved = None if likelihoods is None else likelihoods[0]
-            if moved is None:
-                break
-            n_explained = int((np.abs(moved.distance(points)) <= CUT * factor * about.tolerance_m).sum())
+            is_found, row, _ = adjusted(number, row, points, factor * about.tolerance_m, _LIMITS)
+            n_explained = n_within(number, row, points, CUT * factor * about.tolerance_m) if is_found else 0
             if n_explained <= most:
                 break
         else:
-            best, most = moved, n_explained
+            best, most = _surface_of(kind, row, points), n_explained
     if best is not None:
         yield best

@@ -14,6 +14,7 @@ from completion.fitting.result import FitError, SurfaceFit
 from completion.fitting.rounding import allow_for_rounding
 from completion.parts.division.limits import LEAST_POINTS
 from scenes.checks import FloatArray, InputError, IntArray, check_points, frozen_copy
+from texture.engine.compiled import compiled
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,8 +135,10 @@ def too_little(points: FloatArray) -> str:
 
 def thin_points(points: FloatArray, most: int) -> IntArray:
     """Return places (m,), in order, of at most so many distinct points (n, 3): one in each cell of a grid."""
-    _, first = np.unique(points, axis=0, return_index=True)
-    first = np.sort(first)
+    order = np.lexsort(points.T)  # stable: of copies the first comes first
+    is_new = np.ones(len(points), dtype=np.bool_)
+    is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
+    first = np.sort(order[is_new])
     if len(first) <= most:
         return first
     distinct = points[first] - points.min(axis=0)
@@ -144,14 +147,44 @@ def thin_points(points: FloatArray, most: int) -> IntArray:
     best = first[:: -(-len(first) // most)]
     for _ in range(_N_HALVINGS):
         side = (low + high) / 2
-        cells = np.floor(distinct / side).astype(np.int64)
-        n = cells.max(axis=0) + 1
-        key = (cells[:, 0] * n[1] + cells[:, 1]) * n[2] + cells[:, 2]
-        _, first_of_cell = np.unique(key, return_index=True)
+        first_of_cell = _first_of_cells(distinct, side, most)
         if len(first_of_cell) > most:
             low = side
             continue
-        best, high = first[np.sort(first_of_cell)], side
+        best, high = first[first_of_cell], side
         if len(first_of_cell) > 0.95 * most:
             break
     return best
+
+
+@compiled
+def _first_of_cells(points: FloatArray, side: float, most: int) -> IntArray:
+    """Places (m,), ascending, of the first point (n, 3) in each cell of a grid; one more than `most` at most.
+
+    Cells that are met stand in a table of places, found by their hash and looked for from there on.
+    """
+    size = 4
+    while size < 4 * most + 4:
+        size *= 2
+    table, found, cell = np.full(size, -1, dtype=np.int64), np.empty(most + 1, dtype=np.int64), np.empty(3)
+    n = 0
+    for i in range(len(points)):
+        for a in range(3):
+            cell[a] = np.floor(points[i, a] / side)
+        slot = (int(cell[0]) * 73856093 ^ int(cell[1]) * 19349663 ^ int(cell[2]) * 83492791) & (size - 1)
+        while table[slot] >= 0:
+            other = table[slot]
+            if (
+                np.floor(points[other, 0] / side) == cell[0]
+                and np.floor(points[other, 1] / side) == cell[1]
+                and np.floor(points[other, 2] / side) == cell[2]
+            ):
+                break
+            slot = (slot + 1) & (size - 1)
+        if table[slot] < 0:
+            table[slot] = i
+            found[n] = i
+            n += 1
+            if n > most:
+                break
+    return found[:n].copy()
